@@ -356,7 +356,7 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
         let follows_inputs = |output: &usize| match motion.outputs[*output] {
             Shown::Acceleration(_) => true,
             Shown::Reaction(index) => {
-                motion.reactions.as_ref().is_some_and(|reactions| reactions.follows_inputs(index))
+                motion.reactions.as_ref().is_some_and(|reactions| reactions.follows_efforts(index))
             }
             _ => false,
         };

@@ -14,7 +14,7 @@ use crate::{
     source::{Source, driven::Driven},
     surrogate,
 };
-use metafmu_runtime::{Integration, Model, Motion, Surrogate, dictionary::Factor};
+use metafmu_runtime::{Integration, Model, Motion, Surrogate};
 use std::time::Instant;
 
 /// Tolerance of the roll-outs that show how large velocities become.
@@ -39,7 +39,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
     let rough = Integration::ErrorControlled { tolerance: ROUGH, longest: study.time.step };
     let unlimited = assemble(project, dataset, driven, &learned, (rough, &[]))?;
     let reached = solver::velocity_ranges(project, &unlimited, &dataset.runs, n..2 * n);
-    // forces were learned in a range
+    // accelerations were learned in a range
     let range = |(k, reached): (usize, [f64; 2])| {
         let of_forces = learned.velocities.as_ref().filter(|_| learned.dynamics.extrapolates(k));
         of_forces.map_or(reached, |ranges| ranges[k])
@@ -62,7 +62,6 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
             products: reactions.functions().products(),
             error: *error,
         }),
-        force_error: learned.force_error,
         candidates: learned.candidates.clone(),
         exported: learned.exported.clone(),
         solver,
@@ -103,10 +102,9 @@ fn assemble(
         outputs: fitted.outputs.clone(),
         integration,
     };
-    let factors: Vec<Factor> = dynamics.law().dictionary().factors().collect();
     let ranges = project.study.states.iter().enumerate().map(|(column, (name, options))| {
         // the torque of a spring on a joint is another one a turn later
-        let is_periodic = factors[column] == Factor::Angle && options.goes_around(name);
+        let is_periodic = fitted.is_periodic[column] && options.goes_around(name);
         let is_limited = motion.depends_on(column) && !is_periodic;
         is_limited.then_some([options.min, options.max])
     });

@@ -1,4 +1,4 @@
-//! Networks in equations of motion: instead of the dictionary, for what it leaves over, and for forces that are of another form.
+//! Networks in equations of motion: instead of the dictionary, for what it leaves over, and instead of the equations.
 
 use super::{
     follower::Checkpoints,
@@ -36,14 +36,12 @@ pub(super) struct Learned {
     pub dynamics: Dynamics,
     /// The positions likewise.
     pub positions: Law,
-    /// Ranges of the velocities, if forces were learned in them.
+    /// Ranges of the velocities, if accelerations were learned in them.
     pub velocities: Option<Vec<[f64; 2]>>,
     /// All that were compared; none if the dictionary is exact.
     pub candidates: Vec<Candidate>,
     /// Which of them is exported.
     pub exported: String,
-    /// Root mean square error of the other forces at unseen states, relative to their standard deviation.
-    pub force_error: Option<f64>,
     /// Of the network that is exported.
     pub history: Vec<EpochRecord>,
     /// Its best epoch.
@@ -75,12 +73,11 @@ pub(super) fn learn(
     let refuse = |message: String| study.refusal("states", message);
     let inputs = driven.drivers().iter().map(|driver| [driver.min, driver.max]).collect();
     let mut region = Region { inputs, ..region.clone() };
-    let mut fitted = fit(mechanism, &region, study.seed).map_err(refuse)?;
-    // forces of another form have a network of their own whatever the equations are
+    let fitted = fit(mechanism, &region, study.seed).map_err(refuse)?;
     let exact = fitted.error <= EXACT;
     let tries = |name: &str| study.dynamics.tries(name, exact);
     let rows = 3 * fitted.terms + 50;
-    if !fitted.has_other_forces && ![NETWORK, DICTIONARY_AND_NETWORK, ACCELERATIONS].into_iter().any(tries) {
+    if ![NETWORK, DICTIONARY_AND_NETWORK, ACCELERATIONS].into_iter().any(tries) {
         return Ok(Learned {
             dynamics: fitted.dynamics.clone(),
             positions: fitted.positions.clone().into(),
@@ -88,7 +85,6 @@ pub(super) fn learn(
             velocities: None,
             candidates: Vec::new(),
             exported: DICTIONARY.into(),
-            force_error: None,
             history: Vec::new(),
             best_epoch: 0,
             stopped: StopReason::Solved,
@@ -96,18 +92,11 @@ pub(super) fn learn(
         });
     }
     region.velocities = driven.velocities(study, mechanism, &dataset.runs).map_err(refuse)?;
-    if fitted.has_other_forces {
-        // the linear part of the forces is that between the ends of the velocities
-        fitted = fit(mechanism, &region, study.seed).map_err(refuse)?;
-    }
     let equations = Equations::new(mechanism, &region).map_err(refuse)?;
     let asked = Asked::new(project, &equations, checkpoints)?;
     let mut last = Last { history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
-    let forces = fitted.has_other_forces.then(|| asked.forces(&mut last)).transpose()?;
-    let (forces, force_error) = forces.unzip();
-    let counts = (fitted.dynamics.coordinates(), fitted.dynamics.inputs());
     let known = [fitted.dynamics.law().dictionary().clone(), fitted.positions.clone()];
-    let mut all = vec![asked.candidate((DICTIONARY, began), counts, known, &forces, [None, None])?];
+    let mut all = vec![asked.candidate((DICTIONARY, began), &fitted, known, None, [None, None])?];
     for name in [DICTIONARY_AND_NETWORK, NETWORK] {
         if tries(name) && last.stopped != StopReason::Interrupted {
             let began = Instant::now();
@@ -118,7 +107,7 @@ pub(super) fn learn(
                 last.stopped = StopReason::Interrupted;
                 break;
             };
-            all.push(asked.candidate((name, began), counts, base, &forces, networks)?);
+            all.push(asked.candidate((name, began), &fitted, base, None, networks)?);
         }
     }
     if tries(ACCELERATIONS) && last.stopped != StopReason::Interrupted {
@@ -126,29 +115,17 @@ pub(super) fn learn(
         let [_, positions] = asked.constants()?;
         let of_positions = asked.network(&positions, 1, &mut last)?;
         let accelerations = Some(asked.accelerations(&mut last)?);
-        let base = [asked.identity(counts)?, positions];
-        all.push(asked.candidate((ACCELERATIONS, began), counts, base, &accelerations, [None, of_positions])?);
+        let base = [identity(&fitted.dynamics)?, positions];
+        all.push(asked.candidate((ACCELERATIONS, began), &fitted, base, accelerations, [None, of_positions])?);
     }
     let mut candidates: Vec<Candidate> = all.iter().map(|(candidate, ..)| candidate.clone()).collect();
     let (Candidate { name: exported, .. }, dynamics, positions) =
         all.swap_remove(learned::chosen(&candidates, &study.dynamics));
     candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
     let rows = if exported == DICTIONARY { rows } else { asked.seen.samples.points.len() };
-    let velocities = (forces.is_some() || exported == ACCELERATIONS).then(|| region.velocities.clone());
+    let velocities = (exported == ACCELERATIONS).then(|| region.velocities.clone());
     let Last { history, best_epoch, stopped } = last;
-    Ok(Learned {
-        fitted,
-        dynamics,
-        positions,
-        velocities,
-        candidates,
-        exported,
-        force_error,
-        history,
-        best_epoch,
-        stopped,
-        rows,
-    })
+    Ok(Learned { fitted, dynamics, positions, velocities, candidates, exported, history, best_epoch, stopped, rows })
 }
 
 /// The equations at sampled states, and the trainings so far.
@@ -231,14 +208,6 @@ impl<'a> Asked<'a> {
         ])
     }
 
-    /// A mass matrix that is one, and nothing else in the equations.
-    fn identity(&self, (n, m): (usize, usize)) -> Result<Dictionary> {
-        let mut coefficients = vec![0.0; Dynamics::functions(n, m)];
-        (0..n).for_each(|row| coefficients[row * (row + 1) / 2 + row] = 1.0);
-        let term = Term { exponents: vec![0; self.factors.len()], coefficients };
-        Dictionary::new(&self.factors, Dynamics::functions(n, m), &[term]).map_err(invalid)
-    }
-
     /// Dictionaries of the lowest order.
     fn lowest(&self) -> Result<[Dictionary; 2]> {
         let depends = self.ranges().map(|range| self.depends(&range));
@@ -312,32 +281,14 @@ impl<'a> Asked<'a> {
         Ok(if learned::error(trained.network(), unseen) < error { trained } else { drawn })
     }
 
-    /// The network of the other forces, and its error.
-    fn forces(&self, last: &mut Last) -> Result<(NetworkTerm, f64)> {
-        let study = &self.project.study;
-        let refuse = |message: String| study.refusal("states", message);
-        let count = learned::states(study);
-        let all = self.equations.other_forces(count, study.seed ^ 0x464f_5243).map_err(refuse)?;
-        let depends = self.equations.dependencies_of_forces(&part(&all, held_out(count)..count)).map_err(refuse)?;
-        self.network_of_states(&all, &depends, last)
-    }
-
     /// The network of the accelerations.
     fn accelerations(&self, last: &mut Last) -> Result<NetworkTerm> {
         let study = &self.project.study;
         let refuse = |message: String| study.refusal("states", message);
         let count = learned::states(study);
         let all = self.equations.accelerations(count, study.seed ^ 0x4143_4345).map_err(refuse)?;
-        let depends =
-            self.equations.dependencies_of_accelerations(&part(&all, held_out(count)..count)).map_err(refuse)?;
-        Ok(self.network_of_states(&all, &depends, last)?.0)
-    }
-
-    /// A network of what `depends` says, coordinates, parameters, velocities and inputs, and its error.
-    fn network_of_states(&self, all: &Samples, depends: &[bool], last: &mut Last) -> Result<(NetworkTerm, f64)> {
-        let count = all.points.len();
-        let unseen = held_out(count);
-        let (unseen, seen) = (part(all, 0..unseen), part(all, unseen..count));
+        let (unseen, seen) = (part(&all, 0..held_out(count)), part(&all, held_out(count)..count));
+        let depends = self.equations.dependencies_of_accelerations(&seen).map_err(refuse)?;
         let of: Vec<usize> = (0..depends.len()).filter(|column| depends[*column]).collect();
         let largest = |row: usize| seen.labels.iter().fold(0.0f64, |largest, label| largest.max(label[row].abs()));
         let rows = 0..seen.labels[0].len();
@@ -350,17 +301,7 @@ impl<'a> Asked<'a> {
             tangents: None,
         };
         let examples = [examples(&seen), examples(&unseen)];
-        let term = self.train(columns, outputs, examples.each_ref(), last)?;
-        let found = term.network().evaluate(&encoded(term.columns(), &unseen.points));
-        let error = |(index, row): (usize, &usize)| {
-            let exact: Vec<f64> = unseen.labels.iter().map(|label| label[*row]).collect();
-            let squares: f64 = found.iter().zip(&exact).map(|(found, exact)| (found[index] - exact).powi(2)).sum();
-            let mean = exact.iter().sum::<f64>() / exact.len() as f64;
-            let variance: f64 = exact.iter().map(|value| (value - mean).powi(2)).sum();
-            (squares / variance.max(f64::MIN_POSITIVE)).sqrt()
-        };
-        let error = term.outputs().iter().enumerate().map(error).fold(0.0, f64::max);
-        Ok((term, error))
+        self.train(columns, outputs, examples.each_ref(), last)
     }
 
     /// Angles enter as sine and cosine.
@@ -388,13 +329,14 @@ impl<'a> Asked<'a> {
     fn candidate(
         &self,
         (name, began): (&str, Instant),
-        (n, m): (usize, usize),
+        fitted: &Fitted,
         [equations, positions]: [Dictionary; 2],
-        forces: &Option<NetworkTerm>,
+        forces: Option<NetworkTerm>,
         [of_equations, of_positions]: [Option<NetworkTerm>; 2],
     ) -> Result<(Candidate, Dynamics, Law)> {
-        let dynamics = Law::new(equations, of_equations).and_then(|law| Dynamics::new(n, m, law));
-        let dynamics = dynamics.and_then(|dynamics| dynamics.with_forces(forces.clone()));
+        let efforts = fitted.dynamics.efforts().clone();
+        let dynamics = Law::new(equations, of_equations).and_then(|law| Dynamics::with_efforts(efforts, law));
+        let dynamics = dynamics.and_then(|dynamics| dynamics.with_forces(forces));
         let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(self.equations.prescribed()));
         let dynamics = dynamics.map_err(invalid)?;
         let positions = Law::new(positions, of_positions).map_err(invalid)?;
@@ -419,6 +361,22 @@ impl<'a> Asked<'a> {
         // a maximum would leave out what is not a number
         errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
+}
+
+/// A mass matrix that is one, the positions in the efforts, and nothing else in the equations.
+fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
+    let (n, known) = (dynamics.coordinates(), dynamics.law().dictionary());
+    let positions = n * (n + 1) / 2 + 1..n * (n + 1) / 2 + 1 + dynamics.efforts().positions();
+    let mut terms: Vec<Term> = known.terms().collect();
+    for term in &mut terms {
+        let others = term.coefficients.iter_mut().enumerate().filter(|(function, _)| !positions.contains(function));
+        others.for_each(|(_, coefficient)| *coefficient = 0.0);
+    }
+    let mut coefficients = vec![0.0; known.outputs()];
+    (0..n).for_each(|row| coefficients[row * (row + 1) / 2 + row] = 1.0);
+    terms.push(Term { exponents: vec![0; known.columns()], coefficients });
+    let factors: Vec<Factor> = known.factors().collect();
+    Dictionary::new(&factors, known.outputs(), &terms).map_err(invalid)
 }
 
 /// What a dictionary leaves over of some functions.

@@ -47,10 +47,10 @@ impl Assembled<'_> {
     pub fn positions(&self, s: &[f64]) -> Result<Vec<(usize, f64)>, String> {
         let q = self.reduced.configuration(&DVector::from_column_slice(s))?;
         let turned = |position: usize| -> f64 {
-            let windings = &self.outputs.windings[position * s.len()..][..s.len()];
+            let windings = &self.outputs.windings.0[position * s.len()..][..s.len()];
             windings.iter().zip(s).map(|(winding, s)| winding * s).sum()
         };
-        let unturned: Vec<f64> = self.outputs.labels(&self.positions, &q, s).collect();
+        let unturned: Vec<f64> = self.outputs.windings.unturned(&self.positions, &q, s).collect();
         let positions = self.outputs.shown.iter().enumerate();
         Ok(positions
             .filter_map(|(output, shown)| match *shown {

@@ -109,14 +109,6 @@ impl<'a> Equations<'a> {
         Ok([of(&ranges[0], &dependencies[0])?, of(&ranges[1], &dependencies[1])?])
     }
 
-    /// The forces that the equations leave out, in random states `(q, p, v, u)`.
-    ///
-    /// # Errors
-    /// As [`fit`](super::fit).
-    pub fn other_forces(&self, count: usize, seed: u64) -> Result<Samples, String> {
-        self.ask(count, seed, &|point| self.other_forces_at(point))
-    }
-
     /// The accelerations in random states `(q, p, v, u)`.
     ///
     /// # Errors
@@ -156,14 +148,6 @@ impl<'a> Equations<'a> {
         dependencies(samples, &functions, &self.scales(samples))
     }
 
-    /// Whether each of `(q, p, v, u)` changes the other forces.
-    ///
-    /// # Errors
-    /// As [`fit`](super::fit).
-    pub fn dependencies_of_forces(&self, samples: &Samples) -> Result<Vec<bool>, String> {
-        self.dependencies_in_states(samples, &|point| self.other_forces_at(point))
-    }
-
     /// Whether each of `(q, p, v, u)` changes the accelerations.
     ///
     /// # Errors
@@ -182,14 +166,8 @@ impl<'a> Equations<'a> {
 
     fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {
         let (configuration, v, u) = self.parts(point);
-        let (configured, _) = self.labels.configured(configuration)?;
+        let configured = self.labels.configured(configuration)?;
         configured.accelerations(&configuration[..self.labels.coordinates()], v, u)
-    }
-
-    fn other_forces_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {
-        let (configuration, v, u) = self.parts(point);
-        let (configured, _) = self.labels.configured(configuration)?;
-        Ok(configured.other_forces(v, u))
     }
 
     /// `(q, p)`, `v` and `u`.

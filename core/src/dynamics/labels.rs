@@ -2,23 +2,22 @@
 
 use super::{
     Range, Region,
+    efforts::KnownEfforts,
     outputs::Outputs,
     reactions::{self, Forces},
+    windings::Windings,
 };
 use crate::multibody::{
     Mechanism,
     coordinate::Coordinate,
     reduced::{Reduced, Terms},
 };
-use metafmu_runtime::{Dynamics, dictionary::Factor};
-use nalgebra::{DMatrix, DVector};
+use metafmu_runtime::{Dynamics, Efforts, dictionary::Factor};
+use nalgebra::DVector;
 use std::f64::consts::TAU;
 
 /// Coordinates, then parameters.
 pub(super) type Point = Vec<f64>;
-
-/// Of each velocity, unless the region says otherwise.
-const VELOCITIES: [f64; 2] = [-1.0, 1.0];
 
 /// A length that is one: less is rounding, in m.
 const SHORTEST: f64 = 1e-9;
@@ -34,11 +33,13 @@ pub(super) struct Labels<'a> {
     defaults: Vec<f64>,
     varied: Vec<usize>,
     is_angle: Vec<bool>,
-    /// Coordinates that are angles, with equations that are the same a turn later.
+    /// Coordinates that are angles, with functions that are the same a turn later, and those whose efforts are, too.
+    is_harmonic: Vec<bool>,
     is_periodic: Vec<bool>,
     /// Coordinates whose accelerations are prescribed, and rows of the equations that are of one kind.
     driven: Vec<usize>,
     alike: Vec<Vec<usize>>,
+    efforts: KnownEfforts,
     outputs: Outputs,
 }
 
@@ -50,18 +51,12 @@ pub(super) struct Label {
     pub(super) gradients: Vec<f64>,
     /// Of forces of joints and springs.
     pub(super) reactions: Forces,
-    /// Whether all forces are linear in the velocities and the inputs.
-    pub(super) is_linear: bool,
 }
 
 /// The equations in a configuration.
 pub(super) struct Configured {
     reduced: Reduced,
     terms: Terms,
-    /// `-D`: what a unit of each velocity changes.
-    damping: Vec<DVector<f64>>,
-    /// `B`: what a unit of each input changes, shape `[coordinates, inputs]`.
-    input_map: DMatrix<f64>,
 }
 
 impl<'a> Labels<'a> {
@@ -89,15 +84,31 @@ impl<'a> Labels<'a> {
             *value = if *value == range.max { range.min } else { range.max };
         }
         let outputs = Outputs::new(mechanism, [&defaults, &others], &region.outputs)?;
-        let (is_angle, is_periodic) = (Vec::new(), Vec::new());
+        let efforts = KnownEfforts::new(mechanism, [&defaults, &others])?;
+        let [is_angle, is_harmonic, is_periodic] = [const { Vec::new() }; 3];
         let (driven, alike) = (Vec::new(), Vec::new());
-        let mut labels = Self { mechanism, region, defaults, varied, is_angle, is_periodic, driven, alike, outputs };
+        let mut labels = Self {
+            mechanism,
+            region,
+            defaults,
+            varied,
+            is_angle,
+            is_harmonic,
+            is_periodic,
+            driven,
+            alike,
+            efforts,
+            outputs,
+        };
         let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
         labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
         (labels.driven, labels.alike) = (reduced.driven().to_vec(), reduced.alike());
-        labels.is_periodic = (0..labels.coordinates()).map(|k| labels.repeats(&reduced, k)).collect();
-        labels.outputs.wind(&reduced)?;
+        let [harmonic, periodic] = [false, true]
+            .map(|with_efforts| (0..labels.coordinates()).map(|k| labels.repeats(&reduced, k, with_efforts)).collect());
+        (labels.is_harmonic, labels.is_periodic) = (harmonic, periodic);
+        labels.outputs.windings = Windings::find(&labels.outputs.positions, &reduced)?;
+        labels.efforts.wind(&reduced)?;
         Ok(labels)
     }
 
@@ -114,9 +125,24 @@ impl<'a> Labels<'a> {
         self.mechanism.inputs().len()
     }
 
+    /// Efforts and prescribed accelerations.
+    pub(super) fn efforts(&self) -> usize {
+        self.efforts.count()
+    }
+
+    /// Their formulas.
+    pub(super) fn formulas(&self) -> Result<Efforts, String> {
+        self.efforts.formulas(&self.varied, self.inputs(), self.coordinates())
+    }
+
+    /// Returns true if a parameter of the region occurs in a formula.
+    pub(super) fn occurs(&self, parameter: usize) -> bool {
+        self.efforts.has_parameter(self.varied[parameter])
+    }
+
     /// Of the equations of motion.
     pub(super) fn functions_of_equations(&self) -> usize {
-        Dynamics::functions(self.coordinates(), self.inputs())
+        Dynamics::functions(self.coordinates(), self.efforts()) + self.efforts.positions()
     }
 
     /// Of the equations and of the positions that the outputs need.
@@ -129,8 +155,8 @@ impl<'a> Labels<'a> {
     }
 
     /// Returns true if a coordinate is an angle and forces are the same a turn later: the torque of a spring on a joint is not. An angle
-    /// that cannot go around counts as periodic.
-    fn repeats(&self, reduced: &Reduced, k: usize) -> bool {
+    /// that cannot go around counts as periodic. Efforts are taken into account or left out.
+    fn repeats(&self, reduced: &Reduced, k: usize, with_efforts: bool) -> bool {
         if !self.is_angle[k] {
             return false;
         }
@@ -139,8 +165,12 @@ impl<'a> Labels<'a> {
             let mut s = reduced.start().0.clone();
             s[k] += angle;
             let terms = reduced.terms(&s).ok()?;
-            let rest = reduced.force(&terms, &(0.0 * &rates), &inputs);
-            Some([rest, reduced.force(&terms, &rates, &inputs)])
+            if with_efforts {
+                let rest = reduced.force(&terms, &(0.0 * &rates), &inputs);
+                return Some([rest, reduced.force(&terms, &rates, &inputs)]);
+            }
+            let unit = DVector::from_element(terms.effort_map.ncols(), 1.0);
+            Some([terms.potential_force.clone(), &terms.effort_map * unit - &terms.damping * &rates])
         };
         let pairs = SHIFTS.iter().filter_map(|shift| Option::zip(forces(*shift), forces(shift + TAU)));
         let pairs: Vec<[DVector<f64>; 2]> = pairs
@@ -174,7 +204,7 @@ impl<'a> Labels<'a> {
 
     /// Periodic angles are angles; everything else is a power in its range.
     pub(super) fn factors(&self) -> Vec<Factor> {
-        let is_angle = |column: usize| self.is_periodic.get(column).copied().unwrap_or(false);
+        let is_angle = |column: usize| self.is_harmonic.get(column).copied().unwrap_or(false);
         let power = |range: &Range| Factor::Power {
             middle: 0.5 * (range.min + range.max),
             half: 0.5 * (range.max - range.min),
@@ -216,9 +246,11 @@ impl<'a> Labels<'a> {
             share(&(begin..begin + count).collect::<Vec<_>>());
             begin += count;
         }
-        let (potential, forces) = (begin - 1, begin);
-        // other forces, damping, map of the inputs, row by row
-        for width in [1, n, self.inputs()] {
+        let potential = begin - 1;
+        begin += self.efforts.positions();
+        let forces = begin;
+        // other forces, damping, map of the efforts, row by row
+        for width in [1, n, self.efforts()] {
             for rows in &self.alike {
                 share(&rows.iter().flat_map(|row| begin + row * width..begin + (row + 1) * width).collect::<Vec<_>>());
             }
@@ -229,59 +261,67 @@ impl<'a> Labels<'a> {
             largest[forces + row] = largest[forces + row].max(1e-3 * largest[potential]);
         }
         // all lengths are measured by the longest; of a position without what moves along with a coordinate rounding may be left
-        let positions = &self.outputs.positions;
-        let lengths = positions.iter().zip(&largest[begin..]).filter(|(position, _)| !position.is_angle());
+        let in_efforts = self.efforts.are_angles().zip(potential + 1..);
+        let positions = self.outputs.positions.iter().map(Coordinate::is_angle).zip(begin..).chain(in_efforts);
+        let positions: Vec<(bool, usize)> = positions.collect();
+        let lengths = positions.iter().filter(|(is_angle, _)| !is_angle).map(|(_, function)| largest[*function]);
         let ranges = self.region.coordinates.iter().zip(&self.is_angle).filter(|(_, is_angle)| !**is_angle);
         let longest = ranges.map(|(range, _)| range.max - range.min).fold(SHORTEST, f64::max);
-        let longest = lengths.fold(longest, |longest, (_, length)| longest.max(*length));
-        for (position, scale) in positions.iter().zip(&mut largest[begin..]) {
-            *scale = if position.is_angle() { scale.max(1.0) } else { longest };
+        let longest = lengths.fold(longest, f64::max);
+        for (is_angle, function) in positions {
+            largest[function] = if is_angle { largest[function].max(1.0) } else { longest };
         }
         largest
     }
 
     /// The functions at a point.
-    ///
-    /// Where forces are not linear in the velocities or the inputs, the damping is that between the ends of each velocity's range, the map of
-    /// the inputs that between the ends of theirs, and [`Configured::other_forces`] are what is left.
     pub(super) fn at(&self, point: &[f64]) -> Result<Label, String> {
-        let (configured, is_linear) = self.configured(point)?;
         let n = self.coordinates();
+        let Configured { reduced, terms } = self.configured(point)?;
+        self.check_efforts(&reduced, &terms).map_err(|message| self.explain(point, &message))?;
         let reactions = match self.outputs.reactions.as_slice() {
             [] => Forces::default(),
             measures => {
-                let (rates, inputs) = self.probe();
-                let Configured { reduced, terms, .. } = &configured;
-                let found = reactions::in_configuration(reduced, terms, [rates.as_slice(), &inputs], measures);
+                let found = reactions::in_configuration(&reduced, &terms, measures);
                 found.map_err(|message| self.explain(point, &message))?
             }
         };
-        let Configured { terms, damping, input_map, .. } = configured;
         let mut functions = Vec::with_capacity(self.functions());
         for row in 0..n {
             functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
         }
         functions.push(terms.potential);
-        functions.extend((0..n).map(|row| {
-            // the potential does not act on what is prescribed
-            terms.force[row] - if self.driven.contains(&row) { 0.0 } else { terms.potential_force[row] }
-        }));
-        for row in 0..n {
-            functions.extend(damping.iter().map(|column| column[row]));
-        }
-        for row in 0..n {
-            functions.extend(input_map.row(row).iter());
+        let in_efforts = self.efforts.positions_of(reduced.model());
+        functions.extend(self.efforts.windings.unturned(&in_efforts, &terms.q, &point[..n]));
+        // all forces are those of the potential, of damping and of efforts
+        functions.extend((0..n).map(|_| 0.0));
+        for matrix in [&terms.damping, &terms.effort_map] {
+            matrix.row_iter().for_each(|row| functions.extend(row.iter()));
         }
         let positions = self.positions(point)?;
-        functions.extend(self.outputs.labels(&positions, &terms.q, &point[..n]));
+        functions.extend(self.outputs.windings.unturned(&positions, &terms.q, &point[..n]));
         let mut gradients = Vec::with_capacity(self.functions() * n);
         for row in 0..n {
             gradients.extend((0..=row).flat_map(|column| terms.mass_gradient.iter().map(move |by| by[(row, column)])));
         }
         gradients.extend(terms.potential_force.iter().map(|force| -force));
+        gradients.extend(self.efforts.windings.gradients(&in_efforts, &terms.q, &terms.velocities));
         gradients.resize(self.functions_of_equations() * n, 0.0);
-        gradients.extend(self.outputs.gradients(&positions, &terms.q, &terms.velocities));
-        Ok(Label { functions, gradients, reactions, is_linear })
+        gradients.extend(self.outputs.windings.gradients(&positions, &terms.q, &terms.velocities));
+        Ok(Label { functions, gradients, reactions })
+    }
+
+    /// Makes sure that efforts are finite at rest and in motion, with inputs in their ranges.
+    fn check_efforts(&self, reduced: &Reduced, terms: &Terms) -> Result<(), String> {
+        let (rates, inputs) = self.probe();
+        let moving = &terms.velocities * rates;
+        let ends = [0, 1].map(|end| self.input_ranges().map(|range| range[end]).collect::<Vec<f64>>());
+        for (v, u) in [(&(0.0 * &moving), &ends[0]), (&(0.0 * &moving), &ends[1]), (&moving, &inputs)] {
+            if let Some(what) = reduced.model().undefined_effort(0.0, &terms.q, v, u) {
+                return Err(format!("{what}, expected a finite number"));
+            }
+        }
+        Ok(())
     }
 
     /// Coordinates whose accelerations are prescribed.
@@ -289,14 +329,15 @@ impl<'a> Labels<'a> {
         &self.driven
     }
 
-    /// Whether the derivatives of each function with respect to the coordinates are known: of the mass matrix and the potential, which
-    /// enter the equations with them, and of the positions.
+    /// Whether the derivatives of each function with respect to the coordinates are known: of the mass matrix the potential and the positions
+    /// in efforts, which enter the equations with them, and of the positions of outputs.
     pub(super) fn known(&self) -> Vec<bool> {
         let (n, of_equations) = (self.coordinates(), self.functions_of_equations());
-        (0..self.functions()).map(|function| function <= n * (n + 1) / 2 || function >= of_equations).collect()
+        let known = n * (n + 1) / 2 + 1 + self.efforts.positions();
+        (0..self.functions()).map(|function| function < known || function >= of_equations).collect()
     }
 
-    /// Rates of both signs and other sizes, all at once, and inputs: where it is looked whether forces are linear.
+    /// Rates of both signs and different sizes, and inputs: where it is checked whether forces are finite, and periodic.
     fn probe(&self) -> (DVector<f64>, Vec<f64>) {
         let rate = |row: usize| if row.is_multiple_of(2) { -2.5 } else { 1.75 } + 0.1 * row as f64;
         let inputs = self.input_ranges().enumerate();
@@ -317,68 +358,16 @@ impl<'a> Labels<'a> {
         format!("at {}: {message}", values.join(", "))
     }
 
-    /// The equations in the configuration of a point, and whether the forces are linear there.
-    pub(super) fn configured(&self, point: &[f64]) -> Result<(Configured, bool), String> {
+    /// The equations in the configuration of a point.
+    pub(super) fn configured(&self, point: &[f64]) -> Result<Configured, String> {
         let explain = |message: String| self.explain(point, &message);
         let reduced = self.reduced(point).map_err(explain)?;
-        let n = self.coordinates();
-        let terms = reduced.terms(&DVector::from_column_slice(&point[..n])).map_err(explain)?;
-        let rest = vec![0.0; self.inputs()];
-        let damping = |rates: &DVector<f64>| &terms.force - reduced.force(&terms, rates, &rest);
-        let only = |k: usize, rate: f64| DVector::from_fn(n, |row, _| if row == k { rate } else { 0.0 });
-        let columns: Vec<DVector<f64>> = (0..n).map(|k| damping(&only(k, 1.0))).collect();
-        let (rates, inputs) = self.probe();
-        let linear = columns.iter().zip(&rates).fold(DVector::zeros(n), |sum, (column, rate)| sum + column * *rate);
-        let found = damping(&rates);
-        let together = &terms.force - &linear + &terms.input_map * DVector::from_column_slice(&inputs);
-        let driven = reduced.force(&terms, &rates, &inputs);
-        // a maximum leaves out what is not a number, so that is looked for first
-        if !found.iter().chain(&linear).chain(&driven).all(|value| value.is_finite()) {
-            return Err(explain("a force is not a number at some velocities".into()));
-        }
-        let differ = |one: &DVector<f64>, other: &DVector<f64>| {
-            self.alike.iter().any(|rows| {
-                let [one, other, rest] = [one, other, &terms.force].map(|forces| forces.select_rows(rows));
-                (&one - &other).amax() > 1e-9 * (one.amax() + other.amax() + rest.amax())
-            })
-        };
-        if terms.is_linear_in_inputs && !differ(&found, &linear) && !differ(&driven, &together) {
-            return Ok((Configured { damping: columns, input_map: terms.input_map.clone(), reduced, terms }, true));
-        }
-        let between_ends = |k: usize| {
-            let [low, high] = self.region.velocities.get(k).copied().unwrap_or(VELOCITIES);
-            (damping(&only(k, high)) - damping(&only(k, low))) / (high - low)
-        };
-        let damping: Vec<DVector<f64>> = (0..n).map(between_ends).collect();
-        if !damping.iter().flatten().all(|value| value.is_finite()) {
-            return Err(explain("a force is not a number at some velocities".into()));
-        }
-        let mut input_map = terms.input_map.clone();
-        for (k, [low, high]) in self.input_ranges().enumerate().filter(|_| !terms.is_linear_in_inputs) {
-            let mut u = rest.clone();
-            let [low_force, high_force] = [low, high].map(|value| {
-                u[k] = value;
-                reduced.force(&terms, &DVector::zeros(n), &u)
-            });
-            input_map.set_column(k, &((high_force - low_force) / (high - low)));
-        }
-        if !input_map.iter().all(|value| value.is_finite()) {
-            return Err(explain("a force is not finite at the ends of an input's range".into()));
-        }
-        Ok((Configured { damping, input_map, reduced, terms }, false))
+        let terms = reduced.terms(&DVector::from_column_slice(&point[..self.coordinates()])).map_err(explain)?;
+        Ok(Configured { reduced, terms })
     }
 }
 
 impl Configured {
-    /// The forces, or prescribed accelerations, that `F(q, p) - D(q, p) v + B(q, p) u - dV/dq` leaves out.
-    pub(super) fn other_forces(&self, v: &[f64], u: &[f64]) -> Vec<f64> {
-        let Self { reduced, terms, damping, input_map } = self;
-        let v = DVector::from_column_slice(v);
-        let damped = damping.iter().zip(&v).fold(DVector::zeros(v.len()), |sum, (column, rate)| sum + column * *rate);
-        let known = &terms.force - damped + input_map * DVector::from_column_slice(u);
-        (reduced.force(terms, &v, u) - known).iter().copied().collect()
-    }
-
     /// The accelerations.
     pub(super) fn accelerations(&self, q: &[f64], v: &[f64], u: &[f64]) -> Result<Vec<f64>, String> {
         let [q, v] = [q, v].map(DVector::from_column_slice);

@@ -2,16 +2,16 @@
 //! sines, cosines and powers.
 //!
 //! Configurations and parameters are sampled, and at each the [reduced equations](crate::multibody::reduced) give the labels: the
-//! mass matrix, the potential, the other forces at rest, the damping and the map of the inputs. One linear least-squares problem for
-//! all of them finds the coefficients, another one those of forces in joints, drivers and springs that outputs show. Velocities and inputs
-//! enter the equations exactly ([`Dynamics`]), so neither is sampled and neither is extrapolated, unless forces are not linear in them, as
-//! friction is: what the equations leave out then is sampled over velocities and inputs as well ([`Equations`]). A driver's acceleration
-//! stands in the place of the forces of its coordinate.
+//! mass matrix, the potential, the damping of springs and the map of the efforts. One linear least-squares problem for all of them finds the
+//! coefficients, another one those of forces in joints, drivers and springs that outputs show. Forces, actuators and prescribed
+//! accelerations are efforts, whose formulas are taken over as they are: velocities and inputs enter the equations exactly ([`Dynamics`]),
+//! so neither is sampled and neither is extrapolated. A driver's acceleration stands in the place of the forces of its coordinate.
 //!
 //! Tree mechanisms of revolute and prismatic joints are such sums exactly. A closed loop is periodic in its crank's angle, and its
 //! series converges geometrically: the order grows until unseen configurations agree, or the terms are too many.
 
 mod assembly;
+mod efforts;
 mod equations;
 pub mod identify;
 mod labels;
@@ -21,6 +21,7 @@ mod reactions;
 mod state_space;
 mod terms;
 pub mod trajectory;
+mod windings;
 
 #[cfg(test)]
 mod tests;
@@ -50,7 +51,7 @@ pub struct Region {
     pub constants: Vec<(String, f64)>,
     /// Outputs of the mechanism that are learned as well.
     pub outputs: Vec<String>,
-    /// Ranges of the velocities, and of the inputs, for forces that are not linear in them.
+    /// Ranges of the velocities, and of the inputs, in which accelerations are sampled.
     pub velocities: Vec<[f64; 2]>,
     /// See there.
     pub inputs: Vec<[f64; 2]>,
@@ -94,8 +95,8 @@ pub struct Fitted {
     /// Largest error of any function at configurations that were held out to choose the order, relative to the function's largest value; functions of the same kind
     /// (the mass matrix, the forces) are taken together.
     pub error: f64,
-    /// Whether there are forces that are not linear in the velocities or the inputs, of which the equations have a linear part.
-    pub has_other_forces: bool,
+    /// Returns for each coordinate whether it is an angle and the equations, with the efforts, are the same a turn later.
+    pub is_periodic: Vec<bool>,
 }
 
 /// Forces of joints and springs that were learned, and how well.
@@ -156,7 +157,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
         let scales = labels.scales(samples.samples.labels.iter().chain(&unseen.samples.labels));
         least_squares::solve(&factors, exponents, &samples.samples.first(rows(exponents)), &unseen.samples, &scales)
     })?;
-    let counts = [labels.coordinates(), labels.inputs()];
+    let counts = [labels.coordinates(), labels.efforts()];
     let of_reactions = |exponents: &[Vec<i16>]| {
         samples.extend(&labels, rows(exponents), seed)?;
         let [seen, unseen] = [samples.reactions(rows(exponents)), unseen.reactions(UNSEEN)];
@@ -168,29 +169,28 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
     // what makes one of them hard to learn does so with both
     let first = equations.order;
     let reactions = has_reactions.then(|| raise_order(&factors, first, of_reactions)).transpose()?;
-    let has_other_forces = samples.has_other_forces || unseen.has_other_forces;
     let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
     let [dynamics, positions] =
         [0..of_equations, of_equations..functions].map(|columns| equations.dictionary(&factors, columns));
-    let [coordinates, inputs] = counts;
-    let dynamics = Dynamics::new(coordinates, inputs, dynamics?);
+    let [coordinates, efforts] = counts;
+    let dynamics = Dynamics::with_efforts(labels.formulas()?, dynamics?);
     let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(labels.driven()));
     let dynamics = dynamics.map_err(|error| error.to_string())?;
     let reactions = reactions.map(|found| {
         let functions = found.dictionary(&factors, 0..found.coefficients.ncols())?;
-        let reactions = Reactions::new(coordinates, inputs, functions).map_err(|error| error.to_string())?;
+        let reactions = Reactions::new(coordinates, efforts, functions).map_err(|error| error.to_string())?;
         Ok::<_, String>(FittedReactions { reactions, order: found.order, error: found.error })
     });
     Ok(Fitted {
         dynamics,
         positions: positions?,
-        windings: labels.outputs().windings.clone(),
+        windings: labels.outputs().windings.0.clone(),
         reactions: reactions.transpose()?,
         outputs: labels.outputs().shown.clone(),
         order: equations.order,
         terms: equations.exponents.len(),
         error: equations.error,
-        has_other_forces,
+        is_periodic: labels.is_periodic().to_vec(),
     })
 }
 
@@ -303,11 +303,11 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
     let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
     let mut scales = labels.scales(samples.samples.labels.iter());
-    let counts = [labels.coordinates(), labels.inputs()];
+    let counts = [labels.coordinates(), labels.efforts()];
     scales.extend(reactions::scales(counts, &samples.sizes, samples.reactions.iter()));
     let samples = samples.samples;
     let mut idle = Vec::new();
-    for (index, parameter) in region.parameters.iter().enumerate() {
+    for (index, parameter) in region.parameters.iter().enumerate().filter(|(index, _)| !labels.occurs(*index)) {
         let changes = samples.points.iter().take(COMPARED).map(|point| {
             let at = |value: f64| {
                 let mut point = point.clone();
@@ -349,8 +349,6 @@ pub struct OfEquations {
     reactions: Vec<Vec<f64>>,
     /// Of forces anywhere in the mechanism, part by part, the largest.
     sizes: [f64; reactions::PARTS],
-    /// Whether forces somewhere are not linear in the velocities or the inputs.
-    pub has_other_forces: bool,
 }
 
 impl Samples {
@@ -364,14 +362,13 @@ impl Samples {
 impl OfEquations {
     /// Some of the samples.
     pub fn part(&self, range: std::ops::Range<usize>) -> Self {
-        let Self { samples: Samples { points, labels }, gradients, reactions, sizes, has_other_forces } = self;
+        let Self { samples: Samples { points, labels }, gradients, reactions, sizes } = self;
         let of = |rows: &[Vec<f64>]| rows[range.clone()].to_vec();
         Self {
             samples: Samples { points: of(points), labels: of(labels) },
             gradients: of(gradients),
             reactions: of(reactions),
             sizes: *sizes,
-            has_other_forces: *has_other_forces,
         }
     }
 
@@ -392,7 +389,6 @@ impl OfEquations {
         });
         let points: Vec<Point> = points.skip(self.samples.points.len()).collect();
         let found: Vec<Label> = points.par_iter().map(|point| labels.at(point)).collect::<Result<_, _>>()?;
-        self.has_other_forces |= found.iter().any(|label| !label.is_linear);
         for label in found {
             self.samples.labels.push(label.functions);
             self.gradients.push(label.gradients);

@@ -8,13 +8,9 @@ use crate::multibody::{
 };
 use metafmu_runtime::Reactions;
 use nalgebra::{DMatrix, DVector};
-use std::iter::once;
 
-/// Parts of a force: by accelerations, by products of velocities, by velocities, at rest, by inputs.
+/// Parts of a force: by accelerations, by products of velocities, by velocities, at rest, by efforts.
 pub(super) const PARTS: usize = 5;
-
-/// Part of the largest force in the mechanism that is rounding.
-const LINEAR: f64 = 1e-9;
 
 /// A part of a force below this share of the same part of the largest one in the mechanism may be rounding.
 const SMALL: f64 = 1e-3;
@@ -28,44 +24,27 @@ pub(super) struct Forces {
     pub(super) sizes: [f64; PARTS],
 }
 
-/// The functions of forces of joints, drivers and springs, each with the name of an output that shows it. At `rates` and `inputs`, all other than
-/// zero, it is looked whether the forces are linear.
+/// The functions of forces of joints, drivers and springs.
 ///
 /// # Errors
-/// A sentence: a force of a joint or driver is not linear in the velocities or the inputs, or as [`Reduced::balance`].
-pub(super) fn in_configuration(
-    reduced: &Reduced,
-    terms: &Terms,
-    [rates, inputs]: [&[f64]; 2],
-    measures: &[(String, Measure)],
-) -> Result<Forces, String> {
-    let (n, m) = (rates.len(), inputs.len());
-    let at = |rates: &[f64], u: &[f64]| reduced.applied_forces(terms, &DVector::from_column_slice(rates), u);
-    let only = |count: usize, k: usize| -> Vec<f64> { (0..count).map(|i| f64::from(u8::from(i == k))).collect() };
-    let rest = at(&vec![0.0; n], &vec![0.0; m]);
-    let by_velocities = (0..n).map(|k| at(&only(n, k), &vec![0.0; m]) - &rest);
-    let by_inputs = (0..m).map(|k| at(&vec![0.0; n], &only(m, k)) - &rest);
-    let linear: Vec<DVector<f64>> = by_velocities.chain(by_inputs).collect();
-    // velocities and inputs all at once, and of that what is not linear in them
-    let together = at(rates, inputs);
-    let factors = rates.iter().chain(inputs);
-    let other = linear.iter().zip(factors).fold(&together - &rest, |rest, (column, factor)| rest - column * *factor);
+/// A sentence, as [`Reduced::balance`].
+pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Measure]) -> Result<Forces, String> {
+    let (n, m) = terms.effort_map.shape();
+    let model = reduced.model();
     let inertia = reduced.inertia_forces(terms);
-    let (of_velocities, of_inputs) = linear.split_at(n);
-    let forces: Vec<DVector<f64>> = (inertia.column_iter().map(|column| column.into_owned()))
-        .chain(of_velocities.iter().cloned())
-        .chain(once(rest))
-        .chain(of_inputs.iter().cloned())
-        .chain([together, other])
-        .collect();
-    let balanced = reduced.balance(terms, &DMatrix::from_columns(&forces))?;
+    let damping = model.damping_forces(&terms.q, &terms.velocities);
+    let rest = model.potential_forces(&terms.q);
+    // a prescribed acceleration acts by the accelerations alone
+    let efforts = model.effort_gradients(&terms.q).resize_horizontally(m, 0.0);
+    let columns = [&inertia, &damping].into_iter().flat_map(|forces| forces.column_iter());
+    let columns = columns.chain(rest.column_iter()).chain(efforts.column_iter());
+    let balanced = reduced.balance(terms, &DMatrix::from_columns(&columns.collect::<Vec<_>>()))?;
     let each = Reactions::functions_of_each(n, m);
     let mut sizes = [0.0; PARTS];
     let parts = parts(n, m);
     for (size, part) in sizes.iter_mut().zip(&parts) {
         *size = balanced.columns(part.start, part.len()).iter().fold(0.0, |largest: f64, one| largest.max(one.abs()));
     }
-    let model = reduced.model();
     let still = DVector::zeros(terms.q.len());
     let sample = |v: DVector<f64>, multipliers: DVector<f64>| Sample {
         t: 0.0,
@@ -74,9 +53,8 @@ pub(super) fn in_configuration(
         qdd: still.clone(),
         multipliers,
     };
-    let limit = LINEAR * (balanced.columns(each, 1).amax() + balanced.columns(parts[3].start, 1).amax());
     let mut functions = Vec::with_capacity(each * measures.len());
-    for (name, measure) in measures {
+    for measure in measures {
         if let Measure::SpringEffort(_) = measure {
             functions.extend(of_spring(model, measure, n, m, |k| {
                 sample(k.map_or(still.clone(), |k| terms.velocities.column(k).into_owned()), DVector::zeros(0))
@@ -85,15 +63,6 @@ pub(super) fn in_configuration(
         }
         let of_column =
             |column: usize| measure.value(model, &sample(still.clone(), reduced.multipliers(balanced.column(column))));
-        // also where it is not a number
-        let is_linear = of_column(each + 1).abs() <= limit;
-        if !is_linear {
-            let what =
-                if let Measure::DriverEffort(_) = measure { "the effort of a driver" } else { "the force of a joint" };
-            return Err(format!(
-                "the output `{name}` is {what} that is not linear in the velocities and the inputs, expected one that is"
-            ));
-        }
         functions.extend((0..each).map(of_column));
     }
     Ok(Forces { functions, sizes })

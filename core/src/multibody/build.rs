@@ -1,13 +1,14 @@
 //! From a description and the values of its parameters to a model: names are resolved and expressions evaluated.
 
 use super::{
-    constraint::{Constraint, Constraints, Formula, Slot, Target},
+    constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
     coordinate::{Coordinate, Frame, Point},
     description::{Description, DriverOptions, InputOptions, JointOptions, JointType, Vector},
-    expression::{Expression, Jet},
+    expression::Expression,
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
-    model::{Actuator, Force, Input, Model, Prescribed, Spring},
+    model::{Effort, Input, Model, Prescribed, Spring},
+    review::is_zero,
 };
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
@@ -115,8 +116,7 @@ impl<'a> Builder<'a> {
             constraints: self.constraints(),
             prescribed: self.prescribed(),
             springs: self.springs(),
-            forces: self.forces(),
-            actuators: self.actuators(),
+            efforts: self.efforts(),
             inputs: self.inputs(),
             position_guess: DVector::from_vec(positions),
             velocity_guess: DVector::from_vec(velocities),
@@ -138,7 +138,7 @@ impl<'a> Builder<'a> {
         for (name, driver) in &self.description.drivers {
             let Some(motion) = &driver.motion else { continue };
             let coordinate = self.driven(name, driver);
-            let motion = self.formula(&format!("drivers.{name}.motion"), motion, false);
+            let motion = self.bound(&format!("drivers.{name}.motion"), motion, false);
             if let (Some(coordinate), Some(motion)) = (coordinate, motion) {
                 let (coordinate, target) = Driver { coordinate, motion }.held();
                 constraints.push(Constraint { coordinate, target, owner: format!("drivers.{name}") });
@@ -163,9 +163,9 @@ impl<'a> Builder<'a> {
                 }
             };
             let coordinate = self.driven(name, driver);
-            let formula = self.formula(&format!("{owner}.acceleration"), acceleration, true);
-            if let (Some(coordinate), Some(formula)) = (coordinate, formula) {
-                prescribed.push(Prescribed { coordinate, formula, name: driver.coordinate.clone(), owner });
+            let expression = self.bound(&format!("{owner}.acceleration"), acceleration, true);
+            if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
+                prescribed.push(Prescribed { coordinate, expression, name: driver.coordinate.clone(), owner });
             }
         }
         prescribed
@@ -243,8 +243,9 @@ impl<'a> Builder<'a> {
         springs
     }
 
-    fn forces(&mut self) -> Vec<Force> {
-        let mut forces = Vec::new();
+    /// Forces at points, component by component, then actuators.
+    fn efforts(&mut self) -> Vec<Effort> {
+        let mut efforts = Vec::new();
         for (name, force) in &self.description.forces {
             let point = self.point(&force.point);
             let point = point.and_then(|point| match point.frame {
@@ -253,25 +254,24 @@ impl<'a> Builder<'a> {
             });
             let point = self.noted(&format!("forces.{name}.point"), point);
             let key = format!("forces.{name}.force");
-            let [x, y] = force.force.each_ref().map(|component| self.formula(&key, component, true));
-            if let (Some(point), Some(x), Some(y)) = (point, x, y) {
-                forces.push(Force { point, components: [x, y], owner: format!("forces.{name}") });
+            let components = force.force.each_ref().map(|component| self.bound(&key, component, true));
+            let Some(point) = point else { continue };
+            for (axis, expression) in
+                components.into_iter().enumerate().filter(|(axis, _)| !is_zero(&force.force[*axis]))
+            {
+                let (coordinate, owner) = (Coordinate::component(point, axis), format!("forces.{name}"));
+                efforts.extend(expression.map(|expression| Effort { coordinate, expression, owner }));
             }
         }
-        forces
-    }
-
-    fn actuators(&mut self) -> Vec<Actuator> {
-        let mut actuators = Vec::new();
         for (name, actuator) in &self.description.actuators {
             let coordinate = self.coordinate(&actuator.coordinate);
             let coordinate = self.noted(&format!("actuators.{name}.coordinate"), coordinate);
-            let effort = self.formula(&format!("actuators.{name}.effort"), &actuator.effort, true);
-            if let (Some(coordinate), Some(effort)) = (coordinate, effort) {
-                actuators.push(Actuator { coordinate, effort, owner: format!("actuators.{name}") });
+            let expression = self.bound(&format!("actuators.{name}.effort"), &actuator.effort, true);
+            if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
+                efforts.push(Effort { coordinate, expression, owner: format!("actuators.{name}") });
             }
         }
-        actuators
+        efforts
     }
 
     fn inputs(&self) -> Vec<Input> {
@@ -479,17 +479,18 @@ impl<'a> Builder<'a> {
     fn quiet_number(&self, expression: &Expression) -> f64 {
         let value = |position: usize| {
             let index = self.description.parameters.get_index_of(&expression.names()[position]);
-            Jet::constant(index.map_or(f64::NAN, |index| self.values[index]))
+            index.map_or(f64::NAN, |index| self.values[index])
         };
-        expression.evaluate(value).value
+        expression.value(value)
     }
 
-    /// A formula of the parameters and `time`, and of inputs, positions and velocities where they are allowed.
-    fn formula(&mut self, key: &str, expression: &Expression, of_state: bool) -> Option<Formula> {
+    /// An expression of the parameters and `time`, and of inputs, positions and velocities where they are allowed.
+    fn bound(&mut self, key: &str, expression: &Expression, of_state: bool) -> Option<BoundExpression> {
         let mut slots = Vec::new();
         for name in expression.names() {
             let input = self.description.inputs.get_index_of(name).filter(|_| of_state);
-            let value = self.description.parameters.get_index_of(name).map(|index| Slot::Value(self.values[index]));
+            let parameter = self.description.parameters.get_index_of(name);
+            let value = parameter.map(|index| Slot::Parameter(index, self.values[index]));
             let slot = match value.or(input.map(Slot::Input)) {
                 Some(slot) => Ok(slot),
                 None if name == "time" => Ok(Slot::Time),
@@ -508,7 +509,7 @@ impl<'a> Builder<'a> {
             let slot = slot.map_err(|message| format!("`{expression}`: {message}"));
             slots.push(self.noted(key, slot)?);
         }
-        Some(Formula { expression: expression.clone(), slots })
+        Some(BoundExpression { expression: expression.clone(), slots })
     }
 
     fn noted<T>(&mut self, key: &str, result: Result<T, String>) -> Option<T> {

@@ -5,26 +5,24 @@
 //! - `C_q qd = f'`
 //! - `C_q qdd = F_c` with `F_c = f'' - (C_q qd)_q qd`
 
-use super::{
-    coordinate::Coordinate,
-    expression::{Expression, Jet},
-};
+use super::{coordinate::Coordinate, expression::Expression};
+use metafmu_runtime::Jet;
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// An expression whose names are resolved.
 #[derive(Clone, Debug)]
-pub struct Formula {
+pub struct BoundExpression {
     /// The expression.
     pub expression: Expression,
     /// What each of its names stands for.
     pub slots: Vec<Slot>,
 }
 
-/// What a name in a [`Formula`] stands for.
+/// What a name in a [`BoundExpression`] stands for.
 #[derive(Clone, Copy, Debug)]
 pub enum Slot {
-    /// A number.
-    Value(f64),
+    /// A parameter, by its position in the mechanism, and its value.
+    Parameter(usize, f64),
     /// The time.
     Time,
     /// An input, by its position in the mechanism.
@@ -35,26 +33,25 @@ pub enum Slot {
     Velocity(Coordinate),
 }
 
-impl Formula {
-    /// Value and time derivatives of a formula of time alone.
+impl BoundExpression {
+    /// Value and time derivatives of an expression of time alone.
     pub fn of_time(&self, t: f64) -> Jet {
-        self.expression.evaluate(|position| match self.slots[position] {
-            Slot::Value(value) => Jet::constant(value),
-            Slot::Time => Jet::time(t),
-            Slot::Input(_) | Slot::Position(_) | Slot::Velocity(_) => Jet::constant(f64::NAN),
+        self.expression.series(|position| match self.slots[position] {
+            Slot::Parameter(_, value) => Jet::from(value),
+            Slot::Time => Jet { value: t, first: 1.0, second: 0.0 },
+            Slot::Input(_) | Slot::Position(_) | Slot::Velocity(_) => Jet::from(f64::NAN),
         })
     }
 
     /// Value in a state, with inputs `u`.
     pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
-        let slot = |position: usize| match &self.slots[position] {
-            Slot::Value(value) => *value,
+        self.expression.value(|position| match &self.slots[position] {
+            Slot::Parameter(_, value) => *value,
             Slot::Time => t,
             Slot::Input(input) => u[*input],
             Slot::Position(coordinate) => coordinate.value(q),
             Slot::Velocity(coordinate) => coordinate.rate(q, v),
-        };
-        self.expression.evaluate(|position| Jet::constant(slot(position))).value
+        })
     }
 }
 
@@ -69,14 +66,14 @@ pub enum Target {
         rate: f64,
     },
     /// At a function of time.
-    Motion(Formula),
+    Motion(BoundExpression),
 }
 
 impl Target {
     /// Value and time derivatives.
     pub fn at(&self, t: f64) -> Jet {
         match self {
-            Self::Fixed { value, rate } => Jet { value: *value, rate: *rate, acceleration: 0.0 },
+            Self::Fixed { value, rate } => Jet { value: *value, first: *rate, second: 0.0 },
             Self::Motion(formula) => formula.of_time(t),
         }
     }
@@ -148,13 +145,12 @@ impl Constraints {
 
     /// `-C_t = f'(t)`: what `C_q qd` must be.
     pub fn target_rates(&self, t: f64) -> DVector<f64> {
-        DVector::from_iterator(self.len(), self.0.iter().map(|constraint| constraint.target.at(t).rate))
+        DVector::from_iterator(self.len(), self.0.iter().map(|constraint| constraint.target.at(t).first))
     }
 
     /// `F_c`: what `C_q qdd` must be.
     pub fn acceleration_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
-        let side =
-            |constraint: &Constraint| constraint.target.at(t).acceleration - constraint.coordinate.curvature(q, v);
+        let side = |constraint: &Constraint| constraint.target.at(t).second - constraint.coordinate.curvature(q, v);
         DVector::from_iterator(self.len(), self.0.iter().map(side))
     }
 
@@ -273,8 +269,7 @@ impl Constraints {
 
     /// Names a driver without a finite motion, rate or acceleration.
     pub fn undefined_motion(&self, t: f64) -> Option<String> {
-        let is_finite =
-            |Jet { value, rate, acceleration }: Jet| [value, rate, acceleration].iter().all(|x| x.is_finite());
+        let is_finite = |Jet { value, first, second }: Jet| [value, first, second].iter().all(|x| x.is_finite());
         let undefined = self.0.iter().find(|constraint| !is_finite(constraint.target.at(t)))?;
         let owner = &undefined.owner;
         Some(format!("the motion of `{owner}` or a derivative of it is not finite at t = {t:.6} s"))

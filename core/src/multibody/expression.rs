@@ -1,173 +1,31 @@
 //! Arithmetic expressions in a description, with exact first and second derivatives.
 //!
-//! Numbers, names, `+ - * / ^`, parentheses, `pi` and the [functions](FUNCTIONS); `^` binds tightest and to the right, so
-//! `-a^2` is `-(a^2)`. An expression is evaluated on second-order Taylor coefficients (forward automatic differentiation;
-//! Griewank, Walther: *Evaluating Derivatives*, chapter 13), which is how a driver gets its velocity and acceleration.
+//! Numbers, names, `+ - * / ^`, parentheses, `pi` and the [functions](ElementaryFunction); `^` binds tightest and to the right, so
+//! `-a^2` is `-(a^2)`. An expression is evaluated on series ([`Jet`]), which is how a driver gets its velocity and acceleration.
 
 use crate::diagnostics::names::expected_one_of;
+use metafmu_runtime::{
+    Jet,
+    formula::{ElementaryFunction, Formula, FormulaStep},
+};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-use std::{
-    borrow::Cow,
-    fmt,
-    ops::{Add, Div, Mul, Neg, Sub},
-};
-
-/// A function of one variable: its name, and value, first and second derivative there.
-type Function = (&'static str, fn(f64) -> [f64; 3]);
-
-/// Every function an expression may call.
-pub const FUNCTIONS: &[Function] = &[
-    ("sin", |x| [x.sin(), x.cos(), -x.sin()]),
-    ("cos", |x| [x.cos(), -x.sin(), -x.cos()]),
-    ("tan", |x| {
-        let (y, slope) = (x.tan(), 1.0 + x.tan().powi(2));
-        [y, slope, 2.0 * y * slope]
-    }),
-    ("asin", |x| {
-        let slope = (1.0 - x * x).sqrt().recip();
-        [x.asin(), slope, x * slope.powi(3)]
-    }),
-    ("acos", |x| {
-        let slope = (1.0 - x * x).sqrt().recip();
-        [x.acos(), -slope, -x * slope.powi(3)]
-    }),
-    ("atan", |x| {
-        let slope = (1.0 + x * x).recip();
-        [x.atan(), slope, -2.0 * x * slope * slope]
-    }),
-    ("tanh", |x| {
-        let (y, slope) = (x.tanh(), 1.0 - x.tanh().powi(2));
-        [y, slope, -2.0 * y * slope]
-    }),
-    ("exp", |x| [x.exp(), x.exp(), x.exp()]),
-    ("ln", log),
-    ("sqrt", |x| [x.sqrt(), 0.5 / x.sqrt(), -0.25 / (x * x.sqrt())]),
-    ("abs", |x| [x.abs(), if x < 0.0 { -1.0 } else { 1.0 }, 0.0]),
-];
-
-/// A value with its first and second derivative with respect to time.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Jet {
-    /// `f`.
-    pub value: f64,
-    /// `df/dt`.
-    pub rate: f64,
-    /// `d²f/dt²`.
-    pub acceleration: f64,
-}
-
-impl Jet {
-    /// A value that does not change with time.
-    pub fn constant(value: f64) -> Self {
-        Self { value, rate: 0.0, acceleration: 0.0 }
-    }
-
-    /// The time itself.
-    pub fn time(value: f64) -> Self {
-        Self { value, rate: 1.0, acceleration: 0.0 }
-    }
-
-    /// `f(self)` by the chain rule; `derivatives` are `f`, `f'` and `f''` at the value.
-    fn chain(self, [f, f1, f2]: [f64; 3]) -> Self {
-        // what does not change has no derivative, even where that of f is infinite, as of sqrt at 0
-        let term = |slope: f64, change: f64| if change == 0.0 { 0.0 } else { slope * change };
-        let acceleration = term(f2, self.rate * self.rate) + term(f1, self.acceleration);
-        Self { value: f, rate: term(f1, self.rate), acceleration }
-    }
-
-    fn is_constant(self) -> bool {
-        self.rate == 0.0 && self.acceleration == 0.0
-    }
-
-    fn power(self, exponent: Self) -> Self {
-        if !exponent.is_constant() {
-            return (exponent * self.chain(log(self.value))).chain([1.0; 3].map(|_| self.value.powf(exponent.value)));
-        }
-        let (x, p) = (self.value, exponent.value);
-        // 0 * 0^-1 is zero here: the derivative of a constant
-        let term = |factor: f64, power: f64| if factor == 0.0 { 0.0 } else { factor * x.powf(power) };
-        self.chain([x.powf(p), term(p, p - 1.0), term(p * (p - 1.0), p - 2.0)])
-    }
-}
-
-fn log(x: f64) -> [f64; 3] {
-    [x.ln(), x.recip(), -x.powi(-2)]
-}
-
-impl Add for Jet {
-    type Output = Self;
-    fn add(self, other: Self) -> Self {
-        let acceleration = self.acceleration + other.acceleration;
-        Self { value: self.value + other.value, rate: self.rate + other.rate, acceleration }
-    }
-}
-
-impl Neg for Jet {
-    type Output = Self;
-    fn neg(self) -> Self {
-        Self { value: -self.value, rate: -self.rate, acceleration: -self.acceleration }
-    }
-}
-
-impl Sub for Jet {
-    type Output = Self;
-    fn sub(self, other: Self) -> Self {
-        self + -other
-    }
-}
-
-impl Mul for Jet {
-    type Output = Self;
-    fn mul(self, other: Self) -> Self {
-        let (a, b) = (self, other);
-        Self {
-            value: a.value * b.value,
-            rate: a.rate * b.value + a.value * b.rate,
-            acceleration: a.acceleration * b.value + 2.0 * a.rate * b.rate + a.value * b.acceleration,
-        }
-    }
-}
-
-impl Div for Jet {
-    type Output = Self;
-    fn div(self, other: Self) -> Self {
-        // value by value where possible, so that 1/3 is the double nearest to a third
-        let x = other.value;
-        let product = self * other.chain([x.recip(), -x.powi(-2), 2.0 * x.powi(-3)]);
-        Self { value: self.value / x, ..product }
-    }
-}
+use std::{borrow::Cow, fmt};
 
 /// A parsed expression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     text: String,
-    /// Postfix notation.
-    steps: Vec<Step>,
+    /// Its columns are the names.
+    formula: Formula,
     /// The names in the expression, each once.
     names: Vec<String>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Step {
-    Constant(f64),
-    /// Pushes the value of a name, by its position among the names.
-    Name(usize),
-    /// Replaces the top by a function of it, by its position among the functions.
-    Call(usize),
-    Negate,
-    Add,
-    Subtract,
-    Multiply,
-    Divide,
-    Power,
 }
 
 impl Expression {
     /// An expression that is a number.
     pub fn number(value: f64) -> Self {
-        Self { text: value.to_string(), steps: vec![Step::Constant(value)], names: Vec::new() }
+        Self { text: value.to_string(), formula: Formula::number(value), names: Vec::new() }
     }
 
     /// Parses a text.
@@ -175,58 +33,34 @@ impl Expression {
     /// # Errors
     /// A sentence that says what was found, where, and what was expected.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let expression = Self { text: text.to_owned(), steps: Vec::new(), names: Vec::new() };
-        let mut parser = Parser { text, position: 0, depth: 0, expression };
+        let mut parser = Parser { text, position: 0, depth: 0, steps: Vec::new(), names: Vec::new() };
         parser.sum()?;
-        match parser.peek() {
-            None => Ok(parser.expression),
-            Some(_) => Err(parser.unexpected("an operator or the end")),
+        if parser.peek().is_some() {
+            return Err(parser.unexpected("an operator or the end"));
         }
+        let Parser { steps, names, .. } = parser;
+        let formula = Formula::new(steps).map_err(|error| format!("`{text}`: {error}"))?;
+        Ok(Self { text: text.to_owned(), formula, names })
     }
 
-    /// The names in the expression, each once, in order of appearance.
+    /// The names in the expression, each once, in order of appearance: the columns of its formula.
     pub fn names(&self) -> &[String] {
         &self.names
     }
 
-    /// Evaluates; `value` gives the value of a name by its position in [`Expression::names`].
-    pub fn evaluate(&self, value: impl Fn(usize) -> Jet) -> Jet {
-        let mut stack = Vec::with_capacity(self.steps.len());
-        for step in &self.steps {
-            // the parser writes no operator without its operands
-            let mut pop = || stack.pop().unwrap_or(Jet::constant(f64::NAN));
-            let result = match *step {
-                Step::Constant(number) => Jet::constant(number),
-                Step::Name(position) => value(position),
-                Step::Call(function) => {
-                    let argument = pop();
-                    argument.chain(FUNCTIONS[function].1(argument.value))
-                }
-                Step::Negate => -pop(),
-                Step::Add => {
-                    let right = pop();
-                    pop() + right
-                }
-                Step::Subtract => {
-                    let right = pop();
-                    pop() - right
-                }
-                Step::Multiply => {
-                    let right = pop();
-                    pop() * right
-                }
-                Step::Divide => {
-                    let right = pop();
-                    pop() / right
-                }
-                Step::Power => {
-                    let right = pop();
-                    pop().power(right)
-                }
-            };
-            stack.push(result);
-        }
-        stack.pop().unwrap_or(Jet::constant(f64::NAN))
+    /// The formula.
+    pub fn formula(&self) -> &Formula {
+        &self.formula
+    }
+
+    /// Value; `of` gives that of a name by its position in [`Expression::names`].
+    pub fn value(&self, of: impl Fn(usize) -> f64) -> f64 {
+        self.formula.value(of)
+    }
+
+    /// Value with its derivatives with respect to time.
+    pub fn series(&self, of: impl Fn(usize) -> Jet) -> Jet {
+        self.formula.series(of)
     }
 }
 
@@ -244,8 +78,8 @@ impl fmt::Display for Expression {
 
 impl Serialize for Expression {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self.steps.as_slice() {
-            [Step::Constant(value)] => serializer.serialize_f64(*value),
+        match self.formula.steps() {
+            [FormulaStep::Constant(value)] => serializer.serialize_f64(*value),
             _ => serializer.serialize_str(&self.text),
         }
     }
@@ -299,7 +133,8 @@ struct Parser<'a> {
     text: &'a str,
     position: usize,
     depth: usize,
-    expression: Expression,
+    steps: Vec<FormulaStep>,
+    names: Vec<String>,
 }
 
 impl Parser<'_> {
@@ -309,7 +144,7 @@ impl Parser<'_> {
         while let Some(operator @ ('+' | '-')) = self.peek() {
             self.position += 1;
             self.product()?;
-            self.expression.steps.push(if operator == '+' { Step::Add } else { Step::Subtract });
+            self.steps.push(if operator == '+' { FormulaStep::Add } else { FormulaStep::Subtract });
         }
         Ok(())
     }
@@ -320,7 +155,7 @@ impl Parser<'_> {
         while let Some(operator @ ('*' | '/')) = self.peek() {
             self.position += 1;
             self.signed()?;
-            self.expression.steps.push(if operator == '*' { Step::Multiply } else { Step::Divide });
+            self.steps.push(if operator == '*' { FormulaStep::Multiply } else { FormulaStep::Divide });
         }
         Ok(())
     }
@@ -335,7 +170,7 @@ impl Parser<'_> {
             Some('-') => {
                 self.position += 1;
                 self.signed()?;
-                self.expression.steps.push(Step::Negate);
+                self.steps.push(FormulaStep::Negate);
             }
             Some('+') => {
                 self.position += 1;
@@ -346,7 +181,7 @@ impl Parser<'_> {
                 if self.peek() == Some('^') {
                     self.position += 1;
                     self.signed()?;
-                    self.expression.steps.push(Step::Power);
+                    self.steps.push(FormulaStep::Power);
                 }
             }
         }
@@ -389,7 +224,7 @@ impl Parser<'_> {
         match rest[..end].parse::<f64>() {
             Ok(value) if value.is_finite() => {
                 self.position += end;
-                self.expression.steps.push(Step::Constant(value));
+                self.steps.push(FormulaStep::Constant(value));
                 Ok(())
             }
             _ => Err(self.unexpected("a finite number")),
@@ -402,22 +237,22 @@ impl Parser<'_> {
         let name = &rest[..rest.find(|c| !plain(c)).unwrap_or(rest.len())];
         self.position += name.len();
         if self.peek() == Some('(') {
-            let Some(function) = FUNCTIONS.iter().position(|(known, _)| *known == name) else {
-                let known: Vec<&str> = FUNCTIONS.iter().map(|(known, _)| *known).collect();
+            let Some(function) = ElementaryFunction::ALL.into_iter().find(|known| known.name() == name) else {
+                let known = ElementaryFunction::ALL.map(ElementaryFunction::name);
                 let known = expected_one_of(name, &known);
                 return Err(format!("`{}`: no function `{name}`, {known}", self.text));
             };
             self.parentheses()?;
-            self.expression.steps.push(Step::Call(function));
+            self.steps.push(FormulaStep::Call(function));
         } else if name == "pi" {
-            self.expression.steps.push(Step::Constant(std::f64::consts::PI));
+            self.steps.push(FormulaStep::Constant(std::f64::consts::PI));
         } else {
-            let names = &mut self.expression.names;
+            let names = &mut self.names;
             let position = names.iter().position(|known| known == name).unwrap_or_else(|| {
                 names.push(name.to_owned());
                 names.len() - 1
             });
-            self.expression.steps.push(Step::Name(position));
+            self.steps.push(FormulaStep::Column(position));
         }
         Ok(())
     }
@@ -442,9 +277,9 @@ mod tests {
 
     fn at(text: &str, t: f64) -> Jet {
         let expression = Expression::parse(text).unwrap();
-        expression.evaluate(|position| match expression.names()[position].as_str() {
-            "time" => Jet::time(t),
-            "a" => Jet::constant(1.7),
+        expression.series(|position| match expression.names()[position].as_str() {
+            "time" => Jet { value: t, first: 1.0, second: 0.0 },
+            "a" => Jet::from(1.7),
             name => panic!("{name}"),
         })
     }
@@ -483,9 +318,9 @@ mod tests {
             for t in [0.3, 0.9, 1.4] {
                 let (before, here, after) = (at(text, t - step), at(text, t), at(text, t + step));
                 let rate = (after.value - before.value) / (2.0 * step);
-                let acceleration = (after.rate - before.rate) / (2.0 * step);
-                assert!((here.rate - rate).abs() < 1e-6 * (1.0 + rate.abs()), "{text} at {t}: {here:?} {rate}");
-                let difference = (here.acceleration - acceleration).abs();
+                let acceleration = (after.first - before.first) / (2.0 * step);
+                assert!((here.first - rate).abs() < 1e-6 * (1.0 + rate.abs()), "{text} at {t}: {here:?} {rate}");
+                let difference = (here.second - acceleration).abs();
                 assert!(difference < 1e-6 * (1.0 + acceleration.abs()), "{text} at {t}: {here:?} {acceleration}");
             }
         }
@@ -493,10 +328,10 @@ mod tests {
 
     #[test]
     fn powers_have_derivatives_at_zero_and_below() {
-        assert_eq!(at("time^2", 0.0), Jet { value: 0.0, rate: 0.0, acceleration: 2.0 });
-        assert_eq!(at("time^1", 0.0), Jet { value: 0.0, rate: 1.0, acceleration: 0.0 });
-        assert_eq!(at("time^3", -2.0), Jet { value: -8.0, rate: 12.0, acceleration: -12.0 });
-        assert_eq!(at("sqrt(0)", 0.0), Jet::constant(0.0));
+        assert_eq!(at("time^2", 0.0), Jet { value: 0.0, first: 0.0, second: 2.0 });
+        assert_eq!(at("time^1", 0.0), Jet { value: 0.0, first: 1.0, second: 0.0 });
+        assert_eq!(at("time^3", -2.0), Jet { value: -8.0, first: 12.0, second: -12.0 });
+        assert_eq!(at("sqrt(0)", 0.0), Jet::from(0.0));
     }
 
     #[test]

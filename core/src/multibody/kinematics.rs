@@ -181,7 +181,7 @@ impl<'a> Way<'a> {
         for constraint in &constraints.0 {
             let [before, behind] = [from, to].map(|t| constraint.target.at(t));
             let unit = if constraint.coordinate.is_angle() { 1.0 } else { self.scale[0] };
-            if (behind.value - before.value - before.rate * (to - from)).abs() > 0.5 * CORRECTION * unit {
+            if (behind.value - before.value - before.first * (to - from)).abs() > 0.5 * CORRECTION * unit {
                 return format!("the motion of `{}` jumps at t = {to:.6} s", constraint.owner);
             }
         }

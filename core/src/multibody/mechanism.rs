@@ -2,6 +2,7 @@
 
 use super::{
     build::{build, free_coordinates, position_coordinates},
+    constraint::BoundExpression,
     description::{Description, InputOptions, ParameterOptions},
     expression::Expression,
     measure::Measure,
@@ -286,6 +287,15 @@ impl Mechanism {
     /// A sentence that says what cannot be built of these values.
     pub fn measures(&self, values: &[f64]) -> std::result::Result<Vec<Measure>, String> {
         build(&self.description, values).map(|(_, measures)| measures).map_err(sentence)
+    }
+
+    /// Every effort, then every prescribed acceleration, with a value for each parameter.
+    ///
+    /// # Errors
+    /// A sentence that says what cannot be built of these values.
+    pub fn bound_expressions(&self, values: &[f64]) -> std::result::Result<Vec<BoundExpression>, String> {
+        let (model, _) = build(&self.description, values).map_err(sentence)?;
+        Ok(model.bound_expressions().map(|(bound, _)| bound.clone()).collect())
     }
 
     /// The outputs of samples, row by row.

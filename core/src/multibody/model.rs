@@ -1,8 +1,8 @@
 //! A mechanism with numbers in it: mass matrix, applied forces and constraints of one run.
 
 use super::{
-    constraint::{Constraint, Constraints, Formula, Target},
-    coordinate::{Coordinate, Point},
+    constraint::{BoundExpression, Constraint, Constraints, Target},
+    coordinate::Coordinate,
     description::FormulationKind,
 };
 use crate::signal::Signal;
@@ -30,24 +30,13 @@ impl Spring {
     }
 }
 
-/// A force at a point, components in the ground frame.
+/// A force or torque along a coordinate: an actuator, or a component of a force at a point.
 #[derive(Clone, Debug)]
-pub struct Force {
-    /// Where it acts.
-    pub point: Point,
-    /// Its components, in N.
-    pub components: [Formula; 2],
-    /// Its key in the description, for messages: `forces.A`.
-    pub owner: String,
-}
-
-/// A force or torque along a coordinate.
-#[derive(Clone, Debug)]
-pub struct Actuator {
+pub struct Effort {
     /// The coordinate.
     pub coordinate: Coordinate,
     /// Force or torque that acts to increase it.
-    pub effort: Formula,
+    pub expression: BoundExpression,
     /// Its key in the description, for messages: `actuators.A`.
     pub owner: String,
 }
@@ -58,7 +47,7 @@ pub struct Prescribed {
     /// The coordinate.
     pub coordinate: Coordinate,
     /// Its second derivative, in m/s² or rad/s².
-    pub formula: Formula,
+    pub expression: BoundExpression,
     /// The coordinate's name in the description, for messages.
     pub name: String,
     /// Its key in the description, for messages: `drivers.A`.
@@ -74,21 +63,6 @@ pub struct Input {
     pub range: [f64; 2],
     /// Its value in the course of a run.
     pub signal: Signal,
-}
-
-/// Shares of an input's range at which forces are compared; no even or odd function treats them alike.
-const PROBES: [f64; 3] = [0.93, 0.11, 0.4];
-
-impl Input {
-    /// Values in the range, none of them next to zero, at which it is checked whether forces are linear in the input.
-    pub fn probes(&self) -> [f64; 3] {
-        let [min, max] = self.range;
-        let least = 1e-3 * min.abs().max(max.abs());
-        PROBES.map(|share| {
-            let value = min + share * (max - min);
-            if value.abs() < least { value + 0.05 * (max - min) } else { value }
-        })
-    }
 }
 
 /// All of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
@@ -108,10 +82,8 @@ pub struct Model {
     pub prescribed: Vec<Prescribed>,
     /// Springs and dampers.
     pub springs: Vec<Spring>,
-    /// Forces at points.
-    pub forces: Vec<Force>,
-    /// Forces and torques along coordinates.
-    pub actuators: Vec<Actuator>,
+    /// Forces at points and actuators.
+    pub efforts: Vec<Effort>,
     /// What acts on it from outside.
     pub inputs: Vec<Input>,
     /// Guess of the coordinates at the start.
@@ -135,19 +107,15 @@ impl Model {
         self.applied_forces(t, q, v, &self.inputs_at(t))
     }
 
-    /// `F_a(t, q, qd, u)`: gravity, springs, forces and actuators. With the centres of mass as coordinates there are no
+    /// `F_a(t, q, qd, u)`: gravity, springs and efforts. With the centres of mass as coordinates there are no
     /// velocity terms of inertia.
     pub fn applied_forces(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
         let mut sum = self.weights();
         for spring in &self.springs {
             spring.coordinate.add_gradient(q, spring.effort(q, v), sum.as_mut_slice());
         }
-        for force in &self.forces {
-            let [x, y] = force.components.each_ref().map(|component| component.value(t, q, v, u));
-            force.point.add_gradient(q, Vector2::new(x, y), sum.as_mut_slice());
-        }
-        for actuator in &self.actuators {
-            actuator.coordinate.add_gradient(q, actuator.effort.value(t, q, v, u), sum.as_mut_slice());
+        for effort in &self.efforts {
+            effort.coordinate.add_gradient(q, effort.expression.value(t, q, v, u), sum.as_mut_slice());
         }
         sum
     }
@@ -161,6 +129,32 @@ impl Model {
         sum
     }
 
+    /// Gradients of the coordinates of the efforts, `s_q`: one a column.
+    pub fn effort_gradients(&self, q: &DVector<f64>) -> DMatrix<f64> {
+        let mut gradients = DMatrix::zeros(q.len(), self.efforts.len());
+        for (effort, mut column) in self.efforts.iter().zip(gradients.column_iter_mut()) {
+            effort.coordinate.add_gradient(q, 1.0, column.as_mut_slice());
+        }
+        gradients
+    }
+
+    /// Forces of the springs' damping for each column of velocities: shape `[coordinates, columns]`.
+    pub fn damping_forces(&self, q: &DVector<f64>, velocities: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut forces = DMatrix::zeros(q.len(), velocities.ncols());
+        for spring in self.springs.iter().filter(|spring| spring.damping != 0.0) {
+            let mut gradient = DVector::zeros(q.len());
+            spring.coordinate.add_gradient(q, 1.0, gradient.as_mut_slice());
+            forces -= spring.damping * &gradient * velocities.tr_mul(&gradient).transpose();
+        }
+        forces
+    }
+
+    /// Every effort, then every prescribed acceleration, with its key.
+    pub fn bound_expressions(&self) -> impl Iterator<Item = (&BoundExpression, &str)> {
+        let efforts = self.efforts.iter().map(|effort| (&effort.expression, effort.owner.as_str()));
+        efforts.chain(self.prescribed.iter().map(|driver| (&driver.expression, driver.owner.as_str())))
+    }
+
     fn weights(&self) -> DVector<f64> {
         let mut sum = DVector::zeros(self.mass.len());
         for (force, mass) in sum.as_mut_slice().chunks_mut(3).zip(self.mass.as_slice().chunks(3)) {
@@ -170,16 +164,17 @@ impl Model {
         sum
     }
 
-    /// A message about the first force or effort that is not a number in a state: the square root of a negative number, for instance.
+    /// A message about the first effort that is not finite in a state at a time of the run: the square root of a negative number, for instance.
     pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Option<String> {
-        let u = self.inputs_at(t);
-        let components = self.forces.iter().flat_map(|force| &force.components);
-        let formulas = components.chain(self.actuators.iter().map(|actuator| &actuator.effort));
-        let mut formulas = formulas.chain(self.prescribed.iter().map(|driver| &driver.formula));
-        formulas.find_map(|formula| {
-            let value = formula.value(t, q, v, &u);
-            let text = &formula.expression;
-            (!value.is_finite()).then(|| format!("`{text}` is {value} at t = {t} s, expected a finite number"))
+        self.undefined_effort(t, q, v, &self.inputs_at(t))
+            .map(|what| format!("{what} at t = {t} s, expected a finite number"))
+    }
+
+    /// The first effort or prescribed acceleration that is not finite in a state with inputs `u`, and its value.
+    pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
+        self.bound_expressions().find_map(|(bound, _)| {
+            let value = bound.value(t, q, v, u);
+            (!value.is_finite()).then(|| format!("`{}` is {value}", bound.expression))
         })
     }
 
@@ -227,7 +222,7 @@ impl Model {
             return of_constraints;
         }
         let u = self.inputs_at(t);
-        let side = |driver: &Prescribed| driver.formula.value(t, q, v, &u) - driver.coordinate.curvature(q, v);
+        let side = |driver: &Prescribed| driver.expression.value(t, q, v, &u) - driver.coordinate.curvature(q, v);
         let sides = of_constraints.iter().copied().chain(self.prescribed.iter().map(side));
         DVector::from_iterator(of_constraints.len() + self.prescribed.len(), sides)
     }

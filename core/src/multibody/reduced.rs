@@ -10,7 +10,14 @@
 //! dT/ds_k = -J^-1 (dJ/ds_k) T
 //! ```
 //!
-//! Everything but the velocities in `Q` is a function of the configuration. The derivatives of `M` are exact (Wehage, Haug 1982
+//! Generalized forces are those of the potential, of the springs' damping, and of efforts `e` along coordinates of their own, whose formulas
+//! are known:
+//!
+//! ```text
+//! Q = -dV/ds - D(s) sd + B(s) e(s, sd, u)
+//! ```
+//!
+//! Everything but the velocities and the efforts is a function of the configuration. The derivatives of `M` are exact (Wehage, Haug 1982
 //! for the partition of coordinates; Shabana: *Computational Dynamics*, chapter 5, for the quadratic velocity terms).
 //!
 //! A driver may give the acceleration of one of these coordinates: `sdd_d = a(s, sd, u)` then is its row, the other rows are as they stand,
@@ -30,7 +37,7 @@
 //! which are zero but for driven coordinates: there `-mu` is the driver's effort.
 
 use super::{
-    constraint::{Formula, Slot, Target, independence},
+    constraint::{Slot, Target, independence},
     coordinate::{Coordinate, Point},
     model::{Model, Prescribed},
 };
@@ -85,15 +92,12 @@ pub struct Terms {
     pub mass: DMatrix<f64>,
     /// `dM/ds_k` for each `k`.
     pub mass_gradient: Vec<DMatrix<f64>>,
-    /// `Q` at rest, all inputs zero: shape `[n]`, in N or N.m; of a driven coordinate the acceleration there, in m/s² or rad/s².
-    pub force: DVector<f64>,
-    /// The part of it that gravity and springs have, `-dV/ds`.
+    /// `-dV/ds`, the forces of gravity and springs at rest: shape `[n]`, in N or N.m.
     pub potential_force: DVector<f64>,
-    /// What each input adds to these at rest for each unit of it, shape `[n, inputs]`; of forces that are not linear in an input at one
-    /// value of it.
-    pub input_map: DMatrix<f64>,
-    /// `true` if these forces are linear in each input alone, within its range in the mechanism file.
-    pub is_linear_in_inputs: bool,
+    /// `D`, the springs' damping; zero in the row of a driven coordinate: shape `[n, n]`.
+    pub damping: DMatrix<f64>,
+    /// `B`: what a unit of each effort, and after them of each prescribed acceleration, gives: shape `[n, efforts]`.
+    pub effort_map: DMatrix<f64>,
     /// Potential energy of gravity and springs, in J.
     pub potential: f64,
 }
@@ -190,7 +194,7 @@ impl Reduced {
     /// The functions of the configuration.
     ///
     /// # Errors
-    /// As [`Reduced::configuration`]; a force that is not finite.
+    /// As [`Reduced::configuration`].
     pub fn terms(&self, s: &DVector<f64>) -> Result<Terms, String> {
         let q = self.configuration(s)?;
         let (count, n) = (q.len(), s.len());
@@ -208,19 +212,26 @@ impl Reduced {
             mass_gradient.push(&half + half.transpose());
             velocity_gradient.push(of_velocities);
         }
-        let (force, input_map, is_linear_in_inputs) = self.forces(&q, &velocities)?;
         let potential = self.model.potential_energy(&q);
         let potential_force = velocities.tr_mul(&self.model.potential_forces(&q));
+        let mut damping = -velocities.tr_mul(&self.model.damping_forces(&q, &velocities));
+        let efforts = velocities.tr_mul(&self.model.effort_gradients(&q));
+        let first = efforts.ncols();
+        let mut effort_map = efforts.resize_horizontally(first + self.driven.len(), 0.0);
+        for (driver, &k) in self.driven.iter().enumerate() {
+            damping.row_mut(k).fill(0.0);
+            effort_map.row_mut(k).fill(0.0);
+            effort_map[(k, first + driver)] = 1.0;
+        }
         Ok(Terms {
             q,
             velocities,
             velocity_gradient,
             mass,
             mass_gradient,
-            force,
             potential_force,
-            input_map,
-            is_linear_in_inputs,
+            damping,
+            effort_map,
             potential,
         })
     }
@@ -240,7 +251,7 @@ impl Reduced {
         let v = velocities * rates;
         let mut forces = velocities.tr_mul(&self.model.applied_forces(0.0, q, &v, u));
         for (driver, &k) in self.model.prescribed.iter().zip(&self.driven) {
-            forces[k] = driver.formula.value(0.0, q, &v, u);
+            forces[k] = driver.expression.value(0.0, q, &v, u);
         }
         forces
     }
@@ -305,49 +316,6 @@ impl Reduced {
         let solved = mass.cholesky().map(|factors| factors.solve(&side));
         let solved = solved.filter(|accelerations| accelerations.iter().all(|value| value.is_finite()));
         solved.ok_or_else(|| "the mass matrix of the independent coordinates is not positive definite".into())
-    }
-
-    /// `Q` at rest without inputs, what each input adds for each unit of it, and whether that is the same for all of its values.
-    fn forces(
-        &self,
-        q: &DVector<f64>,
-        velocities: &DMatrix<f64>,
-    ) -> Result<(DVector<f64>, DMatrix<f64>, bool), String> {
-        let rest = DVector::zeros(q.len());
-        let inputs = &self.model.inputs;
-        let still = DVector::zeros(velocities.ncols());
-        let at = |u: &[f64]| self.forces_or_accelerations(q, velocities, &still, u);
-        let force = at(&vec![0.0; inputs.len()]);
-        if force.iter().any(|value| !value.is_finite()) {
-            let message = self.model.undefined_force(0.0, q, &rest);
-            return Err(message.unwrap_or_else(|| "a force is not finite".into()));
-        }
-        let (mut input_map, mut is_linear) = (DMatrix::zeros(velocities.ncols(), inputs.len()), true);
-        for (index, input) in inputs.iter().enumerate() {
-            let mut slopes = Vec::new();
-            for value in input.probes() {
-                let mut u = vec![0.0; inputs.len()];
-                u[index] = value;
-                let slope = (at(&u) - &force) / value;
-                if slope.iter().any(|slope| !slope.is_finite()) {
-                    return Err(format!("a force is not finite with the input `{}` at {value:.4}", input.name));
-                }
-                slopes.push((slope, value.abs()));
-            }
-            let (first, _) = &slopes[0];
-            let differ = |rows: &Vec<usize>| {
-                let [first, force] = [first, &force].map(|values| values.select_rows(rows));
-                slopes[1..].iter().any(|(slope, value)| {
-                    let slope = slope.select_rows(rows);
-                    // differences of large forces are rounded
-                    let rounding = 1e-13 * force.amax() / value;
-                    (&first - &slope).amax() > 1e-9 * first.amax().max(slope.amax()) + rounding
-                })
-            };
-            is_linear &= !self.alike().iter().any(differ);
-            input_map.set_column(index, first);
-        }
-        Ok((force, input_map, is_linear))
     }
 
     /// Rows of the equations that are of one kind: all forces, then each prescribed acceleration.
@@ -486,16 +454,13 @@ fn refuse_time(model: &Model) -> Result<(), String> {
             return Err(format!("`{}` prescribes the motion `{motion}`, expected an `acceleration`", constraint.owner));
         }
     }
-    let is_timed = |formula: &Formula| formula.slots.iter().any(|slot| matches!(slot, Slot::Time));
-    if let Some(Prescribed { formula, owner, .. }) = model.prescribed.iter().find(|driver| is_timed(&driver.formula)) {
-        return Err(format!("the acceleration `{}` of `{owner}` depends on time", formula.expression));
+    for (bound, owner) in model.bound_expressions() {
+        if bound.slots.iter().any(|slot| matches!(slot, Slot::Time)) {
+            let what = if owner.starts_with("drivers.") { "acceleration" } else { "force" };
+            return Err(format!("the {what} `{}` of `{owner}` depends on time", bound.expression));
+        }
     }
-    let forces = model.forces.iter().flat_map(|force| force.components.iter().map(|formula| (formula, &force.owner)));
-    let efforts = model.actuators.iter().map(|actuator| (&actuator.effort, &actuator.owner));
-    match forces.chain(efforts).find(|(formula, _)| is_timed(formula)) {
-        Some((formula, owner)) => Err(format!("the force `{}` of `{owner}` depends on time", formula.expression)),
-        None => Ok(()),
-    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -2,7 +2,7 @@
 
 use super::{
     description::{BodyOptions, Description, SpringOptions, Vector},
-    expression::{Expression, Jet},
+    expression::Expression,
 };
 use crate::diagnostics::Problems;
 use std::collections::BTreeSet;
@@ -59,8 +59,8 @@ pub fn oddities(description: &Description) -> Problems {
 }
 
 /// Zero for any parameters.
-fn is_zero(expression: &Expression) -> bool {
-    expression.names().is_empty() && expression.evaluate(|_| Jet::constant(f64::NAN)).value == 0.0
+pub(super) fn is_zero(expression: &Expression) -> bool {
+    expression.names().is_empty() && expression.value(|_| f64::NAN) == 0.0
 }
 
 /// What a description names.

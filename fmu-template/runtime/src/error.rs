@@ -3,7 +3,7 @@
 use safetensors::SafeTensorError;
 
 /// Version of the layout described in this module.
-pub const FORMAT: u32 = 2;
+pub const FORMAT: u32 = 3;
 
 pub(crate) const METADATA_KEY: &str = "metafmu";
 
@@ -107,6 +107,16 @@ pub enum FormatError {
         index: usize,
         /// What stands there.
         found: u32,
+    },
+    /// A formula whose steps do not fit together.
+    #[error("formula, step {index}: {found} values, expected {expected}")]
+    Formula {
+        /// The step.
+        index: usize,
+        /// Values on the stack.
+        found: usize,
+        /// Operands of the step, or the one value at the end.
+        expected: usize,
     },
     /// A structure with a map that it cannot have.
     #[error("a motion has dictionaries, and only a motion")]

@@ -1,10 +1,11 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Cover, Discrete, Dynamics, Encoder, Encoding, Given, Input, Integration, Layer, Map, Metadata,
-    Model, Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling, Shown, State,
-    StateSpace, Support, Surrogate, Transition, Variability,
+    Activation, Bounds, Cover, Discrete, Dynamics, Efforts, Encoder, Encoding, Given, Input, Integration, Layer, Map,
+    Metadata, Model, Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling,
+    Shown, State, StateSpace, Support, Surrogate, Transition, Variability,
     dictionary::{Dictionary, Factor, Term},
+    formula::{ElementaryFunction, Formula, FormulaStep},
     graph::{Elementwise, Graph, Operation, Step},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
@@ -292,6 +293,63 @@ pub fn crane() -> Surrogate {
 pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate {
     let model = surrogate.model().clone().with_integration(integration);
     Surrogate::new(surrogate.metadata().clone(), model).expect("the integration is valid")
+}
+
+/// [`crane`] with efforts: friction of the trolley, `force - 0.3 tanh(20 v)`, wind against the load's horizontal motion as a torque on the
+/// rope, and a force with made-up numbers that has every function and operation.
+pub fn crane_with_efforts() -> Surrogate {
+    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sin, Sqrt, Tan, Tanh};
+    use FormulaStep::{Add, Call, Column, Constant, Divide, Multiply, Negate, Power, Subtract};
+    let crane = crane();
+    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
+    // columns: l, force; theta, the load's x, x; their rates
+    let friction = [Column(1), Constant(0.3), Column(7), Constant(20.0), Multiply, Call(Tanh), Multiply, Subtract];
+    let wind_speed = [Column(6), Negate];
+    let wind = [
+        &[Constant(0.2)][..],
+        &wind_speed,
+        &[Multiply],
+        &wind_speed,
+        &[Call(Abs), Multiply, Column(0), Multiply, Column(2), Call(Cos), Multiply],
+    ];
+    let bounded = [Column(4), Constant(10.0), Divide, Call(Sin)];
+    let motor = [
+        &bounded[..],
+        &[Call(Asin)],
+        &bounded,
+        &[Call(Acos), Add],
+        &bounded,
+        &[Call(Tan), Subtract],
+        &bounded,
+        &[Call(Atan), Call(Exp), Add, Column(0), Call(Ln), Column(0), Call(Sqrt), Multiply, Add, Column(1), Column(1)],
+        &[Constant(2.0), Power, Constant(1.0), Add, Divide, Add, Column(0), Column(2), Power, Add],
+    ];
+    let formulas = vec![formula(&friction), formula(&wind.concat()), formula(&motor.concat())];
+    let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];
+    let efforts = Efforts::new([1, 1, 2], windings, formulas).expect("the example is valid");
+    // three positions after V, and a column of B for each effort
+    let functions = Dynamics::functions(2, 3) + 3;
+    let widened = |term: Term| {
+        let mut coefficients = vec![0.0; functions];
+        coefficients[..4].copy_from_slice(&term.coefficients[..4]);
+        coefficients[7..13].copy_from_slice(&term.coefficients[4..10]);
+        Term { coefficients, ..term }
+    };
+    let mut terms: Vec<Term> = motion.dynamics.law().dictionary().terms().map(widened).collect();
+    let mut more = |exponents: [i16; 3], values: &[(usize, f64)]| {
+        let mut coefficients = vec![0.0; functions];
+        values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+        terms.push(Term { exponents: exponents.to_vec(), coefficients });
+    };
+    // l sin theta of the load; B = [1 0 0.5; 0 1 0]
+    more([0, -1, 1], &[(5, 1.0)]);
+    more([0, 0, 0], &[(13, 1.0), (15, 0.5), (17, 1.0)]);
+    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
+    let law = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
+    let motion = Motion { dynamics, ..(**motion).clone() };
+    Surrogate::new(crane.metadata().clone(), Model::Motion(Box::new(motion))).expect("the example is valid")
 }
 
 /// A crane whose trolley has a prescribed acceleration, its input less 0.3 of its velocity.

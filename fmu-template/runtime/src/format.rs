@@ -54,6 +54,10 @@
 //! | `law.exponents`, `positions.exponents` | I16 | `[terms, columns]` | a harmonic, negative of a sine, or a power |
 //! | `law.coefficients`, `positions.coefficients` | F64 | `[terms, functions]` | in the order of [`Dynamics`](crate::Dynamics); positions |
 //! | `law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; left out if there are none |
+//! | `efforts.inputs` | U32 | `[1]` | number of inputs |
+//! | `efforts.windings` | F64 | `[positions, coordinates]` | of the positions in the [`Efforts`](crate::Efforts), as those of the positions |
+//! | `efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation, each a kind and an argument: 0: element K of `efforts.constants`, 1: column K, 2: function K of [`ElementaryFunction::ALL`](crate::formula::ElementaryFunction::ALL), 3 to 8: minus, `+`, `-`, `*`, `/`, `^` |
+//! | `efforts.constants` | F64 | `[constants]` | numbers in the formulas |
 //! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K |
 //! | `solver.step` | F64 | `[1]` | longest step, in seconds |
@@ -105,10 +109,11 @@
 //!
 //! | field | |
 //! |---|---|
-//! | `format` | 2, the version of this layout |
+//! | `format` | 3, the version of this layout |
 //! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without another map `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest", "kernel" or "graph"}` |
 //!
-//! Format 1 had one activation for all hidden layers and no names of maps. It is refused: what made it can make it again.
+//! Older formats are refused: what made them can make them again. Format 1 had one activation for all hidden layers and no names of
+//! maps; format 2 had no efforts.
 
 pub use crate::error::FORMAT;
 use crate::error::{FormatError, METADATA_KEY};

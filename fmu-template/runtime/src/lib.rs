@@ -45,11 +45,14 @@ pub use description::{Encoding, Input, Output, OutputArray, Precision, Provenanc
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::Encoder;
 pub use error::FormatError;
-pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, graph, law, regression};
+pub use map::{
+    Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, formula, graph, jet::Jet, law, regression,
+};
 pub use metadata::Metadata;
 pub use model::{
-    CommunicationStep, Discrete, Drive, Evaluator, Given, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS,
-    Model, Motion, Reactions, Scale, Scratch, Shown, StateSpace, StepError, Support, Transition,
+    CommunicationStep, Discrete, Drive, EffortColumn, Efforts, Evaluator, Given, Integration,
+    MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Model, Motion, Reactions, Scale, Scratch, Shown, StateSpace,
+    StepError, Support, Transition,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
 };
 pub use surrogate::Surrogate;

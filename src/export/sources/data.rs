@@ -1,12 +1,13 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    BuiltIn, Cover, Encoding, Evaluator, Input, Map, Metadata, Model, Quantity, Role, ScaledNetwork, Scaling, State,
-    Surrogate, Variability, Variable, graph::Graph,
+    BuiltIn, Cover, Encoding, Evaluator, Input, Map, Metadata, Model, Motion, Quantity, Role, ScaledNetwork, Scaling,
+    State, Surrogate, Variability, Variable, graph::Graph,
 };
 use std::fmt::Write;
 
 mod discrete;
+mod efforts;
 mod functions;
 mod graph;
 mod maps;
@@ -113,6 +114,11 @@ impl Part {
     }
 }
 
+/// `model_efforts.h`
+pub(super) fn efforts(motion: &Motion) -> String {
+    efforts::template(motion.dynamics.efforts())
+}
+
 /// The function of another tool in a model, if there is one.
 pub(super) fn graph_of(model: &Model) -> Option<&Graph> {
     let map = match model {
@@ -216,18 +222,19 @@ pub fn source(surrogate: &Surrogate) -> String {
         doubles(&mut text, "const float model_centres", &centres);
     }
     let data = Part::of(surrogate).data;
-    if let Some(reason) = refusal_of_single(surrogate, &data) {
+    let formulas = if let Model::Motion(motion) = surrogate.model() { efforts(motion) } else { String::new() };
+    if let Some(reason) = refusal_of_single(surrogate, &[data.as_str(), &formulas]) {
         push(&mut text, format_args!("\n#ifdef METAFMU_SINGLE\n#error \"{reason}\"\n#endif\n"));
     }
     text + &data
 }
 
 /// Why the model cannot be computed in single precision, if that is so; `data` are its definitions.
-fn refusal_of_single(surrogate: &Surrogate, data: &str) -> Option<String> {
+fn refusal_of_single(surrogate: &Surrogate, data: &[&str]) -> Option<String> {
     let is_beyond = |value: f64| value.is_finite() && (value as f32).is_infinite();
     let of_inputs = surrogate.inputs().iter().flat_map(|input| [input.start, input.min, input.max]);
     let of_states = surrogate.states().iter().flat_map(|state| state.range.unwrap_or_default());
-    if data.contains(BEYOND_SINGLE.trim_end()) || of_inputs.chain(of_states).any(is_beyond) {
+    if data.iter().any(|text| text.contains(BEYOND_SINGLE.trim_end())) || of_inputs.chain(of_states).any(is_beyond) {
         return Some("METAFMU_SINGLE: the model has numbers, or ranges, that single precision has not".into());
     }
     let rounding = 0.5 * f64::from(f32::EPSILON) * largest_sum(surrogate);

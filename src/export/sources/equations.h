@@ -54,18 +54,44 @@ static NUMBER OF(velocity_term)(const NUMBER gradient[], size_t i, size_t j, siz
     return OF(difference)(changed, half);
 }
 
+#include "model_efforts.h"
+
+/* The efforts at the columns, once the law was computed. */
+static void OF(act)(const NUMBER columns[COLUMN_COUNT], WORK *work)
+{
+    const size_t n = COORDINATE_COUNT;
+    const NUMBER *q = columns + INPUT_COUNT;
+    const NUMBER *v = q + COORDINATE_COUNT;
+    const size_t positions = EFFORT_POSITIONS;
+    for (size_t i = 0; i < positions; i++) {
+        NUMBER position = work->law[LAW_POSITIONS + i];
+        NUMBER rate = OF(constant)(R(0.0));
+        for (size_t k = 0; k < n; k++) {
+            const Real winding = model_effort_windings[i * n + k];
+            const NUMBER slope = work->gradient[(LAW_POSITIONS + i) * n + k];
+            position = OF(sum)(position, OF(scaled)(q[k], winding));
+            rate = OF(sum)(rate, OF(product)(OF(sum)(slope, OF(constant)(winding)), v[k]));
+        }
+        work->effort_positions[i] = position;
+        work->effort_rates[i] = rate;
+    }
+    OF(efforts)(columns, columns + FIRST_DRIVEN, work->effort_positions, work->effort_rates, work->efforts);
+}
+
 /* The accelerations at the columns. */
 static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
 {
     const size_t n = COORDINATE_COUNT;
     const NUMBER *v = columns + INPUT_COUNT + COORDINATE_COUNT;
     const NUMBER *law = work->law;
+    const size_t efforts = EFFORT_COUNT;
     const NUMBER *gradient = work->gradient;
     for (size_t i = 0; i < DICTIONARY_COLUMNS; i++) {
         work->columns[i] = i < n ? columns[INPUT_COUNT + i] : columns[i - n];
     }
     OF(dictionary)(&model_law, work->columns, work->law, work->gradient, n, work->atoms, work->slopes);
     OF(add_network)(&model_law_network, work->columns, work->law, work->gradient, n, work->network);
+    OF(act)(columns, work);
     for (size_t i = 0; i < n; i++) {
         /* inertia and potential do not act on what is prescribed */
         const size_t inertial = model_prescribed[i] ? 0 : n;
@@ -80,9 +106,8 @@ static void OF(accelerate)(const NUMBER columns[COLUMN_COUNT], WORK *work)
                 side = OF(difference)(side, OF(product)(term, v[k]));
             }
         }
-        for (size_t u = FIRST_DRIVEN; u < INPUT_COUNT; u++) {
-            const size_t at = LAW_INPUTS + i * (INPUT_COUNT - FIRST_DRIVEN) + (u - FIRST_DRIVEN);
-            side = OF(sum)(side, OF(product)(law[at], columns[u]));
+        for (size_t k = 0; k < efforts; k++) {
+            side = OF(sum)(side, OF(product)(law[LAW_EFFORTS + i * EFFORT_COUNT + k], work->efforts[k]));
         }
         work->accelerations[i] = side;
     }
@@ -123,9 +148,9 @@ static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const NUMBER 
     return OF(scaled)(energy, R(0.5));
 }
 
-/* A reaction from its functions, with velocities, the columns of the inputs and accelerations. */
+/* A reaction from its functions, with velocities, efforts and accelerations. */
 static NUMBER OF(reaction)(const NUMBER functions[REACTION_COUNT], const NUMBER v[COORDINATE_COUNT],
-                           const NUMBER columns[COLUMN_COUNT], const NUMBER a[COORDINATE_COUNT])
+                           const NUMBER efforts[EFFORT_SIZE], const NUMBER a[COORDINATE_COUNT])
 {
     NUMBER force = functions[REACTION_REST];
     for (size_t i = 0; i < COORDINATE_COUNT; i++) {
@@ -136,8 +161,9 @@ static NUMBER OF(reaction)(const NUMBER functions[REACTION_COUNT], const NUMBER 
             force = OF(sum)(force, OF(product)(term, v[j]));
         }
     }
-    for (size_t u = FIRST_DRIVEN; u < INPUT_COUNT; u++) {
-        force = OF(sum)(force, OF(product)(functions[REACTION_INPUTS + u - FIRST_DRIVEN], columns[u]));
+    const size_t count = EFFORT_COUNT;
+    for (size_t k = 0; k < count; k++) {
+        force = OF(sum)(force, OF(product)(functions[REACTION_EFFORTS + k], efforts[k]));
     }
     return force;
 }
@@ -184,7 +210,7 @@ static void OF(respond)(WORK *work)
             break;
         case SHOWN_REACTION:
             work->results[i] =
-                OF(reaction)(&work->reactions[which * REACTION_COUNT], v, work->point, work->accelerations);
+                OF(reaction)(&work->reactions[which * REACTION_COUNT], v, work->efforts, work->accelerations);
             break;
         }
     }

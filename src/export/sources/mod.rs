@@ -25,6 +25,7 @@ pub const FOLDER: &str = "sources";
 /// Generated files.
 const DATA_HEADER: &str = "model_data.h";
 const DATA: &str = "model_data.c";
+const EFFORTS: &str = "model_efforts.h";
 
 /// Name and content of the files that do not depend on the surrogate and the version.
 const COMMON: [(&str, &str); 6] = [
@@ -78,8 +79,9 @@ const STATES: [(&str, &str); 3] = [
     ("states.h", include_str!("states.h")),
 ];
 
-const MOTION: [(&str, &str); 3] = [
+const MOTION: [(&str, &str); 4] = [
     ("equations.h", include_str!("equations.h")),
+    ("formulas.h", include_str!("formulas.h")),
     ("motion.c", include_str!("motion.c")),
     ("motion.h", include_str!("motion.h")),
 ];
@@ -110,6 +112,9 @@ pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Ve
         fixed(surrogate, version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
     files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, identifier).into_bytes()));
     files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate).into_bytes()));
+    if let Model::Motion(motion) = surrogate.model() {
+        files.push((format!("{FOLDER}/{EFFORTS}"), data::efforts(motion).into_bytes()));
+    }
     if version == FmiVersion::V3 {
         let description = build_description(&compiled(surrogate, version), identifier);
         files.push((format!("{FOLDER}/buildDescription.xml"), description.into_bytes()));

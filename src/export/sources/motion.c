@@ -7,9 +7,9 @@
  *
  *     S (6 E + 172 n + 30 m + 24) + E + 4 n + 5 m + 3
  *
- * with n coordinates, m inputs, S = ceil(size of the step / model_solver_step) steps of four or six stages, and
+ * with n coordinates, m inputs, e efforts, S = ceil(size of the step / model_solver_step) steps of four or six stages, and
  *
- *     E = L + N + n (1 + 2 n + 5 n^2 + 2 m) + n (n + 1) (2 n + 1) / 6 + n (2 n - 1)
+ *     E = L + N + A + n (1 + 2 n + 5 n^2 + 2 e) + n (n + 1) (2 n + 1) / 6 + n (2 n - 1)
  *
  * for a stage, which evaluates the law with its gradient, forms the right-hand side, factorises the mass matrix and
  * substitutes. The law takes, in L,
@@ -18,6 +18,7 @@
  *     3 k + 2    for a column with the powers up to k > 0,
  *     f + 2 c + g (f - 1 + 2 c)    for a product of f factors, g of them of coordinates, in c functions.
  *
+ * Efforts take, in A, 5 n for a position with its rate, and 1 for an operation of a formula, besides its functions.
  * Networks take, in N, with d = n derivatives in the law and none in the forces,
  *
  *     2 + d                for a column, besides a sine and a cosine of an angle,
@@ -92,7 +93,7 @@ static size_t entry(size_t i, size_t j)
 
 bool model_goes_around(size_t state)
 {
-    return state < COORDINATE_COUNT && model_law.columns[state].angle;
+    return state < COORDINATE_COUNT && model_law.columns[state].angle && model_periodic[state];
 }
 
 double model_turned(size_t result, const double turns[COLUMN_COUNT])

@@ -462,6 +462,7 @@ fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
     compare(&example::crane(), [1.0, 1.0], &["-O3", "-march=native"]);
     compare(&example::crane_with_networks(), [10.0, 1.0], &SANITIZERS);
     compare(&example::crane_with_reactions(), [1.0, 1.0], &SANITIZERS);
+    compare(&example::crane_with_efforts(), [1.0, 1.0], &SANITIZERS);
     compare(&example::with_prescribed_trolley(&example::crane_with_reactions()), [1.0, 1.0], &SANITIZERS);
     compare(&example::with_prescribed_trolley(&example::crane_with_networks()), [10.0, 1.0], &SANITIZERS);
     // no position, no input
@@ -735,6 +736,7 @@ fn in_single_precision_results_and_derivatives_are_those_of_the_evaluator_but_fo
         example::crane(),
         example::crane_with_networks(),
         example::crane_with_reactions(),
+        example::crane_with_efforts(),
         pushed_by_nothing(),
         example::oscillator(Some(example::residual_network())),
         turning(Activation::Gelu),
@@ -846,6 +848,7 @@ fn in_single_precision_nothing_is_computed_in_double_precision_but_times_turns_a
         graph(&example),
         example::crane_with_networks(),
         example::crane_with_reactions(),
+        example::crane_with_efforts(),
         turning(Activation::Gelu),
         example::oscillator_by_graph(),
         example::recorded(),

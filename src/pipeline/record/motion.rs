@@ -17,10 +17,6 @@ pub struct MotionRecord {
     /// Of the forces of joints and springs among the outputs, which have a dictionary of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reactions: Option<ReactionRecord>,
-    /// Of forces that are not linear in the velocities, which a network gives: root mean square error at unseen states, relative to their
-    /// standard deviation.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub force_error: Option<f64>,
     /// The ways to learn the equations that were compared, the best first; none if the dictionary is exact.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub candidates: Vec<Candidate>,
@@ -95,15 +91,12 @@ impl MotionRecord {
     /// How it went, in words.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { harmonics, powers, products: [equations, positions], error, solver, .. } = self;
-        let Self { candidates, exported, reactions, force_error, .. } = self;
+        let Self { candidates, exported, reactions, .. } = self;
         let reactions = reactions.as_ref().map_or(String::new(), |ReactionRecord { harmonics, powers, products, error }| {
             format!(
                 "; forces of joints, drivers and springs: harmonics up to {harmonics}, powers up to {powers}, {products} products, error \
                  {error:.1e}"
             )
-        });
-        let forces = force_error.map_or(String::new(), |error| {
-            format!("; a network for forces that are not linear in the velocities, error {error:.1e} at unseen states")
         });
         let compared = match candidates.as_slice() {
             [] => String::new(),
@@ -113,7 +106,7 @@ impl MotionRecord {
         };
         format!(
             "least squares: harmonics up to {harmonics}, powers up to {powers}, {equations} products in the equations and {positions} \
-             in positions, error {error:.1e} at unseen configurations{reactions}{forces}{compared}; {}",
+             in positions, error {error:.1e} at unseen configurations{reactions}{compared}; {}",
             solver.describe()
         )
     }

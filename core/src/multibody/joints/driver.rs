@@ -2,7 +2,7 @@
 //! constraint of positions ([`Prescribed`](crate::multibody::model::Prescribed)).
 
 use super::{Coordinate, Measure, Measures};
-use crate::multibody::constraint::{Formula, Target};
+use crate::multibody::constraint::{BoundExpression, Target};
 
 /// Holds one coordinate at a motion.
 #[derive(Clone, Debug)]
@@ -10,7 +10,7 @@ pub struct Driver {
     /// The coordinate.
     pub coordinate: Coordinate,
     /// Its value, of `time` alone.
-    pub motion: Formula,
+    pub motion: BoundExpression,
 }
 
 impl Driver {

@@ -4,9 +4,10 @@ use super::{Tensor, Views, bytes, elements, of_one, take, unstacked};
 use crate::{
     Activation, FormatError,
     dictionary::{Dictionary, Factor, Term},
+    formula::{ElementaryFunction, Formula, FormulaStep},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
     map::{expect_finite, expect_shape},
-    model::{Integration, Motion, Reactions, Shown, dynamics::Dynamics},
+    model::{Efforts, Integration, Motion, Reactions, Shown, dynamics::Dynamics},
 };
 use safetensors::Dtype;
 
@@ -35,6 +36,7 @@ impl Motion {
             tensors.extend(of_dictionary(name, law.dictionary()));
             tensors.extend(law.network().into_iter().flat_map(|network| of_network(name, network)));
         }
+        tensors.extend(of_efforts(dynamics.efforts()));
         let prescribed =
             (0..).zip(dynamics.prescribed()).filter_map(|(row, is_prescribed)| is_prescribed.then_some(row));
         let prescribed: Vec<u32> = prescribed.collect();
@@ -55,9 +57,8 @@ impl Motion {
         let positions = self::law(tensors, "positions", &factors)?;
         let forces = network(tensors, "forces")?;
         let coordinates = winding_shape[1];
-        // from the number of functions, which has a part for each input
-        let own = Dynamics::functions(coordinates, 0);
-        let inputs = law.dictionary().outputs().saturating_sub(own).checked_div(coordinates).unwrap_or(0);
+        let efforts = efforts(tensors, factors.len().saturating_sub(coordinates), coordinates)?;
+        let count = efforts.count();
         expect_shape("positions.windings", &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
         let shown = take(tensors, "outputs.shown", Dtype::U32, 2)?;
         expect_shape("outputs.shown", &shown.shape()[1..], &[2])?;
@@ -80,12 +81,75 @@ impl Motion {
             false => Vec::new(),
         };
         let prescribed: Vec<usize> = prescribed.into_iter().map(|row| row as usize).collect();
-        let dynamics = Dynamics::new(coordinates, inputs, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
+        let dynamics = Dynamics::with_efforts(efforts, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
         let has_reactions = tensors.keys().any(|name| name.starts_with("reactions."));
         let reactions = has_reactions.then(|| dictionary(tensors, "reactions", &factors)).transpose()?;
-        let reactions = reactions.map(|functions| Reactions::new(coordinates, inputs, functions)).transpose()?;
+        let reactions = reactions.map(|functions| Reactions::new(coordinates, count, functions)).transpose()?;
         Ok(Self { dynamics, positions, windings, reactions, outputs, integration })
     }
+}
+
+/// Formulas of efforts, and what their columns are.
+fn of_efforts(efforts: &Efforts) -> [Tensor; 4] {
+    let (mut steps, mut constants) = (Vec::new(), Vec::new());
+    for step in efforts.formulas().iter().flat_map(Formula::steps) {
+        steps.extend(match *step {
+            FormulaStep::Constant(value) => {
+                constants.push(value);
+                [0, constants.len() as u32 - 1]
+            }
+            FormulaStep::Column(column) => [1, column as u32],
+            FormulaStep::Call(function) => [2, function as u32],
+            operation => [3 + OPERATIONS.iter().position(|known| *known == operation).unwrap_or(0) as u32, 0],
+        });
+    }
+    let whole = |what: &str, shape: Vec<usize>, values: &[u32]| -> Tensor {
+        (format!("efforts.{what}"), Dtype::U32, shape, bytes(values, u32::to_le_bytes))
+    };
+    let [_, inputs, coordinates] = efforts.counts();
+    [
+        whole("inputs", vec![1], &[inputs as u32]),
+        double("efforts.windings", &[efforts.positions(), coordinates], efforts.windings()),
+        whole("steps", vec![steps.len() / 2, 2], &steps),
+        double("efforts.constants", &[constants.len()], &constants),
+    ]
+}
+
+/// In the order of their numbers in the file, from 3.
+const OPERATIONS: [FormulaStep; 6] = [
+    FormulaStep::Negate,
+    FormulaStep::Add,
+    FormulaStep::Subtract,
+    FormulaStep::Multiply,
+    FormulaStep::Divide,
+    FormulaStep::Power,
+];
+
+/// The inverse of [`of_efforts`].
+fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
+    let inputs = take(tensors, "efforts.inputs", Dtype::U32, 1)?;
+    expect_shape("efforts.inputs", inputs.shape(), &[1])?;
+    let inputs = elements(inputs.data(), u32::from_le_bytes)[0] as usize;
+    let (windings, shape) = doubles(tensors, "efforts.windings", 2)?;
+    expect_shape("efforts.windings", &shape[1..], &[coordinates])?;
+    let (constants, _) = doubles(tensors, "efforts.constants", 1)?;
+    let steps = take(tensors, "efforts.steps", Dtype::U32, 2)?;
+    expect_shape("efforts.steps", &steps.shape()[1..], &[2])?;
+    let steps = elements(steps.data(), u32::from_le_bytes);
+    let step = |(index, &[kind, argument]): (usize, &[u32; 2])| {
+        let at = argument as usize;
+        let known = match kind {
+            0 => constants.get(at).map(|value| FormulaStep::Constant(*value)),
+            1 => Some(FormulaStep::Column(at)),
+            2 => ElementaryFunction::ALL.get(at).map(|function| FormulaStep::Call(*function)),
+            _ => OPERATIONS.get(kind as usize - 3).copied(),
+        };
+        let (name, found) = ("efforts.steps".into(), if kind > 2 { kind } else { argument });
+        known.ok_or(FormatError::Unknown { name, index: 2 * index + usize::from(kind <= 2), found })
+    };
+    let steps = steps.as_chunks::<2>().0.iter().enumerate().map(step).collect::<Result<Vec<_>, _>>()?;
+    let formulas = Formula::one_after_the_other(&steps)?;
+    Efforts::new([parameters, inputs, coordinates], windings, formulas)
 }
 
 /// A network that adds to functions: the tensors of a network, and what its columns, outputs and activations are.

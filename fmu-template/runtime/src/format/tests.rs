@@ -342,8 +342,8 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
         (r#"\"time_step\":0.01,"#, "", "missing field `time_step`"),
         (r#"\"time_step\""#, r#"\"colour\":1,\"time_step\""#, "unknown field `colour`"),
         (r#"\"tanh\""#, r#"\"softmax\""#, "unknown variant `softmax`"),
-        (r#"\"format\":2"#, r#"\"format\":1"#, "format 1, expected 2: an older metafmu wrote it; make it again"),
-        (r#"\"format\":2"#, r#"\"format\":3"#, "format 3, expected 2: a newer metafmu wrote it; use that one"),
+        (r#"\"format\":3"#, r#"\"format\":1"#, "format 1, expected 3: an older metafmu wrote it; make it again"),
+        (r#"\"format\":3"#, r#"\"format\":4"#, "format 4, expected 3: a newer metafmu wrote it; use that one"),
         (r#"\"model\":"#, r#"\"module\":"#, "the field `model` is missing"),
         (r#"\"response\""#, r#"\"impulse\""#, "unknown variant `impulse`"),
         (r#"\"identity\"]"#, r#"\"identity\",\"tanh\"]"#, "tensor `outputs.layers.2.weight` is missing"),
@@ -514,7 +514,13 @@ fn crane_with(change: impl Fn(&mut Motion)) -> String {
 #[test]
 fn a_motion_survives_the_round_trip_with_and_without_networks() {
     let moved = example::with_prescribed_trolley(&example::crane());
-    for surrogate in [example::crane(), moved, example::crane_with_networks(), example::crane_with_reactions()] {
+    for surrogate in [
+        example::crane(),
+        moved,
+        example::crane_with_networks(),
+        example::crane_with_reactions(),
+        example::crane_with_efforts(),
+    ] {
         let surrogate = surrogate.sealed().unwrap();
         let bytes = surrogate.to_bytes().unwrap();
         assert_eq!(Surrogate::from_bytes(&bytes).unwrap(), surrogate);
@@ -558,6 +564,32 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
     ] {
         let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
         assert!(found.contains(expected), "{found}");
+    }
+}
+
+#[test]
+fn efforts_that_make_no_sense_are_refused() {
+    let bytes = example::crane_with_efforts().to_bytes().unwrap();
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    for (tensor, element, value, expected) in [
+        ("efforts.steps", 1, 77, "tensor `efforts.steps`, element 0: 77, expected less than 8"),
+        ("efforts.steps", 0, 9, "tensor `efforts.steps`, element 0: 9 is not known"),
+        ("efforts.steps", 3, 900, "tensor `efforts.steps`, element 3: 900 is not known"),
+        ("efforts.steps", 0, 4, "formula, step 0: 0 values, expected 2"),
+        ("efforts.inputs", 0, 2, "tensor `inputs` has shape [1, 4, 1, 0], expected [1, 4, 2, 0]"),
+        (
+            "efforts.inputs",
+            0,
+            4_000_000_000,
+            "tensor `efforts.inputs`, element 0: 4000000000, expected less than 65536",
+        ),
+    ] {
+        let mut damaged = bytes.clone();
+        let offset = header[tensor]["data_offsets"][0].as_u64().unwrap() as usize + 4 * element;
+        damaged[8 + length + offset..][..4].copy_from_slice(&u32::to_le_bytes(value));
+        let found = Surrogate::from_bytes(&damaged).unwrap_err().to_string();
+        assert_eq!(found, expected, "{tensor} {element}");
     }
 }
 

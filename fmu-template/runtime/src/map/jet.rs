@@ -1,6 +1,6 @@
 //! Numbers that carry their derivatives: a formula written once gives values and exact derivatives along a curve.
 
-use super::activation;
+use super::{activation, formula::ElementaryFunction};
 use crate::simd;
 use std::ops::{Add, Mul, Sub};
 
@@ -17,6 +17,10 @@ pub(crate) trait Number:
     fn exp(self) -> Self;
     fn sin_cos(self) -> (Self, Self);
     fn recip(self) -> Self;
+    /// A function of it, correctly where its derivatives are infinite and nothing changes.
+    fn apply(self, function: ElementaryFunction) -> Self;
+    fn divided_by(self, other: Self) -> Self;
+    fn power(self, exponent: Self) -> Self;
     fn tanh<const SIMD: u8>(self) -> Self;
     /// Plus `a` times `b`.
     fn add_product<const SIMD: u8>(self, a: Self, b: Self) -> Self;
@@ -26,10 +30,13 @@ pub(crate) trait Number:
 
 /// A value with its first and second derivative along a curve.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(crate) struct Jet<T = f64> {
-    pub(crate) value: T,
-    pub(crate) first: T,
-    pub(crate) second: T,
+pub struct Jet<T = f64> {
+    /// `f`
+    pub value: T,
+    /// `df/dt`
+    pub first: T,
+    /// `d²f/dt²`
+    pub second: T,
 }
 
 impl Number for f64 {
@@ -53,6 +60,18 @@ impl Number for f64 {
 
     fn recip(self) -> Self {
         self.recip()
+    }
+
+    fn apply(self, function: ElementaryFunction) -> Self {
+        function.value(self)
+    }
+
+    fn divided_by(self, other: Self) -> Self {
+        self / other
+    }
+
+    fn power(self, exponent: Self) -> Self {
+        self.powf(exponent)
     }
 
     #[inline(always)]
@@ -104,6 +123,33 @@ impl<T: Number> Number for Jet<T> {
         Self { value, first: slope * first, second: slope * (second - (value * first * first).scaled(2.0)) }
     }
 
+    #[inline(never)]
+    fn apply(self, function: ElementaryFunction) -> Self {
+        let value = self.value.apply(function);
+        chain(self, value, function.derivatives(self.value, value))
+    }
+
+    #[inline(never)]
+    fn divided_by(self, other: Self) -> Self {
+        let x = other.value;
+        let inverse = chain(other, x.recip(), [(x * x).recip().scaled(-1.0), (x * x * x).recip().scaled(2.0)]);
+        // value by value, so that 1/3 is the double nearest to a third
+        Self { value: self.value.divided_by(x), ..self * inverse }
+    }
+
+    #[inline(never)]
+    fn power(self, exponent: Self) -> Self {
+        let (zero, value) = (T::from(0.0), self.value.power(exponent.value));
+        if exponent.first != zero || exponent.second != zero {
+            return chain(exponent * self.apply(ElementaryFunction::Ln), value, [value; 2]);
+        }
+        let (x, p) = (self.value, exponent.value);
+        let less = |by: f64| p - T::from(by);
+        // 0 * 0^-1 is zero here: the derivative of a constant
+        let term = |factor: T, power: T| if factor == zero { zero } else { factor * x.power(power) };
+        chain(self, value, [term(p, less(1.0)), term(p * less(1.0), less(2.0))])
+    }
+
     #[inline(always)]
     fn tanh<const SIMD: u8>(self) -> Self {
         let value = self.value.tanh::<SIMD>();
@@ -125,6 +171,15 @@ impl<T: Number> Number for Jet<T> {
             second: self.second.add_scaled::<SIMD>(x.second, by),
         }
     }
+}
+
+/// A function of a series by the chain rule, from its value and its derivatives.
+fn chain<T: Number>(x: Jet<T>, value: T, [slope, change]: [T; 2]) -> Jet<T> {
+    // what does not change has no derivative, even where that of the function is infinite, as of sqrt at 0
+    let zero = T::from(0.0);
+    let term = |slope: T, change: T| if change == zero { zero } else { slope * change };
+    let second = term(change, x.first * x.first) + term(slope, x.second);
+    Jet { value, first: term(slope, x.first), second }
 }
 
 impl<T: Number> From<f64> for Jet<T> {

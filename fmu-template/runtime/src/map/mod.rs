@@ -3,6 +3,7 @@
 pub(crate) mod activation;
 pub mod dictionary;
 mod evaluate;
+pub mod formula;
 pub mod graph;
 pub(crate) mod jet;
 pub mod law;

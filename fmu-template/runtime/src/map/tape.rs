@@ -1,12 +1,12 @@
-//! Formulas as a list of multiplications and additions: what is zero everywhere is no part of it, what occurs twice is computed once, and what
+//! Equations as a list of multiplications and additions, and of the functions in formulas: what is zero everywhere is no part of it, what occurs twice is computed once, and what
 //! follows from held inputs alone is computed when they have changed.
 
-use super::jet::Number;
+use super::{formula::ElementaryFunction, jet::Number};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{AVX2, AVX512};
 use crate::simd::{PORTABLE, Simd};
 use std::{
-    collections::HashMap,
+    collections::{BTreeMap, HashMap},
     hash::{BuildHasherDefault, Hasher},
     ops::Range,
 };
@@ -60,6 +60,12 @@ enum Operation {
     Products { a: Register, b: Register, count: u32, c: Register, to: Register },
     /// `to = 1 / of`, NaN where `of` is not positive.
     Reciprocal { of: Register, to: Register },
+    /// `to = f(of)`
+    Call { function: ElementaryFunction, of: Register, to: Register },
+    /// `to = a / b`
+    Quotient { a: Register, b: Register, to: Register },
+    /// `to = a^b`
+    Power { a: Register, b: Register, to: Register },
 }
 
 /// Working memory of a [`Tape`].
@@ -158,6 +164,15 @@ impl Tape {
                         let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
                         registers[to.index()] = value.recip();
                     }
+                    Operation::Call { function, of, to } => {
+                        registers[to.index()] = registers[of.index()].apply(function);
+                    }
+                    Operation::Quotient { a, b, to } => {
+                        registers[to.index()] = registers[a.index()].divided_by(registers[b.index()]);
+                    }
+                    Operation::Power { a, b, to } => {
+                        registers[to.index()] = registers[a.index()].power(registers[b.index()]);
+                    }
                 }
             }
         }
@@ -239,6 +254,8 @@ enum Known {
 const LONG: usize = 8;
 /// Zeros with which two runs of numbers become one.
 const LARGEST_GAP: u32 = 3;
+/// Largest power that is a product.
+const LARGEST_POWER: f64 = 4.0;
 
 /// Writes a [`Tape`].
 #[derive(Debug)]
@@ -248,6 +265,7 @@ pub(crate) struct TapeBuilder {
     known: Vec<Known>,
     constants: HashMap<u64, Register, Quick>,
     products: HashMap<[u32; 3], Register, Quick>,
+    calls: BTreeMap<(ElementaryFunction, Register), Register>,
     tape: Tape,
 }
 
@@ -261,6 +279,7 @@ impl TapeBuilder {
             known: (0..inputs).map(known).collect(),
             constants: HashMap::default(),
             products: HashMap::default(),
+            calls: BTreeMap::new(),
             tape: Tape { held: held.clone(), ..Tape::default() },
         };
         builder.zero = builder.constant(0.0);
@@ -355,7 +374,7 @@ impl TapeBuilder {
         self.add_product(c, minus_a, b)
     }
 
-    fn negative(&mut self, a: Register) -> Register {
+    pub(crate) fn negative(&mut self, a: Register) -> Register {
         let minus_one = self.constant(-1.0);
         self.product(a, minus_one)
     }
@@ -366,6 +385,55 @@ impl TapeBuilder {
         let to = self.reserve(known);
         self.part(known).operations.push(Operation::Reciprocal { of, to });
         to
+    }
+
+    /// A function of a number.
+    pub(crate) fn call(&mut self, function: ElementaryFunction, of: Register) -> Register {
+        if let Some(value) = self.value(of) {
+            return self.constant(function.value(value));
+        }
+        if let Some(known) = self.calls.get(&(function, of)) {
+            return *known;
+        }
+        let known = self.follows(&[of]);
+        let to = self.reserve(known);
+        self.calls.insert((function, of), to);
+        self.part(known).operations.push(Operation::Call { function, of, to });
+        to
+    }
+
+    /// `a / b`
+    pub(crate) fn quotient(&mut self, a: Register, b: Register) -> Register {
+        match [a, b].map(|register| self.value(register)) {
+            [Some(a), Some(b)] => self.constant(a / b),
+            [_, Some(b)] => {
+                let inverse = self.constant(b.recip());
+                self.product(a, inverse)
+            }
+            _ => {
+                let known = self.follows(&[a, b]);
+                let to = self.reserve(known);
+                self.part(known).operations.push(Operation::Quotient { a, b, to });
+                to
+            }
+        }
+    }
+
+    /// `a^b`
+    pub(crate) fn power(&mut self, a: Register, b: Register) -> Register {
+        match [a, b].map(|register| self.value(register)) {
+            [Some(a), Some(b)] => self.constant(a.powf(b)),
+            [_, Some(0.5)] => self.call(ElementaryFunction::Sqrt, a),
+            [_, Some(whole)] if whole.fract() == 0.0 && (1.0..=LARGEST_POWER).contains(&whole) => {
+                (1..whole as u32).fold(a, |power, _| self.product(power, a))
+            }
+            _ => {
+                let known = self.follows(&[a, b]);
+                let to = self.reserve(known);
+                self.part(known).operations.push(Operation::Power { a, b, to });
+                to
+            }
+        }
     }
 
     /// Cosines of 1, 2, ... times an angle, so many of them, and after them the sines.

@@ -3,21 +3,22 @@
 //!
 //! ```text
 //! qd = v
-//! M(q, p) vd + h = -dV/dq + F(q, p) - D(q, p) v + B(q, p) u
+//! M(q, p) vd + h = -dV/dq + F(q, p) - D(q, p) v + B(q, p) e
 //! h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
 //! ```
 //!
-//! `h` has the exact derivatives of `M`, so that without `F`, `D` and `u` the energy `v^T M v / 2 + V` is conserved whatever the
-//! functions are. No velocity enters what was learned, so that none is ever extrapolated, unless forces are of another form, as
-//! friction is: a network of `(q, p, v, u)` then adds to the right side.
+//! The [efforts](Efforts) `e` are the inputs `u`, or formulas of them and of the motion, as friction is. `h` has the exact derivatives of
+//! `M`, so that without `F`, `D` and `e` the energy `v^T M v / 2 + V` is conserved whatever the functions are. No velocity enters what
+//! was learned, so that none is ever extrapolated, unless a network of `(q, p, v, u)` adds to the right side.
 //!
 //! Drivers may prescribe accelerations, of the coordinates `d`; the others, `f`, follow:
 //!
 //! ```text
-//! vd_d = F_d - D_d v + B_d u
-//! M_ff vd_f + h_f = -dV/dq_f + F_f - D_f v + B_f u - M_fd vd_d
+//! vd_d = F_d - D_d v + B_d e
+//! M_ff vd_f + h_f = -dV/dq_f + F_f - D_f v + B_f e - M_fd vd_d
 //! ```
 
+use super::efforts::Efforts;
 use crate::{
     FormatError,
     map::{
@@ -33,10 +34,10 @@ use std::ops::Range;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dynamics {
     coordinates: usize,
-    inputs: usize,
-    /// From `(q, p)` to the lower triangle of `M` row by row, `V`, `F`, `D` row by row and `B` row by row.
+    efforts: Efforts,
+    /// From `(q, p)` to the lower triangle of `M` row by row, `V`, the positions in the efforts, `F`, `D` row by row and `B` row by row.
     law: Law,
-    /// From `(q, p, v, u)` to forces that are of another form.
+    /// From `(q, p, v, u)` to further forces.
     forces: Option<NetworkTerm>,
     /// Whether the acceleration of each coordinate is prescribed.
     prescribed: Vec<bool>,
@@ -52,6 +53,7 @@ struct Written {
     given: Vec<Given>,
     /// The lower triangle of `M` row by row, and `V`.
     energies: Vec<Register>,
+    efforts: Vec<Register>,
     accelerations: Vec<Register>,
 }
 
@@ -85,7 +87,8 @@ pub(super) struct Work<T> {
     force_columns: Vec<T>,
     forces: Vec<T>,
     of_forces: Option<TermWork<T>>,
-    /// The result.
+    /// The results.
+    pub(super) efforts: Vec<T>,
     pub(super) accelerations: Vec<T>,
 }
 
@@ -103,30 +106,42 @@ pub struct Point<'a> {
 }
 
 impl Dynamics {
-    /// Number of functions that the law gives for `n` coordinates and `m` inputs.
-    pub fn functions(coordinates: usize, inputs: usize) -> usize {
+    /// Number of functions that the law gives for `n` coordinates and so many efforts, besides positions in formulas.
+    pub fn functions(coordinates: usize, efforts: usize) -> usize {
         let n = coordinates;
-        n * (n + 1) / 2 + 1 + n + n * n + n * inputs
+        n * (n + 1) / 2 + 1 + n + n * n + n * efforts
     }
 
-    /// The equations from a law of `(q, p)`; see the module for the order of what it gives.
+    /// The equations from a law of `(q, p)`, whose efforts are the inputs; see the module for the order of what it gives.
     ///
     /// # Errors
     /// [`FormatError`] if the law has another number of outputs, or fewer columns than coordinates.
     pub fn new(coordinates: usize, inputs: usize, law: impl Into<Law>) -> Result<Self, FormatError> {
         let law: Law = law.into();
+        let parameters = law.dictionary().columns().saturating_sub(coordinates);
+        Self::with_efforts(Efforts::of_inputs([parameters, inputs, coordinates]), law)
+    }
+
+    /// The equations from a law of `(q, p)`; see the module for the order of what it gives.
+    ///
+    /// # Errors
+    /// [`FormatError`] if the law has another number of outputs or columns than the efforts need, or there are no coordinates.
+    pub fn with_efforts(efforts: Efforts, law: impl Into<Law>) -> Result<Self, FormatError> {
+        let law: Law = law.into();
+        let [parameters, _, coordinates] = efforts.counts();
         let dictionary = law.dictionary();
-        expect_shape("law", &[dictionary.outputs()], &[Self::functions(coordinates, inputs)])?;
-        if dictionary.columns() < coordinates || coordinates == 0 {
+        let functions = Self::functions(coordinates, efforts.count()) + efforts.positions();
+        expect_shape("law", &[dictionary.outputs()], &[functions])?;
+        if dictionary.columns() != coordinates + parameters || coordinates == 0 {
             return Err(FormatError::Shape {
                 name: "law".into(),
                 found: vec![dictionary.columns()],
-                expected: vec![coordinates.max(1)],
+                expected: vec![(coordinates + parameters).max(1)],
             });
         }
         let dynamics = Self {
             coordinates,
-            inputs,
+            efforts,
             law,
             forces: None,
             prescribed: vec![false; coordinates],
@@ -138,12 +153,14 @@ impl Dynamics {
 
     /// Writes the equations as they are now.
     fn write(mut self) -> Self {
-        let (n, m, p) = (self.coordinates, self.inputs, self.parameters());
+        let (n, m, p) = (self.coordinates, self.inputs(), self.parameters());
+        let (e, r) = (self.efforts.count(), self.efforts.positions());
         let given = self.given();
         let columns = self.force_columns();
         let mut tape = TapeBuilder::new(columns + given.len(), n..n + p);
         let input = |range: Range<usize>| -> Vec<Register> { range.map(Register::input).collect() };
-        let (v, u) = (input(n + p..2 * n + p), input(2 * n + p..columns));
+        let (q, v) = (input(0..n), input(n + p..2 * n + p));
+        let [parameters, u] = [input(n..n + p), input(2 * n + p..2 * n + p + m)];
         let (zero, one) = (tape.zero, tape.one);
         let share = |wanted: Given| {
             let found = given.iter().position(|given| *given == wanted);
@@ -159,10 +176,27 @@ impl Dynamics {
             tape.add_product(value, share(Given::Slope(index * n + k)), one)
         };
         let potential = n * (n + 1) / 2;
-        let (force, damping) = (potential + 1, potential + 1 + n);
-        let input_map = damping + n * n;
+        let force = potential + 1 + r;
+        let (damping, effort_map) = (force + n, force + n + n * n);
         let energies: Vec<Register> = (0..=potential).map(|index| function(index, &mut tape)).collect();
         let slopes: Vec<Register> = (0..potential * n).map(|index| slope(index / n, index % n, &mut tape)).collect();
+        // positions and their rates
+        let mut motion = [Vec::new(), Vec::new()];
+        for (index, windings) in self.efforts.windings().chunks(n).enumerate() {
+            let (mut value, mut rate) = (function(potential + 1 + index, &mut tape), zero);
+            for (k, winding) in windings.iter().enumerate() {
+                value = tape.add_scaled(value, q[k], *winding);
+                let slope = slope(potential + 1 + index, k, &mut tape);
+                let winding = tape.constant(*winding);
+                let slope = tape.add_product(winding, slope, one);
+                rate = tape.add_product(rate, slope, v[k]);
+            }
+            motion[0].push(value);
+            motion[1].push(rate);
+        }
+        let of_formulas = [parameters, u, motion.concat()].concat();
+        let formulas = self.efforts.formulas().iter();
+        let efforts: Vec<Register> = formulas.map(|formula| formula.write(&of_formulas, &mut tape)).collect();
         let mut sides = Vec::with_capacity(n);
         for i in 0..n {
             let mut side = function(force + i, &mut tape);
@@ -171,9 +205,9 @@ impl Dynamics {
                 let damping = function(damping + i * n + j, &mut tape);
                 side = tape.subtract_product(side, damping, *v);
             }
-            for (j, u) in u.iter().enumerate() {
-                let factor = function(input_map + i * m + j, &mut tape);
-                side = tape.add_product(side, factor, *u);
+            for (j, effort) in efforts.iter().enumerate() {
+                let factor = function(effort_map + i * e + j, &mut tape);
+                side = tape.add_product(side, factor, *effort);
             }
             // inertia and potential do not act on what is prescribed
             if !self.prescribed[i] {
@@ -204,7 +238,7 @@ impl Dynamics {
         for (&i, found) in free.iter().zip(found) {
             sides[i] = found;
         }
-        self.written = Written { given, energies, accelerations: sides, tape: tape.finish() };
+        self.written = Written { given, energies, efforts, accelerations: sides, tape: tape.finish() };
         self
     }
 
@@ -215,7 +249,7 @@ impl Dynamics {
         if let Some(network) = self.law.network() {
             for &function in network.outputs() {
                 given.push(Given::Function(function));
-                if function <= n * (n + 1) / 2 {
+                if function < self.differentiated() {
                     given.extend((0..n).map(|k| Given::Slope(function * n + k)));
                 }
             }
@@ -225,6 +259,12 @@ impl Dynamics {
         }
         given
     }
+
+    /// Number of functions whose derivatives enter the equations: the first ones of the law.
+    fn differentiated(&self) -> usize {
+        self.coordinates * (self.coordinates + 1) / 2 + 1 + self.efforts.positions()
+    }
+
     /// The same with prescribed accelerations of some coordinates.
     ///
     /// # Errors
@@ -259,7 +299,12 @@ impl Dynamics {
 
     /// Number of inputs.
     pub fn inputs(&self) -> usize {
-        self.inputs
+        self.efforts.inputs()
+    }
+
+    /// What acts by known formulas.
+    pub fn efforts(&self) -> &Efforts {
+        &self.efforts
     }
 
     /// Number of parameters.
@@ -272,7 +317,7 @@ impl Dynamics {
         &self.law
     }
 
-    /// What gives forces of another form.
+    /// What gives further forces.
     pub fn forces(&self) -> Option<&NetworkTerm> {
         self.forces.as_ref()
     }
@@ -282,9 +327,11 @@ impl Dynamics {
         &self.prescribed
     }
 
-    /// Whether a function depends on a coordinate or parameter, by its position among both.
+    /// Whether a function or an effort depends on a coordinate or parameter, by its position among both.
     pub fn depends_on(&self, column: usize) -> bool {
-        self.law.depends_on(column) || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
+        self.law.depends_on(column)
+            || self.efforts.depends_on(column)
+            || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
 
     /// Whether a velocity enters otherwise than exactly: the forces' network has it.
@@ -295,23 +342,25 @@ impl Dynamics {
 
     /// Whether an input has an effect.
     pub fn is_driven_by(&self, input: usize) -> bool {
-        let (n, m) = (self.coordinates, self.inputs);
-        let first = Self::functions(n, m) - n * m;
+        let (n, e) = (self.coordinates, self.efforts.count());
+        let first = self.law.dictionary().outputs() - n * e;
         let column = 2 * n + self.parameters() + input;
-        (0..n).any(|row| !self.law.is_zero(first + row * m + input))
+        let acts = |effort: usize| (0..n).any(|row| !self.law.is_zero(first + row * e + effort));
+        (0..e).any(|effort| self.efforts.follows_input(effort, input) && acts(effort))
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
 
     /// Whether nothing but the inputs changes the energy.
     pub fn is_conservative(&self) -> bool {
-        let (n, m) = (self.coordinates, self.inputs);
-        let forces = n * (n + 1) / 2 + 1..Self::functions(n, m) - n * m;
-        self.forces.is_none() && !self.is_driven && forces.into_iter().all(|function| self.law.is_zero(function))
+        let (n, first) = (self.coordinates, self.differentiated());
+        let mut forces = first..first + n + n * n;
+        let is_free = self.forces.is_none() && !self.is_driven && self.efforts.are_inputs();
+        is_free && forces.all(|function| self.law.is_zero(function))
     }
 
     /// Number of columns `(q, p, v, u)`.
     fn force_columns(&self) -> usize {
-        2 * self.coordinates + self.parameters() + self.inputs
+        2 * self.coordinates + self.parameters() + self.inputs()
     }
 
     /// Working memory that fits.
@@ -331,12 +380,12 @@ impl Dynamics {
             columns: vec![T::from(0.0); n + self.parameters()],
             tape: self.written.tape.work(),
             law: zeros(outputs, of_law),
-            // of M and V
-            gradient: zeros((n * (n + 1) / 2 + 1) * n, of_law),
+            gradient: zeros(self.differentiated() * n, of_law),
             of_law: of_law.map(|network| network.work(n, held.clone())),
             force_columns: zeros(self.force_columns(), of_forces),
             forces: zeros(n, of_forces),
             of_forces: of_forces.map(|forces| forces.work(0, held)),
+            efforts: vec![T::from(0.0); self.efforts.count()],
             accelerations: vec![T::from(0.0); n],
         }
     }
@@ -352,6 +401,15 @@ impl Dynamics {
         self.check(point, accelerations);
         self.solve(&|k| v[k], &|k| u[k], work);
         accelerations.copy_from_slice(&work.accelerations);
+    }
+
+    /// The efforts `e` at a state.
+    ///
+    /// # Panics
+    /// As [`Dynamics::accelerations`].
+    pub fn efforts_at(&self, point: Point, scratch: &mut DynamicsScratch) -> Vec<f64> {
+        self.accelerations(point, &mut vec![0.0; self.coordinates], scratch);
+        scratch.plain.efforts.clone()
     }
 
     /// Directional derivative of `vd` along `direction`, exact but for rounding. Does not allocate.
@@ -437,14 +495,15 @@ impl Dynamics {
 
     fn check(&self, Point { q, v, u, p }: Point, accelerations: &[f64]) {
         assert_eq!([q.len(), v.len(), accelerations.len()], [self.coordinates; 3], "number of coordinates");
-        assert_eq!([u.len(), p.len()], [self.inputs, self.parameters()], "number of inputs and parameters");
+        assert_eq!([u.len(), p.len()], [self.inputs(), self.parameters()], "number of inputs and parameters");
     }
 
-    /// `M^-1 (-h - dV/dq + F - D v + B u)` from the columns of the working memory.
+    /// `M^-1 (-h - dV/dq + F - D v + B e)` from the columns of the working memory.
     pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
-        let Work { columns, tape, law, gradient, of_law, force_columns, forces, of_forces, accelerations } = work;
-        let (n, m) = (self.coordinates, self.inputs);
-        let Written { tape: equations, given, accelerations: found, .. } = &self.written;
+        let Work { columns, tape, law, gradient, of_law, force_columns, forces, of_forces, efforts, accelerations } =
+            work;
+        let (n, m) = (self.coordinates, self.inputs());
+        let Written { tape: equations, given, efforts: of_efforts, accelerations: found, .. } = &self.written;
         // the end of a step is where outputs are wanted and the next step begins
         if !tape.set_inputs(columns.iter().copied().chain((0..n).map(v)).chain((0..m).map(u))) {
             return;
@@ -468,6 +527,7 @@ impl Dynamics {
             };
         }
         equations.run(tape);
+        efforts.iter_mut().zip(of_efforts).for_each(|(to, register)| *to = tape.get(*register));
         accelerations.iter_mut().zip(found).for_each(|(to, register)| *to = tape.get(*register));
     }
 }

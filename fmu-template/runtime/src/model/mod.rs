@@ -3,6 +3,7 @@
 mod adjoint;
 pub(crate) mod discrete;
 pub(crate) mod dynamics;
+pub(crate) mod efforts;
 mod evaluator;
 mod maps;
 pub(crate) mod motion;
@@ -16,6 +17,7 @@ use crate::{
     map::{Map, ScaledNetwork, expect_finite, expect_shape},
 };
 pub use discrete::{Discrete, Support, Transition};
+pub use efforts::{EffortColumn, Efforts};
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
 pub use motion::{Motion, Shown};
 pub use reactions::Reactions;

@@ -155,7 +155,7 @@ impl Motion {
         expect_shape("windings", &[self.windings.len()], &[positions.outputs() * layout.coordinates])?;
         expect_finite("windings", self.windings.iter().copied())?;
         if let Some(reactions) = &self.reactions {
-            reactions.check([layout.coordinates, layout.inputs, columns])?;
+            reactions.check([layout.coordinates, self.dynamics.efforts().count(), columns])?;
         }
         for (index, shown) in self.outputs.iter().enumerate() {
             let (found, limit) = match *shown {
@@ -274,9 +274,9 @@ impl PreparedMotion {
         if let Some((reactions, work)) = &mut reactions {
             reactions.compute(&equations.columns, work);
         }
-        let u = &columns[layout.inputs()..layout.states()];
+        let e = equations.efforts.as_slice();
         let reaction = |index: usize| {
-            let known = reactions.as_ref().map(|(reactions, work)| reactions.value(index, [v, u, a], work));
+            let known = reactions.as_ref().map(|(reactions, work)| reactions.value(index, [v, e, a], work));
             known.unwrap_or_else(|| T::from(f64::NAN))
         };
         let (outputs, rates) = results.split_at_mut(self.motion.outputs.len());
@@ -361,6 +361,29 @@ mod tests {
     }
 
     #[test]
+    fn efforts_act_as_their_formulas_say() {
+        let [l, .., force, x, theta, v, omega] = POINT;
+        let (sine, cosine) = theta.sin_cos();
+        let load_rate = v + l * cosine * omega;
+        let friction = force - 0.3 * (20.0 * v).tanh();
+        let wind = -0.2 * load_rate * load_rate.abs() * l * cosine;
+        let y = (x / 10.0).sin();
+        let known = y.asin() + y.acos() - y.tan() + y.atan().exp() + l.ln() * l.sqrt();
+        let motor = known + force / (force.powi(2) + 1.0) + l.powf(theta);
+        let side = [friction + 0.5 * motor - 0.3 * v + l * omega * omega * sine, wind - 9.81 * l * sine];
+        // M = [3, l cos; l cos, l²]
+        let determinant = 3.0 * l * l - l * l * cosine * cosine;
+        let a = (l * l * side[0] - l * cosine * side[1]) / determinant;
+        let alpha = (3.0 * side[1] - l * cosine * side[0]) / determinant;
+        let found = results::<11>(&Evaluator::new(&example::crane_with_efforts()), &POINT);
+        assert!((found[9] - a).abs() < 1e-12 && (found[10] - alpha).abs() < 1e-12, "{found:?} {a} {alpha}");
+        let surrogate = example::crane_with_efforts();
+        let Model::Motion(motion) = surrogate.model() else { panic!("the crane moves") };
+        assert!(!motion.dynamics.is_conservative() && motion.dynamics.is_driven_by(0));
+        assert!((0..3).all(|column| motion.dynamics.depends_on(column)));
+    }
+
+    #[test]
     fn reactions_are_those_of_newton_and_euler() {
         let surrogate = example::crane_with_reactions();
         let evaluator = Evaluator::new(&surrogate);
@@ -392,7 +415,7 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_finite_differences_with_and_without_networks() {
-        for surrogate in [example::crane(), example::crane_with_networks()] {
+        for surrogate in [example::crane(), example::crane_with_networks(), example::crane_with_efforts()] {
             check_derivatives::<11>(&Evaluator::new(&surrogate));
         }
         check_derivatives::<13>(&Evaluator::new(&example::crane_with_reactions()));

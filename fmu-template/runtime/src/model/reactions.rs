@@ -4,11 +4,11 @@
 //! `a` of the coordinates,
 //!
 //! ```text
-//! r = A(q, p) a + sum over i >= j of C_ij(q, p) v_i v_j + D(q, p) v + F(q, p) + B(q, p) u
+//! r = A(q, p) a + sum over i >= j of C_ij(q, p) v_i v_j + D(q, p) v + F(q, p) + B(q, p) e
 //! ```
 //!
-//! whose functions of the configuration are of the same kind as those of the [equations of motion](super::dynamics): of a tree of
-//! joints sums of sines, cosines and powers. The accelerations are those of the equations.
+//! whose functions of the configuration are of the same kind as those of the [equations of motion](super::dynamics), and whose efforts `e`
+//! are theirs: of a tree of joints sums of sines, cosines and powers. The accelerations are those of the equations.
 
 use super::dynamics::Point;
 use crate::{
@@ -21,11 +21,11 @@ use crate::{
     },
 };
 
-/// Forces and moments in a motion with `n` coordinates and `m` inputs.
+/// Forces and moments in a motion with `n` coordinates and so many efforts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reactions {
     coordinates: usize,
-    inputs: usize,
+    efforts: usize,
     /// From `(q, p)` to the functions of each force, one force after the other.
     functions: Dictionary,
     prepared: PreparedLaw,
@@ -40,17 +40,17 @@ pub(super) struct ReactionsWork<T> {
 
 impl Reactions {
     /// Number of functions of a force: `A`, the lower triangle of `C` row by row, `D`, `F`, `B`.
-    pub fn functions_of_each(coordinates: usize, inputs: usize) -> usize {
+    pub fn functions_of_each(coordinates: usize, efforts: usize) -> usize {
         let n = coordinates;
-        n + n * (n + 1) / 2 + n + 1 + inputs
+        n + n * (n + 1) / 2 + n + 1 + efforts
     }
 
     /// The forces from their functions of `(q, p)`.
     ///
     /// # Errors
     /// [`FormatError`] if there are functions of a part of a force, or none, or fewer columns than coordinates.
-    pub fn new(coordinates: usize, inputs: usize, functions: Dictionary) -> Result<Self, FormatError> {
-        let each = Self::functions_of_each(coordinates, inputs);
+    pub fn new(coordinates: usize, efforts: usize, functions: Dictionary) -> Result<Self, FormatError> {
+        let each = Self::functions_of_each(coordinates, efforts);
         let expected = functions.outputs().div_ceil(each).max(1) * each;
         expect_shape("reactions", &[functions.outputs()], &[expected])?;
         if functions.columns() < coordinates {
@@ -58,21 +58,21 @@ impl Reactions {
             return Err(FormatError::Shape { name: "reactions".into(), found, expected });
         }
         let prepared = Law::from(functions.clone()).prepared(0, coordinates..functions.columns());
-        Ok(Self { coordinates, inputs, functions, prepared })
+        Ok(Self { coordinates, efforts, functions, prepared })
     }
 
-    /// Makes sure that it fits equations of motion with so many coordinates, inputs, and coordinates and parameters.
+    /// Makes sure that it fits equations of motion with so many coordinates, efforts, and coordinates and parameters.
     ///
     /// # Errors
     /// [`FormatError`].
-    pub(super) fn check(&self, [coordinates, inputs, columns]: [usize; 3]) -> Result<(), FormatError> {
-        let found = [self.coordinates, self.inputs, self.functions.columns()];
-        expect_shape("reactions", &found, &[coordinates, inputs, columns])
+    pub(super) fn check(&self, [coordinates, efforts, columns]: [usize; 3]) -> Result<(), FormatError> {
+        let found = [self.coordinates, self.efforts, self.functions.columns()];
+        expect_shape("reactions", &found, &[coordinates, efforts, columns])
     }
 
     /// Number of forces and moments.
     pub fn count(&self) -> usize {
-        self.functions.outputs() / Self::functions_of_each(self.coordinates, self.inputs)
+        self.functions.outputs() / Self::functions_of_each(self.coordinates, self.efforts)
     }
 
     /// The functions of the configuration.
@@ -85,15 +85,15 @@ impl Reactions {
         self.functions.terms().any(|term| term.exponents[column] != 0)
     }
 
-    /// Whether a force changes at once with an input: by its own share, or because accelerations do.
-    pub fn follows_inputs(&self, index: usize) -> bool {
-        let each = Self::functions_of_each(self.coordinates, self.inputs);
-        let of_inputs = each - self.inputs..each;
-        let mut functions = (0..self.coordinates).chain(of_inputs).map(|function| index * each + function);
+    /// Whether a force changes at once with an effort: by its own share, or because accelerations do.
+    pub fn follows_efforts(&self, index: usize) -> bool {
+        let each = Self::functions_of_each(self.coordinates, self.efforts);
+        let of_efforts = each - self.efforts..each;
+        let mut functions = (0..self.coordinates).chain(of_efforts).map(|function| index * each + function);
         functions.any(|function| self.functions.terms().any(|term| term.coefficients[function] != 0.0))
     }
 
-    /// The forces in a state with these accelerations.
+    /// The forces in a state with these efforts, in the place of the inputs, and accelerations.
     ///
     /// # Panics
     /// If a slice has the wrong length.
@@ -113,9 +113,9 @@ impl Reactions {
         self.prepared.compute(columns, &mut work.functions, &mut [], &mut work.of_functions);
     }
 
-    /// A force or moment with velocities, inputs and accelerations.
+    /// A force or moment with velocities, efforts and accelerations.
     pub(super) fn value<T: Number>(&self, index: usize, [v, u, a]: [&[T]; 3], work: &ReactionsWork<T>) -> T {
-        let (n, each) = (self.coordinates, Self::functions_of_each(self.coordinates, self.inputs));
+        let (n, each) = (self.coordinates, Self::functions_of_each(self.coordinates, self.efforts));
         let (of_accelerations, rest) = work.functions[index * each..][..each].split_at(n);
         let (of_squares, rest) = rest.split_at(n * (n + 1) / 2);
         let (of_velocities, rest) = rest.split_at(n);

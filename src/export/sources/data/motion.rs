@@ -2,16 +2,19 @@
 
 use super::{
     Part, array,
+    efforts::operations,
     functions::{Cost, Laid, Term, remark, width, write_network},
     network::{ACTIVATIONS, BLOCK_SIZE},
     push, states,
 };
-use metafmu_runtime::{Motion, Reactions, Shown, Surrogate, dictionary::Dictionary};
+use metafmu_runtime::{EffortColumn, Efforts, Motion, Reactions, Shown, Surrogate, dictionary::Dictionary};
 
-const NAMES: [&str; 9] = [
+const NAMES: [&str; 11] = [
+    "model_effort_windings",
     "model_forces_network",
     "model_law",
     "model_law_network",
+    "model_periodic",
     "model_positions",
     "model_positions_network",
     "model_prescribed",
@@ -21,14 +24,15 @@ const NAMES: [&str; 9] = [
 ];
 
 pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
-    let dynamics = &motion.dynamics;
+    let (dynamics, efforts) = (&motion.dynamics, motion.dynamics.efforts());
     let (law, positions) = (Laid::out(dynamics.law().dictionary()), Laid::out(motion.positions.dictionary()));
     let (n, m) = (dynamics.coordinates(), dynamics.inputs());
-    let (reactions, each) = (Laid::out(&reactions(motion)), Reactions::functions_of_each(n, m));
+    let (reactions, each) = (Laid::out(&reactions(motion)), Reactions::functions_of_each(n, efforts.count()));
     let networks = networks(motion);
     let width = width(networks.iter().flatten());
     let (of_law, of_forces) = (Cost::of(networks[0].as_ref(), n), Cost::of(networks[2].as_ref(), 0));
     let sub_steps = states::sub_steps(surrogate, motion.integration);
+    let calls: usize = efforts.formulas().iter().map(|formula| operations(formula)[1]).sum();
     let stages = |count: usize| states::stages(sub_steps, motion.integration) * count as f64;
     let atoms = [&law, &positions, &reactions].map(Laid::atoms).into_iter().fold(1, usize::max);
     Part {
@@ -40,6 +44,10 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
             ("FIRST_DRIVEN", dynamics.parameters() + 2 * n, "the first input that is neither parameter nor start"),
             ("DICTIONARY_COLUMNS", dynamics.law().dictionary().columns(), "coordinates and parameters"),
             ("ATOM_COUNT", atoms, "functions of the columns"),
+            ("EFFORT_COUNT", efforts.count(), ""),
+            ("EFFORT_SIZE", efforts.count().max(1), "but C has no empty arrays"),
+            ("EFFORT_POSITIONS", efforts.positions(), "positions in formulas of efforts"),
+            ("EFFORT_POSITION_SIZE", efforts.positions().max(1), ""),
             BLOCK_SIZE,
             ("NETWORK_WIDTH", width, "of the widest layer of a network"),
             ("POSITION_SIZE", positions.outputs.max(1), "number of positions, but C has no empty arrays"),
@@ -49,12 +57,12 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
             states::operations(
                 sub_steps,
                 motion.integration,
-                stage(&law, n, m) + of_law.operations + of_forces.operations,
+                stage(&law, n, efforts) + of_law.operations + of_forces.operations,
                 2 * n,
                 m,
             ),
             stages(2 * (law.angles() + of_law.angles + of_forces.angles)),
-            stages(of_law.activations + of_forces.activations),
+            stages(of_law.activations + of_forces.activations + calls),
             "motion.c",
         ),
         data: data(surrogate, motion, [("law", &law), ("positions", &positions), ("reactions", &reactions)], &networks),
@@ -89,6 +97,18 @@ fn data(
     // C has no empty arrays
     windings.resize(windings.len().max(motion.dynamics.coordinates()), 0.0);
     array(&mut text, "const Real model_windings", &windings);
+    let efforts = motion.dynamics.efforts();
+    let n = motion.dynamics.coordinates();
+    let mut windings = efforts.windings().to_vec();
+    windings.resize(windings.len().max(n), 0.0);
+    array(&mut text, "const Real model_effort_windings", &windings);
+    let columns = (0..efforts.count()).flat_map(|effort| efforts.columns(effort));
+    let turning: Vec<usize> = columns
+        .filter_map(|column| if let EffortColumn::Position(position) = column { Some(position) } else { None })
+        .collect();
+    let is_periodic = |k: usize| turning.iter().all(|position| efforts.windings()[position * n + k] == 0.0);
+    let periodic: Vec<&str> = (0..n).map(|k| if is_periodic(k) { "1" } else { "0" }).collect();
+    push(&mut text, format_args!("\nconst int model_periodic[COORDINATE_COUNT] = {{{}}};\n", periodic.join(", ")));
     let prescribed: Vec<&str> =
         motion.dynamics.prescribed().iter().map(|is_prescribed| if *is_prescribed { "1" } else { "0" }).collect();
     push(&mut text, format_args!("\nconst int model_prescribed[COORDINATE_COUNT] = {{{}}};\n", prescribed.join(", ")));
@@ -109,8 +129,10 @@ fn data(
 }
 
 /// Multiplications, additions and divisions of a stage without networks; the formula is in `motion.c`.
-fn stage(law: &Laid, n: usize, m: usize) -> usize {
-    let side = n * (1 + 2 * n + 5 * n * n + 2 * m);
+fn stage(law: &Laid, n: usize, efforts: &Efforts) -> usize {
+    let of_formulas: usize = efforts.formulas().iter().map(|formula| operations(formula)[0]).sum();
+    let of_efforts = 5 * n * efforts.positions() + of_formulas;
+    let side = of_efforts + n * (1 + 2 * n + 5 * n * n + 2 * efforts.count());
     let solution = n * (n + 1) * (2 * n + 1) / 6 + n * (2 * n - 1);
     law.operations(n) + side + solution
 }
@@ -129,7 +151,7 @@ mod tests {
         let law = 8 + 8 + 6 + (2 + 4 + 1 + 4) + (1 + 2);
         // 2 (1 + 4 + 20 + 2), 1 + 4, 1 + 2 + 3
         let stage = law + 54 + 5 + 6;
-        let found = super::stage(&Laid::out(motion.dynamics.law().dictionary()), 2, 1);
+        let found = super::stage(&Laid::out(motion.dynamics.law().dictionary()), 2, motion.dynamics.efforts());
         assert_eq!(found, stage);
         // a step of 0.01 s has two of 0.005 s, of four stages, with 30 operations for each of four states and 20 for the input
         let expected = 2 * (4 * stage + 120 + 20 + 9) + 3;

@@ -1,0 +1,124 @@
+//! Efforts of a mechanism: forces, actuators and prescribed accelerations, whose formulas are taken over as they are.
+
+use super::windings::Windings;
+use crate::multibody::{
+    Mechanism,
+    constraint::{BoundExpression, Slot},
+    coordinate::Coordinate,
+    model::Model,
+    reduced::Reduced,
+};
+use metafmu_runtime::{
+    Efforts,
+    formula::{Formula, FormulaStep},
+};
+
+/// Formulas, and the positions that occur in them.
+pub(super) struct KnownEfforts {
+    bound: Vec<BoundExpression>,
+    /// Expression and slot where each position occurs first.
+    positions: Vec<(usize, usize)>,
+    /// The position of each slot of each expression, if it is one or its rate.
+    occurs: Vec<Vec<Option<usize>>>,
+    pub(super) windings: Windings,
+}
+
+impl KnownEfforts {
+    /// Those of a mechanism. Two positions that are the same with either values of the parameters are one.
+    ///
+    /// # Errors
+    /// A sentence: what cannot be built of these values.
+    pub(super) fn new(mechanism: &Mechanism, values: [&[f64]; 2]) -> Result<Self, String> {
+        let [bound, elsewhere] = [mechanism.bound_expressions(values[0])?, mechanism.bound_expressions(values[1])?];
+        let at =
+            |(expression, slot): (usize, usize)| [&bound, &elsewhere].map(|of| position(&of[expression].slots[slot]));
+        let (mut positions, mut occurs): (Vec<(usize, usize)>, Vec<Vec<Option<usize>>>) = (Vec::new(), Vec::new());
+        for expression in 0..bound.len() {
+            let mut of_slot = |slot: usize| {
+                let this = (expression, slot);
+                at(this)[0]?;
+                let known = positions.iter().position(|known| at(*known) == at(this));
+                Some(known.unwrap_or_else(|| {
+                    positions.push(this);
+                    positions.len() - 1
+                }))
+            };
+            occurs.push((0..bound[expression].slots.len()).map(&mut of_slot).collect());
+        }
+        Ok(Self { bound, positions, occurs, windings: Windings::default() })
+    }
+
+    /// Number of efforts and prescribed accelerations.
+    pub(super) fn count(&self) -> usize {
+        self.bound.len()
+    }
+
+    /// Number of positions in their formulas.
+    pub(super) fn positions(&self) -> usize {
+        self.positions.len()
+    }
+
+    /// Returns for each position whether it is an angle.
+    pub(super) fn are_angles(&self) -> impl Iterator<Item = bool> + '_ {
+        let positions =
+            self.positions.iter().filter_map(|(expression, slot)| position(&self.bound[*expression].slots[*slot]));
+        positions.map(|position| position.is_angle())
+    }
+
+    /// The positions of a model with values for the parameters.
+    pub(super) fn positions_of(&self, model: &Model) -> Vec<Coordinate> {
+        let bound: Vec<&BoundExpression> = model.bound_expressions().map(|(bound, _)| bound).collect();
+        self.positions.iter().filter_map(|(expression, slot)| position(&bound[*expression].slots[*slot])).collect()
+    }
+
+    /// Finds how the positions turn with the coordinates.
+    ///
+    /// # Errors
+    /// As [`Windings::find`].
+    pub(super) fn wind(&mut self, reduced: &Reduced) -> Result<(), String> {
+        self.windings = Windings::find(&self.positions_of(reduced.model()), reduced)?;
+        Ok(())
+    }
+
+    /// Returns true if a parameter occurs, by its position in the mechanism.
+    pub(super) fn has_parameter(&self, parameter: usize) -> bool {
+        let mut slots = self.bound.iter().flat_map(|bound| &bound.slots);
+        slots.any(|slot| matches!(slot, Slot::Parameter(known, _) if *known == parameter))
+    }
+
+    /// The formulas for equations with so many inputs, of whose parameters `varied` are the positions in the mechanism; the others are
+    /// constants.
+    ///
+    /// # Errors
+    /// A sentence: a formula depends on time.
+    pub(super) fn formulas(&self, varied: &[usize], inputs: usize, coordinates: usize) -> Result<Efforts, String> {
+        let first = varied.len() + inputs;
+        let step = |slot: &Slot, occurs: &Option<usize>| match (slot, occurs) {
+            (Slot::Parameter(parameter, value), _) => match varied.iter().position(|known| known == parameter) {
+                Some(column) => Some(FormulaStep::Column(column)),
+                None => Some(FormulaStep::Constant(*value)),
+            },
+            (Slot::Input(input), _) => Some(FormulaStep::Column(varied.len() + input)),
+            (Slot::Position(_), Some(position)) => Some(FormulaStep::Column(first + position)),
+            (Slot::Velocity(_), Some(position)) => Some(FormulaStep::Column(first + self.positions() + position)),
+            (Slot::Time | Slot::Position(_) | Slot::Velocity(_), _) => None,
+        };
+        let formula = |(bound, occurs): (&BoundExpression, &Vec<Option<usize>>)| -> Result<Formula, String> {
+            let leaves =
+                bound.slots.iter().zip(occurs).map(|(slot, occurs)| step(slot, occurs)).collect::<Option<Vec<_>>>();
+            let leaves = leaves.ok_or_else(|| format!("`{}` depends on time", bound.expression))?;
+            Ok(bound.expression.formula().with_columns(|name| leaves[name]))
+        };
+        let formulas = self.bound.iter().zip(&self.occurs).map(formula).collect::<Result<_, _>>()?;
+        let efforts = Efforts::new([varied.len(), inputs, coordinates], self.windings.0.clone(), formulas);
+        efforts.map_err(|error| error.to_string())
+    }
+}
+
+/// The position of which a slot is the value or the rate.
+fn position(slot: &Slot) -> Option<Coordinate> {
+    match slot {
+        Slot::Position(coordinate) | Slot::Velocity(coordinate) => Some(*coordinate),
+        Slot::Parameter(..) | Slot::Time | Slot::Input(_) => None,
+    }
+}

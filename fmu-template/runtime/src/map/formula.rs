@@ -1,0 +1,372 @@
+//! Scalar formulas as mechanism files have them: numbers, columns, `+ - * / ^` and functions of one variable, with exact derivatives.
+//!
+//! Derivatives are second-order Taylor coefficients (forward automatic differentiation; Griewank, Walther: *Evaluating Derivatives*,
+//! chapter 13).
+
+use super::{
+    expect_finite,
+    jet::{Jet, Number},
+    tape::{Register, TapeBuilder},
+};
+use crate::FormatError;
+
+/// A function of one variable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum ElementaryFunction {
+    /// `sin x`
+    Sin,
+    /// `cos x`
+    Cos,
+    /// `tan x`
+    Tan,
+    /// `asin x`
+    Asin,
+    /// `acos x`
+    Acos,
+    /// `atan x`
+    Atan,
+    /// `tanh x`
+    Tanh,
+    /// `e^x`
+    Exp,
+    /// The natural logarithm.
+    Ln,
+    /// The square root.
+    Sqrt,
+    /// `|x|`, whose slope at zero is 1.
+    Abs,
+}
+
+/// A step of a formula in postfix notation: operands are taken from a stack, and the result is put there.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FormulaStep {
+    /// Puts a number on the stack.
+    Constant(f64),
+    /// Puts the value of a column there.
+    Column(usize),
+    /// A function of the last value.
+    Call(ElementaryFunction),
+    /// Minus the last value.
+    Negate,
+    /// Sum of the last two values.
+    Add,
+    /// The value before the last, less the last.
+    Subtract,
+    /// Product of the last two values.
+    Multiply,
+    /// The value before the last over the last.
+    Divide,
+    /// The value before the last to the power of the last.
+    Power,
+}
+
+/// A scalar formula of some columns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Formula {
+    steps: Vec<FormulaStep>,
+}
+
+impl ElementaryFunction {
+    /// All of them, in the order of their numbers in the model file.
+    pub const ALL: [Self; 11] = [
+        Self::Sin,
+        Self::Cos,
+        Self::Tan,
+        Self::Asin,
+        Self::Acos,
+        Self::Atan,
+        Self::Tanh,
+        Self::Exp,
+        Self::Ln,
+        Self::Sqrt,
+        Self::Abs,
+    ];
+
+    /// As it is written in a formula.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sin => "sin",
+            Self::Cos => "cos",
+            Self::Tan => "tan",
+            Self::Asin => "asin",
+            Self::Acos => "acos",
+            Self::Atan => "atan",
+            Self::Tanh => "tanh",
+            Self::Exp => "exp",
+            Self::Ln => "ln",
+            Self::Sqrt => "sqrt",
+            Self::Abs => "abs",
+        }
+    }
+
+    /// Value at `x`.
+    #[inline(never)]
+    pub(super) fn value(self, x: f64) -> f64 {
+        match self {
+            Self::Sin => x.sin(),
+            Self::Cos => x.cos(),
+            Self::Tan => x.tan(),
+            Self::Asin => x.asin(),
+            Self::Acos => x.acos(),
+            Self::Atan => x.atan(),
+            Self::Tanh => x.tanh(),
+            Self::Exp => x.exp(),
+            Self::Ln => x.ln(),
+            Self::Sqrt => x.sqrt(),
+            Self::Abs => x.abs(),
+        }
+    }
+
+    /// First and second derivative at `x`, where the value is `y`.
+    pub(super) fn derivatives<T: Number>(self, x: T, y: T) -> [T; 2] {
+        let (zero, one, minus) = (T::from(0.0), T::from(1.0), |value: T| value.scaled(-1.0));
+        match self {
+            Self::Sin => [x.apply(Self::Cos), minus(y)],
+            Self::Cos => [minus(x.apply(Self::Sin)), minus(y)],
+            Self::Tan => {
+                let slope = one + y * y;
+                [slope, y.scaled(2.0) * slope]
+            }
+            Self::Asin | Self::Acos => {
+                let slope = (one - x * x).apply(Self::Sqrt).recip();
+                let change = x * (slope * slope * slope);
+                if self == Self::Asin { [slope, change] } else { [minus(slope), minus(change)] }
+            }
+            Self::Atan => {
+                let slope = (one + x * x).recip();
+                [slope, x.scaled(-2.0) * slope * slope]
+            }
+            Self::Tanh => {
+                let slope = one - y * y;
+                [slope, y.scaled(-2.0) * slope]
+            }
+            Self::Exp => [y, y],
+            Self::Ln => [x.recip(), minus((x * x).recip())],
+            Self::Sqrt => [y.recip().scaled(0.5), (x * y).recip().scaled(-0.25)],
+            Self::Abs => [if x.value() < 0.0 { minus(one) } else { one }, zero],
+        }
+    }
+}
+
+impl Formula {
+    /// A formula from its steps.
+    ///
+    /// # Errors
+    /// [`FormatError`] if a step has no operands, more than one value is left, or a number is not finite.
+    pub fn new(steps: Vec<FormulaStep>) -> Result<Self, FormatError> {
+        let constants = steps.iter().map(|step| if let FormulaStep::Constant(value) = step { *value } else { 0.0 });
+        expect_finite("formulas", constants)?;
+        let mut left = 0usize;
+        for (index, step) in steps.iter().enumerate() {
+            let operands = step.operands();
+            left =
+                left.checked_sub(operands).ok_or(FormatError::Formula { index, found: left, expected: operands })? + 1;
+        }
+        match left {
+            1 => Ok(Self { steps }),
+            found => Err(FormatError::Formula { index: steps.len(), found, expected: 1 }),
+        }
+    }
+
+    /// Formulas whose steps stand one after the other.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn one_after_the_other(steps: &[FormulaStep]) -> Result<Vec<Self>, FormatError> {
+        // where each value on the stack begins
+        let mut begins: Vec<usize> = Vec::new();
+        for (index, step) in steps.iter().enumerate() {
+            let (found, expected) = (begins.len(), step.operands());
+            if found < expected {
+                return Err(FormatError::Formula { index, found, expected });
+            }
+            begins.truncate(found - expected + usize::from(expected > 0));
+            if expected == 0 {
+                begins.push(index);
+            }
+        }
+        let ends = begins.iter().skip(1).copied().chain([steps.len()]);
+        begins.iter().zip(ends).map(|(begin, end)| Self::new(steps[*begin..end].to_vec())).collect()
+    }
+
+    /// A formula that is a number.
+    pub fn number(value: f64) -> Self {
+        Self { steps: vec![FormulaStep::Constant(value)] }
+    }
+
+    /// A formula that is the value of a column.
+    pub fn column(column: usize) -> Self {
+        Self { steps: vec![FormulaStep::Column(column)] }
+    }
+
+    /// The steps.
+    pub fn steps(&self) -> &[FormulaStep] {
+        &self.steps
+    }
+
+    /// The columns that occur, each as often as it does.
+    pub fn columns(&self) -> impl Iterator<Item = usize> + '_ {
+        self.steps.iter().filter_map(|step| if let FormulaStep::Column(column) = step { Some(*column) } else { None })
+    }
+
+    /// The same formula with other leaves in the place of its columns.
+    #[must_use]
+    pub fn with_columns(&self, leaf: impl Fn(usize) -> FormulaStep) -> Self {
+        let step = |step: &FormulaStep| if let FormulaStep::Column(column) = step { leaf(*column) } else { *step };
+        Self { steps: self.steps.iter().map(step).collect() }
+    }
+
+    /// Value at these columns.
+    pub fn value(&self, column: impl Fn(usize) -> f64) -> f64 {
+        self.evaluate(column)
+    }
+
+    /// Value with derivatives along a curve of the columns.
+    pub fn series(&self, column: impl Fn(usize) -> Jet) -> Jet {
+        self.evaluate(column)
+    }
+
+    fn evaluate<T: Number>(&self, column: impl Fn(usize) -> T) -> T {
+        self.walk(|step, operands: &[T]| match (step, operands) {
+            (FormulaStep::Constant(value), _) => T::from(value),
+            (FormulaStep::Column(index), _) => column(index),
+            (FormulaStep::Call(function), [x]) => x.apply(function),
+            (FormulaStep::Negate, [x]) => x.scaled(-1.0),
+            (FormulaStep::Add, [a, b]) => *a + *b,
+            (FormulaStep::Subtract, [a, b]) => *a - *b,
+            (FormulaStep::Multiply, [a, b]) => *a * *b,
+            (FormulaStep::Divide, [a, b]) => a.divided_by(*b),
+            (FormulaStep::Power, [a, b]) => a.power(*b),
+            _ => unreachable!("`walk` gives each step its operands"),
+        })
+    }
+
+    /// Writes the value on a tape; `columns` has a register for each column.
+    pub(crate) fn write(&self, columns: &[Register], tape: &mut TapeBuilder) -> Register {
+        self.walk(|step, operands: &[Register]| match (step, operands) {
+            (FormulaStep::Constant(value), _) => tape.constant(value),
+            (FormulaStep::Column(index), _) => columns[index],
+            (FormulaStep::Call(function), [x]) => tape.call(function, *x),
+            (FormulaStep::Negate, [x]) => tape.negative(*x),
+            (FormulaStep::Add, [a, b]) => tape.add_product(*a, *b, tape.one),
+            (FormulaStep::Subtract, [a, b]) => tape.subtract_product(*a, *b, tape.one),
+            (FormulaStep::Multiply, [a, b]) => tape.product(*a, *b),
+            (FormulaStep::Divide, [a, b]) => tape.quotient(*a, *b),
+            (FormulaStep::Power, [a, b]) => tape.power(*a, *b),
+            _ => unreachable!("`walk` gives each step its operands"),
+        })
+    }
+
+    /// The value that is left when `compute` has made a value of each step and its operands.
+    pub fn walk<T: Clone>(&self, mut compute: impl FnMut(FormulaStep, &[T]) -> T) -> T {
+        let mut stack: Vec<T> = Vec::with_capacity(self.steps.len());
+        for step in &self.steps {
+            let operands = stack.len() - step.operands();
+            let value = compute(*step, &stack[operands..]);
+            stack.truncate(operands);
+            stack.push(value);
+        }
+        stack.pop().expect("the constructor checked that a value is left")
+    }
+}
+
+impl FormulaStep {
+    /// How many values it takes from the stack.
+    fn operands(self) -> usize {
+        match self {
+            Self::Constant(_) | Self::Column(_) => 0,
+            Self::Call(_) | Self::Negate => 1,
+            Self::Add | Self::Subtract | Self::Multiply | Self::Divide | Self::Power => 2,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use FormulaStep::{Add, Call, Column, Constant, Divide, Multiply, Negate, Power, Subtract};
+
+    /// Every function and operation, of two columns.
+    fn formulas() -> Vec<Formula> {
+        let with = |function| vec![Column(0), Constant(0.4), Multiply, Call(function), Column(1), Multiply];
+        let more = [
+            vec![Column(0), Column(1), Divide, Negate],
+            vec![Column(0), Constant(3.0), Power, Constant(2.0), Column(1), Power, Subtract],
+            vec![Column(0), Constant(-2.0), Power, Column(1), Constant(0.5), Power, Add],
+            vec![Column(0), Column(1), Power, Column(1), Constant(1.7), Power, Add],
+        ];
+        ElementaryFunction::ALL.into_iter().map(with).chain(more).map(|steps| Formula::new(steps).unwrap()).collect()
+    }
+
+    #[test]
+    fn series_are_those_of_finite_differences() {
+        let (x, rate, change) = ([0.7, 1.3], [0.9, -0.4], [-0.3, 0.8]);
+        for formula in formulas() {
+            let jet = formula.series(|k| Jet { value: x[k], first: rate[k], second: change[k] });
+            let at = |h: f64| formula.value(|k| x[k] + h * rate[k] + 0.5 * h * h * change[k]);
+            let h = 1e-3;
+            let [near, far] = [h, 2.0 * h].map(|h| [at(h), at(-h)]);
+            let first = (8.0 * (near[0] - near[1]) - far[0] + far[1]) / (12.0 * h);
+            let second = (16.0 * (near[0] + near[1]) - far[0] - far[1] - 30.0 * at(0.0)) / (12.0 * h * h);
+            assert_eq!(jet.value, at(0.0), "{formula:?}");
+            assert!((jet.first - first).abs() < 1e-9, "{formula:?}: {jet:?} {first}");
+            assert!((jet.second - second).abs() < 1e-6, "{formula:?}: {jet:?} {second}");
+        }
+    }
+
+    #[test]
+    fn a_tape_computes_the_same() {
+        for formula in formulas() {
+            let mut builder = TapeBuilder::new(2, 0..1);
+            let columns = [0, 1].map(Register::input);
+            let found = formula.write(&columns, &mut builder);
+            let tape = builder.finish();
+            let mut work = tape.work::<Jet<Jet>>();
+            let nested = |value: f64, first: f64| Jet { value: Jet { value, first, second: 0.5 }, ..Jet::from(first) };
+            for x in [[0.7, 1.3], [0.7, 0.2], [0.3, 0.9]] {
+                work.set_inputs([nested(x[0], 0.9), nested(x[1], -0.4)].into_iter());
+                tape.run(&mut work);
+                let expected = formula.evaluate(|k| nested(x[k], [0.9, -0.4][k]));
+                let numbers = |jet: Jet<Jet>| {
+                    [jet.value, jet.first, jet.second].map(|jet| [jet.value, jet.first, jet.second]).concat()
+                };
+                for (found, expected) in numbers(work.get(found)).into_iter().zip(numbers(expected)) {
+                    let bound = 1e-13 * (1.0 + expected.abs());
+                    assert!((found - expected).abs() < bound, "{formula:?} at {x:?}: {found} {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn constants_are_folded() {
+        let mut builder = TapeBuilder::new(1, 0..0);
+        let formula = Formula::new(vec![
+            Constant(2.0),
+            Constant(8.0),
+            Constant(3.0),
+            Power,
+            Divide,
+            Call(ElementaryFunction::Ln),
+        ]);
+        let register = formula.unwrap().write(&[Register::input(0)], &mut builder);
+        assert!(!builder.varies(register));
+        let tape = builder.finish();
+        let mut work = tape.work::<f64>();
+        tape.run(&mut work);
+        assert_eq!(work.get(register), (2.0f64 / 512.0).ln());
+    }
+
+    #[test]
+    fn formulas_without_operands_or_with_too_many_values_are_refused() {
+        for steps in [vec![], vec![Add], vec![Constant(1.0), Multiply], vec![Constant(1.0), Column(0)]] {
+            assert!(matches!(Formula::new(steps), Err(FormatError::Formula { .. })));
+        }
+        let all: Vec<FormulaStep> = formulas().iter().flat_map(|formula| formula.steps().to_vec()).collect();
+        assert_eq!(Formula::one_after_the_other(&all).unwrap(), formulas());
+        assert_eq!(Formula::one_after_the_other(&[]).unwrap(), []);
+        assert!(Formula::one_after_the_other(&[Column(0), Negate, Add]).is_err());
+        let message = Formula::new(vec![Constant(f64::NAN)]).unwrap_err().to_string();
+        assert!(message.contains("not finite"), "{message}");
+    }
+}
