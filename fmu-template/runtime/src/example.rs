@@ -323,7 +323,9 @@ pub fn crane_with_efforts() -> Surrogate {
         &[Call(Tan), Subtract],
         &bounded,
         &[Call(Atan), Call(Exp), Add, Column(0), Call(Ln), Column(0), Call(Sqrt), Multiply, Add, Column(1), Column(1)],
-        &[Constant(2.0), Power, Constant(1.0), Add, Divide, Add, Column(0), Column(2), Power, Add],
+        &[Constant(2.0), Power, Constant(1.0), Add, Divide, Add, Column(0)],
+        &bounded,
+        &[Power, Add],
     ];
     let formulas = vec![formula(&friction), formula(&wind.concat()), formula(&motor.concat())];
     let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];
