@@ -460,10 +460,7 @@ SECTIONS = {
         "a table for a mechanism": {**dynamics(('mechanism = "crane.toml"', 'table = "runs.csv"')), "runs.csv": "run,time,l,x,theta\na,0,1,2,3\n"},
         "a method and a file": dynamics(("[sampling]\n", '[sampling]\nmethod = "list"\nfile = "points.csv"\nlevels = 3\nfaces = 0.1\n')),
         "an input's range in the mechanism": dynamics(trolley=[("min = -10.0, max = 10.0", "min = 10.0, max = -10.0")]),
-        "a joint's force by friction": dynamics(
-            ("theta = {}", "tension = {}"),
-            trolley=[('[initial]', '[forces.wind]\npoint = "load"\nforce = ["-load.vx * abs(load.vx)", 0]\n[initial]'), ("[outputs]", '[outputs]\ntension = { measure = "rope.fx" }')],
-        ),
+        "a force that is not finite": dynamics(trolley=[('effort = "force"', 'effort = "sqrt(force)"')]),
         "a range with singular positions": {"study.toml": SHORT_STUDY, "m.toml": SHORT_ROD},
         "a force that depends on time": dynamics(trolley=[('effort = "force"', 'effort = "force + sin(time)"')]),
         "mistakes in five sections": dynamics(

@@ -626,7 +626,7 @@ def test_accelerations_without_structure_are_compared_and_can_be_exported(tmp_pa
 
 @pytest.fixture(scope="module")
 def bounded(tmp_path_factory):
-    """Friction of another form, learned by a small network: there are errors to bound."""
+    """Equations by a small network: there are errors to bound."""
     folder = tmp_path_factory.mktemp("bounded")
     network = "[network]\nhidden = [32, 32]\n[training]\nepochs = 150\n[dynamics]\nmodel = \"network\"\n[accept]\nr2 = -1e9\n"
     more = f"[bounds]\ncoverage = 0.9\nruns = 60\n{network}[sampling]\nstates = 5000"

@@ -1,4 +1,4 @@
-"""A pendulum with dry friction in tanh, which a network learns, against scipy's solution of its equations."""
+"""A pendulum with dry friction in tanh, whose formula the FMU keeps, against scipy's solution of its equations."""
 
 import json
 import subprocess
@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 from conftest import METAFMU, changed, fmu_of, metafmu
-from fmpy import read_model_description, simulate_fmu
+from fmpy import simulate_fmu
 from scipy.integrate import solve_ivp
 
 STOP, STEP = 5.0, 0.05
@@ -36,15 +36,7 @@ c = { min = 0.0, max = 0.2 }
 [outputs]
 theta = {}
 [sampling]
-states = 6000
 test_runs = 4
-[network]
-hidden = [32, 32]
-[training]
-learning_rate = 0.01
-schedule = "cosine"
-batch = 256
-epochs = 400
 """
 
 
@@ -74,30 +66,22 @@ def solution(length, friction, torque):
 def test_the_fmu_has_the_friction(pendulum, version, interface):
     for length, friction, torque in [(0.7, 0.15, 0.5), (0.9, 0.1, -1.5)]:
         values = {"L": length, "c": friction, "torque": torque, "pivot.angle_start": 0.8, "pivot.angular_velocity_start": 1.0}
-        options = {"fmi_type": interface, "start_values": values, "stop_time": STOP, "output_interval": STEP, "relative_tolerance": 1e-8}
+        options = {"fmi_type": interface, "start_values": values, "stop_time": STOP, "output_interval": STEP, "relative_tolerance": 1e-10}
         found = simulate_fmu(fmu_of(pendulum / "out", "pendulum", version), output=["theta"], **options)
         exact, without = solution(length, friction, torque), solution(length, 0.0, torque)
         error, effect = np.abs(found["theta"] - exact).max(), np.abs(without - exact).max()
-        assert error < 1e-3 and effect > 0.1, (error, effect)
+        assert error < (1e-6 if interface == "CoSimulation" else 1e-5) and effect > 0.1, (error, effect)
 
 
-def test_the_record_says_how_well_the_friction_was_learned(pendulum):
+def test_the_equations_are_exact_and_need_no_network(pendulum):
     motion = json.loads((pendulum / "out" / "training.json").read_text())["motion"]
-    assert motion["error"] < 1e-12 and motion["exported"] == "dictionary"
-    assert 1e-6 < motion["force_error"] < 1e-2
-    [candidate] = motion["candidates"]
-    assert candidate["name"] == "dictionary" and candidate["error"] < 1e-2
-    # velocities are limited to where the friction was learned
-    variables = read_model_description(fmu_of(pendulum / "out", "pendulum", 2)).modelVariables
-    speed = next(variable for variable in variables if variable.name == "pivot.angular_velocity")
-    assert speed.max is not None and float(speed.max) > 2.0
-    text = (pendulum / "out" / "report.html").read_text()
-    assert "forces that are not linear in the velocities" in text
+    assert motion["error"] < 1e-12 and motion["exported"] == "dictionary" and "candidates" not in motion
 
 
 def test_a_network_alone_is_exported_if_the_study_says_so(pendulum, tmp_path):
     (tmp_path / "pendulum-with-friction.toml").write_text((pendulum / "pendulum-with-friction.toml").read_text())
-    study = STUDY.replace("[sampling]", "[dynamics]\nmodel = \"network\"\n[sampling]").replace("epochs = 400", "epochs = 60")
+    more = "[dynamics]\nmodel = \"network\"\n[training]\nepochs = 60\n[sampling]\nstates = 6000"
+    study = STUDY.replace("[sampling]", more)
     (tmp_path / "pendulum.toml").write_text(study)
     metafmu("sample", tmp_path / "pendulum.toml", "--out", tmp_path / "out")
     done = metafmu("train", tmp_path / "pendulum.toml", "--out", tmp_path / "out", check=False)

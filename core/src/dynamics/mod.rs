@@ -263,7 +263,7 @@ fn raise_order(
 }
 
 /// What a few configurations say of equations.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checked {
     /// Parameters on which neither the equations nor the outputs depend.
     pub idle: Vec<String>,

@@ -172,9 +172,9 @@ impl Model {
 
     /// The first effort or prescribed acceleration that is not finite in a state with inputs `u`, and its value.
     pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
-        self.bound_expressions().find_map(|(bound, _)| {
+        self.bound_expressions().find_map(|(bound, owner)| {
             let value = bound.value(t, q, v, u);
-            (!value.is_finite()).then(|| format!("`{}` is {value}", bound.expression))
+            (!value.is_finite()).then(|| format!("`{}` of `{owner}` is {value}", bound.expression))
         })
     }
 

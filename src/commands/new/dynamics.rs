@@ -37,7 +37,7 @@ pub fn of_system(target: &Target, system: &System) -> Result<Proposal> {
 /// Parts of the length of the runs that are tried until no run fails.
 const SHORTER: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
 
-/// A study of all free coordinates and inputs, and of the parameters with a range and the outputs that can be learned, whose ranges have no
+/// A study of all free coordinates and inputs, the parameters with a range and all outputs, whose ranges have no
 /// singular positions, and whose runs are short enough to meet none.
 fn propose(target: &Target, mechanism: &Mechanism, option: &str, source: &str) -> Result<Proposal> {
     let coordinates = mechanism
@@ -49,8 +49,10 @@ fn propose(target: &Target, mechanism: &Mechanism, option: &str, source: &str) -
     if let Some(why) = &ranges.narrowed {
         say(format_args!("ranges are narrowed to positions that are not singular: {why}"));
     }
-    let learned = Learned::new(mechanism, &ranges);
-    let study = |share: f64| study(target.name, mechanism, (&ranges, &learned), (stop, share * stop), [option, source]);
+    let outputs = mechanism.outputs().iter().map(|output| output.name.clone()).collect();
+    // a build reports what is wrong with the equations, with its place
+    let checked = dynamics::check(mechanism, &ranges.region(outputs), SEED).unwrap_or_default();
+    let study = |share: f64| study(target.name, mechanism, (&ranges, &checked), (stop, share * stop), [option, source]);
     let mut proposal = None;
     for share in SHORTER {
         let text = study(share);
@@ -70,7 +72,7 @@ fn propose(target: &Target, mechanism: &Mechanism, option: &str, source: &str) -
 fn study(
     name: &str,
     mechanism: &Mechanism,
-    (ranges, learned): (&Ranges, &Learned),
+    (ranges, checked): (&Ranges, &Checked),
     (usual, stop): (f64, f64),
     [option, source]: [&str; 2],
 ) -> String {
@@ -102,7 +104,7 @@ step = {:<20?} # s
         let reach = 0.1 * (high - low);
         let start = [coordinate.start - reach, coordinate.start + reach].map(|end| end.clamp(low, high));
         let spread = 0.5 * rate.abs().max(10.0 / usual);
-        let is_periodic = learned.is_periodic.get(k).copied().unwrap_or(is_angle(&coordinate.name));
+        let is_periodic = checked.is_periodic.get(k).copied().unwrap_or(is_angle(&coordinate.name));
         let comment = match (is_periodic, goes_around(coordinate)) {
             (true, true) => "a full turn: all angles".into(),
             (false, true) => "rad; forces differ a turn later: the surrogate is valid there".into(),
@@ -135,7 +137,7 @@ step = {:<20?} # s
     text += "\n[parameters]\n";
     // the others are constants
     for Range { name, min, max } in &ranges.parameters {
-        if learned.is_idle(name) {
+        if checked.idle.contains(name) {
             let _ =
                 writeln!(text, "# {name}: acts on nothing but the start, for which the FMU has parameters of its own");
         } else {
@@ -144,15 +146,7 @@ step = {:<20?} # s
     }
     text += "\n[outputs]                   # positions, velocities, accelerations, energies, forces\n";
     for output in mechanism.outputs() {
-        if learned.outputs.contains(&output.name) {
-            let _ = writeln!(text, "{} = {{ unit = {} }}", output.name, quoted(&output.unit));
-        } else {
-            let _ = writeln!(
-                text,
-                "# {}: cannot be learned with states: it is not linear in velocities and inputs",
-                output.name
-            );
-        }
+        let _ = writeln!(text, "{} = {{ unit = {} }}", output.name, quoted(&output.unit));
     }
     text += "\n[sampling]\ntest_runs = 20              # random starts, parameters and inputs\n";
     text
@@ -271,35 +265,6 @@ fn largest(is_good: impl Fn(f64) -> bool) -> Option<f64> {
         *(if is_good(middle) { &mut good } else { &mut bad }) = middle;
     }
     Some(good)
-}
-
-/// What of a mechanism can be learned.
-#[derive(Default)]
-struct Learned {
-    outputs: Vec<String>,
-    /// Parameters on which neither the equations nor these outputs depend.
-    idle: Vec<String>,
-    /// Whether each coordinate is an angle with equations that are the same a turn later; empty if that is not known.
-    is_periodic: Vec<bool>,
-}
-
-impl Learned {
-    /// Asks the mechanism. What is wrong with the equations themselves is told by a build, with its place.
-    fn new(mechanism: &Mechanism, ranges: &Ranges) -> Self {
-        let check = |outputs: Vec<String>| dynamics::check(mechanism, &ranges.region(outputs), SEED);
-        let mut outputs: Vec<String> = mechanism.outputs().iter().map(|output| output.name.clone()).collect();
-        if check(Vec::new()).is_ok() {
-            outputs.retain(|output| check(vec![output.clone()]).is_ok());
-        }
-        match check(outputs.clone()) {
-            Ok(Checked { idle, is_periodic }) => Self { outputs, idle, is_periodic },
-            Err(_) => Self { outputs, ..Self::default() },
-        }
-    }
-
-    fn is_idle(&self, parameter: &str) -> bool {
-        self.idle.iter().any(|name| name == parameter)
-    }
 }
 
 /// Of the study that is written.
