@@ -228,7 +228,7 @@ fn mistakes_in_drivers_are_located_and_say_what_was_expected() {
     let rooted = parse(&TROLLEY.replace("acceleration = \"a\"", "acceleration = \"sqrt(a)\""));
     let run =
         rooted.simulate_driven(&[1.5, 0.7], &[Signal::Constant(-1.0)], &grid(1.0, 5), TOLERANCE, &Budget::default());
-    assert_eq!(run.unwrap_err(), "`sqrt(a)` is NaN at t = 0 s, expected a finite number");
+    assert_eq!(run.unwrap_err(), "`sqrt(a)` of `drivers.motor` is NaN at t = 0 s, expected a finite number");
 }
 
 #[test]

@@ -276,9 +276,9 @@ fn stiff_equations_are_given_up_and_the_stiffest_spring_is_named() {
 #[test]
 fn a_force_that_is_no_number_is_named_with_the_time() {
     for (effort, says) in [
-        ("sqrt(-time - 1)", "`sqrt(-time - 1)` is NaN at t = 0 s, expected a finite number"),
+        ("sqrt(-time - 1)", "`sqrt(-time - 1)` of `actuators.push` is NaN at t = 0 s, expected a finite number"),
         // it swings past its lowest point on the way
-        ("0.01*sqrt(rod.angle)", "`0.01*sqrt(rod.angle)` is NaN at t = 0."),
+        ("0.01*sqrt(rod.angle)", "`0.01*sqrt(rod.angle)` of `actuators.push` is NaN at t = 0."),
     ] {
         let actuator = format!("[actuators.push]\ncoordinate = \"rod.angle\"\neffort = \"{effort}\"\n[initial]");
         for mechanism in both_formulations(&SINGLE_PENDULUM.replace("[initial]", &actuator)) {

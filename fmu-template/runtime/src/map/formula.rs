@@ -10,32 +10,7 @@ use super::{
 };
 use crate::FormatError;
 
-/// A function of one variable.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum ElementaryFunction {
-    /// `sin x`
-    Sin,
-    /// `cos x`
-    Cos,
-    /// `tan x`
-    Tan,
-    /// `asin x`
-    Asin,
-    /// `acos x`
-    Acos,
-    /// `atan x`
-    Atan,
-    /// `tanh x`
-    Tanh,
-    /// `e^x`
-    Exp,
-    /// The natural logarithm.
-    Ln,
-    /// The square root.
-    Sqrt,
-    /// `|x|`, whose slope at zero is 1.
-    Abs,
-}
+pub use super::elementary::ElementaryFunction;
 
 /// A step of a formula in postfix notation: operands are taken from a stack, and the result is put there.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -64,88 +39,6 @@ pub enum FormulaStep {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Formula {
     steps: Vec<FormulaStep>,
-}
-
-impl ElementaryFunction {
-    /// All of them, in the order of their numbers in the model file.
-    pub const ALL: [Self; 11] = [
-        Self::Sin,
-        Self::Cos,
-        Self::Tan,
-        Self::Asin,
-        Self::Acos,
-        Self::Atan,
-        Self::Tanh,
-        Self::Exp,
-        Self::Ln,
-        Self::Sqrt,
-        Self::Abs,
-    ];
-
-    /// As it is written in a formula.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Sin => "sin",
-            Self::Cos => "cos",
-            Self::Tan => "tan",
-            Self::Asin => "asin",
-            Self::Acos => "acos",
-            Self::Atan => "atan",
-            Self::Tanh => "tanh",
-            Self::Exp => "exp",
-            Self::Ln => "ln",
-            Self::Sqrt => "sqrt",
-            Self::Abs => "abs",
-        }
-    }
-
-    /// Value at `x`.
-    #[inline(never)]
-    pub(super) fn value(self, x: f64) -> f64 {
-        match self {
-            Self::Sin => x.sin(),
-            Self::Cos => x.cos(),
-            Self::Tan => x.tan(),
-            Self::Asin => x.asin(),
-            Self::Acos => x.acos(),
-            Self::Atan => x.atan(),
-            Self::Tanh => x.tanh(),
-            Self::Exp => x.exp(),
-            Self::Ln => x.ln(),
-            Self::Sqrt => x.sqrt(),
-            Self::Abs => x.abs(),
-        }
-    }
-
-    /// First and second derivative at `x`, where the value is `y`.
-    pub(super) fn derivatives<T: Number>(self, x: T, y: T) -> [T; 2] {
-        let (zero, one, minus) = (T::from(0.0), T::from(1.0), |value: T| value.scaled(-1.0));
-        match self {
-            Self::Sin => [x.apply(Self::Cos), minus(y)],
-            Self::Cos => [minus(x.apply(Self::Sin)), minus(y)],
-            Self::Tan => {
-                let slope = one + y * y;
-                [slope, y.scaled(2.0) * slope]
-            }
-            Self::Asin | Self::Acos => {
-                let slope = (one - x * x).apply(Self::Sqrt).recip();
-                let change = x * (slope * slope * slope);
-                if self == Self::Asin { [slope, change] } else { [minus(slope), minus(change)] }
-            }
-            Self::Atan => {
-                let slope = (one + x * x).recip();
-                [slope, x.scaled(-2.0) * slope * slope]
-            }
-            Self::Tanh => {
-                let slope = one - y * y;
-                [slope, y.scaled(-2.0) * slope]
-            }
-            Self::Exp => [y, y],
-            Self::Ln => [x.recip(), minus((x * x).recip())],
-            Self::Sqrt => [y.recip().scaled(0.5), (x * y).recip().scaled(-0.25)],
-            Self::Abs => [if x.value() < 0.0 { minus(one) } else { one }, zero],
-        }
-    }
 }
 
 impl Formula {

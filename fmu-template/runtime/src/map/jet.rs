@@ -1,6 +1,6 @@
 //! Numbers that carry their derivatives: a formula written once gives values and exact derivatives along a curve.
 
-use super::{activation, formula::ElementaryFunction};
+use super::{activation, elementary::ElementaryFunction};
 use crate::simd;
 use std::ops::{Add, Mul, Sub};
 
@@ -126,7 +126,7 @@ impl<T: Number> Number for Jet<T> {
     #[inline(never)]
     fn apply(self, function: ElementaryFunction) -> Self {
         let value = self.value.apply(function);
-        chain(self, value, function.derivatives(self.value, value))
+        chain(self, value, derivatives(function, self.value, value))
     }
 
     #[inline(never)]
@@ -170,6 +170,37 @@ impl<T: Number> Number for Jet<T> {
             first: self.first.add_scaled::<SIMD>(x.first, by),
             second: self.second.add_scaled::<SIMD>(x.second, by),
         }
+    }
+}
+
+/// First and second derivative of a function at `x`, where the value is `y`.
+fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
+    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sin, Sqrt, Tan, Tanh};
+    let (zero, one, minus) = (T::from(0.0), T::from(1.0), |value: T| value.scaled(-1.0));
+    match function {
+        Sin => [x.apply(Cos), minus(y)],
+        Cos => [minus(x.apply(Sin)), minus(y)],
+        Tan => {
+            let slope = one + y * y;
+            [slope, y.scaled(2.0) * slope]
+        }
+        Asin | Acos => {
+            let slope = (one - x * x).apply(Sqrt).recip();
+            let change = x * (slope * slope * slope);
+            if function == Asin { [slope, change] } else { [minus(slope), minus(change)] }
+        }
+        Atan => {
+            let slope = (one + x * x).recip();
+            [slope, x.scaled(-2.0) * slope * slope]
+        }
+        Tanh => {
+            let slope = one - y * y;
+            [slope, y.scaled(-2.0) * slope]
+        }
+        Exp => [y, y],
+        Ln => [x.recip(), minus((x * x).recip())],
+        Sqrt => [y.recip().scaled(0.5), (x * y).recip().scaled(-0.25)],
+        Abs => [if x.value() < 0.0 { minus(one) } else { one }, zero],
     }
 }
 

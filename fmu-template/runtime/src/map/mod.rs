@@ -2,6 +2,7 @@
 
 pub(crate) mod activation;
 pub mod dictionary;
+mod elementary;
 mod evaluate;
 pub mod formula;
 pub mod graph;

@@ -1,7 +1,7 @@
 //! Equations as a list of multiplications and additions, and of the functions in formulas: what is zero everywhere is no part of it, what occurs twice is computed once, and what
 //! follows from held inputs alone is computed when they have changed.
 
-use super::{formula::ElementaryFunction, jet::Number};
+use super::{elementary::ElementaryFunction, jet::Number};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{AVX2, AVX512};
 use crate::simd::{PORTABLE, Simd};
