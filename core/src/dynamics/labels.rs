@@ -318,7 +318,10 @@ impl<'a> Labels<'a> {
         let ends = [0, 1].map(|end| self.input_ranges().map(|range| range[end]).collect::<Vec<f64>>());
         for (v, u) in [(&(0.0 * &moving), &ends[0]), (&(0.0 * &moving), &ends[1]), (&moving, &inputs)] {
             if let Some(what) = reduced.model().undefined_effort(0.0, &terms.q, v, u) {
-                return Err(format!("{what}, expected a finite number"));
+                let names = self.mechanism.inputs().keys().zip(u).map(|(name, value)| format!("{name} = {value}"));
+                let with = names.collect::<Vec<_>>().join(", ");
+                let with = if with.is_empty() { with } else { format!(" with {with}") };
+                return Err(format!("{what}{with}, expected a finite number"));
             }
         }
         Ok(())

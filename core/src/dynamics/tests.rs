@@ -108,11 +108,15 @@ fn what_cannot_be_learned_is_refused() {
     };
     let rooted = CRANE.replace("-b * rail.velocity", "-sqrt(rail.velocity)");
     assert!(
-        message(&rooted, &region)
-            .ends_with("`-sqrt(rail.velocity)` of `actuators.friction` is NaN, expected a finite number")
+        message(&rooted, &region).ends_with(
+            "`-sqrt(rail.velocity)` of `actuators.friction` is NaN with force = 12, expected a finite number"
+        )
     );
     let rooted = CRANE.replace("effort = \"force\"", "effort = \"sqrt(force)\"");
-    assert!(message(&rooted, &region).ends_with("`sqrt(force)` of `actuators.motor` is NaN, expected a finite number"));
+    assert!(
+        message(&rooted, &region)
+            .ends_with("`sqrt(force)` of `actuators.motor` is NaN with force = -20, expected a finite number")
+    );
     let far = with(&|region| region.coordinates[0].max = 1e9);
     assert!(message(CRANE, &far).ends_with("more than 10000 rad or m from the start"));
     let unknown = with(&|region| region.parameters[0].name = "length".into());
