@@ -164,18 +164,27 @@ impl Tape {
                         let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
                         registers[to.index()] = value.recip();
                     }
-                    Operation::Call { function, of, to } => {
-                        registers[to.index()] = registers[of.index()].apply(function);
-                    }
-                    Operation::Quotient { a, b, to } => {
-                        registers[to.index()] = registers[a.index()].divided_by(registers[b.index()]);
-                    }
-                    Operation::Power { a, b, to } => {
-                        registers[to.index()] = registers[a.index()].power(registers[b.index()]);
+                    Operation::Call { .. } | Operation::Quotient { .. } | Operation::Power { .. } => {
+                        operation.run_rare(registers);
                     }
                 }
             }
         }
+    }
+}
+
+impl Operation {
+    /// Operations of formulas, apart from the others, which are many and take little time.
+    #[inline(never)]
+    fn run_rare<T: Number>(&self, registers: &mut [T]) {
+        let get = |register: Register| registers[register.index()];
+        let (value, to) = match *self {
+            Self::Call { function, of, to } => (get(of).apply(function), to),
+            Self::Quotient { a, b, to } => (get(a).divided_by(get(b)), to),
+            Self::Power { a, b, to } => (get(a).power(get(b)), to),
+            Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } => return,
+        };
+        registers[to.index()] = value;
     }
 }
 

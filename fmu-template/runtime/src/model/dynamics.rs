@@ -87,8 +87,7 @@ pub(super) struct Work<T> {
     force_columns: Vec<T>,
     forces: Vec<T>,
     of_forces: Option<TermWork<T>>,
-    /// The results.
-    pub(super) efforts: Vec<T>,
+    /// The result.
     pub(super) accelerations: Vec<T>,
 }
 
@@ -385,7 +384,6 @@ impl Dynamics {
             force_columns: zeros(self.force_columns(), of_forces),
             forces: zeros(n, of_forces),
             of_forces: of_forces.map(|forces| forces.work(0, held)),
-            efforts: vec![T::from(0.0); self.efforts.count()],
             accelerations: vec![T::from(0.0); n],
         }
     }
@@ -409,7 +407,7 @@ impl Dynamics {
     /// As [`Dynamics::accelerations`].
     pub fn efforts_at(&self, point: Point, scratch: &mut DynamicsScratch) -> Vec<f64> {
         self.accelerations(point, &mut vec![0.0; self.coordinates], scratch);
-        scratch.plain.efforts.clone()
+        (0..self.efforts.count()).map(|index| self.effort(index, &scratch.plain)).collect()
     }
 
     /// Directional derivative of `vd` along `direction`, exact but for rounding. Does not allocate.
@@ -439,6 +437,11 @@ impl Dynamics {
         self.solve(&|k| v[k], &|k| u.get(k).copied().unwrap_or(0.0), work);
         let [kinetic, potential] = self.energies(|k| v[k], work);
         kinetic + potential
+    }
+
+    /// An effort, once the equations were solved.
+    pub(super) fn effort<T: Number>(&self, index: usize, work: &Work<T>) -> T {
+        work.tape.get(self.written.efforts[index])
     }
 
     /// `v^T M v / 2` and `V`, once the equations were solved.
@@ -500,10 +503,9 @@ impl Dynamics {
 
     /// `M^-1 (-h - dV/dq + F - D v + B e)` from the columns of the working memory.
     pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
-        let Work { columns, tape, law, gradient, of_law, force_columns, forces, of_forces, efforts, accelerations } =
-            work;
+        let Work { columns, tape, law, gradient, of_law, force_columns, forces, of_forces, accelerations } = work;
         let (n, m) = (self.coordinates, self.inputs());
-        let Written { tape: equations, given, efforts: of_efforts, accelerations: found, .. } = &self.written;
+        let Written { tape: equations, given, accelerations: found, .. } = &self.written;
         // the end of a step is where outputs are wanted and the next step begins
         if !tape.set_inputs(columns.iter().copied().chain((0..n).map(v)).chain((0..m).map(u))) {
             return;
@@ -527,7 +529,6 @@ impl Dynamics {
             };
         }
         equations.run(tape);
-        efforts.iter_mut().zip(of_efforts).for_each(|(to, register)| *to = tape.get(*register));
         accelerations.iter_mut().zip(found).for_each(|(to, register)| *to = tape.get(*register));
     }
 }

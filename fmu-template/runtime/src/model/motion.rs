@@ -274,9 +274,9 @@ impl PreparedMotion {
         if let Some((reactions, work)) = &mut reactions {
             reactions.compute(&equations.columns, work);
         }
-        let e = equations.efforts.as_slice();
+        let effort = |index: usize| self.motion.dynamics.effort(index, equations);
         let reaction = |index: usize| {
-            let known = reactions.as_ref().map(|(reactions, work)| reactions.value(index, [v, e, a], work));
+            let known = reactions.as_ref().map(|(reactions, work)| reactions.value(index, [v, a], effort, work));
             known.unwrap_or_else(|| T::from(f64::NAN))
         };
         let (outputs, rates) = results.split_at_mut(self.motion.outputs.len());

@@ -100,7 +100,7 @@ impl Reactions {
     pub fn evaluate(&self, Point { q, v, u, p }: Point, accelerations: &[f64]) -> Vec<f64> {
         let mut work = self.work();
         self.compute(&[q, p].concat(), &mut work);
-        (0..self.count()).map(|index| self.value(index, [v, u, accelerations], &work)).collect()
+        (0..self.count()).map(|index| self.value(index, [v, accelerations], |k| u[k], &work)).collect()
     }
 
     pub(super) fn work<T: Number>(&self) -> ReactionsWork<T> {
@@ -114,7 +114,13 @@ impl Reactions {
     }
 
     /// A force or moment with velocities, efforts and accelerations.
-    pub(super) fn value<T: Number>(&self, index: usize, [v, u, a]: [&[T]; 3], work: &ReactionsWork<T>) -> T {
+    pub(super) fn value<T: Number>(
+        &self,
+        index: usize,
+        [v, a]: [&[T]; 2],
+        effort: impl Fn(usize) -> T,
+        work: &ReactionsWork<T>,
+    ) -> T {
         let (n, each) = (self.coordinates, Self::functions_of_each(self.coordinates, self.efforts));
         let (of_accelerations, rest) = work.functions[index * each..][..each].split_at(n);
         let (of_squares, rest) = rest.split_at(n * (n + 1) / 2);
@@ -126,6 +132,6 @@ impl Reactions {
                 force = force + of_squares[i * (i + 1) / 2 + j] * v[i] * v[j];
             }
         }
-        rest[1..].iter().zip(u).fold(force, |force, (function, u)| force + *function * *u)
+        rest[1..].iter().enumerate().fold(force, |force, (k, function)| force + *function * effort(k))
     }
 }
