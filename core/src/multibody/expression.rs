@@ -1,6 +1,6 @@
 //! Arithmetic expressions in a description, with exact first and second derivatives.
 //!
-//! Numbers, names, `+ - * / ^`, parentheses, `pi` and the [functions](ElementaryFunction); `^` binds tightest and to the right, so
+//! Numbers, names, `+ - * / ^`, parentheses, `pi`, `min`, `max` and the [functions](ElementaryFunction); `^` binds tightest and to the right, so
 //! `-a^2` is `-(a^2)`. An expression is evaluated on series ([`Jet`]), which is how a driver gets its velocity and acceleration.
 
 use crate::diagnostics::names::expected_one_of;
@@ -128,6 +128,9 @@ impl<'de> Deserialize<'de> for Expression {
     }
 }
 
+/// Functions of two variables.
+const PAIRS: [(&str, FormulaStep); 2] = [("min", FormulaStep::Minimum), ("max", FormulaStep::Maximum)];
+
 /// Recursive descent; each rule appends its steps after those of its operands.
 struct Parser<'a> {
     text: &'a str,
@@ -189,19 +192,26 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// `number | name | function "(" sum ")" | "(" sum ")"`
+    /// `number | name | function "(" sum ")" | pair "(" sum "," sum ")" | "(" sum ")"`
     fn atom(&mut self) -> Result<(), String> {
         match self.peek() {
-            Some('(') => self.parentheses(),
+            Some('(') => self.arguments(1),
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_ascii_alphabetic() || c == '_' => self.name(),
             _ => Err(self.unexpected("a number, a name or `(`")),
         }
     }
 
-    fn parentheses(&mut self) -> Result<(), String> {
-        self.position += 1;
-        self.sum()?;
+    /// `"(" sum ("," sum)* ")"`
+    fn arguments(&mut self, count: usize) -> Result<(), String> {
+        for argument in 0..count {
+            // the first of them is `(`, which was seen already
+            if argument > 0 && self.peek() != Some(',') {
+                return Err(self.unexpected("`,`"));
+            }
+            self.position += 1;
+            self.sum()?;
+        }
         if self.peek() != Some(')') {
             return Err(self.unexpected("`)`"));
         }
@@ -237,13 +247,16 @@ impl Parser<'_> {
         let name = &rest[..rest.find(|c| !plain(c)).unwrap_or(rest.len())];
         self.position += name.len();
         if self.peek() == Some('(') {
-            let Some(function) = ElementaryFunction::ALL.into_iter().find(|known| known.name() == name) else {
-                let known = ElementaryFunction::ALL.map(ElementaryFunction::name);
+            let step = PAIRS.iter().find(|(known, _)| *known == name).map(|(_, step)| *step);
+            let function = ElementaryFunction::ALL.into_iter().find(|known| known.name() == name);
+            let Some(step) = step.or(function.map(FormulaStep::Call)) else {
+                let known = ElementaryFunction::ALL.map(ElementaryFunction::name).into_iter();
+                let known: Vec<&str> = known.chain(PAIRS.map(|(name, _)| name)).collect();
                 let known = expected_one_of(name, &known);
                 return Err(format!("`{}`: no function `{name}`, {known}", self.text));
             };
-            self.parentheses()?;
-            self.steps.push(FormulaStep::Call(function));
+            self.arguments(if function.is_some() { 1 } else { 2 })?;
+            self.steps.push(step);
         } else if name == "pi" {
             self.steps.push(FormulaStep::Constant(std::f64::consts::PI));
         } else {
@@ -298,6 +311,8 @@ mod tests {
             ("2*pi", 2.0 * std::f64::consts::PI),
             ("sqrt(a^2)", 1.7),
             ("1/3", 1.0 / 3.0),
+            ("min(a, 1 + 1) + max(-3, -a)", 0.0),
+            ("sign(-a)*abs(a)", -1.7),
         ] {
             assert_eq!(at(text, 0.0).value, value, "{text}");
         }
@@ -341,6 +356,8 @@ mod tests {
             ("2 *", "found the end"),
             ("2 x", "found `x` at character 3, expected an operator or the end"),
             ("(1 + 2", "found the end at character 7, expected `)`"),
+            ("min(1)", "found `)` at character 6, expected `,`"),
+            ("sin(1, 2)", "found `,` at character 6, expected `)`"),
             ("sine(1)", "no function `sine`, expected one of sin, cos"),
             ("1 + é", "found `é` at character 5"),
             ("1e999", "expected a finite number"),

@@ -298,8 +298,8 @@ pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate 
 /// [`crane`] with efforts: friction of the trolley, `force - 0.3 tanh(20 v)`, wind against the load's horizontal motion as a torque on the
 /// rope, and a force with made-up numbers that has every function and operation.
 pub fn crane_with_efforts() -> Surrogate {
-    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sin, Sqrt, Tan, Tanh};
-    use FormulaStep::{Add, Call, Column, Constant, Divide, Multiply, Negate, Power, Subtract};
+    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
+    use FormulaStep::{Add, Call, Column, Constant, Divide, Maximum, Minimum, Multiply, Negate, Power, Subtract};
     let crane = crane();
     let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
     let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
@@ -325,7 +325,9 @@ pub fn crane_with_efforts() -> Surrogate {
         &[Call(Atan), Call(Exp), Add, Column(0), Call(Ln), Column(0), Call(Sqrt), Multiply, Add, Column(1), Column(1)],
         &[Constant(2.0), Power, Constant(1.0), Add, Divide, Add, Column(0)],
         &bounded,
-        &[Power, Add],
+        &[Power, Add, Column(1), Constant(2.0), Minimum, Column(1), Constant(-2.5), Maximum, Add, Add],
+        &bounded,
+        &[Call(Sign), Add],
     ];
     let formulas = vec![formula(&friction), formula(&wind.concat()), formula(&motor.concat())];
     let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];

@@ -138,6 +138,39 @@ static inline Jet jet_abs(Jet a)
     return jet_chain(a, MATH(fabs)(a.value), a.value < R(0.0) ? R(-1.0) : R(1.0), R(0.0));
 }
 
+static inline Real real_sign(Real a)
+{
+    if (a > R(0.0)) {
+        return R(1.0);
+    }
+    return a < R(0.0) ? R(-1.0) : a;
+}
+
+static inline Jet jet_sign(Jet a)
+{
+    return jet_constant(real_sign(a.value));
+}
+
+static inline Real real_minimum(Real a, Real b)
+{
+    return b < a || isnan(b) ? b : a;
+}
+
+static inline Jet jet_minimum(Jet a, Jet b)
+{
+    return b.value < a.value || isnan(b.value) ? b : a;
+}
+
+static inline Real real_maximum(Real a, Real b)
+{
+    return b > a || isnan(b) ? b : a;
+}
+
+static inline Jet jet_maximum(Jet a, Jet b)
+{
+    return b.value > a.value || isnan(b.value) ? b : a;
+}
+
 static inline Real real_quotient(Real a, Real b)
 {
     return a / b;

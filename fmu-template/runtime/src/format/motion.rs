@@ -116,13 +116,15 @@ fn of_efforts(efforts: &Efforts) -> [Tensor; 4] {
 }
 
 /// In the order of their numbers in the file, from 3.
-const OPERATIONS: [FormulaStep; 6] = [
+const OPERATIONS: [FormulaStep; 8] = [
     FormulaStep::Negate,
     FormulaStep::Add,
     FormulaStep::Subtract,
     FormulaStep::Multiply,
     FormulaStep::Divide,
     FormulaStep::Power,
+    FormulaStep::Minimum,
+    FormulaStep::Maximum,
 ];
 
 /// The inverse of [`of_efforts`].

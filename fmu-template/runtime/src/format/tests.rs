@@ -574,7 +574,7 @@ fn efforts_that_make_no_sense_are_refused() {
     let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
     for (tensor, element, value, expected) in [
         ("efforts.steps", 1, 77, "tensor `efforts.steps`, element 0: 77, expected less than 8"),
-        ("efforts.steps", 0, 9, "tensor `efforts.steps`, element 0: 9 is not known"),
+        ("efforts.steps", 0, 11, "tensor `efforts.steps`, element 0: 11 is not known"),
         ("efforts.steps", 3, 900, "tensor `efforts.steps`, element 3: 900 is not known"),
         ("efforts.steps", 0, 4, "formula, step 0: 0 values, expected 2"),
         ("efforts.inputs", 0, 2, "tensor `inputs` has shape [1, 4, 1, 0], expected [1, 4, 2, 0]"),

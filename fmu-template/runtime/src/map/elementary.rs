@@ -25,11 +25,13 @@ pub enum ElementaryFunction {
     Sqrt,
     /// `|x|`, whose slope at zero is 1.
     Abs,
+    /// -1, 0 or 1.
+    Sign,
 }
 
 impl ElementaryFunction {
     /// All of them, in the order of their numbers in the model file.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Sin,
         Self::Cos,
         Self::Tan,
@@ -41,6 +43,7 @@ impl ElementaryFunction {
         Self::Ln,
         Self::Sqrt,
         Self::Abs,
+        Self::Sign,
     ];
 
     /// As it is written in a formula.
@@ -57,6 +60,7 @@ impl ElementaryFunction {
             Self::Ln => "ln",
             Self::Sqrt => "sqrt",
             Self::Abs => "abs",
+            Self::Sign => "sign",
         }
     }
 
@@ -75,6 +79,8 @@ impl ElementaryFunction {
             Self::Ln => x.ln(),
             Self::Sqrt => x.sqrt(),
             Self::Abs => x.abs(),
+            Self::Sign if x == 0.0 => 0.0,
+            Self::Sign => x.signum(),
         }
     }
 }

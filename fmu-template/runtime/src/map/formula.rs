@@ -1,4 +1,5 @@
-//! Scalar formulas as mechanism files have them: numbers, columns, `+ - * / ^` and functions of one variable, with exact derivatives.
+//! Scalar formulas as mechanism files have them: numbers, columns, `+ - * / ^`, `min`, `max` and functions of one variable, with exact
+//! derivatives.
 //!
 //! Derivatives are second-order Taylor coefficients (forward automatic differentiation; Griewank, Walther: *Evaluating Derivatives*,
 //! chapter 13).
@@ -33,6 +34,10 @@ pub enum FormulaStep {
     Divide,
     /// The value before the last to the power of the last.
     Power,
+    /// The smaller one of the last two values.
+    Minimum,
+    /// The larger one of the last two values.
+    Maximum,
 }
 
 /// A scalar formula of some columns.
@@ -130,6 +135,8 @@ impl Formula {
             (FormulaStep::Multiply, [a, b]) => *a * *b,
             (FormulaStep::Divide, [a, b]) => a.divided_by(*b),
             (FormulaStep::Power, [a, b]) => a.power(*b),
+            (FormulaStep::Minimum, [a, b]) => a.smaller(*b),
+            (FormulaStep::Maximum, [a, b]) => a.larger(*b),
             _ => unreachable!("`walk` gives each step its operands"),
         })
     }
@@ -146,6 +153,12 @@ impl Formula {
             (FormulaStep::Multiply, [a, b]) => tape.product(*a, *b),
             (FormulaStep::Divide, [a, b]) => tape.quotient(*a, *b),
             (FormulaStep::Power, [a, b]) => tape.power(*a, *b),
+            (FormulaStep::Minimum, [a, b]) => tape.smaller(*a, *b),
+            (FormulaStep::Maximum, [a, b]) => {
+                let [a, b] = [a, b].map(|value| tape.negative(*value));
+                let smaller = tape.smaller(a, b);
+                tape.negative(smaller)
+            }
             _ => unreachable!("`walk` gives each step its operands"),
         })
     }
@@ -169,7 +182,13 @@ impl FormulaStep {
         match self {
             Self::Constant(_) | Self::Column(_) => 0,
             Self::Call(_) | Self::Negate => 1,
-            Self::Add | Self::Subtract | Self::Multiply | Self::Divide | Self::Power => 2,
+            Self::Add
+            | Self::Subtract
+            | Self::Multiply
+            | Self::Divide
+            | Self::Power
+            | Self::Minimum
+            | Self::Maximum => 2,
         }
     }
 }
@@ -177,7 +196,7 @@ impl FormulaStep {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use FormulaStep::{Add, Call, Column, Constant, Divide, Multiply, Negate, Power, Subtract};
+    use FormulaStep::{Add, Call, Column, Constant, Divide, Maximum, Minimum, Multiply, Negate, Power, Subtract};
 
     /// Every function and operation, of two columns.
     fn formulas() -> Vec<Formula> {
@@ -187,6 +206,8 @@ mod tests {
             vec![Column(0), Constant(3.0), Power, Constant(2.0), Column(1), Power, Subtract],
             vec![Column(0), Constant(-2.0), Power, Column(1), Constant(0.5), Power, Add],
             vec![Column(0), Column(1), Power, Column(1), Constant(1.7), Power, Add],
+            vec![Column(0), Column(1), Minimum, Column(0), Constant(-0.5), Maximum, Multiply],
+            vec![Column(1), Column(0), Minimum, Constant(2.0), Column(1), Maximum, Subtract],
         ];
         ElementaryFunction::ALL.into_iter().map(with).chain(more).map(|steps| Formula::new(steps).unwrap()).collect()
     }

@@ -21,6 +21,16 @@ pub(crate) trait Number:
     fn apply(self, function: ElementaryFunction) -> Self;
     fn divided_by(self, other: Self) -> Self;
     fn power(self, exponent: Self) -> Self;
+    /// NaN if one of both is.
+    fn smaller(self, other: Self) -> Self {
+        let is_other = other.value() < self.value() || other.value().is_nan();
+        if is_other { other } else { self }
+    }
+    /// NaN if one of both is.
+    fn larger(self, other: Self) -> Self {
+        let is_other = other.value() > self.value() || other.value().is_nan();
+        if is_other { other } else { self }
+    }
     fn tanh<const SIMD: u8>(self) -> Self;
     /// Plus `a` times `b`.
     fn add_product<const SIMD: u8>(self, a: Self, b: Self) -> Self;
@@ -175,7 +185,7 @@ impl<T: Number> Number for Jet<T> {
 
 /// First and second derivative of a function at `x`, where the value is `y`.
 fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
-    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sin, Sqrt, Tan, Tanh};
+    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
     let (zero, one, minus) = (T::from(0.0), T::from(1.0), |value: T| value.scaled(-1.0));
     match function {
         Sin => [x.apply(Cos), minus(y)],
@@ -201,6 +211,7 @@ fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
         Ln => [x.recip(), minus((x * x).recip())],
         Sqrt => [y.recip().scaled(0.5), (x * y).recip().scaled(-0.25)],
         Abs => [if x.value() < 0.0 { minus(one) } else { one }, zero],
+        Sign => [zero, zero],
     }
 }
 

@@ -66,6 +66,8 @@ enum Operation {
     Quotient { a: Register, b: Register, to: Register },
     /// `to = a^b`
     Power { a: Register, b: Register, to: Register },
+    /// The smaller one of both.
+    Smaller { a: Register, b: Register, to: Register },
 }
 
 /// Working memory of a [`Tape`].
@@ -164,7 +166,10 @@ impl Tape {
                         let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
                         registers[to.index()] = value.recip();
                     }
-                    Operation::Call { .. } | Operation::Quotient { .. } | Operation::Power { .. } => {
+                    Operation::Call { .. }
+                    | Operation::Quotient { .. }
+                    | Operation::Power { .. }
+                    | Operation::Smaller { .. } => {
                         operation.run_rare(registers);
                     }
                 }
@@ -182,6 +187,7 @@ impl Operation {
             Self::Call { function, of, to } => (get(of).apply(function), to),
             Self::Quotient { a, b, to } => (get(a).divided_by(get(b)), to),
             Self::Power { a, b, to } => (get(a).power(get(b)), to),
+            Self::Smaller { a, b, to } => (get(a).smaller(get(b)), to),
             Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } => return,
         };
         registers[to.index()] = value;
@@ -443,6 +449,17 @@ impl TapeBuilder {
                 to
             }
         }
+    }
+
+    /// The smaller one of two numbers.
+    pub(crate) fn smaller(&mut self, a: Register, b: Register) -> Register {
+        if let [Some(a), Some(b)] = [a, b].map(|register| self.value(register)) {
+            return self.constant(a.smaller(b));
+        }
+        let known = self.follows(&[a, b]);
+        let to = self.reserve(known);
+        self.part(known).operations.push(Operation::Smaller { a, b, to });
+        to
     }
 
     /// Cosines of 1, 2, ... times an angle, so many of them, and after them the sines.

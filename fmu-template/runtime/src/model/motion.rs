@@ -369,7 +369,7 @@ mod tests {
         let wind = -0.2 * load_rate * load_rate.abs() * l * cosine;
         let y = (x / 10.0).sin();
         let known = y.asin() + y.acos() - y.tan() + y.atan().exp() + l.ln() * l.sqrt();
-        let motor = known + force / (force.powi(2) + 1.0) + l.powf(y);
+        let motor = known + force / (force.powi(2) + 1.0) + l.powf(y) + force.min(2.0) + force.max(-2.5) + y.signum();
         let side = [friction + 0.5 * motor - 0.3 * v + l * omega * omega * sine, wind - 9.81 * l * sine];
         // M = [3, l cos; l cos, l²]
         let determinant = 3.0 * l * l - l * l * cosine * cosine;

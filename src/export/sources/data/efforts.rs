@@ -84,6 +84,8 @@ fn written(step: FormulaStep, operands: &[Value], efforts: &Efforts, text: &mut 
             (1..*whole as u32).fold(x.text(), |power, _| format!("OF(product)({power}, {})", x.text()))
         }
         (FormulaStep::Power, [a, b]) => call("power", &[a, b]),
+        (FormulaStep::Minimum, [a, b]) => call("minimum", &[a, b]),
+        (FormulaStep::Maximum, [a, b]) => call("maximum", &[a, b]),
         _ => unreachable!("`walk` gives each step its operands"),
     };
     push(text, format_args!("    const NUMBER t{count} = {code};\n"));
