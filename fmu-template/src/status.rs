@@ -112,7 +112,8 @@ pub(crate) enum Refusal {
     #[error("tolerance {found} is negative or not finite")]
     Tolerance { found: f64 },
     #[error(
-        "the equations have no finite solution in this state: a mass matrix is not positive definite, or a value too large"
+        "the equations have no finite solution in this state: a formula is not defined there, a mass matrix is not positive \
+         definite, or a value is too large"
     )]
     NotComputable { status: Status },
     #[error(

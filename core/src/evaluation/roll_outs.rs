@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub struct RollOuts {
     /// At a sixth of the runs' length, and at their end; once if there is no row between.
     pub horizons: Vec<Horizon>,
-    /// Indices of the test runs that are chaotic: their sensitivity at their end exceeds [`CHAOTIC`].
+    /// Indices of the test runs that are chaotic: predicted to their end, where their sensitivity exceeds [`CHAOTIC`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub chaotic_runs: Vec<usize>,
     /// Median of the times at which an error exceeds a tenth of its output's standard deviation in the run, in seconds; none if more
@@ -110,10 +110,12 @@ impl RollOuts {
         let divergence_time = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
         let is_chaotic = |sensitivity: f64| sensitivity.is_nan() || sensitivity > CHAOTIC;
         let at_end = sensitivities(rows);
+        let is_whole = |run: usize| predictions[run].iter().all(|value| value.is_finite());
         let finite = |run: &&Run| RollOut::along(surrogate, &evaluator, run).repeated(LENGTHS).is_some();
         Self {
             horizons: lengths.into_iter().map(horizon).collect(),
-            chaotic_runs: (0..at_end.len()).filter(|&run| is_chaotic(at_end[run])).collect(),
+            // a run that ends with an error has failed, whatever its sensitivity is
+            chaotic_runs: (0..at_end.len()).filter(|&run| is_whole(run) && is_chaotic(at_end[run])).collect(),
             divergence_time,
             energy_drift: energy_drift(surrogate, &evaluator, test),
             constraint_residual: None,
@@ -447,6 +449,28 @@ mod tests {
         assert!((all.max_abs_error - 17.0).abs() < 1e-12 && all.worst_run == 1, "{all:?}");
         assert!((regular.max_abs_error - 0.1).abs() < 1e-12 && regular.worst_run == 2, "{regular:?}");
         assert!((regular.mse / (0.01 / 402.0) - 1.0).abs() < 1e-9, "{regular:?}");
+    }
+
+    #[test]
+    fn a_run_that_ends_with_an_error_has_failed_and_is_not_chaotic() {
+        let surrogate = example::crane();
+        let times: std::sync::Arc<[f64]> = (0..=20).map(|row| 0.05 * f64::from(row)).collect();
+        let width = surrogate.outputs().len();
+        // without a rope there is no mass matrix
+        let run = |rope: f64| Run {
+            inputs: vec![0.0; times.len()],
+            parameters: vec![rope, 0.0, 0.8, 0.0, 0.0],
+            times: times.clone(),
+            outputs: vec![0.5; times.len() * width],
+        };
+        let variable = |name: &str| Variable::new(name, "", "");
+        let parameters = ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec();
+        let outputs = surrogate.outputs().iter().map(|output| variable(&output.name)).collect();
+        let runs = vec![run(1.2), run(0.0), run(1.5)];
+        let test = Dataset { inputs: vec![variable("force")], parameters, outputs, runs };
+        let accuracy = crate::evaluation::Accuracy::of(&surrogate, &test);
+        assert!(accuracy.roll_outs.unwrap().chaotic_runs.is_empty() && accuracy.regular_outputs.is_empty());
+        assert_eq!(accuracy.outputs["theta"].worst_run, 1);
     }
 
     #[test]

@@ -77,8 +77,14 @@ Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *
 static inline Drive drive_of(const Step *step, const double point[COLUMN_COUNT], size_t input)
 {
     const Column *column = &model_columns[input];
-    const Drive drive = {(Real)point[input], (Real)step->rates[input], (Real)step->second_rates[input],
-                         step->clamp ? (Real)column->min : -REAL_HUGE, step->clamp ? (Real)column->max : REAL_HUGE};
+    const Real width = MODEL_HAS_EQUATIONS ? (Real)(column->max - column->min) : R(0.0);
+    const Drive drive = {(Real)point[input],
+                         (Real)step->rates[input],
+                         (Real)step->second_rates[input],
+                         step->clamp ? (Real)column->min : -REAL_HUGE,
+                         step->clamp ? (Real)column->max : REAL_HUGE,
+                         {(Real)column->min, (Real)column->max},
+                         width * (R(4.0) * REAL_EPSILON > R(1e-9) ? R(4.0) * REAL_EPSILON : R(1e-9))};
     return drive;
 }
 

@@ -199,7 +199,9 @@ static inline Real real_term(Real factor, Real x, Real power)
 static inline Jet jet_power(Jet a, Jet b)
 {
     const Real value = MATH(pow)(a.value, b.value);
-    if (MATH(fabs)(b.first) > R(0.0) || MATH(fabs)(b.second) > R(0.0)) {
+    const int changes = MATH(fabs)(b.first) > R(0.0) || MATH(fabs)(b.second) > R(0.0);
+    /* at zero a power vanishes whatever its exponent is */
+    if (changes && !(MATH(fabs)(a.value) <= R(0.0) && b.value > R(0.0))) {
         return jet_chain(jet_product(b, jet_ln(a)), value, value, value);
     }
     const Real p = b.value;

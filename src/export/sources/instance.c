@@ -550,8 +550,8 @@ static Status check_computed(Instance *instance, const double values[], size_t c
     for (size_t i = 0; MODEL_GOES_ON && i < count; i++) {
         if (!is_finite(values[i])) {
             return instance_tell(instance, refused,
-                                 "the equations have no finite solution in this state: a mass matrix is not positive "
-                                 "definite, or a value too large");
+                                 "the equations have no finite solution in this state: a formula is not defined there, a "
+                                 "mass matrix is not positive definite, or a value is too large");
         }
     }
     return STATUS_OK;

@@ -125,12 +125,21 @@ typedef struct {
     Real second_rate;
     Real min; /* what it is clamped to; infinite if it is not */
     Real max;
+    Real ends[2]; /* its range, which it is off by rounding at most when it goes to an end of it */
+    Real rounding;
 } Drive;
 
 /* The input, `since` seconds after the beginning. */
 static inline Real driven(const Drive *drive, Real since)
 {
     const Real value = drive->value + since * (drive->rate + R(0.5) * since * drive->second_rate);
+    /* beyond the end of a range a formula may have no value */
+    if (value < drive->ends[0] && value >= drive->ends[0] - drive->rounding) {
+        return drive->ends[0];
+    }
+    if (value > drive->ends[1] && value <= drive->ends[1] + drive->rounding) {
+        return drive->ends[1];
+    }
     if (value < drive->min) {
         return drive->min;
     }

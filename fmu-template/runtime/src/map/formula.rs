@@ -229,6 +229,13 @@ mod tests {
     }
 
     #[test]
+    fn a_power_of_zero_does_not_change_with_its_exponent() {
+        let formula = Formula::new(vec![Column(0), Call(ElementaryFunction::Abs), Column(1), Power]).unwrap();
+        let jet = formula.series(|k| Jet { value: [0.0, 1.5][k], first: [0.0, 1.0][k], second: 0.0 });
+        assert_eq!(jet, Jet::from(0.0));
+    }
+
+    #[test]
     fn a_tape_computes_the_same() {
         for formula in formulas() {
             let mut builder = TapeBuilder::new(2, 0..1);

@@ -150,7 +150,9 @@ impl<T: Number> Number for Jet<T> {
     #[inline(never)]
     fn power(self, exponent: Self) -> Self {
         let (zero, value) = (T::from(0.0), self.value.power(exponent.value));
-        if exponent.first != zero || exponent.second != zero {
+        let changes = exponent.first != zero || exponent.second != zero;
+        // at zero a power vanishes whatever its exponent is
+        if changes && !(self.value.value() == 0.0 && exponent.value.value() > 0.0) {
             return chain(exponent * self.apply(ElementaryFunction::Ln), value, [value; 2]);
         }
         let (x, p) = (self.value, exponent.value);

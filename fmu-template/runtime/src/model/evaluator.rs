@@ -7,7 +7,7 @@ use super::{
     motion::{MotionScratch, PreparedMotion},
     state_space::{PreparedStateSpace, StateSpaceScratch},
 };
-use crate::{Metadata, map::Task};
+use crate::{Metadata, Role, map::Task};
 
 /// Highest order of the outputs' derivatives along a curve: the FMU's `maxOutputDerivativeOrder`.
 pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
@@ -25,6 +25,8 @@ pub struct Evaluator {
     results: usize,
     /// Of the states.
     scales: Vec<Scale>,
+    /// Ranges of the inputs that may change during a step.
+    ranges: Vec<[f64; 2]>,
     engine: Engine,
 }
 
@@ -66,10 +68,12 @@ impl Evaluator {
             Engine::Discrete(discrete) => discrete.memory(),
             Engine::Maps(_) | Engine::Motion(_) | Engine::StateSpace(_) => states,
         };
+        let driven = metadata.inputs.iter().filter(|input| input.role == Role::Input);
         Self {
             columns: metadata.inputs.len() + memory,
             results: metadata.outputs.len() + states,
             scales: model.scales(&metadata.states),
+            ranges: driven.map(|input| [input.min, input.max]).collect(),
             engine,
         }
     }
@@ -89,8 +93,8 @@ impl Evaluator {
     pub fn scratch(&self) -> Scratch {
         Scratch(match &self.engine {
             Engine::Maps(maps) => Working::Maps(Box::new(maps.scratch())),
-            Engine::Motion(motion) => Working::Motion(Box::new(motion.scratch(&self.scales))),
-            Engine::StateSpace(space) => Working::StateSpace(Box::new(space.scratch(&self.scales))),
+            Engine::Motion(motion) => Working::Motion(Box::new(motion.scratch(&self.scales, &self.ranges))),
+            Engine::StateSpace(space) => Working::StateSpace(Box::new(space.scratch(&self.scales, &self.ranges))),
             Engine::Discrete(discrete) => Working::Discrete(Box::new(discrete.scratch())),
         })
     }

@@ -197,13 +197,13 @@ impl PreparedMotion {
         self.motion.start_columns()
     }
 
-    pub(crate) fn scratch(&self, scales: &[Scale]) -> MotionScratch {
+    pub(crate) fn scratch(&self, scales: &[Scale], ranges: &[[f64; 2]]) -> MotionScratch {
         let (columns, results) = (self.motion.layout().columns(), self.motion.outputs.len() + self.motion.states());
         MotionScratch {
             plain: self.parts(),
             series: self.parts(),
             by_directions: ByDirections::new(columns, results),
-            solver: Solver::new(columns, self.motion.dynamics.inputs(), scales.to_vec()),
+            solver: Solver::new(columns, ranges.to_vec(), scales.to_vec()),
         }
     }
 
@@ -328,7 +328,11 @@ impl PreparedMotion {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Domain, Evaluator, Model, Scratch, Surrogate, example, model::dynamics::Point};
+    use crate::{
+        Domain, Efforts, Evaluator, Model, Scratch, Surrogate, example,
+        formula::{ElementaryFunction, Formula, FormulaStep},
+        model::dynamics::Point,
+    };
 
     /// Rope, state at the start, force, state.
     const POINT: [f64; 10] = [1.4, 0.0, 0.3, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0];
@@ -579,6 +583,38 @@ mod tests {
                 "{error:?}"
             );
         }
+    }
+
+    #[test]
+    fn an_input_that_goes_to_the_end_of_its_range_does_not_pass_it_by_rounding() {
+        // the square root of the distance from the upper end
+        let surrogate = example::crane();
+        let Model::Motion(motion) = surrogate.model() else { panic!("the crane moves") };
+        let steps = [
+            FormulaStep::Constant(10.0),
+            FormulaStep::Column(1),
+            FormulaStep::Subtract,
+            FormulaStep::Call(ElementaryFunction::Sqrt),
+        ];
+        let formulas = vec![Formula::new(steps.to_vec()).unwrap()];
+        let efforts = Efforts::new([1, 1, 2], Vec::new(), formulas).unwrap();
+        let dynamics = Dynamics::with_efforts(efforts, motion.dynamics.law().clone()).unwrap();
+        let motion = Motion { dynamics, ..(**motion).clone() };
+        let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Motion(Box::new(motion))).unwrap();
+        let evaluator = Evaluator::new(&surrogate);
+        let (mut scratch, none) = (evaluator.scratch(), [0.0; 10]);
+        for number in 0..1000 {
+            let (mut point, mut rates) = (POINT, none);
+            point[5] = 9.0 + 0.9 * (f64::from(number) * 0.618_033_988_749_894_9).fract();
+            rates[5] = (10.0 - point[5]) / 0.02;
+            let drive = Drive { rates: [&rates, &none], clamp: None };
+            evaluator.advance(&mut point, CommunicationStep::of(0.02), drive, &mut scratch).unwrap();
+        }
+        // and beyond it the formula has no value
+        let (mut point, mut rates) = (POINT, none);
+        rates[5] = 400.0;
+        let drive = Drive { rates: [&rates, &none], clamp: None };
+        assert!(evaluator.advance(&mut point, CommunicationStep::of(0.02), drive, &mut scratch).is_err());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Integration of a model's states over a communication step.
 
 use super::expect_step;
-use crate::{Domain, FormatError, State};
+use crate::{Domain, FormatError, State, TOLERANCE};
 use std::ops::Range;
 
 /// How the states of a model are integrated over a communication step.
@@ -182,6 +182,8 @@ const DORMAND_PRINCE_ERROR: [f64; 7] =
 #[derive(Clone, Debug)]
 pub(super) struct Solver {
     inputs: Range<usize>,
+    /// Range of each input.
+    ranges: Vec<[f64; 2]>,
     states: Range<usize>,
     scales: Vec<Scale>,
     /// The states before the step.
@@ -192,12 +194,13 @@ pub(super) struct Solver {
 }
 
 impl Solver {
-    /// For points whose last columns are the states, which have these scales, and those before them the inputs.
-    pub(super) fn new(columns: usize, inputs: usize, scales: Vec<Scale>) -> Self {
+    /// For points whose last columns are the states, which have these scales, and those before them the inputs, which have these ranges.
+    pub(super) fn new(columns: usize, ranges: Vec<[f64; 2]>, scales: Vec<Scale>) -> Self {
         let states = scales.len();
         let first = columns - states;
         Self {
-            inputs: first - inputs..first,
+            inputs: first - ranges.len()..first,
+            ranges,
             states: first..columns,
             scales,
             before: vec![0.0; states],
@@ -357,12 +360,13 @@ impl Solver {
         drive: Drive,
         respond: &mut impl FnMut(&[f64], &mut [f64]),
     ) {
-        let Self { inputs, states, stage, rates, .. } = self;
+        let Self { inputs, ranges, states, stage, rates, .. } = self;
         let count = states.len();
         for (index, (time, weights)) in tableau.stages.iter().enumerate().skip(first) {
             let later = since + time * h;
-            for column in inputs.clone() {
+            for (column, range) in inputs.clone().zip(&*ranges) {
                 let value = point[column] + later * (drive.rates[0][column] + 0.5 * later * drive.rates[1][column]);
+                let value = without_rounding(value, *range);
                 stage[column] = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
             }
             for (k, column) in states.clone().enumerate() {
@@ -370,6 +374,19 @@ impl Solver {
             }
             respond(stage, &mut rates[index * count..][..count]);
         }
+    }
+}
+
+/// The end of a range, of which an input that goes there is off by rounding: beyond it a formula may have no value.
+#[inline]
+fn without_rounding(value: f64, [min, max]: [f64; 2]) -> f64 {
+    let rounding = TOLERANCE * (max - min);
+    if value < min && value >= min - rounding {
+        min
+    } else if value > max && value <= max + rounding {
+        max
+    } else {
+        value
     }
 }
 

@@ -187,7 +187,7 @@ impl PreparedStateSpace {
         Self { map, functions, space: space.clone(), simd: Simd::detect() }
     }
 
-    pub(super) fn scratch(&self, scales: &[Scale]) -> StateSpaceScratch {
+    pub(super) fn scratch(&self, scales: &[Scale], ranges: &[[f64; 2]]) -> StateSpaceScratch {
         let Self { space, map, .. } = self;
         let map = map.as_ref().map(|(map, encoder)| MapWork {
             columns: vec![0.0; encoder.width()],
@@ -196,11 +196,10 @@ impl PreparedStateSpace {
             results: std::array::from_fn(|_| vec![0.0; space.functions.outputs()]),
             scratch: map.scratch(),
         });
-        let [_, inputs, _] = space.counts;
         StateSpaceScratch {
             work: Work { plain: self.work(), series: self.work(), map },
             by_directions: ByDirections::new(space.columns(), space.results.len()),
-            solver: Solver::new(space.columns(), inputs, scales.to_vec()),
+            solver: Solver::new(space.columns(), ranges.to_vec(), scales.to_vec()),
         }
     }
 

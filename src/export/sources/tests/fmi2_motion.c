@@ -362,8 +362,8 @@ static void what_cannot_be_computed(void)
         c = swinging(kind, 0.0);
         check(set(c, ROPE, 0.0) == STATUS_OK && fmi2ExitInitializationMode(c) == STATUS_OK, __LINE__);
         check(get_four(c, RATES, rates) == (kind == 0 ? STATUS_DISCARD : STATUS_ERROR), __LINE__);
-        said("fmi2GetReal: the equations have no finite solution in this state: a mass matrix is not positive "
-             "definite, or a value too large", __LINE__);
+        said("fmi2GetReal: the equations have no finite solution in this state: a formula is not defined there, a mass "
+             "matrix is not positive definite, or a value is too large", __LINE__);
         fmi2FreeInstance(c);
     }
     c = stepping(0.0);
