@@ -1,4 +1,4 @@
-//! Efforts of a mechanism: forces, actuators and prescribed accelerations, whose formulas are taken over as they are.
+//! Efforts of a mechanism: its forces, actuators and prescribed accelerations, whose expressions become formulas of the equations.
 
 use super::windings::Windings;
 use crate::multibody::{
@@ -24,10 +24,10 @@ pub(super) struct KnownEfforts {
 }
 
 impl KnownEfforts {
-    /// Those of a mechanism. Two positions that are the same with either values of the parameters are one.
+    /// Efforts of a mechanism with two sets of parameter values. Positions that agree in both are one position.
     ///
     /// # Errors
-    /// A sentence: what cannot be built of these values.
+    /// A sentence that says what cannot be built of these values.
     pub(super) fn new(mechanism: &Mechanism, values: [&[f64]; 2]) -> Result<Self, String> {
         let [bound, elsewhere] = [mechanism.bound_expressions(values[0])?, mechanism.bound_expressions(values[1])?];
         let at =
@@ -58,7 +58,7 @@ impl KnownEfforts {
         self.positions.len()
     }
 
-    /// Returns for each position whether it is an angle.
+    /// Flag for each position: true if it is an angle.
     pub(super) fn are_angles(&self) -> impl Iterator<Item = bool> + '_ {
         let positions =
             self.positions.iter().filter_map(|(expression, slot)| position(&self.bound[*expression].slots[*slot]));
@@ -86,8 +86,7 @@ impl KnownEfforts {
         slots.any(|slot| matches!(slot, Slot::Parameter(known, _) if *known == parameter))
     }
 
-    /// The formulas for equations with so many inputs, of whose parameters `varied` are the positions in the mechanism; the others are
-    /// constants.
+    /// Formulas for equations whose parameters are those at the positions `varied` in the mechanism. The others are constants.
     ///
     /// # Errors
     /// A sentence: a formula depends on time.
@@ -115,7 +114,7 @@ impl KnownEfforts {
     }
 }
 
-/// The position of which a slot is the value or the rate.
+/// Position that a slot is the value or the rate of.
 fn position(slot: &Slot) -> Option<Coordinate> {
     match slot {
         Slot::Position(coordinate) | Slot::Velocity(coordinate) => Some(*coordinate),

@@ -33,7 +33,7 @@ pub(super) struct Labels<'a> {
     defaults: Vec<f64>,
     varied: Vec<usize>,
     is_angle: Vec<bool>,
-    /// Coordinates that are angles, with functions that are the same a turn later, and those whose efforts are, too.
+    /// Flags of the coordinates: angles with functions that are the same a turn later, and those with such efforts, too.
     is_harmonic: Vec<bool>,
     is_periodic: Vec<bool>,
     /// Coordinates whose accelerations are prescribed, and rows of the equations that are of one kind.
@@ -125,12 +125,12 @@ impl<'a> Labels<'a> {
         self.mechanism.inputs().len()
     }
 
-    /// Efforts and prescribed accelerations.
+    /// Number of efforts and prescribed accelerations.
     pub(super) fn efforts(&self) -> usize {
         self.efforts.count()
     }
 
-    /// Their formulas.
+    /// Formulas of the efforts.
     pub(super) fn formulas(&self) -> Result<Efforts, String> {
         self.efforts.formulas(&self.varied, self.inputs(), self.coordinates())
     }

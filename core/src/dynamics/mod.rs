@@ -4,7 +4,7 @@
 //! Configurations and parameters are sampled, and at each the [reduced equations](crate::multibody::reduced) give the labels: the
 //! mass matrix, the potential, the damping of springs and the map of the efforts. One linear least-squares problem for all of them finds the
 //! coefficients, another one those of forces in joints, drivers and springs that outputs show. Forces, actuators and prescribed
-//! accelerations are efforts, whose formulas are taken over as they are: velocities and inputs enter the equations exactly ([`Dynamics`]),
+//! accelerations are efforts, which the equations have as formulas: velocities and inputs enter the equations exactly ([`Dynamics`]),
 //! so neither is sampled and neither is extrapolated. A driver's acceleration stands in the place of the forces of its coordinate.
 //!
 //! Tree mechanisms of revolute and prismatic joints are such sums exactly. A closed loop is periodic in its crank's angle, and its
@@ -95,7 +95,7 @@ pub struct Fitted {
     /// Largest error of any function at configurations that were held out to choose the order, relative to the function's largest value; functions of the same kind
     /// (the mass matrix, the forces) are taken together.
     pub error: f64,
-    /// Returns for each coordinate whether it is an angle and the equations, with the efforts, are the same a turn later.
+    /// Flag for each coordinate: true if it is an angle, and equations and efforts are the same a turn later.
     pub is_periodic: Vec<bool>,
 }
 

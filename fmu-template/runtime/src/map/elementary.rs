@@ -46,7 +46,7 @@ impl ElementaryFunction {
         Self::Sign,
     ];
 
-    /// As it is written in a formula.
+    /// Name in a formula.
     pub fn name(self) -> &'static str {
         match self {
             Self::Sin => "sin",

@@ -163,7 +163,7 @@ impl Formula {
         })
     }
 
-    /// The value that is left when `compute` has made a value of each step and its operands.
+    /// Result of the formula, if `compute` gives the result of a step from those of its operands.
     pub fn walk<T: Clone>(&self, mut compute: impl FnMut(FormulaStep, &[T]) -> T) -> T {
         let mut stack: Vec<T> = Vec::with_capacity(self.steps.len());
         for step in &self.steps {
@@ -177,7 +177,7 @@ impl Formula {
 }
 
 impl FormulaStep {
-    /// How many values it takes from the stack.
+    /// Number of values that the step takes from the stack.
     fn operands(self) -> usize {
         match self {
             Self::Constant(_) | Self::Column(_) => 0,

@@ -17,16 +17,16 @@ pub(crate) trait Number:
     fn exp(self) -> Self;
     fn sin_cos(self) -> (Self, Self);
     fn recip(self) -> Self;
-    /// A function of it, correctly where its derivatives are infinite and nothing changes.
+    /// An elementary function of the number. Derivatives are zero where the number does not change, even if the slope is infinite.
     fn apply(self, function: ElementaryFunction) -> Self;
     fn divided_by(self, other: Self) -> Self;
     fn power(self, exponent: Self) -> Self;
-    /// NaN if one of both is.
+    /// Smaller one of two numbers; NaN if one of them is.
     fn smaller(self, other: Self) -> Self {
         let is_other = other.value() < self.value() || other.value().is_nan();
         if is_other { other } else { self }
     }
-    /// NaN if one of both is.
+    /// Larger one of two numbers; NaN if one of them is.
     fn larger(self, other: Self) -> Self {
         let is_other = other.value() > self.value() || other.value().is_nan();
         if is_other { other } else { self }

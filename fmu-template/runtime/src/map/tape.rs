@@ -1,5 +1,5 @@
-//! Equations as a list of multiplications and additions, and of the functions in formulas: what is zero everywhere is no part of it, what occurs twice is computed once, and what
-//! follows from held inputs alone is computed when they have changed.
+//! Equations as a list of multiplications, additions and functions. What is zero everywhere is no part of it, what occurs twice is computed
+//! once, and what follows from held inputs alone is computed when they have changed.
 
 use super::{elementary::ElementaryFunction, jet::Number};
 #[cfg(target_arch = "x86_64")]
@@ -179,7 +179,7 @@ impl Tape {
 }
 
 impl Operation {
-    /// Operations of formulas, apart from the others, which are many and take little time.
+    /// Runs an operation of a formula: kept out of the loop over the common operations.
     #[inline(never)]
     fn run_rare<T: Number>(&self, registers: &mut [T]) {
         let get = |register: Register| registers[register.index()];

@@ -377,7 +377,7 @@ impl Solver {
     }
 }
 
-/// The end of a range, of which an input that goes there is off by rounding: beyond it a formula may have no value.
+/// The end of the range if a value passes it by rounding only, else the value: beyond a range a formula may be undefined.
 #[inline]
 fn without_rounding(value: f64, [min, max]: [f64; 2]) -> f64 {
     let rounding = TOLERANCE * (max - min);
