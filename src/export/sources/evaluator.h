@@ -77,7 +77,7 @@ Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *
 static inline Drive drive_of(const Step *step, const double point[COLUMN_COUNT], size_t input)
 {
     const Column *column = &model_columns[input];
-    const Real width = MODEL_HAS_EQUATIONS ? (Real)(column->max - column->min) : R(0.0);
+    const Real width = MODEL_HAS_EQUATIONS ? (Real)column->max - (Real)column->min : R(0.0);
     const Drive drive = {(Real)point[input],
                          (Real)step->rates[input],
                          (Real)step->second_rates[input],
