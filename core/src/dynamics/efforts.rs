@@ -32,9 +32,10 @@ impl KnownEfforts {
         let [bound, elsewhere] = [mechanism.bound_expressions(values[0])?, mechanism.bound_expressions(values[1])?];
         let at =
             |(expression, slot): (usize, usize)| [&bound, &elsewhere].map(|of| position(&of[expression].slots[slot]));
-        let (mut positions, mut occurs): (Vec<(usize, usize)>, Vec<Vec<Option<usize>>>) = (Vec::new(), Vec::new());
-        for expression in 0..bound.len() {
-            let mut of_slot = |slot: usize| {
+        let mut positions: Vec<(usize, usize)> = Vec::new();
+        let mut occurs = Vec::new();
+        for (expression, of) in bound.iter().enumerate() {
+            let of_slot = |slot: usize| {
                 let this = (expression, slot);
                 at(this)[0]?;
                 let known = positions.iter().position(|known| at(*known) == at(this));
@@ -43,7 +44,7 @@ impl KnownEfforts {
                     positions.len() - 1
                 }))
             };
-            occurs.push((0..bound[expression].slots.len()).map(&mut of_slot).collect());
+            occurs.push((0..of.slots.len()).map(of_slot).collect());
         }
         Ok(Self { bound, positions, occurs, windings: Windings::default() })
     }
