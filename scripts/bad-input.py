@@ -415,7 +415,7 @@ SECTIONS = {
         "a step of the solver that is not positive": dynamics(more="[dynamics]\nsolver_step = 0\n"),
         "an empty range of a velocity": dynamics(("max = 5 ", "max = 5, velocity_range = [1, 1] ")),
         "a range of a velocity that is no range": dynamics(("max = 5 ", "max = 5, velocity_range = [-1, nan] ")),
-        "a force that is not a number at some velocities": dynamics(trolley=[('effort = "force"', 'effort = "force - sqrt(rail.velocity)"')]),
+        "a force that is NaN at some velocities": dynamics(trolley=[('effort = "force"', 'effort = "force - sqrt(rail.velocity)"')]),
         "bounds of too few runs": dynamics(more="[bounds]\ncoverage = 0.9\nruns = 5\n"),
         "an input with the name of a bound": dynamics(
             ("force = {", "x_bound = {"), more="[bounds]\n", trolley=[("force = {", "x_bound = {"), ('"force"', '"x_bound"')]

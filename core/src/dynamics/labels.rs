@@ -332,8 +332,8 @@ impl<'a> Labels<'a> {
         &self.driven
     }
 
-    /// Whether the derivatives of each function with respect to the coordinates are known: of the mass matrix the potential and the positions
-    /// in efforts, which enter the equations with them, and of the positions of outputs.
+    /// Flag for each function: true if its derivatives with respect to the coordinates are known. They are for mass matrix, potential and
+    /// positions.
     pub(super) fn known(&self) -> Vec<bool> {
         let (n, of_equations) = (self.coordinates(), self.functions_of_equations());
         let known = n * (n + 1) / 2 + 1 + self.efforts.positions();

@@ -18,7 +18,7 @@ pub(super) struct Outputs {
     pub reactions: Vec<Measure>,
     /// What each output is.
     pub shown: Vec<Shown>,
-    /// Of the positions.
+    /// Windings of the positions.
     pub windings: Windings,
 }
 

@@ -14,11 +14,11 @@ use nalgebra::{DMatrix, DVector, DVectorView};
 pub struct BoundExpression {
     /// The expression.
     pub expression: Expression,
-    /// What each of its names stands for.
+    /// Quantity that each of its names refers to.
     pub slots: Vec<Slot>,
 }
 
-/// What a name in a [`BoundExpression`] stands for.
+/// Quantity that a name in a [`BoundExpression`] refers to.
 #[derive(Clone, Copy, Debug)]
 pub enum Slot {
     /// A parameter, by its position in the mechanism, and its value.

@@ -6,7 +6,7 @@
 use crate::diagnostics::names::expected_one_of;
 use metafmu_runtime::{
     Jet,
-    formula::{ElementaryFunction, Formula, FormulaStep},
+    formula::{Combination, ElementaryFunction, Formula, FormulaStep},
 };
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
@@ -129,7 +129,7 @@ impl<'de> Deserialize<'de> for Expression {
 }
 
 /// Functions of two variables.
-const PAIRS: [(&str, FormulaStep); 2] = [("min", FormulaStep::Minimum), ("max", FormulaStep::Maximum)];
+const PAIRS: [(&str, Combination); 2] = [("min", Combination::Minimum), ("max", Combination::Maximum)];
 
 /// Recursive descent; each rule appends its steps after those of its operands.
 struct Parser<'a> {
@@ -147,7 +147,11 @@ impl Parser<'_> {
         while let Some(operator @ ('+' | '-')) = self.peek() {
             self.position += 1;
             self.product()?;
-            self.steps.push(if operator == '+' { FormulaStep::Add } else { FormulaStep::Subtract });
+            self.steps.push(if operator == '+' {
+                FormulaStep::Combine(Combination::Add)
+            } else {
+                FormulaStep::Combine(Combination::Subtract)
+            });
         }
         Ok(())
     }
@@ -158,7 +162,11 @@ impl Parser<'_> {
         while let Some(operator @ ('*' | '/')) = self.peek() {
             self.position += 1;
             self.signed()?;
-            self.steps.push(if operator == '*' { FormulaStep::Multiply } else { FormulaStep::Divide });
+            self.steps.push(if operator == '*' {
+                FormulaStep::Combine(Combination::Multiply)
+            } else {
+                FormulaStep::Combine(Combination::Divide)
+            });
         }
         Ok(())
     }
@@ -184,7 +192,7 @@ impl Parser<'_> {
                 if self.peek() == Some('^') {
                     self.position += 1;
                     self.signed()?;
-                    self.steps.push(FormulaStep::Power);
+                    self.steps.push(FormulaStep::Combine(Combination::Power));
                 }
             }
         }
@@ -247,7 +255,10 @@ impl Parser<'_> {
         let name = &rest[..rest.find(|c| !plain(c)).unwrap_or(rest.len())];
         self.position += name.len();
         if self.peek() == Some('(') {
-            let step = PAIRS.iter().find(|(known, _)| *known == name).map(|(_, step)| *step);
+            let step = PAIRS
+                .iter()
+                .find(|(known, _)| *known == name)
+                .map(|(_, combination)| FormulaStep::Combine(*combination));
             let function = ElementaryFunction::ALL.into_iter().find(|known| known.name() == name);
             let Some(step) = step.or(function.map(FormulaStep::Call)) else {
                 let known = ElementaryFunction::ALL.map(ElementaryFunction::name).into_iter();

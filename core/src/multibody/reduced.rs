@@ -10,8 +10,7 @@
 //! dT/ds_k = -J^-1 (dJ/ds_k) T
 //! ```
 //!
-//! Generalized forces are those of the potential, of the springs' damping, and of efforts `e` along coordinates of their own, whose formulas
-//! are known:
+//! Generalized forces have three parts: the potential, the springs' damping, and efforts `e`, each along its own coordinate:
 //!
 //! ```text
 //! Q = -dV/ds - D(s) sd + B(s) e(s, sd, u)

@@ -35,8 +35,8 @@ pub struct StateOptions {
     /// Of a mechanism: the velocities with which they start; 0 unless given. They belong to the domain of validity.
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity: Option<[f64; 2]>,
-    /// Of a mechanism: the velocities in the domain of validity, for which the solver's error is measured; what the velocity
-    /// reaches in the training runs, in either direction, and half as much more unless given.
+    /// Velocities of a mechanism in the domain of validity, for which the solver's error is measured. Unless given, 1.5 times what the
+    /// velocity reaches in the training runs, in either direction.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity_range: Option<[f64; 2]>,

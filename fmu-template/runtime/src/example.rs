@@ -5,7 +5,7 @@ use crate::{
     Metadata, Model, Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling,
     Shown, State, StateSpace, Support, Surrogate, Transition, Variability,
     dictionary::{Dictionary, Factor, Term},
-    formula::{ElementaryFunction, Formula, FormulaStep},
+    formula::{Combination, ElementaryFunction, Formula, FormulaStep},
     graph::{Elementwise, Graph, Operation, Step},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
@@ -298,36 +298,69 @@ pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate 
 /// [`crane`] with efforts: friction of the trolley, `force - 0.3 tanh(20 v)`, wind against the load's horizontal motion as a torque on the
 /// rope, and a force with made-up numbers that has every function and operation.
 pub fn crane_with_efforts() -> Surrogate {
+    use Combination::{Add, Divide, Maximum, Minimum, Multiply, Power, Subtract};
     use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
-    use FormulaStep::{Add, Call, Column, Constant, Divide, Maximum, Minimum, Multiply, Negate, Power, Subtract};
+    use FormulaStep::{Call, Column, Combine, Constant, Negate};
     let crane = crane();
     let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
     let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
     // columns: l, force; theta, the load's x, x; their rates
-    let friction = [Column(1), Constant(0.3), Column(7), Constant(20.0), Multiply, Call(Tanh), Multiply, Subtract];
+    let friction = [
+        Column(1),
+        Constant(0.3),
+        Column(7),
+        Constant(20.0),
+        Combine(Multiply),
+        Call(Tanh),
+        Combine(Multiply),
+        Combine(Subtract),
+    ];
     let wind_speed = [Column(6), Negate];
     let wind = [
         &[Constant(0.2)][..],
         &wind_speed,
-        &[Multiply],
+        &[Combine(Multiply)],
         &wind_speed,
-        &[Call(Abs), Multiply, Column(0), Multiply, Column(2), Call(Cos), Multiply],
+        &[Call(Abs), Combine(Multiply), Column(0), Combine(Multiply), Column(2), Call(Cos), Combine(Multiply)],
     ];
-    let bounded = [Column(4), Constant(10.0), Divide, Call(Sin)];
+    let bounded = [Column(4), Constant(10.0), Combine(Divide), Call(Sin)];
     let motor = [
         &bounded[..],
         &[Call(Asin)],
         &bounded,
-        &[Call(Acos), Add],
+        &[Call(Acos), Combine(Add)],
         &bounded,
-        &[Call(Tan), Subtract],
+        &[Call(Tan), Combine(Subtract)],
         &bounded,
-        &[Call(Atan), Call(Exp), Add, Column(0), Call(Ln), Column(0), Call(Sqrt), Multiply, Add, Column(1), Column(1)],
-        &[Constant(2.0), Power, Constant(1.0), Add, Divide, Add, Column(0)],
+        &[
+            Call(Atan),
+            Call(Exp),
+            Combine(Add),
+            Column(0),
+            Call(Ln),
+            Column(0),
+            Call(Sqrt),
+            Combine(Multiply),
+            Combine(Add),
+            Column(1),
+            Column(1),
+        ],
+        &[Constant(2.0), Combine(Power), Constant(1.0), Combine(Add), Combine(Divide), Combine(Add), Column(0)],
         &bounded,
-        &[Power, Add, Column(1), Constant(2.0), Minimum, Column(1), Constant(-2.5), Maximum, Add, Add],
+        &[
+            Combine(Power),
+            Combine(Add),
+            Column(1),
+            Constant(2.0),
+            Combine(Minimum),
+            Column(1),
+            Constant(-2.5),
+            Combine(Maximum),
+            Combine(Add),
+            Combine(Add),
+        ],
         &bounded,
-        &[Call(Sign), Add],
+        &[Call(Sign), Combine(Add)],
     ];
     let formulas = vec![formula(&friction), formula(&wind.concat()), formula(&motor.concat())];
     let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];

@@ -56,7 +56,7 @@
 //! | `law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; left out if there are none |
 //! | `efforts.inputs` | U32 | `[1]` | number of inputs |
 //! | `efforts.windings` | F64 | `[positions, coordinates]` | of the positions in the [`Efforts`](crate::Efforts), as those of the positions |
-//! | `efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation, each a kind and an argument: 0: element K of `efforts.constants`, 1: column K, 2: function K of [`ElementaryFunction::ALL`](crate::formula::ElementaryFunction::ALL), 3 to 10: minus, `+`, `-`, `*`, `/`, `^`, smaller, larger |
+//! | `efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation, each a kind and an argument: 0: element K of `efforts.constants`, 1: column K, 2: function K of [`ElementaryFunction::ALL`](crate::formula::ElementaryFunction::ALL), 3: minus, 4 and more: combination K of [`Combination::ALL`](crate::formula::Combination::ALL), from 4 on |
 //! | `efforts.constants` | F64 | `[constants]` | numbers in the formulas |
 //! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K |

@@ -4,7 +4,7 @@ use super::{Tensor, Views, bytes, elements, of_one, take, unstacked};
 use crate::{
     Activation, FormatError,
     dictionary::{Dictionary, Factor, Term},
-    formula::{ElementaryFunction, Formula, FormulaStep},
+    formula::{Combination, ElementaryFunction, Formula, FormulaStep},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
     map::{expect_finite, expect_shape},
     model::{Efforts, Integration, Motion, Reactions, Shown, dynamics::Dynamics},
@@ -100,7 +100,8 @@ fn of_efforts(efforts: &Efforts) -> [Tensor; 4] {
             }
             FormulaStep::Column(column) => [1, column as u32],
             FormulaStep::Call(function) => [2, function as u32],
-            operation => [3 + OPERATIONS.iter().position(|known| *known == operation).unwrap_or(0) as u32, 0],
+            FormulaStep::Negate => [3, 0],
+            FormulaStep::Combine(combination) => [4 + combination as u32, 0],
         });
     }
     let whole = |what: &str, shape: Vec<usize>, values: &[u32]| -> Tensor {
@@ -114,18 +115,6 @@ fn of_efforts(efforts: &Efforts) -> [Tensor; 4] {
         double("efforts.constants", &[constants.len()], &constants),
     ]
 }
-
-/// In the order of their numbers in the file, from 3.
-const OPERATIONS: [FormulaStep; 8] = [
-    FormulaStep::Negate,
-    FormulaStep::Add,
-    FormulaStep::Subtract,
-    FormulaStep::Multiply,
-    FormulaStep::Divide,
-    FormulaStep::Power,
-    FormulaStep::Minimum,
-    FormulaStep::Maximum,
-];
 
 /// The inverse of [`of_efforts`].
 fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
@@ -144,7 +133,8 @@ fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result
             0 => constants.get(at).map(|value| FormulaStep::Constant(*value)),
             1 => Some(FormulaStep::Column(at)),
             2 => ElementaryFunction::ALL.get(at).map(|function| FormulaStep::Call(*function)),
-            _ => OPERATIONS.get(kind as usize - 3).copied(),
+            3 => Some(FormulaStep::Negate),
+            _ => Combination::ALL.get(kind as usize - 4).copied().map(FormulaStep::Combine),
         };
         let (name, found) = ("efforts.steps".into(), if kind > 2 { kind } else { argument });
         known.ok_or(FormatError::Unknown { name, index: 2 * index + usize::from(kind <= 2), found })

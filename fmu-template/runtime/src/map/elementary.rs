@@ -66,7 +66,7 @@ impl ElementaryFunction {
 
     /// Value at `x`.
     #[inline(never)]
-    pub(super) fn value(self, x: f64) -> f64 {
+    pub fn value(self, x: f64) -> f64 {
         match self {
             Self::Sin => x.sin(),
             Self::Cos => x.cos(),

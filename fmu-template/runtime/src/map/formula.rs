@@ -24,20 +24,73 @@ pub enum FormulaStep {
     Call(ElementaryFunction),
     /// Minus the last value.
     Negate,
-    /// Sum of the last two values.
+    /// A combination of the last two values.
+    Combine(Combination),
+}
+
+/// A function of two values: the one before the last on the stack, `a`, and the last, `b`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Combination {
+    /// `a + b`
     Add,
-    /// The value before the last, less the last.
+    /// `a - b`
     Subtract,
-    /// Product of the last two values.
+    /// `a b`
     Multiply,
-    /// The value before the last over the last.
+    /// `a / b`
     Divide,
-    /// The value before the last to the power of the last.
+    /// `a^b`
     Power,
-    /// The smaller one of the last two values.
+    /// The smaller one.
     Minimum,
-    /// The larger one of the last two values.
+    /// The larger one.
     Maximum,
+}
+
+/// A step with its operands.
+#[derive(Clone, Copy, Debug)]
+pub enum Applied<'a, T> {
+    /// A number.
+    Constant(f64),
+    /// The value of a column.
+    Column(usize),
+    /// Minus a value.
+    Negate(&'a T),
+    /// A function of a value.
+    Call(ElementaryFunction, &'a T),
+    /// A combination of two values.
+    Combine(Combination, &'a T, &'a T),
+}
+
+/// Largest power that is a product.
+const LARGEST_POWER: f64 = 4.0;
+
+impl Combination {
+    /// All of them, in the order of their numbers in the model file.
+    pub const ALL: [Self; 7] =
+        [Self::Add, Self::Subtract, Self::Multiply, Self::Divide, Self::Power, Self::Minimum, Self::Maximum];
+
+    /// Value at `a` and `b`.
+    pub fn value(self, a: f64, b: f64) -> f64 {
+        self.of(a, b)
+    }
+
+    /// Returns true if a power is computed as a product.
+    pub fn is_product(power: f64) -> bool {
+        power.fract() == 0.0 && (1.0..=LARGEST_POWER).contains(&power)
+    }
+
+    fn of<T: Number>(self, a: T, b: T) -> T {
+        match self {
+            Self::Add => a + b,
+            Self::Subtract => a - b,
+            Self::Multiply => a * b,
+            Self::Divide => a.divided_by(b),
+            Self::Power => a.power(b),
+            Self::Minimum => a.smaller(b),
+            Self::Maximum => a.larger(b),
+        }
+    }
 }
 
 /// A scalar formula of some columns.
@@ -107,11 +160,13 @@ impl Formula {
         self.steps.iter().filter_map(|step| if let FormulaStep::Column(column) = step { Some(*column) } else { None })
     }
 
-    /// The same formula with other leaves in the place of its columns.
-    #[must_use]
-    pub fn with_columns(&self, leaf: impl Fn(usize) -> FormulaStep) -> Self {
+    /// The same formula with other steps in the place of its columns.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn with_columns(&self, leaf: impl Fn(usize) -> FormulaStep) -> Result<Self, FormatError> {
         let step = |step: &FormulaStep| if let FormulaStep::Column(column) = step { leaf(*column) } else { *step };
-        Self { steps: self.steps.iter().map(step).collect() }
+        Self::new(self.steps.iter().map(step).collect())
     }
 
     /// Value at these columns.
@@ -125,54 +180,63 @@ impl Formula {
     }
 
     fn evaluate<T: Number>(&self, column: impl Fn(usize) -> T) -> T {
-        self.walk(|step, operands: &[T]| match (step, operands) {
-            (FormulaStep::Constant(value), _) => T::from(value),
-            (FormulaStep::Column(index), _) => column(index),
-            (FormulaStep::Call(function), [x]) => x.apply(function),
-            (FormulaStep::Negate, [x]) => x.scaled(-1.0),
-            (FormulaStep::Add, [a, b]) => *a + *b,
-            (FormulaStep::Subtract, [a, b]) => *a - *b,
-            (FormulaStep::Multiply, [a, b]) => *a * *b,
-            (FormulaStep::Divide, [a, b]) => a.divided_by(*b),
-            (FormulaStep::Power, [a, b]) => a.power(*b),
-            (FormulaStep::Minimum, [a, b]) => a.smaller(*b),
-            (FormulaStep::Maximum, [a, b]) => a.larger(*b),
-            _ => unreachable!("`walk` gives each step its operands"),
+        self.walk(|step: Applied<T>| match step {
+            Applied::Constant(value) => T::from(value),
+            Applied::Column(index) => column(index),
+            Applied::Negate(x) => x.scaled(-1.0),
+            Applied::Call(function, x) => x.apply(function),
+            Applied::Combine(combination, a, b) => combination.of(*a, *b),
         })
     }
 
     /// Writes the value on a tape; `columns` has a register for each column.
     pub(crate) fn write(&self, columns: &[Register], tape: &mut TapeBuilder) -> Register {
-        self.walk(|step, operands: &[Register]| match (step, operands) {
-            (FormulaStep::Constant(value), _) => tape.constant(value),
-            (FormulaStep::Column(index), _) => columns[index],
-            (FormulaStep::Call(function), [x]) => tape.call(function, *x),
-            (FormulaStep::Negate, [x]) => tape.negative(*x),
-            (FormulaStep::Add, [a, b]) => tape.add_product(*a, *b, tape.one),
-            (FormulaStep::Subtract, [a, b]) => tape.subtract_product(*a, *b, tape.one),
-            (FormulaStep::Multiply, [a, b]) => tape.product(*a, *b),
-            (FormulaStep::Divide, [a, b]) => tape.quotient(*a, *b),
-            (FormulaStep::Power, [a, b]) => tape.power(*a, *b),
-            (FormulaStep::Minimum, [a, b]) => tape.smaller(*a, *b),
-            (FormulaStep::Maximum, [a, b]) => {
+        self.walk(|step: Applied<Register>| match step {
+            Applied::Constant(value) => tape.constant(value),
+            Applied::Column(index) => columns[index],
+            Applied::Negate(x) => tape.negative(*x),
+            Applied::Call(function, x) => tape.call(function, *x),
+            Applied::Combine(Combination::Add, a, b) => tape.add_product(*a, *b, tape.one),
+            Applied::Combine(Combination::Subtract, a, b) => tape.subtract_product(*a, *b, tape.one),
+            Applied::Combine(Combination::Multiply, a, b) => tape.product(*a, *b),
+            Applied::Combine(Combination::Divide, a, b) => tape.quotient(*a, *b),
+            Applied::Combine(Combination::Power, a, b) => match tape.value(*b) {
+                Some(0.5) => tape.call(ElementaryFunction::Sqrt, *a),
+                Some(power) if Combination::is_product(power) => {
+                    (1..power as u32).fold(*a, |product, _| tape.product(product, *a))
+                }
+                _ => tape.power(*a, *b),
+            },
+            Applied::Combine(Combination::Minimum, a, b) => tape.smaller(*a, *b),
+            Applied::Combine(Combination::Maximum, a, b) => {
                 let [a, b] = [a, b].map(|value| tape.negative(*value));
                 let smaller = tape.smaller(a, b);
                 tape.negative(smaller)
             }
-            _ => unreachable!("`walk` gives each step its operands"),
         })
     }
 
     /// Result of the formula, if `compute` gives the result of a step from those of its operands.
-    pub fn walk<T: Clone>(&self, mut compute: impl FnMut(FormulaStep, &[T]) -> T) -> T {
+    ///
+    /// # Panics
+    /// Never: the constructor counts the operands.
+    pub fn walk<T>(&self, mut compute: impl FnMut(Applied<T>) -> T) -> T {
         let mut stack: Vec<T> = Vec::with_capacity(self.steps.len());
+        let pop = |stack: &mut Vec<T>| stack.pop().expect("the constructor counts the operands");
         for step in &self.steps {
-            let operands = stack.len() - step.operands();
-            let value = compute(*step, &stack[operands..]);
-            stack.truncate(operands);
+            let value = match *step {
+                FormulaStep::Constant(value) => compute(Applied::Constant(value)),
+                FormulaStep::Column(column) => compute(Applied::Column(column)),
+                FormulaStep::Negate => compute(Applied::Negate(&pop(&mut stack))),
+                FormulaStep::Call(function) => compute(Applied::Call(function, &pop(&mut stack))),
+                FormulaStep::Combine(combination) => {
+                    let b = pop(&mut stack);
+                    compute(Applied::Combine(combination, &pop(&mut stack), &b))
+                }
+            };
             stack.push(value);
         }
-        stack.pop().expect("the constructor checked that a value is left")
+        pop(&mut stack)
     }
 }
 
@@ -182,13 +246,7 @@ impl FormulaStep {
         match self {
             Self::Constant(_) | Self::Column(_) => 0,
             Self::Call(_) | Self::Negate => 1,
-            Self::Add
-            | Self::Subtract
-            | Self::Multiply
-            | Self::Divide
-            | Self::Power
-            | Self::Minimum
-            | Self::Maximum => 2,
+            Self::Combine(_) => 2,
         }
     }
 }
@@ -196,18 +254,28 @@ impl FormulaStep {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use FormulaStep::{Add, Call, Column, Constant, Divide, Maximum, Minimum, Multiply, Negate, Power, Subtract};
+    use Combination::{Add, Divide, Maximum, Minimum, Multiply, Power, Subtract};
+    use FormulaStep::{Call, Column, Combine, Constant, Negate};
 
     /// Every function and operation, of two columns.
     fn formulas() -> Vec<Formula> {
-        let with = |function| vec![Column(0), Constant(0.4), Multiply, Call(function), Column(1), Multiply];
+        let with =
+            |function| vec![Column(0), Constant(0.4), Combine(Multiply), Call(function), Column(1), Combine(Multiply)];
         let more = [
-            vec![Column(0), Column(1), Divide, Negate],
-            vec![Column(0), Constant(3.0), Power, Constant(2.0), Column(1), Power, Subtract],
-            vec![Column(0), Constant(-2.0), Power, Column(1), Constant(0.5), Power, Add],
-            vec![Column(0), Column(1), Power, Column(1), Constant(1.7), Power, Add],
-            vec![Column(0), Column(1), Minimum, Column(0), Constant(-0.5), Maximum, Multiply],
-            vec![Column(1), Column(0), Minimum, Constant(2.0), Column(1), Maximum, Subtract],
+            vec![Column(0), Column(1), Combine(Divide), Negate],
+            vec![Column(0), Constant(3.0), Combine(Power), Constant(2.0), Column(1), Combine(Power), Combine(Subtract)],
+            vec![Column(0), Constant(-2.0), Combine(Power), Column(1), Constant(0.5), Combine(Power), Combine(Add)],
+            vec![Column(0), Column(1), Combine(Power), Column(1), Constant(1.7), Combine(Power), Combine(Add)],
+            vec![
+                Column(0),
+                Column(1),
+                Combine(Minimum),
+                Column(0),
+                Constant(-0.5),
+                Combine(Maximum),
+                Combine(Multiply),
+            ],
+            vec![Column(1), Column(0), Combine(Minimum), Constant(2.0), Column(1), Combine(Maximum), Combine(Subtract)],
         ];
         ElementaryFunction::ALL.into_iter().map(with).chain(more).map(|steps| Formula::new(steps).unwrap()).collect()
     }
@@ -230,7 +298,7 @@ mod tests {
 
     #[test]
     fn a_power_of_zero_does_not_change_with_its_exponent() {
-        let formula = Formula::new(vec![Column(0), Call(ElementaryFunction::Abs), Column(1), Power]).unwrap();
+        let formula = Formula::new(vec![Column(0), Call(ElementaryFunction::Abs), Column(1), Combine(Power)]).unwrap();
         let jet = formula.series(|k| Jet { value: [0.0, 1.5][k], first: [0.0, 1.0][k], second: 0.0 });
         assert_eq!(jet, Jet::from(0.0));
     }
@@ -266,8 +334,8 @@ mod tests {
             Constant(2.0),
             Constant(8.0),
             Constant(3.0),
-            Power,
-            Divide,
+            Combine(Power),
+            Combine(Divide),
             Call(ElementaryFunction::Ln),
         ]);
         let register = formula.unwrap().write(&[Register::input(0)], &mut builder);
@@ -280,13 +348,15 @@ mod tests {
 
     #[test]
     fn formulas_without_operands_or_with_too_many_values_are_refused() {
-        for steps in [vec![], vec![Add], vec![Constant(1.0), Multiply], vec![Constant(1.0), Column(0)]] {
+        for steps in
+            [vec![], vec![Combine(Add)], vec![Constant(1.0), Combine(Multiply)], vec![Constant(1.0), Column(0)]]
+        {
             assert!(matches!(Formula::new(steps), Err(FormatError::Formula { .. })));
         }
         let all: Vec<FormulaStep> = formulas().iter().flat_map(|formula| formula.steps().to_vec()).collect();
         assert_eq!(Formula::one_after_the_other(&all).unwrap(), formulas());
         assert_eq!(Formula::one_after_the_other(&[]).unwrap(), []);
-        assert!(Formula::one_after_the_other(&[Column(0), Negate, Add]).is_err());
+        assert!(Formula::one_after_the_other(&[Column(0), Negate, Combine(Add)]).is_err());
         let message = Formula::new(vec![Constant(f64::NAN)]).unwrap_err().to_string();
         assert!(message.contains("not finite"), "{message}");
     }

@@ -269,8 +269,6 @@ enum Known {
 const LONG: usize = 8;
 /// Zeros with which two runs of numbers become one.
 const LARGEST_GAP: u32 = 3;
-/// Largest power that is a product.
-const LARGEST_POWER: f64 = 4.0;
 
 /// Writes a [`Tape`].
 #[derive(Debug)]
@@ -327,7 +325,8 @@ impl TapeBuilder {
         }
     }
 
-    fn value(&self, register: Register) -> Option<f64> {
+    /// The value of a constant.
+    pub(crate) fn value(&self, register: Register) -> Option<f64> {
         match self.known[register.index()] {
             Known::Always(value) => Some(value),
             Known::Held | Known::WithInputs => None,
@@ -438,10 +437,6 @@ impl TapeBuilder {
     pub(crate) fn power(&mut self, a: Register, b: Register) -> Register {
         match [a, b].map(|register| self.value(register)) {
             [Some(a), Some(b)] => self.constant(a.powf(b)),
-            [_, Some(0.5)] => self.call(ElementaryFunction::Sqrt, a),
-            [_, Some(whole)] if whole.fract() == 0.0 && (1.0..=LARGEST_POWER).contains(&whole) => {
-                (1..whole as u32).fold(a, |power, _| self.product(power, a))
-            }
             _ => {
                 let known = self.follows(&[a, b]);
                 let to = self.reserve(known);

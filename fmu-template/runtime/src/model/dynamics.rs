@@ -105,7 +105,7 @@ pub struct Point<'a> {
 }
 
 impl Dynamics {
-    /// Number of functions that the law gives for `n` coordinates and so many efforts, besides positions in formulas.
+    /// Number of functions of the law for given numbers of coordinates and efforts, without the positions in formulas.
     pub fn functions(coordinates: usize, efforts: usize) -> usize {
         let n = coordinates;
         n * (n + 1) / 2 + 1 + n + n * n + n * efforts
@@ -301,7 +301,7 @@ impl Dynamics {
         self.efforts.inputs()
     }
 
-    /// What acts by known formulas.
+    /// Efforts of the equations.
     pub fn efforts(&self) -> &Efforts {
         &self.efforts
     }
@@ -316,7 +316,7 @@ impl Dynamics {
         &self.law
     }
 
-    /// What gives further forces.
+    /// Network of further forces, if there is one.
     pub fn forces(&self) -> Option<&NetworkTerm> {
         self.forces.as_ref()
     }

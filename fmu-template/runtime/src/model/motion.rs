@@ -330,7 +330,7 @@ mod tests {
     use super::*;
     use crate::{
         Domain, Efforts, Evaluator, Model, Scratch, Surrogate, example,
-        formula::{ElementaryFunction, Formula, FormulaStep},
+        formula::{Combination, ElementaryFunction, Formula, FormulaStep},
         model::dynamics::Point,
     };
 
@@ -593,7 +593,7 @@ mod tests {
         let steps = [
             FormulaStep::Constant(10.0),
             FormulaStep::Column(1),
-            FormulaStep::Subtract,
+            FormulaStep::Combine(Combination::Subtract),
             FormulaStep::Call(ElementaryFunction::Sqrt),
         ];
         let formulas = vec![Formula::new(steps.to_vec()).unwrap()];
