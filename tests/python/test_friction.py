@@ -5,7 +5,7 @@ import subprocess
 
 import numpy as np
 import pytest
-from conftest import METAFMU, changed, fmu_of, metafmu
+from conftest import METAFMU, ROOT, changed, fmu_of, metafmu
 from fmpy import simulate_fmu
 from scipy.integrate import solve_ivp
 
@@ -92,3 +92,16 @@ def test_a_network_alone_is_exported_if_the_study_says_so(pendulum, tmp_path):
         (tmp_path / "wrong.toml").write_text(study.replace('model = "network"', wrong))
         done = metafmu("sample", tmp_path / "wrong.toml", "--dry-run", check=False)
         assert done.returncode != 0 and message in done.stderr
+
+
+@pytest.mark.parametrize("force", ["friction", "drag"])
+def test_the_fmu_takes_the_place_of_its_mechanism_in_a_system(force, tmp_path):
+    example = ROOT / "examples" / "dynamics" / "known-forces"
+    subprocess.run([METAFMU, "new", force, "--mechanism", example / f"{force}.toml", "--structure", "dynamics"], cwd=tmp_path, check=True)
+    metafmu("build", tmp_path / f"{force}.toml", "--out", tmp_path / "out")
+    system, fmu = example / f"{force}.ssd", tmp_path / "out" / f"{force}.fmu"
+    done = metafmu("swap", system, "--component", "pendulum", "--with", fmu, "--step-size", 0.01, "--json")
+    outputs = json.loads(done.stdout)["outputs"]
+    assert {output["output"] for output in outputs} == {"pendulum.q", "pendulum.w"}
+    # the error of the solver, far from that of a network
+    assert max(output["relative_max"] for output in outputs) < 1e-6
