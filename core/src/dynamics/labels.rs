@@ -246,22 +246,16 @@ impl<'a> Labels<'a> {
             share(&(begin..begin + count).collect::<Vec<_>>());
             begin += count;
         }
-        let potential = begin - 1;
+        let in_efforts = self.efforts.are_angles().zip(begin..);
         begin += self.efforts.positions();
-        let forces = begin;
-        // other forces, damping, map of the efforts, row by row
+        // other forces, of which there are none, damping, map of the efforts, row by row
         for width in [1, n, self.efforts()] {
             for rows in &self.alike {
                 share(&rows.iter().flat_map(|row| begin + row * width..begin + (row + 1) * width).collect::<Vec<_>>());
             }
             begin += n * width;
         }
-        // other forces are differences: where there are none, rounding is left of the potential's
-        for row in (0..n).filter(|row| !self.driven.contains(row)) {
-            largest[forces + row] = largest[forces + row].max(1e-3 * largest[potential]);
-        }
         // all lengths are measured by the longest; of a position without what moves along with a coordinate rounding may be left
-        let in_efforts = self.efforts.are_angles().zip(potential + 1..);
         let positions = self.outputs.positions.iter().map(Coordinate::is_angle).zip(begin..).chain(in_efforts);
         let positions: Vec<(bool, usize)> = positions.collect();
         let lengths = positions.iter().filter(|(is_angle, _)| !is_angle).map(|(_, function)| largest[*function]);
