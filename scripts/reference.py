@@ -70,7 +70,8 @@ def kind_of(node):
     if kind == "array":
         count = f"{node['minItems']} of " if "minItems" in node else ""
         items = node.get("items", {})
-        return f"list of {count}{kind_of(items) if items not in ({}, True) else 'values'}"
+        each = kind_of(items) if items not in ({}, True) else "values"
+        return f"list of {count}({each})" if " or list" in each else f"list of {count}{each}"
     if kind == "object":
         others = node.get("additionalProperties")
         return f"table of {kind_of(others)}" if isinstance(others, dict) else "table"

@@ -106,8 +106,8 @@ impl KnownEfforts {
         let formula = |(bound, occurs): (&BoundExpression, &Vec<Option<usize>>)| -> Result<Formula, String> {
             let leaves =
                 bound.slots.iter().zip(occurs).map(|(slot, occurs)| step(slot, occurs)).collect::<Option<Vec<_>>>();
-            let leaves = leaves.ok_or_else(|| format!("`{}` depends on time", bound.expression))?;
-            bound.expression.formula().with_columns(|name| leaves[name]).map_err(|error| error.to_string())
+            let leaves = leaves.ok_or_else(|| format!("`{}` depends on time", bound.text))?;
+            bound.formula.with_columns(|name| leaves[name].clone()).map_err(|error| error.to_string())
         };
         let formulas = self.bound.iter().zip(&self.occurs).map(formula).collect::<Result<_, _>>()?;
         let efforts = Efforts::new([varied.len(), inputs, coordinates], self.windings.0.clone(), formulas);

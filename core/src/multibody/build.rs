@@ -4,11 +4,12 @@ use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
     coordinate::{Coordinate, Frame, Point},
     description::{Description, DriverOptions, InputOptions, JointOptions, JointType, Vector},
-    expression::Expression,
+    expression::{Expression, Tables},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
     model::{Effort, Input, Model, Prescribed, Spring},
     review::is_zero,
+    tables::tables,
 };
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
@@ -81,6 +82,7 @@ const BODY_MEASURES: [&str; 3] = ["angle", "angular_velocity", "angular_accelera
 struct Builder<'a> {
     description: &'a Description,
     values: &'a [f64],
+    tables: Tables,
     /// In the order of the description.
     joints: Vec<Joint>,
     problems: Problems,
@@ -88,7 +90,8 @@ struct Builder<'a> {
 
 impl<'a> Builder<'a> {
     fn new(description: &'a Description, values: &'a [f64]) -> Self {
-        let mut builder = Self { description, values, joints: Vec::new(), problems: Problems::default() };
+        let (tables, problems) = tables(description);
+        let mut builder = Self { description, values, tables, joints: Vec::new(), problems };
         builder.joints = description.joints.iter().map(|(name, options)| builder.joint(name, options)).collect();
         builder
     }
@@ -452,7 +455,7 @@ impl<'a> Builder<'a> {
     fn not_negative(&mut self, key: &str, expression: &Expression) -> f64 {
         let number = self.number(key, expression);
         if number < 0.0 {
-            let found = if expression.names().is_empty() { String::new() } else { format!("`{expression}` is ") };
+            let found = if expression.as_number().is_some() { String::new() } else { format!("`{expression}` is ") };
             self.problem(key, format!("{found}{number}, expected zero or more"));
         }
         number
@@ -468,7 +471,9 @@ impl<'a> Builder<'a> {
                 return 1.0;
             }
         }
-        let number = self.quiet_number(expression);
+        let formula = expression.formula(&self.tables);
+        let Some(formula) = self.noted(key, formula) else { return 1.0 };
+        let number = formula.value(|position| self.parameter(&expression.names()[position]));
         if !number.is_finite() {
             self.problem(key, format!("`{expression}` is {number}, expected a finite number"));
             return 1.0;
@@ -476,12 +481,9 @@ impl<'a> Builder<'a> {
         number
     }
 
-    fn quiet_number(&self, expression: &Expression) -> f64 {
-        let value = |position: usize| {
-            let index = self.description.parameters.get_index_of(&expression.names()[position]);
-            index.map_or(f64::NAN, |index| self.values[index])
-        };
-        expression.value(value)
+    /// Value of a parameter; NaN if there is none of this name.
+    fn parameter(&self, name: &str) -> f64 {
+        self.description.parameters.get_index_of(name).map_or(f64::NAN, |index| self.values[index])
     }
 
     /// An expression of the parameters and `time`, and of inputs, positions and velocities where they are allowed.
@@ -509,7 +511,13 @@ impl<'a> Builder<'a> {
             let slot = slot.map_err(|message| format!("`{expression}`: {message}"));
             slots.push(self.noted(key, slot)?);
         }
-        Some(BoundExpression { expression: expression.clone(), slots })
+        let kinked = |name: &&str| self.tables.get(*name).is_some_and(|table| !table.is_smooth());
+        if let Some(name) = expression.tables().find(kinked).filter(|_| !of_state) {
+            let expected = "expected `interpolation = \"cubic\"` and `extrapolation = \"linear\"` or `\"periodic\"`";
+            self.problem(key, format!("`{expression}`: the table `{name}` has no rate at its kinks, {expected}"));
+        }
+        let formula = expression.formula(&self.tables);
+        Some(BoundExpression { text: expression.to_string(), formula: self.noted(key, formula)?, slots })
     }
 
     fn noted<T>(&mut self, key: &str, result: Result<T, String>) -> Option<T> {

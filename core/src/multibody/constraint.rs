@@ -5,16 +5,18 @@
 //! - `C_q qd = f'`
 //! - `C_q qdd = F_c` with `F_c = f'' - (C_q qd)_q qd`
 
-use super::{coordinate::Coordinate, expression::Expression};
-use metafmu_runtime::Jet;
+use super::coordinate::Coordinate;
+use metafmu_runtime::{Jet, formula::Formula};
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 /// An expression whose names are resolved.
 #[derive(Clone, Debug)]
 pub struct BoundExpression {
-    /// The expression.
-    pub expression: Expression,
-    /// Quantity that each of its names refers to.
+    /// The expression, for messages.
+    pub text: String,
+    /// Its formula.
+    pub formula: Formula,
+    /// Quantity that each of its columns refers to.
     pub slots: Vec<Slot>,
 }
 
@@ -36,7 +38,7 @@ pub enum Slot {
 impl BoundExpression {
     /// Value and time derivatives of an expression of time alone.
     pub fn of_time(&self, t: f64) -> Jet {
-        self.expression.series(|position| match self.slots[position] {
+        self.formula.series(|position| match self.slots[position] {
             Slot::Parameter(_, value) => Jet::from(value),
             Slot::Time => Jet { value: t, first: 1.0, second: 0.0 },
             Slot::Input(_) | Slot::Position(_) | Slot::Velocity(_) => Jet::from(f64::NAN),
@@ -45,7 +47,7 @@ impl BoundExpression {
 
     /// Value in a state, with inputs `u`.
     pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
-        self.expression.value(|position| match &self.slots[position] {
+        self.formula.value(|position| match &self.slots[position] {
             Slot::Parameter(_, value) => *value,
             Slot::Time => t,
             Slot::Input(input) => u[*input],

@@ -40,7 +40,8 @@
 //!
 //! `[forces.NAME]` act on a `point` with a `force`, `[actuators.NAME]` along a `coordinate` with an `effort` (a force or a
 //! torque); both may depend on `time` and on positions and velocities. `[drivers.NAME]` prescribe the `motion` of a
-//! `coordinate`, an expression of the parameters and `time`, or its `acceleration`, which may depend on what efforts may.
+//! `coordinate`, an expression of the parameters and `time`, or its `acceleration`, which may depend on what efforts may. `[tables.NAME]` are
+//! functions of one or two variables for all expressions: `"-20*cam(shaft.angle)"`.
 
 use super::expression::Expression;
 use indexmap::IndexMap;
@@ -70,6 +71,9 @@ pub struct Description {
     /// What acts on the mechanism from outside while it runs; forces, efforts and accelerations of drivers may name it.
     #[serde(default)]
     pub inputs: IndexMap<String, InputOptions>,
+    /// Functions of one or two variables by their values at some points; expressions may call them.
+    #[serde(default)]
+    pub tables: IndexMap<String, TableOptions>,
     /// What does not move.
     #[serde(default)]
     pub ground: GroundOptions,
@@ -145,6 +149,60 @@ pub struct InputOptions {
     /// One sentence for people.
     #[serde(default)]
     pub description: String,
+}
+
+/// An entry of `[tables]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"x": [0, 1, 2], "values": [0, 0.5, 2]}]))]
+pub struct TableOptions {
+    /// Knots of the first argument, ascending; two or more.
+    pub x: Vec<f64>,
+    /// Knots of the second argument, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub y: Option<Vec<f64>>,
+    /// A value for each knot; with `y` a list for each `x`, of a value for each `y`.
+    pub values: Vec<TableValues>,
+    /// How values between the knots follow.
+    #[serde(default)]
+    pub interpolation: InterpolationKind,
+    /// Values beyond the first and the last knot.
+    #[serde(default)]
+    pub extrapolation: ExtrapolationKind,
+}
+
+/// What stands at a knot of the first argument.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(untagged)]
+pub enum TableValues {
+    /// The value.
+    One(f64),
+    /// A value for each knot of the second argument.
+    Row(Vec<f64>),
+}
+
+/// How values between knots follow.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum InterpolationKind {
+    /// On straight lines.
+    #[default]
+    Linear,
+    /// On a spline with continuous second derivatives, whose ends are free ("not-a-knot").
+    Cubic,
+}
+
+/// Values beyond the first and the last knot.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum ExtrapolationKind {
+    /// The value at the end.
+    #[default]
+    Hold,
+    /// The tangent at the end.
+    Linear,
+    /// The table repeats itself; the values at both ends are equal.
+    Periodic,
 }
 
 /// `[ground]`.

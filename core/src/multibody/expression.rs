@@ -1,31 +1,39 @@
 //! Arithmetic expressions in a description, with exact first and second derivatives.
 //!
-//! Numbers, names, `+ - * / ^`, parentheses, `pi`, `min`, `max` and the [functions](ElementaryFunction); `^` binds tightest and to the right, so
-//! `-a^2` is `-(a^2)`. An expression is evaluated on series ([`Jet`]), which is how a driver gets its velocity and acceleration.
+//! Numbers, names, `+ - * / ^`, parentheses, `pi`, `min`, `max`, the [functions](ElementaryFunction) and the description's tables; `^` binds tightest
+//! and to the right, so `-a^2` is `-(a^2)`. An expression becomes a [`Formula`] with the tables of a description.
 
 use crate::diagnostics::names::expected_one_of;
-use metafmu_runtime::{
-    Jet,
-    formula::{Combination, ElementaryFunction, Formula, FormulaStep},
-};
+use indexmap::IndexMap;
+use metafmu_runtime::formula::{Combination, ElementaryFunction, Formula, FormulaStep, LookupTable};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
-use std::{borrow::Cow, fmt};
+use std::{borrow::Cow, fmt, ops::RangeInclusive, sync::Arc};
 
 /// A parsed expression.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Expression {
     text: String,
-    /// Its columns are the names.
-    formula: Formula,
+    tokens: Vec<Token>,
     /// The names in the expression, each once.
     names: Vec<String>,
+}
+
+/// A step in postfix notation, whose columns are the names.
+#[derive(Clone, Debug, PartialEq)]
+enum Token {
+    Step(FormulaStep),
+    /// A table of the description.
+    Lookup {
+        table: String,
+        arguments: usize,
+    },
 }
 
 impl Expression {
     /// An expression that is a number.
     pub fn number(value: f64) -> Self {
-        Self { text: value.to_string(), formula: Formula::number(value), names: Vec::new() }
+        Self { text: value.to_string(), tokens: vec![Token::Step(FormulaStep::Constant(value))], names: Vec::new() }
     }
 
     /// Parses a text.
@@ -33,14 +41,13 @@ impl Expression {
     /// # Errors
     /// A sentence that says what was found, where, and what was expected.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let mut parser = Parser { text, position: 0, depth: 0, steps: Vec::new(), names: Vec::new() };
+        let mut parser = Parser { text, position: 0, depth: 0, tokens: Vec::new(), names: Vec::new() };
         parser.sum()?;
         if parser.peek().is_some() {
             return Err(parser.unexpected("an operator or the end"));
         }
-        let Parser { steps, names, .. } = parser;
-        let formula = Formula::new(steps).map_err(|error| format!("`{text}`: {error}"))?;
-        Ok(Self { text: text.to_owned(), formula, names })
+        let Parser { tokens, names, .. } = parser;
+        Ok(Self { text: text.to_owned(), tokens, names })
     }
 
     /// The names in the expression, each once, in order of appearance: the columns of its formula.
@@ -48,21 +55,50 @@ impl Expression {
         &self.names
     }
 
-    /// The formula.
-    pub fn formula(&self) -> &Formula {
-        &self.formula
+    /// Number that the expression is, if it is one.
+    pub fn as_number(&self) -> Option<f64> {
+        match self.tokens.as_slice() {
+            [Token::Step(FormulaStep::Constant(value))] => Some(*value),
+            _ => None,
+        }
     }
 
-    /// Value; `of` gives that of a name by its position in [`Expression::names`].
-    pub fn value(&self, of: impl Fn(usize) -> f64) -> f64 {
-        self.formula.value(of)
+    /// Names of the tables in the expression.
+    pub fn tables(&self) -> impl Iterator<Item = &str> {
+        self.tokens.iter().filter_map(|token| match token {
+            Token::Step(_) => None,
+            Token::Lookup { table, .. } => Some(table.as_str()),
+        })
     }
 
-    /// Value with its derivatives with respect to time.
-    pub fn series(&self, of: impl Fn(usize) -> Jet) -> Jet {
-        self.formula.series(of)
+    /// The formula with these tables by their names.
+    ///
+    /// # Errors
+    /// A sentence: there is no such table, or it has another number of arguments.
+    pub fn formula(&self, tables: &Tables) -> Result<Formula, String> {
+        let step = |token: &Token| match token {
+            Token::Step(step) => Ok(step.clone()),
+            Token::Lookup { table: name, arguments } => {
+                let table = tables.get(name).ok_or_else(|| {
+                    let functions = ElementaryFunction::ALL.map(ElementaryFunction::name).into_iter();
+                    let known = functions.chain(PAIRS.map(|(name, _)| name)).chain(tables.keys().map(String::as_str));
+                    let known = expected_one_of(name, &known.collect::<Vec<_>>());
+                    format!("`{self}`: no function or table `{name}`, {known}")
+                })?;
+                if table.arguments() != *arguments {
+                    let expected = table.arguments();
+                    return Err(format!("`{self}`: {arguments} arguments of the table `{name}`, expected {expected}"));
+                }
+                Ok(FormulaStep::Lookup(Arc::clone(table)))
+            }
+        };
+        let steps = self.tokens.iter().map(step).collect::<Result<_, _>>()?;
+        Formula::new(steps).map_err(|error| format!("`{self}`: {error}"))
     }
 }
+
+/// Tables of a description by their names.
+pub type Tables = IndexMap<String, Arc<LookupTable>>;
 
 impl Default for Expression {
     fn default() -> Self {
@@ -78,9 +114,9 @@ impl fmt::Display for Expression {
 
 impl Serialize for Expression {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        match self.formula.steps() {
-            [FormulaStep::Constant(value)] => serializer.serialize_f64(*value),
-            _ => serializer.serialize_str(&self.text),
+        match self.as_number() {
+            Some(value) => serializer.serialize_f64(value),
+            None => serializer.serialize_str(&self.text),
         }
     }
 }
@@ -131,12 +167,18 @@ impl<'de> Deserialize<'de> for Expression {
 /// Functions of two variables.
 const PAIRS: [(&str, Combination); 2] = [("min", Combination::Minimum), ("max", Combination::Maximum)];
 
-/// Recursive descent; each rule appends its steps after those of its operands.
+/// Returns true if a function has this name.
+pub fn is_function(name: &str) -> bool {
+    ElementaryFunction::ALL.into_iter().any(|function| function.name() == name)
+        || PAIRS.iter().any(|(pair, _)| *pair == name)
+}
+
+/// Recursive descent; each rule appends its tokens after those of its operands.
 struct Parser<'a> {
     text: &'a str,
     position: usize,
     depth: usize,
-    steps: Vec<FormulaStep>,
+    tokens: Vec<Token>,
     names: Vec<String>,
 }
 
@@ -147,11 +189,7 @@ impl Parser<'_> {
         while let Some(operator @ ('+' | '-')) = self.peek() {
             self.position += 1;
             self.product()?;
-            self.steps.push(if operator == '+' {
-                FormulaStep::Combine(Combination::Add)
-            } else {
-                FormulaStep::Combine(Combination::Subtract)
-            });
+            self.combine(if operator == '+' { Combination::Add } else { Combination::Subtract });
         }
         Ok(())
     }
@@ -162,11 +200,7 @@ impl Parser<'_> {
         while let Some(operator @ ('*' | '/')) = self.peek() {
             self.position += 1;
             self.signed()?;
-            self.steps.push(if operator == '*' {
-                FormulaStep::Combine(Combination::Multiply)
-            } else {
-                FormulaStep::Combine(Combination::Divide)
-            });
+            self.combine(if operator == '*' { Combination::Multiply } else { Combination::Divide });
         }
         Ok(())
     }
@@ -181,7 +215,7 @@ impl Parser<'_> {
             Some('-') => {
                 self.position += 1;
                 self.signed()?;
-                self.steps.push(FormulaStep::Negate);
+                self.step(FormulaStep::Negate);
             }
             Some('+') => {
                 self.position += 1;
@@ -192,7 +226,7 @@ impl Parser<'_> {
                 if self.peek() == Some('^') {
                     self.position += 1;
                     self.signed()?;
-                    self.steps.push(FormulaStep::Combine(Combination::Power));
+                    self.combine(Combination::Power);
                 }
             }
         }
@@ -200,31 +234,41 @@ impl Parser<'_> {
         Ok(())
     }
 
-    /// `number | name | function "(" sum ")" | pair "(" sum "," sum ")" | "(" sum ")"`
+    fn step(&mut self, step: FormulaStep) {
+        self.tokens.push(Token::Step(step));
+    }
+
+    fn combine(&mut self, combination: Combination) {
+        self.step(FormulaStep::Combine(combination));
+    }
+
+    /// `number | name | function "(" sum ")" | pair "(" sum "," sum ")" | table "(" sum ("," sum)? ")" | "(" sum ")"`
     fn atom(&mut self) -> Result<(), String> {
         match self.peek() {
-            Some('(') => self.arguments(1),
+            Some('(') => self.arguments(1..=1).map(|_| ()),
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_ascii_alphabetic() || c == '_' => self.name(),
             _ => Err(self.unexpected("a number, a name or `(`")),
         }
     }
 
-    /// `"(" sum ("," sum)* ")"`
-    fn arguments(&mut self, count: usize) -> Result<(), String> {
-        for argument in 0..count {
-            // the first of them is `(`, which was seen already
-            if argument > 0 && self.peek() != Some(',') {
-                return Err(self.unexpected("`,`"));
-            }
+    /// `"(" sum ("," sum)* ")"`; returns the number of sums.
+    fn arguments(&mut self, counts: RangeInclusive<usize>) -> Result<usize, String> {
+        let mut count = 0;
+        // the first of them is `(`, which was seen already
+        while count == 0 || (count < *counts.end() && self.peek() == Some(',')) {
             self.position += 1;
             self.sum()?;
+            count += 1;
+        }
+        if count < *counts.start() {
+            return Err(self.unexpected("`,`"));
         }
         if self.peek() != Some(')') {
             return Err(self.unexpected("`)`"));
         }
         self.position += 1;
-        Ok(())
+        Ok(count)
     }
 
     fn number(&mut self) -> Result<(), String> {
@@ -242,7 +286,7 @@ impl Parser<'_> {
         match rest[..end].parse::<f64>() {
             Ok(value) if value.is_finite() => {
                 self.position += end;
-                self.steps.push(FormulaStep::Constant(value));
+                self.step(FormulaStep::Constant(value));
                 Ok(())
             }
             _ => Err(self.unexpected("a finite number")),
@@ -255,28 +299,27 @@ impl Parser<'_> {
         let name = &rest[..rest.find(|c| !plain(c)).unwrap_or(rest.len())];
         self.position += name.len();
         if self.peek() == Some('(') {
-            let step = PAIRS
-                .iter()
-                .find(|(known, _)| *known == name)
-                .map(|(_, combination)| FormulaStep::Combine(*combination));
+            let pair = PAIRS.iter().find(|(known, _)| *known == name);
             let function = ElementaryFunction::ALL.into_iter().find(|known| known.name() == name);
-            let Some(step) = step.or(function.map(FormulaStep::Call)) else {
-                let known = ElementaryFunction::ALL.map(ElementaryFunction::name).into_iter();
-                let known: Vec<&str> = known.chain(PAIRS.map(|(name, _)| name)).collect();
-                let known = expected_one_of(name, &known);
-                return Err(format!("`{}`: no function `{name}`, {known}", self.text));
-            };
-            self.arguments(if function.is_some() { 1 } else { 2 })?;
-            self.steps.push(step);
+            if let Some((_, combination)) = pair {
+                self.arguments(2..=2)?;
+                self.combine(*combination);
+            } else if let Some(function) = function {
+                self.arguments(1..=1)?;
+                self.step(FormulaStep::Call(function));
+            } else {
+                let arguments = self.arguments(1..=2)?;
+                self.tokens.push(Token::Lookup { table: name.to_owned(), arguments });
+            }
         } else if name == "pi" {
-            self.steps.push(FormulaStep::Constant(std::f64::consts::PI));
+            self.step(FormulaStep::Constant(std::f64::consts::PI));
         } else {
             let names = &mut self.names;
             let position = names.iter().position(|known| known == name).unwrap_or_else(|| {
                 names.push(name.to_owned());
                 names.len() - 1
             });
-            self.steps.push(FormulaStep::Column(position));
+            self.step(FormulaStep::Column(position));
         }
         Ok(())
     }
@@ -298,10 +341,31 @@ impl Parser<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metafmu_runtime::{
+        Jet,
+        formula::{Extrapolation, Interpolation},
+    };
+
+    #[test]
+    fn tables_are_functions_of_one_or_two_variables() {
+        let knots = vec![0.0, 1.0];
+        let table = |axes: Vec<Vec<f64>>, values: &[f64]| {
+            let table = LookupTable::new(axes, values.to_vec(), Interpolation::Linear, Extrapolation::Hold);
+            Arc::new(table.unwrap())
+        };
+        let cam = table(vec![knots.clone()], &[1.0, 3.0]);
+        let map = table(vec![knots.clone(), knots], &[0.0, 2.0, 4.0, 6.0]);
+        let tables: Tables = [("cam".to_owned(), cam), ("map".to_owned(), map)].into_iter().collect();
+        let value =
+            |text: &str| Expression::parse(text).unwrap().formula(&tables).map(|formula| formula.value(|_| 0.5));
+        assert_eq!(value("-cam(a) + map(a, cam(0))"), Ok(-2.0 + 4.0));
+        assert_eq!(value("cam(1, 2)").unwrap_err(), "`cam(1, 2)`: 2 arguments of the table `cam`, expected 1");
+        assert!(value("map(1)").unwrap_err().contains("1 arguments of the table `map`, expected 2"));
+    }
 
     fn at(text: &str, t: f64) -> Jet {
         let expression = Expression::parse(text).unwrap();
-        expression.series(|position| match expression.names()[position].as_str() {
+        expression.formula(&Tables::new()).unwrap().series(|position| match expression.names()[position].as_str() {
             "time" => Jet { value: t, first: 1.0, second: 0.0 },
             "a" => Jet::from(1.7),
             name => panic!("{name}"),
@@ -369,7 +433,7 @@ mod tests {
             ("(1 + 2", "found the end at character 7, expected `)`"),
             ("min(1)", "found `)` at character 6, expected `,`"),
             ("sin(1, 2)", "found `,` at character 6, expected `)`"),
-            ("sine(1)", "no function `sine`, expected one of sin, cos"),
+            ("cam(1, 2, 3)", "found `,` at character 9, expected `)`"),
             ("1 + é", "found `é` at character 5"),
             ("1e999", "expected a finite number"),
             ("..", "expected a finite number"),
@@ -377,6 +441,8 @@ mod tests {
             let message = Expression::parse(text).unwrap_err();
             assert!(message.contains(says), "{message}");
         }
+        let unknown = Expression::parse("2*sine(1)").unwrap().formula(&Tables::new()).unwrap_err();
+        assert!(unknown.contains("`2*sine(1)`: no function or table `sine`, expected one of sin, cos"), "{unknown}");
         assert!(Expression::parse(&"(".repeat(10_000)).unwrap_err().contains("nested too deeply"));
         assert!(Expression::parse(&"-".repeat(10_000)).unwrap_err().contains("nested too deeply"));
     }

@@ -4,12 +4,13 @@ use super::{
     build::{build, free_coordinates, position_coordinates},
     constraint::BoundExpression,
     description::{Description, InputOptions, ParameterOptions},
-    expression::Expression,
+    expression::{Expression, is_function},
     measure::Measure,
     model::{Model, Sample},
     reduced::{self, Reduced},
     review::{idle_parts, oddities},
     simulate::{simulate, simulate_from},
+    tables::tables,
 };
 use crate::{
     Error, Result,
@@ -78,6 +79,7 @@ impl Mechanism {
         let mut problems = name_problems(&description);
         problems.extend(range_problems(&description));
         problems.extend(idle_parts(&description));
+        problems.extend(tables(&description).1);
         origin.refuse(problems)?;
         let defaults: Vec<f64> = description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, measures) = match build(&description, &defaults) {
@@ -483,13 +485,15 @@ fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems
 /// Names that are ambiguous or cannot be used in an expression.
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::default();
-    let Description { parameters, inputs, bodies, joints, drivers, springs, forces, actuators, .. } = description;
-    // in expressions, parameters and inputs are names without a dot, parts of the mechanism are followed by one
+    let Description { parameters, inputs, tables, bodies, joints, drivers, springs, forces, actuators, .. } =
+        description;
+    // in expressions, parameters, inputs and tables are names without a dot, parts of the mechanism are followed by one
     let mut values: Vec<(&str, &str)> = vec![("the time", "time"), ("a number", "pi")];
     let mut parts: Vec<(&str, &str)> = vec![("the ground", "ground")];
-    let sections: [(&str, Vec<&String>); 8] = [
+    let sections: [(&str, Vec<&String>); 9] = [
         ("parameters", parameters.keys().collect()),
         ("inputs", inputs.keys().collect()),
+        ("tables", tables.keys().collect()),
         ("bodies", bodies.keys().collect()),
         ("joints", joints.keys().collect()),
         ("drivers", drivers.keys().collect()),
@@ -498,11 +502,13 @@ fn name_problems(description: &Description) -> Problems {
         ("actuators", actuators.keys().collect()),
     ];
     for (section, names) in &sections {
-        let seen = if ["parameters", "inputs"].contains(section) { &mut values } else { &mut parts };
+        let seen = if ["parameters", "inputs", "tables"].contains(section) { &mut values } else { &mut parts };
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {
                 problems.add(key, format!("`{name}` is not a valid name: {PLAIN}"));
+            } else if *section == "tables" && is_function(name) {
+                problems.add(key, format!("`{name}` is the name of a function already"));
             } else if let Some((other, _)) = seen.iter().find(|(_, known)| known == name) {
                 problems.add(key, format!("`{name}` is the name of {other} already"));
             } else {

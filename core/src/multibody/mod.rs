@@ -19,6 +19,7 @@ pub mod reduced;
 pub mod review;
 pub mod simulate;
 mod stepper;
+mod tables;
 
 pub use mechanism::{FreeCoordinate, Mechanism, json_schema};
 pub use stepper::Stepper;

@@ -174,7 +174,7 @@ impl Model {
     pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
         self.bound_expressions().find_map(|(bound, owner)| {
             let value = bound.value(t, q, v, u);
-            (!value.is_finite()).then(|| format!("`{}` of `{owner}` is {value}", bound.expression))
+            (!value.is_finite()).then(|| format!("`{}` of `{owner}` is {value}", bound.text))
         })
     }
 

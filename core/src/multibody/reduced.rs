@@ -449,14 +449,14 @@ pub fn candidates(model: &Model, free: impl IntoIterator<Item = Coordinate>) -> 
 fn refuse_time(model: &Model) -> Result<(), String> {
     for constraint in &model.constraints.0 {
         if let Target::Motion(formula) = &constraint.target {
-            let motion = &formula.expression;
+            let motion = &formula.text;
             return Err(format!("`{}` prescribes the motion `{motion}`, expected an `acceleration`", constraint.owner));
         }
     }
     for (bound, owner) in model.bound_expressions() {
         if bound.slots.iter().any(|slot| matches!(slot, Slot::Time)) {
             let what = if owner.starts_with("drivers.") { "acceleration" } else { "force" };
-            return Err(format!("the {what} `{}` of `{owner}` depends on time", bound.expression));
+            return Err(format!("the {what} `{}` of `{owner}` depends on time", bound.text));
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use super::{
     description::{BodyOptions, Description, SpringOptions, Vector},
-    expression::Expression,
+    expression::{Expression, Tables},
 };
 use crate::diagnostics::Problems;
 use std::collections::BTreeSet;
@@ -24,7 +24,7 @@ pub fn idle_parts(description: &Description) -> Problems {
 /// What is odd but may be intended: dotted keys and messages.
 pub fn oddities(description: &Description) -> Problems {
     let names = Names::of(description);
-    let Description { parameters, inputs, ground, bodies, springs, forces, actuators, .. } = description;
+    let Description { parameters, inputs, tables, ground, bodies, springs, forces, actuators, .. } = description;
     let mut oddities = Problems::default();
     let mut note = |key: String, message: &str| oddities.add(key, message);
     for name in parameters.keys().filter(|name| !names.values.contains(name.as_str())) {
@@ -32,6 +32,9 @@ pub fn oddities(description: &Description) -> Problems {
     }
     for name in inputs.keys().filter(|name| !names.values.contains(name.as_str())) {
         note(format!("inputs.{name}"), "no force, effort or acceleration depends on it");
+    }
+    for name in tables.keys().filter(|name| !names.tables.contains(name.as_str())) {
+        note(format!("tables.{name}"), "no expression uses it");
     }
     for point in ground.points.keys().filter(|point| !names.has(&format!("ground.{point}"))) {
         note(format!("ground.points.{point}"), "nothing uses this point");
@@ -60,13 +63,16 @@ pub fn oddities(description: &Description) -> Problems {
 
 /// Zero for any parameters.
 pub(super) fn is_zero(expression: &Expression) -> bool {
-    expression.names().is_empty() && expression.value(|_| f64::NAN) == 0.0
+    let formula = expression.formula(&Tables::new()).ok().filter(|_| expression.names().is_empty());
+    formula.is_some_and(|formula| formula.value(|_| f64::NAN) == 0.0)
 }
 
 /// What a description names.
 struct Names<'a> {
     /// In expressions: parameters, inputs, `time`, coordinates.
     values: BTreeSet<&'a str>,
+    /// Tables in expressions.
+    tables: BTreeSet<&'a str>,
     /// Points, coordinates and measures, wherever they are named.
     parts: Vec<String>,
     /// Points between which something acts, and where it acts.
@@ -76,11 +82,9 @@ struct Names<'a> {
 impl<'a> Names<'a> {
     fn of(description: &'a Description) -> Self {
         let Description { joints, drivers, springs, forces, actuators, initial, outputs, .. } = description;
-        let values: BTreeSet<&str> = expressions(description)
-            .into_iter()
-            .flat_map(|expression| expression.names())
-            .map(String::as_str)
-            .collect();
+        let expressions = expressions(description).into_iter();
+        let tables = expressions.clone().flat_map(Expression::tables).collect();
+        let values: BTreeSet<&str> = expressions.flat_map(Expression::names).map(String::as_str).collect();
         let ends = joints.values().map(|joint| &joint.between);
         let ends = ends.chain(springs.values().filter_map(|spring| spring.between.as_ref())).flatten();
         let mut attached: Vec<&str> = ends.map(String::as_str).collect();
@@ -91,7 +95,7 @@ impl<'a> Names<'a> {
         let conditions = initial.iter().flat_map(|(owner, of)| of.keys().map(move |what| format!("{owner}.{what}")));
         let measured = outputs.values().map(|output| output.measure.clone());
         let named = attached.iter().chain(&values).map(|name| (*name).to_owned());
-        Self { parts: named.chain(conditions).chain(measured).collect(), values, attached }
+        Self { parts: named.chain(conditions).chain(measured).collect(), values, tables, attached }
     }
 
     /// Whether anything names the part or point, or a measure of it.

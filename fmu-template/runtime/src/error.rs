@@ -3,7 +3,7 @@
 use safetensors::SafeTensorError;
 
 /// Version of the layout described in this module.
-pub const FORMAT: u32 = 3;
+pub const FORMAT: u32 = 4;
 
 pub(crate) const METADATA_KEY: &str = "metafmu";
 
@@ -107,6 +107,12 @@ pub enum FormatError {
         index: usize,
         /// What stands there.
         found: u32,
+    },
+    /// A periodic lookup table with other values at its end.
+    #[error("a periodic lookup table, element {index}: its ends differ")]
+    OpenPeriod {
+        /// Position of the value at the end.
+        index: usize,
     },
     /// A formula whose steps do not fit together.
     #[error("formula, step {index}: {found} values, expected {expected}")]
@@ -213,12 +219,14 @@ pub enum FormatError {
         /// How many.
         count: usize,
     },
-    /// Instants out of order.
-    #[error("tensor `instants`, element {index}: {found} is not above {before}")]
+    /// Instants or knots out of order.
+    #[error("tensor `{name}`, element {index}: {found} is not above {before}")]
     NotAscending {
+        /// The tensor's name.
+        name: String,
         /// Position.
         index: usize,
-        /// The instant before it.
+        /// The one before it.
         before: f64,
         /// What stands there.
         found: f64,

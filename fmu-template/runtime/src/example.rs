@@ -5,10 +5,11 @@ use crate::{
     Metadata, Model, Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling,
     Shown, State, StateSpace, Support, Surrogate, Transition, Variability,
     dictionary::{Dictionary, Factor, Term},
-    formula::{Combination, ElementaryFunction, Formula, FormulaStep},
+    formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
     graph::{Elementwise, Graph, Operation, Step},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
+use std::sync::Arc;
 
 /// Two parameters (`length` tunable, `speed` fixed), the time, two outputs, one hidden layer of 16.
 pub fn surrogate() -> Surrogate {
@@ -300,7 +301,8 @@ pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate 
 pub fn crane_with_efforts() -> Surrogate {
     use Combination::{Add, Divide, Maximum, Minimum, Multiply, Power, Subtract};
     use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
-    use FormulaStep::{Call, Column, Combine, Constant, Negate};
+    use FormulaStep::{Call, Column, Combine, Constant, Lookup, Negate};
+    let [held, smooth, periodic] = lookup_tables().map(Lookup);
     let crane = crane();
     let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
     let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
@@ -361,6 +363,9 @@ pub fn crane_with_efforts() -> Surrogate {
         ],
         &bounded,
         &[Call(Sign), Combine(Add)],
+        &[Column(7), held, Combine(Add)],
+        &[Column(0), Column(5), smooth, Combine(Add)],
+        &[Column(2), periodic, Combine(Add)],
     ];
     let formulas = vec![formula(&friction), formula(&wind.concat()), formula(&motor.concat())];
     let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];
@@ -387,6 +392,25 @@ pub fn crane_with_efforts() -> Surrogate {
     let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
     let motion = Motion { dynamics, ..(**motion).clone() };
     Surrogate::new(crane.metadata().clone(), Model::Motion(Box::new(motion))).expect("the example is valid")
+}
+
+/// Tables of one argument with straight lines, of two arguments with a spline, and a spline that repeats itself.
+fn lookup_tables() -> [Arc<LookupTable>; 3] {
+    let table = |axes: &[&[f64]], values: &[f64], interpolation, extrapolation| {
+        let axes = axes.iter().map(|axis| axis.to_vec()).collect();
+        Arc::new(LookupTable::new(axes, values.to_vec(), interpolation, extrapolation).expect("the example is valid"))
+    };
+    let surface: Vec<f64> = (0..20).map(|k| f64::from(k * k % 7) / 4.0 - 0.5).collect();
+    [
+        table(&[&[-0.5, 0.0, 0.75]], &[0.25, 0.0, -0.5], Interpolation::Linear, Extrapolation::Hold),
+        table(
+            &[&[0.5, 0.75, 1.0, 2.0], &[-1.0, -0.25, 0.0, 0.5, 1.0]],
+            &surface,
+            Interpolation::Cubic,
+            Extrapolation::Linear,
+        ),
+        table(&[&[-0.2, 0.1, 0.25, 0.8]], &[0.1, 0.3, -0.2, 0.1], Interpolation::Cubic, Extrapolation::Periodic),
+    ]
 }
 
 /// A crane whose trolley has a prescribed acceleration, its input less 0.3 of its velocity.

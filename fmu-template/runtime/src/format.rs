@@ -56,8 +56,11 @@
 //! | `law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; left out if there are none |
 //! | `efforts.inputs` | U32 | `[1]` | number of inputs |
 //! | `efforts.windings` | F64 | `[positions, coordinates]` | of the positions in the [`Efforts`](crate::Efforts), as those of the positions |
-//! | `efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation, each a kind and an argument: 0: element K of `efforts.constants`, 1: column K, 2: function K of [`ElementaryFunction::ALL`](crate::formula::ElementaryFunction::ALL), 3: minus, 4 and more: combination K of [`Combination::ALL`](crate::formula::Combination::ALL), from 4 on |
+//! | `efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation, each a kind and an argument: 0: element K of `efforts.constants`, 1: column K, 2: function K of [`ElementaryFunction::ALL`](crate::formula::ElementaryFunction::ALL), 3: minus, 4: lookup table K, 5 and more: combination K of [`Combination::ALL`](crate::formula::Combination::ALL), from 5 on |
 //! | `efforts.constants` | F64 | `[constants]` | numbers in the formulas |
+//! | `efforts.tables.K.x`, `efforts.tables.K.y` | F64 | `[x]`, `[y]` | knots of [lookup table](crate::formula::LookupTable) K; one with one argument has no `y` |
+//! | `efforts.tables.K.values` | F64 | `[x]` or `[x, y]` | values at the knots |
+//! | `efforts.tables.K.kinds` | U32 | `[2]` | positions in [`Interpolation::ALL`](crate::formula::Interpolation::ALL) and [`Extrapolation::ALL`](crate::formula::Extrapolation::ALL) |
 //! | `positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
 //! | `outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K |
 //! | `solver.step` | F64 | `[1]` | longest step, in seconds |
@@ -109,7 +112,7 @@
 //!
 //! | field | |
 //! |---|---|
-//! | `format` | 3, the version of this layout |
+//! | `format` | 4, the version of this layout |
 //! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without another map `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest", "kernel" or "graph"}` |
 //!
 //! Older formats are refused: what made them can make them again. Format 1 had one activation for all hidden layers and no names of

@@ -5,7 +5,25 @@
 #ifndef FORMULAS_H
 #define FORMULAS_H
 
+#include <stddef.h>
+
 #include "jets.h"
+
+typedef enum { EXTRAPOLATION_HOLD, EXTRAPOLATION_LINEAR, EXTRAPOLATION_PERIODIC } Extrapolation;
+
+/* A table of one argument, or of two if it has knots of the second. */
+typedef struct {
+    const Real *x;
+    size_t x_count;
+    const Real *y;
+    size_t y_count;
+    /* of each node the value, of a spline also its derivatives along x, along y, and the mixed one */
+    const Real *nodes;
+    int is_cubic;
+    Extrapolation extrapolation;
+} LookupTable;
+
+extern const LookupTable model_tables[];
 
 /* A function of a jet from its value, slope and curvature. */
 static inline Jet jet_chain(Jet a, Real value, Real slope, Real curvature)
@@ -183,6 +201,111 @@ static inline Jet jet_quotient(Jet a, Jet b)
     Jet quotient = jet_product(a, inverse);
     quotient.value = a.value / x;
     return quotient;
+}
+
+/*
+ * First of the two knots around x; weights of value and slope at both, and the first and second derivative of the weights:
+ * weights[order][knot][value or slope].
+ */
+static inline size_t lookup_weights(const LookupTable *table, const Real *knots, size_t count, Real x,
+                                    Real weights[3][2][2])
+{
+    const Real start = knots[0];
+    const Real end = knots[count - 1];
+    if (table->extrapolation == EXTRAPOLATION_PERIODIC) {
+        x -= MATH(floor)((x - start) / (end - start)) * (end - start);
+    }
+    size_t at = 0;
+    size_t after = count - 1;
+    while (after - at > 1) {
+        const size_t middle = (at + after) / 2;
+        if (knots[middle] <= x) {
+            at = middle;
+        } else {
+            after = middle;
+        }
+    }
+    for (size_t order = 0; order < 3; order++) {
+        for (size_t knot = 0; knot < 2; knot++) {
+            weights[order][knot][0] = R(0.0);
+            weights[order][knot][1] = R(0.0);
+        }
+    }
+    const int is_beyond = x < start || x > end;
+    const size_t last = x < start ? 0 : 1;
+    const Real h = knots[after] - knots[at];
+    const Real w = (x - knots[at]) * (R(1.0) / h);
+    const Real rest = R(1.0) - w;
+    if (is_beyond && table->extrapolation == EXTRAPOLATION_HOLD) {
+        weights[0][last][0] = R(1.0);
+    } else if (!table->is_cubic) {
+        weights[0][0][0] = rest;
+        weights[0][1][0] = w;
+        weights[1][0][0] = R(-1.0) / h;
+        weights[1][1][0] = R(1.0) / h;
+    } else if (is_beyond) {
+        weights[0][last][0] = R(1.0);
+        weights[0][last][1] = last > 0 ? -h * rest : h * w;
+        weights[1][last][1] = R(1.0);
+    } else {
+        for (size_t knot = 0; knot < 2; knot++) {
+            const Real from = knot > 0 ? rest : w;
+            const Real to = knot > 0 ? w : rest;
+            const Real sign = knot > 0 ? R(-1.0) : R(1.0);
+            weights[0][knot][0] = to * to * (R(1.0) + R(2.0) * from);
+            weights[0][knot][1] = sign * h * (to * to * from);
+            weights[1][knot][0] = sign * R(-6.0) * to * from / h;
+            weights[1][knot][1] = to * (to - R(2.0) * from);
+            weights[2][knot][0] = R(6.0) * (from - to) / (h * h);
+            weights[2][knot][1] = sign * R(2.0) * (from - R(2.0) * to) / h;
+        }
+    }
+    return at;
+}
+
+/* The value of a table, and its derivatives along x, x x, y, x y and y y. A table of one argument is constant along y. */
+static inline void lookup_series(const LookupTable *table, Real x, Real y, Real series[6])
+{
+    static const size_t orders[6][2] = {{0, 0}, {1, 0}, {2, 0}, {0, 1}, {1, 1}, {0, 2}};
+    Real of_x[3][2][2];
+    Real of_y[3][2][2] = {{{R(0.0)}}};
+    of_y[0][0][0] = R(1.0);
+    const size_t rows = table->y_count > 0 ? table->y_count : 1;
+    const size_t row = lookup_weights(table, table->x, table->x_count, x, of_x);
+    const size_t column = table->y_count > 0 ? lookup_weights(table, table->y, table->y_count, y, of_y) : 0;
+    const size_t of_axis = table->is_cubic ? 2 : 1;
+    const size_t along_y = table->y_count > 0 ? 2 : 1;
+    const size_t mixed = table->y_count > 0 ? of_axis : 1;
+    for (size_t which = 0; which < 6; which++) {
+        Real sum = R(0.0);
+        for (size_t i = 0; i < 2; i++) {
+            for (size_t j = 0; j < along_y; j++) {
+                const Real *node = table->nodes + ((row + i) * rows + column + j) * of_axis * mixed;
+                for (size_t number = 0; number < of_axis * mixed; number++) {
+                    const Real weight =
+                        of_x[orders[which][0]][i][number % 2] * of_y[orders[which][1]][j][number / 2];
+                    sum += weight * node[number];
+                }
+            }
+        }
+        series[which] = sum;
+    }
+}
+
+static inline Real real_lookup(const LookupTable *table, Real x, Real y)
+{
+    Real series[6];
+    lookup_series(table, x, y, series);
+    return series[0];
+}
+
+static inline Jet jet_lookup(const LookupTable *table, Jet x, Jet y)
+{
+    Real series[6];
+    lookup_series(table, x.value, y.value, series);
+    const Real first = series[1] * x.first + series[3] * y.first;
+    const Real bent = series[2] * x.first * x.first + R(2.0) * series[4] * x.first * y.first + series[5] * y.first * y.first;
+    return (Jet){series[0], first, bent + series[1] * x.second + series[3] * y.second};
 }
 
 static inline Real real_power(Real a, Real b)

@@ -55,6 +55,62 @@ fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
         ),
         (
             "[initial]",
+            "[tables.cam]\nx = [0, 2, 1]\nvalues = [1, 2, 3]\n[initial]",
+            "m.toml:29: tables.cam.x: element 3: 1 is not above 2, expected ascending knots",
+        ),
+        (
+            "[initial]",
+            "[tables.cam]\nx = [0]\nvalues = [1]\n[initial]",
+            "tables.cam.x: a list of 1, expected two or more",
+        ),
+        (
+            "[initial]",
+            "[tables.cam]\nx = [0, 1]\nvalues = [1]\n[initial]",
+            "tables.cam.values: 1, expected 2, one for each `x`",
+        ),
+        (
+            "[initial]",
+            "[tables.map]\nx = [0, 1]\ny = [0, 1, 2]\nvalues = [[1, 2, 3], [1, 2]]\n[initial]",
+            "tables.map.values: list 2: 2 numbers, expected 3, one for each `y`",
+        ),
+        (
+            "[initial]",
+            "[tables.map]\nx = [0, 1]\nvalues = [[1, 2, 3], [1, 2]]\n[initial]",
+            "tables.map.values: element 1: a list, expected a number, or the knots `y`",
+        ),
+        (
+            "[initial]",
+            "[tables.map]\nx = [0, 1]\ny = [0, 1]\nvalues = [1, 2]\n[initial]",
+            "tables.map.values: element 1: a number, expected a list with one for each `y`",
+        ),
+        (
+            "[initial]",
+            "[tables.cam]\nx = [0, 1]\nvalues = [1, 2]\nextrapolation = \"periodic\"\n[initial]",
+            "tables.cam.values: a periodic lookup table, element 1: its ends differ",
+        ),
+        (
+            "[initial]",
+            "[tables.sin]\nx = [0, 1]\nvalues = [1, 2]\n[initial]",
+            "`sin` is the name of a function already",
+        ),
+        ("[initial]", "[tables.L]\nx = [0, 1]\nvalues = [1, 2]\n[initial]", "`L` is the name of parameters already"),
+        (
+            "[initial]",
+            "[actuators.motor]\ncoordinate = \"pivot.angle\"\neffort = \"cam(time)\"\n[initial]",
+            "actuators.motor.effort: `cam(time)`: no function or table `cam`, expected one of sin",
+        ),
+        (
+            "[initial]",
+            "[tables.cam]\nx = [0, 1]\nvalues = [1, 2]\n[actuators.motor]\ncoordinate = \"pivot.angle\"\neffort = \"cam(time, L)\"\n[initial]",
+            "`cam(time, L)`: 2 arguments of the table `cam`, expected 1",
+        ),
+        (
+            "[initial]",
+            "[tables.cam]\nx = [0, 1]\nvalues = [1, 2]\n[drivers.motor]\ncoordinate = \"pivot.angle\"\nmotion = \"cam(time)\"\n[initial]",
+            "drivers.motor.motion: `cam(time)`: the table `cam` has no rate at its kinks, expected `interpolation",
+        ),
+        (
+            "[initial]",
             "[forces.push]\npoint = \"ground\"\nforce = [1, 0]\n[initial]",
             "forces.push.point: `ground` belongs to the ground, expected a point of a body",
         ),

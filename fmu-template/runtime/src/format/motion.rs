@@ -4,12 +4,13 @@ use super::{Tensor, Views, bytes, elements, of_one, take, unstacked};
 use crate::{
     Activation, FormatError,
     dictionary::{Dictionary, Factor, Term},
-    formula::{Combination, ElementaryFunction, Formula, FormulaStep},
+    formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
     map::{expect_finite, expect_shape},
     model::{Efforts, Integration, Motion, Reactions, Shown, dynamics::Dynamics},
 };
 use safetensors::Dtype;
+use std::sync::Arc;
 
 impl Motion {
     /// Name, type, shape and content of each.
@@ -90,30 +91,78 @@ impl Motion {
 }
 
 /// Formulas of efforts, and what their columns are.
-fn of_efforts(efforts: &Efforts) -> [Tensor; 4] {
+fn of_efforts(efforts: &Efforts) -> Vec<Tensor> {
     let (mut steps, mut constants) = (Vec::new(), Vec::new());
+    let mut tables: Vec<&Arc<LookupTable>> = Vec::new();
     for step in efforts.formulas().iter().flat_map(Formula::steps) {
-        steps.extend(match *step {
+        steps.extend(match step {
             FormulaStep::Constant(value) => {
-                constants.push(value);
+                constants.push(*value);
                 [0, constants.len() as u32 - 1]
             }
-            FormulaStep::Column(column) => [1, column as u32],
-            FormulaStep::Call(function) => [2, function as u32],
+            FormulaStep::Column(column) => [1, *column as u32],
+            FormulaStep::Call(function) => [2, *function as u32],
             FormulaStep::Negate => [3, 0],
-            FormulaStep::Combine(combination) => [4 + combination as u32, 0],
+            FormulaStep::Lookup(table) => {
+                let position = tables.iter().position(|known| *known == table).unwrap_or_else(|| {
+                    tables.push(table);
+                    tables.len() - 1
+                });
+                [4, position as u32]
+            }
+            FormulaStep::Combine(combination) => [FIRST_COMBINATION + *combination as u32, 0],
         });
     }
     let whole = |what: &str, shape: Vec<usize>, values: &[u32]| -> Tensor {
         (format!("efforts.{what}"), Dtype::U32, shape, bytes(values, u32::to_le_bytes))
     };
     let [_, inputs, coordinates] = efforts.counts();
-    [
+    let mut tensors = vec![
         whole("inputs", vec![1], &[inputs as u32]),
         double("efforts.windings", &[efforts.positions(), coordinates], efforts.windings()),
         whole("steps", vec![steps.len() / 2, 2], &steps),
         double("efforts.constants", &[constants.len()], &constants),
-    ]
+    ];
+    for (index, table) in tables.into_iter().enumerate() {
+        let name = |what: &str| format!("efforts.tables.{index}.{what}");
+        let shape: Vec<usize> = table.axes().iter().map(Vec::len).collect();
+        let kinds = [table.interpolation() as u32, table.extrapolation() as u32];
+        let axes = AXES.iter().zip(table.axes()).map(|(axis, knots)| double(&name(axis), &[knots.len()], knots));
+        tensors.extend(axes);
+        tensors.push(double(&name("values"), &shape, table.values()));
+        tensors.push((name("kinds"), Dtype::U32, vec![2], bytes(&kinds, u32::to_le_bytes)));
+    }
+    tensors
+}
+
+/// Number of the first combination among the kinds of steps.
+const FIRST_COMBINATION: u32 = 5;
+
+/// Names of a table's axes.
+const AXES: [&str; 2] = ["x", "y"];
+
+/// The tables of the efforts.
+fn lookup_tables(tensors: &mut Views) -> Result<Vec<Arc<LookupTable>>, FormatError> {
+    let mut tables = Vec::new();
+    while tensors.contains_key(format!("efforts.tables.{}.values", tables.len()).as_str()) {
+        let name = |what: &str| format!("efforts.tables.{}.{what}", tables.len());
+        let mut axes = Vec::new();
+        for axis in AXES.map(name) {
+            if tensors.contains_key(axis.as_str()) {
+                axes.push(doubles(tensors, &axis, 1)?.0);
+            }
+        }
+        let (values, shape) = doubles(tensors, &name("values"), axes.len())?;
+        expect_shape(&name("values"), &shape, &axes.iter().map(Vec::len).collect::<Vec<_>>())?;
+        let kinds = take(tensors, &name("kinds"), Dtype::U32, 1)?;
+        expect_shape(&name("kinds"), kinds.shape(), &[2])?;
+        let kinds = elements(kinds.data(), u32::from_le_bytes);
+        let unknown = |index: usize| FormatError::Unknown { name: name("kinds"), index, found: kinds[index] };
+        let interpolation = Interpolation::ALL.get(kinds[0] as usize).ok_or_else(|| unknown(0))?;
+        let extrapolation = Extrapolation::ALL.get(kinds[1] as usize).ok_or_else(|| unknown(1))?;
+        tables.push(Arc::new(LookupTable::new(axes, values, *interpolation, *extrapolation)?));
+    }
+    Ok(tables)
 }
 
 /// The inverse of [`of_efforts`].
@@ -124,6 +173,7 @@ fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result
     let (windings, shape) = doubles(tensors, "efforts.windings", 2)?;
     expect_shape("efforts.windings", &shape[1..], &[coordinates])?;
     let (constants, _) = doubles(tensors, "efforts.constants", 1)?;
+    let tables = lookup_tables(tensors)?;
     let steps = take(tensors, "efforts.steps", Dtype::U32, 2)?;
     expect_shape("efforts.steps", &steps.shape()[1..], &[2])?;
     let steps = elements(steps.data(), u32::from_le_bytes);
@@ -134,10 +184,12 @@ fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result
             1 => Some(FormulaStep::Column(at)),
             2 => ElementaryFunction::ALL.get(at).map(|function| FormulaStep::Call(*function)),
             3 => Some(FormulaStep::Negate),
-            _ => Combination::ALL.get(kind as usize - 4).copied().map(FormulaStep::Combine),
+            4 => tables.get(at).cloned().map(FormulaStep::Lookup),
+            _ => Combination::ALL.get((kind - FIRST_COMBINATION) as usize).copied().map(FormulaStep::Combine),
         };
-        let (name, found) = ("efforts.steps".into(), if kind > 2 { kind } else { argument });
-        known.ok_or(FormatError::Unknown { name, index: 2 * index + usize::from(kind <= 2), found })
+        let is_argument = kind <= 2 || kind == 4;
+        let (name, found) = ("efforts.steps".into(), if is_argument { argument } else { kind });
+        known.ok_or(FormatError::Unknown { name, index: 2 * index + usize::from(is_argument), found })
     };
     let steps = steps.as_chunks::<2>().0.iter().enumerate().map(step).collect::<Result<Vec<_>, _>>()?;
     let formulas = Formula::one_after_the_other(&steps)?;

@@ -342,8 +342,8 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
         (r#"\"time_step\":0.01,"#, "", "missing field `time_step`"),
         (r#"\"time_step\""#, r#"\"colour\":1,\"time_step\""#, "unknown field `colour`"),
         (r#"\"tanh\""#, r#"\"softmax\""#, "unknown variant `softmax`"),
-        (r#"\"format\":3"#, r#"\"format\":1"#, "format 1, expected 3: an older metafmu wrote it; make it again"),
-        (r#"\"format\":3"#, r#"\"format\":4"#, "format 4, expected 3: a newer metafmu wrote it; use that one"),
+        (r#"\"format\":4"#, r#"\"format\":1"#, "format 1, expected 4: an older metafmu wrote it; make it again"),
+        (r#"\"format\":4"#, r#"\"format\":5"#, "format 5, expected 4: a newer metafmu wrote it; use that one"),
         (r#"\"model\":"#, r#"\"module\":"#, "the field `model` is missing"),
         (r#"\"response\""#, r#"\"impulse\""#, "unknown variant `impulse`"),
         (r#"\"identity\"]"#, r#"\"identity\",\"tanh\"]"#, "tensor `outputs.layers.2.weight` is missing"),
@@ -574,9 +574,13 @@ fn efforts_that_make_no_sense_are_refused() {
     let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
     for (tensor, element, value, expected) in [
         ("efforts.steps", 1, 77, "tensor `efforts.steps`, element 0: 77, expected less than 8"),
-        ("efforts.steps", 0, 11, "tensor `efforts.steps`, element 0: 11 is not known"),
+        ("efforts.steps", 0, 12, "tensor `efforts.steps`, element 0: 12 is not known"),
         ("efforts.steps", 3, 900, "tensor `efforts.steps`, element 3: 900 is not known"),
+        ("efforts.steps", 0, 5, "formula, step 0: 0 values, expected 2"),
+        // table 1 has two arguments
         ("efforts.steps", 0, 4, "formula, step 0: 0 values, expected 2"),
+        ("efforts.tables.1.kinds", 1, 3, "tensor `efforts.tables.1.kinds`, element 1: 3 is not known"),
+        ("efforts.tables.1.kinds", 1, 2, "a periodic lookup table, element 4: its ends differ"),
         ("efforts.inputs", 0, 2, "tensor `inputs` has shape [1, 4, 1, 0], expected [1, 4, 2, 0]"),
         (
             "efforts.inputs",

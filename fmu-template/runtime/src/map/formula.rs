@@ -1,5 +1,5 @@
-//! Scalar formulas as mechanism files have them: numbers, columns, `+ - * / ^`, `min`, `max` and functions of one variable, with exact
-//! derivatives.
+//! Scalar formulas as mechanism files have them: numbers, columns, `+ - * / ^`, `min`, `max`, functions of one variable and lookup tables,
+//! with exact derivatives.
 //!
 //! Derivatives are second-order Taylor coefficients (forward automatic differentiation; Griewank, Walther: *Evaluating Derivatives*,
 //! chapter 13).
@@ -10,11 +10,15 @@ use super::{
     tape::{Register, TapeBuilder},
 };
 use crate::FormatError;
+use std::sync::Arc;
 
-pub use super::elementary::ElementaryFunction;
+pub use super::{
+    elementary::ElementaryFunction,
+    lookup::{Extrapolation, Interpolation, LookupTable},
+};
 
 /// A step of a formula in postfix notation: operands are taken from a stack, and the result is put there.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum FormulaStep {
     /// Puts a number on the stack.
     Constant(f64),
@@ -26,6 +30,8 @@ pub enum FormulaStep {
     Negate,
     /// A combination of the last two values.
     Combine(Combination),
+    /// A table at the last value, or the last two.
+    Lookup(Arc<LookupTable>),
 }
 
 /// A function of two values: the one before the last on the stack, `a`, and the last, `b`.
@@ -60,6 +66,8 @@ pub enum Applied<'a, T> {
     Call(ElementaryFunction, &'a T),
     /// A combination of two values.
     Combine(Combination, &'a T, &'a T),
+    /// A table at one or two values.
+    Lookup(&'a Arc<LookupTable>, &'a [T]),
 }
 
 /// Largest power that is a product.
@@ -165,7 +173,10 @@ impl Formula {
     /// # Errors
     /// As [`new`](Self::new).
     pub fn with_columns(&self, leaf: impl Fn(usize) -> FormulaStep) -> Result<Self, FormatError> {
-        let step = |step: &FormulaStep| if let FormulaStep::Column(column) = step { leaf(*column) } else { *step };
+        let step = |step: &FormulaStep| match step {
+            FormulaStep::Column(column) => leaf(*column),
+            other => other.clone(),
+        };
         Self::new(self.steps.iter().map(step).collect())
     }
 
@@ -186,6 +197,7 @@ impl Formula {
             Applied::Negate(x) => x.scaled(-1.0),
             Applied::Call(function, x) => x.apply(function),
             Applied::Combine(combination, a, b) => combination.of(*a, *b),
+            Applied::Lookup(table, at) => table.at(at),
         })
     }
 
@@ -213,6 +225,7 @@ impl Formula {
                 let smaller = tape.smaller(a, b);
                 tape.negative(smaller)
             }
+            Applied::Lookup(table, at) => tape.lookup(table, at),
         })
     }
 
@@ -224,14 +237,20 @@ impl Formula {
         let mut stack: Vec<T> = Vec::with_capacity(self.steps.len());
         let pop = |stack: &mut Vec<T>| stack.pop().expect("the constructor counts the operands");
         for step in &self.steps {
-            let value = match *step {
-                FormulaStep::Constant(value) => compute(Applied::Constant(value)),
-                FormulaStep::Column(column) => compute(Applied::Column(column)),
+            let value = match step {
+                FormulaStep::Constant(value) => compute(Applied::Constant(*value)),
+                FormulaStep::Column(column) => compute(Applied::Column(*column)),
                 FormulaStep::Negate => compute(Applied::Negate(&pop(&mut stack))),
-                FormulaStep::Call(function) => compute(Applied::Call(function, &pop(&mut stack))),
+                FormulaStep::Call(function) => compute(Applied::Call(*function, &pop(&mut stack))),
                 FormulaStep::Combine(combination) => {
                     let b = pop(&mut stack);
-                    compute(Applied::Combine(combination, &pop(&mut stack), &b))
+                    compute(Applied::Combine(*combination, &pop(&mut stack), &b))
+                }
+                FormulaStep::Lookup(table) => {
+                    let first = stack.len() - step.operands();
+                    let value = compute(Applied::Lookup(table, &stack[first..]));
+                    stack.truncate(first);
+                    value
                 }
             };
             stack.push(value);
@@ -242,11 +261,12 @@ impl Formula {
 
 impl FormulaStep {
     /// Number of values that the step takes from the stack.
-    fn operands(self) -> usize {
+    fn operands(&self) -> usize {
         match self {
             Self::Constant(_) | Self::Column(_) => 0,
             Self::Call(_) | Self::Negate => 1,
             Self::Combine(_) => 2,
+            Self::Lookup(table) => table.arguments(),
         }
     }
 }
@@ -277,7 +297,22 @@ mod tests {
             ],
             vec![Column(1), Column(0), Combine(Minimum), Constant(2.0), Column(1), Combine(Maximum), Combine(Subtract)],
         ];
-        ElementaryFunction::ALL.into_iter().map(with).chain(more).map(|steps| Formula::new(steps).unwrap()).collect()
+        let formulas = ElementaryFunction::ALL.into_iter().map(with).chain(more).chain(lookups());
+        formulas.map(|steps| Formula::new(steps).unwrap()).collect()
+    }
+
+    /// Tables of one and of two columns, linear and cubic.
+    fn lookups() -> Vec<Vec<FormulaStep>> {
+        let knots = || vec![-1.0, 0.25, 0.5, 1.5, 2.0];
+        let of_one =
+            LookupTable::new(vec![knots()], vec![0.3, 1.2, -0.4, 2.0, 1.0], Interpolation::Linear, Extrapolation::Hold);
+        let values = (0..25).map(|k| f64::from(k * k % 7) - 2.0).collect();
+        let of_two = LookupTable::new(vec![knots(), knots()], values, Interpolation::Cubic, Extrapolation::Linear);
+        let [of_one, of_two] = [of_one, of_two].map(|table| FormulaStep::Lookup(Arc::new(table.unwrap())));
+        vec![
+            vec![Column(0), Constant(1.1), Combine(Multiply), of_one, Column(1), Combine(Multiply)],
+            vec![Column(0), Column(1), of_two, Negate],
+        ]
     }
 
     #[test]

@@ -9,6 +9,7 @@ pub mod graph;
 pub(crate) mod jet;
 pub mod law;
 mod layers;
+mod lookup;
 pub mod regression;
 mod series;
 pub(crate) mod tape;

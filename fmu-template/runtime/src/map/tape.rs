@@ -1,7 +1,7 @@
 //! Equations as a list of multiplications, additions and functions. What is zero everywhere is no part of it, what occurs twice is computed
 //! once, and what follows from held inputs alone is computed when they have changed.
 
-use super::{elementary::ElementaryFunction, jet::Number};
+use super::{elementary::ElementaryFunction, jet::Number, lookup::LookupTable};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{AVX2, AVX512};
 use crate::simd::{PORTABLE, Simd};
@@ -9,6 +9,7 @@ use std::{
     collections::{BTreeMap, HashMap},
     hash::{BuildHasherDefault, Hasher},
     ops::Range,
+    sync::Arc,
 };
 
 /// Place of a number in the working memory.
@@ -33,6 +34,7 @@ pub(crate) struct Tape {
     held: Range<usize>,
     registers: usize,
     constants: Vec<(Register, f64)>,
+    tables: Vec<Arc<LookupTable>>,
     of_held: Part,
     of_others: Part,
 }
@@ -68,6 +70,8 @@ enum Operation {
     Power { a: Register, b: Register, to: Register },
     /// The smaller one of both.
     Smaller { a: Register, b: Register, to: Register },
+    /// A table, by its position, at one or two numbers.
+    Lookup { table: u32, at: [Register; 2], to: Register },
 }
 
 /// Working memory of a [`Tape`].
@@ -169,8 +173,9 @@ impl Tape {
                     Operation::Call { .. }
                     | Operation::Quotient { .. }
                     | Operation::Power { .. }
-                    | Operation::Smaller { .. } => {
-                        operation.run_rare(registers);
+                    | Operation::Smaller { .. }
+                    | Operation::Lookup { .. } => {
+                        operation.run_rare(registers, &self.tables);
                     }
                 }
             }
@@ -181,13 +186,14 @@ impl Tape {
 impl Operation {
     /// Runs an operation of a formula: kept out of the loop over the common operations.
     #[inline(never)]
-    fn run_rare<T: Number>(&self, registers: &mut [T]) {
+    fn run_rare<T: Number>(&self, registers: &mut [T], tables: &[Arc<LookupTable>]) {
         let get = |register: Register| registers[register.index()];
         let (value, to) = match *self {
             Self::Call { function, of, to } => (get(of).apply(function), to),
             Self::Quotient { a, b, to } => (get(a).divided_by(get(b)), to),
             Self::Power { a, b, to } => (get(a).power(get(b)), to),
             Self::Smaller { a, b, to } => (get(a).smaller(get(b)), to),
+            Self::Lookup { table, at, to } => (tables[table as usize].at(&at.map(get)), to),
             Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } => return,
         };
         registers[to.index()] = value;
@@ -454,6 +460,24 @@ impl TapeBuilder {
         let known = self.follows(&[a, b]);
         let to = self.reserve(known);
         self.part(known).operations.push(Operation::Smaller { a, b, to });
+        to
+    }
+
+    /// A table at one or two numbers.
+    pub(crate) fn lookup(&mut self, table: &Arc<LookupTable>, at: &[Register]) -> Register {
+        let values: Option<Vec<f64>> = at.iter().map(|register| self.value(*register)).collect();
+        if let Some(values) = values {
+            return self.constant(table.at(&values));
+        }
+        let tables = &mut self.tape.tables;
+        let position = tables.iter().position(|known| known == table).unwrap_or_else(|| {
+            tables.push(Arc::clone(table));
+            tables.len() - 1
+        });
+        let known = self.follows(at);
+        let to = self.reserve(known);
+        let at = [at[0], at[at.len() - 1]];
+        self.part(known).operations.push(Operation::Lookup { table: position as u32, at, to });
         to
     }
 

@@ -156,6 +156,7 @@ fn check_per_instant(
     expect_finite("instants", instants.iter().copied())?;
     if let Some(index) = instants.windows(2).position(|pair| pair[0] >= pair[1]) {
         return Err(FormatError::NotAscending {
+            name: "instants".into(),
             index: index + 1,
             before: instants[index],
             found: instants[index + 1],

@@ -1,10 +1,13 @@
 //! Formulas of efforts, as a template in one kind of numbers.
 
-use super::{divisor, push, real};
+use super::{array, divisor, push, real};
 use metafmu_runtime::{
     EffortColumn, Efforts,
-    formula::{Applied, Combination, ElementaryFunction, Formula, FormulaStep},
+    formula::{
+        Applied, Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable,
+    },
 };
+use std::sync::Arc;
 
 /// A value in the C code: a number that is known, or the name of a variable.
 enum Value {
@@ -21,20 +24,69 @@ pub fn template(efforts: &Efforts) -> String {
     for name in ["p", "u", "r", "rates", "e"] {
         push(&mut text, format_args!("    (void){name};\n"));
     }
-    let mut count = 0;
+    let (tables, mut count) = (tables(efforts), 0);
     for (index, formula) in efforts.formulas().iter().enumerate() {
-        let value = formula.walk(|step: Applied<Value>| written(step, efforts, &mut text, &mut count));
+        let value = formula.walk(|step: Applied<Value>| written(step, (efforts, &tables), &mut text, &mut count));
         push(&mut text, format_args!("    e[{index}] = {};\n", value.text()));
     }
     text + "}\n"
+}
+
+/// `model_tables`: those of the formulas, each once.
+pub fn write_tables(text: &mut String, efforts: &Efforts) {
+    let mut entries = String::new();
+    for (index, table) in tables(efforts).into_iter().enumerate() {
+        let name = |what: &str| format!("table_{index}_{what}");
+        let mut axes = Vec::new();
+        for (axis, knots) in ["x", "y"].into_iter().zip(table.axes()) {
+            array(text, &format!("static const Real {}", name(axis)), knots);
+            axes.push(format!("{}, {}", name(axis), knots.len()));
+        }
+        axes.resize(2, "NULL, 0".into());
+        array(text, &format!("static const Real {}", name("nodes")), table.nodes());
+        let is_cubic = u8::from(table.interpolation() == Interpolation::Cubic);
+        let extrapolation = match table.extrapolation() {
+            Extrapolation::Hold => "HOLD",
+            Extrapolation::Linear => "LINEAR",
+            Extrapolation::Periodic => "PERIODIC",
+        };
+        let (axes, nodes) = (axes.join(", "), name("nodes"));
+        push(&mut entries, format_args!("    {{{axes}, {nodes}, {is_cubic}, EXTRAPOLATION_{extrapolation}}},\n"));
+    }
+    if entries.is_empty() {
+        // C has no empty arrays
+        entries.push_str("    {NULL, 0, NULL, 0, NULL, 0, EXTRAPOLATION_HOLD},\n");
+    }
+    push(text, format_args!("\nconst LookupTable model_tables[] = {{\n{entries}}};\n"));
+}
+
+fn tables(efforts: &Efforts) -> Vec<&Arc<LookupTable>> {
+    let mut tables: Vec<&Arc<LookupTable>> = Vec::new();
+    for step in efforts.formulas().iter().flat_map(Formula::steps) {
+        if let FormulaStep::Lookup(table) = step
+            && !tables.contains(&table)
+        {
+            tables.push(table);
+        }
+    }
+    tables
 }
 
 /// Operations of a formula, and calls of functions.
 pub fn operations(formula: &Formula) -> [usize; 2] {
     let count = |is: fn(&FormulaStep) -> bool| formula.steps().iter().filter(|step| is(step)).count();
     let calls = count(|step| matches!(step, FormulaStep::Call(_) | FormulaStep::Combine(Combination::Power)));
-    [count(|step| !matches!(step, FormulaStep::Constant(_) | FormulaStep::Column(_))) - calls, calls]
+    let of_tables = formula.steps().iter().map(|step| match step {
+        FormulaStep::Lookup(table) => LOOKUP_OPERATIONS * table.arguments() * table.numbers_of_node(),
+        _ => 0,
+    });
+    let single = count(|step| matches!(step, FormulaStep::Negate | FormulaStep::Combine(_)));
+    let powers = count(|step| matches!(step, FormulaStep::Combine(Combination::Power)));
+    [single - powers + of_tables.sum::<usize>(), calls]
 }
+
+/// Multiplications and additions of a table for each argument and number of a node: its six derivatives at two or four nodes, and the weights.
+const LOOKUP_OPERATIONS: usize = 36;
 
 impl Value {
     fn text(&self) -> String {
@@ -46,7 +98,12 @@ impl Value {
 }
 
 /// Writes a step, and returns its value.
-fn written(step: Applied<Value>, efforts: &Efforts, text: &mut String, count: &mut usize) -> Value {
+fn written(
+    step: Applied<Value>,
+    (efforts, tables): (&Efforts, &[&Arc<LookupTable>]),
+    text: &mut String,
+    count: &mut usize,
+) -> Value {
     let call = |name: &str, of: &[&Value]| {
         let of: Vec<String> = of.iter().map(|value| value.text()).collect();
         format!("OF({name})({})", of.join(", "))
@@ -86,6 +143,11 @@ fn written(step: Applied<Value>, efforts: &Efforts, text: &mut String, count: &m
             (Combination::Minimum, a, b) => call("minimum", &[a, b]),
             (Combination::Maximum, a, b) => call("maximum", &[a, b]),
         },
+        Applied::Lookup(table, at) => {
+            let position = tables.iter().position(|known| *known == table).unwrap_or_default();
+            let [first, last] = [&at[0], &at[at.len() - 1]].map(Value::text);
+            format!("OF(lookup)(&model_tables[{position}], {first}, {last})")
+        }
     };
     push(text, format_args!("    const NUMBER t{count} = {code};\n"));
     *count += 1;

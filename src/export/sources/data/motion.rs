@@ -2,14 +2,14 @@
 
 use super::{
     Part, array,
-    efforts::operations,
+    efforts::{operations, write_tables},
     functions::{Cost, Laid, Term, remark, width, write_network},
     network::{ACTIVATIONS, BLOCK_SIZE},
     push, states,
 };
 use metafmu_runtime::{EffortColumn, Efforts, Motion, Reactions, Shown, Surrogate, dictionary::Dictionary};
 
-const NAMES: [&str; 11] = [
+const NAMES: [&str; 12] = [
     "model_effort_windings",
     "model_forces_network",
     "model_law",
@@ -20,6 +20,7 @@ const NAMES: [&str; 11] = [
     "model_prescribed",
     "model_reactions",
     "model_shown",
+    "model_tables",
     "model_windings",
 ];
 
@@ -102,6 +103,7 @@ fn data(
     let mut windings = efforts.windings().to_vec();
     windings.resize(windings.len().max(n), 0.0);
     array(&mut text, "const Real model_effort_windings", &windings);
+    write_tables(&mut text, efforts);
     let columns = (0..efforts.count()).flat_map(|effort| efforts.columns(effort));
     let turning: Vec<usize> = columns
         .filter_map(|column| if let EffortColumn::Position(position) = column { Some(position) } else { None })

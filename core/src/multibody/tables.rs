@@ -1,0 +1,85 @@
+//! Lookup tables of a description.
+
+use super::{
+    description::{Description, ExtrapolationKind, InterpolationKind, TableOptions, TableValues},
+    expression::Tables,
+};
+use crate::diagnostics::Problems;
+use metafmu_runtime::formula::{Extrapolation, Interpolation, LookupTable};
+use std::sync::Arc;
+
+/// The tables by their names, and what is wrong with the others.
+pub fn tables(description: &Description) -> (Tables, Problems) {
+    let (mut tables, mut problems) = (Tables::new(), Problems::default());
+    for (name, options) in &description.tables {
+        match table(options) {
+            Ok(table) => {
+                tables.insert(name.clone(), Arc::new(table));
+            }
+            Err((field, message)) => problems.add(format!("tables.{name}.{field}"), message),
+        }
+    }
+    (tables, problems)
+}
+
+/// A table, or the field that is wrong, and why.
+fn table(options: &TableOptions) -> Result<LookupTable, (&'static str, String)> {
+    let TableOptions { x, y, values, interpolation, extrapolation } = options;
+    for (field, knots) in [("x", Some(x)), ("y", y.as_ref())] {
+        knots.map_or(Ok(()), |knots| check_knots(knots)).map_err(|message| (field, message))?;
+    }
+    let wrong = |message: String| ("values", message);
+    if values.len() != x.len() {
+        return Err(wrong(format!("{}, expected {}, one for each `x`", values.len(), x.len())));
+    }
+    let mut numbers = Vec::new();
+    for (index, value) in values.iter().enumerate() {
+        match (value, y) {
+            (TableValues::One(value), None) => numbers.push(*value),
+            (TableValues::Row(row), Some(y)) if row.len() == y.len() => numbers.extend(row),
+            (TableValues::Row(row), Some(y)) => {
+                let (found, expected) = (row.len(), y.len());
+                return Err(wrong(format!(
+                    "list {}: {found} numbers, expected {expected}, one for each `y`",
+                    index + 1
+                )));
+            }
+            (TableValues::One(_), Some(_)) => {
+                return Err(wrong(format!("element {}: a number, expected a list with one for each `y`", index + 1)));
+            }
+            (TableValues::Row(_), None) => {
+                return Err(wrong(format!("element {}: a list, expected a number, or the knots `y`", index + 1)));
+            }
+        }
+    }
+    if numbers.iter().any(|value| !value.is_finite()) {
+        return Err(wrong("expected finite numbers".into()));
+    }
+    let axes = [Some(x), y.as_ref()].into_iter().flatten().cloned().collect();
+    let interpolation = match interpolation {
+        InterpolationKind::Linear => Interpolation::Linear,
+        InterpolationKind::Cubic => Interpolation::Cubic,
+    };
+    let extrapolation = match extrapolation {
+        ExtrapolationKind::Hold => Extrapolation::Hold,
+        ExtrapolationKind::Linear => Extrapolation::Linear,
+        ExtrapolationKind::Periodic => Extrapolation::Periodic,
+    };
+    LookupTable::new(axes, numbers, interpolation, extrapolation).map_err(|error| wrong(error.to_string()))
+}
+
+fn check_knots(knots: &[f64]) -> Result<(), String> {
+    if knots.len() < 2 {
+        return Err(format!("a list of {}, expected two or more knots", knots.len()));
+    }
+    if knots.iter().any(|knot| !knot.is_finite()) {
+        return Err("expected finite numbers".into());
+    }
+    match knots.windows(2).position(|pair| pair[0] >= pair[1]) {
+        None => Ok(()),
+        Some(index) => {
+            let (number, found, before) = (index + 2, knots[index + 1], knots[index]);
+            Err(format!("element {number}: {found} is not above {before}, expected ascending knots"))
+        }
+    }
+}

@@ -1,0 +1,66 @@
+"""A shaft whose torques are lookup tables of one and two arguments, against scipy's splines and its solution of the equation."""
+
+import subprocess
+
+import numpy as np
+import pytest
+import tomllib
+from conftest import METAFMU, ROOT, fmu_of, metafmu
+from fmpy import simulate_fmu
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline, RectBivariateSpline
+
+MECHANISM = ROOT / "examples" / "dynamics" / "known-forces" / "tables.toml"
+STOP = 4.0
+ROWS = np.linspace(0.0, STOP, 201)
+
+
+@pytest.fixture(scope="module")
+def shaft(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lookup")
+    metafmu("new", "shaft", "--mechanism", MECHANISM, "--structure", "dynamics", cwd=folder)
+    subprocess.run([METAFMU, "build", "shaft.toml", "--out", "out", "--fmi", "both"], cwd=folder, check=True, capture_output=True)
+    return folder
+
+
+def torques():
+    """Torques of motor, cam and bearing; beyond its knots, the first is linear, the second periodic, the third constant."""
+    tables = tomllib.loads(MECHANISM.read_text())["tables"]
+    motor, cam, bearing = tables["torque"], tables["cam"], tables["bearing"]
+    surface = RectBivariateSpline(motor["x"], motor["y"], motor["values"], kx=3, ky=3, s=0)
+    period = CubicSpline(cam["x"], cam["values"], bc_type="periodic")
+
+    def of_motor(speed, throttle):
+        at = min(max(speed, motor["x"][0]), motor["x"][-1])
+        return surface(at, throttle)[0, 0] + (speed - at) * surface(at, throttle, dx=1)[0, 0]
+
+    return of_motor, period, lambda speed: np.interp(speed, bearing["x"], bearing["values"])
+
+
+def solution(inertia, lift, throttle, speed):
+    of_motor, of_cam, of_bearing = torques()
+
+    def rates(t, state):
+        return [state[1], (of_motor(state[1], throttle) - lift * of_cam(state[0]) - of_bearing(state[1])) / inertia]
+
+    return solve_ivp(rates, (0.0, STOP), [0.2, speed], t_eval=ROWS, rtol=1e-12, atol=1e-13, max_step=0.002).y
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("interface", ["CoSimulation", "ModelExchange"])
+def test_the_fmu_has_the_tables(shaft, version, interface):
+    # the second passes from forward to backward, the third begins beyond the last speed of the tables
+    for inertia, lift, throttle, speed in [(0.3, 1.2, 0.6, 5.0), (0.7, 1.5, 0.0, 6.0), (0.5, 0.5, 1.0, 60.0)]:
+        values = {"J": inertia, "lift": lift, "throttle": throttle, "shaft.angle_start": 0.2, "shaft.angular_velocity_start": speed}
+        options = {"fmi_type": interface, "start_values": values, "stop_time": STOP, "output_interval": ROWS[1], "relative_tolerance": 1e-10}
+        found = simulate_fmu(fmu_of(shaft / "out", "shaft", version), output=["angle", "speed"], **options)
+        for name, exact in zip(["angle", "speed"], solution(inertia, lift, throttle, speed)):
+            error = np.abs(found[name] - exact).max() / np.ptp(exact)
+            assert error < (1e-7 if interface == "CoSimulation" else 1e-5), (name, throttle, speed, error)
+
+
+def test_the_swap_of_the_example_runs(shaft):
+    for kind in ["toml", "ssd"]:
+        (shaft / f"tables.{kind}").write_text(MECHANISM.with_suffix(f".{kind}").read_text())
+    swapped = metafmu("swap", "tables.ssd", "--component", "shaft", "--with", fmu_of(shaft / "out", "shaft", 2), "--step-size", "0.01", cwd=shaft)
+    assert "difference" in swapped.stdout, swapped.stdout
