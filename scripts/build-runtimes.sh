@@ -29,7 +29,11 @@ build() {
   local tuple=$1 target=$2 file=$3 command=$4 glibc='' from std_arguments built result
   shift 4
   cross "$target" "$@"
-  if [ "$command" = zigbuild ] && [[ $target = *-linux-gnu ]]; then glibc=.$GLIBC; fi
+  if [ "$command" = zigbuild ] && [[ $target = *-linux-gnu ]]; then
+    glibc=.$GLIBC
+    # zig links its own static libunwind, no part of which can be replaced
+    CARGO_ENCODED_RUSTFLAGS+=$'\x1f--cfg=static_unwinder'
+  fi
   say "$tuple: $target$glibc with Rust $release and $from"
   $command --package fmu-template --profile fmu --locked --target-dir "$work/cargo" "${std_arguments[@]}" --target "$target$glibc" >&2
   built=$work/cargo/$target/fmu/$file

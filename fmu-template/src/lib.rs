@@ -9,6 +9,7 @@
 //! - `state`: the modes, and how a table says what may be called in which
 //! - `snapshot`: everything a simulation needs to go on from a point, also as bytes
 //! - `answer`: every warning and every way to refuse a call
+//! - `backtrace`: panics without backtraces
 //! - `boundary`: C pointers and panics to Rust and back
 //! - `logger`: messages to the host
 //! - `location`: the resource URI of FMI 2.0
@@ -21,6 +22,9 @@
     deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout, clippy::print_stderr)
 )]
 
+// of a static unwinder no function can be replaced
+#[cfg(all(target_os = "linux", target_env = "gnu", not(any(test, static_unwinder))))]
+mod backtrace;
 mod boundary;
 mod component;
 mod fmi2;
