@@ -3,21 +3,16 @@
 //! They are computed in plain numbers and in jets, with their derivatives with respect to the first columns, so that
 //! derivatives of those derivatives are exact as well.
 
-mod nodes;
+mod network;
 
 use super::{
-    Activation, Layer, ScaledNetwork, Scaling,
+    ScaledNetwork,
     dictionary::Dictionary,
     jet::Number,
     tape::{Register, Tape, TapeBuilder, TapeWork},
 };
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{AVX2, AVX512};
-use crate::{
-    FormatError,
-    simd::{PORTABLE, Simd},
-};
-use nodes::{Nodes, NodesWork};
+use crate::FormatError;
+pub(crate) use network::WrittenNetwork;
 use std::ops::Range;
 
 /// Functions of some columns.
@@ -33,14 +28,6 @@ pub struct NetworkTerm {
     columns: Vec<NetworkColumn>,
     outputs: Vec<usize>,
     network: ScaledNetwork,
-    laid_out: LaidOut,
-}
-
-/// The layers as they are computed.
-#[derive(Clone, Debug, PartialEq)]
-enum LaidOut {
-    Nodes(Nodes),
-    Layers(Vec<Blocks>),
 }
 
 /// A column of the network.
@@ -70,39 +57,6 @@ pub(crate) struct PreparedLaw {
     values: Vec<Register>,
     /// Shape `[functions, first]`.
     slopes: Vec<Register>,
-    first: usize,
-    held: Range<usize>,
-    network: Option<NetworkTerm>,
-}
-
-/// Working memory of an evaluation of a [`PreparedLaw`].
-#[derive(Clone, Debug)]
-pub(crate) struct LawWork<T> {
-    tape: TapeWork<T>,
-    network: Option<TermWork<T>>,
-}
-
-/// Working memory of a [`NetworkTerm`].
-#[derive(Clone, Debug)]
-pub(crate) enum TermWork<T> {
-    Nodes(NodesWork<T>),
-    /// A layer and the one after it, each with the derivatives with respect to the first columns.
-    Layers {
-        current: Vec<T>,
-        next: Vec<T>,
-    },
-}
-
-/// Rows that are computed together.
-const LANES: usize = 8;
-
-/// A layer in blocks of rows: `weights[block * inputs + column][lane]`.
-#[derive(Clone, Debug, PartialEq)]
-struct Blocks {
-    inputs: usize,
-    weights: Vec<[f64; LANES]>,
-    bias: Vec<[f64; LANES]>,
-    activation: Activation,
 }
 
 impl Law {
@@ -155,18 +109,24 @@ impl Law {
         let mut tape = TapeBuilder::new(dictionary.columns(), held.clone());
         let columns: Vec<Register> = (0..dictionary.columns()).map(Register::input).collect();
         let written = dictionary.write(&columns, &mut tape);
-        let values = (0..dictionary.outputs()).map(|function| written.value(function, &mut tape)).collect();
-        let slopes =
-            (0..dictionary.outputs() * first).map(|index| written.slope(index / first, index % first, &mut tape));
+        let network = network.as_ref().map(|network| network.write(&columns, first, usize::MAX, &mut tape));
+        let mut function = |function: usize, column: Option<usize>| {
+            let value = match column {
+                Some(column) => written.slope(function, column, &mut tape),
+                None => written.value(function, &mut tape),
+            };
+            network.as_ref().map_or(value, |network| network.added(value, function, column, &mut tape))
+        };
+        let values = (0..dictionary.outputs()).map(|index| function(index, None)).collect();
+        let slopes = (0..dictionary.outputs() * first).map(|index| function(index / first, Some(index % first)));
         let slopes = slopes.collect();
-        PreparedLaw { tape: tape.finish(), values, slopes, first, held, network: network.clone() }
+        PreparedLaw { tape: tape.finish(), values, slopes }
     }
 }
 
 impl PreparedLaw {
-    pub(crate) fn work<T: Number>(&self) -> LawWork<T> {
-        let network = self.network.as_ref().map(|network| network.work(self.first, self.held.clone()));
-        LawWork { tape: self.tape.work(), network }
+    pub(crate) fn work<T: Number>(&self) -> TapeWork<T> {
+        self.tape.work()
     }
 
     /// The functions `y` at `x`, and in `gradient`, shape `[functions, first]`, derivatives with respect to the first columns, of as many
@@ -174,15 +134,11 @@ impl PreparedLaw {
     ///
     /// # Panics
     /// If a slice has the wrong length, or the working memory is that of another law.
-    pub(crate) fn compute<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], work: &mut LawWork<T>) {
-        let LawWork { tape, network } = work;
-        tape.inputs()[..x.len()].copy_from_slice(x);
-        self.tape.run(tape);
-        y.iter_mut().zip(&self.values).for_each(|(to, register)| *to = tape.get(*register));
-        gradient.iter_mut().zip(&self.slopes).for_each(|(to, register)| *to = tape.get(*register));
-        if let (Some(network), Some(work)) = (&self.network, network) {
-            network.add(x, y, gradient, self.first, work);
-        }
+    pub(crate) fn compute<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], work: &mut TapeWork<T>) {
+        work.inputs()[..x.len()].copy_from_slice(x);
+        self.tape.run(work);
+        y.iter_mut().zip(&self.values).for_each(|(to, register)| *to = work.get(*register));
+        gradient.iter_mut().zip(&self.slopes).for_each(|(to, register)| *to = work.get(*register));
     }
 }
 
@@ -199,9 +155,7 @@ impl NetworkTerm {
     /// [`FormatError`] if the network has other columns or outputs, or a number is not finite.
     pub fn new(columns: Vec<NetworkColumn>, outputs: Vec<usize>, network: ScaledNetwork) -> Result<Self, FormatError> {
         network.check(columns.len(), outputs.len())?;
-        let layers = || LaidOut::Layers(network.layers.iter().map(Blocks::new).collect());
-        let laid_out = Nodes::new(&network.layers).map_or_else(layers, LaidOut::Nodes);
-        Ok(Self { columns, outputs, network, laid_out })
+        Ok(Self { columns, outputs, network })
     }
 
     /// Makes sure that columns and functions are below these numbers.
@@ -240,111 +194,6 @@ impl NetworkTerm {
     pub fn depends_on(&self, column: usize) -> bool {
         self.columns.iter().any(|own| own.of == column)
     }
-
-    /// Working memory of an evaluation with derivatives with respect to so many first columns. Held columns, which are others, change rarely:
-    /// what follows from them alone is kept.
-    pub(crate) fn work<T: Number>(&self, first: usize, held: Range<usize>) -> TermWork<T> {
-        match &self.laid_out {
-            LaidOut::Nodes(nodes) => TermWork::Nodes(nodes.work(self.columns.len(), held)),
-            LaidOut::Layers(layers) => {
-                let zeros = vec![T::from(0.0); (1 + first) * width(layers, self.columns.len())];
-                TermWork::Layers { current: zeros.clone(), next: zeros }
-            }
-        }
-    }
-
-    /// Adds to the functions `y` at `x`, and to the derivatives, with respect to the first columns, of as many functions as `gradient`,
-    /// shape `[functions, first]`, has. Does not allocate.
-    ///
-    /// # Panics
-    /// If a slice has the wrong length.
-    pub(crate) fn add<T: Number>(
-        &self,
-        x: &[T],
-        y: &mut [T],
-        gradient: &mut [T],
-        first: usize,
-        work: &mut TermWork<T>,
-    ) {
-        // jets of jets are for derivatives that a host asks for: they are compiled once, and FMUs stay small
-        let simd = if T::DEPTH < 2 { Simd::detect() } else { Simd::Portable };
-        match simd {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Simd::detect` found these features
-            Simd::Avx512 => unsafe { self.run_avx512(x, y, gradient, first, work) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above
-            Simd::Avx2 => unsafe { self.run_avx2(x, y, gradient, first, work) },
-            Simd::Portable => self.run::<T, PORTABLE>(x, y, gradient, first, work),
-        }
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-    fn run_avx512<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], first: usize, work: &mut TermWork<T>) {
-        self.run::<T, AVX512>(x, y, gradient, first, work);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn run_avx2<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], first: usize, work: &mut TermWork<T>) {
-        self.run::<T, AVX2>(x, y, gradient, first, work);
-    }
-
-    #[inline(always)]
-    fn run<T: Number, const SIMD: u8>(
-        &self,
-        x: &[T],
-        y: &mut [T],
-        gradient: &mut [T],
-        first: usize,
-        work: &mut TermWork<T>,
-    ) {
-        let Self { columns, outputs, network: ScaledNetwork { scaling, .. }, laid_out } = self;
-        let (layers, current, next) = match (laid_out, work) {
-            (LaidOut::Nodes(nodes), TermWork::Nodes(work)) => {
-                return nodes.run::<T, SIMD>((columns, outputs, scaling), x, y, (gradient, first), work);
-            }
-            (LaidOut::Layers(layers), TermWork::Layers { current, next }) => (layers, current, next),
-            _ => panic!("the working memory belongs to another network"),
-        };
-        let width = width(layers, columns.len());
-        assert_eq!(current.len(), (1 + first) * width, "working memory of this network");
-        let Scaling { input_mean, input_scale, output_mean, output_scale } = scaling;
-        let zero = T::from(0.0);
-        for (index, column) in columns.iter().enumerate() {
-            let [value, slope] = column.kind.of(x[column.of]);
-            let scale = input_scale[index].recip();
-            current[index] = (value - T::from(input_mean[index])).scaled(scale);
-            for k in 0..first {
-                current[(1 + k) * width + index] = if column.of == k { slope.scaled(scale) } else { zero };
-            }
-        }
-        for layer in layers {
-            for order in 0..=first {
-                let range = order * width..(order + 1) * width;
-                layer.product::<T, SIMD>(&current[range.clone()], &mut next[range], order == 0);
-            }
-            if layer.activation != Activation::Identity {
-                let (values, tangents) = next.split_at_mut(width);
-                for (index, value) in values[..layer.bias.len() * LANES].iter_mut().enumerate() {
-                    let [activated, slope] = with_slope::<T, SIMD>(layer.activation, *value);
-                    *value = activated;
-                    for tangent in tangents.chunks_exact_mut(width) {
-                        tangent[index] = tangent[index] * slope;
-                    }
-                }
-            }
-            std::mem::swap(current, next);
-        }
-        for (index, &output) in outputs.iter().enumerate() {
-            let scale = output_scale[index];
-            y[output] = y[output] + current[index].scaled(scale) + T::from(output_mean[index]);
-            for (k, to) in gradient.iter_mut().skip(output * first).take(first).enumerate() {
-                *to = *to + current[(1 + k) * width + index].scaled(scale);
-            }
-        }
-    }
 }
 
 impl NetworkColumn {
@@ -367,104 +216,12 @@ impl NetworkColumn {
 
 impl ColumnKind {
     /// What it is of a value, and its derivative.
-    #[inline(always)]
-    fn of<T: Number>(self, x: T) -> [T; 2] {
-        self.chosen(self.parts(x))
-    }
-
-    /// What takes time: of a sine or cosine both of them, of a value itself.
-    #[inline(always)]
-    fn parts<T: Number>(self, x: T) -> (T, T) {
-        if self == Self::Plain { (x, T::from(1.0)) } else { x.sin_cos() }
-    }
-
-    /// What it is of these parts, and its derivative.
-    #[inline(always)]
-    fn chosen<T: Number>(self, (sine, cosine): (T, T)) -> [T; 2] {
-        if self == Self::Cosine { [cosine, sine.scaled(-1.0)] } else { [sine, cosine] }
-    }
-}
-
-impl Blocks {
-    fn new(layer: &Layer) -> Self {
-        let blocks = layer.outputs.div_ceil(LANES);
-        let mut weights = vec![[0.0; LANES]; blocks * layer.inputs];
-        let mut bias = vec![[0.0; LANES]; blocks];
-        for (row, value) in layer.bias.iter().enumerate() {
-            bias[row / LANES][row % LANES] = value;
+    fn of(self, x: f64) -> [f64; 2] {
+        match self {
+            Self::Plain => [x, 1.0],
+            Self::Sine => x.sin_cos().into(),
+            Self::Cosine => [x.cos(), -x.sin()],
         }
-        for (index, value) in layer.weight.iter().enumerate() {
-            let (row, column) = (index / layer.inputs, index % layer.inputs);
-            weights[row / LANES * layer.inputs + column][row % LANES] = value;
-        }
-        Self { inputs: layer.inputs, weights, bias, activation: layer.activation }
-    }
-
-    /// `W x + b`, or `W x` without bias.
-    #[inline(always)]
-    fn product<T: Number, const SIMD: u8>(&self, x: &[T], y: &mut [T], with_bias: bool) {
-        let x = &x[..self.inputs];
-        let rows = y.as_chunks_mut::<LANES>().0;
-        for (block, (rows, bias)) in rows.iter_mut().zip(&self.bias).enumerate() {
-            let weights = &self.weights[block * self.inputs..][..self.inputs];
-            // two sums each, so that an addition need not wait for the one before
-            let mut even = bias.map(|bias| T::from(if with_bias { bias } else { 0.0 }));
-            let mut odd = [T::from(0.0); LANES];
-            let (pairs, rest) = x.as_chunks::<2>();
-            let (weight_pairs, weight_rest) = weights.as_chunks::<2>();
-            for (x, w) in pairs.iter().zip(weight_pairs) {
-                for lane in 0..LANES {
-                    even[lane] = even[lane].add_scaled::<SIMD>(x[0], w[0][lane]);
-                    odd[lane] = odd[lane].add_scaled::<SIMD>(x[1], w[1][lane]);
-                }
-            }
-            for (x, w) in rest.iter().zip(weight_rest) {
-                for lane in 0..LANES {
-                    even[lane] = even[lane].add_scaled::<SIMD>(*x, w[lane]);
-                }
-            }
-            for lane in 0..LANES {
-                rows[lane] = even[lane] + odd[lane];
-            }
-        }
-    }
-}
-
-/// Numbers of a layer, rounded up to whole blocks, in the widest of them.
-fn width(layers: &[Blocks], columns: usize) -> usize {
-    layers.iter().map(|layer| layer.bias.len() * LANES).fold(columns, usize::max)
-}
-
-/// An activation and its derivative; both follow from `tanh`, sines and cosines, of which every kind of number has the derivatives.
-#[inline(always)]
-fn with_slope<T: Number, const SIMD: u8>(activation: Activation, x: T) -> [T; 2] {
-    let one = T::from(1.0);
-    // of `(1 + tanh u) / 2`, whose derivative with respect to `u` is `2 s (1 - s)`
-    let share = |u: T| (u.tanh::<SIMD>() + one).scaled(0.5);
-    match activation {
-        Activation::Identity => [x, one],
-        Activation::Tanh => {
-            let y = x.tanh::<SIMD>();
-            [y, one - y * y]
-        }
-        Activation::Sigmoid => {
-            let s = share(x.scaled(0.5));
-            [s, s * (one - s)]
-        }
-        Activation::Silu => {
-            let s = share(x.scaled(0.5));
-            [x * s, s + x * s * (one - s)]
-        }
-        Activation::Gelu => {
-            let square = x * x;
-            let linear = (2.0 / std::f64::consts::PI).sqrt();
-            let s = share(x * (T::from(linear) + square.scaled(0.044715 * linear)));
-            let slope = T::from(linear) + square.scaled(3.0 * 0.044715 * linear);
-            [x * s, s + (x * s * (one - s) * slope).scaled(2.0)]
-        }
-        Activation::Sine => x.sin_cos().into(),
-        Activation::Relu if x.value() > 0.0 => [x, one],
-        Activation::Relu => [x.scaled(0.0), T::from(0.0)],
     }
 }
 
@@ -472,6 +229,7 @@ fn with_slope<T: Number, const SIMD: u8>(activation: Activation, x: T) -> [T; 2]
 mod tests {
     use super::*;
     use crate::map::{
+        Activation, Layer, Scaling,
         dictionary::{Factor, Term},
         jet::Jet,
     };

@@ -1,10 +1,13 @@
 //! Equations as a list of multiplications, additions and functions. What is zero everywhere is no part of it, what occurs twice is computed
 //! once, and what follows from held inputs alone is computed when they have changed.
 
+mod lanes;
+
 use super::{elementary::ElementaryFunction, jet::Number, lookup::LookupTable};
 #[cfg(target_arch = "x86_64")]
 use crate::simd::{AVX2, AVX512};
 use crate::simd::{PORTABLE, Simd};
+use lanes::LaneOperation;
 use std::{
     collections::{BTreeMap, HashMap},
     hash::{BuildHasherDefault, Hasher},
@@ -26,6 +29,11 @@ impl Register {
     fn index(self) -> usize {
         self.0 as usize
     }
+
+    /// The one so many places behind.
+    pub(crate) fn plus(self, count: usize) -> Self {
+        Self::input(self.index() + count)
+    }
 }
 
 /// The list. Made by a [`TapeBuilder`].
@@ -35,6 +43,8 @@ pub(crate) struct Tape {
     registers: usize,
     constants: Vec<(Register, f64)>,
     tables: Vec<Arc<LookupTable>>,
+    /// Weights of layers.
+    weights: Vec<[f64; LANES]>,
     of_held: Part,
     of_others: Part,
 }
@@ -44,6 +54,7 @@ pub(crate) struct Tape {
 struct Part {
     angles: Vec<Angle>,
     operations: Vec<Operation>,
+    lanes: Vec<LaneOperation>,
 }
 
 /// Cosines of 1, 2, ... times an angle, and after them as many sines.
@@ -72,6 +83,8 @@ enum Operation {
     Smaller { a: Register, b: Register, to: Register },
     /// A table, by its position, at one or two numbers.
     Lookup { table: u32, at: [Register; 2], to: Register },
+    /// Some operations of layers one after the other.
+    Lanes { first: u32, count: u32 },
 }
 
 /// Working memory of a [`Tape`].
@@ -177,6 +190,9 @@ impl Tape {
                     | Operation::Lookup { .. } => {
                         operation.run_rare(registers, &self.tables);
                     }
+                    Operation::Lanes { first, count } => {
+                        self.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
+                    }
                 }
             }
         }
@@ -194,7 +210,7 @@ impl Operation {
             Self::Power { a, b, to } => (get(a).power(get(b)), to),
             Self::Smaller { a, b, to } => (get(a).smaller(get(b)), to),
             Self::Lookup { table, at, to } => (tables[table as usize].at(&at.map(get)), to),
-            Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } => return,
+            Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } | Self::Lanes { .. } => return,
         };
         registers[to.index()] = value;
     }
@@ -484,6 +500,12 @@ impl TapeBuilder {
     /// Cosines of 1, 2, ... times an angle, so many of them, and after them the sines.
     pub(crate) fn harmonics(&mut self, of: Register, count: usize) -> Vec<Register> {
         let known = self.follows(&[of]);
+        if let Some(same) = self.part(known).angles.iter().find(|angle| angle.of == of && angle.count as usize >= count)
+        {
+            let at = |first: usize| (0..count).map(move |k| first + k);
+            let (cosines, sines) = (same.first.index(), same.first.index() + same.count as usize);
+            return at(cosines).chain(at(sines)).map(Register::input).collect();
+        }
         let block: Vec<Register> = (0..2 * count).map(|_| self.reserve(known)).collect();
         if let Some(&first) = block.first() {
             self.part(known).angles.push(Angle { of, first, count: count as u32 });

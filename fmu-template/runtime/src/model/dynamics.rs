@@ -24,7 +24,7 @@ use crate::{
     map::{
         expect_shape,
         jet::{Jet, Number},
-        law::{Law, NetworkTerm, TermWork},
+        law::{Law, NetworkTerm, WrittenNetwork},
         tape::{Register, Tape, TapeBuilder, TapeWork},
     },
 };
@@ -46,25 +46,14 @@ pub struct Dynamics {
     written: Written,
 }
 
-/// The equations on a tape, whose inputs are `(q, p, v, u)` and then what networks give.
+/// The equations on a tape, whose inputs are `(q, p, v, u)`.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Written {
     tape: Tape,
-    given: Vec<Given>,
     /// The lower triangle of `M` row by row, and `V`.
     energies: Vec<Register>,
     efforts: Vec<Register>,
     accelerations: Vec<Register>,
-}
-
-/// What a network gives.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Given {
-    /// A share of a function of the law, or of its derivative, by its position among all.
-    Function(usize),
-    Slope(usize),
-    /// A share of the force of a coordinate.
-    Force(usize),
 }
 
 /// Working memory of one evaluation at a time.
@@ -80,13 +69,6 @@ pub(super) struct Work<T> {
     /// `(q, p)`, to be filled in.
     pub(super) columns: Vec<T>,
     tape: TapeWork<T>,
-    /// What the law's network gives, and the forces' network, of columns `(q, p, v, u)`.
-    law: Vec<T>,
-    gradient: Vec<T>,
-    of_law: Option<TermWork<T>>,
-    force_columns: Vec<T>,
-    forces: Vec<T>,
-    of_forces: Option<TermWork<T>>,
     /// The result.
     pub(super) accelerations: Vec<T>,
 }
@@ -154,25 +136,27 @@ impl Dynamics {
     fn write(mut self) -> Self {
         let (n, m, p) = (self.coordinates, self.inputs(), self.parameters());
         let (e, r) = (self.efforts.count(), self.efforts.positions());
-        let given = self.given();
-        let columns = self.force_columns();
-        let mut tape = TapeBuilder::new(columns + given.len(), n..n + p);
+        let mut tape = TapeBuilder::new(self.force_columns(), n..n + p);
         let input = |range: Range<usize>| -> Vec<Register> { range.map(Register::input).collect() };
         let (q, v) = (input(0..n), input(n + p..2 * n + p));
         let [parameters, u] = [input(n..n + p), input(2 * n + p..2 * n + p + m)];
         let (zero, one) = (tape.zero, tape.one);
-        let share = |wanted: Given| {
-            let found = given.iter().position(|given| *given == wanted);
-            found.map_or(zero, |index| Register::input(columns + index))
-        };
         let law = self.law.dictionary().write(&input(0..n + p), &mut tape);
+        let differentiated = self.differentiated();
+        let network = self.law.network().map(|network| network.write(&input(0..n + p), n, differentiated, &mut tape));
+        let columns = input(0..self.force_columns());
+        let forces = self.forces.as_ref().map(|network| network.write(&columns, 0, 0, &mut tape));
+        let added = |network: &Option<WrittenNetwork>, to, index, column, tape: &mut TapeBuilder| match network {
+            Some(network) => network.added(to, index, column, tape),
+            None => to,
+        };
         let function = |index: usize, tape: &mut TapeBuilder| {
             let value = law.value(index, tape);
-            tape.add_product(value, share(Given::Function(index)), one)
+            added(&network, value, index, None, tape)
         };
         let slope = |index: usize, k: usize, tape: &mut TapeBuilder| {
             let value = law.slope(index, k, tape);
-            tape.add_product(value, share(Given::Slope(index * n + k)), one)
+            added(&network, value, index, Some(k), tape)
         };
         let potential = n * (n + 1) / 2;
         let force = potential + 1 + r;
@@ -199,7 +183,7 @@ impl Dynamics {
         let mut sides = Vec::with_capacity(n);
         for i in 0..n {
             let mut side = function(force + i, &mut tape);
-            side = tape.add_product(side, share(Given::Force(i)), one);
+            side = added(&forces, side, i, None, &mut tape);
             for (j, v) in v.iter().enumerate() {
                 let damping = function(damping + i * n + j, &mut tape);
                 side = tape.subtract_product(side, damping, *v);
@@ -237,26 +221,8 @@ impl Dynamics {
         for (&i, found) in free.iter().zip(found) {
             sides[i] = found;
         }
-        self.written = Written { given, energies, efforts, accelerations: sides, tape: tape.finish() };
+        self.written = Written { energies, efforts, accelerations: sides, tape: tape.finish() };
         self
-    }
-
-    /// What networks give.
-    fn given(&self) -> Vec<Given> {
-        let n = self.coordinates;
-        let mut given = Vec::new();
-        if let Some(network) = self.law.network() {
-            for &function in network.outputs() {
-                given.push(Given::Function(function));
-                if function < self.differentiated() {
-                    given.extend((0..n).map(|k| Given::Slope(function * n + k)));
-                }
-            }
-        }
-        if let Some(network) = &self.forces {
-            given.extend(network.outputs().iter().map(|row| Given::Force(*row)));
-        }
-        given
     }
 
     /// Number of functions whose derivatives enter the equations: the first ones of the law.
@@ -368,22 +334,10 @@ impl Dynamics {
     }
 
     pub(super) fn work<T: Number>(&self) -> Work<T> {
-        let zeros = |count: usize, network: Option<&NetworkTerm>| match network {
-            Some(_) => vec![T::from(0.0); count],
-            None => Vec::new(),
-        };
-        let (n, outputs) = (self.coordinates, self.law.dictionary().outputs());
-        let (of_law, of_forces) = (self.law.network(), self.forces.as_ref());
-        let held = n..n + self.parameters();
+        let n = self.coordinates;
         Work {
             columns: vec![T::from(0.0); n + self.parameters()],
             tape: self.written.tape.work(),
-            law: zeros(outputs, of_law),
-            gradient: zeros(self.differentiated() * n, of_law),
-            of_law: of_law.map(|network| network.work(n, held.clone())),
-            force_columns: zeros(self.force_columns(), of_forces),
-            forces: zeros(n, of_forces),
-            of_forces: of_forces.map(|forces| forces.work(0, held)),
             accelerations: vec![T::from(0.0); n],
         }
     }
@@ -503,30 +457,12 @@ impl Dynamics {
 
     /// `M^-1 (-h - dV/dq + F - D v + B e)` from the columns of the working memory.
     pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
-        let Work { columns, tape, law, gradient, of_law, force_columns, forces, of_forces, accelerations } = work;
+        let Work { columns, tape, accelerations } = work;
         let (n, m) = (self.coordinates, self.inputs());
-        let Written { tape: equations, given, accelerations: found, .. } = &self.written;
+        let Written { tape: equations, accelerations: found, .. } = &self.written;
         // the end of a step is where outputs are wanted and the next step begins
         if !tape.set_inputs(columns.iter().copied().chain((0..n).map(v)).chain((0..m).map(u))) {
             return;
-        }
-        let inputs = tape.inputs();
-        if let (Some(network), Some(work)) = (self.law.network(), of_law) {
-            law.fill(T::from(0.0));
-            gradient.fill(T::from(0.0));
-            network.add(columns, law, gradient, n, work);
-        }
-        if let (Some(network), Some(work)) = (&self.forces, of_forces) {
-            force_columns.copy_from_slice(&inputs[..columns.len() + n + m]);
-            forces.fill(T::from(0.0));
-            network.add(force_columns, forces, &mut [], 0, work);
-        }
-        for (to, given) in inputs[columns.len() + n + m..].iter_mut().zip(given) {
-            *to = match *given {
-                Given::Function(index) => law[index],
-                Given::Slope(index) => gradient[index],
-                Given::Force(row) => forces[row],
-            };
         }
         equations.run(tape);
         accelerations.iter_mut().zip(found).for_each(|(to, register)| *to = tape.get(*register));

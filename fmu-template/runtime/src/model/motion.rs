@@ -25,7 +25,8 @@ use crate::{
     map::{
         Task, expect_finite, expect_shape,
         jet::{Jet, Number},
-        law::{Law, LawWork, PreparedLaw},
+        law::{Law, PreparedLaw},
+        tape::TapeWork,
     },
 };
 
@@ -80,7 +81,7 @@ struct Parts<T> {
     /// Columns of the positions along the motion, what they are and their working memory.
     along: Vec<Jet<T>>,
     positions: Vec<Jet<T>>,
-    of_positions: LawWork<Jet<T>>,
+    of_positions: TapeWork<Jet<T>>,
     reactions: Option<ReactionsWork<T>>,
 }
 

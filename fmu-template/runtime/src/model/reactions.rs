@@ -17,7 +17,8 @@ use crate::{
     map::{
         expect_shape,
         jet::Number,
-        law::{Law, LawWork, PreparedLaw},
+        law::{Law, PreparedLaw},
+        tape::TapeWork,
     },
 };
 
@@ -35,7 +36,7 @@ pub struct Reactions {
 #[derive(Clone, Debug)]
 pub(super) struct ReactionsWork<T> {
     functions: Vec<T>,
-    of_functions: LawWork<T>,
+    of_functions: TapeWork<T>,
 }
 
 impl Reactions {

@@ -29,7 +29,8 @@ use crate::{
         dictionary::{Dictionary, Factor},
         expect_shape,
         jet::{Jet, Number},
-        law::{Law, LawWork, PreparedLaw},
+        law::{Law, PreparedLaw},
+        tape::TapeWork,
     },
     simd::Simd,
 };
@@ -165,7 +166,7 @@ struct Functions<T> {
     /// `(p, u, x)`.
     columns: Vec<T>,
     values: Vec<T>,
-    functions: LawWork<T>,
+    functions: TapeWork<T>,
 }
 
 /// Columns of the map, their rates along a curve, and what it gives: values, first and second derivatives.
