@@ -410,14 +410,14 @@ mod tests {
                 // some columns keep their values while others change
                 let point = [POINT[0] + shift, POINT[1] + 0.5 * shift, POINT[2] + (2.0 * shift).round()];
                 let (expected, gradient) = dictionary.with_gradient(&point, 3);
-                plain.inputs()[..3].copy_from_slice(&point);
+                plain.inputs_mut()[..3].copy_from_slice(&point);
                 tape.run(&mut plain);
                 for (register, expected) in values.iter().chain(&slopes).zip(expected.iter().chain(&gradient)) {
                     let found = plain.get(*register);
                     assert!((found - expected).abs() < 1e-13, "{found} {expected}");
                 }
                 let direction = [0.3, -0.4, 1.2];
-                for (k, column) in series.inputs()[..3].iter_mut().enumerate() {
+                for (k, column) in series.inputs_mut()[..3].iter_mut().enumerate() {
                     *column = Jet { value: point[k], first: direction[k], second: 0.0 };
                 }
                 tape.run(&mut series);
@@ -447,7 +447,7 @@ mod tests {
         let tape = tape.finish();
         let mut work = tape.work();
         for point in [[0.4, 0.9], [2.9, 0.9], [-1.7, 0.6]] {
-            work.inputs()[..2].copy_from_slice(&point);
+            work.inputs_mut()[..2].copy_from_slice(&point);
             tape.run(&mut work);
             let (y, gradient) = dictionary.with_gradient(&point, 1);
             for (register, expected) in registers.iter().zip([y[0], gradient[0]]) {

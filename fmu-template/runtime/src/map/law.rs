@@ -135,7 +135,7 @@ impl PreparedLaw {
     /// # Panics
     /// If a slice has the wrong length, or the working memory is that of another law.
     pub(crate) fn compute<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], work: &mut TapeWork<T>) {
-        work.inputs()[..x.len()].copy_from_slice(x);
+        work.inputs_mut()[..x.len()].copy_from_slice(x);
         self.tape.run(work);
         y.iter_mut().zip(&self.values).for_each(|(to, register)| *to = work.get(*register));
         gradient.iter_mut().zip(&self.slopes).for_each(|(to, register)| *to = work.get(*register));

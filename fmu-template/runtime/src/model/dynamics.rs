@@ -61,13 +61,14 @@ struct Written {
 pub struct DynamicsScratch {
     plain: Work<f64>,
     series: Work<Jet>,
+    /// `(q, p, v, u)` with their derivatives.
+    columns: Vec<Jet>,
 }
 
 /// What the evaluation in one kind of numbers needs.
 #[derive(Clone, Debug)]
 pub(super) struct Work<T> {
-    /// `(q, p)`, to be filled in.
-    pub(super) columns: Vec<T>,
+    /// The first inputs are `(q, p, v, u)`.
     tape: TapeWork<T>,
     /// The result.
     pub(super) accelerations: Vec<T>,
@@ -330,16 +331,12 @@ impl Dynamics {
 
     /// Working memory that fits.
     pub fn scratch(&self) -> DynamicsScratch {
-        DynamicsScratch { plain: self.work(), series: self.work() }
+        let columns = vec![Jet::from(0.0); self.force_columns()];
+        DynamicsScratch { plain: self.work(), series: self.work(), columns }
     }
 
     pub(super) fn work<T: Number>(&self) -> Work<T> {
-        let n = self.coordinates;
-        Work {
-            columns: vec![T::from(0.0); n + self.parameters()],
-            tape: self.written.tape.work(),
-            accelerations: vec![T::from(0.0); n],
-        }
+        Work { tape: self.written.tape.work(), accelerations: vec![T::from(0.0); self.coordinates] }
     }
 
     /// `vd`, shape `[n]`. NaN where the mass matrix is not positive definite. Does not allocate.
@@ -347,12 +344,10 @@ impl Dynamics {
     /// # Panics
     /// If a slice has the wrong length or the scratch belongs to other equations.
     pub fn accelerations(&self, point: Point, accelerations: &mut [f64], scratch: &mut DynamicsScratch) {
-        let work = &mut scratch.plain;
-        let Point { q, v, u, p } = point;
-        work.columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
         self.check(point, accelerations);
-        self.solve(&|k| v[k], &|k| u[k], work);
-        accelerations.copy_from_slice(&work.accelerations);
+        let Point { q, v, u, p } = point;
+        self.solve([q, p, v, u], &mut scratch.plain);
+        accelerations.copy_from_slice(&scratch.plain.accelerations);
     }
 
     /// The efforts `e` at a state.
@@ -369,15 +364,16 @@ impl Dynamics {
     /// # Panics
     /// As [`Dynamics::accelerations`].
     pub fn directional(&self, point: Point, direction: Point, derivative: &mut [f64], scratch: &mut DynamicsScratch) {
-        let work = &mut scratch.series;
         self.check(point, derivative);
         self.check(direction, derivative);
-        let jet = |value: f64, first: f64| Jet { value, first, second: 0.0 };
-        let values = point.q.iter().chain(point.p).zip(direction.q.iter().chain(direction.p));
-        work.columns.iter_mut().zip(values).for_each(|(to, (value, rate))| *to = jet(*value, *rate));
-        let (v, u) = (|k: usize| jet(point.v[k], direction.v[k]), |k: usize| jet(point.u[k], direction.u[k]));
-        self.solve(&v, &u, work);
-        derivative.iter_mut().zip(&work.accelerations).for_each(|(to, from)| *to = from.first);
+        let DynamicsScratch { series, columns, .. } = scratch;
+        let [values, rates] =
+            [point, direction].map(|Point { q, v, u, p }| q.iter().chain(p).chain(v).chain(u).copied());
+        for (to, (value, first)) in columns.iter_mut().zip(values.zip(rates)) {
+            *to = Jet { value, first, second: 0.0 };
+        }
+        self.solve([&*columns], series);
+        derivative.iter_mut().zip(&series.accelerations).for_each(|(to, from)| *to = from.first);
     }
 
     /// `v^T M v / 2 + V`, in J. Does not allocate.
@@ -385,12 +381,15 @@ impl Dynamics {
     /// # Panics
     /// As [`Dynamics::accelerations`].
     pub fn energy(&self, point: Point, scratch: &mut DynamicsScratch) -> f64 {
-        let work = &mut scratch.plain;
         let Point { q, v, u, p } = point;
-        work.columns.iter_mut().zip(q.iter().chain(p)).for_each(|(to, from)| *to = *from);
-        self.solve(&|k| v[k], &|k| u.get(k).copied().unwrap_or(0.0), work);
-        let [kinetic, potential] = self.energies(|k| v[k], work);
+        self.solve([q, p, v, u], &mut scratch.plain);
+        let [kinetic, potential] = self.energies(|k| v[k], &scratch.plain);
         kinetic + potential
+    }
+
+    /// `(q, p)` with which the equations were solved.
+    pub(super) fn configuration<'a, T: Number>(&self, work: &'a Work<T>) -> &'a [T] {
+        &work.tape.inputs()[..self.coordinates + self.parameters()]
     }
 
     /// An effort, once the equations were solved.
@@ -455,13 +454,12 @@ impl Dynamics {
         assert_eq!([u.len(), p.len()], [self.inputs(), self.parameters()], "number of inputs and parameters");
     }
 
-    /// `M^-1 (-h - dV/dq + F - D v + B e)` from the columns of the working memory.
-    pub(super) fn solve<T: Number>(&self, v: &impl Fn(usize) -> T, u: &impl Fn(usize) -> T, work: &mut Work<T>) {
-        let Work { columns, tape, accelerations } = work;
-        let (n, m) = (self.coordinates, self.inputs());
+    /// `M^-1 (-h - dV/dq + F - D v + B e)` at `(q, p, v, u)`.
+    pub(super) fn solve<T: Number, const PARTS: usize>(&self, columns: [&[T]; PARTS], work: &mut Work<T>) {
+        let Work { tape, accelerations } = work;
         let Written { tape: equations, accelerations: found, .. } = &self.written;
         // the end of a step is where outputs are wanted and the next step begins
-        if !tape.set_inputs(columns.iter().copied().chain((0..n).map(v)).chain((0..m).map(u))) {
+        if !tape.set_inputs(columns) {
             return;
         }
         equations.run(tape);

@@ -273,7 +273,7 @@ impl PreparedMotion {
         }
         let mut reactions = self.motion.reactions.as_ref().zip(reactions.as_mut());
         if let Some((reactions, work)) = &mut reactions {
-            reactions.compute(&equations.columns, work);
+            reactions.compute(self.motion.dynamics.configuration(equations), work);
         }
         let effort = |index: usize| self.motion.dynamics.effort(index, equations);
         let reaction = |index: usize| {
@@ -320,9 +320,7 @@ impl PreparedMotion {
         let layout = self.motion.layout();
         let (q, v) = columns[layout.states()..].split_at(layout.coordinates);
         let u = &columns[layout.inputs()..layout.states()];
-        let law = q.iter().chain(&columns[..layout.parameters]);
-        equations.columns.iter_mut().zip(law).for_each(|(to, from)| *to = *from);
-        self.motion.dynamics.solve(&|k| v[k], &|k| u[k], equations);
+        self.motion.dynamics.solve([q, &columns[..layout.parameters], v, u], equations);
     }
 }
 
