@@ -11,6 +11,7 @@
  * activation.c, and for a forest an addition for a tree, besides as many comparisons as it has levels of splits at worst.
  */
 #include "activation.h"
+#include "blocks.h"
 #include "evaluator.h"
 
 /* A function's value with its first and second derivative. */
@@ -157,13 +158,14 @@ static void real_activations(const GraphStep *step, const Real x[], Real y[])
 {
     for (size_t first = 0; first < step->count; first += BLOCK) {
         const size_t count = in_block(step->count, first);
-        Real values[BLOCK] = {R(0.0)};
+        Real rest[BLOCK] = {R(0.0)};
+        Real *values = count == BLOCK ? &y[first] : rest;
         for (size_t i = 0; i < count; i++) {
             values[i] = x[first + i];
         }
         activate((Activation)step->function, values);
-        for (size_t i = 0; i < count; i++) {
-            y[first + i] = values[i];
+        for (size_t i = 0; i < count && count < BLOCK; i++) {
+            y[first + i] = rest[i];
         }
     }
 }
@@ -181,6 +183,20 @@ static void jet_activations(const GraphStep *step, const Jet x[], Jet y[])
         activate_series((Activation)step->function, values, slopes, curvatures);
         for (size_t i = 0; i < count; i++) {
             y[first + i] = jet_through(x[first + i], (Series){values[i], slopes[i], curvatures[i]});
+        }
+    }
+}
+
+static void real_add_block(const Real *weights, size_t columns, const Real x[], Real y[BLOCK])
+{
+    add_block(weights, columns, x, y);
+}
+
+static void jet_add_block(const Real *weights, size_t columns, const Jet x[], Jet y[BLOCK])
+{
+    for (size_t k = 0; k < columns; k++) {
+        for (size_t i = 0; i < BLOCK; i++) {
+            y[i] = jet_sum(y[i], jet_scaled(x[k], weights[k * BLOCK + i]));
         }
     }
 }

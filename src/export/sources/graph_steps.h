@@ -37,6 +37,20 @@ static NUMBER OF(combined)(Combination operation, NUMBER a, NUMBER b)
     }
 }
 
+static void OF(combine)(const GraphStep *step, const NUMBER a[], const NUMBER b[], NUMBER y[])
+{
+    /* residual connections: a loop without a decision for each number */
+    if (step->operation == COMBINE_ADD) {
+        for (size_t i = 0; i < step->count; i++) {
+            y[i] = OF(sum)(a[i], b[i]);
+        }
+        return;
+    }
+    for (size_t i = 0; i < step->count; i++) {
+        y[i] = OF(combined)(step->operation, a[i], b[i]);
+    }
+}
+
 static void OF(standardise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
     const Real share = R(1.0) / (Real)step->width;
@@ -88,7 +102,7 @@ static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
     }
 }
 
-/* The rows of W are in blocks of BLOCK; of each block column by column, so that no sum waits for another. */
+/* Rows of W are in blocks; the last one may have fewer. */
 static void OF(affine)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
     const Real *weights = step->numbers;
@@ -99,11 +113,7 @@ static void OF(affine)(const GraphStep *step, const NUMBER x[], NUMBER y[])
             sums[i] = OF(constant)(i < rows ? step->more[first + i] : R(0.0));
         }
         if (rows == BLOCK) {
-            for (size_t k = 0; k < step->width; k++) {
-                for (size_t i = 0; i < BLOCK; i++) {
-                    sums[i] = OF(sum)(sums[i], OF(scaled)(x[k], weights[k * BLOCK + i]));
-                }
-            }
+            OF(add_block)(weights, step->width, x, sums);
         } else {
             for (size_t k = 0; k < step->width; k++) {
                 for (size_t i = 0; i < rows; i++) {
@@ -150,9 +160,7 @@ void OF(graph)(NUMBER numbers[NUMBER_COUNT])
             OF(elementwise)(step, x, y);
             break;
         case STEP_COMBINE:
-            for (size_t i = 0; i < step->count; i++) {
-                y[i] = OF(combined)(step->operation, x[i], second[i]);
-            }
+            OF(combine)(step, x, second, y);
             break;
         case STEP_SELECT:
             for (size_t i = 0; i < step->count; i++) {

@@ -38,8 +38,11 @@ const COMMON: [(&str, &str); 6] = [
 ];
 
 /// Of networks and of functions that networks add to.
-const ACTIVATION: [(&str, &str); 2] =
-    [("activation.c", include_str!("activation.c")), ("activation.h", include_str!("activation.h"))];
+const ACTIVATION: [(&str, &str); 3] = [
+    ("activation.c", include_str!("activation.c")),
+    ("activation.h", include_str!("activation.h")),
+    ("blocks.h", include_str!("blocks.h")),
+];
 
 /// Of models without states.
 const MAPS: [(&str, &str); 2] = [("maps.c", include_str!("maps.c")), ("maps.h", include_str!("maps.h"))];

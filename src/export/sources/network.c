@@ -7,10 +7,8 @@
  *     2 i + 18     for an output, with the i nodes of the layer before, rounded up to whole blocks of 16, besides its
  *                  activation if it has one.
  */
+#include "blocks.h"
 #include "evaluator.h"
-
-/* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
-enum { GROUP = 4 };
 
 static void fill(Real *values, size_t count, Real value)
 {
@@ -39,27 +37,6 @@ static void rescale(const Network *network, Real derivative[OUTPUT_COUNT])
 {
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
         derivative[i] *= network->output_scaling[i].scale;
-    }
-}
-
-/* y += W x for one block of rows. */
-static void add_block(const Real *restrict weights, size_t columns, const Real *restrict x, Real *restrict y)
-{
-    size_t column = 0;
-    for (; column + GROUP <= columns; column += GROUP) {
-        const Real *w = weights + column * BLOCK;
-        const Real a = x[column];
-        const Real b = x[column + 1];
-        const Real c = x[column + 2];
-        const Real d = x[column + 3];
-        for (size_t row = 0; row < BLOCK; row++) {
-            y[row] += (w[row] * a + w[BLOCK + row] * b) + (w[2 * BLOCK + row] * c + w[3 * BLOCK + row] * d);
-        }
-    }
-    for (; column < columns; column++) {
-        for (size_t row = 0; row < BLOCK; row++) {
-            y[row] += weights[column * BLOCK + row] * x[column];
-        }
     }
 }
 
