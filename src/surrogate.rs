@@ -13,7 +13,7 @@ use crate::{
 use metafmu_runtime::{
     Bounds, Encoding, Input, Map, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, State, Surrogate,
     Variability,
-    regression::{Function, Regression},
+    graph::{Graph, Step},
 };
 use std::path::Path;
 
@@ -36,20 +36,18 @@ pub fn assemble_baseline(
     dataset: &Dataset,
     train_rows: usize,
     kind: BaselineKind,
-    regression: Regression,
+    graph: Graph,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, train_rows);
     let name = kind.name();
     metadata.name = format!("{}-{name}", study.name);
     let space = if study.description.is_empty() { "" } else { " " };
-    let constant = match regression.function {
-        Function::Forest(_) => ", piecewise constant: its derivatives are 0",
-        Function::Polynomial(_) | Function::Kernel(_) => "",
-    };
+    let has_trees = graph.steps.iter().any(|step| matches!(step, Step::Forest { .. }));
+    let constant = if has_trees { ", piecewise constant: its derivatives are 0" } else { "" };
     metadata.description = format!("{}{space}(baseline model: {name}{constant})", study.description);
     metadata.precision = Precision::Double;
     metadata.provenance.study_digest = study.baseline_digest(kind);
-    finish(metadata, Model::Response(Map::Regression(regression)))
+    finish(metadata, Model::Response(Map::Graph(graph)))
 }
 
 /// The same of a model with states, whose outputs have the ranges of the dataset's. `ranges`: of each state the range in which the

@@ -45,7 +45,7 @@ mod tests {
                     residuals.sum::<f64>() / (2.0 * y.len() as f64)
                         + model.alpha * (model.l1_ratio * size + 0.5 * (1.0 - model.l1_ratio) * squares)
                 };
-                let weights = formula_weights(&fitted, output);
+                let weights = formula_weights(&fitted, &rows, output);
                 let best = error(&weights);
                 for index in 0..weights.len() {
                     for step in [-1e-3, 1e-3] {

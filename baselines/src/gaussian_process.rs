@@ -3,7 +3,7 @@
 use crate::{Baseline, Fitted, Rows, for_each_output};
 use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
 use metafmu_core::study::baselines::GaussianProcess;
-use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
+use metafmu_runtime::graph::{Graph, KernelMachine};
 use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
 
 impl Baseline for GaussianProcess {
@@ -13,8 +13,7 @@ impl Baseline for GaussianProcess {
 
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
         let machines = for_each_output(rows, |output| machine(&process(self, rows, output), rows, output))?;
-        let function = Function::Kernel(KernelMachines { machines });
-        Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function }))
+        Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))
     }
 }
 

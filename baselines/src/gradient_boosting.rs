@@ -7,7 +7,7 @@
 
 use crate::{Baseline, Fitted, Rows, for_each_output, tree::MARGIN};
 use metafmu_core::study::baselines::GradientBoosting;
-use metafmu_runtime::regression::{Forest, Function, LEAF, Node, Regression, Tree};
+use metafmu_runtime::graph::{Forest, Graph, LEAF, Node, Tree};
 
 /// Most bins of a column.
 const BINS: usize = 256;
@@ -37,7 +37,7 @@ impl Baseline for GradientBoosting {
                 forest.nodes.extend(tree.into_iter().map(moved));
             }
         }
-        Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function: Function::Forest(forest) }))
+        Ok(Fitted::Formula(Graph::of_forest(&rows.scaling, forest)))
     }
 }
 

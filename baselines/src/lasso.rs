@@ -18,7 +18,7 @@ mod tests {
     fn a_strong_penalty_leaves_the_mean() {
         let rows = wavy_rows(400);
         let fitted = Lasso { alpha: 10.0 }.fit(&rows, 1).unwrap();
-        let weights = formula_weights(&fitted, 0);
+        let weights = formula_weights(&fitted, &rows, 0);
         let mean = rows.output(0).iter().sum::<f64>() / 400.0;
         assert!(weights[1..].iter().all(|&weight| weight == 0.0), "{weights:?}");
         assert!((weights[0] - mean).abs() < 1e-12);

@@ -19,7 +19,7 @@ mod tree;
 pub mod worker;
 
 pub use metafmu_core::study::baselines::{BaselineKind, Baselines};
-use metafmu_runtime::regression::Regression;
+use metafmu_runtime::graph::Graph;
 pub use rows::Rows;
 
 /// A model that can be fitted to rows.
@@ -57,7 +57,7 @@ pub fn model(options: &Baselines, kind: BaselineKind) -> &dyn Baseline {
 /// A fitted model.
 pub enum Fitted {
     /// One whose numbers are known: the FMU's library evaluates it, here and in an FMU.
-    Formula(Regression),
+    Formula(Graph),
     /// One that only the library that fitted it can evaluate.
     Library(LibraryModel),
 }

@@ -4,7 +4,7 @@ use crate::{Baseline, Fitted, Rows, for_each_output};
 use linfa::{Dataset, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_core::study::baselines::Linear;
-use metafmu_runtime::regression::{Function, Polynomial, Regression};
+use metafmu_runtime::graph::{Graph, Products};
 use ndarray::{Array1, Array2, ShapeBuilder};
 
 impl Baseline for Linear {
@@ -30,9 +30,9 @@ pub(super) fn formula(rows: &Rows, fits: &[(f64, Vec<f64>)]) -> Fitted {
     let constant = vec![0; inputs];
     let powers = (0..inputs).flat_map(|wanted| (0..inputs).map(move |column| u8::from(column == wanted)));
     let degrees = constant.into_iter().chain(powers).collect();
-    let coefficients = fits.iter().flat_map(|(intercept, weights)| [*intercept].into_iter().chain(weights.clone()));
-    let polynomial = Polynomial { degrees, coefficients: coefficients.collect() };
-    Fitted::Formula(Regression { scaling: rows.scaling.clone(), function: Function::Polynomial(polynomial) })
+    let coefficients: Vec<f64> =
+        fits.iter().flat_map(|(intercept, weights)| [*intercept].into_iter().chain(weights.clone())).collect();
+    Fitted::Formula(Graph::of_polynomial(&rows.scaling, Products { inputs, degrees }, &coefficients))
 }
 
 #[cfg(test)]

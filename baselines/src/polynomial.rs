@@ -4,7 +4,7 @@ use crate::{Baseline, Fitted, Rows};
 use metafmu_core::study::baselines::{MAX_TERMS, Polynomial};
 use metafmu_runtime::{
     Scaling,
-    regression::{self, Function, Regression},
+    graph::{Graph, Products},
 };
 use nalgebra::DMatrix;
 use rayon::prelude::*;
@@ -28,13 +28,13 @@ impl Baseline for Polynomial {
             Some(degree) => degrees(inputs, degree, MAX_TERMS)?,
             None => usual_degrees(inputs)?,
         };
-        let mut polynomial = regression::Polynomial { degrees, coefficients: Vec::new() };
+        let products = Products { inputs, degrees };
         let (middle, half) = ranges(rows);
         let parts: Vec<(DMatrix<f64>, DMatrix<f64>)> = rows
             .x
             .par_chunks(PART * inputs)
             .zip(rows.y.par_chunks(PART * rows.outputs))
-            .map(|(x, y)| normal_equations(&polynomial, x, y, &middle, &half))
+            .map(|(x, y)| normal_equations(&products, x, y, &middle, &half))
             .collect();
         let (mut matrix, mut right) = parts.into_iter().reduce(|a, b| (a.0 + b.0, a.1 + b.1)).ok_or("no rows")?;
         matrix /= rows.len() as f64;
@@ -43,24 +43,21 @@ impl Baseline for Polynomial {
         let singular = "the terms depend on each other in these rows: lower `degree` or raise `alpha`";
         let weights = matrix.cholesky().ok_or(singular)?.solve(&right);
         // column by column: the coefficients of each output
-        polynomial.coefficients = weights.as_slice().to_vec();
-        Ok(Fitted::Formula(Regression {
-            scaling: scaled_to(&rows.scaling, &middle, &half),
-            function: Function::Polynomial(polynomial),
-        }))
+        let scaling = scaled_to(&rows.scaling, &middle, &half);
+        Ok(Fitted::Formula(Graph::of_polynomial(&scaling, products, weights.as_slice())))
     }
 }
 
 /// `X^T X` and `X^T y` of some rows.
 fn normal_equations(
-    polynomial: &regression::Polynomial,
+    products: &Products,
     x: &[f64],
     y: &[f64],
     middle: &[f64],
     half: &[f64],
 ) -> (DMatrix<f64>, DMatrix<f64>) {
     let inputs = middle.len();
-    let (terms, outputs) = (polynomial.terms(inputs), y.len() * inputs / x.len());
+    let (terms, outputs) = (products.terms(), y.len() * inputs / x.len());
     let (mut matrix, mut right) = (DMatrix::zeros(terms, terms), DMatrix::zeros(terms, outputs));
     let mut z = vec![0.0; inputs];
     for (x, y) in x.chunks(BLOCK * inputs).zip(y.chunks(BLOCK * outputs)) {
@@ -70,7 +67,7 @@ fn normal_equations(
         for (x, values) in x.chunks(inputs).zip(values.as_mut_slice().chunks_mut(terms)) {
             let columns = x.iter().zip(middle).zip(half);
             z.iter_mut().zip(columns).for_each(|(z, ((x, middle), half))| *z = (x - middle) / half);
-            polynomial.values_of_terms(&z, values);
+            products.evaluate(&z, values);
         }
         let y = DMatrix::from_column_slice(outputs, count, y);
         matrix.gemm(1.0, &values, &values.transpose(), 1.0);

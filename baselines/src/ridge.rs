@@ -46,7 +46,7 @@ mod tests {
             let fitted = Ridge { alpha }.fit(&rows, 1).unwrap();
             for output in 0..rows.outputs {
                 let expected = least_squares(&rows, output, alpha);
-                for (found, expected) in formula_weights(&fitted, output).iter().zip(&expected) {
+                for (found, expected) in formula_weights(&fitted, &rows, output).iter().zip(&expected) {
                     assert!((found - expected).abs() < 1e-12, "{found} {expected}");
                 }
             }

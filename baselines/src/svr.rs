@@ -2,7 +2,7 @@
 
 use crate::{Baseline, Fitted, Rows, for_each_output};
 use metafmu_core::study::baselines::Svr;
-use metafmu_runtime::regression::{Function, KernelMachine, KernelMachines, Regression};
+use metafmu_runtime::graph::{Graph, KernelMachine};
 use serde::Deserialize;
 use smartcore::{
     linalg::basic::matrix::DenseMatrix,
@@ -28,8 +28,7 @@ impl Baseline for Svr {
     fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
         let x = matrix(rows.len(), rows.inputs, rows.x.clone())?;
         let machines = for_each_output(rows, |output| machine(self, &x, &rows.output(output)))?;
-        let function = Function::Kernel(KernelMachines { machines });
-        Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function }))
+        Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))
     }
 }
 

@@ -1,7 +1,7 @@
 //! Rows and closed forms for the tests of all baselines.
 
 use crate::{Fitted, Rows};
-use metafmu_runtime::{Scaling, regression::Function};
+use metafmu_runtime::{Map, Scaling, graph::Step};
 use nalgebra::{DMatrix, DVector};
 
 /// Two parameters, the time, two outputs that are smooth and not linear.
@@ -50,23 +50,23 @@ pub fn least_squares(rows: &Rows, output: usize, alpha: f64) -> Vec<f64> {
 
 /// Standardised outputs of a formula at a row.
 pub fn formula_at(fitted: &Fitted, rows: &Rows, row: usize) -> Vec<f64> {
-    let Fitted::Formula(regression) = fitted else { panic!("no formula") };
-    regression.check().unwrap();
+    let Fitted::Formula(graph) = fitted else { panic!("no formula") };
+    let map = Map::Graph(graph.clone());
+    map.check(rows.inputs, rows.outputs).unwrap();
     let scaling = &rows.scaling;
     let x: Vec<f64> = (0..rows.inputs)
         .map(|i| scaling.input_mean[i] + scaling.input_scale[i] * rows.x[row * rows.inputs + i])
         .collect();
-    let mut y = vec![0.0; rows.outputs];
-    regression.evaluate(&x, &mut y, &mut regression.scratch());
+    let y = map.evaluate(&[x], rows.outputs).remove(0);
     y.iter().enumerate().map(|(o, y)| (y - scaling.output_mean[o]) / scaling.output_scale[o]).collect()
 }
 
 /// Intercept and weights of a linear formula.
-pub fn formula_weights(fitted: &Fitted, output: usize) -> Vec<f64> {
-    let Fitted::Formula(regression) = fitted else { panic!("no formula") };
-    let Function::Polynomial(polynomial) = &regression.function else { panic!("no polynomial") };
-    let terms = polynomial.terms(regression.inputs());
-    polynomial.coefficients[output * terms..][..terms].to_vec()
+pub fn formula_weights(fitted: &Fitted, rows: &Rows, output: usize) -> Vec<f64> {
+    let Fitted::Formula(graph) = fitted else { panic!("no formula") };
+    let Some(Step::Affine { weight, .. }) = graph.steps.last() else { panic!("no polynomial") };
+    let terms = weight.len() / rows.outputs;
+    (0..terms).map(|term| weight.get(output * terms + term) / rows.scaling.output_scale[output]).collect()
 }
 
 /// Coefficient of determination of an output on the rows.

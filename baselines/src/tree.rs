@@ -2,7 +2,7 @@
 
 use crate::{Baseline, Fitted, Rows, for_each_output, svr::matrix};
 use metafmu_core::study::baselines::{DecisionTree, ExtraTrees, RandomForest};
-use metafmu_runtime::regression::{Forest, Function, LEAF, Node, Regression, Tree};
+use metafmu_runtime::graph::{Forest, Graph, LEAF, Node, Tree};
 use serde::{Deserialize, Serialize};
 use smartcore::{
     ensemble::{
@@ -119,7 +119,7 @@ fn fit(
             append(&mut forest.nodes, &tree, share)?;
         }
     }
-    Ok(Fitted::Formula(Regression { scaling: rows.scaling.clone(), function: Function::Forest(forest) }))
+    Ok(Fitted::Formula(Graph::of_forest(&rows.scaling, forest)))
 }
 
 /// Splits lie in the middle between two values of the rows, which are often other rows' values, such as times: a time that a

@@ -5,7 +5,7 @@
 //! predictions. All numbers are little-endian doubles.
 
 use crate::{BaselineKind, Baselines, Fitted, Rows, model};
-use metafmu_runtime::Scaling;
+use metafmu_runtime::{Map, Scaling};
 use serde::{Deserialize, Serialize};
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -129,7 +129,7 @@ impl Task {
             fit_seconds,
             predict_seconds_per_point: began.elapsed().as_secs_f64() / points as f64,
             memory_bytes: match &fitted {
-                Fitted::Formula(regression) => regression.bytes(),
+                Fitted::Formula(graph) => graph.bytes(),
                 Fitted::Library(model) => model.memory_bytes,
             },
             not_exportable: match fitted {
@@ -143,14 +143,10 @@ impl Task {
     fn predict(&self, fitted: &Fitted) -> Result<Vec<f64>, String> {
         let Rows { inputs, outputs, scaling, .. } = &self.rows;
         match fitted {
-            Fitted::Formula(regression) => {
-                regression.check().map_err(|error| error.to_string())?;
-                let mut predictions = vec![0.0; self.test.len() / inputs * outputs];
-                let mut scratch = regression.scratch();
-                for (x, y) in self.test.chunks(*inputs).zip(predictions.chunks_mut(*outputs)) {
-                    regression.evaluate(x, y, &mut scratch);
-                }
-                Ok(predictions)
+            Fitted::Formula(graph) => {
+                let map = Map::Graph(graph.clone());
+                map.check(*inputs, *outputs).map_err(|error| error.to_string())?;
+                Ok(map.evaluate(&self.test.chunks(*inputs).collect::<Vec<_>>(), *outputs).concat())
             }
             Fitted::Library(model) => {
                 let columns = scaling.input_mean.iter().zip(&scaling.input_scale).cycle();

@@ -7,8 +7,7 @@ use metafmu::{
 };
 use metafmu_runtime::{
     Activation, Layer, Map, Model, Numbers, ScaledNetwork,
-    graph::{Elementwise, Operation, Step},
-    regression::{Forest, LEAF, Node, Tree},
+    graph::{Elementwise, Forest, LEAF, Node, Operation, Step, Tree},
 };
 use pyo3::{prelude::*, types::PyByteArray};
 use std::path::Path;

@@ -14,9 +14,8 @@ use crate::{
 use metafmu_runtime::{
     Bounds, BuiltIn, Discrete, Encoding, Input, Integration, Layer, Map, Model, Motion, Output, Precision, Role, State,
     StateSpace, Surrogate, Variability,
-    graph::{Graph, Step},
+    graph::{Elementwise, Forest, Graph, Step},
     law::NetworkTerm,
-    regression::{Function, Regression},
 };
 
 const STYLE: &str = "\
@@ -92,12 +91,7 @@ fn unchanged(surrogate: &Surrogate) -> &'static str {
 fn what(model: &Model) -> &'static str {
     match model {
         Model::Response(Map::Network(_)) | Model::PerInstant { .. } => "a neural network",
-        Model::Response(Map::Regression(regression)) => match regression.function {
-            Function::Polynomial(_) => "a polynomial",
-            Function::Forest(_) => "a sum of decision trees, piecewise constant,",
-            Function::Kernel(_) => "a sum of kernels",
-        },
-        Model::Response(Map::Graph(_)) => "a model of another tool",
+        Model::Response(Map::Graph(graph)) => of_baseline(graph).map_or("a model of another tool", |(what, _)| what),
         Model::Motion(_) => "equations of motion with learned functions of the configuration",
         Model::StateSpace(_) => "learned derivatives of states",
         Model::Discrete(discrete) if discrete.hidden.is_empty() => "a model of recorded inputs and outputs",
@@ -280,8 +274,10 @@ fn model(surrogate: &Surrogate) -> String {
     let (count, layers) = match surrogate.model() {
         Model::Response(Map::Network(network)) => (1, &network.layers),
         Model::PerInstant { networks, .. } => (networks.len(), &networks[0].layers),
-        Model::Response(Map::Regression(regression)) => return size(regression),
-        Model::Response(Map::Graph(graph)) => return size_of_graph(graph),
+        Model::Response(Map::Graph(graph)) => {
+            let size = of_baseline(graph).map(|(_, size)| format!("{size}, computed in double precision"));
+            return size.unwrap_or_else(|| size_of_graph(graph));
+        }
         Model::Motion(motion) => return size_of_motion(motion) + &accuracy_of_solver(metadata.solver_error),
         Model::StateSpace(space) => return size_of_state_space(space) + &accuracy_of_solver(metadata.solver_error),
         Model::Discrete(discrete) => return size_of_discrete(discrete),
@@ -296,6 +292,28 @@ fn model(surrogate: &Surrogate) -> String {
         String::new()
     };
     format!("network, {}{each}, computed in {precision}", nodes(layers))
+}
+
+/// Kind and size of a baseline, from the steps that only baselines have: columns are standardised in two steps, kernels are Gaussian.
+fn of_baseline(graph: &Graph) -> Option<(&'static str, String)> {
+    let is = |step: &Step, wanted| matches!(step, Step::Elementwise { function, .. } if *function == wanted);
+    match graph.steps.as_slice() {
+        [.., Step::Products { products, .. }, _] => {
+            Some(("a polynomial", format!("polynomial of {} terms", products.terms())))
+        }
+        [first, second, Step::Forest { forest: Forest { trees, nodes }, .. }, _]
+            if [first, second].iter().all(|step| is(step, Elementwise::Linear)) =>
+        {
+            let size = format!("{} decision trees, {} nodes", trees.len(), nodes.len());
+            Some(("a sum of decision trees, piecewise constant,", size))
+        }
+        steps => {
+            let kernels = steps.windows(2).filter(|pair| is(&pair[0], Elementwise::Gaussian));
+            let kernels = kernels.map(|pair| if let Step::Affine { weight, .. } = &pair[1] { weight.len() } else { 0 });
+            let count: usize = kernels.sum();
+            (count > 0).then(|| ("a sum of kernels", format!("{count} kernels")))
+        }
+    }
 }
 
 /// What a graph is made of.
@@ -347,7 +365,6 @@ fn size_of_discrete(discrete: &Discrete) -> String {
 fn of_map(map: &Map) -> String {
     match map {
         Map::Network(network) => format!("a network, {}", nodes(&network.layers)),
-        Map::Regression(regression) => size(regression),
         Map::Graph(graph) => format!("a {}", size_of_graph(graph)),
     }
 }
@@ -408,18 +425,6 @@ fn nodes(layers: &[Layer]) -> String {
         words.push(format!("{} {} nodes", sizes.join(" + "), activation(group[0].activation)));
     }
     if words.is_empty() { "no hidden layer".into() } else { words.join(", ") }
-}
-
-fn size(regression: &Regression) -> String {
-    let what = match &regression.function {
-        Function::Polynomial(polynomial) => format!("polynomial of {} terms", polynomial.terms(regression.inputs())),
-        Function::Forest(forest) => format!("{} decision trees, {} nodes", forest.trees.len(), forest.nodes.len()),
-        Function::Kernel(machines) => {
-            let centres: usize = machines.machines.iter().map(|machine| machine.weights.len()).sum();
-            format!("{centres} kernels")
-        }
-    };
-    format!("{what}, computed in double precision")
 }
 
 fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {

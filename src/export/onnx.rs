@@ -13,8 +13,7 @@ use crate::{
 };
 use metafmu_runtime::{
     Activation, Encoding, Input, Map, Model, Precision, ScaledNetwork, Scaling, Surrogate,
-    graph::{Elementwise, Graph, Operation, Step},
-    regression::{Forest, Function, KernelMachine, LEAF, Polynomial, Regression},
+    graph::{Elementwise, Forest, Graph, LEAF, Operation, Products, Step},
 };
 use prost::Message;
 use std::f64::consts::{PI, TAU};
@@ -36,7 +35,6 @@ pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
     let columns = writer.columns(surrogate.inputs());
     let outputs = match map {
         Map::Network(network) => writer.network(network, columns),
-        Map::Regression(regression) => writer.regression(regression, columns),
         Map::Graph(graph) => writer.graph(graph, columns),
     };
     writer.add("Identity", &[&outputs], Vec::new(), "outputs");
@@ -212,27 +210,12 @@ impl Writer {
         }
     }
 
-    fn regression(&mut self, regression: &Regression, columns: String) -> String {
-        let Regression { scaling, function } = regression;
-        let z = self.standardised(&columns, scaling);
-        let (inputs, outputs) = (scaling.input_mean.len(), scaling.output_mean.len());
-        let y = match function {
-            Function::Polynomial(polynomial) => self.polynomial(polynomial, &z, (inputs, outputs)),
-            Function::Forest(forest) => self.forest(forest, &z, outputs),
-            Function::Kernel(machines) => {
-                let of_each: Vec<String> = machines.machines.iter().map(|machine| self.kernel(machine, &z)).collect();
-                self.joined(&of_each)
-            }
-        };
-        self.linear(&y, &scaling.output_scale, &scaling.output_mean)
-    }
-
     /// Legendre polynomials of all columns by Bonnet's recursion, and their products.
-    fn polynomial(&mut self, polynomial: &Polynomial, z: &str, (inputs, outputs): (usize, usize)) -> String {
-        let degree = polynomial.degrees.iter().copied().max().unwrap_or(0);
+    fn products(&mut self, products: &Products, z: &str) -> String {
+        let inputs = products.inputs;
         let mut of_degree = vec![self.linear(z, &[0.0], &[1.0]), z.to_owned()];
-        for k in 1..i32::from(degree) {
-            let (k, next) = (f64::from(k), f64::from(k) + 1.0);
+        for k in 1..products.orders().saturating_sub(1) {
+            let (k, next) = (k as f64, k as f64 + 1.0);
             let before = of_degree.len() - 2;
             let product = self.of("Mul", &[z, &of_degree[before + 1]]);
             let first = self.binary("Mul", &product, (2.0 * k + 1.0) / next);
@@ -240,30 +223,16 @@ impl Writer {
             of_degree.push(self.of("Sub", &[&first, &second]));
         }
         let all = self.joined(&of_degree);
-        let terms = polynomial.terms(inputs);
         let mut product: Option<String> = None;
         for input in 0..inputs {
-            let place =
-                |term: usize| i64::from(polynomial.degrees[term * inputs + input]) * inputs as i64 + input as i64;
-            let factor = self.picked(&all, &(0..terms).map(place).collect::<Vec<i64>>());
+            let place = |term: usize| i64::from(products.degrees[term * inputs + input]) * inputs as i64 + input as i64;
+            let factor = self.picked(&all, &(0..products.terms()).map(place).collect::<Vec<i64>>());
             product = Some(match product {
                 None => factor,
                 Some(product) => self.of("Mul", &[&product, &factor]),
             });
         }
-        let product = product.unwrap_or(all);
-        self.affine(&product, &polynomial.coefficients, &vec![0.0; outputs])
-    }
-
-    fn kernel(&mut self, KernelMachine { lengths, centres, weights, bias }: &KernelMachine, z: &str) -> String {
-        if weights.is_empty() {
-            let first = self.picked(z, &[0]);
-            return self.linear(&first, &[0.0], &[*bias]);
-        }
-        let distances = self.distances(z, centres, lengths);
-        let exponent = self.binary("Mul", &distances, -0.5);
-        let kernels = self.of("Exp", &[&exponent]);
-        self.affine(&kernels, weights, &[*bias])
+        product.unwrap_or(all)
     }
 
     fn distances(&mut self, x: &str, centres: &[f64], lengths: &[f64]) -> String {
@@ -325,7 +294,7 @@ impl Writer {
         self.with("Cast", &[&found], vec![integer("to", self.kind().into())])
     }
 
-    // ---- graphs of other tools
+    // ---- graphs
 
     fn graph(&mut self, graph: &Graph, columns: String) -> String {
         let mut values = vec![columns];
@@ -383,6 +352,7 @@ impl Writer {
             Step::Softmax { of } => self.with("Softmax", &[&values[*of]], vec![integer("axis", 1)]),
             Step::Distances { of, centres, lengths } => self.distances(&values[*of], centres, lengths),
             Step::Forest { of, forest, outputs } => self.forest(forest, &values[*of], *outputs),
+            Step::Products { of, products } => self.products(products, &values[*of]),
         }
     }
 
@@ -398,6 +368,10 @@ impl Writer {
             Elementwise::Linear => self.linear(x, row(0), row(1)),
             Elementwise::Cosine => self.of("Cos", &[x]),
             Elementwise::Exponential => self.of("Exp", &[x]),
+            Elementwise::Gaussian => {
+                let exponent = self.binary("Mul", x, -0.5);
+                self.of("Exp", &[&exponent])
+            }
             Elementwise::Logarithm => self.of("Log", &[x]),
             Elementwise::Reciprocal => self.of("Reciprocal", &[x]),
             Elementwise::Absolute => self.of("Abs", &[x]),

@@ -65,6 +65,7 @@ impl Builder {
             Step::Affine { weight, .. } => weight.len(),
             Step::Distances { centres, .. } => centres.len(),
             Step::Forest { forest, .. } => forest.nodes.len(),
+            Step::Products { products, .. } => products.degrees.len(),
             _ => 0,
         });
         self.within_limits()?;
@@ -354,7 +355,8 @@ fn rename(step: &mut Step, renamed: impl Fn(usize) -> usize) {
         | Step::Standardise { of, .. }
         | Step::Softmax { of }
         | Step::Distances { of, .. }
-        | Step::Forest { of, .. } => *of = renamed(*of),
+        | Step::Forest { of, .. }
+        | Step::Products { of, .. } => *of = renamed(*of),
         Step::Combine { of, .. } => *of = of.map(renamed),
         Step::Select { of } => *of = of.map(renamed),
         Step::Columns { columns } => {

@@ -183,11 +183,11 @@ pub fn export_baseline(project: &Project, plan: &Plan, kind: BaselineKind) -> Re
     let rows = baseline_rows(study, &train);
     let rows = choose_rows(&rows, baseline.most_rows(), study.seed);
     let failed = |problem| Error::Baseline { model, problem };
-    let regression = match baseline.fit(&rows, study.seed).map_err(failed)? {
-        Fitted::Formula(regression) => regression,
+    let graph = match baseline.fit(&rows, study.seed).map_err(failed)? {
+        Fitted::Formula(graph) => graph,
         Fitted::Library(library) => return Err(failed(format!("cannot be exported: {}", library.not_exportable))),
     };
-    let surrogate = surrogate::assemble_baseline(study, &train, rows.len(), kind, regression)?;
+    let surrogate = surrogate::assemble_baseline(study, &train, rows.len(), kind, graph)?;
     surrogate::save(&surrogate, &project.baseline_model(kind))?;
     let evaluated = Evaluated::new(&surrogate, &test);
     // the network's own: a baseline is not compared with baselines

@@ -156,10 +156,7 @@ pub fn encoded(surrogate: &Surrogate) -> Surrogate {
         Model::PerInstant { instants, networks } => {
             Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
         }
-        Model::Response(Map::Regression(_) | Map::Graph(_))
-        | Model::Motion(_)
-        | Model::StateSpace(_)
-        | Model::Discrete(_) => {
+        Model::Response(Map::Graph(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => {
             panic!("the examples are networks")
         }
     };

@@ -18,32 +18,21 @@
 //! `instants`, F64 of shape `[instants]`: seconds, ascending. Every other tensor has one more dimension in front, the
 //! instant, and the input columns are those other than the time, in order.
 //!
-//! A regression has the four columns of scaling and the tensors of one kind of function between them, which are specified at
-//! [`Polynomial`], [`Forest`] and
-//! [`KernelMachine`](crate::regression::KernelMachine), all with the name of the map in front:
-//!
-//! | tensor | type | shape |
-//! |---|---|---|
-//! | `polynomial.degrees` | U8 | `[terms, inputs]` |
-//! | `polynomial.coefficients` | F64 | `[outputs, terms]` |
-//! | `forest.column`, `forest.number` | U32, F64 | `[nodes]`; a column of 2^32 - 1 is a leaf |
-//! | `forest.below` | U32 | `[nodes, 2]` |
-//! | `forest.root`, `forest.output` | U32 | `[trees]` |
-//! | `kernel.bias` | F64 | `[outputs]` |
-//! | `kernel.K.lengths`, `kernel.K.centres`, `kernel.K.weights` | F64 | `[inputs]`, `[centres, inputs]`, `[centres]` of output K |
-//!
-//! A [graph](crate::graph::Graph), a function of another tool, is a sequence of steps, K of them; value 0 is the input columns, value K + 1
-//! is what step K makes:
+//! A [graph](crate::graph::Graph), of a baseline or of a third-party tool, is a sequence of steps K; value 0 is the input columns, value
+//! K + 1 the result of step K:
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `graph.inputs` | U32 | `[1]` | number of input columns |
-//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Elementwise::ALL`](crate::graph::Elementwise::ALL), 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: standardised, 5: softmax, 6: distances, 7: forest, code: number of outputs, 8: one of two values, code: the value that says which |
+//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Elementwise::ALL`](crate::graph::Elementwise::ALL), 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: standardised, 5: softmax, 6: distances, 7: forest, code: number of outputs, 8: one of two values, code: the value that says which, 9: products of Legendre polynomials |
 //! | `graph.K.weight`, `graph.K.bias` | F32 or F64 | `[outputs, inputs]`, `[outputs]` | of an affine step |
 //! | `graph.K.parameters` | F64 | `[parameters]` or `[parameters * length]` | of an elementwise step; `ε` of a standardised one |
 //! | `graph.K.columns` | U32 | `[outputs, 2]` | a value, and a position in it |
 //! | `graph.K.centres`, `graph.K.lengths` | F64 | `[centres, inputs]`, `[inputs]` | of distances |
-//! | `graph.K.forest.column`, ... | | | as `forest.column`, ... above |
+//! | `graph.K.forest.column`, `graph.K.forest.number` | U32, F64 | `[nodes]` | of a [`Forest`](crate::graph::Forest); a column of 2^32 - 1 is a leaf |
+//! | `graph.K.forest.below` | U32 | `[nodes, 2]` | |
+//! | `graph.K.forest.root`, `graph.K.forest.output` | U32 | `[trees]` | |
+//! | `graph.K.degrees` | U8 | `[terms, inputs]` | of [`Products`](crate::graph::Products) |
 //!
 //! A [`Model::Motion`] has two [dictionaries](crate::dictionary), the functions of the equations of motion and the positions, over
 //! the same columns: coordinates, then parameters.
@@ -113,7 +102,7 @@
 //! | field | |
 //! |---|---|
 //! | `format` | 4, the version of this layout |
-//! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without another map `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "polynomial", "forest", "kernel" or "graph"}` |
+//! | `model` | `{"structure": "response", "per-instant", "motion", "state-space" or "discrete", "outputs": MAP}`; of a motion MAP is `{"map": "dictionary"}`, of a discrete model without another map `{"map": "linear"}`, else `{"map": "network", "activations": [one for each layer]}` or `{"map": "graph"}` |
 //!
 //! Older formats are refused: what made them can make them again. Format 1 had one activation for all hidden layers and no names of
 //! maps; format 2 had no efforts.
@@ -124,7 +113,6 @@ use crate::{
     Activation, Discrete, Layer, Map, Metadata, Model, Motion, Numbers, ScaledNetwork, Scaling, StateSpace, Surrogate,
     graph::Graph,
     map::tensors::{OUTPUTS, Tensor, Views, bytes, elements, numbers, take, take_one_of},
-    regression::{Forest, Function, KernelMachines, Polynomial, Regression},
 };
 use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
@@ -173,9 +161,6 @@ struct MapHeader {
 #[serde(rename_all = "kebab-case")]
 enum MapKind {
     Network,
-    Polynomial,
-    Forest,
-    Kernel,
     Graph,
     Dictionary,
     Linear,
@@ -211,11 +196,6 @@ impl MapHeader {
         let kind = match map {
             Map::Network(network) => return Self::of_network(network),
             Map::Graph(_) => MapKind::Graph,
-            Map::Regression(regression) => match regression.function {
-                Function::Polynomial(_) => MapKind::Polynomial,
-                Function::Forest(_) => MapKind::Forest,
-                Function::Kernel(_) => MapKind::Kernel,
-            },
         };
         Self { map: kind, activations: Vec::new() }
     }
@@ -276,19 +256,11 @@ impl Surrogate {
 fn read_model(header: &ModelHeader, tensors: &mut Views) -> Result<Model, FormatError> {
     let MapHeader { map, activations } = &header.outputs;
     match (&header.structure, map) {
-        (Structure::Response, kind) => {
-            if let Some(map) = added(tensors, kind, activations)? {
-                return Ok(Model::Response(map));
-            }
-            let function = match kind {
-                MapKind::Polynomial => Function::Polynomial(Polynomial::read(tensors)?),
-                MapKind::Forest => Function::Forest(Forest::read(tensors, OUTPUTS)?),
-                MapKind::Network | MapKind::Graph | MapKind::Kernel => Function::Kernel(KernelMachines::read(tensors)?),
-                MapKind::Dictionary => return Err(FormatError::MotionMap),
-                MapKind::Linear => return Err(FormatError::DiscreteMap),
-            };
-            Ok(Model::Response(Map::Regression(Regression::read(tensors, function)?)))
-        }
+        (Structure::Response, kind) => match added(tensors, kind, activations)? {
+            Some(map) => Ok(Model::Response(map)),
+            None if matches!(kind, MapKind::Linear) => Err(FormatError::DiscreteMap),
+            None => Err(FormatError::MotionMap),
+        },
         (Structure::PerInstant, MapKind::Network) => {
             let instants = take(tensors, "instants", Dtype::F64, 1)?;
             let instants = elements(instants.data(), f64::from_le_bytes);
@@ -364,7 +336,6 @@ fn of_one(network: &ScaledNetwork, prefix: &str) -> Vec<Tensor> {
 fn of_map(map: &Map) -> Vec<Tensor> {
     let tensors = match map {
         Map::Network(network) => stacked(std::slice::from_ref(network), None),
-        Map::Regression(regression) => regression.tensors(),
         Map::Graph(graph) => graph.tensors(),
     };
     with_prefix(tensors, OUTPUTS)

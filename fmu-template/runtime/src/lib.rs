@@ -1,7 +1,7 @@
 //! What the metafmu tool and every FMU it writes share.
 //!
 //! - [`Surrogate`]: the variables and the model of a surrogate, as the model file has them.
-//! - [`Map`]: a pure function from columns to outputs: a network, or a formula such as a polynomial or a forest.
+//! - [`Map`]: a pure function from columns to outputs: a network, or a sequence of steps such as a polynomial or a forest.
 //! - [`Model`]: maps together with time, and equations with states.
 //! - [`Variables`]: the variables of its FMU in the order of their value references.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
@@ -45,9 +45,7 @@ pub use description::{Encoding, Input, Output, OutputArray, Precision, Provenanc
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::Encoder;
 pub use error::FormatError;
-pub use map::{
-    Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, formula, graph, jet::Jet, law, regression,
-};
+pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, formula, graph, jet::Jet, law};
 pub use metadata::Metadata;
 pub use model::{
     CommunicationStep, Discrete, Drive, EffortColumn, Efforts, Evaluator, Given, Integration,

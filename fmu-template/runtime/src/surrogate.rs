@@ -91,7 +91,7 @@ impl Surrogate {
     pub fn network(&self) -> Option<&ScaledNetwork> {
         match &self.model {
             Model::Response(Map::Network(network)) => Some(network),
-            Model::Response(Map::Regression(_) | Map::Graph(_))
+            Model::Response(Map::Graph(_))
             | Model::PerInstant { .. }
             | Model::Motion(_)
             | Model::StateSpace(_)

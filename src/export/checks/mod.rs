@@ -14,11 +14,7 @@ use crate::{
         worker,
     },
 };
-use metafmu_runtime::{
-    Map, Model, Surrogate,
-    graph::Step,
-    regression::{Function, Regression},
-};
+use metafmu_runtime::{Map, Model, Surrogate, graph::Step};
 use std::path::Path;
 
 /// Checks an FMU as [`fmi::validate()`] does, and the surrogate and the reference result inside if it is one of ours.
@@ -96,7 +92,6 @@ impl Checks for SurrogateChecks {
 
 fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
     match surrogate.model() {
-        Model::Response(Map::Regression(Regression { function: Function::Forest(_), .. })) => true,
         // near a threshold differences are no derivatives
         Model::Response(Map::Graph(graph)) => graph.steps.iter().any(|step| matches!(step, Step::Forest { .. })),
         _ => false,

@@ -1,8 +1,8 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    BuiltIn, Cover, Encoding, Evaluator, Input, Map, Metadata, Model, Motion, Quantity, Role, ScaledNetwork, Scaling,
-    State, Surrogate, Variability, Variable, graph::Graph,
+    BuiltIn, Cover, Encoding, Evaluator, Input, Map, Metadata, Model, Motion, Quantity, Role, ScaledNetwork, State,
+    Surrogate, Variability, Variable, graph::Graph,
 };
 use std::fmt::Write;
 
@@ -14,7 +14,6 @@ mod maps;
 mod motion;
 mod network;
 mod operations;
-mod regression;
 mod state_space;
 mod states;
 
@@ -102,7 +101,6 @@ impl Part {
             Model::Response(Map::Network(network)) => {
                 maps::part(surrogate, &[], network::map(surrogate, std::slice::from_ref(network)))
             }
-            Model::Response(Map::Regression(regression)) => maps::part(surrogate, &[], regression::map(regression)),
             Model::Response(Map::Graph(graph)) => maps::part(surrogate, &[], graph::map(graph)),
             Model::PerInstant { instants, networks } => {
                 maps::part(surrogate, instants, network::map(surrogate, networks))
@@ -119,7 +117,7 @@ pub(super) fn efforts(motion: &Motion) -> String {
     efforts::template(motion.dynamics.efforts())
 }
 
-/// The function of another tool in a model, if there is one.
+/// The graph in a model, if there is one.
 pub(super) fn graph_of(model: &Model) -> Option<&Graph> {
     let map = match model {
         Model::Response(map) => Some(map),
@@ -253,14 +251,15 @@ const ROUNDING_IN_SINGLE: f64 = 0.01;
 fn largest_sum(surrogate: &Surrogate) -> f64 {
     let networks: Vec<&ScaledNetwork> = match surrogate.model() {
         Model::Response(Map::Network(network)) => {
-            return of_outputs(surrogate, &network.scaling, network::sums(network));
+            return of_outputs(surrogate, scaled(network), network::sums(network));
         }
-        Model::Response(Map::Regression(regression)) => {
-            return of_outputs(surrogate, &regression.scaling, regression::sums(regression));
+        Model::Response(Map::Graph(graph)) => {
+            let sums = graph::sums(graph);
+            let (means, scales) = (vec![0.0; sums.len()], vec![1.0; sums.len()]);
+            return of_outputs(surrogate, (&means, &scales), sums);
         }
-        Model::Response(Map::Graph(_)) => Vec::new(),
         Model::PerInstant { networks, .. } => {
-            let sums = networks.iter().map(|network| of_outputs(surrogate, &network.scaling, network::sums(network)));
+            let sums = networks.iter().map(|network| of_outputs(surrogate, scaled(network), network::sums(network)));
             return sums.fold(0.0, f64::max);
         }
         Model::Motion(motion) => {
@@ -284,9 +283,14 @@ fn added(map: &Option<Map>) -> Option<&ScaledNetwork> {
     }
 }
 
+/// Means and scales of the outputs of a network.
+fn scaled(network: &ScaledNetwork) -> (&[f64], &[f64]) {
+    (&network.scaling.output_mean, &network.scaling.output_scale)
+}
+
 /// The largest of an output, from sums relative to scales: the standard deviation is about a quarter of the range.
-fn of_outputs(surrogate: &Surrogate, scaling: &Scaling, sums: Vec<f64>) -> f64 {
-    let outputs = surrogate.outputs().iter().zip(scaling.output_mean.iter().zip(&scaling.output_scale)).zip(sums);
+fn of_outputs(surrogate: &Surrogate, (means, scales): (&[f64], &[f64]), sums: Vec<f64>) -> f64 {
+    let outputs = surrogate.outputs().iter().zip(means.iter().zip(scales)).zip(sums);
     outputs
         .map(|((output, (mean, scale)), sum)| (mean.abs() + scale * sum, 0.25 * (output.max - output.min)))
         .filter(|(_, deviation)| *deviation > 0.0)

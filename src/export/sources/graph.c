@@ -6,8 +6,11 @@
  *     1        for each number that two are combined to,
  *     5 n + 4  for a standardised vector of n numbers, besides a power,
  *     3 n      for a softmax, besides n exponentials and comparisons,
+ *     2        for each number of a line p x + q,
+ *     3        for each number of a Gaussian function, besides an exponential,
+ *     9 (d - 1) n + f    for products of Legendre polynomials of n numbers, with d > 0 the highest degree and f factors in all,
  *
- * an evaluation of its function for each number of an elementwise step, rounded up to whole blocks of 16 for those of
+ * an evaluation of its function for each number of another elementwise step, rounded up to whole blocks of 16 for those of
  * activation.c, and for a forest an addition for a tree, besides as many comparisons as it has levels of splits at worst.
  */
 #include "activation.h"
@@ -122,6 +125,10 @@ static Series series(Function function, Real x, Real p, Real q)
     }
     case FUNCTION_SINGLE:
         return (Series){(Real)(float)x, R(1.0), R(0.0)};
+    case FUNCTION_GAUSSIAN: {
+        const Real y = MATH(exp)(-R(0.5) * x);
+        return (Series){y, -R(0.5) * y, R(0.25) * y};
+    }
     case FUNCTION_POSITIVE:
     default:
         return (Series){x > R(0.0) ? R(1.0) : R(0.0), R(0.0), R(0.0)};

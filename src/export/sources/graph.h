@@ -1,5 +1,5 @@
 /*
- * A function of another tool: a sequence of steps, each of which makes numbers of those before it. All numbers are in one
+ * A baseline or a third-party function: a sequence of steps, each of which makes numbers of those before it. All numbers are in one
  * array: the columns first, then what each step makes; those of the last step are the outputs.
  */
 #ifndef GRAPH_H
@@ -17,7 +17,8 @@ typedef enum {
     STEP_STANDARDISE, /* y_i = (x_i - mean of x) / square root of (variance of x + epsilon) */
     STEP_SOFTMAX,     /* y_i = exp(x_i) / the sum over j of exp(x_j) */
     STEP_DISTANCES,   /* y_c = the sum over i of ((x_i - centre_ci) / length_i)^2 */
-    STEP_FOREST       /* sums of decision trees */
+    STEP_FOREST,      /* sums of decision trees */
+    STEP_PRODUCTS     /* y_t = the product over i of P_degree_ti(x_i), with Legendre polynomials P_k */
 } StepKind;
 
 typedef enum { COMBINE_ADD, COMBINE_SUBTRACT, COMBINE_MULTIPLY, COMBINE_DIVIDE, COMBINE_MAXIMUM, COMBINE_MINIMUM } Combination;
@@ -48,7 +49,8 @@ typedef enum {
     FUNCTION_THRESHOLDED_RELU, /* x if above p, else 0 */
     FUNCTION_ARCTANGENT,
     FUNCTION_SINGLE,  /* x in single precision, of derivative 1 */
-    FUNCTION_POSITIVE /* 1 if x is positive, else 0 */
+    FUNCTION_POSITIVE, /* 1 if x is positive, else 0 */
+    FUNCTION_GAUSSIAN /* exp(-x / 2) */
 } Function;
 
 typedef struct {
@@ -66,6 +68,8 @@ typedef struct {
     const size_t *places;  /* of the columns */
     size_t first_tree;
     size_t tree_count;
+    const unsigned char *degrees; /* of each product in each number */
+    size_t orders; /* polynomials of a number, degrees 0, 1, ...; those of all numbers are before the products */
 } GraphStep;
 
 /* A split looks at a number; a leaf has none, which is NO_COLUMN. */

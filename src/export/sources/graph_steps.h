@@ -143,6 +143,37 @@ static void OF(forest)(const GraphStep *step, const NUMBER x[], NUMBER y[])
     }
 }
 
+/* Bonnet's recursion: (k + 1) P_(k + 1) = (2 k + 1) x P_k - k P_(k - 1). */
+static void OF(legendre)(NUMBER x, NUMBER values[], size_t orders)
+{
+    values[0] = OF(constant)(R(1.0));
+    for (size_t order = 1; order < orders; order++) {
+        const Real k = (Real)order - R(1.0);
+        values[order] = x;
+        if (order > 1) {
+            const NUMBER by_x = OF(product)(OF(scaled)(x, (R(2.0) * k + R(1.0)) / (Real)order), values[order - 1]);
+            values[order] = OF(difference)(by_x, OF(scaled)(values[order - 2], k / (Real)order));
+        }
+    }
+}
+
+static void OF(products)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    NUMBER *polynomials = y - step->width * step->orders;
+    const unsigned char *degree = step->degrees;
+    for (size_t i = 0; i < step->width; i++) {
+        OF(legendre)(x[i], &polynomials[i * step->orders], step->orders);
+    }
+    for (size_t term = 0; term < step->count; term++) {
+        y[term] = OF(constant)(R(1.0));
+        for (size_t i = 0; i < step->width; i++, degree++) {
+            if (*degree > 0) {
+                y[term] = OF(product)(y[term], polynomials[i * step->orders + *degree]);
+            }
+        }
+    }
+}
+
 /* What all steps make, of the columns that are the first numbers. */
 void OF(graph)(NUMBER numbers[NUMBER_COUNT])
 {
@@ -183,6 +214,9 @@ void OF(graph)(NUMBER numbers[NUMBER_COUNT])
             break;
         case STEP_FOREST:
             OF(forest)(step, x, y);
+            break;
+        case STEP_PRODUCTS:
+            OF(products)(step, x, y);
             break;
         }
     }

@@ -5,8 +5,7 @@
  *     3 (v - 1)    for an input with v values, besides 2 (v - 1) comparisons,
  *     4            for one with a period, besides rounding down, a sine and a cosine,
  *
- * and that of the map: network.c, regression.c and polynomial.h, forest.h or kernel.h, or graph.c have it. Of networks for k
- * instants two are evaluated, and
+ * and that of the map: network.c or graph.c has it. Of networks for k instants two are evaluated, and
  *
  *     4 + 3 m      is what m outputs between them take, besides 4 + log2 k comparisons, rounded up.
  *

@@ -1,7 +1,7 @@
 /*
  * A model without states: one map, from columns that the inputs become to the outputs, or a network for each of some
- * instants, between which the outputs are linear in the time. A map is a network (network.c), a regression
- * (regression.c) or a graph (graph.c). No function takes a time that depends on the numbers.
+ * instants, between which the outputs are linear in the time. A map is a network (network.c) or a graph (graph.c). No
+ * function takes a time that depends on the numbers.
  */
 #ifndef MAPS_H
 #define MAPS_H

@@ -17,7 +17,7 @@
 mod data;
 
 use crate::fmi::FmiVersion;
-use metafmu_runtime::{Map, Model, Surrogate, regression::Function};
+use metafmu_runtime::{Map, Model, Surrogate};
 
 /// Folder of the archive that holds the files.
 pub const FOLDER: &str = "sources";
@@ -52,16 +52,7 @@ const NETWORK: [(&str, &str); 2] = [("network.c", include_str!("network.c")), ("
 /// Of formulas that are differentiated.
 const JETS: [(&str, &str); 1] = [("jets.h", include_str!("jets.h"))];
 
-const REGRESSION: [(&str, &str); 2] =
-    [("regression.c", include_str!("regression.c")), ("regression.h", include_str!("regression.h"))];
-
-const POLYNOMIAL: [(&str, &str); 1] = [("polynomial.h", include_str!("polynomial.h"))];
-
-const FOREST: [(&str, &str); 1] = [("forest.h", include_str!("forest.h"))];
-
-const KERNEL: [(&str, &str); 1] = [("kernel.h", include_str!("kernel.h"))];
-
-/// Of functions of other tools.
+/// Of baselines and third-party functions.
 const GRAPH: [(&str, &str); 3] = [
     ("graph.c", include_str!("graph.c")),
     ("graph.h", include_str!("graph.h")),
@@ -158,11 +149,6 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
     };
     let model: &[&[_]] = match surrogate.model() {
         Model::Response(Map::Network(_)) | Model::PerInstant { .. } => &[&ACTIVATION, &MAPS, &NETWORK],
-        Model::Response(Map::Regression(regression)) => match regression.function {
-            Function::Polynomial(_) => &[&MAPS, &JETS, &REGRESSION, &POLYNOMIAL],
-            Function::Forest(_) => &[&MAPS, &JETS, &REGRESSION, &FOREST],
-            Function::Kernel(_) => &[&MAPS, &JETS, &REGRESSION, &KERNEL],
-        },
         Model::Response(Map::Graph(_)) => &[&ACTIVATION, &MAPS, &JETS, &GRAPH],
         Model::Motion(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &MOTION],
         Model::StateSpace(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &STATE_SPACE],

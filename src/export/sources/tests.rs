@@ -15,8 +15,7 @@ use metafmu_runtime::{
     StateSpace, StepError,
     dictionary::{Dictionary, Factor, Term},
     example,
-    graph::{Elementwise, Graph, Operation, Step},
-    regression::{Forest, Function, KernelMachine, KernelMachines, LEAF, Node, Polynomial, Regression, Tree},
+    graph::{Elementwise, Forest, Graph, KernelMachine, LEAF, Node, Operation, Products, Step, Tree},
 };
 use nalgebra::{Matrix2, SVector, Vector2};
 use std::{
@@ -349,18 +348,14 @@ fn twenty_outputs() -> Surrogate {
 /// A polynomial, a forest and kernels of the example's columns.
 fn regressions(example: &Surrogate) -> [Surrogate; 3] {
     let n = Encoder::of(example.inputs()).width();
-    let regression = |function| {
-        let mut scaling = example.network().unwrap().scaling.clone();
-        if n == 3 {
-            // ranges become -1 to 1
-            scaling.input_scale = vec![0.05, 2.5, 1.0];
-        }
-        let map = Map::Regression(Regression { scaling, function });
-        Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
-    };
+    let mut scaling = example.network().unwrap().scaling.clone();
+    if n == 3 {
+        // ranges become -1 to 1
+        scaling.input_scale = vec![0.05, 2.5, 1.0];
+    }
     // degrees 0 to 6 in each column
     let degrees = (0..8 * n).map(|index| (index * 5 % 8).saturating_sub(index % 3) as u8 % 7).collect();
-    let coefficients = (0..16).map(|index| 0.3 * (0.7 * f64::from(index)).sin()).collect();
+    let coefficients: Vec<f64> = (0..16).map(|index| 0.3 * (0.7 * f64::from(index)).sin()).collect();
     let leaf = |number| Node { column: LEAF, number, below: [0; 2] };
     let split = |column, number, below| Node { column, number, below };
     let nodes = vec![
@@ -380,10 +375,11 @@ fn regressions(example: &Surrogate) -> [Surrogate; 3] {
         bias,
     };
     [
-        regression(Function::Polynomial(Polynomial { degrees, coefficients })),
-        regression(Function::Forest(Forest { nodes, trees })),
-        regression(Function::Kernel(KernelMachines { machines: vec![machine(0.1, 7), machine(-2.0, 0)] })),
+        Graph::of_polynomial(&scaling, Products { inputs: n, degrees }, &coefficients),
+        Graph::of_forest(&scaling, Forest { nodes, trees }),
+        Graph::of_kernels(&scaling, &[machine(0.1, 7), machine(-2.0, 0)]),
     ]
+    .map(|graph| Surrogate::new(example.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap())
 }
 
 /// A graph with steps of all kinds, and all elementwise functions.
@@ -418,7 +414,10 @@ fn graph(example: &Surrogate) -> Surrogate {
     let trees = vec![Tree { root: 0, output: 2 }, Tree { root: 3, output: 0 }];
     steps.push(Step::Forest { of: standard, forest: Forest { nodes, trees }, outputs: 3 });
     let forest = steps.len() as u32;
-    steps.push(Step::Columns { columns: vec![[distances - 1, 3], [distances, 0], [0, 0], [forest, 2]] });
+    let degrees = (0..12).map(|index| index * 5 % 7).collect();
+    steps.push(Step::Products { of: distances as usize - 1, products: Products { inputs: 4, degrees } });
+    let products = steps.len() as u32;
+    steps.push(Step::Columns { columns: vec![[products, 1], [distances, 0], [0, 0], [forest, 2]] });
     steps.push(Step::Select { of: [standard, steps.len(), 1] });
     steps.push(Step::Affine { of: steps.len(), weight: numbers(8, 0.3).into(), bias: numbers(2, 0.5).into() });
     let map = Map::Graph(Graph { inputs: n, steps });
@@ -428,17 +427,15 @@ fn graph(example: &Surrogate) -> Surrogate {
 /// A polynomial of degree zero.
 fn constant() -> Surrogate {
     let example = example::surrogate();
-    let scaling = example.network().unwrap().scaling.clone();
-    let function = Function::Polynomial(Polynomial { degrees: vec![0; 3], coefficients: vec![0.5, -0.25] });
-    let map = Map::Regression(Regression { scaling, function });
-    Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
+    let scaling = &example.network().unwrap().scaling;
+    let graph = Graph::of_polynomial(scaling, Products { inputs: 3, degrees: vec![0; 3] }, &[0.5, -0.25]);
+    Surrogate::new(example.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap()
 }
 
 fn no_tree() -> Surrogate {
     let example = example::surrogate();
-    let scaling = example.network().unwrap().scaling.clone();
-    let map = Map::Regression(Regression { scaling, function: Function::Forest(Forest::default()) });
-    Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
+    let graph = Graph::of_forest(&example.network().unwrap().scaling, Forest::default());
+    Surrogate::new(example.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap()
 }
 
 #[test]
@@ -918,12 +915,11 @@ fn in_single_precision_what_has_no_meaning_is_no_program() {
     metadata.inputs[0].max = 1e200;
     let wide = Surrogate::new(metadata, cancelling.model().clone()).unwrap();
     let [.., kernels] = regressions(&example::surrogate());
-    let Model::Response(Map::Regression(mut regression)) = kernels.model().clone() else {
-        panic!("it is a regression")
-    };
-    let Function::Kernel(KernelMachines { machines }) = &mut regression.function else { panic!("it has kernels") };
-    machines[0].weights.iter_mut().for_each(|weight| *weight *= 1e8);
-    let kernels = Surrogate::new(kernels.metadata().clone(), Model::Response(Map::Regression(regression))).unwrap();
+    let Model::Response(Map::Graph(mut graph)) = kernels.model().clone() else { panic!("it is a graph") };
+    let affine = graph.steps.iter_mut().find(|step| matches!(step, Step::Affine { .. }));
+    let Some(Step::Affine { weight, .. }) = affine else { panic!("it has kernels") };
+    *weight = weight.iter().map(|weight| 1e8 * weight).collect::<Vec<f64>>().into();
+    let kernels = Surrogate::new(kernels.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap();
     assert!(refused(&kernels).contains("the terms of a sum nearly cancel"));
     for huge in [
         with(&|network| network.scaling.output_mean[0] = 1e300),
@@ -1566,9 +1562,9 @@ fn the_files_are_sorted_reproducible_and_listed() {
     for (surrogate, model) in [
         (example::surrogate(), "network.c"),
         (example::per_instant(&[20], Activation::Tanh, Precision::Double), "network.c"),
-        (polynomial, "regression.c"),
-        (forest, "regression.c"),
-        (kernel, "regression.c"),
+        (polynomial, "graph.c"),
+        (forest, "graph.c"),
+        (kernel, "graph.c"),
         (graph(&example::surrogate()), "graph.c"),
         (example::crane(), "motion.c"),
         (example::oscillator(None), "state_space.c"),
@@ -1583,7 +1579,7 @@ fn the_files_are_sorted_reproducible_and_listed() {
             for name in &compiled {
                 assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
             }
-            let models = ["network.c", "regression.c", "graph.c", "motion.c", "state_space.c", "discrete.c"];
+            let models = ["network.c", "graph.c", "motion.c", "state_space.c", "discrete.c"];
             assert_eq!(compiled.iter().filter(|name| models.contains(name)).collect::<Vec<_>>(), [&model]);
             assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
         }

@@ -217,5 +217,6 @@ fn of_step(step: &Step, values: &[Vec<u8>]) -> Vec<u8> {
         Step::Standardise { of, .. } | Step::Softmax { of } => vec![all(*of); values[*of].len()],
         Step::Distances { of, centres, lengths } => vec![all(*of); centres.len() / lengths.len()],
         Step::Forest { of, outputs, .. } => vec![all(*of); *outputs],
+        Step::Products { of, products } => vec![all(*of); products.terms()],
     }
 }

@@ -6,10 +6,7 @@ use super::{
     node::{Row, Value},
     proto::NodeProto,
 };
-use metafmu_runtime::{
-    graph::{Elementwise, Step},
-    regression::{Forest, LEAF, Node, Tree},
-};
+use metafmu_runtime::graph::{Elementwise, Forest, LEAF, Node, Step, Tree};
 use std::collections::HashMap;
 
 /// Nodes of all trees together, each once for every output that it adds to.

@@ -141,7 +141,6 @@ fn network(material: &Material) -> String {
     };
     match material.evaluated.surrogate.model() {
         Model::Response(Map::Network(_)) => format!("A feed-forward network ({layers}) gives"),
-        Model::Response(Map::Regression(_)) => "A baseline model gives".into(),
         Model::Response(Map::Graph(_)) => "A model of another tool gives".into(),
         Model::Motion(motion) => {
             let networks = if motion.has_networks() { ", feed-forward networks among them," } else { "" };

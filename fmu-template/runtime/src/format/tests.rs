@@ -349,8 +349,8 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
         (r#"\"identity\"]"#, r#"\"identity\",\"tanh\"]"#, "tensor `outputs.layers.2.weight` is missing"),
         (
             r#"\"map\":\"network\",\"activations\":[\"tanh\",\"identity\"]"#,
-            r#"\"map\":\"forest\""#,
-            "`outputs.forest.column` is missing",
+            r#"\"map\":\"graph\""#,
+            "`outputs.graph.steps` is missing",
         ),
         (r#"{\"format\""#, r#"{{\"format\""#, "metadata entry"),
     ] {
@@ -657,11 +657,7 @@ fn a_motion_that_makes_no_sense_is_refused() {
     for (from, to, expected) in [
         ("motion", "response", "a motion has dictionaries, and only a motion"),
         ("positions.windings", "positions.winding", "tensor `positions.windings` is missing"),
-        (
-            "\\\"map\\\":\\\"dictionary\\\"",
-            "\\\"map\\\":\\\"forest\\\"",
-            "a motion has dictionaries, and only a motion",
-        ),
+        ("\\\"map\\\":\\\"dictionary\\\"", "\\\"map\\\":\\\"graph\\\"", "a motion has dictionaries, and only a motion"),
     ] {
         assert!(header.contains(from), "{from} is not in {header}");
         let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
@@ -748,7 +744,7 @@ fn a_discrete_model_that_makes_no_sense_is_refused() {
         ("sample.time", "sample.tim", "tensor `sample.time` is missing"),
         (
             "\\\"map\\\":\\\"network\\\"",
-            "\\\"map\\\":\\\"forest\\\"",
+            "\\\"map\\\":\\\"dictionary\\\"",
             "a discrete model has a linear part, a network or a graph",
         ),
     ] {

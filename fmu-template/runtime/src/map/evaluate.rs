@@ -3,7 +3,6 @@
 use super::{
     Map, ScaledNetwork,
     graph::{GraphScratch, PreparedGraph},
-    regression::{Regression, RegressionScratch},
     task::Task,
 };
 #[cfg(target_arch = "x86_64")]
@@ -18,7 +17,6 @@ use crate::{
 pub(crate) enum PreparedMap {
     Double(PreparedGraph<f64, 8>),
     Single(PreparedGraph<f32, 16>),
-    Regression(Regression),
 }
 
 /// Working memory of one evaluation at a time. Networks whose layers have the same sizes can share it.
@@ -26,14 +24,12 @@ pub(crate) enum PreparedMap {
 pub(crate) enum MapScratch {
     Double(GraphScratch<f64, 8>),
     Single(GraphScratch<f32, 16>),
-    Regression(RegressionScratch),
 }
 
 impl PreparedMap {
     pub(crate) fn new(map: &Map, precision: Precision) -> Self {
         match map {
             Map::Network(network) => Self::of_network(network, precision),
-            Map::Regression(regression) => Self::Regression(regression.clone()),
             Map::Graph(graph) => match precision {
                 Precision::Double => Self::Double(PreparedGraph::new(graph)),
                 Precision::Single => Self::Single(PreparedGraph::new(graph)),
@@ -52,7 +48,6 @@ impl PreparedMap {
         match self {
             Self::Double(graph) => MapScratch::Double(graph.scratch()),
             Self::Single(graph) => MapScratch::Single(graph.scratch()),
-            Self::Regression(regression) => MapScratch::Regression(regression.scratch()),
         }
     }
 
@@ -90,11 +85,6 @@ impl PreparedMap {
         match (self, scratch) {
             (Self::Double(graph), MapScratch::Double(scratch)) => graph.run::<SIMD>(point, task, scratch),
             (Self::Single(graph), MapScratch::Single(scratch)) => graph.run::<SIMD>(point, task, scratch),
-            (Self::Regression(regression), MapScratch::Regression(scratch)) => match task {
-                Task::Outputs(outputs) => regression.evaluate(point, outputs, scratch),
-                Task::Series { rates, first, second } => regression.along_curve(point, rates, first, second, scratch),
-                Task::Adjoint { weights, gradient } => regression.adjoint(point, weights, gradient, scratch),
-            },
             _ => panic!("the scratch belongs to another map"),
         }
     }

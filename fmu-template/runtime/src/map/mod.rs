@@ -10,7 +10,6 @@ pub(crate) mod jet;
 pub mod law;
 mod layers;
 mod lookup;
-pub mod regression;
 mod series;
 pub(crate) mod tape;
 mod task;
@@ -23,7 +22,6 @@ use crate::{
 pub use activation::Activation;
 pub(crate) use evaluate::{MapScratch, PreparedMap};
 use graph::Graph;
-use regression::Regression;
 pub(crate) use task::Task;
 
 /// A function from input columns to outputs.
@@ -31,9 +29,7 @@ pub(crate) use task::Task;
 pub enum Map {
     /// A feed-forward network.
     Network(ScaledNetwork),
-    /// A formula in double precision.
-    Regression(Regression),
-    /// A function of another tool.
+    /// A sequence of steps: a baseline, or a third-party function.
     Graph(Graph),
 }
 
@@ -146,10 +142,6 @@ impl Map {
     pub fn check(&self, columns: usize, outputs: usize) -> Result<(), FormatError> {
         match self {
             Self::Network(network) => network.check(columns, outputs),
-            Self::Regression(regression) => {
-                regression.scaling.check(columns, outputs)?;
-                regression.check()
-            }
             Self::Graph(graph) => graph.check(columns, outputs),
         }
     }
@@ -158,20 +150,20 @@ impl Map {
     ///
     /// # Panics
     /// If a row has the wrong length.
-    pub fn evaluate(&self, rows: &[Vec<f64>], outputs: usize) -> Vec<Vec<f64>> {
+    pub fn evaluate(&self, rows: &[impl AsRef<[f64]>], outputs: usize) -> Vec<Vec<f64>> {
         at_rows(&PreparedMap::new(self, Precision::Double), rows, outputs)
     }
 }
 
-fn at_rows(map: &PreparedMap, rows: &[Vec<f64>], outputs: usize) -> Vec<Vec<f64>> {
+fn at_rows(map: &PreparedMap, rows: &[impl AsRef<[f64]>], outputs: usize) -> Vec<Vec<f64>> {
     let simd = Simd::detect();
     let mut scratch = map.scratch();
-    let at = |row: &Vec<f64>| {
+    let at = |row: &[f64]| {
         let mut outputs = vec![0.0; outputs];
         map.perform(simd, row, Task::Outputs(&mut outputs), &mut scratch);
         outputs
     };
-    rows.iter().map(at).collect()
+    rows.iter().map(AsRef::as_ref).map(at).collect()
 }
 
 impl ScaledNetwork {
@@ -247,7 +239,6 @@ impl Map {
         match self {
             Self::Network(network) => network.fits_single(ranges),
             Self::Graph(graph) => graph.fits_single(ranges),
-            Self::Regression(_) => false,
         }
     }
 }

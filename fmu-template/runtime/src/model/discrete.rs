@@ -129,10 +129,8 @@ impl Discrete {
         expect_finite("hidden.start", self.hidden.iter().copied())?;
         expect_finite("linear.weights", self.weights.iter().copied())?;
         expect_finite("linear.constants", self.constants.iter().copied())?;
-        match &self.map {
-            Some(Map::Regression(_)) => return Err(FormatError::DiscreteMap),
-            Some(map) => map.check(self.width(), numbers)?,
-            None => {}
+        if let Some(map) = &self.map {
+            map.check(self.width(), numbers)?;
         }
         if let Some(support) = &self.support {
             support.check(self.features())?;

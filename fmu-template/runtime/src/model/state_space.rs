@@ -119,7 +119,6 @@ impl StateSpace {
             }
         }
         match &self.map {
-            Some(Map::Regression(_)) => return Err(FormatError::StateSpaceMap),
             // the graphs of other tools have columns that are what they are
             Some(Map::Graph(_)) if self.encoder().width() != self.width() => return Err(FormatError::StateSpaceMap),
             Some(map) => map.check(self.encoder().width(), self.functions.outputs())?,

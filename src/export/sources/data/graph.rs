@@ -1,4 +1,4 @@
-//! Numbers of a graph of another tool.
+//! Numbers of a graph.
 
 use super::{
     array,
@@ -9,8 +9,7 @@ use super::{
 };
 use metafmu_runtime::{
     Map,
-    graph::{Elementwise, Graph, Operation, Step},
-    regression::{LEAF, Node, Tree},
+    graph::{Elementwise, Graph, LEAF, Node, Operation, Step, Tree},
 };
 
 /// A step as `graph.h` has it; what it does not need is zero.
@@ -25,6 +24,8 @@ struct Row {
     more: String,
     places: String,
     trees: [usize; 2],
+    degrees: String,
+    orders: usize,
 }
 
 /// What is generated of a graph that is part of a model with a state; nothing if it has none.
@@ -57,11 +58,13 @@ pub fn map(graph: &Graph) -> MapPart {
 /// The formulas are in `graph.c` and `graph_steps.h`.
 fn steps(graph: &Graph) -> MapPart {
     let widths = graph.widths().expect("a surrogate's graph was checked");
-    let begins: Vec<usize> = widths
-        .iter()
-        .scan(0, |sum, width| {
-            *sum += width;
-            Some(*sum - width)
+    // what a step notes stands before what it makes: the last numbers are the outputs
+    let noted = [0].into_iter().chain(graph.steps.iter().map(Step::noted));
+    let mut numbers = 0;
+    let begins: Vec<usize> = (widths.iter().zip(noted))
+        .map(|(width, noted)| {
+            numbers += noted + width;
+            numbers - width
         })
         .collect();
     let (mut data, mut rows) = (String::new(), Vec::new());
@@ -71,10 +74,23 @@ fn steps(graph: &Graph) -> MapPart {
         let count = widths[number + 1];
         let row = row(step, number, (&begins, &widths), &mut data, (&mut nodes, &mut trees));
         operations = of_step(step, (row.width, count)).times(1.0, operations);
-        let Row { kind, function, operation, of: [a, b, c], width, numbers, parameter_step, more, places, trees } = row;
+        let Row {
+            kind,
+            function,
+            operation,
+            of: [a, b, c],
+            width,
+            numbers,
+            parameter_step,
+            more,
+            places,
+            trees,
+            degrees,
+            orders,
+        } = row;
         rows.push(format!(
             "{kind}, (Function){function}, (Combination){operation}, {{{a}, {b}, {c}}}, {width}, {}, {count}, {numbers}, {parameter_step}, \
-             {more}, {places}, {}, {}",
+             {more}, {places}, {}, {}, {degrees}, {orders}",
             begins[number + 1],
             trees[0],
             trees[1]
@@ -94,7 +110,7 @@ fn steps(graph: &Graph) -> MapPart {
         names: vec!["jet_graph", "model_graph_nodes", "model_graph_trees", "model_steps", "real_graph"],
         sizes: vec![
             ("STEP_COUNT", graph.steps.len(), ""),
-            ("NUMBER_COUNT", widths.iter().sum(), "of the columns and of all steps"),
+            ("NUMBER_COUNT", numbers, "of the columns and of all steps"),
         ],
         data,
         operations,
@@ -121,6 +137,8 @@ fn row(
         more: none(),
         places: none(),
         trees: [0; 2],
+        degrees: none(),
+        orders: 0,
     };
     let mut numbers = |what: &str, values: &[f64]| {
         let name = format!("{what}_{number}");
@@ -184,6 +202,16 @@ fn row(
             trees.extend(forest.trees.iter().map(|tree| Tree { root: tree.root + first_node, ..*tree }));
             Row { trees: [first_tree, forest.trees.len()], ..row("STEP_FOREST", *of) }
         }
+        Step::Products { of, products } => {
+            let name = format!("degrees_{number}");
+            push(data, format_args!("\nstatic const unsigned char {name}[] = {{\n"));
+            for term in products.degrees.chunks(products.inputs) {
+                let term: Vec<String> = term.iter().map(u8::to_string).collect();
+                push(data, format_args!("    {},\n", term.join(", ")));
+            }
+            data.push_str("};\n");
+            Row { degrees: name, orders: products.orders(), ..row("STEP_PRODUCTS", *of) }
+        }
     }
 }
 
@@ -195,6 +223,33 @@ fn in_blocks(weights: &[f64], columns: usize) -> Vec<f64> {
     weights.chunks(BLOCK * columns.max(1)).flat_map(of_block).collect()
 }
 
+/// Sums of the magnitudes of the terms of each output where these are at most one times a weight: Legendre polynomials and Gaussian
+/// kernels. None of other outputs.
+pub(super) fn sums(graph: &Graph) -> Vec<f64> {
+    let is_bounded = |of: usize| {
+        let step = of.checked_sub(1).and_then(|number| graph.steps.get(number));
+        matches!(step, Some(Step::Products { .. } | Step::Elementwise { function: Elementwise::Gaussian, .. }))
+    };
+    let of_step = |step: &Step| match step {
+        Step::Affine { of, weight, bias } if is_bounded(*of) => {
+            let weights: Vec<f64> = weight.iter().map(f64::abs).collect();
+            let rows = weights.chunks(weights.len() / bias.len()).map(|row| row.iter().sum::<f64>());
+            rows.zip(bias.iter()).map(|(sum, bias)| sum + bias.abs()).collect()
+        }
+        _ => Vec::new(),
+    };
+    match graph.steps.as_slice() {
+        [steps @ .., Step::Columns { columns }] => {
+            let of_column = |[of, column]: &[u32; 2]| {
+                let step = (*of as usize).checked_sub(1).map(|number| of_step(&steps[number])).unwrap_or_default();
+                step.get(*column as usize).copied().unwrap_or(0.0)
+            };
+            columns.iter().map(of_column).collect()
+        }
+        steps => steps.last().map(of_step).unwrap_or_default(),
+    }
+}
+
 /// The counts that `graph.c` states.
 fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
     let (n, m) = (width as f64, count as f64);
@@ -204,6 +259,10 @@ fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
         Step::Distances { .. } => Operations { arithmetic: 4.0 * n * m, ..none },
         Step::Elementwise { function: Elementwise::Activation(_), .. } => {
             Operations { activations: padded(count) as f64, ..none }
+        }
+        Step::Elementwise { function: Elementwise::Linear, .. } => Operations { arithmetic: 2.0 * m, ..none },
+        Step::Elementwise { function: Elementwise::Gaussian, .. } => {
+            Operations { arithmetic: 3.0 * m, exponentials: m, ..none }
         }
         Step::Elementwise { .. } => Operations { activations: m, ..none },
         Step::Combine { .. } => Operations { arithmetic: m, ..none },
@@ -219,6 +278,11 @@ fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
             }
             let comparisons = forest.trees.iter().map(|tree| levels[tree.root as usize]).sum();
             Operations { arithmetic: forest.trees.len() as f64, comparisons, ..none }
+        }
+        Step::Products { products, .. } => {
+            let factors = products.degrees.iter().filter(|degree| **degree > 0).count();
+            let polynomials = 9 * products.orders().saturating_sub(2) * products.inputs;
+            Operations { arithmetic: (polynomials + factors) as f64, ..none }
         }
     }
 }

@@ -43,11 +43,13 @@ pub enum Elementwise {
     Single,
     /// 1 if `x` is positive, else 0; of derivative 0.
     Positive,
+    /// `exp(-x / 2)`: of squared distances, a Gaussian kernel.
+    Gaussian,
 }
 
 impl Elementwise {
     /// All of them, in the order of their codes in the model file.
-    pub const ALL: [Self; 25] = [
+    pub const ALL: [Self; 26] = [
         Self::Activation(Activation::Tanh),
         Self::Activation(Activation::Sigmoid),
         Self::Activation(Activation::Relu),
@@ -73,6 +75,7 @@ impl Elementwise {
         Self::Arctangent,
         Self::Single,
         Self::Positive,
+        Self::Gaussian,
     ];
 
     /// How many parameters it has, `p0` and `p1`.
@@ -86,7 +89,8 @@ impl Elementwise {
 
     /// Returns true if the function is continuous and its slope seldom far from 1.
     pub(super) fn is_smooth(self) -> bool {
-        let is_steep = matches!(self, Self::Exponential | Self::Logarithm | Self::Reciprocal | Self::Power);
+        let is_steep =
+            matches!(self, Self::Exponential | Self::Gaussian | Self::Logarithm | Self::Reciprocal | Self::Power);
         !is_steep && !matches!(self, Self::ThresholdedRelu | Self::Single | Self::Positive)
     }
 
@@ -151,6 +155,10 @@ impl Elementwise {
                 [x.atan(), slope, -2.0 * x * slope * slope]
             }
             Self::Single => [f64::from(x as f32), 1.0, 0.0],
+            Self::Gaussian => {
+                let y = (-0.5 * x).exp();
+                [y, -0.5 * y, 0.25 * y]
+            }
             Self::Positive => [if x > 0.0 { 1.0 } else { 0.0 }, 0.0, 0.0],
         }
     }

@@ -116,7 +116,7 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
                         _ => Kind::Activate { of: *of, kernel: Kernel::of_graph(*activation) },
                     }
                 }
-                other => Kind::Other(OtherStep::new(other)),
+                other => Kind::Other(OtherStep::new::<WIDTH>(other)),
             };
             Prepared { to: number + 1, kind }
         };
@@ -146,6 +146,7 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
             let lanes = match kind {
                 Kind::Dense { product: Product::Many(dense), .. } => dense.lanes(),
                 Kind::Activate { of, .. } => values[*of].lanes(),
+                Kind::Other(step) => step.numbers(self.widths[*to]).div_ceil(WIDTH),
                 _ => self.widths[*to].div_ceil(WIDTH),
             };
             values[*to] = Series::new(lanes);

@@ -1,16 +1,22 @@
-//! Functions of other tools: a sequence of steps, each of which makes a vector of those before it.
+//! Sequences of steps, each of which makes a vector of those before it: what baselines fit, and functions of other tools.
 
 mod elementwise;
 mod evaluate;
+mod forest;
+mod learned;
 mod other;
+mod products;
 mod tensors;
 #[cfg(test)]
 mod tests;
 
-use super::{Numbers, USUAL_SIZE, expect_finite, expect_positive, expect_shape, fits_single, regression::Forest};
+use super::{Numbers, USUAL_SIZE, expect_finite, expect_positive, expect_shape, fits_single};
 use crate::FormatError;
 pub use elementwise::Elementwise;
 pub(crate) use evaluate::{GraphScratch, PreparedGraph};
+pub use forest::{Forest, LEAF, Node, Tree};
+pub use learned::KernelMachine;
+pub use products::Products;
 
 /// A function as a sequence of steps. Value 0 is the vector of the input columns, step `k` makes value `k + 1`, and the last
 /// value is the outputs. Derivatives are exact.
@@ -90,6 +96,13 @@ pub enum Step {
         /// Number of `y_i`.
         outputs: usize,
     },
+    /// Products of Legendre polynomials of `x_i`, one for each term.
+    Products {
+        /// `x`
+        of: usize,
+        /// The terms.
+        products: Products,
+    },
 }
 
 /// What makes one number of two.
@@ -127,7 +140,8 @@ impl Graph {
         for (number, step) in self.steps.iter().enumerate() {
             widths.push(step.width(number, &widths)?);
         }
-        let numbers = widths.iter().fold(0usize, |sum, width| sum.saturating_add(*width));
+        let noted = self.steps.iter().map(Step::noted);
+        let numbers = widths.iter().copied().chain(noted).fold(0, usize::saturating_add);
         if numbers > MAX_VALUES {
             return Err(FormatError::TooLarge { found: numbers, limit: MAX_VALUES });
         }
@@ -153,7 +167,7 @@ impl Graph {
             Step::Elementwise { function, .. } => function.is_smooth(),
             Step::Combine { operation, .. } => *operation != Operation::Divide,
             Step::Columns { .. } | Step::Standardise { .. } | Step::Softmax { .. } => true,
-            Step::Select { .. } | Step::Distances { .. } | Step::Forest { .. } => false,
+            Step::Select { .. } | Step::Distances { .. } | Step::Forest { .. } | Step::Products { .. } => false,
         })
     }
 
@@ -177,12 +191,18 @@ impl Step {
             | Self::Standardise { of, .. }
             | Self::Softmax { of }
             | Self::Distances { of, .. }
-            | Self::Forest { of, .. } => (std::slice::from_ref(of), &[]),
+            | Self::Forest { of, .. }
+            | Self::Products { of, .. } => (std::slice::from_ref(of), &[]),
             Self::Combine { of, .. } => (of, &[]),
             Self::Select { of } => (of, &[]),
             Self::Columns { columns } => (&[], columns),
         };
         few.iter().copied().chain(columns.iter().map(|[of, _]| *of as usize))
+    }
+
+    /// Number of numbers that an evaluation keeps beside those that the step makes.
+    pub fn noted(&self) -> usize {
+        if let Self::Products { products, .. } = self { products.polynomials() } else { 0 }
     }
 
     /// Length of what the step makes, of the values before it; every number of it is checked.
@@ -251,6 +271,10 @@ impl Step {
             Self::Forest { of, forest, outputs } => {
                 forest.check(width(*of)?, *outputs)?;
                 not_empty(*outputs)
+            }
+            Self::Products { of, products } => {
+                products.check(&name("degrees"), width(*of)?)?;
+                not_empty(products.terms())
             }
         }
     }

@@ -1,11 +1,10 @@
 //! Steps that are not compiled once for each instruction set, so that FMUs stay small: those with few numbers, or whose functions are
 //! those of the standard library. Numbers are kept in the precision of the graph, and computed in double precision.
 
-use super::{Elementwise, Operation, Step};
+use super::{Elementwise, Forest, Operation, Step, products::PreparedProducts};
 use crate::{
     map::{
         jet::{Jet, Number},
-        regression::Forest,
         series::Series,
     },
     simd::{Lanes, Real, flat, flat_mut},
@@ -22,10 +21,11 @@ pub(super) enum OtherStep {
     Softmax { of: usize },
     Distances { of: usize, centres: Vec<f64>, inverse_lengths: Vec<f64> },
     Forest { of: usize, forest: Forest },
+    Products { of: usize, products: PreparedProducts },
 }
 
 /// Number type of a step: plain numbers, or numbers with derivatives along a curve.
-trait Cell: Number {
+pub(super) trait Cell: Number {
     const HAS_DERIVATIVES: bool;
     fn load<T: Real, const WIDTH: usize>(from: &Series<T, WIDTH>, index: usize) -> Self;
     fn store<T: Real, const WIDTH: usize>(self, to: &mut Series<T, WIDTH>, index: usize);
@@ -79,7 +79,7 @@ impl Cell for Jet {
 impl OtherStep {
     /// # Panics
     /// If the step is one of those that are compiled for each instruction set.
-    pub(super) fn new(step: &Step) -> Self {
+    pub(super) fn new<const WIDTH: usize>(step: &Step) -> Self {
         match step {
             Step::Affine { .. } => unreachable!("a product of its own for each instruction set"),
             Step::Elementwise { of, function, parameters } => {
@@ -96,7 +96,15 @@ impl OtherStep {
                 inverse_lengths: lengths.iter().map(|length| 1.0 / length).collect(),
             },
             Step::Forest { of, forest, .. } => Self::Forest { of: *of, forest: forest.clone() },
+            Step::Products { of, products } => {
+                Self::Products { of: *of, products: PreparedProducts::new(products, WIDTH) }
+            }
         }
+    }
+
+    /// How many numbers an evaluation computes, of which the first `width` are the value.
+    pub(super) fn numbers(&self, width: usize) -> usize {
+        if let Self::Products { products, .. } = self { products.numbers() } else { width }
     }
 
     /// The value, so many numbers, of those before it.
@@ -153,8 +161,21 @@ impl OtherStep {
             Self::Elementwise { of, function, parameters } => {
                 let from = &before[*of];
                 let parameters = Parameters::new(*function, parameters, width);
-                for i in 0..width {
-                    N::load(from, i).through(|x| function.series(x, parameters.of(i))).store(to, i);
+                match function {
+                    // of every standardised column
+                    Elementwise::Linear => {
+                        for i in 0..width {
+                            let [factor, offset] = parameters.of(i);
+                            (N::load(from, i).scaled(factor) + N::from(offset)).store(to, i);
+                        }
+                    }
+                    // of every centre
+                    Elementwise::Gaussian => (0..width).for_each(|i| N::load(from, i).scaled(-0.5).exp().store(to, i)),
+                    _ => {
+                        for i in 0..width {
+                            N::load(from, i).through(|x| function.series(x, parameters.of(i))).store(to, i);
+                        }
+                    }
                 }
             }
             Self::Combine { of: [a, b], operation } => {
@@ -187,6 +208,7 @@ impl OtherStep {
                     to.second.fill(Lanes::ZERO);
                 }
             }
+            Self::Products { of, products } => products.run::<N, T, WIDTH>(&before[*of], to),
         }
     }
 
@@ -197,9 +219,13 @@ impl OtherStep {
         &self,
         before: &mut [Series<T, WIDTH>],
         y: &[Lanes<T, WIDTH>],
-        change: &[Lanes<T, WIDTH>],
+        change: &mut [Lanes<T, WIDTH>],
         width: usize,
     ) {
+        if let Self::Products { of, products } = self {
+            return products.adjoint(y, change, &mut before[*of].second);
+        }
+        let change = &*change;
         let number = |of: &[Lanes<T, WIDTH>], index: usize| -> f64 { flat(of)[index].into() };
         let value = |before: &[Series<T, WIDTH>], of: usize, index: usize| number(&before[of].value, index);
         let add = |before: &mut [Series<T, WIDTH>], of: usize, index: usize, more: f64| {
@@ -264,7 +290,7 @@ impl OtherStep {
                     }
                 }
             }
-            Self::Forest { .. } => {}
+            Self::Forest { .. } | Self::Products { .. } => {}
         }
     }
 }

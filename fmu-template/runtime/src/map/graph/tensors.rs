@@ -1,10 +1,12 @@
 //! Tensors of the model file; `format` says what they are.
 
-use super::{Elementwise, Graph, Operation, Step};
+use super::{Elementwise, Forest, Graph, Node, Operation, Products, Step, Tree};
 use crate::{
     FormatError, Numbers,
-    map::regression::Forest,
-    map::tensors::{OUTPUTS, Tensor, Views, bytes, elements, numbers, take, take_one_of},
+    map::{
+        expect_shape,
+        tensors::{OUTPUTS, Tensor, Views, bytes, elements, numbers, take, take_one_of},
+    },
 };
 use safetensors::Dtype;
 
@@ -17,6 +19,7 @@ const SOFTMAX: u32 = 5;
 const DISTANCES: u32 = 6;
 const FOREST: u32 = 7;
 const SELECT: u32 = 8;
+const PRODUCTS: u32 = 9;
 
 impl Graph {
     pub(crate) fn tensors(&self) -> Vec<Tensor> {
@@ -33,6 +36,11 @@ impl Graph {
             );
         }
         tensors
+    }
+
+    /// Bytes of its numbers in the model file.
+    pub fn bytes(&self) -> u64 {
+        self.tensors().iter().map(|(.., content)| content.len() as u64).sum()
     }
 
     pub(crate) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
@@ -66,13 +74,11 @@ impl Step {
             Self::Softmax { of } => [SOFTMAX, 0, *of as u32, 0],
             Self::Distances { of, .. } => [DISTANCES, 0, *of as u32, 0],
             Self::Forest { of, outputs, .. } => [FOREST, *outputs as u32, *of as u32, 0],
+            Self::Products { of, .. } => [PRODUCTS, 0, *of as u32, 0],
         }
     }
 
     fn tensors(&self) -> Vec<Tensor> {
-        let doubles = |name: &str, shape: Vec<usize>, values: &[f64]| {
-            (name.to_owned(), Dtype::F64, shape, bytes(values, f64::to_le_bytes))
-        };
         match self {
             Self::Affine { weight, bias, .. } => {
                 let shape = vec![bias.len(), weight.len() / bias.len().max(1)];
@@ -82,7 +88,7 @@ impl Step {
             Self::Elementwise { parameters, .. } => vec![doubles("parameters", vec![parameters.len()], parameters)],
             Self::Columns { columns } => {
                 let content = columns.iter().flatten().copied().collect::<Vec<u32>>();
-                vec![("columns".into(), Dtype::U32, vec![columns.len(), 2], bytes(&content, u32::to_le_bytes))]
+                vec![indices("columns", vec![columns.len(), 2], &content)]
             }
             Self::Standardise { epsilon, .. } => vec![doubles("parameters", vec![1], &[*epsilon])],
             Self::Distances { centres, lengths, .. } => {
@@ -90,6 +96,10 @@ impl Step {
                 vec![doubles("centres", shape, centres), doubles("lengths", vec![lengths.len()], lengths)]
             }
             Self::Forest { forest, .. } => forest.tensors(),
+            Self::Products { products, .. } => {
+                let shape = vec![products.terms(), products.inputs];
+                vec![("degrees".into(), Dtype::U8, shape, products.degrees.clone())]
+            }
             Self::Combine { .. } | Self::Select { .. } | Self::Softmax { .. } => Vec::new(),
         }
     }
@@ -137,9 +147,62 @@ impl Step {
             SOFTMAX => Ok(Self::Softmax { of }),
             DISTANCES => Ok(Self::Distances { of, centres: doubles("centres", 2)?, lengths: doubles("lengths", 1)? }),
             FOREST => Ok(Self::Forest { of, forest: Forest::read(tensors, &prefix)?, outputs: code as usize }),
+            PRODUCTS => {
+                let view = take(tensors, &format!("{prefix}degrees"), Dtype::U8, 2)?;
+                Ok(Self::Products { of, products: Products { inputs: view.shape()[1], degrees: view.data().to_vec() } })
+            }
             other => Err(unknown(other, 0)),
         }
     }
+}
+
+impl Forest {
+    fn tensors(&self) -> Vec<Tensor> {
+        let Self { nodes, trees } = self;
+        let columns: Vec<u32> = nodes.iter().map(|node| node.column).collect();
+        let numbers: Vec<f64> = nodes.iter().map(|node| node.number).collect();
+        let below: Vec<u32> = nodes.iter().flat_map(|node| node.below).collect();
+        let [roots, outputs] =
+            [|tree: &Tree| tree.root, |tree: &Tree| tree.output].map(|of| trees.iter().map(of).collect::<Vec<u32>>());
+        vec![
+            indices("forest.column", vec![nodes.len()], &columns),
+            doubles("forest.number", vec![nodes.len()], &numbers),
+            indices("forest.below", vec![nodes.len(), 2], &below),
+            indices("forest.root", vec![trees.len()], &roots),
+            indices("forest.output", vec![trees.len()], &outputs),
+        ]
+    }
+
+    /// The forest of the tensors whose names have this prefix.
+    fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
+        let mut indices = |name: &str, dimensions| {
+            let view = take(tensors, &format!("{prefix}forest.{name}"), Dtype::U32, dimensions)?;
+            Ok::<_, FormatError>(elements(view.data(), u32::from_le_bytes))
+        };
+        let (columns, below) = (indices("column", 1)?, indices("below", 2)?);
+        let (roots, outputs) = (indices("root", 1)?, indices("output", 1)?);
+        let numbers = take(tensors, &format!("{prefix}forest.number"), Dtype::F64, 1)?;
+        let numbers = elements(numbers.data(), f64::from_le_bytes);
+        let nodes = columns.len();
+        expect_shape("forest.number", &[numbers.len()], &[nodes])?;
+        expect_shape("forest.below", &[below.len()], &[2 * nodes])?;
+        expect_shape("forest.output", &[outputs.len()], &[roots.len()])?;
+        let below = below.as_chunks::<2>().0;
+        let nodes = columns.into_iter().zip(numbers).zip(below);
+        let trees = roots.into_iter().zip(outputs);
+        Ok(Self {
+            nodes: nodes.map(|((column, number), below)| Node { column, number, below: *below }).collect(),
+            trees: trees.map(|(root, output)| Tree { root, output }).collect(),
+        })
+    }
+}
+
+fn doubles(name: &str, shape: Vec<usize>, values: &[f64]) -> Tensor {
+    (name.into(), Dtype::F64, shape, bytes(values, f64::to_le_bytes))
+}
+
+fn indices(name: &str, shape: Vec<usize>, values: &[u32]) -> Tensor {
+    (name.into(), Dtype::U32, shape, bytes(values, u32::to_le_bytes))
 }
 
 fn of_numbers(name: &str, shape: Vec<usize>, numbers: &Numbers) -> Tensor {

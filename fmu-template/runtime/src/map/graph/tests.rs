@@ -1,8 +1,5 @@
 use super::*;
-use crate::{
-    Activation, Evaluator, Map, Metadata, Model, Precision, Surrogate, example,
-    map::regression::{LEAF, Node, Tree},
-};
+use crate::{Activation, Evaluator, Map, Metadata, Model, Precision, Surrogate, example};
 
 /// Two outputs of three columns, through a step of every kind.
 fn graph() -> Graph {
@@ -30,12 +27,16 @@ fn graph() -> Graph {
             lengths: vec![1.0, 0.5, 2.0, 1.5],
         },
         Step::Columns { columns: vec![[6, 0], [7, 1], [0, 2], [6, 3]] },
+        Step::Products {
+            of: 8,
+            products: Products { inputs: 4, degrees: vec![1, 0, 0, 1, 0, 1, 0, 0, 2, 0, 1, 0, 0, 0, 3, 2] },
+        },
         Step::Forest { of: 0, forest: Forest { nodes, trees: vec![Tree { root: 0, output: 1 }] }, outputs: 2 },
-        affine(8, &[0.4, -0.6, 0.3, 1.2, -0.9, 0.2, 0.5, 0.7], &[0.0, 0.5]),
-        Step::Combine { of: [10, 9], operation: Operation::Add },
-        of(10, Elementwise::Exponential, &[]),
-        of(10, Elementwise::Logarithm, &[]),
-        Step::Select { of: [12, 11, 13] },
+        affine(9, &[0.4, -0.6, 0.3, 1.2, -0.9, 0.2, 0.5, 0.7], &[0.0, 0.5]),
+        Step::Combine { of: [11, 10], operation: Operation::Add },
+        of(11, Elementwise::Exponential, &[]),
+        of(11, Elementwise::Logarithm, &[]),
+        Step::Select { of: [13, 12, 14] },
     ];
     Graph { inputs: 3, steps }
 }
@@ -68,6 +69,8 @@ fn steps_are_their_textbook_formulas() {
     let distance = [(-0.5, 1.0), (0.5, 0.5), (0.1, 2.0), (0.0, 1.5)].iter().zip(&r);
     let distance: f64 = distance.map(|((centre, length), r)| ((r - centre) / length).powi(2)).sum();
     let c = [r[0].exp() / total, distance, x[2], r[3].exp() / total];
+    let p2 = |x: f64| 0.5 * (3.0 * x * x - 1.0);
+    let c = [c[0] * c[3], c[1], p2(c[0]) * c[2], 0.5 * (5.0 * c[2].powi(3) - 3.0 * c[2]) * p2(c[3])];
     let expected = [
         0.4 * c[0] - 0.6 * c[1] + 0.3 * c[2] + 1.2 * c[3],
         -0.9 * c[0] + 0.2 * c[1] + 0.5 * c[2] + 0.7 * c[3] + 0.5 - 1.0,
@@ -209,6 +212,7 @@ fn what_may_lose_digits_in_single_precision_stays_in_double() {
     let combined = |operation| fits(Step::Combine { of: [0, 0], operation }, [1.0, 2.0]);
     assert!(combined(Operation::Add) && !combined(Operation::Divide));
     assert!(!fits(Step::Select { of: [0; 3] }, [1.0, 2.0]));
+    assert!(!fits(Step::Products { of: 0, products: Products { inputs: 1, degrees: vec![4] } }, [-1.0, 1.0]));
 }
 
 #[test]
@@ -252,8 +256,8 @@ fn what_does_not_fit_is_refused() {
     let message = refused(|graph| graph.inputs = 4);
     assert!(message.contains("graph.inputs"), "{message}");
     assert!(matches!(Graph { inputs: 3, steps: vec![of(1)] }.check(3, 3), Err(FormatError::Index { .. })));
-    let message = refused(|graph| graph.steps[10] = Step::Combine { of: [10, 1], operation: Operation::Add });
-    assert!(message.contains("graph.10"), "{message}");
+    let message = refused(|graph| graph.steps[11] = Step::Combine { of: [11, 1], operation: Operation::Add });
+    assert!(message.contains("graph.11"), "{message}");
     let message = refused(|graph| graph.steps[7] = Step::Columns { columns: vec![[6, 4]; 4] });
     assert!(message.contains("graph.7.columns"), "{message}");
     let message = refused(|graph| graph.steps[2] = Step::Standardise { of: 2, epsilon: f64::NAN });

@@ -128,10 +128,7 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
         Model::PerInstant { instants, networks } => {
             return per_instant_on_curve(surrogate, instants, networks, inputs, rates, h);
         }
-        Model::Response(Map::Regression(_) | Map::Graph(_))
-        | Model::Motion(_)
-        | Model::StateSpace(_)
-        | Model::Discrete(_) => {
+        Model::Response(Map::Graph(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => {
             panic!("a network was expected")
         }
     };
@@ -266,10 +263,7 @@ fn activations(surrogate: &Surrogate) -> Vec<Activation> {
     let network = match surrogate.model() {
         Model::Response(Map::Network(network)) => Some(network),
         Model::PerInstant { networks, .. } => networks.first(),
-        Model::Response(Map::Regression(_) | Map::Graph(_))
-        | Model::Motion(_)
-        | Model::StateSpace(_)
-        | Model::Discrete(_) => None,
+        Model::Response(Map::Graph(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => None,
     };
     network.iter().flat_map(|network| network.layers.iter().map(|layer| layer.activation)).collect()
 }
@@ -427,7 +421,6 @@ fn no_hidden_value_is_ever_denormal() {
                 let hidden: Vec<f64> = match &working.map {
                     MapScratch::Double(scratch) => scratch.hidden().collect(),
                     MapScratch::Single(scratch) => scratch.hidden().collect(),
-                    MapScratch::Regression(_) => unreachable!("it is a network"),
                 };
                 assert_eq!(hidden.iter().position(|&x| denormal(x)), None, "{factor:e} {activation:?} {inputs:?}");
             }

@@ -35,7 +35,7 @@ pub struct Tree {
 }
 
 impl Forest {
-    pub(in crate::map) fn check(&self, inputs: usize, outputs: usize) -> Result<(), FormatError> {
+    pub(super) fn check(&self, inputs: usize, outputs: usize) -> Result<(), FormatError> {
         expect_finite("forest.number", self.nodes.iter().map(|node| node.number))?;
         let beyond = |name: &str, index: usize, found: u32, limit: usize| FormatError::Index {
             name: name.into(),
@@ -69,7 +69,7 @@ impl Forest {
     }
 
     /// Calls back with an output and what a tree adds to it, for each tree.
-    pub(in crate::map) fn evaluate(&self, input: impl Fn(usize) -> f64, mut add: impl FnMut(usize, f64)) {
+    pub(super) fn evaluate(&self, input: impl Fn(usize) -> f64, mut add: impl FnMut(usize, f64)) {
         for tree in &self.trees {
             let mut node = &self.nodes[tree.root as usize];
             while node.column != LEAF {

@@ -1,0 +1,100 @@
+//! Graphs of what is fitted: polynomials, forests of decision trees, sums of kernels. Between the steps of each, columns and outputs are
+//! standardised as its [`Scaling`] says.
+
+use super::{Elementwise, Forest, Graph, Products, Step};
+use crate::map::Scaling;
+
+/// `y = bias + sum_c weights[c] * exp(-1/2 sum_i ((z_i - centres[c, i]) / lengths[i])^2)`: support vector regression, Gaussian processes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct KernelMachine {
+    /// Length scale of each input, positive.
+    pub lengths: Vec<f64>,
+    /// Shape `[centres, inputs]`.
+    pub centres: Vec<f64>,
+    /// Shape `[centres]`.
+    pub weights: Vec<f64>,
+    /// Far from every centre.
+    pub bias: f64,
+}
+
+impl Graph {
+    /// `y_o = mean_o + scale_o sum_t coefficients[o, t] products_t(z)`
+    pub fn of_polynomial(scaling: &Scaling, products: Products, coefficients: &[f64]) -> Self {
+        let mut graph = Self::standardised(scaling);
+        let biases = vec![0.0; scaling.output_mean.len()];
+        let of = graph.add(Step::Products { of: graph.steps.len(), products });
+        graph.add(scaled(of, coefficients, &biases, (&scaling.output_mean, &scaling.output_scale)));
+        graph
+    }
+
+    /// `y_o = mean_o + scale_o forest_o(z)`
+    pub fn of_forest(scaling: &Scaling, forest: Forest) -> Self {
+        let mut graph = Self::standardised(scaling);
+        let of = graph.add(Step::Forest { of: graph.steps.len(), forest, outputs: scaling.output_mean.len() });
+        graph.add(linear(of, &scaling.output_scale, &scaling.output_mean));
+        graph
+    }
+
+    /// `y_o = mean_o + scale_o machine_o(z)`. Machines with the same centres and lengths share their kernels.
+    pub fn of_kernels(scaling: &Scaling, machines: &[KernelMachine]) -> Self {
+        let mut graph = Self::standardised(scaling);
+        let (inputs, z) = (graph.inputs, graph.steps.len());
+        let mut columns = vec![[0; 2]; machines.len()];
+        let mut rest: Vec<usize> = (0..machines.len()).collect();
+        while let Some(first) = rest.first() {
+            let KernelMachine { lengths, centres, .. } = &machines[*first];
+            let is_same = |other: &usize| machines[*other].lengths == *lengths && machines[*other].centres == *centres;
+            let (shared, others): (Vec<usize>, Vec<usize>) = rest.iter().partition(|other| is_same(other));
+            let picked = |of: fn(&KernelMachine) -> &[f64]| shared.iter().flat_map(move |o| of(&machines[*o]).to_vec());
+            let (kernels, weights): (usize, Vec<f64>) = if centres.is_empty() {
+                (z, vec![0.0; inputs * shared.len()])
+            } else {
+                let step = Step::Distances { of: z, centres: centres.clone(), lengths: lengths.clone() };
+                let of = graph.add(step);
+                let function = Elementwise::Gaussian;
+                let kernels = graph.add(Step::Elementwise { of, function, parameters: Vec::new() });
+                (kernels, picked(|machine| &machine.weights).collect())
+            };
+            let biases: Vec<f64> = shared.iter().map(|output| machines[*output].bias).collect();
+            let of_shared = |column: &[f64]| shared.iter().map(|output| column[*output]).collect::<Vec<f64>>();
+            let scaling = (&*of_shared(&scaling.output_mean), &*of_shared(&scaling.output_scale));
+            let made = graph.add(scaled(kernels, &weights, &biases, scaling));
+            (0..).zip(&shared).for_each(|(row, output)| columns[*output] = [made as u32, row]);
+            rest = others;
+        }
+        if columns.iter().any(|[of, _]| *of != columns[0][0]) {
+            graph.add(Step::Columns { columns });
+        }
+        graph
+    }
+
+    /// `z = (x - mean) / scale` in two steps: in one, far from zero digits would cancel.
+    fn standardised(Scaling { input_mean, input_scale, .. }: &Scaling) -> Self {
+        let count = input_mean.len();
+        let negative: Vec<f64> = input_mean.iter().map(|mean| -mean).collect();
+        let inverse: Vec<f64> = input_scale.iter().map(|scale| 1.0 / scale).collect();
+        let steps = vec![linear(0, &vec![1.0; count], &negative), linear(1, &inverse, &vec![0.0; count])];
+        Self { inputs: count, steps }
+    }
+
+    /// The number of the value that a step makes.
+    fn add(&mut self, step: Step) -> usize {
+        self.steps.push(step);
+        self.steps.len()
+    }
+}
+
+fn linear(of: usize, factors: &[f64], offsets: &[f64]) -> Step {
+    Step::Elementwise { of, function: Elementwise::Linear, parameters: [factors, offsets].concat() }
+}
+
+/// `mean + scale (W x + b)`
+fn scaled(of: usize, weight: &[f64], bias: &[f64], (mean, scale): (&[f64], &[f64])) -> Step {
+    let rows = weight.chunks(weight.len().div_ceil(bias.len()).max(1)).zip(scale);
+    let weight: Vec<f64> = rows.flat_map(|(row, scale)| row.iter().map(move |weight| scale * weight)).collect();
+    let bias: Vec<f64> = mean.iter().zip(scale).zip(bias).map(|((mean, scale), bias)| mean + scale * bias).collect();
+    Step::Affine { of, weight: weight.into(), bias: bias.into() }
+}
+
+#[cfg(test)]
+mod tests;
