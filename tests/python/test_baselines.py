@@ -76,34 +76,41 @@ def test_one_that_is_too_slow_and_one_that_fails_are_rows_and_the_others_go_on(f
     assert rows["linear"]["status"] == "fine"
 
 
-def scaled(tensors, inputs):
-    return (inputs - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
+def part(tensors, step, name):
+    return tensors[f"outputs.graph.{step}.{name}"]
+
+
+def line(tensors, step, x):
+    factors, offsets = part(tensors, step, "parameters").reshape(2, -1)
+    return factors * x + offsets
 
 
 def linear(tensors, z):
     """A polynomial of degree 1: a constant and one power of each input."""
-    assert tensors["outputs.polynomial.degrees"].sum(axis=1).max() == 1
-    terms = np.array([[z[degrees == 1].prod() for degrees in tensors["outputs.polynomial.degrees"]] for z in z])
-    return terms @ tensors["outputs.polynomial.coefficients"].T
+    all_degrees = part(tensors, 2, "degrees")
+    assert all_degrees.sum(axis=1).max() == 1
+    terms = np.array([[z[degrees == 1].prod() for degrees in all_degrees] for z in z])
+    return terms @ part(tensors, 3, "weight").T + part(tensors, 3, "bias")
 
 
 def forest(tensors, z):
     """Down every tree, one row at a time."""
     y = np.zeros((len(z), len(OUTPUTS)))
-    column, number, below = (tensors[f"outputs.forest.{name}"] for name in ("column", "number", "below"))
+    column, number, below, root, output = (part(tensors, 2, f"forest.{name}") for name in ("column", "number", "below", "root", "output"))
     for row, values in enumerate(z):
-        for node, output in zip(tensors["outputs.forest.root"], tensors["outputs.forest.output"]):
+        for node, to in zip(root, output):
             while column[node] != 2**32 - 1:
                 node = below[node, 0 if values[column[node]] <= number[node] else 1]
-            y[row, output] += number[node]
-    return y
+            y[row, to] += number[node]
+    return line(tensors, 3, y)
 
 
 def kernel(tensors, z):
+    """Of each output distances, kernels, and their sum."""
     def machine(output):
-        lengths, centres, weights = (tensors[f"outputs.kernel.{output}.{name}"] for name in ("lengths", "centres", "weights"))
-        squares = (((z[:, None, :] - centres) / lengths) ** 2).sum(axis=2)
-        return tensors["outputs.kernel.bias"][output] + np.exp(-0.5 * squares) @ weights
+        first = 2 + 3 * output
+        squares = (((z[:, None, :] - part(tensors, first, "centres")) / part(tensors, first, "lengths")) ** 2).sum(axis=2)
+        return np.exp(-0.5 * squares) @ part(tensors, first + 2, "weight")[0] + part(tensors, first + 2, "bias")
 
     return np.stack([machine(output) for output in range(len(OUTPUTS))], axis=1)
 
@@ -130,9 +137,9 @@ def test_an_exported_baseline_is_its_formula_in_every_host(folder, few_rows, mod
             start = dict(zip(PARAMETERS, case))
             result = simulate_fmu(fmu, start_values=start, stop_time=2.0, output_interval=0.1, output=OUTPUTS)
             inputs = np.array([[*case, time] for time in result["time"]])
-            expected = tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * formula(tensors, scaled(tensors, inputs))
+            expected = formula(tensors, line(tensors, 1, line(tensors, 0, inputs)))
             found = np.stack([result[name] for name in OUTPUTS], axis=1)
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * tensors["outputs.output_scale"].max())
+            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.std(axis=0).max())
 
 
 def test_what_cannot_be_exported_says_why(folder, few_rows):
