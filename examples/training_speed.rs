@@ -1,4 +1,4 @@
-//! Time of an optimizer step with Adam of one of the paper's three networks, used by `scripts/bench-training.py`:
+//! Time of an optimizer step with Adam of one of the paper's three networks, used by `scripts/measure training`:
 //! `training_speed NETWORK THREADS ROWS SECONDS [ACTIVATION]`.
 //!
 //! ROWS is a file of numbers in single precision, row after row, each with its inputs and then its outputs. Prints a

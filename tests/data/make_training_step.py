@@ -1,6 +1,6 @@
 """Writes training_step.json: losses, gradients and a few steps of a small network for every activation, loss, optimizer
 and regularisation, computed by PyTorch (SOAP: by pytorch_optimizer) in double precision from single-precision parameters and rows.
-Run from this folder, after `pip install -r ../../scripts/bench-requirements.txt`: `python make_training_step.py`."""
+Run from this folder, after `pip install -r ../../scripts/measure/training-requirements.txt`: `python make_training_step.py`."""
 
 import json
 from unittest.mock import patch

@@ -40,7 +40,7 @@ def test_bounds_are_checked_of_a_study_whose_name_is_not_that_of_its_file(pendul
     study.write_text((ROOT / "examples" / "single-pendulum.toml").read_text())
     (tmp_path / "out").mkdir()
     shutil.copytree(pendulum.folder, tmp_path / "out" / "single-pendulum")
-    command = [sys.executable, ROOT / "scripts" / "check-bounds.py", study, "--out", tmp_path / "out", "--runs", "40", "--seeds", "7"]
+    command = [sys.executable, ROOT / "scripts" / "measure", "bounds", study, "--out", tmp_path / "out", "--runs", "40", "--seeds", "7"]
     lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     assert [line.split()[:2] for line in lines[1:]] == [["single-pendulum", name] for name in ("theta", "thetad", "thetadd")]
     assert all(75.0 < float(line.split()[-1]) <= 100.0 for line in lines[1:])

@@ -388,8 +388,8 @@ def test_a_study_is_written_and_built_in_an_empty_folder(tmp_path):
 
 
 def test_errors_at_corners_are_below_the_stated_bound_or_the_corner_is_outside_the_domain():
-    script, mechanism = ROOT / "scripts" / "check-corners.py", ROOT / "examples" / "dynamics" / "crane.toml"
-    run = subprocess.run([sys.executable, script, "--corners", "4", mechanism], capture_output=True, text=True)
+    script, mechanism = ROOT / "scripts" / "measure", ROOT / "examples" / "dynamics" / "crane.toml"
+    run = subprocess.run([sys.executable, script, "corners", "--corners", "4", mechanism], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.count(" of the bound, in the domain for ") == 4, run.stdout
 

@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""Times reading the same runs as CSV and as Parquet: .venv/bin/python scripts/bench-tables.py [RUNS]
+"""Times reading the same runs as CSV and as Parquet: .venv/bin/python scripts/measure tables [RUNS]
 
 Each run has 200 rows; the least of three times of `metafmu sample --dry-run`, which reads and checks every row. Needs
 target/release/metafmu.
@@ -13,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from common import METAFMU
 
-METAFMU = Path(__file__).resolve().parents[1] / "target" / "release" / "metafmu"
 STUDY = """name = "s"
 source.table = "{file}"
 time = {{ stop = 1, step = 0.01 }}

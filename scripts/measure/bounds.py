@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""Counts how many points of fresh runs lie within a surrogate's error bounds: scripts/check-bounds.py STUDY... [--runs N]
+"""Counts how many points of fresh runs lie within a surrogate's error bounds: scripts/measure bounds STUDY... [--runs N]
 
 The study must have been built with `[bounds]`. Fresh runs are those of the same study with other seeds; they are predicted by
 the network in numpy, from the model file alone.
@@ -15,11 +14,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from common import METAFMU, ROOT
 from safetensors import safe_open
 from scipy.special import expit, ndtr
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target/release/metafmu"
 ACTIVATIONS = {"tanh": np.tanh, "sigmoid": expit, "silu": lambda x: x * expit(x), "gelu": lambda x: x * ndtr(x), "relu": lambda x: np.maximum(x, 0), "sine": np.sin, "identity": lambda x: x}
 
 

@@ -6,7 +6,7 @@ relative to its standard deviation in the run: single against double precision, 
 Operations are those that model_data.h says. Where
 the sources refuse single precision, the refusal is taken out for the measurement. Needs target/release/metafmu, a C compiler as `cc`, fmpy, and pythonfmu3 for the FMU.
 
-Usage: python3 scripts/single-precision.py [--runs N] [--built FOLDER] [MODEL ...]
+Usage: python3 scripts/measure precision [--runs N] [--built FOLDER] [MODEL ...]
 """
 
 import argparse
@@ -22,10 +22,9 @@ from zipfile import ZipFile
 
 import fmpy
 import numpy as np
+from common import METAFMU, ROOT
 from fmpy.fmi2 import FMU2Slave
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target" / "release" / "metafmu"
 EXAMPLES = ROOT / "examples"
 MECHANISMS = ["pendulum", "crane", "quarter-car", "slider-crank", "four-bar"]
 # of a mechanism, by networks alone

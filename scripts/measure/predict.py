@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""Times `metafmu predict` beside pandas with numpy or onnxruntime: .venv/bin/python scripts/bench-predict.py MODEL [--rows N]
+"""Times `metafmu predict` beside pandas with numpy or onnxruntime: .venv/bin/python scripts/measure predict MODEL [--rows N]
 
 MODEL is a model file of a tanh network, for instance out/single-pendulum-quick/single-pendulum-quick.safetensors. The table has random
 points in the training ranges. Everything is done from file to file, all ways in turn, and of each the round with the least processor time
@@ -17,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from common import METAFMU
 from safetensors import safe_open
 
-METAFMU = Path(__file__).resolve().parents[1] / "target" / "release" / "metafmu"
 # rows at a time: small enough for the cache
 BLOCK = 4096
 

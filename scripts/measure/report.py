@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """How long the report of a study with 7.3 million rows takes, and how large it is.
 
-    cargo build --release && scripts/bench-report.py
+    cargo build --release && .venv/bin/python scripts/measure report
 
 Two studies of examples/paper/double-pendulum.toml with hardly any training, which does not matter here:
 - training: its 14,641 runs (7,335,141 rows) are for training, 200 are test runs. A report reads the test runs only.
@@ -21,8 +20,8 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-METAFMU = ROOT / "target" / "release" / "metafmu"
+from common import METAFMU, ROOT
+
 ROUNDS = 3
 VARIANTS = {
     "training": {"levels": 11, "test_runs": 200, "epochs": 1},

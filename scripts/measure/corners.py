@@ -9,7 +9,7 @@ time is the largest change up to there by an initial state of the truth that is 
 output's range in training. For each corner the script prints the largest error over this bound while `in_domain` is true, and for how long it is.
 It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
 
-Usage: .venv/bin/python scripts/check-corners.py [--corners N] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
+Usage: .venv/bin/python scripts/measure corners [--corners N] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
 """
 
 import argparse
@@ -25,10 +25,9 @@ from pathlib import Path
 
 import fmpy
 import numpy as np
+from common import METAFMU, ROOT
 from fmpy.fmi2 import FMU2Slave
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target" / "release" / "metafmu"
 MECHANISMS = ["pendulum", "crane", "double-pendulum", "quarter-car", "slider-crank"]
 TOLERANCE = 1e-12
 # by how much a start is off with which the sensitivity of the truth is found

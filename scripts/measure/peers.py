@@ -13,7 +13,7 @@ Several sizes of each are tried, each with the whole budget; the table has all. 
 
     pip install torch==2.15.0 jax-sysid==1.1.0 fmpy
 
-Usage: python3 scripts/discrete-peers.py [--minutes M] [--only metafmu|jax-sysid|lstm]
+Usage: python3 scripts/measure peers [--minutes M] [--only metafmu|jax-sysid|lstm]
 """
 
 import argparse
@@ -25,9 +25,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+from common import METAFMU, ROOT
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target" / "release" / "metafmu"
 EXAMPLE = ROOT / "examples" / "dynamics" / "bouc-wen"
 sys.path.insert(0, str(EXAMPLE))
 import make_table  # noqa: E402

@@ -1,5 +1,4 @@
-#!/usr/bin/env python3
-"""Prints the tables of docs/baselines.md: .venv/bin/python scripts/baseline-tables.py [STUDY...]
+"""Prints the tables of docs/baselines.md: .venv/bin/python scripts/measure baselines [STUDY...]
 
 Builds each study (the paper's three systems unless given) if that is not done, runs `metafmu compare` and writes what it found as
 Markdown. Needs target/release/metafmu.
@@ -10,7 +9,8 @@ import json
 import subprocess
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from common import ROOT
+
 STUDIES = [ROOT / "examples" / f"{name}.toml" for name in ("single-pendulum", "double-pendulum", "slider-crank")]
 
 

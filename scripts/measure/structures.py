@@ -1,7 +1,6 @@
-#!/usr/bin/env python3
 """Compares one network of which the time is an input (S_full) with one network for each instant (S_fixed) on the single pendulum.
 
-    .venv/bin/python scripts/compare-structures.py [--epochs-share 0.25] [--out out/structures]
+    .venv/bin/python scripts/measure structures [--epochs-share 0.25] [--out out/structures]
 
 Both structures get the same runs, by two recipes: that of Choi et al. 2021, and ours. Prints the tables of docs/structures.md
 and writes its figure, docs/structures.svg. Needs target/release/metafmu; scripts/venv.sh makes .venv, into which `pip install matplotlib` has to
@@ -25,11 +24,11 @@ import time
 from pathlib import Path
 
 import numpy as np
+from common import ROOT
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
 from safetensors import safe_open
 
-ROOT = Path(__file__).resolve().parents[1]
 OUTPUTS = ["theta", "thetad", "thetadd"]
 PARAMETERS = ["L", "c", "thetad0"]
 # of 0.01 s: the truth between the instants
@@ -259,7 +258,7 @@ def main():
     metafmu("sample", folder / "case.toml", "--out", folder / "case")
     one_case = truth(folder / "case" / "train.csv")
 
-    print(f"`scripts/compare-structures.py {' '.join(sys.argv[1:])}`, {platform.machine()}, {os.cpu_count()} processors\n")
+    print(f"`scripts/measure structures {' '.join(sys.argv[1:])}`, {platform.machine()}, {os.cpu_count()} processors\n")
     paper = replaced(PAPER, epochs=epochs)
     print(f"The paper's recipe, {epochs} epochs (the paper has 400):\n")
     results = [Result(folder, f"paper-{name}", study, unseen) for name, study in (("full", paper), ("fixed", fixed(paper)))]

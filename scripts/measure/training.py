@@ -1,10 +1,9 @@
-#!/usr/bin/env python3
-"""Time of an optimizer step beside PyTorch and JAX: scripts/bench-training.py [--seconds S] [--rounds N] [--activation A]
+"""Time of an optimizer step beside PyTorch and JAX: scripts/measure training [--seconds S] [--rounds N] [--activation A]
 
 The paper's three networks, Adam, mean squared error, the same rows in random order, one and two threads. Every tool
 takes its turn in every round, in a process of its own; the minimum and the median are over all samples of all rounds,
 each some 20 ms long ("jax epoch": an epoch). The peak is that of the faster of numpy's and PyTorch's products of large square matrices, measured
-in the same rounds. Makes .venv-bench with scripts/bench-requirements.txt at first (several GB).
+in the same rounds. Makes .venv-bench with scripts/measure/training-requirements.txt at first (several GB).
 """
 
 import argparse
@@ -17,7 +16,8 @@ import tempfile
 import time
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
+from common import ROOT
+
 VENV = ROOT / ".venv-bench"
 NETWORKS = {
     "single-pendulum": ([4, 128, 128, 3], 64),
@@ -53,7 +53,7 @@ def main() -> None:
 
 
 def environment() -> Path:
-    requirements, stamp = ROOT / "scripts/bench-requirements.txt", VENV / "requirements.txt"
+    requirements, stamp = ROOT / "scripts/measure/training-requirements.txt", VENV / "requirements.txt"
     if not stamp.exists() or stamp.read_text() != requirements.read_text():
         subprocess.run([sys.executable, "-m", "venv", "--clear", VENV], check=True)
         pip = [VENV / "bin/python", "-m", "pip", "install", "--quiet", "--requirement", requirements]

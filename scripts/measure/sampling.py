@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Data generation for the paper's pendulum and double pendulum: metafmu beside scipy and vectorised numpy.
 
 Needs numpy and scipy (.venv has them) and target/release/metafmu. Prints seconds for the paper's 11-level meshes, the
@@ -17,10 +16,10 @@ from math import cos, sin
 from pathlib import Path
 
 import numpy as np
+from common import ROOT
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as tableau
 
-ROOT = Path(__file__).resolve().parents[1]
 G = 9.81
 
 

@@ -3,7 +3,7 @@
 First against the published solution (test set for IVP solvers, recomputed to 1e-12), then, at stiffnesses of its spring that it has not
 seen, against the mechanism integrated at 1e-13. Needs target/release/metafmu and fmpy.
 
-Usage: .venv/bin/python scripts/andrews.py [--network]
+Usage: .venv/bin/python scripts/measure andrews [--network]
 """
 
 import argparse
@@ -15,10 +15,9 @@ from pathlib import Path
 from shutil import copy
 
 import numpy as np
+from common import METAFMU, ROOT
 from fmpy import simulate_fmu
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target" / "release" / "metafmu"
 STOP, STEP = 0.03, 1.5e-5
 OUTPUTS = ["beta", "K3", "K5", "K7"]
 # at the stop, for 4530 N/m, in rad

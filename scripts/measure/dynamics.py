@@ -3,7 +3,7 @@
 For each, `metafmu new --structure dynamics` writes a study, in which only `stop` and `step` are changed, and `metafmu build` does the rest.
 For networks alone, `[dynamics]` asks for them. Needs target/release/metafmu.
 
-Usage: python3 scripts/dynamics-table.py [--networks] [MECHANISM ...]
+Usage: python3 scripts/measure dynamics [--networks] [MECHANISM ...]
 """
 
 import argparse
@@ -13,8 +13,8 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target" / "release" / "metafmu"
+from common import METAFMU, ROOT
+
 MECHANISMS = ["pendulum", "crane", "servo-crane", "double-pendulum", "quarter-car", "slider-crank", "four-bar"]
 
 

@@ -2,7 +2,7 @@
 
 Files of opsets before 7 are converted by onnx.version_converter, if it can. What is imported is compared with ONNX Runtime at random rows, to 1e-6 of the range (of a model in double precision 1e-12).
 
-Usage: .venv/bin/python scripts/try-onnx-files.py [FOLDER...]    (the installed packages onnx and onnxruntime unless given)
+Usage: .venv/bin/python scripts/measure onnx-files [FOLDER...]    (the installed packages onnx and onnxruntime unless given)
 """
 
 import argparse
@@ -19,9 +19,8 @@ import onnx
 import onnx.version_converter
 import onnxruntime
 import pandas as pd
+from common import METAFMU
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target" / "release" / "metafmu"
 ROWS = 20
 # opset that metafmu reads
 OLDEST = 7

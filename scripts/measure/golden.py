@@ -6,12 +6,11 @@ points of their ranges: outputs, derivatives of states, directional and adjoint 
 largest value over the points. So are the texts: modelDescription.xml, C sources, model card, and the ONNX model if there is one; versions, dates and
 tokens do not count. Ends with 1 if a number differs by more than --limit, or XML or card at all. Needs the packages of the tests.
 
-Usage: .venv/bin/python scripts/golden.py BEFORE AFTER [--folder FOLDER] [--limit 1e-12] [MODEL ...]
+Usage: .venv/bin/python scripts/measure golden BEFORE AFTER [--folder FOLDER] [--limit 1e-12] [MODEL ...]
 """
 
 import argparse
 import ctypes
-import importlib
 import os
 import re
 import subprocess
@@ -23,10 +22,10 @@ from zipfile import ZipFile
 import fmpy
 import numpy as np
 import onnx
+import precision as built
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 from onnx import helper, numpy_helper
 
-built = importlib.import_module("single-precision")
 POINTS, STEPS = 7, 25
 IMPORTED = ["residual-double", "residual-single", "steps", "cell"]
 MODELS = [

@@ -5,7 +5,7 @@ The studies of examples/dynamics/mbd-node/ are built from tables in double and i
 over all 400 rows. Then, for the double pendulum of examples/dynamics/ as a mechanism, from a chaotic start: the time until the surrogate is
 0.1 rad from the truth, beside the time until the truth from a start that is a little off is. Needs target/release/metafmu and fmpy.
 
-Usage: .venv/bin/python scripts/mbd-node.py
+Usage: .venv/bin/python scripts/measure motions
 """
 
 import argparse
@@ -17,11 +17,10 @@ import time
 from pathlib import Path
 
 import numpy as np
+from common import METAFMU, ROOT
 from fmpy import simulate_fmu
 from scipy.integrate import solve_ivp
 
-ROOT = Path(__file__).resolve().parent.parent
-METAFMU = ROOT / "target" / "release" / "metafmu"
 EXAMPLES = ROOT / "examples" / "dynamics" / "mbd-node"
 sys.path.insert(0, str(EXAMPLES))
 import make_tables

@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Compares discrete-time surrogates with their source where no training run was.
 
 The study must have been built, and its source is an FMU, or `--source` names one with the same inputs, outputs and parameters. Both FMUs run
@@ -8,7 +7,7 @@ step, with a release to zero, or with a square wave. Printed for each study: the
 beyond the bound; in how many runs it is; and how many rows of the test runs have `in_domain` false. The script exits with 1 if more rows inside the
 domain are beyond the bound than its coverage allows, and without `[bounds]` if any are.
 
-Usage: .venv/bin/python scripts/check-discrete-corners.py [--out FOLDER] [--source FMU] [--runs N] [--json FILE] STUDY ...
+Usage: .venv/bin/python scripts/measure discrete-corners [--out FOLDER] [--source FMU] [--runs N] [--json FILE] STUDY ...
 """
 
 import argparse
