@@ -35,6 +35,19 @@ pub enum Slot {
     Velocity(Coordinate),
 }
 
+impl Slot {
+    /// Value in a state, with inputs `u`.
+    pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
+        match self {
+            Self::Parameter(_, value) => *value,
+            Self::Time => t,
+            Self::Input(input) => u[*input],
+            Self::Position(coordinate) => coordinate.value(q),
+            Self::Velocity(coordinate) => coordinate.rate(q, v),
+        }
+    }
+}
+
 impl BoundExpression {
     /// Value and time derivatives of an expression of time alone.
     pub fn of_time(&self, t: f64) -> Jet {
@@ -47,13 +60,7 @@ impl BoundExpression {
 
     /// Value in a state, with inputs `u`.
     pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
-        self.formula.value(|position| match &self.slots[position] {
-            Slot::Parameter(_, value) => *value,
-            Slot::Time => t,
-            Slot::Input(input) => u[*input],
-            Slot::Position(coordinate) => coordinate.value(q),
-            Slot::Velocity(coordinate) => coordinate.rate(q, v),
-        })
+        self.formula.value(|position| self.slots[position].value(t, q, v, u))
     }
 }
 

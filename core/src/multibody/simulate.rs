@@ -43,12 +43,17 @@ pub fn simulate_from(
     let mut samples = vec![sample(model, &formulation, start, q, v)?];
     // signals with kinks have them at the rows: beginning anew there is faster than finding them
     let has_kinks = model.inputs.iter().any(|input| input.signal.has_knots());
-    let rows = if has_kinks { 2 } else { times.len() };
+    let has_bends = model.has_bends();
+    let rows = if has_kinks || has_bends { 2 } else { times.len() };
     while samples.len() < times.len() {
         let from = &samples[samples.len() - 1];
         let ahead = &times[samples.len() - 1..];
         let ahead = &ahead[..rows.min(ahead.len())];
-        let next = match stretch(model.formulation, model, from, ahead, budget) {
+        let next = match has_bends {
+            true => over_bends(model.formulation, model, from, ahead[1], budget).map(|sample| vec![sample]),
+            false => stretch(model.formulation, model, from, ahead, budget),
+        };
+        let next = match next {
             Ok(next) => next,
             // with other independent coordinates on the way it may succeed, and else with all coordinates
             Err(_) if model.formulation == FormulationKind::Embedding && !budget.is_over() => {
@@ -66,6 +71,27 @@ pub fn simulate_from(
         samples.extend(next);
     }
     Ok(samples)
+}
+
+/// Part of the time between two rows that is not divided any further.
+const SHORTEST: f64 = 1e-12;
+
+/// The sample at a time; on the way no table is stepped over.
+fn over_bends(kind: FormulationKind, model: &Model, from: &Sample, t: f64, budget: &Budget) -> Result<Sample, String> {
+    let (mut from, least) = (from.clone(), SHORTEST * (t - from.t));
+    let mut h = t - from.t;
+    while from.t < t {
+        let to = if from.t + h < t - least { from.t + h } else { t };
+        let next = stretch(kind, model, &from, &[from.t, to], budget)?.swap_remove(0);
+        let share = model.share_without_bends(&from, &next);
+        if share < 1.0 && share * h > least {
+            h *= share.min(0.9);
+            continue;
+        }
+        from = next;
+        h *= 5.0;
+    }
+    Ok(from)
 }
 
 /// The sample at the next time; independent coordinates are chosen again in between as often as necessary.

@@ -75,7 +75,8 @@ static void OF(act)(const NUMBER columns[COLUMN_COUNT], WORK *work)
         work->effort_positions[i] = position;
         work->effort_rates[i] = rate;
     }
-    OF(efforts)(columns, columns + FIRST_DRIVEN, work->effort_positions, work->effort_rates, work->efforts);
+    OF(efforts)(columns, columns + FIRST_DRIVEN, work->effort_positions, work->effort_rates, work->efforts,
+                work->arguments);
 }
 
 /* The accelerations at the columns. */

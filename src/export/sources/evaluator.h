@@ -112,8 +112,12 @@ void model_follow(Scratch *scratch);
 
 #if MODEL_HAS_STATES
 
-/* The rates of the states at a point. */
-void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT]);
+/* The rates of the states at a point, and arguments of tables. */
+void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT],
+                 Real arguments[ARGUMENT_SIZE]);
+
+/* Share of a step of the solver, from 0 to 1, with which no table is stepped over. */
+Real model_share_of_step(const Scratch *scratch);
 
 #endif
 

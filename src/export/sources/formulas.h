@@ -11,19 +11,36 @@
 
 typedef enum { EXTRAPOLATION_HOLD, EXTRAPOLATION_LINEAR, EXTRAPOLATION_PERIODIC } Extrapolation;
 
+/* A knot at which the slope of a table changes much, and the length of the shorter interval beside it. */
+typedef struct {
+    Real at;
+    Real width;
+} Bend;
+
 /* A table of one argument, or of two if it has knots of the second. */
 typedef struct {
     const Real *x;
     size_t x_count;
     const Real *y;
     size_t y_count;
-    /* of each node the value, of a spline also its derivatives along x, along y, and the mixed one */
+    /* of each node the value, and with slopes its derivatives along x, along y, and the mixed one */
     const Real *nodes;
+    int has_slopes;
     int is_cubic;
     Extrapolation extrapolation;
+    const Bend *bends[2]; /* of each axis */
+    size_t bend_counts[2];
 } LookupTable;
 
 extern const LookupTable model_tables[];
+
+/* Argument of a table. */
+typedef struct {
+    const LookupTable *table;
+    size_t axis;
+} Argument;
+
+extern const Argument model_arguments[];
 
 /* A function of a jet from its value, slope and curvature. */
 static inline Jet jet_chain(Jet a, Real value, Real slope, Real curvature)
@@ -236,17 +253,18 @@ static inline size_t lookup_weights(const LookupTable *table, const Real *knots,
     const Real h = knots[after] - knots[at];
     const Real w = (x - knots[at]) * (R(1.0) / h);
     const Real rest = R(1.0) - w;
-    if (is_beyond && table->extrapolation == EXTRAPOLATION_HOLD) {
+    if (is_beyond && table->extrapolation != EXTRAPOLATION_PERIODIC) {
         weights[0][last][0] = R(1.0);
+        /* from the end on: farther away, differences of values would lose their digits */
+        if (table->extrapolation == EXTRAPOLATION_LINEAR) {
+            weights[0][last][1] = x - (last > 0 ? end : start);
+            weights[1][last][1] = R(1.0);
+        }
     } else if (!table->is_cubic) {
         weights[0][0][0] = rest;
         weights[0][1][0] = w;
         weights[1][0][0] = R(-1.0) / h;
         weights[1][1][0] = R(1.0) / h;
-    } else if (is_beyond) {
-        weights[0][last][0] = R(1.0);
-        weights[0][last][1] = last > 0 ? -h * rest : h * w;
-        weights[1][last][1] = R(1.0);
     } else {
         for (size_t knot = 0; knot < 2; knot++) {
             const Real from = knot > 0 ? rest : w;
@@ -273,7 +291,7 @@ static inline void lookup_series(const LookupTable *table, Real x, Real y, Real 
     const size_t rows = table->y_count > 0 ? table->y_count : 1;
     const size_t row = lookup_weights(table, table->x, table->x_count, x, of_x);
     const size_t column = table->y_count > 0 ? lookup_weights(table, table->y, table->y_count, y, of_y) : 0;
-    const size_t of_axis = table->is_cubic ? 2 : 1;
+    const size_t of_axis = table->has_slopes ? 2 : 1;
     const size_t along_y = table->y_count > 0 ? 2 : 1;
     const size_t mixed = table->y_count > 0 ? of_axis : 1;
     for (size_t which = 0; which < 6; which++) {

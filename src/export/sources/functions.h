@@ -6,6 +6,7 @@
 #define FUNCTIONS_H
 
 #include "activation.h"
+#include "blocks.h"
 #include "real.h"
 #include <stdbool.h>
 #include <stddef.h>
@@ -53,9 +54,6 @@ typedef struct {
     Real mean;
     Real scale; /* what a difference from the mean is multiplied by */
 } TermColumn;
-
-/* Columns of a layer that are added to a block of rows at a time: few enough for the registers of any processor. */
-enum { GROUP = 4 };
 
 /*
  * A layer, the activation of W x + b. Its rows are padded with zeros to whole blocks of BLOCK rows;

@@ -120,11 +120,61 @@ void model_follow(Scratch *scratch)
     jet_respond(&scratch->jet);
 }
 
-void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT])
+void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT],
+                 Real arguments[ARGUMENT_SIZE])
 {
+    const size_t count = ARGUMENT_COUNT;
     real_accelerate(point, &scratch->real);
     for (size_t i = 0; i < COORDINATE_COUNT; i++) {
         rates[i] = point[INPUT_COUNT + COORDINATE_COUNT + i];
         rates[COORDINATE_COUNT + i] = scratch->real.accelerations[i];
     }
+    for (size_t i = 0; i < count; i++) {
+        arguments[i] = scratch->real.arguments[i];
+    }
+}
+
+/* Share of a step on whose way an argument is between two values: over a bend it may move by no more than its width. */
+static Real share_over_bends(const Argument *argument, Real start, Real lowest, Real highest)
+{
+    const LookupTable *table = argument->table;
+    const Real *knots = argument->axis > 0 ? table->y : table->x;
+    const size_t count = argument->axis > 0 ? table->y_count : table->x_count;
+    const int is_periodic = table->extrapolation == EXTRAPOLATION_PERIODIC;
+    const Real period = knots[count - 1] - knots[0];
+    Real shift = is_periodic ? MATH(floor)((lowest - knots[0]) / period) * period : R(0.0);
+    Real share = R(1.0);
+    /* the period in which the movement begins, and the next one */
+    for (int turn = 0; turn <= is_periodic; turn++) {
+        for (size_t i = 0; i < table->bend_counts[argument->axis]; i++) {
+            const Bend *bend = &table->bends[argument->axis][i];
+            const Real at = bend->at + shift;
+            if (at < lowest || at > highest) {
+                continue;
+            }
+            const Real distance = R(0.9) * MATH(fabs)(at - start);
+            const Real allowed = (distance > bend->width ? distance : bend->width) / (highest - lowest);
+            share = allowed < share ? allowed : share;
+        }
+        shift += period;
+    }
+    return share;
+}
+
+Real model_share_of_step(const Scratch *scratch)
+{
+    const size_t count = ARGUMENT_COUNT;
+    Real share = R(1.0);
+    for (size_t i = 0; i < count; i++) {
+        Real lowest = scratch->solver.arguments[0][i];
+        Real highest = lowest;
+        for (size_t stage = 1; stage < SOLVER_STAGES; stage++) {
+            const Real at = scratch->solver.arguments[stage][i];
+            lowest = at < lowest ? at : lowest;
+            highest = at > highest ? at : highest;
+        }
+        const Real found = share_over_bends(&model_arguments[i], scratch->solver.arguments[0][i], lowest, highest);
+        share = found < share ? found : share;
+    }
+    return share;
 }

@@ -93,6 +93,7 @@ enum { FORCE_COLUMNS = DICTIONARY_COLUMNS + COORDINATE_COUNT + INPUT_COUNT - FIR
         Number effort_positions[EFFORT_POSITION_SIZE];                \
         Number effort_rates[EFFORT_POSITION_SIZE];                    \
         Number efforts[EFFORT_SIZE];                                  \
+        Number arguments[ARGUMENT_SIZE];                              \
         Number accelerations[COORDINATE_COUNT];                       \
         Number reactions[REACTION_SIZE];                              \
         Along along[DICTIONARY_COLUMNS];                              \

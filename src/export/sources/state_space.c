@@ -80,12 +80,20 @@ void model_follow(Scratch *scratch)
 
 #if MODEL_HAS_STATES
 
-void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT])
+void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT],
+                 Real arguments[ARGUMENT_SIZE])
 {
+    (void)arguments; /* there are no tables */
     real_compute(point, &scratch->real);
     for (size_t i = 0; i < STATE_COUNT; i++) {
         rates[i] = real_result(OUTPUT_COUNT + i, point, &scratch->real);
     }
+}
+
+Real model_share_of_step(const Scratch *scratch)
+{
+    (void)scratch;
+    return R(1.0);
 }
 
 #endif

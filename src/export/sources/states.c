@@ -183,7 +183,7 @@ static void stages(Scratch *scratch, const Method *method, size_t first, size_t 
         for (size_t i = 0; i < STATE_COUNT; i++) {
             at[INPUT_COUNT + i] = point[INPUT_COUNT + i] + h * weighted(scratch, method->weights[stage], stage, i);
         }
-        model_rates(scratch, at, scratch->solver.rates[stage]);
+        model_rates(scratch, at, scratch->solver.rates[stage], scratch->solver.arguments[stage]);
     }
 }
 
@@ -291,11 +291,14 @@ static double tolerance_of(const Step *step)
 /* Rates of the states at the beginning of a communication step. */
 static void find_first_rates(Scratch *scratch, const Step *step)
 {
+    /* arguments of tables are not known */
+    const size_t arguments = ARGUMENT_COUNT;
+    const bool is_known = step->derivatives != NULL && arguments == 0;
     begin(scratch);
-    if (step->derivatives == NULL) {
+    if (!is_known) {
         stages(scratch, &DORMAND_PRINCE, 0, 1, R(0.0), R(0.0));
     }
-    for (size_t i = 0; step->derivatives != NULL && i < STATE_COUNT; i++) {
+    for (size_t i = 0; is_known && i < STATE_COUNT; i++) {
         scratch->solver.rates[0][i] = (Real)step->derivatives[i];
     }
 }
@@ -326,6 +329,12 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
             h = 0.5 * rest;
         }
         stages(scratch, &DORMAND_PRINCE, 1, SOLVER_STAGES, (Real)failure->after, (Real)h);
+        const double share = (double)model_share_of_step(scratch);
+        if (share < 1.0 && share * h >= SHORTEST * size) {
+            /* less than what would be lengthened to the end of the communication step again */
+            h *= share < 0.9 ? share : 0.9;
+            continue;
+        }
         const Real error = error_of(scratch, (Real)h) / tolerance;
         if (error <= R(1.0)) {
             failure->after += h;
@@ -335,6 +344,8 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
             }
             /* the last stage is the first of the next step */
             memcpy(scratch->solver.rates[0], scratch->solver.rates[SOLVER_STAGES - 1], sizeof scratch->solver.rates[0]);
+            memcpy(scratch->solver.arguments[0], scratch->solver.arguments[SOLVER_STAGES - 1],
+                   sizeof scratch->solver.arguments[0]);
         }
         h *= (double)change_of_size(error);
         h = h < longest ? h : longest;

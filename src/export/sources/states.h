@@ -29,6 +29,7 @@ typedef struct {
 #if MODEL_HAS_STATES
     Real rates[SOLVER_STAGES][STATE_COUNT]; /* of the states at each stage */
     Drive drives[INPUT_COUNT];              /* of the inputs that are driven */
+    Real arguments[SOLVER_STAGES][ARGUMENT_SIZE]; /* of tables at each stage */
 #ifdef METAFMU_SINGLE
     Real lost[STATE_COUNT]; /* what rounding has taken off the states */
 #endif

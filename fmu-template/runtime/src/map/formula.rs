@@ -14,7 +14,7 @@ use std::sync::Arc;
 
 pub use super::{
     elementary::ElementaryFunction,
-    lookup::{Extrapolation, Interpolation, LookupTable},
+    lookup::{Bend, Extrapolation, Interpolation, LookupTable},
 };
 
 /// A step of a formula in postfix notation: operands are taken from a stack, and the result is put there.
@@ -68,6 +68,17 @@ pub enum Applied<'a, T> {
     Combine(Combination, &'a T, &'a T),
     /// A table at one or two values.
     Lookup(&'a Arc<LookupTable>, &'a [T]),
+}
+
+fn applied<T: Number>(step: &Applied<T>, column: &impl Fn(usize) -> T) -> T {
+    match *step {
+        Applied::Constant(value) => T::from(value),
+        Applied::Column(index) => column(index),
+        Applied::Negate(x) => x.scaled(-1.0),
+        Applied::Call(function, x) => x.apply(function),
+        Applied::Combine(combination, a, b) => combination.of(*a, *b),
+        Applied::Lookup(table, at) => table.at(at),
+    }
 }
 
 /// Largest power that is a product.
@@ -190,15 +201,18 @@ impl Formula {
         self.evaluate(column)
     }
 
+    /// Calls back with every table and its arguments at these columns.
+    pub fn for_each_lookup(&self, column: impl Fn(usize) -> f64, mut act: impl FnMut(&LookupTable, &[f64])) {
+        self.walk(|step: Applied<f64>| {
+            if let Applied::Lookup(table, at) = step {
+                act(table, at);
+            }
+            applied(&step, &column)
+        });
+    }
+
     fn evaluate<T: Number>(&self, column: impl Fn(usize) -> T) -> T {
-        self.walk(|step: Applied<T>| match step {
-            Applied::Constant(value) => T::from(value),
-            Applied::Column(index) => column(index),
-            Applied::Negate(x) => x.scaled(-1.0),
-            Applied::Call(function, x) => x.apply(function),
-            Applied::Combine(combination, a, b) => combination.of(*a, *b),
-            Applied::Lookup(table, at) => table.at(at),
-        })
+        self.walk(|step: Applied<T>| applied(&step, &column))
     }
 
     /// Writes the value on a tape; `columns` has a register for each column.

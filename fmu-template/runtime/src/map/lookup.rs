@@ -46,7 +46,21 @@ pub struct LookupTable {
     interpolation: Interpolation,
     extrapolation: Extrapolation,
     nodes: Vec<f64>,
+    /// Of each axis the knots at which the slope changes much.
+    bends: Vec<Vec<Bend>>,
 }
+
+/// A knot at which the slope of a table changes much.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bend {
+    /// The knot.
+    pub at: f64,
+    /// Length of the shorter interval beside it.
+    pub width: f64,
+}
+
+/// Change of the slope at a [`Bend`], times the shorter interval beside it and relative to the range of the values, at least.
+const BENT: f64 = 1e-3;
 
 /// Numbers of a node: the value, for a spline also its slope, in two dimensions slopes along `x`, along `y` and the mixed derivative.
 type Weights<T> = [[T; 2]; 2];
@@ -74,13 +88,83 @@ impl LookupTable {
         }
         expect_shape("lookup.values", &[values.len()], &[axes.iter().map(Vec::len).product()])?;
         expect_finite("lookup.values", values.iter().copied())?;
-        let mut table = Self { axes, values, interpolation, extrapolation, nodes: Vec::new() };
+        let (nodes, bends) = (Vec::new(), Vec::new());
+        let mut table = Self { axes, values, interpolation, extrapolation, nodes, bends };
         if let Some(index) = table.first_open_end() {
             return Err(FormatError::OpenPeriod { index });
         }
         table.nodes = table.with_slopes();
         expect_finite("lookup.values", table.nodes.iter().copied())?;
+        table.bends = (0..table.axes.len()).map(|axis| table.find_bends(axis)).collect();
         Ok(table)
+    }
+
+    /// Knots of an axis at which the slope changes much, in their order. Features between them are so narrow that a solver may step over them.
+    pub fn bends(&self, axis: usize) -> &[Bend] {
+        &self.bends[axis]
+    }
+
+    /// Length of the repeated part of an axis; none if the table is not periodic.
+    pub fn period(&self, axis: usize) -> Option<f64> {
+        let knots = &self.axes[axis];
+        (self.extrapolation == Extrapolation::Periodic).then(|| knots[knots.len() - 1] - knots[0])
+    }
+
+    /// Share of a solver's step, from 0 to 1, with which it misses nothing: over a bend an argument may move by no more than the bend's width.
+    /// `start` is the argument at the beginning of the step, `lowest` and `highest` are those on the way.
+    pub fn share_of_step(&self, axis: usize, start: f64, [lowest, highest]: [f64; 2]) -> f64 {
+        let moved = highest - lowest;
+        let bends = &self.bends[axis];
+        let first = self.axes[axis][0];
+        // the period in which the movement begins, and the next one
+        let shifts = match self.period(axis) {
+            Some(period) => {
+                let turned = ((lowest - first) / period).floor() * period;
+                [turned, turned + period]
+            }
+            None => [0.0, f64::NAN],
+        };
+        let mut share = 1.0f64;
+        for shift in shifts.into_iter().filter(|shift| shift.is_finite()) {
+            let passed = bends.partition_point(|bend| bend.at + shift < lowest);
+            for bend in bends[passed..].iter().take_while(|bend| bend.at + shift <= highest) {
+                // up to the bend in few steps, and over it in short ones
+                let distance = 0.9 * (bend.at + shift - start).abs();
+                share = share.min(bend.width.max(distance) / moved);
+            }
+        }
+        share
+    }
+
+    fn find_bends(&self, axis: usize) -> Vec<Bend> {
+        let knots = &self.axes[axis];
+        let range = |values: &[f64]| {
+            let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(*y), b.max(*y)]);
+            ends[1] - ends[0]
+        };
+        let least = BENT * range(&self.values);
+        let lines = self.lines(axis);
+        let last = knots.len() - 1;
+        let chord =
+            |line: &[usize], k: usize| (self.values[line[k + 1]] - self.values[line[k]]) / (knots[k + 1] - knots[k]);
+        let beyond = |line: &[usize], is_end: bool| match self.extrapolation {
+            Extrapolation::Hold => 0.0,
+            Extrapolation::Linear => chord(line, if is_end { last - 1 } else { 0 }),
+            Extrapolation::Periodic => chord(line, if is_end { 0 } else { last - 1 }),
+        };
+        let bend = |(k, at): (usize, &f64)| {
+            let before = if k > 0 { knots[k] - knots[k - 1] } else { f64::INFINITY };
+            let after = if k < last { knots[k + 1] - knots[k] } else { f64::INFINITY };
+            let width = before.min(after);
+            let change = |line: &Vec<usize>| {
+                let before = if k > 0 { chord(line, k - 1) } else { beyond(line, false) };
+                let after = if k < last { chord(line, k) } else { beyond(line, true) };
+                (after - before).abs() * width
+            };
+            let largest = lines.iter().map(change).fold(0.0, f64::max);
+            (largest > least).then_some(Bend { at: *at, width })
+        };
+        knots.iter().enumerate().filter_map(bend).collect()
     }
 
     /// Knots of each axis.
@@ -98,7 +182,7 @@ impl LookupTable {
         &self.values
     }
 
-    /// Values and slopes at the knots: shape `[x, y]`, and of each knot one number, or those of [`Self::numbers_of_node`].
+    /// Values and slopes at the knots: shape `[x, y, numbers]`, with [so many numbers](Self::numbers_of_node) of a knot.
     pub fn nodes(&self) -> &[f64] {
         &self.nodes
     }
@@ -118,12 +202,14 @@ impl LookupTable {
         self.interpolation == Interpolation::Cubic && self.extrapolation != Extrapolation::Hold
     }
 
-    /// How many numbers a node has: the value, and for a spline its derivative along `x`, along `y`, and the mixed one.
+    /// Returns true if nodes have slopes: those of splines, and those at the ends of tables that go on along their tangents.
+    pub fn has_slopes(&self) -> bool {
+        self.interpolation == Interpolation::Cubic || self.extrapolation == Extrapolation::Linear
+    }
+
+    /// How many numbers a node has: the value, and with slopes its derivative along `x`, along `y`, and the mixed one.
     pub fn numbers_of_node(&self) -> usize {
-        match self.interpolation {
-            Interpolation::Linear => 1,
-            Interpolation::Cubic => 1 << self.axes.len(),
-        }
+        if self.has_slopes() { 1 << self.axes.len() } else { 1 }
     }
 
     /// Position of the first value at an end that differs from that at the start, in a periodic table.
@@ -147,10 +233,13 @@ impl LookupTable {
     }
 
     fn with_slopes(&self) -> Vec<f64> {
-        if self.interpolation == Interpolation::Linear {
+        if !self.has_slopes() {
             return self.values.clone();
         }
-        let is_periodic = self.extrapolation == Extrapolation::Periodic;
+        let slopes_of = |knots: &[f64], values: &[f64]| match self.interpolation {
+            Interpolation::Linear => end_slopes(knots, values),
+            Interpolation::Cubic => spline_slopes(knots, values, self.extrapolation == Extrapolation::Periodic),
+        };
         // value, then slope along x; after them those of both along y
         let mut derivatives = vec![self.values.clone()];
         for (axis, knots) in self.axes.iter().enumerate() {
@@ -159,8 +248,7 @@ impl LookupTable {
                 let mut slopes = vec![0.0; values.len()];
                 for line in &lines {
                     let of_line: Vec<f64> = line.iter().map(|position| values[*position]).collect();
-                    let found = spline_slopes(knots, &of_line, is_periodic);
-                    line.iter().zip(found).for_each(|(position, slope)| slopes[*position] = slope);
+                    line.iter().zip(slopes_of(knots, &of_line)).for_each(|(position, slope)| slopes[*position] = slope);
                 }
                 slopes
             };
@@ -207,16 +295,19 @@ impl LookupTable {
         let at = knots.partition_point(|knot| *knot <= x.value()).clamp(1, last) - 1;
         let (left, h) = (knots[at], knots[at + 1] - knots[at]);
         let is_beyond = x.value() < start || x.value() > end;
-        if is_beyond && self.extrapolation == Extrapolation::Hold {
+        if is_beyond && self.extrapolation != Extrapolation::Periodic {
             let is_first = x.value() < start;
-            return (at, if is_first { [[one, zero], [zero; 2]] } else { [[zero; 2], [one, zero]] });
+            // from the end on: farther away, differences of values would lose their digits
+            let along = match self.extrapolation {
+                Extrapolation::Hold => zero,
+                _ => x - T::from(if is_first { start } else { end }),
+            };
+            return (at, if is_first { [[one, along], [zero; 2]] } else { [[zero; 2], [one, along]] });
         }
         let w = (x - T::from(left)).scaled(h.recip());
         let rest = one - w;
         match self.interpolation {
             Interpolation::Linear => (at, [[rest, zero], [w, zero]]),
-            Interpolation::Cubic if x.value() < start => (at, [[one, w.scaled(h)], [zero; 2]]),
-            Interpolation::Cubic if x.value() > end => (at, [[zero; 2], [one, rest.scaled(-h)]]),
             Interpolation::Cubic => {
                 let [of_first, of_second] = [(w, rest), (rest, w)].map(|(from, to)| {
                     let square = to * to;
@@ -226,6 +317,15 @@ impl LookupTable {
             }
         }
     }
+}
+
+/// Slopes of straight lines at the first and the last knot; zero at all others, where they are not used.
+fn end_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
+    let last = x.len() - 1;
+    let slope = |k: usize| (y[k + 1] - y[k]) / (x[k + 1] - x[k]);
+    let mut slopes = vec![0.0; x.len()];
+    (slopes[0], slopes[last]) = (slope(0), slope(last - 1));
+    slopes
 }
 
 /// Slopes of a cubic spline at its knots.
@@ -365,6 +465,8 @@ mod tests {
         for (x, y) in [(0.3, 0.7), (-4.0, 0.5), (2.5, 9.0), (5.0, -3.0)] {
             assert!((plane.at(&[x, y]) - (2.0 * x - y + 1.0)).abs() < 1e-13, "{x} {y}");
         }
+        let flat = table(&[&[0.0, 1.0, 1.01]], &[1.0, 5.3, 5.3], (Interpolation::Linear, Extrapolation::Linear));
+        assert_eq!(flat.at(&[1e13]), 5.3);
     }
 
     #[test]
@@ -386,6 +488,32 @@ mod tests {
             assert!((before.first - after.first).abs() < 1e-7, "{count}: {before:?} {after:?}");
             assert!((before.second - after.second).abs() < 1e-7, "{count}: {before:?} {after:?}");
         }
+    }
+
+    #[test]
+    fn bends_are_where_a_step_would_miss_something() {
+        let spike = table(
+            &[&[0.0, 0.5, 0.51, 0.52, 1.0, 2.0]],
+            &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+            (Interpolation::Linear, Extrapolation::Hold),
+        );
+        let at: Vec<f64> = spike.bends(0).iter().map(|bend| bend.at).collect();
+        assert_eq!(at, [0.5, 0.51, 0.52]);
+        // not over it, from far away, over it, from close by, and in short steps
+        for (from, to, expected) in
+            [(0.0, 0.4, 1.0), (0.0, 2.0, 0.225), (2.0, 0.0, 0.666), (0.49, 0.59, 0.1), (0.5, 0.508, 1.0)]
+        {
+            let share = spike.share_of_step(0, from, [f64::min(from, to), f64::max(from, to)]);
+            assert!((share - expected).abs() < 1e-12, "{from} {to}: {share}");
+        }
+        let smooth: Vec<f64> = (0..=1000).map(|k| f64::from(k) / 100.0).collect();
+        let values: Vec<f64> = smooth.iter().map(|x| x.sin()).collect();
+        let smooth = table(&[&smooth], &values, (Interpolation::Linear, Extrapolation::Linear));
+        assert_eq!(smooth.bends(0), []);
+        let cam =
+            table(&[&[0.0, 0.1, 0.2, 6.0]], &[0.0, 1.0, 0.0, 0.0], (Interpolation::Cubic, Extrapolation::Periodic));
+        assert!((cam.share_of_step(0, 5.0, [5.0, 7.0]) - 0.45).abs() < 1e-12);
+        assert_eq!(cam.share_of_step(0, 13.0, [13.0, 16.0]), 1.0);
     }
 
     #[test]

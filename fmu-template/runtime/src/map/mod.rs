@@ -9,7 +9,7 @@ pub mod graph;
 pub(crate) mod jet;
 pub mod law;
 mod layers;
-mod lookup;
+pub(crate) mod lookup;
 mod series;
 pub(crate) mod tape;
 mod task;

@@ -43,10 +43,20 @@ pub(crate) struct Tape {
     registers: usize,
     constants: Vec<(Register, f64)>,
     tables: Vec<Arc<LookupTable>>,
+    /// Arguments of tables that a run computes.
+    arguments: Vec<Argument>,
     /// Weights of layers.
     weights: Vec<[f64; LANES]>,
     of_held: Part,
     of_others: Part,
+}
+
+/// Argument of a table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Argument {
+    table: usize,
+    axis: usize,
+    of: Register,
 }
 
 /// Sines and cosines, and after them all else.
@@ -133,6 +143,16 @@ impl Tape {
             registers[register.index()] = T::from(*value);
         }
         TapeWork { registers, at: vec![T::from(0.0); self.held.len()], is_known: false }
+    }
+
+    /// The tables whose arguments change with inputs that are not held, and which axis each argument belongs to.
+    pub(crate) fn arguments(&self) -> Vec<(Arc<LookupTable>, usize)> {
+        self.arguments.iter().map(|argument| (Arc::clone(&self.tables[argument.table]), argument.axis)).collect()
+    }
+
+    /// Writes these arguments as they were in the last run.
+    pub(crate) fn write_arguments(&self, work: &TapeWork<f64>, to: &mut [f64]) {
+        to.iter_mut().zip(&self.arguments).for_each(|(to, argument)| *to = work.get(argument.of));
     }
 
     /// Computes all registers from the inputs. Does not allocate.
@@ -501,6 +521,10 @@ impl TapeBuilder {
         });
         let known = self.follows(at);
         let to = self.reserve(known);
+        let arguments = at.iter().enumerate().filter(|(_, of)| self.varies(**of));
+        let arguments: Vec<Argument> =
+            arguments.map(|(axis, of)| Argument { table: position, axis, of: *of }).collect();
+        self.tape.arguments.extend(arguments);
         let at = [at[0], at[at.len() - 1]];
         self.part(known).operations.push(Operation::Lookup { table: position as u32, at, to });
         to

@@ -25,10 +25,11 @@ use crate::{
         expect_shape,
         jet::{Jet, Number},
         law::{Law, NetworkTerm, WrittenNetwork},
+        lookup::LookupTable,
         tape::{Register, Tape, TapeBuilder, TapeWork},
     },
 };
-use std::ops::Range;
+use std::{ops::Range, sync::Arc};
 
 /// The equations of motion with `n` coordinates and `m` inputs.
 #[derive(Clone, Debug, PartialEq)]
@@ -385,6 +386,16 @@ impl Dynamics {
         self.solve([q, p, v, u], &mut scratch.plain);
         let [kinetic, potential] = self.energies(|k| v[k], &scratch.plain);
         kinetic + potential
+    }
+
+    /// The tables in the efforts whose arguments change, with the axes that the arguments belong to.
+    pub(super) fn arguments(&self) -> Vec<(Arc<LookupTable>, usize)> {
+        self.written.tape.arguments()
+    }
+
+    /// These arguments, once the equations were solved.
+    pub(super) fn write_arguments(&self, work: &Work<f64>, to: &mut [f64]) {
+        self.written.tape.write_arguments(&work.tape, to);
     }
 
     /// `(q, p)` with which the equations were solved.

@@ -204,7 +204,7 @@ impl PreparedMotion {
             plain: self.parts(),
             series: self.parts(),
             by_directions: ByDirections::new(columns, results),
-            solver: Solver::new(columns, ranges.to_vec(), scales.to_vec()),
+            solver: Solver::new(columns, ranges.to_vec(), scales.to_vec(), self.motion.dynamics.arguments()),
         }
     }
 
@@ -308,10 +308,11 @@ impl PreparedMotion {
     ) -> Result<u32, StepError> {
         let MotionScratch { plain, solver, .. } = scratch;
         let n = self.motion.dynamics.coordinates();
-        solver.advance(point, self.motion.integration, step, drive, |columns, rates| {
+        solver.advance(point, self.motion.integration, step, drive, |columns, rates, arguments| {
             self.accelerate(columns, &mut plain.equations);
             rates[..n].copy_from_slice(&columns[columns.len() - n..]);
             rates[n..].copy_from_slice(&plain.equations.accelerations);
+            self.motion.dynamics.write_arguments(&plain.equations, arguments);
         })
     }
 

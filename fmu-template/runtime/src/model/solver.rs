@@ -1,8 +1,8 @@
 //! Integration of a model's states over a communication step.
 
 use super::expect_step;
-use crate::{Domain, FormatError, State, TOLERANCE};
-use std::ops::Range;
+use crate::{Domain, FormatError, State, TOLERANCE, formula::LookupTable};
+use std::{ops::Range, sync::Arc};
 
 /// How the states of a model are integrated over a communication step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -191,11 +191,20 @@ pub(super) struct Solver {
     /// Columns at a stage, and the rates of the states at each stage.
     stage: Vec<f64>,
     rates: Vec<f64>,
+    /// Tables with the axes of their arguments, and the arguments at each stage.
+    tables: Vec<(Arc<LookupTable>, usize)>,
+    arguments: Vec<f64>,
 }
 
 impl Solver {
     /// For points whose last columns are the states, which have these scales, and those before them the inputs, which have these ranges.
-    pub(super) fn new(columns: usize, ranges: Vec<[f64; 2]>, scales: Vec<Scale>) -> Self {
+    /// No step of an error-controlled integration goes over the bends of these tables.
+    pub(super) fn new(
+        columns: usize,
+        ranges: Vec<[f64; 2]>,
+        scales: Vec<Scale>,
+        tables: Vec<(Arc<LookupTable>, usize)>,
+    ) -> Self {
         let states = scales.len();
         let first = columns - states;
         Self {
@@ -206,11 +215,13 @@ impl Solver {
             before: vec![0.0; states],
             stage: vec![0.0; columns],
             rates: vec![0.0; STAGES * states],
+            arguments: vec![0.0; STAGES * tables.len()],
+            tables,
         }
     }
 
-    /// Integrates the states of `point` over a communication step. `respond` gives the rates of the states at a point. Returns how many steps
-    /// were tried. Does not allocate.
+    /// Integrates the states of `point` over a communication step. `respond` gives the rates of the states at a point, and the arguments of
+    /// tables. Returns how many steps were tried. Does not allocate.
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
@@ -220,7 +231,7 @@ impl Solver {
         integration: Integration,
         step: CommunicationStep,
         drive: Drive,
-        respond: impl FnMut(&[f64], &mut [f64]),
+        respond: impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) -> Result<u32, StepError> {
         self.before.copy_from_slice(&point[self.states.clone()]);
         let result = match integration.tolerance() {
@@ -242,7 +253,7 @@ impl Solver {
         integration: Integration,
         size: f64,
         drive: Drive,
-        mut respond: impl FnMut(&[f64], &mut [f64]),
+        mut respond: impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) -> Result<u32, StepError> {
         let steps = integration.parts(size);
         if steps > MAX_SOLVER_STEPS {
@@ -267,7 +278,7 @@ impl Solver {
         (integration, tolerance): (Integration, f64),
         CommunicationStep { size, derivatives, .. }: CommunicationStep,
         drive: Drive,
-        mut respond: impl FnMut(&[f64], &mut [f64]),
+        mut respond: impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) -> Result<u32, StepError> {
         let parts = integration.parts(size);
         if parts > MAX_SOLVER_STEPS {
@@ -276,7 +287,8 @@ impl Solver {
         let longest = size / parts;
         let (mut since, mut h, mut steps) = (0.0, longest, 0);
         self.begin(point);
-        match derivatives {
+        // arguments of tables are not known
+        match derivatives.filter(|_| self.tables.is_empty()) {
             Some(known) => self.rates[..known.len()].copy_from_slice(known),
             None => self.first_stage(point, drive, &mut respond),
         }
@@ -290,11 +302,18 @@ impl Solver {
             // no sliver at the end
             h = if h > 0.99 * rest { rest } else { h.min(0.5 * rest) };
             self.stages(&DORMAND_PRINCE, 1, point, (since, h), drive, &mut respond);
+            let share = self.share_of_step();
+            if share < 1.0 && share * h >= SHORTEST * size {
+                // less than what would be lengthened to the end of the communication step again
+                h *= share.min(0.9);
+                continue;
+            }
             let error = self.error(&point[self.states.clone()], h) / tolerance;
             if error <= 1.0 {
                 // the last stage is the end of the step
                 point[self.states.clone()].copy_from_slice(&self.stage[self.states.clone()]);
                 self.rates.copy_within((STAGES - 1) * self.before.len().., 0);
+                self.arguments.copy_within((STAGES - 1) * self.tables.len().., 0);
                 since += h;
                 self.expect_plausible(&point[self.states.clone()], since)?;
             }
@@ -314,6 +333,19 @@ impl Solver {
             }
         }
         Ok(steps)
+    }
+
+    /// Share of a step with which no table is stepped over.
+    fn share_of_step(&self) -> f64 {
+        let mut share = 1.0f64;
+        for (index, (table, axis)) in self.tables.iter().enumerate() {
+            let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
+            for arguments in self.arguments.chunks_exact(self.tables.len()) {
+                ends = [ends[0].min(arguments[index]), ends[1].max(arguments[index])];
+            }
+            share = share.min(table.share_of_step(*axis, self.arguments[index], ends));
+        }
+        share
     }
 
     /// Largest estimate of the error of a step of size `h` in any state, relative to its scale.
@@ -345,7 +377,7 @@ impl Solver {
     }
 
     /// Rates of the states at a point at the beginning of a communication step.
-    fn first_stage(&mut self, point: &[f64], drive: Drive, respond: &mut impl FnMut(&[f64], &mut [f64])) {
+    fn first_stage(&mut self, point: &[f64], drive: Drive, respond: &mut impl FnMut(&[f64], &mut [f64], &mut [f64])) {
         let begin = Tableau { stages: &DORMAND_PRINCE.stages[..1], ..DORMAND_PRINCE };
         self.stages(&begin, 0, point, (0.0, 0.0), drive, respond);
     }
@@ -358,10 +390,10 @@ impl Solver {
         point: &[f64],
         (since, h): (f64, f64),
         drive: Drive,
-        respond: &mut impl FnMut(&[f64], &mut [f64]),
+        respond: &mut impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) {
-        let Self { inputs, ranges, states, stage, rates, .. } = self;
-        let count = states.len();
+        let Self { inputs, ranges, states, stage, rates, tables, arguments, .. } = self;
+        let (count, tables) = (states.len(), tables.len());
         for (index, (time, weights)) in tableau.stages.iter().enumerate().skip(first) {
             let later = since + time * h;
             for (column, range) in inputs.clone().zip(&*ranges) {
@@ -372,7 +404,7 @@ impl Solver {
             for (k, column) in states.clone().enumerate() {
                 stage[column] = point[column] + h * weighted(weights, &rates[k..], count);
             }
-            respond(stage, &mut rates[index * count..][..count]);
+            respond(stage, &mut rates[index * count..][..count], &mut arguments[index * tables..][..tables]);
         }
     }
 }

@@ -199,7 +199,7 @@ impl PreparedStateSpace {
         StateSpaceScratch {
             work: Work { plain: self.work(), series: self.work(), map },
             by_directions: ByDirections::new(space.columns(), space.results.len()),
-            solver: Solver::new(space.columns(), ranges.to_vec(), scales.to_vec()),
+            solver: Solver::new(space.columns(), ranges.to_vec(), scales.to_vec(), Vec::new()),
         }
     }
 
@@ -280,7 +280,7 @@ impl PreparedStateSpace {
     ) -> Result<u32, StepError> {
         let StateSpaceScratch { work, solver, .. } = scratch;
         let derivatives = &self.space.results[self.space.results.len() - self.states()..];
-        solver.advance(point, self.space.integration, step, drive, |point, rates| {
+        solver.advance(point, self.space.integration, step, drive, |point, rates, _| {
             self.compute(point, work);
             let values = &work.plain.values;
             rates.iter_mut().zip(derivatives).for_each(|(to, given)| *to = self.given(*given, point, values));

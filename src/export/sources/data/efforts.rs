@@ -18,13 +18,13 @@ enum Value {
 /// `model_efforts.h`
 pub fn template(efforts: &Efforts) -> String {
     let mut text = String::from(
-        "/*\n * Generated. A template, without a guard: efforts e from parameters p, inputs u, positions r and their rates.\n */\n\
-         static void OF(efforts)(const NUMBER *p, const NUMBER *u, const NUMBER *r, const NUMBER *rates, NUMBER *e)\n{\n",
+        "/*\n * Generated. A template, without a guard: efforts e, and arguments of tables, from parameters p, inputs u, positions\n * r and their rates.\n */\n\
+         static void OF(efforts)(const NUMBER *p, const NUMBER *u, const NUMBER *r, const NUMBER *rates, NUMBER *e,\n                        NUMBER *arguments)\n{\n",
     );
-    for name in ["p", "u", "r", "rates", "e"] {
+    for name in ["p", "u", "r", "rates", "e", "arguments"] {
         push(&mut text, format_args!("    (void){name};\n"));
     }
-    let (tables, mut count) = (tables(efforts), 0);
+    let (tables, mut count) = (tables(efforts), [0; 2]);
     for (index, formula) in efforts.formulas().iter().enumerate() {
         let value = formula.walk(|step: Applied<Value>| written(step, (efforts, &tables), &mut text, &mut count));
         push(&mut text, format_args!("    e[{index}] = {};\n", value.text()));
@@ -32,7 +32,31 @@ pub fn template(efforts: &Efforts) -> String {
     text + "}\n"
 }
 
-/// `model_tables`: those of the formulas, each once.
+/// Axis and position of the table of each argument that is no constant, in the order in which the efforts are computed.
+pub fn arguments(efforts: &Efforts) -> Vec<(usize, usize)> {
+    let (tables, mut arguments) = (tables(efforts), Vec::new());
+    for formula in efforts.formulas() {
+        let varies = |step: Applied<bool>| match step {
+            Applied::Constant(_) => false,
+            Applied::Column(_) => true,
+            Applied::Negate(x) | Applied::Call(_, x) => *x,
+            Applied::Combine(_, a, b) => *a || *b,
+            Applied::Lookup(table, at) => {
+                let axes = at.iter().enumerate().filter(|(_, varies)| **varies);
+                arguments.extend(axes.map(|(axis, _)| (axis, position(&tables, table))));
+                true
+            }
+        };
+        formula.walk(varies);
+    }
+    arguments
+}
+
+fn position(tables: &[&Arc<LookupTable>], table: &Arc<LookupTable>) -> usize {
+    tables.iter().position(|known| *known == table).unwrap_or_default()
+}
+
+/// `model_tables`: those of the formulas, each once; `model_arguments`: what is looked up there.
 pub fn write_tables(text: &mut String, efforts: &Efforts) {
     let mut entries = String::new();
     for (index, table) in tables(efforts).into_iter().enumerate() {
@@ -44,20 +68,43 @@ pub fn write_tables(text: &mut String, efforts: &Efforts) {
         }
         axes.resize(2, "NULL, 0".into());
         array(text, &format!("static const Real {}", name("nodes")), table.nodes());
-        let is_cubic = u8::from(table.interpolation() == Interpolation::Cubic);
+        let [has_slopes, is_cubic] = [table.has_slopes(), table.interpolation() == Interpolation::Cubic].map(u8::from);
         let extrapolation = match table.extrapolation() {
             Extrapolation::Hold => "HOLD",
             Extrapolation::Linear => "LINEAR",
             Extrapolation::Periodic => "PERIODIC",
         };
-        let (axes, nodes) = (axes.join(", "), name("nodes"));
-        push(&mut entries, format_args!("    {{{axes}, {nodes}, {is_cubic}, EXTRAPOLATION_{extrapolation}}},\n"));
+        let mut bends = Vec::new();
+        for (axis, what) in ["x", "y"].into_iter().take(table.arguments()).enumerate() {
+            let of_axis = table.bends(axis);
+            if of_axis.is_empty() {
+                bends.push(("NULL".to_owned(), 0));
+                continue;
+            }
+            let name = name(&format!("{what}_bends"));
+            let listed: Vec<String> =
+                of_axis.iter().map(|bend| format!("    {{{}, {}}},\n", real(bend.at), real(bend.width))).collect();
+            push(text, format_args!("\nstatic const Bend {name}[] = {{\n{}}};\n", listed.concat()));
+            bends.push((name, of_axis.len()));
+        }
+        bends.resize(2, ("NULL".into(), 0));
+        let (axes, nodes, [(x, x_count), (y, y_count)]) = (axes.join(", "), name("nodes"), [&bends[0], &bends[1]]);
+        push(
+            &mut entries,
+            format_args!(
+                "    {{{axes}, {nodes}, {has_slopes}, {is_cubic}, EXTRAPOLATION_{extrapolation}, {{{x}, {y}}}, {{{x_count}, {y_count}}}}},\n"
+            ),
+        );
     }
     if entries.is_empty() {
         // C has no empty arrays
-        entries.push_str("    {NULL, 0, NULL, 0, NULL, 0, EXTRAPOLATION_HOLD},\n");
+        entries.push_str("    {NULL, 0, NULL, 0, NULL, 0, 0, EXTRAPOLATION_HOLD, {NULL, NULL}, {0, 0}},\n");
     }
     push(text, format_args!("\nconst LookupTable model_tables[] = {{\n{entries}}};\n"));
+    let arguments = arguments(efforts);
+    let listed = arguments.iter().map(|(axis, table)| format!("    {{&model_tables[{table}], {axis}}},\n"));
+    let listed = if arguments.is_empty() { "    {NULL, 0},\n".into() } else { listed.collect::<String>() };
+    push(text, format_args!("\nconst Argument model_arguments[] = {{\n{listed}}};\n"));
 }
 
 fn tables(efforts: &Efforts) -> Vec<&Arc<LookupTable>> {
@@ -102,7 +149,7 @@ fn written(
     step: Applied<Value>,
     (efforts, tables): (&Efforts, &[&Arc<LookupTable>]),
     text: &mut String,
-    count: &mut usize,
+    [count, arguments]: &mut [usize; 2],
 ) -> Value {
     let call = |name: &str, of: &[&Value]| {
         let of: Vec<String> = of.iter().map(|value| value.text()).collect();
@@ -144,9 +191,12 @@ fn written(
             (Combination::Maximum, a, b) => call("maximum", &[a, b]),
         },
         Applied::Lookup(table, at) => {
-            let position = tables.iter().position(|known| *known == table).unwrap_or_default();
+            for value in at.iter().filter(|value| matches!(value, Value::Named(_))) {
+                push(text, format_args!("    arguments[{arguments}] = {};\n", value.text()));
+                *arguments += 1;
+            }
             let [first, last] = [&at[0], &at[at.len() - 1]].map(Value::text);
-            format!("OF(lookup)(&model_tables[{position}], {first}, {last})")
+            format!("OF(lookup)(&model_tables[{}], {first}, {last})", position(tables, table))
         }
     };
     push(text, format_args!("    const NUMBER t{count} = {code};\n"));

@@ -2,14 +2,15 @@
 
 use super::{
     Part, array,
-    efforts::{operations, write_tables},
+    efforts::{arguments, operations, write_tables},
     functions::{Cost, Laid, Term, remark, width, write_network},
     network::{ACTIVATIONS, BLOCK_SIZE},
     push, states,
 };
 use metafmu_runtime::{EffortColumn, Efforts, Motion, Reactions, Shown, Surrogate, dictionary::Dictionary};
 
-const NAMES: [&str; 12] = [
+const NAMES: [&str; 13] = [
+    "model_arguments",
     "model_effort_windings",
     "model_forces_network",
     "model_law",
@@ -47,6 +48,8 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
             ("ATOM_COUNT", atoms, "functions of the columns"),
             ("EFFORT_COUNT", efforts.count(), ""),
             ("EFFORT_SIZE", efforts.count().max(1), "but C has no empty arrays"),
+            ("ARGUMENT_COUNT", arguments(efforts).len(), "of tables"),
+            ("ARGUMENT_SIZE", arguments(efforts).len().max(1), ""),
             ("EFFORT_POSITIONS", efforts.positions(), "positions in formulas of efforts"),
             ("EFFORT_POSITION_SIZE", efforts.positions().max(1), ""),
             BLOCK_SIZE,

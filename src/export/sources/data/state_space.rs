@@ -44,6 +44,8 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
         sizes: [
             vec![
                 ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
+                ("ARGUMENT_COUNT", 0, "of tables"),
+                ("ARGUMENT_SIZE", 1, ""),
                 ("DICTIONARY_COLUMNS", space.functions.columns(), "parameters, driven inputs and states"),
                 ("ATOM_COUNT", functions.atoms().max(1), "functions of the columns"),
                 BLOCK_SIZE,
