@@ -4,7 +4,7 @@ use crate::{Baseline, Fitted, Rows, for_each_output};
 use linfa::{Dataset, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_core::study::baselines::Linear;
-use metafmu_runtime::graph::{Graph, Products};
+use metafmu_runtime::graph::Graph;
 use ndarray::{Array1, Array2, ShapeBuilder};
 
 impl Baseline for Linear {
@@ -26,13 +26,9 @@ pub(super) fn dataset(rows: &Rows, output: usize) -> Dataset<f64, f64, ndarray::
 
 /// The formula of an intercept and weights for each output.
 pub(super) fn formula(rows: &Rows, fits: &[(f64, Vec<f64>)]) -> Fitted {
-    let inputs = rows.inputs;
-    let constant = vec![0; inputs];
-    let powers = (0..inputs).flat_map(|wanted| (0..inputs).map(move |column| u8::from(column == wanted)));
-    let degrees = constant.into_iter().chain(powers).collect();
-    let coefficients: Vec<f64> =
-        fits.iter().flat_map(|(intercept, weights)| [*intercept].into_iter().chain(weights.clone())).collect();
-    Fitted::Formula(Graph::of_polynomial(&rows.scaling, Products { inputs, degrees }, &coefficients))
+    let weights: Vec<f64> = fits.iter().flat_map(|(_, weights)| weights).copied().collect();
+    let intercepts: Vec<f64> = fits.iter().map(|(intercept, _)| *intercept).collect();
+    Fitted::Formula(Graph::of_linear(&rows.scaling, &weights, &intercepts))
 }
 
 #[cfg(test)]

@@ -61,12 +61,14 @@ pub fn formula_at(fitted: &Fitted, rows: &Rows, row: usize) -> Vec<f64> {
     y.iter().enumerate().map(|(o, y)| (y - scaling.output_mean[o]) / scaling.output_scale[o]).collect()
 }
 
-/// Intercept and weights of a linear formula.
+/// Intercept and weights of a linear formula, of standardised rows.
 pub fn formula_weights(fitted: &Fitted, rows: &Rows, output: usize) -> Vec<f64> {
     let Fitted::Formula(graph) = fitted else { panic!("no formula") };
-    let Some(Step::Affine { weight, .. }) = graph.steps.last() else { panic!("no polynomial") };
-    let terms = weight.len() / rows.outputs;
-    (0..terms).map(|term| weight.get(output * terms + term) / rows.scaling.output_scale[output]).collect()
+    let Some(Step::Affine { weight, bias, .. }) = graph.steps.last() else { panic!("not linear") };
+    let Scaling { input_scale, output_mean, output_scale, .. } = &rows.scaling;
+    let intercept = (bias.get(output) - output_mean[output]) / output_scale[output];
+    let weights = input_scale.iter().enumerate().map(|(input, scale)| weight.get(output * rows.inputs + input) * scale);
+    [intercept].into_iter().chain(weights.map(|weight| weight / output_scale[output])).collect()
 }
 
 /// Coefficient of determination of an output on the rows.

@@ -294,15 +294,18 @@ fn model(surrogate: &Surrogate) -> String {
     format!("network, {}{each}, computed in {precision}", nodes(layers))
 }
 
-/// Kind and size of a baseline, from the steps that only baselines have: columns are standardised in two steps, kernels are Gaussian.
+/// Kind and size of a baseline, from steps that only baselines have: a mean is subtracted first, kernels are Gaussian.
 fn of_baseline(graph: &Graph) -> Option<(&'static str, String)> {
     let is = |step: &Step, wanted| matches!(step, Step::Elementwise { function, .. } if *function == wanted);
     match graph.steps.as_slice() {
+        [first, Step::Affine { weight, bias, .. }] if is(first, Elementwise::Linear) => {
+            Some(("a polynomial", format!("polynomial of {} terms", weight.len() / bias.len() + 1)))
+        }
         [.., Step::Products { products, .. }, _] => {
             Some(("a polynomial", format!("polynomial of {} terms", products.terms())))
         }
-        [first, second, Step::Forest { forest: Forest { trees, nodes }, .. }, _]
-            if [first, second].iter().all(|step| is(step, Elementwise::Linear)) =>
+        [first, Step::Forest { forest: Forest { trees, nodes }, .. }, last]
+            if is(first, Elementwise::Linear) && is(last, Elementwise::Linear) =>
         {
             let size = format!("{} decision trees, {} nodes", trees.len(), nodes.len());
             Some(("a sum of decision trees, piecewise constant,", size))

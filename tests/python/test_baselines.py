@@ -85,28 +85,26 @@ def line(tensors, step, x):
     return factors * x + offsets
 
 
-def linear(tensors, z):
-    """A polynomial of degree 1: a constant and one power of each input."""
-    all_degrees = part(tensors, 2, "degrees")
-    assert all_degrees.sum(axis=1).max() == 1
-    terms = np.array([[z[degrees == 1].prod() for degrees in all_degrees] for z in z])
-    return terms @ part(tensors, 3, "weight").T + part(tensors, 3, "bias")
+def linear(tensors, x):
+    return line(tensors, 0, x) @ part(tensors, 1, "weight").T + part(tensors, 1, "bias")
 
 
-def forest(tensors, z):
+def forest(tensors, x):
     """Down every tree, one row at a time."""
-    y = np.zeros((len(z), len(OUTPUTS)))
-    column, number, below, root, output = (part(tensors, 2, f"forest.{name}") for name in ("column", "number", "below", "root", "output"))
-    for row, values in enumerate(z):
+    y = np.zeros((len(x), len(OUTPUTS)))
+    column, number, below, root, output = (part(tensors, 1, f"forest.{name}") for name in ("column", "number", "below", "root", "output"))
+    for row, values in enumerate(line(tensors, 0, x)):
         for node, to in zip(root, output):
             while column[node] != 2**32 - 1:
                 node = below[node, 0 if values[column[node]] <= number[node] else 1]
             y[row, to] += number[node]
-    return line(tensors, 3, y)
+    return line(tensors, 2, y)
 
 
-def kernel(tensors, z):
+def kernel(tensors, x):
     """Of each output distances, kernels, and their sum."""
+    z = line(tensors, 1, line(tensors, 0, x))
+
     def machine(output):
         first = 2 + 3 * output
         squares = (((z[:, None, :] - part(tensors, first, "centres")) / part(tensors, first, "lengths")) ** 2).sum(axis=2)
@@ -137,7 +135,7 @@ def test_an_exported_baseline_is_its_formula_in_every_host(folder, few_rows, mod
             start = dict(zip(PARAMETERS, case))
             result = simulate_fmu(fmu, start_values=start, stop_time=2.0, output_interval=0.1, output=OUTPUTS)
             inputs = np.array([[*case, time] for time in result["time"]])
-            expected = formula(tensors, line(tensors, 1, line(tensors, 0, inputs)))
+            expected = formula(tensors, inputs)
             found = np.stack([result[name] for name in OUTPUTS], axis=1)
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * expected.std(axis=0).max())
 

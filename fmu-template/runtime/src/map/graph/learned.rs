@@ -1,7 +1,7 @@
-//! Graphs of what is fitted: polynomials, forests of decision trees, sums of kernels. Between the steps of each, columns and outputs are
-//! standardised as its [`Scaling`] says.
+//! Graphs of what is fitted: linear functions, polynomials, forests of decision trees, sums of kernels. All are fitted to standardised
+//! columns `z = (x - mean) / scale` and outputs. Means are subtracted first: in `x / scale - mean / scale` digits would cancel far from zero.
 
-use super::{Elementwise, Forest, Graph, Products, Step};
+use super::{Elementwise, Forest, Graph, LEAF, Products, Step};
 use crate::map::Scaling;
 
 /// `y = bias + sum_c weights[c] * exp(-1/2 sum_i ((z_i - centres[c, i]) / lengths[i])^2)`: support vector regression, Gaussian processes.
@@ -18,6 +18,15 @@ pub struct KernelMachine {
 }
 
 impl Graph {
+    /// `y_o = mean_o + scale_o (biases[o] + sum_i weights[o, i] z_i)`
+    pub fn of_linear(scaling: &Scaling, weights: &[f64], biases: &[f64]) -> Self {
+        let mut graph = Self::centred(scaling);
+        let scales = scaling.input_scale.iter().cycle();
+        let weights: Vec<f64> = weights.iter().zip(scales).map(|(weight, scale)| weight / scale).collect();
+        graph.add(scaled(1, &weights, biases, (&scaling.output_mean, &scaling.output_scale)));
+        graph
+    }
+
     /// `y_o = mean_o + scale_o sum_t coefficients[o, t] products_t(z)`
     pub fn of_polynomial(scaling: &Scaling, products: Products, coefficients: &[f64]) -> Self {
         let mut graph = Self::standardised(scaling);
@@ -29,8 +38,12 @@ impl Graph {
 
     /// `y_o = mean_o + scale_o forest_o(z)`
     pub fn of_forest(scaling: &Scaling, forest: Forest) -> Self {
-        let mut graph = Self::standardised(scaling);
-        let of = graph.add(Step::Forest { of: graph.steps.len(), forest, outputs: scaling.output_mean.len() });
+        let mut graph = Self::centred(scaling);
+        let scale = |column: u32| scaling.input_scale.get(column as usize).copied().unwrap_or(1.0);
+        let mut forest = forest;
+        let splits = forest.nodes.iter_mut().filter(|node| node.column != LEAF);
+        splits.for_each(|node| node.number *= scale(node.column));
+        let of = graph.add(Step::Forest { of: 1, forest, outputs: scaling.output_mean.len() });
         graph.add(linear(of, &scaling.output_scale, &scaling.output_mean));
         graph
     }
@@ -68,13 +81,19 @@ impl Graph {
         graph
     }
 
-    /// `z = (x - mean) / scale` in two steps: in one, far from zero digits would cancel.
-    fn standardised(Scaling { input_mean, input_scale, .. }: &Scaling) -> Self {
-        let count = input_mean.len();
+    /// `x - mean`
+    fn centred(Scaling { input_mean, .. }: &Scaling) -> Self {
         let negative: Vec<f64> = input_mean.iter().map(|mean| -mean).collect();
-        let inverse: Vec<f64> = input_scale.iter().map(|scale| 1.0 / scale).collect();
-        let steps = vec![linear(0, &vec![1.0; count], &negative), linear(1, &inverse, &vec![0.0; count])];
-        Self { inputs: count, steps }
+        let inputs = input_mean.len();
+        Self { inputs, steps: vec![linear(0, &vec![1.0; inputs], &negative)] }
+    }
+
+    /// `(x - mean) / scale`
+    fn standardised(scaling: &Scaling) -> Self {
+        let mut graph = Self::centred(scaling);
+        let inverse: Vec<f64> = scaling.input_scale.iter().map(|scale| 1.0 / scale).collect();
+        graph.add(linear(1, &inverse, &vec![0.0; inverse.len()]));
+        graph
     }
 
     /// The number of the value that a step makes.

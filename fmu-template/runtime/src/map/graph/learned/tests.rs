@@ -20,6 +20,10 @@ fn products() -> Products {
     Products { inputs: 3, degrees: vec![0, 0, 0, 1, 0, 0, 0, 2, 1, 3, 1, 2, 0, 0, 5] }
 }
 
+fn linear_function() -> Graph {
+    Graph::of_linear(&scaling(), &COEFFICIENTS[..6], &[0.7, -0.3])
+}
+
 fn polynomial() -> Graph {
     Graph::of_polynomial(&scaling(), products(), &COEFFICIENTS)
 }
@@ -53,7 +57,7 @@ fn forest() -> Graph {
 }
 
 fn all() -> Vec<Graph> {
-    [vec![polynomial(), forest()], kernels().to_vec()].concat()
+    [vec![linear_function(), polynomial(), forest()], kernels().to_vec()].concat()
 }
 
 /// The example with another model.
@@ -77,6 +81,16 @@ fn a_polynomial_is_its_textbook_formula() {
     let sum = |weights: [f64; 5]| terms.iter().zip(weights).map(|(term, weight)| term * weight).sum::<f64>();
     let expected = [0.1 + 0.8 * sum([0.3, -0.5, 0.7, 0.2, -0.1]), -0.2 + 6.0 * sum([1.0, 0.0, -0.4, 0.6, 0.25])];
     for (found, expected) in outputs(&polynomial(), &POINT).iter().zip(expected) {
+        assert!((found - expected).abs() < 1e-14, "{found} {expected}");
+    }
+}
+
+#[test]
+fn a_linear_function_is_the_polynomial_of_degree_one() {
+    let products = Products { inputs: 3, degrees: vec![0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1] };
+    let coefficients = [&[0.7], &COEFFICIENTS[..3], &[-0.3], &COEFFICIENTS[3..6]].concat();
+    let expected = outputs(&Graph::of_polynomial(&scaling(), products, &coefficients), &POINT);
+    for (found, expected) in outputs(&linear_function(), &POINT).iter().zip(expected) {
         assert!((found - expected).abs() < 1e-14, "{found} {expected}");
     }
 }
@@ -137,7 +151,7 @@ fn derivatives_are_those_of_differences() {
         (0..=5).flat_map(|a| (0..=5).flat_map(move |b| (0..=5).flat_map(move |c| [a, b, c]))).collect();
     let coefficients: Vec<f64> = (0..432).map(|index| (0.7 * f64::from(index)).sin() / 50.0).collect();
     let full = Graph::of_polynomial(&scaling(), Products { inputs: 3, degrees }, &coefficients);
-    for graph in [vec![polynomial(), full], kernels().to_vec()].concat() {
+    for graph in [vec![linear_function(), polynomial(), full], kernels().to_vec()].concat() {
         let evaluator = Evaluator::new(&surrogate(graph.clone()).unwrap());
         let mut scratch = evaluator.scratch();
         let (velocity, acceleration) = ([0.02, -0.7, 0.9], [0.1, 0.3, -0.5]);
