@@ -1,5 +1,6 @@
 //! Sequences of steps, each of which makes a vector of those before it: what baselines fit, and functions of other tools.
 
+mod cell;
 mod elementwise;
 mod evaluate;
 mod forest;

@@ -1,12 +1,9 @@
 //! Steps that are not compiled once for each instruction set, so that FMUs stay small: those with few numbers, or whose functions are
 //! those of the standard library. Numbers are kept in the precision of the graph, and computed in double precision.
 
-use super::{Elementwise, Forest, Operation, Step, products::PreparedProducts};
+use super::{Elementwise, Forest, Operation, Step, cell::Cell, products::PreparedProducts};
 use crate::{
-    map::{
-        jet::{Jet, Number},
-        series::Series,
-    },
+    map::{jet::Jet, series::Series},
     simd::{Lanes, Real, flat, flat_mut},
 };
 
@@ -22,58 +19,6 @@ pub(super) enum OtherStep {
     Distances { of: usize, centres: Vec<f64>, inverse_lengths: Vec<f64> },
     Forest { of: usize, forest: Forest },
     Products { of: usize, products: PreparedProducts },
-}
-
-/// Number type of a step: plain numbers, or numbers with derivatives along a curve.
-pub(super) trait Cell: Number {
-    const HAS_DERIVATIVES: bool;
-    fn load<T: Real, const WIDTH: usize>(from: &Series<T, WIDTH>, index: usize) -> Self;
-    fn store<T: Real, const WIDTH: usize>(self, to: &mut Series<T, WIDTH>, index: usize);
-    /// A function of it, of which the value and the derivatives at a number are given.
-    fn through(self, series: impl FnOnce(f64) -> [f64; 3]) -> Self;
-}
-
-impl Cell for f64 {
-    const HAS_DERIVATIVES: bool = false;
-
-    #[inline(always)]
-    fn load<T: Real, const WIDTH: usize>(from: &Series<T, WIDTH>, index: usize) -> Self {
-        flat(&from.value)[index].into()
-    }
-
-    #[inline(always)]
-    fn store<T: Real, const WIDTH: usize>(self, to: &mut Series<T, WIDTH>, index: usize) {
-        flat_mut(&mut to.value)[index] = T::narrow(self);
-    }
-
-    #[inline(always)]
-    fn through(self, series: impl FnOnce(f64) -> [f64; 3]) -> Self {
-        series(self)[0]
-    }
-}
-
-impl Cell for Jet {
-    const HAS_DERIVATIVES: bool = true;
-
-    #[inline(always)]
-    fn load<T: Real, const WIDTH: usize>(from: &Series<T, WIDTH>, index: usize) -> Self {
-        let [value, first, second] = [&from.value, &from.first, &from.second].map(|of| flat(of)[index].into());
-        Self { value, first, second }
-    }
-
-    #[inline(always)]
-    fn store<T: Real, const WIDTH: usize>(self, to: &mut Series<T, WIDTH>, index: usize) {
-        flat_mut(&mut to.value)[index] = T::narrow(self.value);
-        flat_mut(&mut to.first)[index] = T::narrow(self.first);
-        flat_mut(&mut to.second)[index] = T::narrow(self.second);
-    }
-
-    #[inline(always)]
-    fn through(self, series: impl FnOnce(f64) -> [f64; 3]) -> Self {
-        let [value, slope, curvature] = series(self.value);
-        let Self { first, second, .. } = self;
-        Self { value, first: slope * first, second: slope * second + curvature * first * first }
-    }
 }
 
 impl OtherStep {

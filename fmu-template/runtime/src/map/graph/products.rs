@@ -1,6 +1,6 @@
 //! Products of Legendre polynomials.
 
-use super::other::Cell;
+use super::cell::Cell;
 use crate::{
     FormatError,
     map::{expect_shape, jet::Number, series::Series},
