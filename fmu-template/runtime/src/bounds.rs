@@ -1,13 +1,12 @@
 //! How far outputs may be from the truth.
 
 use crate::FormatError;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Split-conformal error bounds. Of a run that is drawn like those the bounds were measured on, the share `coverage` of the
 /// rows is expected to have `|y - prediction| <= half_width`, for each output by itself; of a model with a state, whose errors grow,
 /// of the rows between any two of `times`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bounds {
     /// Stated share of rows, between 0 and 1.
     pub coverage: f64,
@@ -15,7 +14,7 @@ pub struct Bounds {
     pub runs: u64,
     /// Times since the start of a run, in seconds, increasing from 0, of a model with a state; bounds are linear between them and stay what
     /// they are at the last one. Empty: bounds do not depend on the time.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub times: Vec<f64>,
     /// The bound of each output, in its unit, not negative: shape `[max(times, 1), outputs]`.
     pub half_widths: Vec<f64>,

@@ -1,13 +1,12 @@
 //! Where the training data are, beyond the ranges of their columns.
 
 use crate::{Encoding, FormatError, Input, Role};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// Cubes that cover the training data: a point is near the data if a centre is within `radius` of it in each column,
 ///
 /// `min over centres k of max over columns j of |u_j - c_kj| <= radius`, with `u_j = (x_j - min_j) / (max_j - min_j)`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Cover {
     /// Positions of the inputs that count, ascending: those that are neither the time nor constant.
     pub columns: Vec<u32>,

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 /// How an input's value becomes one or several columns of the network.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Encoding {
     /// One column: the value itself.
@@ -32,8 +32,7 @@ impl Encoding {
 }
 
 /// One input of the surrogate: a column of the network, or several if its encoding says so.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Input {
     /// Variable name, as the FMU shows it.
     pub name: String,
@@ -50,12 +49,12 @@ pub struct Input {
     /// Value before a host sets one; within the range, and one of the values of a nominal input.
     pub start: f64,
     /// How its value becomes columns of the network.
-    #[serde(default, skip_serializing_if = "Encoding::is_plain")]
+    #[serde(skip_serializing_if = "Encoding::is_plain")]
     pub encoding: Encoding,
 }
 
 /// What an input column of the network is to a host.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase", tag = "causality", content = "variability")]
 pub enum Role {
     /// A parameter the host sets.
@@ -102,8 +101,7 @@ const IMPLAUSIBLE: f64 = 1e3;
 const LARGEST: f64 = 1e9;
 
 /// A continuous state.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct State {
     /// Variable name, as the FMU shows it; its derivative is `der(NAME)`.
     pub name: String,
@@ -114,7 +112,7 @@ pub struct State {
     /// One sentence for people.
     pub description: String,
     /// Where it was trained; none if every number is as good, as for an angle or what enters exactly.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
     /// Typical magnitude, positive: what a solver's tolerance is relative to.
     pub nominal: f64,
@@ -144,8 +142,7 @@ impl State {
 }
 
 /// One output column of the network.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Output {
     /// Variable name, as the FMU shows it.
     pub name: String,
@@ -172,8 +169,7 @@ impl Output {
 }
 
 /// Several outputs of one unit as one array variable of FMI 3.0, for instance the coordinates of a point.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct OutputArray {
     /// Variable name, as the FMU shows it.
     pub name: String,
@@ -184,8 +180,7 @@ pub struct OutputArray {
 }
 
 /// Where a surrogate comes from; enough to make it again.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Provenance {
     /// Name and version of the program that wrote the file.
     pub tool: String,

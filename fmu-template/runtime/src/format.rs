@@ -114,8 +114,13 @@ use crate::{
     graph::Graph,
     map::tensors::{OUTPUTS, Tensor, Views, bytes, elements, numbers, take, take_one_of},
 };
-use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
+use fields::{Fields, Read};
+use safetensors::{
+    Dtype, SafeTensorError, SafeTensors,
+    tensor::{TensorInfo, TensorView},
+};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 #[derive(Serialize)]
 struct HeaderOut<'a> {
@@ -125,14 +130,8 @@ struct HeaderOut<'a> {
     metadata: &'a Metadata,
 }
 
-#[derive(Deserialize)]
-struct HeaderVersion {
-    format: u32,
-}
-
-/// The structure of a model, without its numbers. Tagged enums of serde would add 30 kB to every FMU.
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// The structure of a model, without its numbers.
+#[derive(Serialize)]
 struct ModelHeader {
     structure: Structure,
     outputs: MapHeader,
@@ -148,12 +147,11 @@ enum Structure {
     Discrete,
 }
 
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Serialize)]
 struct MapHeader {
     map: MapKind,
     /// Of the layers of a network.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     activations: Vec<Activation>,
 }
 
@@ -238,11 +236,15 @@ impl Surrogate {
     /// # Errors
     /// A [`FormatError`] that says what is wrong where.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, FormatError> {
-        let (_, header) = SafeTensors::read_metadata(bytes).map_err(FormatError::Container)?;
-        let text = header.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY));
+        let (length, container) = SafeTensors::read_metadata(bytes).map_err(FormatError::Container)?;
+        let text = container.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY));
         let (header, metadata) = parse_header(text.ok_or(FormatError::NoMetadata)?)?;
-        let mut tensors: Views =
-            SafeTensors::deserialize(bytes).map_err(FormatError::Container)?.tensors().into_iter().collect();
+        let data = &bytes[size_of::<u64>() + length..];
+        let view = |(name, TensorInfo { dtype, shape, data_offsets: (begin, end) }): (String, &TensorInfo)| {
+            Ok((name, TensorView::new(*dtype, shape.clone(), &data[*begin..*end])?))
+        };
+        let tensors: Result<Views, SafeTensorError> = container.tensors().into_iter().map(view).collect();
+        let mut tensors = tensors.map_err(FormatError::Container)?;
         let model = read_model(&header, &mut tensors)?;
         if let Some(name) = tensors.into_keys().min() {
             return Err(FormatError::UnknownTensor { name });
@@ -395,22 +397,23 @@ fn part<'a>(view: &'a TensorView, index: usize, count: usize) -> &'a [u8] {
 
 /// Checks the version before the fields, so that a newer file is named as such and not by its first unknown field.
 fn parse_header(text: &str) -> Result<(ModelHeader, Metadata), FormatError> {
-    let HeaderVersion { format } = serde_json::from_str(text).map_err(FormatError::Metadata)?;
-    match format {
+    let fields = serde_json::from_str::<Value>(text).and_then(Fields::of);
+    let mut fields = fields.map_err(FormatError::Metadata)?;
+    match fields.take::<u32>("format").map_err(FormatError::Metadata)? {
         FORMAT => {}
         found if found < FORMAT => return Err(FormatError::OldVersion { found }),
         found => return Err(FormatError::NewVersion { found }),
     }
-    let mut fields: serde_json::Map<String, serde_json::Value> =
-        serde_json::from_str(text).map_err(FormatError::Metadata)?;
-    fields.remove("format");
-    let model = fields.remove("model").ok_or(FormatError::NoModel)?;
-    let model = serde_json::from_value(model).map_err(FormatError::Metadata)?;
-    let metadata = serde_json::from_value(fields.into()).map_err(FormatError::Metadata)?;
+    if !fields.contain("model") {
+        return Err(FormatError::NoModel);
+    }
+    let model = fields.take("model").map_err(FormatError::Metadata)?;
+    let metadata = Metadata::read(fields.rest()).map_err(FormatError::Metadata)?;
     Ok((model, metadata))
 }
 
 mod discrete;
+mod fields;
 mod motion;
 mod state_space;
 #[cfg(test)]

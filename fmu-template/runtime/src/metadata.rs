@@ -4,11 +4,10 @@ use crate::{
     Bounds, Cover,
     description::{Input, Output, OutputArray, Precision, Provenance, State},
 };
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 /// The descriptive part of a [`Surrogate`](crate::Surrogate), kept as JSON in the model file's metadata.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Metadata {
     /// Name of the surrogate; also the FMU's model name.
     pub name: String,
@@ -19,27 +18,27 @@ pub struct Metadata {
     /// The network's output columns, in order.
     pub outputs: Vec<Output>,
     /// The continuous states, in order; the model integrates them.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<State>,
     /// Outputs grouped into arrays, for FMI 3.0; each output is a variable of its own all the same.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[serde(skip_serializing_if = "Vec::is_empty")]
     pub arrays: Vec<OutputArray>,
     /// How far outputs may be from the truth, if that was measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
     /// Error of a start, in all states, that changes the outputs as much as the solver of the states does, at most, if that was measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub solver_error: Option<f64>,
     /// Where in the ranges of the inputs the training data are, if that is known; of a model without a state.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub cover: Option<Cover>,
     /// What its networks compute in.
-    #[serde(default, skip_serializing_if = "Precision::is_double")]
+    #[serde(skip_serializing_if = "Precision::is_double")]
     pub precision: Precision,
     /// Time between two rows of a training run, in seconds: the natural communication step size.
     pub time_step: f64,
     /// End of a run in seconds, if the time is no input with a range.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub stop_time: Option<f64>,
     /// Where the surrogate comes from.
     pub provenance: Provenance,

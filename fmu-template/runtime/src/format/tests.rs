@@ -78,7 +78,7 @@ fn encodings_that_make_no_sense_are_refused_by_name() {
     let text = serde_json::to_string(surrogate.metadata()).unwrap();
     for unknown in [r#""spiral""#, r#"{"nominal":["a"]}"#, "3"] {
         let text = text.replace(r#""periodic""#, unknown);
-        assert!(serde_json::from_str::<Metadata>(&text).is_err(), "{unknown}");
+        assert!(Metadata::read(serde_json::from_str(&text).unwrap()).is_err(), "{unknown}");
     }
 }
 
@@ -90,7 +90,7 @@ fn roles_are_written_in_the_words_of_the_standard() {
         (Role::Parameter(Variability::Tunable), r#"{"causality":"parameter","variability":"tunable"}"#),
     ] {
         assert_eq!(serde_json::to_string(&role).unwrap(), text);
-        assert_eq!(serde_json::from_str::<Role>(text).unwrap(), role);
+        assert_eq!(Role::read(serde_json::from_str(text).unwrap()).unwrap(), role);
     }
 }
 
@@ -541,7 +541,7 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
     let bytes = example::crane_with_networks().to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
-    let tensors: serde_json::Value = serde_json::from_str(header).unwrap();
+    let tensors: Value = serde_json::from_str(header).unwrap();
     // another whole number at a place of a tensor
     for (name, index, number, expected) in [
         ("law.network.columns", 0, 3, "tensor `network.columns`, element 0: 3, expected less than 3"),
@@ -571,7 +571,7 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
 fn efforts_that_make_no_sense_are_refused() {
     let bytes = example::crane_with_efforts().to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
     for (tensor, element, value, expected) in [
         ("efforts.steps", 1, 77, "tensor `efforts.steps`, element 0: 77, expected less than 8"),
         ("efforts.steps", 0, 12, "tensor `efforts.steps`, element 0: 12 is not known"),
@@ -646,7 +646,7 @@ fn a_motion_that_makes_no_sense_is_refused() {
     }
     let mut bytes = example::with_prescribed_trolley(&example::crane()).to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-    let header: serde_json::Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
     bytes[8 + length + header["law.prescribed"]["data_offsets"][0].as_u64().unwrap() as usize] = 2;
     let found = Surrogate::from_bytes(&bytes).unwrap_err().to_string();
     assert_eq!(found, "tensor `prescribed`, element 0: 2, expected less than 2");

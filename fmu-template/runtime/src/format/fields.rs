@@ -1,0 +1,194 @@
+//! The description in a model file, read field by field: what serde derives for structures would be 100 kB of every FMU.
+
+use super::{MapHeader, ModelHeader};
+use crate::{
+    Activation, Bounds, Cover, Metadata,
+    description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Variability},
+};
+use serde::de::{Deserialize, Error as _, IntoDeserializer};
+use serde_json::{Error, Map, Value};
+
+/// What a value of a field is read as.
+pub(super) trait Read: Sized {
+    fn read(value: Value) -> Result<Self, Error>;
+}
+
+/// Fields of an object, taken one by one.
+pub(super) struct Fields(Map<String, Value>);
+
+impl Fields {
+    pub(super) fn of(value: Value) -> Result<Self, Error> {
+        match value {
+            Value::Object(fields) => Ok(Self(fields)),
+            other => Err(wrong(&other, "an object")),
+        }
+    }
+
+    pub(super) fn take<T: Read>(&mut self, name: &'static str) -> Result<T, Error> {
+        T::read(self.0.remove(name).ok_or_else(|| Error::missing_field(name))?)
+    }
+
+    fn take_or_default<T: Read + Default>(&mut self, name: &str) -> Result<T, Error> {
+        self.0.remove(name).map_or_else(|| Ok(T::default()), T::read)
+    }
+
+    pub(super) fn rest(self) -> Value {
+        Value::Object(self.0)
+    }
+
+    pub(super) fn contain(&self, name: &str) -> bool {
+        self.0.contains_key(name)
+    }
+
+    /// Makes sure that no field is left.
+    pub(super) fn finish(self) -> Result<(), Error> {
+        match self.0.keys().next() {
+            Some(name) => Err(Error::custom(format_args!("unknown field `{name}`"))),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cold]
+fn wrong(found: &Value, expected: &str) -> Error {
+    Error::custom(format_args!("{found}, expected {expected}"))
+}
+
+impl Read for Value {
+    fn read(value: Value) -> Result<Self, Error> {
+        Ok(value)
+    }
+}
+
+impl Read for f64 {
+    fn read(value: Value) -> Result<Self, Error> {
+        value.as_f64().ok_or_else(|| wrong(&value, "f64"))
+    }
+}
+
+impl Read for f32 {
+    fn read(value: Value) -> Result<Self, Error> {
+        f64::read(value).map(|value| value as Self)
+    }
+}
+
+impl Read for u64 {
+    fn read(value: Value) -> Result<Self, Error> {
+        value.as_u64().ok_or_else(|| wrong(&value, "u64"))
+    }
+}
+
+impl Read for u32 {
+    fn read(value: Value) -> Result<Self, Error> {
+        value.as_u64().and_then(|number| number.try_into().ok()).ok_or_else(|| wrong(&value, "u32"))
+    }
+}
+
+impl Read for String {
+    fn read(value: Value) -> Result<Self, Error> {
+        match value {
+            Value::String(text) => Ok(text),
+            other => Err(wrong(&other, "a string")),
+        }
+    }
+}
+
+impl<T: Read> Read for Option<T> {
+    fn read(value: Value) -> Result<Self, Error> {
+        if value.is_null() { Ok(None) } else { T::read(value).map(Some) }
+    }
+}
+
+impl<T: Read> Read for Vec<T> {
+    fn read(value: Value) -> Result<Self, Error> {
+        let Value::Array(values) = value else { return Err(wrong(&value, "an array")) };
+        let mut read = Self::with_capacity(values.len());
+        for value in values {
+            read.push(T::read(value)?);
+        }
+        Ok(read)
+    }
+}
+
+impl Read for [f64; 2] {
+    fn read(value: Value) -> Result<Self, Error> {
+        let numbers = Vec::<f64>::read(value)?;
+        numbers.try_into().map_err(|numbers: Vec<f64>| Error::invalid_length(numbers.len(), &"2 numbers"))
+    }
+}
+
+/// A word, as serde has it.
+macro_rules! words {
+    ($($name:ty),*) => {$(
+        impl Read for $name {
+            fn read(value: Value) -> Result<Self, Error> {
+                let word = value.as_str().ok_or_else(|| wrong(&value, "a word"))?;
+                Self::deserialize(word.into_deserializer())
+            }
+        }
+    )*};
+}
+
+/// A structure by its fields, those that may be missing after the others; no other may be there.
+macro_rules! structures {
+    ($($name:ident { $($field:ident),* $(; $($optional:ident),*)? })*) => {$(
+        impl Read for $name {
+            fn read(value: Value) -> Result<Self, Error> {
+                let mut fields = Fields::of(value)?;
+                let read = Self {
+                    $($field: fields.take(stringify!($field))?,)*
+                    $($($optional: fields.take_or_default(stringify!($optional))?,)*)?
+                };
+                fields.finish()?;
+                Ok(read)
+            }
+        }
+    )*};
+}
+
+words!(Activation, Precision, Variability, super::Structure, super::MapKind);
+
+structures! {
+    ModelHeader { structure, outputs }
+    MapHeader { map; activations }
+    Metadata {
+        name, description, inputs, outputs, time_step, provenance;
+        states, arrays, bounds, solver_error, cover, precision, stop_time
+    }
+    Input { name, role, unit, description, min, max, start; encoding }
+    State { name, unit, rate_unit, description, nominal; range }
+    Output { name, unit, description, min, max }
+    OutputArray { name, description, outputs }
+    Provenance { tool, study_digest, seed, train_rows, content_digest }
+    Bounds { coverage, runs, half_widths; times }
+    Cover { columns, radius, centres }
+}
+
+impl Read for Role {
+    fn read(value: Value) -> Result<Self, Error> {
+        let mut fields = Fields::of(value)?;
+        match fields.take::<String>("causality")?.as_str() {
+            "parameter" => Ok(Self::Parameter(fields.take("variability")?)),
+            "time" => Ok(Self::Time),
+            "input" => Ok(Self::Input),
+            "start" => Ok(Self::Start),
+            other => Err(Error::unknown_variant(other, &["parameter", "time", "input", "start"])),
+        }
+    }
+}
+
+impl Read for Encoding {
+    fn read(value: Value) -> Result<Self, Error> {
+        match value {
+            Value::String(word) if word == "plain" => Ok(Self::Plain),
+            Value::String(word) if word == "periodic" => Ok(Self::Periodic),
+            Value::Object(fields) => {
+                let mut fields = Fields(fields);
+                let values = fields.take("nominal")?;
+                fields.finish()?;
+                Ok(Self::Nominal(values))
+            }
+            other => Err(wrong(&other, "plain, nominal or periodic")),
+        }
+    }
+}
