@@ -391,6 +391,45 @@ pub(crate) fn flat_mut<T, const WIDTH: usize>(lanes: &mut [Lanes<T, WIDTH>]) -> 
     unsafe { std::slice::from_raw_parts_mut(lanes.as_mut_ptr().cast(), lanes.len() * WIDTH) }
 }
 
+/// What is compiled for each instruction set.
+pub(crate) trait Compute {
+    /// To be marked `#[inline(always)]`.
+    fn run<const SIMD: u8>(self);
+}
+
+/// Runs what callers in several places share: one function for each instruction set, which the caller has.
+#[inline(always)]
+pub(crate) fn share<const SIMD: u8>(compute: impl Compute) {
+    match SIMD {
+        // SAFETY: whoever is compiled for a set runs where `Simd::detect` found it
+        #[cfg(target_arch = "x86_64")]
+        AVX512 => unsafe { run_avx512(compute) },
+        // SAFETY: as above
+        #[cfg(target_arch = "x86_64")]
+        AVX2 => unsafe { run_avx2(compute) },
+        _ => run_portable(compute),
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(never)]
+#[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
+fn run_avx512(compute: impl Compute) {
+    compute.run::<AVX512>();
+}
+
+#[cfg(target_arch = "x86_64")]
+#[inline(never)]
+#[target_feature(enable = "avx2,fma")]
+fn run_avx2(compute: impl Compute) {
+    compute.run::<AVX2>();
+}
+
+#[inline(never)]
+fn run_portable(compute: impl Compute) {
+    compute.run::<PORTABLE>();
+}
+
 /// The instruction sets the evaluation is compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Simd {
@@ -416,6 +455,18 @@ impl Simd {
             }
         }
         Self::Portable
+    }
+
+    /// Runs what is compiled for this set.
+    #[inline]
+    pub(crate) fn run(self, compute: impl Compute) {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => share::<AVX512>(compute),
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => share::<AVX2>(compute),
+            Self::Portable => share::<PORTABLE>(compute),
+        }
     }
 
     /// Every set this processor has, for tests.

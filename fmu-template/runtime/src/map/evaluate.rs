@@ -5,11 +5,9 @@ use super::{
     graph::{GraphScratch, PreparedGraph},
     task::Task,
 };
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{AVX2, AVX512};
 use crate::{
     Precision,
-    simd::{PORTABLE, Simd},
+    simd::{Compute, Simd},
 };
 
 /// A map laid out for fast evaluation: a network is a graph of layers.
@@ -57,34 +55,24 @@ impl PreparedMap {
     /// If the scratch belongs to another map.
     #[inline]
     pub(crate) fn perform(&self, simd: Simd, point: &[f64], task: Task, scratch: &mut MapScratch) {
-        match simd {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Simd::detect` found these features
-            Simd::Avx512 => unsafe { self.run_avx512(point, task, scratch) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above
-            Simd::Avx2 => unsafe { self.run_avx2(point, task, scratch) },
-            Simd::Portable => self.run::<PORTABLE>(point, task, scratch),
-        }
+        simd.run(Perform { map: self, point, task, scratch });
     }
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-    fn run_avx512(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
-        self.run::<AVX512>(point, task, scratch);
-    }
+struct Perform<'a, 'b> {
+    map: &'a PreparedMap,
+    point: &'a [f64],
+    task: Task<'b>,
+    scratch: &'a mut MapScratch,
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn run_avx2(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
-        self.run::<AVX2>(point, task, scratch);
-    }
-
+impl Compute for Perform<'_, '_> {
     #[inline(always)]
-    fn run<const SIMD: u8>(&self, point: &[f64], task: Task, scratch: &mut MapScratch) {
-        match (self, scratch) {
-            (Self::Double(graph), MapScratch::Double(scratch)) => graph.run::<SIMD>(point, task, scratch),
-            (Self::Single(graph), MapScratch::Single(scratch)) => graph.run::<SIMD>(point, task, scratch),
+    fn run<const SIMD: u8>(self) {
+        let Self { map, point, task, scratch } = self;
+        match (map, scratch) {
+            (PreparedMap::Double(graph), MapScratch::Double(scratch)) => graph.run::<SIMD>(point, task, scratch),
+            (PreparedMap::Single(graph), MapScratch::Single(scratch)) => graph.run::<SIMD>(point, task, scratch),
             _ => panic!("the scratch belongs to another map"),
         }
     }

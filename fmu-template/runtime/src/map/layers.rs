@@ -173,22 +173,10 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
     /// Adds `W^T y`, `y` padded with anything that is finite.
     #[inline(always)]
     pub(crate) fn apply_transposed<const SIMD: u8>(&self, input: &[Lanes<T, WIDTH>], output: &mut [Lanes<T, WIDTH>]) {
-        match self.block {
-            WIDE => self.apply_transposed_blocks::<SIMD, WIDE>(input, output),
-            _ => self.apply_transposed_blocks::<SIMD, NARROW>(input, output),
-        }
-    }
-
-    #[inline(always)]
-    fn apply_transposed_blocks<const SIMD: u8, const BLOCK: usize>(
-        &self,
-        input: &[Lanes<T, WIDTH>],
-        output: &mut [Lanes<T, WIDTH>],
-    ) {
         let output = &mut flat_mut(output)[..self.inputs];
-        let weights = self.weights.as_chunks::<BLOCK>().0.chunks_exact(self.inputs);
-        for (y, weights) in input.as_chunks::<BLOCK>().0.iter().zip(weights) {
-            for (x, column) in output.iter_mut().zip(weights) {
+        let blocks = self.weights.chunks_exact(self.inputs * self.block);
+        for (y, weights) in input.chunks_exact(self.block).zip(blocks) {
+            for (x, column) in output.iter_mut().zip(weights.chunks_exact(self.block)) {
                 *x = *x + dot::<T, SIMD, WIDTH>(y, column);
             }
         }

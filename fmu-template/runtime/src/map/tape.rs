@@ -4,9 +4,7 @@
 mod lanes;
 
 use super::{elementary::ElementaryFunction, jet::Number, lookup::LookupTable};
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{AVX2, AVX512};
-use crate::simd::{PORTABLE, Simd};
+use crate::simd::{Compute, Simd};
 use lanes::LaneOperation;
 use std::{
     collections::{BTreeMap, HashMap},
@@ -137,6 +135,7 @@ impl<T: Number> TapeWork<T> {
 }
 
 impl Tape {
+    #[inline(never)]
     pub(crate) fn work<T: Number>(&self) -> TapeWork<T> {
         let mut registers = vec![T::from(0.0); self.registers];
         for (register, value) in &self.constants {
@@ -159,38 +158,26 @@ impl Tape {
     pub(crate) fn run<T: Number>(&self, work: &mut TapeWork<T>) {
         // series are compiled once, and FMUs stay small
         let simd = if T::DEPTH < 1 { Simd::detect() } else { Simd::Portable };
-        match simd {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Simd::detect` found these features
-            Simd::Avx512 => unsafe { self.run_avx512(work) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above
-            Simd::Avx2 => unsafe { self.run_avx2(work) },
-            Simd::Portable => self.run_with::<T, PORTABLE>(work),
-        }
+        simd.run(Run { tape: self, work });
     }
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-    fn run_avx512<T: Number>(&self, work: &mut TapeWork<T>) {
-        self.run_with::<T, AVX512>(work);
-    }
+struct Run<'a, T> {
+    tape: &'a Tape,
+    work: &'a mut TapeWork<T>,
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn run_avx2<T: Number>(&self, work: &mut TapeWork<T>) {
-        self.run_with::<T, AVX2>(work);
-    }
-
+impl<T: Number> Compute for Run<'_, T> {
     #[inline(always)]
-    fn run_with<T: Number, const SIMD: u8>(&self, TapeWork { registers, at, is_known }: &mut TapeWork<T>) {
-        let held = &registers[self.held.clone()];
+    fn run<const SIMD: u8>(self) {
+        let Self { tape, work: TapeWork { registers, at, is_known } } = self;
+        let held = &registers[tape.held.clone()];
         let is_new = !(*is_known && at == held);
         if is_new {
             at.copy_from_slice(held);
             *is_known = true;
         }
-        for part in [&self.of_held, &self.of_others].into_iter().skip(usize::from(!is_new)) {
+        for part in [&tape.of_held, &tape.of_others].into_iter().skip(usize::from(!is_new)) {
             for &Angle { of, first, count } in &part.angles {
                 let angle = registers[of.index()];
                 let block = &mut registers[first.index()..][..2 * count as usize];
@@ -220,7 +207,7 @@ impl Tape {
                         operation.run_rare(registers, &self.tables);
                     }
                     Operation::Lanes { first, count } => {
-                        self.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
+                        tape.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
                     }
                 }
             }
@@ -547,10 +534,16 @@ impl TapeBuilder {
     }
 
     /// Sum of some numbers times weights that are held or constant, and `c`.
-    pub(crate) fn sum(&mut self, mut c: Register, mut terms: Vec<(Register, Register)>) -> Register {
-        terms.retain(|(number, weight)| !self.is_zero(*number) && !self.is_zero(*weight));
-        terms.sort_unstable();
-        let mut rest = terms.as_slice();
+    pub(crate) fn sum(&mut self, mut c: Register, terms: Vec<(Register, Register)>) -> Register {
+        // without the code of sorting: most terms come in order
+        let mut sorted: Vec<(Register, Register)> = Vec::with_capacity(terms.len());
+        for term in terms {
+            if !self.is_zero(term.0) && !self.is_zero(term.1) {
+                let place = sorted.iter().rposition(|before| *before <= term).map_or(0, |last| last + 1);
+                sorted.insert(place, term);
+            }
+        }
+        let mut rest = sorted.as_slice();
         while let Some((first, _)) = rest.first() {
             let gaps = rest.windows(2).take_while(|pair| pair[1].0.0 - pair[0].0.0 <= LARGEST_GAP + 1).count();
             let (run, others) = rest.split_at(gaps + 1);

@@ -53,6 +53,7 @@ pub(crate) fn take_one_of<'a>(
     Ok(view)
 }
 
+#[inline(never)]
 pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
     bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
 }

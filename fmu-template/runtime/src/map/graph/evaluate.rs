@@ -7,12 +7,12 @@ use super::{Elementwise, Graph, Step, other::OtherStep};
 use crate::{
     map::{
         Activation, Layer, ScaledNetwork, Scaling,
-        activation::{Kernel, activate},
+        activation::{Kernel, Pass, activate},
         layers::{Dense, Order, Rows},
-        series::{Pass, Record, Series},
+        series::Series,
         task::Task,
     },
-    simd::{Lanes, Real, flat, flat_mut, flush, fma},
+    simd::{Lanes, Real, flat, flat_mut, flush, fma, share},
 };
 
 /// The steps of a [`Graph`] in the order of their evaluation, and the lengths of all values.
@@ -86,7 +86,7 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
     /// # Panics
     /// If [`Graph::check`] fails.
     pub(crate) fn new(graph: &Graph) -> Self {
-        let widths = graph.widths().expect("a checked graph");
+        let Ok(widths) = graph.widths() else { panic!("a graph that was not checked") };
         let mut uses = vec![0usize; widths.len()];
         graph.steps.iter().for_each(|step| step.values().for_each(|of| uses[of] += 1));
         // the steps that are part of an activation behind them
@@ -171,18 +171,13 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
                 let standardised = point.iter().zip(input_mean).zip(input_scale);
                 load(&mut columns.value, standardised.map(|((x, mean), scale)| flush(T::narrow((x - mean) / scale))));
             }
-            None => load(&mut columns.value, point.iter().map(|x| T::narrow(*x))),
+            None => load_scaled(&mut columns.value, point, None, |x, _| x),
         }
         let forward = match &task {
             Task::Outputs(_) => Forward::Values,
             Task::Series { rates, second, .. } => {
                 for (to, rates) in [&mut columns.first, &mut columns.second].into_iter().zip(rates) {
-                    match scaling {
-                        Some(Scaling { input_scale, .. }) => {
-                            load(to, rates.iter().zip(input_scale).map(|(rate, scale)| T::narrow(rate / scale)));
-                        }
-                        None => load(to, rates.iter().map(|rate| T::narrow(*rate))),
-                    }
+                    load_scaled(to, rates, scaling.map(|scaling| scaling.input_scale.as_slice()), |x, scale| x / scale);
                 }
                 if second.is_some() { Forward::Second } else { Forward::First }
             }
@@ -194,12 +189,7 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
         if let Task::Adjoint { weights, .. } = &task {
             scratch.values.iter_mut().for_each(|value| value.second.fill(Lanes::ZERO));
             let to = &mut scratch.values[last].second;
-            match scaling {
-                Some(Scaling { output_scale, .. }) => {
-                    load(to, weights.iter().zip(output_scale).map(|(weight, scale)| T::narrow(weight * scale)));
-                }
-                None => load(to, weights.iter().map(|weight| T::narrow(*weight))),
-            }
+            load_scaled(to, weights, scaling.map(|scaling| scaling.output_scale.as_slice()), |x, scale| x * scale);
             self.backward::<SIMD>(&mut scratch.values);
         }
         let outputs = &scratch.values[last];
@@ -278,16 +268,18 @@ impl<T: Real, const WIDTH: usize> PreparedGraph<T, WIDTH> {
                 }
             };
             match forward {
-                Forward::Slopes => {
-                    rest.with(Record::<T, SIMD, WIDTH> { values: &mut to.value, slopes: &mut to.first });
-                }
-                _ if rest == Kernel::Identity => {}
                 Forward::Values => activate::<T, SIMD, WIDTH>(rest, &mut to.value),
-                Forward::First | Forward::Second => {
+                _ => {
                     let [value, first, second] = to.orders_mut();
+                    // slopes are derivatives along the argument
+                    if forward == Forward::Slopes {
+                        first.fill(Lanes([T::ONE; WIDTH]));
+                    }
                     // unused second derivatives stay in the first cache
                     let second = if forward == Forward::Second { second } else { &mut spare[..second.len()] };
-                    rest.with(Pass::<T, SIMD, WIDTH> { value, first, second });
+                    if rest != Kernel::Identity {
+                        share::<SIMD>(Pass { kernel: rest, value, first, second });
+                    }
                 }
             }
         }
@@ -329,6 +321,20 @@ fn load<T: Real, const WIDTH: usize>(to: &mut [Lanes<T, WIDTH>], from: impl Exac
     let (to, rest) = flat_mut(to).split_at_mut(from.len());
     to.iter_mut().zip(from).for_each(|(to, from)| *to = from);
     rest.fill(T::ZERO);
+}
+
+/// As [`load`], of numbers with their scales if they have some; compiled once for all instruction sets.
+#[inline(never)]
+fn load_scaled<T: Real, const WIDTH: usize>(
+    to: &mut [Lanes<T, WIDTH>],
+    from: &[f64],
+    scales: Option<&[f64]>,
+    scaled: impl Fn(f64, f64) -> f64,
+) {
+    match scales {
+        Some(scales) => load(to, from.iter().zip(scales).map(|(x, scale)| T::narrow(scaled(*x, *scale)))),
+        None => load(to, from.iter().map(|x| T::narrow(*x))),
+    }
 }
 
 fn store<T: Real, const WIDTH: usize>(from: &[Lanes<T, WIDTH>], to: &mut [f64]) {

@@ -1,12 +1,10 @@
 //! Layers of networks on a tape: operations on blocks of registers, which are whole lanes.
 
 use super::{Known, LANES, Operation, Register, Tape, TapeBuilder};
-#[cfg(target_arch = "x86_64")]
-use crate::simd::{AVX2, AVX512};
 use crate::{
     Activation,
     map::jet::Number,
-    simd::{PORTABLE, Simd},
+    simd::{Compute, Simd},
 };
 
 /// Operation of a layer. Blocks have so many lanes, of [`LANES`] registers each.
@@ -28,35 +26,24 @@ impl Tape {
     pub(super) fn run_lanes<T: Number>(&self, operations: &[LaneOperation], registers: &mut [T]) {
         // series are compiled once, and FMUs stay small
         let simd = if T::DEPTH < 1 { Simd::detect() } else { Simd::Portable };
-        match simd {
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Simd::detect` found these features
-            Simd::Avx512 => unsafe { self.lanes_avx512(operations, registers) },
-            #[cfg(target_arch = "x86_64")]
-            // SAFETY: as above
-            Simd::Avx2 => unsafe { self.lanes_avx2(operations, registers) },
-            Simd::Portable => self.lanes_with::<T, PORTABLE>(operations, registers),
-        }
+        simd.run(RunLanes { tape: self, operations, registers });
     }
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-    fn lanes_avx512<T: Number>(&self, operations: &[LaneOperation], registers: &mut [T]) {
-        self.lanes_with::<T, AVX512>(operations, registers);
-    }
+struct RunLanes<'a, T> {
+    tape: &'a Tape,
+    operations: &'a [LaneOperation],
+    registers: &'a mut [T],
+}
 
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2,fma")]
-    fn lanes_avx2<T: Number>(&self, operations: &[LaneOperation], registers: &mut [T]) {
-        self.lanes_with::<T, AVX2>(operations, registers);
-    }
-
+impl<T: Number> Compute for RunLanes<'_, T> {
     #[inline(always)]
-    fn lanes_with<T: Number, const SIMD: u8>(&self, operations: &[LaneOperation], registers: &mut [T]) {
+    fn run<const SIMD: u8>(self) {
+        let Self { tape, operations, registers } = self;
         for operation in operations {
             match *operation {
                 LaneOperation::Matrix { weights, of, columns, c, to, lanes } => {
-                    let weights = self.weights[weights as usize..].chunks_exact(columns as usize);
+                    let weights = tape.weights[weights as usize..].chunks_exact(columns as usize);
                     for (lane, weights) in weights.take(lanes as usize).enumerate() {
                         let x = &registers[of.index()..][..weights.len()];
                         let at = |block: Register| block.index() + lane * LANES..block.index() + (lane + 1) * LANES;
@@ -69,7 +56,7 @@ impl Tape {
                     }
                 }
                 LaneOperation::Dot { weights, of, c, to, lanes } => {
-                    let weights = &self.weights[weights as usize..][..lanes as usize];
+                    let weights = &tape.weights[weights as usize..][..lanes as usize];
                     let x = registers[of.index()..].as_chunks().0;
                     registers[to.index()] = registers[c.index()] + dot::<T, SIMD>(weights, &x[..weights.len()]);
                 }
