@@ -123,7 +123,7 @@ impl Instance {
         }
         let is_smooth = !matches!(surrogate.model(), Model::Discrete(_));
         let evaluator = Evaluator::new(&surrogate);
-        let metadata = surrogate.metadata().clone();
+        let metadata = surrogate.metadata();
         let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
         let now = Snapshot {
@@ -164,7 +164,7 @@ impl Instance {
             sensitivities: [results.clone(), results.clone()],
             results,
             stale: true,
-            metadata,
+            metadata: surrogate.into_metadata(),
             warnings: Vec::new(),
         };
         instance.start();

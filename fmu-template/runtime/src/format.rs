@@ -240,11 +240,11 @@ impl Surrogate {
         let text = container.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY));
         let (header, metadata) = parse_header(text.ok_or(FormatError::NoMetadata)?)?;
         let data = &bytes[size_of::<u64>() + length..];
-        let view = |(name, TensorInfo { dtype, shape, data_offsets: (begin, end) }): (String, &TensorInfo)| {
-            Ok((name, TensorView::new(*dtype, shape.clone(), &data[*begin..*end])?))
-        };
-        let tensors: Result<Views, SafeTensorError> = container.tensors().into_iter().map(view).collect();
-        let mut tensors = tensors.map_err(FormatError::Container)?;
+        let mut tensors = Views::new();
+        for (name, TensorInfo { dtype, shape, data_offsets: (begin, end) }) in container.tensors() {
+            let view = TensorView::new(*dtype, shape.clone(), &data[*begin..*end]).map_err(FormatError::Container)?;
+            tensors.insert(name, view);
+        }
         let model = read_model(&header, &mut tensors)?;
         if let Some(name) = tensors.into_keys().min() {
             return Err(FormatError::UnknownTensor { name });

@@ -47,6 +47,11 @@ impl Surrogate {
         &self.metadata
     }
 
+    /// Name, variables, provenance.
+    pub fn into_metadata(self) -> Metadata {
+        self.metadata
+    }
+
     /// The inputs, in order.
     pub fn inputs(&self) -> &[Input] {
         &self.metadata.inputs

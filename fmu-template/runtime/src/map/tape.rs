@@ -7,7 +7,7 @@ use super::{elementary::ElementaryFunction, jet::Number, lookup::LookupTable};
 use crate::simd::{Compute, Simd};
 use lanes::LaneOperation;
 use std::{
-    collections::{BTreeMap, HashMap},
+    collections::HashMap,
     hash::{BuildHasherDefault, Hasher},
     ops::Range,
     sync::Arc,
@@ -314,9 +314,8 @@ pub(crate) struct TapeBuilder {
     pub(crate) zero: Register,
     pub(crate) one: Register,
     known: Vec<Known>,
-    constants: HashMap<u64, Register, Quick>,
-    products: HashMap<[u32; 3], Register, Quick>,
-    calls: BTreeMap<(ElementaryFunction, Register), Register>,
+    /// Registers of constants, products and calls; a constant and a call have no register where a product has its summand.
+    written: HashMap<[u32; 3], Register, Quick>,
     tape: Tape,
 }
 
@@ -328,9 +327,7 @@ impl TapeBuilder {
             zero: Register(0),
             one: Register(0),
             known: (0..inputs).map(known).collect(),
-            constants: HashMap::default(),
-            products: HashMap::default(),
-            calls: BTreeMap::new(),
+            written: HashMap::default(),
             tape: Tape { held: held.clone(), ..Tape::default() },
         };
         builder.zero = builder.constant(0.0);
@@ -380,17 +377,21 @@ impl TapeBuilder {
         self.value(register) == Some(0.0)
     }
 
+    #[inline(never)]
     pub(crate) fn constant(&mut self, value: f64) -> Register {
-        if let Some(known) = self.constants.get(&value.to_bits()) {
+        let bits = value.to_bits();
+        let key = [bits as u32, (bits >> 32) as u32, u32::MAX];
+        if let Some(known) = self.written.get(&key) {
             return *known;
         }
         let register = self.reserve(Known::Always(value));
-        self.constants.insert(value.to_bits(), register);
+        self.written.insert(key, register);
         self.tape.constants.push((register, value));
         register
     }
 
     /// `a b + c`
+    #[inline(never)]
     pub(crate) fn add_product(&mut self, c: Register, a: Register, b: Register) -> Register {
         let (a, b) = (a.min(b), a.max(b));
         match [a, b, c].map(|register| self.value(register)) {
@@ -400,12 +401,12 @@ impl TapeBuilder {
             [Some(a), Some(b), Some(c)] => return self.constant(a * b + c),
             _ => {}
         }
-        if let Some(known) = self.products.get(&[a.0, b.0, c.0]) {
+        if let Some(known) = self.written.get(&[a.0, b.0, c.0]) {
             return *known;
         }
         let known = self.follows(&[a, b, c]);
         let to = self.reserve(known);
-        self.products.insert([a.0, b.0, c.0], to);
+        self.written.insert([a.0, b.0, c.0], to);
         self.part(known).operations.push(Operation::Product { a, b, c, to });
         to
     }
@@ -440,16 +441,18 @@ impl TapeBuilder {
     }
 
     /// A function of a number.
+    #[inline(never)]
     pub(crate) fn call(&mut self, function: ElementaryFunction, of: Register) -> Register {
         if let Some(value) = self.value(of) {
             return self.constant(function.value(value));
         }
-        if let Some(known) = self.calls.get(&(function, of)) {
+        let key = [function as u32, of.0, u32::MAX - 1];
+        if let Some(known) = self.written.get(&key) {
             return *known;
         }
         let known = self.follows(&[of]);
         let to = self.reserve(known);
-        self.calls.insert((function, of), to);
+        self.written.insert(key, to);
         self.part(known).operations.push(Operation::Call { function, of, to });
         to
     }
