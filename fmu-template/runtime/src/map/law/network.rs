@@ -97,15 +97,15 @@ impl NetworkTerm {
         let mut outputs = Vec::new();
         for (output, function) in self.outputs.iter().enumerate() {
             let scale = output_scale[output];
-            let weights = |part: &Nodes| -> Vec<f64> {
-                part.nodes.iter().map(|node| scale * coefficient(output, *node)).collect()
-            };
+            let weights =
+                |part: &Nodes| -> Vec<f64> { part.nodes.iter().map(|node| coefficient(output, *node)).collect() };
             let sum = |of: &dyn Fn(&Nodes) -> Option<Register>, constant: f64, tape: &mut TapeBuilder| {
                 let mut sum = tape.constant(constant);
                 for part in &parts {
                     let (weights, block) = (weights(part), of(part));
                     if let Some(block) = block.filter(|_| weights.iter().any(|weight| *weight != 0.0)) {
-                        sum = tape.dot(&weights, block, sum);
+                        let more = tape.dot(&weights, block, tape.zero);
+                        sum = tape.add_scaled(sum, more, scale);
                     }
                 }
                 sum

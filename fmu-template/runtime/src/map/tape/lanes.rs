@@ -84,7 +84,8 @@ impl<T: Number> Compute for RunLanes<'_, T> {
 
 #[inline(always)]
 fn add_columns<T: Number, const SIMD: u8>(sums: &mut [T; LANES], weights: &[[f64; LANES]], x: &[T]) {
-    if T::DEPTH > 0 {
+    // few columns one after the other: coefficients of random features are large, and every rounding counts
+    if T::DEPTH > 0 || x.len() < 4 {
         for (x, weights) in x.iter().zip(weights) {
             sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum = sum.add_scaled::<SIMD>(*x, *weight));
         }
