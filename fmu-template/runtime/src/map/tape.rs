@@ -204,7 +204,7 @@ impl<T: Number> Compute for Run<'_, T> {
                     | Operation::Power { .. }
                     | Operation::Smaller { .. }
                     | Operation::Lookup { .. } => {
-                        operation.run_rare(registers, &self.tables);
+                        operation.run_rare(registers, &self.tape.tables);
                     }
                     Operation::Lanes { first, count } => {
                         tape.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
