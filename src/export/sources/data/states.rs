@@ -4,13 +4,14 @@ use super::{double, table};
 use metafmu_runtime::{Integration, Scale, Surrogate};
 
 /// External names.
-pub(super) const NAMES: [&str; 10] = [
+pub(super) const NAMES: [&str; 11] = [
     "model_advance",
     "model_follow",
     "model_goes_around",
     "model_rates",
     "model_respond",
     "model_scales",
+    "model_share_of_step",
     "model_solver_step",
     "model_solver_tolerance",
     "model_start",
