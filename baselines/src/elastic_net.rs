@@ -1,11 +1,11 @@
 //! Elastic net: least squares with penalties on the sizes and the squares of the weights.
 
-use crate::{Baseline, Fitted, Rows, for_each_output, linear};
+use crate::{Baseline, Fitted, StandardizedRows, for_each_output, linear};
 use linfa::traits::Fit;
 use metafmu_core::study::baselines::ElasticNet;
 
 impl Baseline for ElasticNet {
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         let model = linfa_elasticnet::ElasticNet::<f64>::params()
             .penalty(self.alpha)
             .l1_ratio(self.l1_ratio)

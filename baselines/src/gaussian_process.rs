@@ -1,6 +1,6 @@
 //! Gaussian process regression (kriging).
 
-use crate::{Baseline, Fitted, Rows, for_each_output};
+use crate::{Baseline, Fitted, StandardizedRows, for_each_output};
 use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
 use metafmu_core::study::baselines::GaussianProcess;
 use metafmu_runtime::graph::{Graph, KernelMachine};
@@ -11,7 +11,7 @@ impl Baseline for GaussianProcess {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         let machines = for_each_output(rows, |output| machine(&process(self, rows, output), rows, output))?;
         Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))
     }
@@ -21,7 +21,11 @@ impl Baseline for GaussianProcess {
 /// share of itself, which goes the right way only as long as that is positive. The noise is never below one of these.
 const UNIT: f64 = 1e-3;
 
-fn process(model: &GaussianProcess, rows: &Rows, output: usize) -> Process<SquaredExponential, ConstantPrior> {
+fn process(
+    model: &GaussianProcess,
+    rows: &StandardizedRows,
+    output: usize,
+) -> Process<SquaredExponential, ConstantPrior> {
     let amplitude_and_lengths = [1.0 / UNIT].into_iter().chain(vec![1.0; rows.inputs]).collect();
     let few = model.kernel_rows.min(rows.len());
     let (x, y) = (inputs(rows, few), outputs(rows, output));
@@ -36,18 +40,18 @@ fn process(model: &GaussianProcess, rows: &Rows, output: usize) -> Process<Squar
     Process::new(ConstantPrior::new(0.0), first.kernel, first.noise, None, inputs(rows, rows.len()), y)
 }
 
-fn inputs(rows: &Rows, count: usize) -> DMatrix<f64> {
+fn inputs(rows: &StandardizedRows, count: usize) -> DMatrix<f64> {
     DMatrix::from_row_slice(count, rows.inputs, &rows.x[..count * rows.inputs])
 }
 
-fn outputs(rows: &Rows, output: usize) -> DVector<f64> {
+fn outputs(rows: &StandardizedRows, output: usize) -> DVector<f64> {
     DVector::from_vec(rows.output(output)) / UNIT
 }
 
 /// The mean of the process as a sum of kernels around the rows, with weights `(K + noise^2 I)^-1 y`.
 fn machine(
     process: &Process<SquaredExponential, ConstantPrior>,
-    rows: &Rows,
+    rows: &StandardizedRows,
     output: usize,
 ) -> Result<KernelMachine, String> {
     let (kernel, count) = (&process.kernel, rows.len());
@@ -71,14 +75,14 @@ fn machine(
 #[derive(Clone, Debug, Default)]
 struct SquaredExponential(Vec<f64>);
 
-type Row<S> = Matrix<f64, Const<1>, Dyn, S>;
+type MatrixRow<S> = Matrix<f64, Const<1>, Dyn, S>;
 
 impl Kernel for SquaredExponential {
     fn nb_parameters(&self) -> usize {
         self.0.len()
     }
 
-    fn kernel<A, B>(&self, x: &Row<A>, y: &Row<B>) -> f64
+    fn kernel<A, B>(&self, x: &MatrixRow<A>, y: &MatrixRow<B>) -> f64
     where
         A: Storage<f64, Const<1>, Dyn>,
         B: Storage<f64, Const<1>, Dyn>,
@@ -88,7 +92,7 @@ impl Kernel for SquaredExponential {
         self.0[0] * self.0[0] * (-0.5 * square).exp()
     }
 
-    fn gradient<A, B>(&self, x: &Row<A>, y: &Row<B>) -> Vec<f64>
+    fn gradient<A, B>(&self, x: &MatrixRow<A>, y: &MatrixRow<B>) -> Vec<f64>
     where
         A: Storage<f64, Const<1>, Dyn>,
         B: Storage<f64, Const<1>, Dyn>,

@@ -5,7 +5,7 @@
 //! of squared errors). Splits lie between bins of about as many rows each, so that the sums of a histogram decide (Ke et al., LightGBM, 2017): a node's
 //! histogram minus that of its smaller child is that of the other one.
 
-use crate::{Baseline, Fitted, Rows, for_each_output, tree::MARGIN};
+use crate::{Baseline, Fitted, StandardizedRows, for_each_output, tree::MARGIN};
 use metafmu_core::study::baselines::GradientBoosting;
 use metafmu_runtime::graph::{Forest, Graph, LEAF, Node, Tree};
 
@@ -19,11 +19,11 @@ impl Baseline for GradientBoosting {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         if rows.x.len() != rows.len() * rows.inputs || rows.y.len() != rows.len() * rows.outputs {
             return Err(format!("{} numbers of outputs for {} rows", rows.y.len(), rows.len()));
         }
-        let binned = Binned::new(rows);
+        let binned = BinnedInputs::new(rows);
         let fitted = for_each_output(rows, |output| Ok(trees(self, &binned, rows.output(output))))?;
         let mut forest = Forest::default();
         for (output, trees) in (0..).zip(fitted) {
@@ -42,13 +42,13 @@ impl Baseline for GradientBoosting {
 }
 
 /// The trees of an output, whose residual is `residual` at first.
-fn trees(options: &GradientBoosting, binned: &Binned, mut residual: Vec<f64>) -> Vec<Vec<Node>> {
+fn trees(options: &GradientBoosting, binned: &BinnedInputs, mut residual: Vec<f64>) -> Vec<Vec<Node>> {
     let mut order: Vec<u32> = (0..residual.len() as u32).collect();
     (0..options.trees).map(|_| tree(options, binned, &mut residual, &mut order)).collect()
 }
 
 /// A tree, level by level, which is taken off the residual; `order`: the rows, in any order.
-fn tree(options: &GradientBoosting, binned: &Binned, residual: &mut [f64], order: &mut [u32]) -> Vec<Node> {
+fn tree(options: &GradientBoosting, binned: &BinnedInputs, residual: &mut [f64], order: &mut [u32]) -> Vec<Node> {
     let mut nodes = vec![LEAF_NODE];
     let mut level = vec![Open { node: 0, first: 0, end: order.len(), histogram: binned.histogram(order, residual) }];
     for depth in 0..=options.depth {
@@ -92,15 +92,15 @@ fn partition(rows: &mut [u32], is_first: impl Fn(u32) -> bool) -> usize {
 }
 
 /// Inputs as numbers of bins.
-struct Binned {
+struct BinnedInputs {
     /// Upper ends of the bins of each column, except the last bin.
     edges: Vec<Vec<f64>>,
     /// Shape `[rows, columns]`.
     bins: Vec<u8>,
 }
 
-impl Binned {
-    fn new(rows: &Rows) -> Self {
+impl BinnedInputs {
+    fn new(rows: &StandardizedRows) -> Self {
         let columns = rows.inputs;
         let edges: Vec<Vec<f64>> =
             (0..columns).map(|column| edges(rows.x.iter().skip(column).step_by(columns).copied().collect())).collect();
@@ -117,9 +117,9 @@ impl Binned {
         self.bins[row as usize * self.columns() + column].into()
     }
 
-    fn histogram(&self, rows: &[u32], residual: &[f64]) -> Histogram {
+    fn histogram(&self, rows: &[u32], residual: &[f64]) -> NodeHistogram {
         let columns = self.columns();
-        let mut sums = vec![Sum::default(); columns * BINS];
+        let mut sums = vec![ResidualSum::default(); columns * BINS];
         for &row in rows {
             let value = residual[row as usize];
             let bins = &self.bins[row as usize * columns..][..columns];
@@ -129,7 +129,7 @@ impl Binned {
                 sum.rows += 1.0;
             }
         }
-        Histogram(sums)
+        NodeHistogram(sums)
     }
 }
 
@@ -152,12 +152,12 @@ fn edges(mut values: Vec<f64>) -> Vec<f64> {
 
 /// Sum of the residual over rows, and their number.
 #[derive(Clone, Copy, Default)]
-struct Sum {
+struct ResidualSum {
     residual: f64,
     rows: f64,
 }
 
-impl Sum {
+impl ResidualSum {
     /// How much less the squared residual is if the rows are a leaf, but for a constant.
     fn gain(self) -> f64 {
         self.residual * self.residual / (self.rows + L2)
@@ -169,7 +169,7 @@ impl Sum {
 }
 
 /// Sums of the bins of each column, shape `[columns, BINS]`, over the rows of a node.
-struct Histogram(Vec<Sum>);
+struct NodeHistogram(Vec<ResidualSum>);
 
 struct Split {
     column: usize,
@@ -177,26 +177,29 @@ struct Split {
     bin: usize,
 }
 
-impl Histogram {
-    fn total(&self) -> Sum {
-        let add = |sum: Sum, bin: &Sum| Sum { residual: sum.residual + bin.residual, rows: sum.rows + bin.rows };
-        self.0[..BINS].iter().fold(Sum::default(), add)
+impl NodeHistogram {
+    fn total(&self) -> ResidualSum {
+        let add = |sum: ResidualSum, bin: &ResidualSum| ResidualSum {
+            residual: sum.residual + bin.residual,
+            rows: sum.rows + bin.rows,
+        };
+        self.0[..BINS].iter().fold(ResidualSum::default(), add)
     }
 
     /// Value of a leaf before shrinkage.
     fn value(&self) -> f64 {
-        let Sum { residual, rows } = self.total();
+        let ResidualSum { residual, rows } = self.total();
         residual / (rows + L2)
     }
 
     /// The split that gains most, unless none gains anything.
-    fn best_split(&self, binned: &Binned) -> Option<Split> {
+    fn best_split(&self, binned: &BinnedInputs) -> Option<Split> {
         let total = self.total();
         let (mut best, mut most) = (None, total.gain() + 1e-12);
         for (column, (sums, edges)) in self.0.chunks_exact(BINS).zip(&binned.edges).enumerate() {
-            let mut first = Sum::default();
+            let mut first = ResidualSum::default();
             for (bin, sum) in sums.iter().enumerate().take(edges.len()) {
-                first = Sum { residual: first.residual + sum.residual, rows: first.rows + sum.rows };
+                first = ResidualSum { residual: first.residual + sum.residual, rows: first.rows + sum.rows };
                 let second = total.minus(first);
                 if first.rows < 1.0 || second.rows < 1.0 {
                     continue;
@@ -216,12 +219,12 @@ struct Open {
     node: usize,
     first: usize,
     end: usize,
-    histogram: Histogram,
+    histogram: NodeHistogram,
 }
 
 impl Open {
     /// The two below, the first of which has the position `below`, and whose rows end at `middle`.
-    fn divided(self, binned: &Binned, residual: &[f64], order: &[u32], [below, middle]: [usize; 2]) -> [Self; 2] {
+    fn divided(self, binned: &BinnedInputs, residual: &[f64], order: &[u32], [below, middle]: [usize; 2]) -> [Self; 2] {
         let is_first_smaller = middle - self.first <= self.end - middle;
         let smaller = if is_first_smaller { self.first..middle } else { middle..self.end };
         let smaller = binned.histogram(&order[smaller], residual);

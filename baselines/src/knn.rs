@@ -1,6 +1,6 @@
 //! k nearest neighbours.
 
-use crate::{Baseline, Fitted, LibraryModel, Rows};
+use crate::{Baseline, Fitted, LibraryModel, StandardizedRows};
 use metafmu_core::study::baselines::Knn;
 use smartcore::{
     algorithm::neighbour::cover_tree::CoverTree,
@@ -12,7 +12,7 @@ impl Baseline for Knn {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         let (inputs, outputs, neighbours) = (rows.inputs, rows.outputs, self.neighbours);
         let points = rows.x.chunks(inputs).map(<[f64]>::to_vec).collect();
         // smartcore's regressor would search once for each output

@@ -20,7 +20,7 @@ pub mod worker;
 
 pub use metafmu_core::study::baselines::{BaselineKind, Baselines};
 use metafmu_runtime::graph::Graph;
-pub use rows::Rows;
+pub use rows::StandardizedRows;
 
 /// A model that can be fitted to rows.
 pub trait Baseline {
@@ -33,7 +33,7 @@ pub trait Baseline {
     ///
     /// # Errors
     /// Why it cannot be fitted, in words.
-    fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String>;
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String>;
 }
 
 /// The model of a kind, with its options.
@@ -77,7 +77,7 @@ pub struct LibraryModel {
 
 /// Runs a library's function for each output, over all cores; results in the order of the outputs.
 fn for_each_output<T: Send>(
-    rows: &Rows,
+    rows: &StandardizedRows,
     fit: impl Fn(usize) -> Result<T, String> + Send + Sync,
 ) -> Result<Vec<T>, String> {
     use rayon::prelude::*;

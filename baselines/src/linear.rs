@@ -1,6 +1,6 @@
 //! Linear least squares: `y = b + w z`.
 
-use crate::{Baseline, Fitted, Rows, for_each_output};
+use crate::{Baseline, Fitted, StandardizedRows, for_each_output};
 use linfa::{Dataset, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_core::study::baselines::Linear;
@@ -8,7 +8,7 @@ use metafmu_runtime::graph::Graph;
 use ndarray::{Array1, Array2, ShapeBuilder};
 
 impl Baseline for Linear {
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         let fits = for_each_output(rows, |output| {
             let fitted = LinearRegression::new().fit(&dataset(rows, output)).map_err(|error| error.to_string())?;
             Ok((fitted.intercept(), fitted.params().to_vec()))
@@ -18,14 +18,14 @@ impl Baseline for Linear {
 }
 
 /// Rows with one output, as linfa takes them; columns one after the other, which is how its solvers go through them.
-pub(super) fn dataset(rows: &Rows, output: usize) -> Dataset<f64, f64, ndarray::Ix1> {
+pub(super) fn dataset(rows: &StandardizedRows, output: usize) -> Dataset<f64, f64, ndarray::Ix1> {
     let columns = (0..rows.inputs).flat_map(|column| rows.x.iter().skip(column).step_by(rows.inputs).copied());
     let x = Array2::from_shape_vec((rows.len(), rows.inputs).f(), columns.collect());
     Dataset::new(x.expect("as many numbers as the shape says"), Array1::from_vec(rows.output(output)))
 }
 
 /// The formula of an intercept and weights for each output.
-pub(super) fn formula(rows: &Rows, fits: &[(f64, Vec<f64>)]) -> Fitted {
+pub(super) fn formula(rows: &StandardizedRows, fits: &[(f64, Vec<f64>)]) -> Fitted {
     let weights: Vec<f64> = fits.iter().flat_map(|(_, weights)| weights).copied().collect();
     let intercepts: Vec<f64> = fits.iter().map(|(intercept, _)| *intercept).collect();
     Fitted::Formula(Graph::of_linear(&rows.scaling, &weights, &intercepts))

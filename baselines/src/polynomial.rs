@@ -1,6 +1,6 @@
 //! Polynomials of all inputs together.
 
-use crate::{Baseline, Fitted, Rows};
+use crate::{Baseline, Fitted, StandardizedRows};
 use metafmu_core::study::baselines::{MAX_TERMS, Polynomial};
 use metafmu_runtime::{
     Scaling,
@@ -22,7 +22,7 @@ impl Baseline for Polynomial {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         let inputs = rows.inputs;
         let degrees = match self.degree {
             Some(degree) => degrees(inputs, degree, MAX_TERMS)?,
@@ -100,7 +100,7 @@ fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String> {
 }
 
 /// Middle and half width of the range of each standardised input.
-fn ranges(rows: &Rows) -> (Vec<f64>, Vec<f64>) {
+fn ranges(rows: &StandardizedRows) -> (Vec<f64>, Vec<f64>) {
     let range = |column: usize| {
         let values = rows.x.iter().skip(column).step_by(rows.inputs);
         let (min, max) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &z| (min.min(z), max.max(z)));

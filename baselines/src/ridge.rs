@@ -1,13 +1,13 @@
 //! Ridge regression: least squares with a penalty on the squares of the weights.
 
-use crate::{Baseline, Fitted, Rows, for_each_output, linear};
+use crate::{Baseline, Fitted, StandardizedRows, for_each_output, linear};
 use linfa::{DatasetBase, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_core::study::baselines::Ridge;
 use ndarray::{Array1, Array2, ShapeBuilder};
 
 impl Baseline for Ridge {
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         let (count, inputs) = (rows.len(), rows.inputs);
         let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / count as f64;
         let column = |column: usize| rows.x.iter().skip(column).step_by(inputs).copied();

@@ -4,7 +4,7 @@ use metafmu_runtime::Scaling;
 
 /// Standardised rows in double precision.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rows {
+pub struct StandardizedRows {
     /// Number of input columns: parameters, then time.
     pub inputs: usize,
     /// Number of output columns.
@@ -17,7 +17,7 @@ pub struct Rows {
     pub scaling: Scaling,
 }
 
-impl Rows {
+impl StandardizedRows {
     /// Standardises rows: `x` of shape `[rows, inputs]` and `y` of shape `[rows, outputs]` in the study's units.
     pub fn new(mut x: Vec<f64>, mut y: Vec<f64>, scaling: Scaling) -> Self {
         let Scaling { input_mean, input_scale, output_mean, output_scale } = &scaling;

@@ -1,6 +1,6 @@
 //! Support vector regression with Gaussian kernels.
 
-use crate::{Baseline, Fitted, Rows, for_each_output};
+use crate::{Baseline, Fitted, StandardizedRows, for_each_output};
 use metafmu_core::study::baselines::Svr;
 use metafmu_runtime::graph::{Graph, KernelMachine};
 use serde::Deserialize;
@@ -25,7 +25,7 @@ impl Baseline for Svr {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
         let x = matrix(rows.len(), rows.inputs, rows.x.clone())?;
         let machines = for_each_output(rows, |output| machine(self, &x, &rows.output(output)))?;
         Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))

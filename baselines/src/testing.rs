@@ -1,11 +1,11 @@
 //! Rows and closed forms for the tests of all baselines.
 
-use crate::{Fitted, Rows};
+use crate::{Fitted, StandardizedRows};
 use metafmu_runtime::{Map, Scaling, graph::Step};
 use nalgebra::{DMatrix, DVector};
 
 /// Two parameters, the time, two outputs that are smooth and not linear.
-pub fn wavy_rows(count: usize) -> Rows {
+pub fn wavy_rows(count: usize) -> StandardizedRows {
     let (mut state, mut x, mut y) = (1u64, Vec::new(), Vec::new());
     // Knuth's linear congruential generator
     let mut uniform = || {
@@ -22,7 +22,7 @@ pub fn wavy_rows(count: usize) -> Rows {
     }
     let (input_mean, input_scale) = moments(&x, 3);
     let (output_mean, output_scale) = moments(&y, 2);
-    Rows::new(x, y, Scaling { input_mean, input_scale, output_mean, output_scale })
+    StandardizedRows::new(x, y, Scaling { input_mean, input_scale, output_mean, output_scale })
 }
 
 /// Mean and standard deviation of each column.
@@ -36,7 +36,7 @@ fn moments(values: &[f64], width: usize) -> (Vec<f64>, Vec<f64>) {
 }
 
 /// Intercept and weights of an output by `(X^T X / rows + alpha I) w = X^T y / rows`, the intercept not penalised.
-pub fn least_squares(rows: &Rows, output: usize, alpha: f64) -> Vec<f64> {
+pub fn least_squares(rows: &StandardizedRows, output: usize, alpha: f64) -> Vec<f64> {
     let count = rows.len() as f64;
     let x = DMatrix::from_fn(rows.len(), rows.inputs + 1, |row, column| match column {
         0 => 1.0,
@@ -49,7 +49,7 @@ pub fn least_squares(rows: &Rows, output: usize, alpha: f64) -> Vec<f64> {
 }
 
 /// Standardised outputs of a formula at a row.
-pub fn formula_at(fitted: &Fitted, rows: &Rows, row: usize) -> Vec<f64> {
+pub fn formula_at(fitted: &Fitted, rows: &StandardizedRows, row: usize) -> Vec<f64> {
     let Fitted::Formula(graph) = fitted else { panic!("no formula") };
     let map = Map::Graph(graph.clone());
     map.check(rows.inputs, rows.outputs).unwrap();
@@ -62,7 +62,7 @@ pub fn formula_at(fitted: &Fitted, rows: &Rows, row: usize) -> Vec<f64> {
 }
 
 /// Intercept and weights of a linear formula, of standardised rows.
-pub fn formula_weights(fitted: &Fitted, rows: &Rows, output: usize) -> Vec<f64> {
+pub fn formula_weights(fitted: &Fitted, rows: &StandardizedRows, output: usize) -> Vec<f64> {
     let Fitted::Formula(graph) = fitted else { panic!("no formula") };
     let Some(Step::Affine { weight, bias, .. }) = graph.steps.last() else { panic!("not linear") };
     let Scaling { input_scale, output_mean, output_scale, .. } = &rows.scaling;
@@ -72,7 +72,7 @@ pub fn formula_weights(fitted: &Fitted, rows: &Rows, output: usize) -> Vec<f64> 
 }
 
 /// Coefficient of determination of an output on the rows.
-pub fn r2(fitted: &Fitted, rows: &Rows, output: usize) -> f64 {
+pub fn r2(fitted: &Fitted, rows: &StandardizedRows, output: usize) -> f64 {
     let y = rows.output(output);
     let mean = y.iter().sum::<f64>() / y.len() as f64;
     let predicted: Vec<f64> = match fitted {

@@ -1,6 +1,6 @@
 //! Decision trees, and forests of them.
 
-use crate::{Baseline, Fitted, Rows, for_each_output, svr::matrix};
+use crate::{Baseline, Fitted, StandardizedRows, for_each_output, svr::matrix};
 use metafmu_core::study::baselines::{DecisionTree, ExtraTrees, RandomForest};
 use metafmu_runtime::graph::{Forest, Graph, LEAF, Node, Tree};
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ impl Baseline for DecisionTree {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String> {
         let mut parameters = DecisionTreeRegressorParameters::default().with_min_samples_leaf(self.leaf);
         parameters.seed = Some(seed);
         fit(rows, |x, y| {
@@ -34,7 +34,7 @@ impl Baseline for RandomForest {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String> {
         let parameters = RandomForestRegressorParameters::default()
             .with_n_trees(self.trees)
             .with_min_samples_leaf(self.leaf)
@@ -53,7 +53,7 @@ impl Baseline for ExtraTrees {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &Rows, seed: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String> {
         let parameters = ExtraTreesRegressorParameters::default()
             .with_n_trees(self.trees)
             .with_min_samples_leaf(self.leaf)
@@ -104,7 +104,7 @@ fn through_text<T: for<'a> Deserialize<'a>>(fitted: &impl Serialize) -> Result<T
 
 /// Fits the trees of each output; the model is their mean.
 fn fit(
-    rows: &Rows,
+    rows: &StandardizedRows,
     fit: impl Fn(&DenseMatrix<f64>, &Vec<f64>) -> Result<Vec<SerializedTree>, String> + Send + Sync,
 ) -> Result<Fitted, String> {
     let x = matrix(rows.len(), rows.inputs, rows.x.clone())?;
@@ -154,7 +154,7 @@ mod tests {
     use crate::testing::{formula_at, r2, wavy_rows};
 
     #[track_caller]
-    fn assert_same(fitted: &Fitted, rows: &Rows, output: usize, predicted: &[f64]) {
+    fn assert_same(fitted: &Fitted, rows: &StandardizedRows, output: usize, predicted: &[f64]) {
         for (row, predicted) in predicted.iter().enumerate() {
             let found = formula_at(fitted, rows, row)[output];
             assert!((found - predicted).abs() < 1e-9, "row {row}: {found} {predicted}");

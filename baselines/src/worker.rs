@@ -4,7 +4,7 @@
 //! What goes in: a line of JSON, then the numbers of the rows and of the test inputs. What comes out: a line of JSON, then the
 //! predictions. All numbers are little-endian doubles.
 
-use crate::{BaselineKind, Baselines, Fitted, Rows, model};
+use crate::{BaselineKind, Baselines, Fitted, StandardizedRows, model};
 use metafmu_runtime::{Map, Scaling};
 use serde::{Deserialize, Serialize};
 use std::{
@@ -18,7 +18,7 @@ pub const TOO_SLOW: i32 = 3;
 
 /// What is to be fitted and where it is to be evaluated.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Task {
+pub struct FitTask {
     /// The model.
     pub kind: BaselineKind,
     /// The options of all of them.
@@ -26,23 +26,23 @@ pub struct Task {
     /// Everything random follows from it.
     pub seed: u64,
     /// The rows it is fitted to.
-    pub rows: Rows,
+    pub rows: StandardizedRows,
     /// Inputs of the test rows, in the study's units: shape `[test rows, inputs]`.
     pub test: Vec<f64>,
 }
 
-/// What came of it.
+/// Result of a [`FitTask`].
 #[derive(Clone, Debug, PartialEq)]
-pub struct Answer {
+pub struct FitResult {
     /// How it went, if it went well; else why not.
-    pub result: Result<Fit, String>,
+    pub result: Result<BaselineFit, String>,
     /// Outputs of the test rows, in the study's units: shape `[test rows, outputs]`.
     pub predictions: Vec<f64>,
 }
 
 /// A fit that went well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Fit {
+pub struct BaselineFit {
     /// Seconds that fitting took.
     pub fit_seconds: f64,
     /// Seconds of one prediction of all outputs at one point.
@@ -54,7 +54,7 @@ pub struct Fit {
 }
 
 #[derive(Serialize, Deserialize)]
-struct Header {
+struct TaskHeader {
     kind: BaselineKind,
     options: Baselines,
     seed: u64,
@@ -64,19 +64,19 @@ struct Header {
 }
 
 #[derive(Serialize, Deserialize)]
-struct AnswerHeader {
-    result: Result<Fit, String>,
+struct ResultHeader {
+    result: Result<BaselineFit, String>,
     predictions: usize,
 }
 
-impl Task {
+impl FitTask {
     /// Sends it to a worker.
     ///
     /// # Errors
     /// If the worker does not listen.
     pub fn write(&self, mut to: impl Write) -> std::io::Result<()> {
         let Scaling { input_mean, input_scale, output_mean, output_scale } = self.rows.scaling.clone();
-        let header = Header {
+        let header = TaskHeader {
             kind: self.kind,
             options: self.options.clone(),
             seed: self.seed,
@@ -91,18 +91,18 @@ impl Task {
     }
 
     fn read(mut from: impl BufRead) -> std::io::Result<Self> {
-        let Header { kind, options, seed, columns, rows, test_rows } = read_line(&mut from)?;
+        let TaskHeader { kind, options, seed, columns, rows, test_rows } = read_line(&mut from)?;
         let [input_mean, input_scale, output_mean, output_scale] = columns;
         let (inputs, outputs) = (input_mean.len(), output_mean.len());
         let x = read_numbers(&mut from, rows * inputs)?;
         let y = read_numbers(&mut from, rows * outputs)?;
         let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
-        let rows = Rows { inputs, outputs, x, y, scaling };
+        let rows = StandardizedRows { inputs, outputs, x, y, scaling };
         Ok(Self { kind, options, seed, rows, test: read_numbers(&mut from, test_rows * inputs)? })
     }
 
     /// Fits and predicts. A panic is a failure like any other.
-    pub fn perform(&self) -> Answer {
+    pub fn perform(&self) -> FitResult {
         let performed = catch_unwind(AssertUnwindSafe(|| self.fit_and_predict()));
         let result = performed.unwrap_or_else(|panic| {
             let text = panic.downcast_ref::<String>().cloned();
@@ -111,21 +111,21 @@ impl Task {
         });
         match result {
             Ok((fit, predictions)) if predictions.iter().all(|value| value.is_finite()) => {
-                Answer { result: Ok(fit), predictions }
+                FitResult { result: Ok(fit), predictions }
             }
-            Ok(_) => Answer { result: Err("its predictions are not finite".into()), predictions: Vec::new() },
-            Err(message) => Answer { result: Err(message), predictions: Vec::new() },
+            Ok(_) => FitResult { result: Err("its predictions are not finite".into()), predictions: Vec::new() },
+            Err(message) => FitResult { result: Err(message), predictions: Vec::new() },
         }
     }
 
-    fn fit_and_predict(&self) -> Result<(Fit, Vec<f64>), String> {
+    fn fit_and_predict(&self) -> Result<(BaselineFit, Vec<f64>), String> {
         let began = Instant::now();
         let fitted = model(&self.options, self.kind).fit(&self.rows, self.seed)?;
         let fit_seconds = began.elapsed().as_secs_f64();
         let began = Instant::now();
         let predictions = self.predict(&fitted)?;
         let points = (self.test.len() / self.rows.inputs).max(1);
-        let fit = Fit {
+        let fit = BaselineFit {
             fit_seconds,
             predict_seconds_per_point: began.elapsed().as_secs_f64() / points as f64,
             memory_bytes: match &fitted {
@@ -141,7 +141,7 @@ impl Task {
     }
 
     fn predict(&self, fitted: &Fitted) -> Result<Vec<f64>, String> {
-        let Rows { inputs, outputs, scaling, .. } = &self.rows;
+        let StandardizedRows { inputs, outputs, scaling, .. } = &self.rows;
         match fitted {
             Fitted::Formula(graph) => {
                 let map = Map::Graph(graph.clone());
@@ -160,9 +160,9 @@ impl Task {
     }
 }
 
-impl Answer {
+impl FitResult {
     fn write(&self, mut to: impl Write) -> std::io::Result<()> {
-        let header = AnswerHeader { result: self.result.clone(), predictions: self.predictions.len() };
+        let header = ResultHeader { result: self.result.clone(), predictions: self.predictions.len() };
         serde_json::to_writer(&mut to, &header)?;
         to.write_all(b"\n")?;
         write_numbers(&mut to, &self.predictions)?;
@@ -175,7 +175,7 @@ impl Answer {
     /// If it broke off.
     pub fn read(from: &[u8]) -> std::io::Result<Self> {
         let mut from = BufReader::new(from);
-        let AnswerHeader { result, predictions } = read_line(&mut from)?;
+        let ResultHeader { result, predictions } = read_line(&mut from)?;
         Ok(Self { result, predictions: read_numbers(&mut from, predictions)? })
     }
 }
@@ -185,7 +185,7 @@ impl Answer {
 /// # Errors
 /// If the task does not come or the answer cannot be sent.
 pub fn serve(from: impl Read, to: impl Write) -> std::io::Result<()> {
-    let task = Task::read(BufReader::new(from))?;
+    let task = FitTask::read(BufReader::new(from))?;
     // a budget of years is none
     let budget = Duration::try_from_secs_f64(task.options.time_budget).unwrap_or(Duration::MAX);
     std::thread::spawn(move || {
@@ -216,14 +216,14 @@ mod tests {
     use super::*;
     use crate::testing::wavy_rows;
 
-    fn task(kind: BaselineKind) -> Task {
+    fn task(kind: BaselineKind) -> FitTask {
         let rows = wavy_rows(200);
         let test = rows.scaling.input_mean.repeat(3);
         let mut options = Baselines::default();
         options.gaussian_process.rows = 50;
         options.gaussian_process.steps = 5;
         options.polynomial.degree = Some(3);
-        Task { kind, options, seed: 1, rows, test }
+        FitTask { kind, options, seed: 1, rows, test }
     }
 
     #[test]
@@ -231,11 +231,11 @@ mod tests {
         let task = task(BaselineKind::Ridge);
         let mut bytes = Vec::new();
         task.write(&mut bytes).unwrap();
-        assert_eq!(Task::read(bytes.as_slice()).unwrap(), task);
+        assert_eq!(FitTask::read(bytes.as_slice()).unwrap(), task);
         let (answer, mut bytes) = (task.perform(), Vec::new());
         answer.write(&mut bytes).unwrap();
-        assert_eq!(Answer::read(&bytes).unwrap(), answer);
-        assert!(Answer::read(&bytes[..bytes.len() - 1]).is_err(), "broken off");
+        assert_eq!(FitResult::read(&bytes).unwrap(), answer);
+        assert!(FitResult::read(&bytes[..bytes.len() - 1]).is_err(), "broken off");
     }
 
     #[test]

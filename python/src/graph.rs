@@ -1,6 +1,6 @@
 //! The builder of graphs, for readers of fitted models.
 
-use crate::{Error, Surrogate, bytes, doubles, refused, rows, threads::shared};
+use crate::{Error, PySurrogate, bytes, doubles, refused, rows, threads::shared};
 use metafmu::{
     import::{self, About, Imported, builder::Builder},
     interface::Interface,
@@ -62,13 +62,13 @@ fn by_name<T: Copy>(table: &[(&str, T)], wanted: &str) -> PyResult<T> {
 }
 
 /// A graph that is being made: value 0 is the row of inputs, and each method makes a value of others and gives its number.
-#[pyclass(module = "metafmu._metafmu")]
-pub struct Graph {
+#[pyclass(name = "Graph", module = "metafmu._metafmu")]
+pub struct PyGraph {
     builder: Option<Builder>,
     values: usize,
 }
 
-impl Graph {
+impl PyGraph {
     /// The builder, and makes sure that the values exist: Python may say anything.
     fn of(&mut self, values: &[usize]) -> PyResult<&mut Builder> {
         if let Some(value) = values.iter().find(|value| **value >= self.values) {
@@ -94,7 +94,7 @@ fn lengths(what: &str, found: usize, expected: usize) -> PyResult<()> {
 }
 
 #[pymethods]
-impl Graph {
+impl PyGraph {
     #[new]
     fn new(inputs: usize) -> PyResult<Self> {
         if inputs == 0 {
@@ -124,7 +124,7 @@ impl Graph {
     }
 
     /// The network of a surrogate, as steps: that of a regressor of ours in a pipeline.
-    fn network(&mut self, of: usize, surrogate: &Surrogate) -> PyResult<usize> {
+    fn network(&mut self, of: usize, surrogate: &PySurrogate) -> PyResult<usize> {
         let Model::Response(Map::Network(ScaledNetwork { scaling, layers })) = surrogate.surrogate.model() else {
             return Err(refused("no network"));
         };
@@ -256,7 +256,7 @@ impl Graph {
         single: bool,
         producer: &str,
         named: (Vec<String>, Vec<String>),
-    ) -> PyResult<Surrogate> {
+    ) -> PyResult<PySurrogate> {
         let interface = Interface::from_json(interface).map_err(refused)?;
         let (inputs, outputs) = named;
         let builder = self.taken(&columns, [inputs.len(), outputs.len()])?;
@@ -266,7 +266,7 @@ impl Graph {
             Imported { inputs, stacked, outputs, builder, columns, recurrences, is_single: single, producer };
         let path = Path::new(&interface.name);
         let made = shared(|| import::surrogate((path, content), imported, &interface, rows));
-        made.map(Surrogate::new).map_err(refused)
+        made.map(PySurrogate::new).map_err(refused)
     }
 
     /// Ends with these numbers as the outputs.
@@ -278,7 +278,7 @@ impl Graph {
         content: &[u8],
         single: bool,
         producer: &str,
-    ) -> PyResult<Surrogate> {
+    ) -> PyResult<PySurrogate> {
         let interface = Interface::from_json(interface).map_err(refused)?;
         let variables = interface.variables().count();
         let builder = self.taken(&columns, [variables, interface.outputs.len()])?;
@@ -286,11 +286,11 @@ impl Graph {
         let map = builder.finish(columns).map_err(refused)?;
         let about = About { path: Path::new(&interface.name), content, is_single: single, producer };
         let made = shared(|| import::of_map(map, about, &interface, rows));
-        made.map(Surrogate::new).map_err(refused)
+        made.map(PySurrogate::new).map_err(refused)
     }
 }
 
-impl Graph {
+impl PyGraph {
     /// The builder, at its end, if it has so many inputs and outputs.
     fn taken(&mut self, columns: &[[u32; 2]], [inputs, outputs]: [usize; 2]) -> PyResult<Builder> {
         self.check_columns(columns)?;

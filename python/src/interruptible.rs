@@ -19,9 +19,9 @@ use std::{
 const BETWEEN: Duration = Duration::from_millis(50);
 
 /// Sends the lines that a pipeline says to the thread that may print them.
-pub struct Lines(Option<Mutex<Sender<String>>>);
+pub struct LineSender(Option<Mutex<Sender<String>>>);
 
-impl Lines {
+impl LineSender {
     /// None of them unless wanted.
     pub fn only_if(self, wanted: bool) -> Self {
         Self(self.0.filter(|_| wanted))
@@ -40,7 +40,7 @@ impl Lines {
     }
 }
 
-impl Observer for Lines {
+impl Observer for LineSender {
     fn event(&self, event: Event<'_>) {
         match event {
             Event::Note(line) | Event::Message(line) => self.say(line.to_string()),
@@ -51,7 +51,7 @@ impl Observer for Lines {
 }
 
 /// Does work that ends soon after its token turns true, which it does at Ctrl-C: then the error is Python's `KeyboardInterrupt`.
-pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&AtomicBool, Lines) -> T + Send) -> PyResult<T> {
+pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&AtomicBool, LineSender) -> T + Send) -> PyResult<T> {
     let stop = AtomicBool::new(false);
     let (done, interrupted) = py.detach(|| {
         let (sender, receiver) = channel();
@@ -60,7 +60,7 @@ pub fn interruptible<T: Send>(py: Python<'_>, work: impl FnOnce(&AtomicBool, Lin
             let stop = &stop;
             let worker = scope.spawn(move || {
                 let alive = sender.clone();
-                let done = shared(|| work(stop, Lines(Some(Mutex::new(sender)))));
+                let done = shared(|| work(stop, LineSender(Some(Mutex::new(sender)))));
                 drop(alive);
                 done
             });

@@ -53,14 +53,14 @@ fn refused(error: impl std::fmt::Display) -> PyErr {
 const ROWS: usize = 4096;
 
 /// A surrogate, laid out for evaluation.
-#[pyclass(frozen, module = "metafmu._metafmu")]
-struct Surrogate {
+#[pyclass(name = "Surrogate", frozen, module = "metafmu._metafmu")]
+struct PySurrogate {
     surrogate: metafmu_runtime::Surrogate,
     evaluator: Evaluator,
     domain: Domain,
 }
 
-impl Surrogate {
+impl PySurrogate {
     fn new(surrogate: metafmu_runtime::Surrogate) -> Self {
         Self { evaluator: Evaluator::new(&surrogate), domain: Domain::of(&surrogate), surrogate }
     }
@@ -103,7 +103,7 @@ impl Surrogate {
 }
 
 #[pymethods]
-impl Surrogate {
+impl PySurrogate {
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
         detached(py, || predict::load_file(&path)).map(Self::new).map_err(refused)
@@ -281,14 +281,14 @@ fn from_onnx(
     folder: Option<PathBuf>,
     interface: &str,
     data: Option<&[u8]>,
-) -> PyResult<Surrogate> {
+) -> PyResult<PySurrogate> {
     detached(py, || {
         let interface = Interface::from_json(interface).map_err(refused)?;
         let imported = onnx::read(model, folder.as_deref()).map_err(|problems| refused(problems.join("\n")))?;
         let rows = rows(data, interface.variables().count());
         let path = Path::new(&interface.name);
         let made = import::surrogate((path, model), imported, &interface, rows);
-        made.map(Surrogate::new).map_err(refused)
+        made.map(PySurrogate::new).map_err(refused)
     })
 }
 
@@ -301,7 +301,7 @@ fn fit(
     interface: &str,
     options: &str,
     verbose: bool,
-) -> PyResult<(Surrogate, String)> {
+) -> PyResult<(PySurrogate, String)> {
     let interface = Interface::from_json(interface).map_err(refused)?;
     let options: FitOptions = serde_json::from_str(options).map_err(|error| {
         // a place in JSON that nobody wrote says nothing
@@ -316,7 +316,7 @@ fn fit(
         pipeline::fit::fit((inputs, &outputs), &interface, &options, lines.control(stop, &program))
     })?;
     let (surrogate, fit) = done.map_err(refused)?;
-    Ok((Surrogate::new(surrogate), serde_json::to_string(&fit).map_err(refused)?))
+    Ok((PySurrogate::new(surrogate), serde_json::to_string(&fit).map_err(refused)?))
 }
 
 /// Name and folder of results of a study.
@@ -387,8 +387,8 @@ fn _metafmu(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("Error", module.py().get_type::<Error>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add("FUNCTIONS", graph::names())?;
-    module.add_class::<Surrogate>()?;
-    module.add_class::<graph::Graph>()?;
+    module.add_class::<PySurrogate>()?;
+    module.add_class::<graph::PyGraph>()?;
     module.add_function(wrap_pyfunction!(onnx_columns, module)?)?;
     module.add_function(wrap_pyfunction!(onnx_evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(out_of_order, module)?)?;

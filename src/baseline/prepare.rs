@@ -1,6 +1,6 @@
 //! The rows of a study that baselines are fitted to.
 
-use super::Rows;
+use super::StandardizedRows;
 use crate::{
     dataset::{Dataset, Run},
     layout::RowLayout,
@@ -10,7 +10,7 @@ use crate::{
 use std::borrow::Cow;
 
 /// All rows of the runs, parameters encoded as for the network, standardised.
-pub fn rows(dataset: &Dataset, layout: &RowLayout, runs: &[&Run]) -> Rows {
+pub fn rows(dataset: &Dataset, layout: &RowLayout, runs: &[&Run]) -> StandardizedRows {
     let scaling = scaling::fit(dataset, layout, runs.iter().copied());
     let (mut x, mut y) = (Vec::new(), Vec::new());
     for run in runs {
@@ -19,11 +19,11 @@ pub fn rows(dataset: &Dataset, layout: &RowLayout, runs: &[&Run]) -> Rows {
             y.extend_from_slice(outputs);
         });
     }
-    Rows::new(x, y, scaling)
+    StandardizedRows::new(x, y, scaling)
 }
 
 /// At most so many of the rows, chosen at random: fewer are the first of more.
-pub fn choose_rows(rows: &Rows, most: Option<usize>, seed: u64) -> Cow<'_, Rows> {
+pub fn choose_rows(rows: &StandardizedRows, most: Option<usize>, seed: u64) -> Cow<'_, StandardizedRows> {
     match most {
         Some(most) if most < rows.len() => {
             let order = sampling::permutation(rows.len(), sampling::random(seed, Stream::Baselines));

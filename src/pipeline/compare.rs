@@ -9,9 +9,9 @@ use super::{
 use crate::{
     Error, Result,
     baseline::{
-        self, BaselineKind, Comparison, ModelRow, Rows, Status, choose_rows,
+        self, BaselineKind, Comparison, ModelRow, StandardizedRows, Status, choose_rows,
         comparison::NETWORK,
-        worker::{self, Answer, Fit, Task},
+        worker::{self, BaselineFit, FitResult, FitTask},
     },
     dataset::{Dataset, Run},
     evaluation::{self, Accuracy, OutputMetrics},
@@ -196,7 +196,7 @@ pub(super) fn measure(
     project: &Project,
     study: &Study,
     kind: BaselineKind,
-    rows: &Rows,
+    rows: &StandardizedRows,
     test: &Dataset,
 ) -> Result<ModelRow> {
     let name = kind.name();
@@ -212,13 +212,13 @@ pub(super) fn measure(
     }
     let options = study.baselines.clone();
     let count = rows.len();
-    let task = Task { kind, options, seed: study.seed, rows, test: points };
+    let task = FitTask { kind, options, seed: study.seed, rows, test: points };
     Ok(match fit(project, &task)? {
-        Ended::Answered(Answer { result: Ok(fit), predictions }) => {
+        Ended::Answered(FitResult { result: Ok(fit), predictions }) => {
             let metrics = evaluation::compare(test, &by_run(test, &predictions), None);
             fitted_row(kind, &fit, count, all, test, &metrics)
         }
-        Ended::Answered(Answer { result: Err(message), .. }) => row(name, Status::Failed, message),
+        Ended::Answered(FitResult { result: Err(message), .. }) => row(name, Status::Failed, message),
         Ended::TooSlow => {
             let note = format!("not done after {} s with {count} of {all} rows", study.baselines.time_budget);
             row(name, Status::TooSlow, note)
@@ -230,7 +230,7 @@ pub(super) fn measure(
 
 fn fitted_row(
     kind: BaselineKind,
-    fit: &Fit,
+    fit: &BaselineFit,
     count: usize,
     all: usize,
     test: &Dataset,
@@ -263,14 +263,14 @@ fn by_run(test: &Dataset, predictions: &[f64]) -> Vec<Vec<f64>> {
 
 /// How a worker ended.
 enum Ended {
-    Answered(Answer),
+    Answered(FitResult),
     TooSlow,
     Stopped,
     Died(ExitStatus),
 }
 
 /// Has a process of its own do a task. It ends itself after the time budget; a Ctrl-C ends it here.
-fn fit(project: &Project, task: &Task) -> Result<Ended> {
+fn fit(project: &Project, task: &FitTask) -> Result<Ended> {
     let program = project.control().program;
     let failed = |source| Error::io(program, "run")(source);
     let mut command = Command::new(program);
@@ -291,7 +291,7 @@ fn fit(project: &Project, task: &Task) -> Result<Ended> {
             None => Ended::Stopped,
             Some(status) if status.code() == Some(worker::TOO_SLOW) => Ended::TooSlow,
             Some(status) if !status.success() && project.is_stopped() => Ended::Stopped,
-            Some(status) => Answer::read(&bytes).map_or(Ended::Died(status), Ended::Answered),
+            Some(status) => FitResult::read(&bytes).map_or(Ended::Died(status), Ended::Answered),
         })
     })
 }

@@ -86,12 +86,12 @@ fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {
 }
 
 /// The rows a baseline may be fitted to: those the network is trained on.
-pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baseline::Rows {
+pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baseline::StandardizedRows {
     baseline_rows_and_held_out(study, dataset).0
 }
 
 /// The same, and the runs that are held out of the training.
-pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline::Rows, Dataset) {
+pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline::StandardizedRows, Dataset) {
     let (training_runs, held_out) = split(&dataset.runs, &study.training, study.seed);
     let Dataset { parameters, outputs, .. } = dataset;
     let runs = held_out.into_iter().cloned().collect();
