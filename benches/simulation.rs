@@ -3,7 +3,7 @@
 //! `cargo bench -p metafmu-benches --bench simulation` prints the tables of docs/multibody.md.
 
 use metafmu::{
-    integrate::{Budget, Integration, TOLERANCE, advance},
+    integrate::{Budget, IntegrationResult, TOLERANCE, advance},
     multibody::{Mechanism, build::build, model::Sample, simulate::simulate},
     systems::SYSTEMS,
 };
@@ -121,7 +121,7 @@ fn order() {
     println!("\ntolerance  largest error  evaluations");
     for exponent in 4..=11 {
         let tolerance = 10f64.powi(-exponent);
-        let Integration { states, evaluations, .. } = solve(tolerance);
+        let IntegrationResult { states, evaluations, .. } = solve(tolerance);
         println!("{tolerance:9.0e}  {:13.1e}  {evaluations:11}", largest(&states));
     }
 }

@@ -4,7 +4,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use metafmu::{
     network::Network,
     study::{NetworkOptions, Optimizer, TrainingOptions},
-    training::{Rows, Trainer},
+    training::{Trainer, TrainingRows},
 };
 use metafmu_runtime::Activation;
 use std::{hint::black_box, time::Instant};
@@ -28,7 +28,7 @@ fn optimizer_step(criterion: &mut Criterion) {
 }
 
 /// On as many threads as a training takes.
-fn time_steps(network: &Network, rows: &Rows, batch: usize, steps: u64) -> std::time::Duration {
+fn time_steps(network: &Network, rows: &TrainingRows, batch: usize, steps: u64) -> std::time::Duration {
     let numbers: Vec<u32> = (0..rows.len() as u32).collect();
     let mut trainer = Trainer::new(
         network.clone(),
@@ -46,10 +46,10 @@ fn time_steps(network: &Network, rows: &Rows, batch: usize, steps: u64) -> std::
 }
 
 /// Numbers spread over (-1, 1): the fractional parts of multiples of the golden ratio.
-fn rows(inputs: usize, outputs: usize, count: usize) -> Rows {
+fn rows(inputs: usize, outputs: usize, count: usize) -> TrainingRows {
     let spread = |count: usize| (0..count).map(|i| 2.0 * (i as f64 * 0.618_033_988_749_894_9).fract() as f32 - 1.0);
     let (x, y) = (spread(count * inputs).collect(), spread(count * outputs).collect());
-    Rows::new(inputs, outputs, x, y).expect("whole rows of finite numbers")
+    TrainingRows::new(inputs, outputs, x, y).expect("whole rows of finite numbers")
 }
 
 criterion_group!(benches, optimizer_step);

@@ -4,10 +4,10 @@
 //!     cargo run --release --example rollouts
 
 use metafmu::{
-    dynamics::{Fitted, Range, Region, fit},
+    dynamics::{FittedEquations, QuantityRange, Region, fit},
     integrate::{Budget, TOLERANCE, integrate},
     multibody::Mechanism,
-    signal::{Signal, Sine},
+    signal::{Signal, SineTerm},
 };
 use metafmu_runtime::{DynamicsScratch, StatePoint};
 use nalgebra::{DVector, SVector};
@@ -101,10 +101,10 @@ fn main() -> Result<(), Box<dyn Error>> {
 fn report<const STATES: usize>(case: &Case, mechanism: &Mechanism) -> Result<(), Box<dyn Error>> {
     let range = |name: &&str| {
         let parameter = &mechanism.parameters()[*name];
-        Range::new(name, parameter.min.unwrap_or(0.0), parameter.max.unwrap_or(1.0))
+        QuantityRange::new(name, parameter.min.unwrap_or(0.0), parameter.max.unwrap_or(1.0))
     };
     let region = Region {
-        coordinates: case.coordinates.iter().map(|(name, min, max)| Range::new(name, *min, *max)).collect(),
+        coordinates: case.coordinates.iter().map(|(name, min, max)| QuantityRange::new(name, *min, *max)).collect(),
         parameters: case.parameters.iter().map(range).collect(),
         ..Region::default()
     };
@@ -177,7 +177,7 @@ impl Run {
         // ten sines of random frequencies and phases that together stay within the range
         let signals = mechanism.inputs().values().map(|input| {
             let (middle, half) = (0.5 * (input.min + input.max), 0.5 * (input.max - input.min));
-            let sines = (0..10).map(|_| Sine {
+            let sines = (0..10).map(|_| SineTerm {
                 amplitude: 0.2 * half,
                 frequency: within(0.05, 1.0) * case.bandwidth,
                 phase: within(0.0, 2.0 * PI),
@@ -220,7 +220,11 @@ impl Run {
 
     /// States of the learned equations, integrated as exactly as those of the mechanism: what differs is what was learned. Of
     /// `coordinates_only` without the rates.
-    fn rollout<const STATES: usize>(&self, fitted: &Fitted, coordinates_only: bool) -> Result<Vec<Vec<f64>>, String> {
+    fn rollout<const STATES: usize>(
+        &self,
+        fitted: &FittedEquations,
+        coordinates_only: bool,
+    ) -> Result<Vec<Vec<f64>>, String> {
         let n = fitted.dynamics.coordinates();
         let work: RefCell<(Vec<f64>, DynamicsScratch)> = RefCell::new((vec![0.0; n], fitted.dynamics.scratch()));
         let derivative = |y: &SVector<f64, STATES>| {
@@ -242,7 +246,7 @@ impl Run {
         &self,
         mechanism: &Mechanism,
         region: &Region,
-        fitted: &Fitted,
+        fitted: &FittedEquations,
     ) -> Result<f64, String> {
         let names: Vec<&str> = region.coordinates.iter().map(|range| range.name.as_str()).collect();
         let reduced = mechanism.reduced(&self.values, &names)?;

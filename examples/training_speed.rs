@@ -7,7 +7,7 @@
 use metafmu::{
     network::Network,
     study::{NetworkOptions, Optimizer, TrainingOptions},
-    training::{Rows, Trainer},
+    training::{Trainer, TrainingRows},
 };
 use metafmu_runtime::Activation;
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-fn read(file: &str, inputs: usize, outputs: usize) -> Result<Rows, Box<dyn Error>> {
+fn read(file: &str, inputs: usize, outputs: usize) -> Result<TrainingRows, Box<dyn Error>> {
     let bytes = fs::read(file)?;
     let values: Vec<f32> = bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect();
     let (mut x, mut y) = (Vec::new(), Vec::new());
@@ -64,5 +64,5 @@ fn read(file: &str, inputs: usize, outputs: usize) -> Result<Rows, Box<dyn Error
         x.extend_from_slice(inputs);
         y.extend_from_slice(outputs);
     }
-    Ok(Rows::new(inputs, outputs, x, y)?)
+    Ok(TrainingRows::new(inputs, outputs, x, y)?)
 }

@@ -191,7 +191,7 @@ fn quantile(mut rows: Vec<(f64, f64)>, needed: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variable::Variable;
+    use crate::variable::SourceVariable;
     use metafmu_runtime::example;
     use rand::{Rng, SeedableRng, rngs::ChaCha8Rng};
 
@@ -201,7 +201,7 @@ mod tests {
         let evaluator = Evaluator::new(&surrogate);
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let mut uniform = move || (generator.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let runs = (0..count).map(|_| {
             let rows = 5 + (20.0 * uniform()) as usize;
             let times = (0..rows).map(|row| 0.01 * row as f64).collect();
@@ -255,7 +255,7 @@ mod tests {
         let evaluator = Evaluator::new(&surrogate);
         let mut generator = ChaCha8Rng::seed_from_u64(1);
         let mut uniform = move || (generator.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let mut runs = |count: usize| -> Vec<Run> {
             let run = |_| {
                 let times: std::sync::Arc<[f64]> = (0..=100).map(|row| 0.02 * f64::from(row)).collect();

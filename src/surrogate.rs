@@ -8,7 +8,7 @@ use crate::{
     layout,
     source::driven::Driven,
     study::{self, ParameterOptions, Study},
-    variable::Variable,
+    variable::SourceVariable,
 };
 use metafmu_runtime::{
     Bounds, Encoding, Input, Map, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, State, Surrogate,
@@ -83,9 +83,9 @@ pub fn assemble_with_states(
     }));
     let ranges = ranges.iter().copied().chain(std::iter::repeat(None));
     let is_output = |name: &str| study.outputs.contains_key(name);
-    let own_name = |state: &Variable| match is_output(&state.name) {
+    let own_name = |state: &SourceVariable| match is_output(&state.name) {
         // an FMU's state may be an output as well, which keeps the name
-        true => Variable { name: format!("{}_state", state.name), ..state.clone() },
+        true => SourceVariable { name: format!("{}_state", state.name), ..state.clone() },
         false => state.clone(),
     };
     // a state without a range of validity has a usual one
@@ -114,7 +114,7 @@ pub fn assemble_discrete(
     let range = |values: &mut dyn Iterator<Item = f64>| {
         values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), value| (min.min(value), max.max(value)))
     };
-    let variable = |of: &Variable, role, (min, max): (f64, f64), start: f64| Input {
+    let variable = |of: &SourceVariable, role, (min, max): (f64, f64), start: f64| Input {
         name: of.name.clone(),
         role,
         unit: of.unit.clone(),
@@ -139,7 +139,7 @@ pub fn assemble_discrete(
         // a state that occurred: means over several runs are none
         let start = dataset.runs.first().map_or(0.0, |run| run.outputs[column]);
         let description = format!("{}; unless set, that of the first training run", of.description);
-        let of = Variable::new(&of.name, &of.unit, &description);
+        let of = SourceVariable::new(&of.name, &of.unit, &description);
         metadata.inputs.push(variable(&of, Role::Start, (output.min, output.max), start));
     }
     // of a single past sample the inputs before the start do not count
@@ -164,7 +164,7 @@ pub(crate) fn rate_unit(unit: &str) -> String {
 
 /// A state with the range in which it is valid, and the one in which it usually is.
 fn of_state(
-    Variable { name, unit, description, .. }: Variable,
+    SourceVariable { name, unit, description, .. }: SourceVariable,
     range: Option<[f64; 2]>,
     usual: Option<[f64; 2]>,
 ) -> State {
@@ -210,7 +210,7 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     let outputs = dataset.outputs.iter().enumerate().map(|(column, variable)| {
         let values = dataset.runs.iter().flat_map(|run| run.outputs.iter().skip(column).step_by(dataset.outputs.len()));
         let (min, max) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &y| (min.min(y), max.max(y)));
-        let Variable { name, unit, description, .. } = variable.clone();
+        let SourceVariable { name, unit, description, .. } = variable.clone();
         Output { name, unit, description, min, max }
     });
     Metadata {
@@ -239,9 +239,9 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
 /// In every run a parameter was constant, also one that was an input of an FMU: unless the study says otherwise, it is fixed.
 fn role(options: &ParameterOptions) -> Role {
     match options.variability.unwrap_or_default() {
-        study::Variability::Fixed => Role::Parameter(Variability::Fixed),
-        study::Variability::Tunable => Role::Parameter(Variability::Tunable),
-        study::Variability::Continuous => Role::Input,
+        study::ParameterVariability::Fixed => Role::Parameter(Variability::Fixed),
+        study::ParameterVariability::Tunable => Role::Parameter(Variability::Tunable),
+        study::ParameterVariability::Continuous => Role::Input,
     }
 }
 

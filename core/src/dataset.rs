@@ -5,7 +5,7 @@
 
 mod constants;
 
-use crate::{Error, Result, diagnostics::Place, files, table::header_field, variable::Variable};
+use crate::{Error, Result, diagnostics::Place, files, table::header_field, variable::SourceVariable};
 pub use constants::{Rounding, settle};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
@@ -33,30 +33,31 @@ pub struct Run {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dataset {
     /// The parameters.
-    pub parameters: Vec<Variable>,
+    pub parameters: Vec<SourceVariable>,
     /// What drives the runs.
-    pub inputs: Vec<Variable>,
+    pub inputs: Vec<SourceVariable>,
     /// The outputs.
-    pub outputs: Vec<Variable>,
+    pub outputs: Vec<SourceVariable>,
     /// The runs.
     pub runs: Vec<Run>,
 }
 
 /// The variables of a table's columns.
 #[derive(Clone, Copy, Debug)]
-pub struct Columns<'a> {
+pub struct DatasetColumns<'a> {
     /// The parameters.
-    pub parameters: &'a [Variable],
+    pub parameters: &'a [SourceVariable],
     /// What drives the runs.
-    pub inputs: &'a [Variable],
+    pub inputs: &'a [SourceVariable],
     /// The outputs.
-    pub outputs: &'a [Variable],
+    pub outputs: &'a [SourceVariable],
 }
 
-impl Columns<'_> {
+impl DatasetColumns<'_> {
     /// A dataset of such columns that has no runs.
     pub fn without_runs(self) -> Dataset {
-        let [parameters, inputs, outputs] = [self.parameters, self.inputs, self.outputs].map(<[Variable]>::to_vec);
+        let [parameters, inputs, outputs] =
+            [self.parameters, self.inputs, self.outputs].map(<[SourceVariable]>::to_vec);
         Dataset { parameters, inputs, outputs, runs: Vec::new() }
     }
 }
@@ -90,8 +91,8 @@ impl Dataset {
     }
 
     /// The variables of its columns.
-    pub fn variables(&self) -> Columns<'_> {
-        Columns { parameters: &self.parameters, inputs: &self.inputs, outputs: &self.outputs }
+    pub fn variables(&self) -> DatasetColumns<'_> {
+        DatasetColumns { parameters: &self.parameters, inputs: &self.inputs, outputs: &self.outputs }
     }
 
     fn columns(&self) -> Vec<String> {
@@ -128,7 +129,7 @@ impl Dataset {
     /// # Errors
     /// [`Error::Io`], [`Error::Stale`] if the file has other bytes by now, or [`Error::Table`] with the line of the first
     /// mistake.
-    pub fn read_csv(path: &Path, digest: &str, columns: Columns) -> Result<Self> {
+    pub fn read_csv(path: &Path, digest: &str, columns: DatasetColumns) -> Result<Self> {
         let read = Self::parse_csv(path, columns);
         let found = match &read {
             Ok((_, found)) => found.clone(),
@@ -147,9 +148,9 @@ impl Dataset {
     }
 
     /// The table and the SHA-256 of its bytes.
-    fn parse_csv(path: &Path, variables: Columns) -> Result<(Self, String)> {
+    fn parse_csv(path: &Path, variables: DatasetColumns) -> Result<(Self, String)> {
         let mut dataset = variables.without_runs();
-        let Columns { parameters, inputs, .. } = variables;
+        let DatasetColumns { parameters, inputs, .. } = variables;
         let mistake =
             |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
         let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "read"))?);
@@ -166,8 +167,8 @@ impl Dataset {
         let mut rows = RunReader::new([parameters.len(), inputs.len()]);
         let (mut line, mut block) = (2, Vec::new());
         while next_block(&mut file, &mut block).map_err(Error::io(path, "read"))? {
-            let parse = || split_lines(&block).into_par_iter().map(|text| Piece::parse(text, &columns)).collect();
-            let (pieces, ()): (Vec<Piece>, ()) = rayon::join(parse, || hash.update(&block));
+            let parse = || split_lines(&block).into_par_iter().map(|text| TablePiece::parse(text, &columns)).collect();
+            let (pieces, ()): (Vec<TablePiece>, ()) = rayon::join(parse, || hash.update(&block));
             for piece in pieces {
                 for (row, offset) in piece.values.chunks(columns.len()).zip(&piece.row_lines) {
                     dataset.runs.extend(rows.push(row).map_err(|message| mistake(line + offset, message))?);
@@ -238,7 +239,7 @@ fn split_lines(block: &[u8]) -> Vec<&[u8]> {
 }
 
 /// Rows of a part of a table.
-struct Piece {
+struct TablePiece {
     /// Row by row.
     values: Vec<f64>,
     /// Line of each row, counted from the piece's first.
@@ -249,7 +250,7 @@ struct Piece {
     mistake: Option<(u64, String)>,
 }
 
-impl Piece {
+impl TablePiece {
     fn parse(text: &[u8], columns: &[String]) -> Self {
         let lines = text.iter().filter(|&&byte| byte == b'\n').count() as u64;
         let mut piece = Self { values: Vec::new(), row_lines: Vec::new(), lines, mistake: None };
@@ -347,8 +348,8 @@ impl RunReader {
 mod tests {
     use super::*;
 
-    fn variable(name: &str) -> Variable {
-        Variable::new(name, "", "")
+    fn variable(name: &str) -> SourceVariable {
+        SourceVariable::new(name, "", "")
     }
 
     fn example() -> Dataset {
@@ -376,7 +377,7 @@ mod tests {
             times: [0.0, 0.5, 1.0, 1.5].into(),
             outputs: (0..8).map(f64::from).collect(),
         };
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let (parameters, outputs) = (vec![variable("p")], vec![variable("a"), variable("b")]);
         let dataset = Dataset { inputs: Vec::new(), parameters, outputs, runs: vec![run] };
         let short = dataset.clone().until(1.0);

@@ -6,8 +6,8 @@ mod verdict;
 
 use crate::{
     dataset::{Dataset, Run},
-    layout::Point,
-    variable::Variable,
+    layout::InputPoint,
+    variable::SourceVariable,
 };
 pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
@@ -164,7 +164,8 @@ impl Accuracy {
             inputs: Vec::new(),
             outputs: labels.clone(),
         };
-        let outputs = surrogate.outputs().iter().map(|output| Variable::new(&output.name, &output.unit, "")).collect();
+        let outputs =
+            surrogate.outputs().iter().map(|output| SourceVariable::new(&output.name, &output.unit, "")).collect();
         let runs = labels.iter().map(run).collect();
         let test = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs, runs };
         let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, predictions) };
@@ -187,7 +188,7 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
     let mut scratch = evaluator.scratch();
     let width = surrogate.outputs().len();
     let mut predictions = vec![0.0; run.times.len() * width];
-    let mut point = Point::of(run);
+    let mut point = InputPoint::of(run);
     for (&time, outputs) in run.times.iter().zip(predictions.chunks_mut(width)) {
         evaluator.evaluate(point.at(time), outputs, &mut scratch);
     }
@@ -298,7 +299,7 @@ mod tests {
     fn errors_put_into_the_labels_are_found_again() {
         let surrogate = example::surrogate();
         let evaluator = Evaluator::new(&surrogate);
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let mut runs: Vec<Run> = [[0.12, 1.0], [0.18, 4.0]]
             .map(|parameters| {
                 let times: Arc<[f64]> = (0..21).map(|i| f64::from(i) * 0.1).collect();
@@ -365,7 +366,7 @@ mod tests {
             run
         };
         let runs = vec![run(0), run(2)];
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let parameters = ["mass", "position_start", "force_start"].map(variable).to_vec();
         let (inputs, outputs) = (vec![variable("force")], vec![variable("position")]);
         (surrogate, Dataset { inputs, parameters, outputs, runs })
@@ -416,7 +417,7 @@ mod tests {
 
     #[test]
     fn predictions_that_are_no_numbers_are_the_worst_and_figures_read_back() {
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let run = Run { inputs: Vec::new(), parameters: vec![0.0], times: [0.0, 1.0].into(), outputs: vec![1.0, 2.0] };
         let test = Dataset {
             inputs: Vec::new(),

@@ -19,7 +19,7 @@ pub const TOLERANCE: f64 = 1e-13;
 
 /// How far an integration came.
 #[derive(Clone, Debug)]
-pub struct Integration<State> {
+pub struct IntegrationResult<State> {
     /// The states at the first times, all of them if nothing failed and the problem did not stop.
     pub states: Vec<State>,
     /// The method's message if it failed before the last row.
@@ -76,7 +76,8 @@ pub fn integrate<const N: usize>(
     budget: &Budget,
 ) -> Result<Vec<SVector<f64, N>>, String> {
     budget.begin(times);
-    let Integration { states, failure, .. } = advance(RightHandSide(derivative), initial, times, tolerance, budget);
+    let IntegrationResult { states, failure, .. } =
+        advance(RightHandSide(derivative), initial, times, tolerance, budget);
     budget.check(|| None)?;
     match failure {
         Some(error) => Err(format!("integration failed: {error}")),
@@ -95,12 +96,12 @@ pub fn advance<D: Dim>(
     times: &[f64],
     tolerance: f64,
     budget: &Budget,
-) -> Integration<OVector<f64, D>>
+) -> IntegrationResult<OVector<f64, D>>
 where
     DefaultAllocator: Allocator<D>,
 {
     let &[start, .., stop] = times else {
-        return Integration { states: vec![initial; times.len()], failure: None, evaluations: 0 };
+        return IntegrationResult { states: vec![initial; times.len()], failure: None, evaluations: 0 };
     };
     let spacing = (stop - start) / (times.len() - 1) as f64;
     // ode_solvers extrapolates a row at the very end of the integration from the step before it: no row is there
@@ -137,7 +138,7 @@ where
     let states: Vec<_> = solver.y_out().iter().take(times.len()).take_while(finite).cloned().collect();
     // nothing is wrong if only the way past the last row failed
     let failure = failure.filter(|_| states.len() < times.len());
-    Integration { states, failure, evaluations }
+    IntegrationResult { states, failure, evaluations }
 }
 
 /// Why a method gave up, without the time.

@@ -23,7 +23,8 @@ use std::{
 /// An interface file: names, units and ranges of what a model of another tool takes and gives.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Interface {
+#[schemars(rename = "Interface")]
+pub struct ModelInterface {
     /// Names the surrogate and its FMU: a letter, then letters, digits, `-` and `_`; at most 100 characters.
     pub name: String,
     /// One sentence for people.
@@ -214,7 +215,7 @@ pub struct InterfaceOutput {
     pub description: String,
 }
 
-static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Interface>);
+static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<ModelInterface>);
 
 /// The JSON schema of an interface file.
 pub fn json_schema() -> &'static serde_json::Value {
@@ -225,9 +226,9 @@ pub fn json_schema() -> &'static serde_json::Value {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapping {
     /// Of each column that the model takes.
-    pub inputs: Vec<Source>,
+    pub inputs: Vec<ColumnSource>,
     /// Where each output of the FMU comes from.
-    pub outputs: Vec<Shown>,
+    pub outputs: Vec<OutputSource>,
     /// Each column that is a state.
     pub states: Vec<Followed>,
 }
@@ -245,7 +246,7 @@ pub struct Followed {
 
 /// Where an output comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Shown {
+pub enum OutputSource {
     /// A column that the model gives.
     Column(usize),
     /// A column that is a state.
@@ -254,7 +255,7 @@ pub enum Shown {
 
 /// Where a column of a model comes from.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Source {
+pub enum ColumnSource {
     /// An input of the FMU, by its position among those that are variables.
     Input(usize),
     /// Always the same.
@@ -263,7 +264,7 @@ pub enum Source {
     State(usize),
 }
 
-impl Interface {
+impl ModelInterface {
     /// Reads and checks an interface file.
     ///
     /// # Errors
@@ -342,13 +343,13 @@ impl Interface {
     pub fn mapping(&self, inputs: &[String], outputs: &[String]) -> Result<Mapping> {
         let mut problems = Problems::default();
         self.refuse(self.ambiguous([("inputs", inputs), ("outputs", outputs)]))?;
-        let mut sources = vec![Source::Value(0.0); inputs.len()];
+        let mut sources = vec![ColumnSource::Value(0.0); inputs.len()];
         let states = self.followed((inputs, outputs), &mut sources, &mut problems);
         // what is left over for inputs, and for outputs that do not say which column they are
         let rest = |names: &[String], is_taken: &dyn Fn(usize) -> bool| -> Vec<usize> {
             (0..names.len()).filter(|column| !is_taken(*column)).collect()
         };
-        let free = rest(inputs, &|column| matches!(sources[column], Source::State(_)));
+        let free = rest(inputs, &|column| matches!(sources[column], ColumnSource::State(_)));
         let known: Vec<String> = free.iter().map(|column| inputs[*column].clone()).collect();
         let given = |(name, input): (&String, &InterfaceInput)| (name.clone(), input.column.clone());
         let columns = columns("inputs", self.inputs.iter().map(given).collect(), &known, true, &mut problems);
@@ -359,18 +360,18 @@ impl Interface {
             let free = rest(outputs, &|column| of_states.contains(&column));
             let known: Vec<String> = free.iter().map(|column| outputs[*column].clone()).collect();
             let columns = self::columns("outputs", given, &known, false, &mut problems);
-            columns.into_iter().filter_map(|column| free.get(column).copied().map(Shown::Column)).collect()
+            columns.into_iter().filter_map(|column| free.get(column).copied().map(OutputSource::Column)).collect()
         } else {
             // a state is shown by either of its columns; of its derivative that is another number
             let mut known = outputs.to_vec();
-            let mut meant: Vec<Shown> = (0..outputs.len()).map(Shown::Column).collect();
+            let mut meant: Vec<OutputSource> = (0..outputs.len()).map(OutputSource::Column).collect();
             if self.evolution() == Some(Evolution::Discrete) {
-                of_states.iter().enumerate().for_each(|(state, column)| meant[*column] = Shown::State(state));
+                of_states.iter().enumerate().for_each(|(state, column)| meant[*column] = OutputSource::State(state));
             }
             for (column, source) in sources.iter().enumerate() {
-                if let Source::State(state) = source {
+                if let ColumnSource::State(state) = source {
                     known.push(inputs[column].clone());
-                    meant.push(Shown::State(*state));
+                    meant.push(OutputSource::State(*state));
                 }
             }
             let columns = self::columns("outputs", given, &known, false, &mut problems);
@@ -380,10 +381,10 @@ impl Interface {
         let mut variable = 0;
         for (column, input) in columns.into_iter().zip(self.inputs.values()) {
             sources[free[column]] = match input.value {
-                Some(value) => Source::Value(value),
+                Some(value) => ColumnSource::Value(value),
                 None => {
                     variable += 1;
-                    Source::Input(variable - 1)
+                    ColumnSource::Input(variable - 1)
                 }
             };
         }
@@ -412,7 +413,7 @@ impl Interface {
     fn followed(
         &self,
         (inputs, outputs): (&[String], &[String]),
-        sources: &mut [Source],
+        sources: &mut [ColumnSource],
         problems: &mut Problems,
     ) -> Vec<Followed> {
         let mut states: Vec<Followed> = Vec::new();
@@ -454,7 +455,7 @@ impl Interface {
             }
             for (place, (input, output)) in of_inputs.iter().zip(&of_outputs).enumerate() {
                 let name = if of_inputs.len() == 1 { name.clone() } else { format!("{name}[{place}]") };
-                if let Source::State(other) = sources[*input] {
+                if let ColumnSource::State(other) = sources[*input] {
                     let other: &Followed = &states[other];
                     let message = format!("\"{}\" is the column of the state `{}` already", inputs[*input], other.name);
                     problems.add(format!("{key}.column"), message);
@@ -465,7 +466,7 @@ impl Interface {
                     problems.add(format!("{key}.{field}"), message);
                     break;
                 }
-                sources[*input] = Source::State(states.len());
+                sources[*input] = ColumnSource::State(states.len());
                 states.push(Followed { name, of, output: *output });
             }
         }

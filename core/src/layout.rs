@@ -14,9 +14,9 @@ pub fn inputs<T>(parameters: impl IntoIterator<Item = T>, time: T) -> impl Itera
 
 /// The values of a surrogate's inputs in a run.
 #[derive(Clone, Debug)]
-pub struct Point(Vec<f64>);
+pub struct InputPoint(Vec<f64>);
 
-impl Point {
+impl InputPoint {
     /// The parameters of a run, at the time 0.
     pub fn of(run: &Run) -> Self {
         Self(inputs(run.parameters.iter().copied(), 0.0).collect())
@@ -36,11 +36,11 @@ impl Point {
 pub struct RowLayout {
     /// Of the parameters.
     encoder: Encoder,
-    rows: Rows,
+    rows: RowSelection,
 }
 
 #[derive(Clone, Copy, Debug)]
-enum Rows {
+enum RowSelection {
     All,
     /// That with this number of each run.
     At(usize),
@@ -49,19 +49,19 @@ enum Rows {
 impl RowLayout {
     /// All rows, with the time as a column; `encoder`: that of the parameters.
     pub fn new(encoder: Encoder) -> Self {
-        Self { encoder, rows: Rows::All }
+        Self { encoder, rows: RowSelection::All }
     }
 
     /// One row of each run, counted from 0, without the time.
     pub fn at(encoder: Encoder, row: usize) -> Self {
-        Self { encoder, rows: Rows::At(row) }
+        Self { encoder, rows: RowSelection::At(row) }
     }
 
     /// Number of input columns.
     pub fn columns(&self) -> usize {
         match self.rows {
-            Rows::All => self.encoder.width() + 1,
-            Rows::At(_) => self.encoder.width(),
+            RowSelection::All => self.encoder.width() + 1,
+            RowSelection::At(_) => self.encoder.width(),
         }
     }
 
@@ -71,8 +71,8 @@ impl RowLayout {
         let width = self.encoder.width();
         self.encoder.encode(&run.parameters, &mut columns[..width]);
         match self.rows {
-            Rows::At(row) => run.rows().skip(row).take(1).for_each(|(_, outputs)| each(&columns, outputs)),
-            Rows::All => {
+            RowSelection::At(row) => run.rows().skip(row).take(1).for_each(|(_, outputs)| each(&columns, outputs)),
+            RowSelection::All => {
                 for (time, outputs) in run.rows() {
                     columns[width] = time;
                     each(&columns, outputs);
@@ -104,7 +104,7 @@ mod tests {
         let second = RowLayout::at(encoder, 1);
         assert_eq!(second.columns(), 3);
         assert_eq!(rows(&second), [(vec![0.5, 0.0, 1.0], vec![8.0])]);
-        assert_eq!(Point::of(&run).at(2.0), [0.5, 1.0, 2.0]);
+        assert_eq!(InputPoint::of(&run).at(2.0), [0.5, 1.0, 2.0]);
         assert_eq!(inputs(["a", "b"], "time").collect::<Vec<_>>(), ["a", "b", "time"]);
     }
 }

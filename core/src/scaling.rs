@@ -4,7 +4,7 @@ use crate::{
     dataset::{Dataset, Run},
     diagnostics::{KeyProblem, Problems},
     layout::RowLayout,
-    variable::Variable,
+    variable::SourceVariable,
 };
 use metafmu_runtime::Scaling;
 
@@ -22,7 +22,7 @@ pub fn problems(dataset: &Dataset) -> Problems {
             (*min, *max) = (min.min(value), max.max(value));
         }
     }
-    let problem = |(output, (min, max)): (&Variable, (f64, f64))| {
+    let problem = |(output, (min, max)): (&SourceVariable, (f64, f64))| {
         // a set may have no runs
         if min > max {
             return None;
@@ -146,7 +146,7 @@ mod tests {
 
     #[test]
     fn standardised_columns_have_mean_zero_and_deviation_one() {
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let run = |p: f64| Run {
             inputs: Vec::new(),
             parameters: vec![p],
@@ -187,8 +187,8 @@ mod tests {
     fn outputs_that_cannot_be_computed_with_are_named() {
         let dataset = |values: [f64; 3]| Dataset {
             inputs: Vec::new(),
-            parameters: vec![Variable::new("p", "", "")],
-            outputs: vec![Variable::new("y", "", ""), Variable::new("z", "", "")],
+            parameters: vec![SourceVariable::new("p", "", "")],
+            outputs: vec![SourceVariable::new("y", "", ""), SourceVariable::new("z", "", "")],
             runs: values
                 .map(|y| Run {
                     inputs: Vec::new(),

@@ -17,7 +17,7 @@ pub enum Signal {
         /// Its mean.
         offset: f64,
         /// The terms of the sum.
-        sines: Vec<Sine>,
+        sines: Vec<SineTerm>,
     },
     /// `offset + amplitude sin(phase(t))` with a frequency that grows linearly from `from` to `to` in `duration` seconds, and stays
     /// there.
@@ -44,7 +44,7 @@ pub struct Knots {
 
 /// One term of a multisine.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Sine {
+pub struct SineTerm {
     /// Amplitude.
     pub amplitude: f64,
     /// In Hz.
@@ -108,7 +108,7 @@ impl Signal {
             Self::Held(knots) => knots.held(t),
             Self::Linear(knots) => knots.linear(t),
             Self::Multisine { offset, sines } => {
-                let term = |sine: &Sine| sine.amplitude * (TAU * sine.frequency * t + sine.phase).sin();
+                let term = |sine: &SineTerm| sine.amplitude * (TAU * sine.frequency * t + sine.phase).sin();
                 offset + sines.iter().map(term).sum::<f64>()
             }
             Self::Chirp { offset, amplitude, from, to, duration } => {
@@ -170,7 +170,7 @@ mod tests {
 
     #[test]
     fn a_multisine_is_the_sum_of_its_terms() {
-        let sine = |amplitude, frequency, phase| Sine { amplitude, frequency, phase };
+        let sine = |amplitude, frequency, phase| SineTerm { amplitude, frequency, phase };
         let signal = Signal::Multisine { offset: 0.5, sines: vec![sine(1.0, 2.0, 0.3), sine(0.2, 5.0, -1.0)] };
         let t = 0.37;
         let expected = 0.5 + (2.0 * TAU * t + 0.3).sin() + 0.2 * (5.0 * TAU * t - 1.0).sin();

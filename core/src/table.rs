@@ -14,7 +14,7 @@ use crate::{
     Error, Result,
     diagnostics::{
         Place,
-        kinds::{self, Kind},
+        kinds::{self, FileKind},
         names::{did_you_mean, listed},
     },
 };
@@ -30,7 +30,7 @@ use std::{
 
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Column {
+pub struct TableColumn {
     /// Name in the header, without the unit.
     pub name: String,
     /// Unit, if the table has one.
@@ -47,15 +47,15 @@ pub fn header_field(name: &str) -> String {
 #[derive(Debug)]
 pub struct Table {
     path: PathBuf,
-    columns: Vec<Column>,
+    columns: Vec<TableColumn>,
     /// Position of each column by its name.
     positions: HashMap<String, usize>,
-    rows: Rows,
+    rows: FormatReader,
 }
 
 /// How a table is written.
 #[derive(Debug)]
-enum Rows {
+enum FormatReader {
     Csv(Box<Csv>),
     Parquet(Box<Parquet>),
 }
@@ -67,22 +67,22 @@ impl Table {
     /// [`Error::Io`], or [`Error::Table`] if the header is not one.
     pub fn open(path: &Path) -> Result<Self> {
         let mut input = BufReader::with_capacity(1 << 16, File::open(path).map_err(Error::io(path, "read"))?);
-        if kinds::of(path).is_some_and(|kind| kind != Kind::Table) {
+        if kinds::of(path).is_some_and(|kind| kind != FileKind::Table) {
             return Err(kinds::other(path, "a table, in CSV or Parquet"));
         }
         let (rows, columns) = if parquet::begins(input.fill_buf().map_err(Error::io(path, "read"))?) {
             let (rows, columns) = Parquet::new(path, input.into_inner())?;
-            (Rows::Parquet(Box::new(rows)), columns)
+            (FormatReader::Parquet(Box::new(rows)), columns)
         } else {
             let (rows, columns) = Csv::new(path, input)?;
-            (Rows::Csv(Box::new(rows)), columns)
+            (FormatReader::Csv(Box::new(rows)), columns)
         };
         let positions = columns.iter().enumerate().map(|(position, column)| (column.name.clone(), position)).collect();
         Ok(Self { path: path.to_owned(), columns, positions, rows })
     }
 
     /// The columns, in the order of the header.
-    pub fn columns(&self) -> &[Column] {
+    pub fn columns(&self) -> &[TableColumn] {
         &self.columns
     }
 
@@ -104,16 +104,16 @@ impl Table {
     /// [`Error::Io`], or [`Error::Table`] if the row has another number of fields than the header.
     pub fn next_row(&mut self) -> Result<bool> {
         match &mut self.rows {
-            Rows::Csv(csv) => csv.next_row(),
-            Rows::Parquet(parquet) => Ok(parquet.next_row()),
+            FormatReader::Csv(csv) => csv.next_row(),
+            FormatReader::Parquet(parquet) => Ok(parquet.next_row()),
         }
     }
 
     /// Where the row is.
     pub fn place(&self) -> Place {
         match &self.rows {
-            Rows::Csv(csv) => csv.place(),
-            Rows::Parquet(parquet) => parquet.place(),
+            FormatReader::Csv(csv) => csv.place(),
+            FormatReader::Parquet(parquet) => parquet.place(),
         }
     }
 
@@ -123,8 +123,8 @@ impl Table {
     /// [`Error::Table`] if a Parquet file is damaged, or its column holds something else than text and numbers.
     pub fn text(&mut self, column: usize) -> Result<Cow<'_, str>> {
         match &mut self.rows {
-            Rows::Csv(csv) => Ok(csv.text(column)),
-            Rows::Parquet(parquet) => parquet.text(column),
+            FormatReader::Csv(csv) => Ok(csv.text(column)),
+            FormatReader::Parquet(parquet) => parquet.text(column),
         }
     }
 
@@ -134,8 +134,8 @@ impl Table {
     /// [`Error::Table`] if it is missing or no finite number, or as [`Table::text`].
     pub fn number(&mut self, column: usize) -> Result<f64> {
         let found = match &mut self.rows {
-            Rows::Csv(csv) => csv.number(column)?,
-            Rows::Parquet(parquet) => parquet.number(column)?,
+            FormatReader::Csv(csv) => csv.number(column)?,
+            FormatReader::Parquet(parquet) => parquet.number(column)?,
         };
         match found {
             Some(value) if value.is_finite() => Ok(value),
@@ -179,8 +179,8 @@ impl Table {
     /// How much of the table has been read, from 0 to 1.
     pub fn share_read(&self) -> f64 {
         match &self.rows {
-            Rows::Csv(csv) => csv.share_read(),
-            Rows::Parquet(parquet) => parquet.share_read(),
+            FormatReader::Csv(csv) => csv.share_read(),
+            FormatReader::Parquet(parquet) => parquet.share_read(),
         }
     }
 
@@ -197,14 +197,14 @@ impl Table {
     /// A mistake in the header.
     pub fn mistake_in_header(&self, message: &str) -> Error {
         let place = match &self.rows {
-            Rows::Csv(_) => Place::Line(1),
-            Rows::Parquet(_) => Place::Whole,
+            FormatReader::Csv(_) => Place::Line(1),
+            FormatReader::Parquet(_) => Place::Whole,
         };
         wrong(&self.path, place, message.into())
     }
 }
 
-impl Column {
+impl TableColumn {
     /// `NAME`, `NAME [UNIT]` or `NAME (UNIT)`.
     fn parse(text: &str) -> Self {
         for (open, close) in [('[', ']'), ('(', ')')] {
@@ -230,9 +230,9 @@ fn bracketed(text: &str) -> Option<&str> {
 }
 
 /// What is wrong with the names of the columns: each has one, no two the same.
-fn check_names(columns: &[Column]) -> std::result::Result<(), String> {
+fn check_names(columns: &[TableColumn]) -> std::result::Result<(), String> {
     let mut before = HashSet::with_capacity(columns.len());
-    for (index, Column { name, .. }) in columns.iter().enumerate() {
+    for (index, TableColumn { name, .. }) in columns.iter().enumerate() {
         if name.is_empty() {
             return Err(format!("column {} has no name", index + 1));
         }
@@ -292,7 +292,7 @@ mod tests {
     #[test]
     fn latin_1_is_read() {
         let table = open(b"time,\"angle [\xB0]\"\n0,1\n").unwrap();
-        assert_eq!(table.columns()[1], Column { name: "angle".into(), unit: Some("\u{b0}".into()) });
+        assert_eq!(table.columns()[1], TableColumn { name: "angle".into(), unit: Some("\u{b0}".into()) });
     }
 
     #[test]

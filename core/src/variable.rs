@@ -2,7 +2,7 @@
 
 /// A named quantity of a source: a parameter or an output column of a dataset.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Variable {
+pub struct SourceVariable {
     /// Name, as the study and the FMU show it.
     pub name: String,
     /// Unit; empty for a dimensionless quantity.
@@ -13,7 +13,7 @@ pub struct Variable {
     pub start: Option<f64>,
 }
 
-impl Variable {
+impl SourceVariable {
     /// A quantity that is from no FMU.
     pub fn new(name: &str, unit: &str, description: &str) -> Self {
         Self { name: name.into(), unit: unit.into(), description: description.into(), start: None }

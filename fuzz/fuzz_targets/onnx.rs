@@ -2,14 +2,14 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use metafmu::{import::onnx, interface::{Mapping, Shown, Source}};
+use metafmu::{import::onnx, interface::{Mapping, OutputSource, ColumnSource}};
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(imported) = onnx::read(bytes, None) else { return };
     let inputs = imported.inputs.len();
     let mapping = Mapping {
-        inputs: (0..inputs).map(Source::Input).collect(),
-        outputs: (0..imported.outputs.len()).map(Shown::Column).collect(),
+        inputs: (0..inputs).map(ColumnSource::Input).collect(),
+        outputs: (0..imported.outputs.len()).map(OutputSource::Column).collect(),
         states: Vec::new(),
     };
     let Ok(map) = imported.into_map(&mapping, inputs) else { return };

@@ -3,7 +3,7 @@
 use crate::{Error, PySurrogate, bytes, doubles, refused, rows, threads::shared};
 use metafmu::{
     import::{self, About, Imported, builder::Builder},
-    interface::Interface,
+    interface::ModelInterface,
 };
 use metafmu_runtime::{
     Activation, Layer, Map, Model, Numbers, ScaledNetwork,
@@ -257,7 +257,7 @@ impl PyGraph {
         producer: &str,
         named: (Vec<String>, Vec<String>),
     ) -> PyResult<PySurrogate> {
-        let interface = Interface::from_json(interface).map_err(refused)?;
+        let interface = ModelInterface::from_json(interface).map_err(refused)?;
         let (inputs, outputs) = named;
         let builder = self.taken(&columns, [inputs.len(), outputs.len()])?;
         let rows = rows(data, interface.variables().count());
@@ -279,7 +279,7 @@ impl PyGraph {
         single: bool,
         producer: &str,
     ) -> PyResult<PySurrogate> {
-        let interface = Interface::from_json(interface).map_err(refused)?;
+        let interface = ModelInterface::from_json(interface).map_err(refused)?;
         let variables = interface.variables().count();
         let builder = self.taken(&columns, [variables, interface.outputs.len()])?;
         let rows = rows(data, variables);

@@ -16,7 +16,7 @@ use metafmu::{
     export::validate_apart,
     fmi::{Watch, Workers},
     import::{self, Imported, onnx},
-    interface::Interface,
+    interface::ModelInterface,
     pipeline::{
         self, Project,
         export::{ExportOptions, Plan, Written},
@@ -283,7 +283,7 @@ fn from_onnx(
     data: Option<&[u8]>,
 ) -> PyResult<PySurrogate> {
     detached(py, || {
-        let interface = Interface::from_json(interface).map_err(refused)?;
+        let interface = ModelInterface::from_json(interface).map_err(refused)?;
         let imported = onnx::read(model, folder.as_deref()).map_err(|problems| refused(problems.join("\n")))?;
         let rows = rows(data, interface.variables().count());
         let path = Path::new(&interface.name);
@@ -302,7 +302,7 @@ fn fit(
     options: &str,
     verbose: bool,
 ) -> PyResult<(PySurrogate, String)> {
-    let interface = Interface::from_json(interface).map_err(refused)?;
+    let interface = ModelInterface::from_json(interface).map_err(refused)?;
     let options: FitOptions = serde_json::from_str(options).map_err(|error| {
         // a place in JSON that nobody wrote says nothing
         let (message, place) = (error.to_string(), format!(" at line {} column {}", error.line(), error.column()));

@@ -36,12 +36,12 @@ pub fn choose_rows(rows: &StandardizedRows, most: Option<usize>, seed: u64) -> C
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variable::Variable;
+    use crate::variable::SourceVariable;
     use metafmu_runtime::{Encoder, Encoding};
 
     #[test]
     fn rows_are_standardised_and_fewer_are_the_first_of_more() {
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let run = |p: f64| Run {
             inputs: Vec::new(),
             parameters: vec![p],

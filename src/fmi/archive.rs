@@ -3,7 +3,7 @@
 use super::xml::{self, Document};
 use crate::{
     Error, Result,
-    diagnostics::kinds::{self, Kind},
+    diagnostics::kinds::{self, FileKind},
 };
 use std::{
     fs::{self, File},
@@ -53,7 +53,7 @@ impl Archive {
             return Err(Error::io(path, "open")(ErrorKind::IsADirectory.into()));
         }
         match kinds::of(path) {
-            None | Some(Kind::Fmu | Kind::System | Kind::Arrays) => Self::of_file(path.to_owned(), file),
+            None | Some(FileKind::Fmu | FileKind::System | FileKind::Arrays) => Self::of_file(path.to_owned(), file),
             Some(_) => Err(kinds::other(path, "an FMU")),
         }
     }

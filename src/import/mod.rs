@@ -10,7 +10,8 @@ use crate::{
     Error, Result,
     diagnostics::Problems,
     interface::{
-        Interface, InterfaceCausality, InterfaceDomain, InterfaceInput, InterfaceVariability, Mapping, Shown, Source,
+        ColumnSource, InterfaceCausality, InterfaceDomain, InterfaceInput, InterfaceVariability, Mapping,
+        ModelInterface, OutputSource,
     },
     surrogate,
     table::Table,
@@ -64,10 +65,10 @@ impl Imported {
     /// # Errors
     /// A sentence, if it becomes too large.
     pub fn into_map(self, mapping: &Mapping, variables: usize) -> std::result::Result<Map, String> {
-        let column = |shown: &Shown| match shown {
-            Shown::Column(column) => Some(self.columns[*column]),
+        let column = |shown: &OutputSource| match shown {
+            OutputSource::Column(column) => Some(self.columns[*column]),
             // there are no states
-            Shown::State(_) => None,
+            OutputSource::State(_) => None,
         };
         let columns = mapping.outputs.iter().filter_map(column).collect();
         into_map(self.builder, &mapping.inputs, variables, columns)
@@ -77,12 +78,12 @@ impl Imported {
 /// The map from `width` columns, of which `sources` are the input columns of a graph, to numbers of its values.
 fn into_map(
     mut builder: Builder,
-    sources: &[Source],
+    sources: &[ColumnSource],
     width: usize,
     mut columns: Vec<[u32; 2]>,
 ) -> std::result::Result<Map, String> {
-    let in_order =
-        sources.len() == width && sources.iter().enumerate().all(|(column, source)| *source == Source::Input(column));
+    let in_order = sources.len() == width
+        && sources.iter().enumerate().all(|(column, source)| *source == ColumnSource::Input(column));
     if !in_order {
         let further: u32;
         (builder, further) = arranged(builder, sources, width);
@@ -98,22 +99,22 @@ fn into_map(
 
 /// A graph of variables, of which its columns are some, and others are constants; and how many values it has more. A constant is 0 times some
 /// variable, and itself.
-fn arranged(mut builder: Builder, sources: &[Source], variables: usize) -> (Builder, u32) {
+fn arranged(mut builder: Builder, sources: &[ColumnSource], variables: usize) -> (Builder, u32) {
     let mut further = 1;
-    if !sources.iter().all(|source| matches!(source, Source::Input(_))) {
-        let linear = |source: &Source| match source {
-            Source::Input(_) => [1.0, 0.0],
-            Source::Value(value) => [0.0, *value],
-            Source::State(_) => [0.0, 0.0],
+    if !sources.iter().all(|source| matches!(source, ColumnSource::Input(_))) {
+        let linear = |source: &ColumnSource| match source {
+            ColumnSource::Input(_) => [1.0, 0.0],
+            ColumnSource::Value(value) => [0.0, *value],
+            ColumnSource::State(_) => [0.0, 0.0],
         };
         let row = |row: usize| sources.iter().map(move |source| linear(source)[row]);
         let (function, parameters) = (Elementwise::Linear, row(0).chain(row(1)).collect());
         builder = builder.after(sources.len(), Step::Elementwise { of: 0, function, parameters });
         further += 1;
     }
-    let chosen = |source: &Source| match source {
-        Source::Input(input) => [0, *input as u32],
-        Source::Value(_) | Source::State(_) => [0, 0],
+    let chosen = |source: &ColumnSource| match source {
+        ColumnSource::Input(input) => [0, *input as u32],
+        ColumnSource::Value(_) | ColumnSource::State(_) => [0, 0],
     };
     let choice = Step::Columns { columns: sources.iter().map(chosen).collect() };
     (builder.after(variables, choice), further)
@@ -143,7 +144,7 @@ pub struct About<'a> {
 pub fn surrogate(
     (path, bytes): (&Path, &[u8]),
     imported: Imported,
-    interface: &Interface,
+    interface: &ModelInterface,
     rows: Option<Vec<Vec<f64>>>,
 ) -> Result<Surrogate> {
     let mapping = interface.mapping(&imported.inputs, &imported.outputs)?;
@@ -165,7 +166,7 @@ pub fn surrogate(
 ///
 /// # Errors
 /// As [`surrogate()`].
-pub fn of_map(map: Map, about: About, interface: &Interface, rows: Option<Vec<Vec<f64>>>) -> Result<Surrogate> {
+pub fn of_map(map: Map, about: About, interface: &ModelInterface, rows: Option<Vec<Vec<f64>>>) -> Result<Surrogate> {
     let message = "belongs to models in files: ONNX, .npz, .safetensors";
     let has_states = !interface.states.is_empty();
     interface.refuse(if has_states { Problems::one("states", message) } else { Problems::default() })?;
@@ -206,7 +207,7 @@ fn with_ranges(metadata: &Metadata, ranges: &[[f64; 2]]) -> Metadata {
 }
 
 /// What an interface says of a model with these inputs; ranges of outputs are not known yet.
-fn metadata(about: About, interface: &Interface, inputs: Vec<Input>, rows: usize) -> Metadata {
+fn metadata(about: About, interface: &ModelInterface, inputs: Vec<Input>, rows: usize) -> Metadata {
     let About { content, producer, .. } = about;
     let outputs = interface.outputs.iter().map(|(name, output)| Output {
         name: name.clone(),
@@ -243,7 +244,7 @@ fn metadata(about: About, interface: &Interface, inputs: Vec<Input>, rows: usize
 }
 
 /// The inputs of the FMU; every range that is missing is a problem, and one that most of the rows are outside of.
-pub(crate) fn inputs(interface: &Interface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>> {
+pub(crate) fn inputs(interface: &ModelInterface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>> {
     let mut problems = Problems::default();
     let mut inputs = Vec::new();
     for (position, (name, options)) in interface.variables().enumerate() {
@@ -336,7 +337,7 @@ fn unit(options: &InterfaceInput) -> &str {
 ///
 /// # Errors
 /// [`Error::Table`] if there is none, or if it has another unit.
-pub fn columns(table: &Table, interface: &Interface) -> Result<Vec<usize>> {
+pub fn columns(table: &Table, interface: &ModelInterface) -> Result<Vec<usize>> {
     let column = |(name, options): (&String, &InterfaceInput)| {
         let found = table.column(name);
         match options.causality {
@@ -362,7 +363,7 @@ pub fn check_units<'a>(table: &Table, expected: impl Iterator<Item = (usize, &'a
 ///
 /// # Errors
 /// [`Error::Table`], [`Error::Io`], [`Error::Import`] if there are no rows.
-pub fn rows(path: &Path, interface: &Interface) -> Result<Vec<Vec<f64>>> {
+pub fn rows(path: &Path, interface: &ModelInterface) -> Result<Vec<Vec<f64>>> {
     let mut table = Table::open(path)?;
     let columns = columns(&table, interface)?;
     let mut rows = Vec::new();

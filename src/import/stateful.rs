@@ -28,7 +28,7 @@ const DISTURBANCE: f64 = 1e-3;
 pub(super) fn surrogate(
     (path, content): (&Path, &[u8]),
     imported: Imported,
-    interface: &Interface,
+    interface: &ModelInterface,
     mapping: &Mapping,
     rows: Option<Vec<Vec<f64>>>,
 ) -> Result<Surrogate> {
@@ -52,7 +52,7 @@ fn made(metadata: Metadata, model: Model) -> Result<Surrogate> {
 }
 
 /// How the states go on; what does not go together is refused.
-fn evolution(interface: &Interface, recurrences: &[Recurrence]) -> Result<Evolution> {
+fn evolution(interface: &ModelInterface, recurrences: &[Recurrence]) -> Result<Evolution> {
     let mut problems = Problems::default();
     let evolution = match (interface.evolution(), recurrences.first()) {
         (Some(Evolution::Continuous), Some(Recurrence { name, .. })) => {
@@ -81,7 +81,7 @@ fn evolution(interface: &Interface, recurrences: &[Recurrence]) -> Result<Evolut
 /// What is known of the variables of a model with states.
 struct Known<'a> {
     path: &'a Path,
-    interface: &'a Interface,
+    interface: &'a ModelInterface,
     mapping: &'a Mapping,
     variables: &'a [Input],
     /// Positions among the variables: of parameters, and of inputs that are driven.
@@ -90,7 +90,7 @@ struct Known<'a> {
 }
 
 impl<'a> Known<'a> {
-    fn of(path: &'a Path, interface: &'a Interface, mapping: &'a Mapping, variables: &'a [Input]) -> Self {
+    fn of(path: &'a Path, interface: &'a ModelInterface, mapping: &'a Mapping, variables: &'a [Input]) -> Self {
         let (driven, parameters) = (0..variables.len()).partition(|index| variables[*index].role == Role::Input);
         Self { path, interface, mapping, variables, parameters, driven }
     }
@@ -111,15 +111,15 @@ impl<'a> Known<'a> {
     }
 
     /// Where the columns that the model takes come from, among columns of which variables and states begin at these places.
-    fn sources(&self, [parameters, driven]: [usize; 2], states: impl Fn(usize) -> usize) -> Vec<Source> {
+    fn sources(&self, [parameters, driven]: [usize; 2], states: impl Fn(usize) -> usize) -> Vec<ColumnSource> {
         let place = |variable: usize| {
             let among = |of: &[usize]| of.iter().position(|other| *other == variable);
             among(&self.parameters).map(|k| parameters + k).or(among(&self.driven).map(|k| driven + k)).unwrap_or(0)
         };
-        let source = |source: &Source| match *source {
-            Source::Input(variable) => Source::Input(place(variable)),
-            Source::State(state) => Source::Input(states(state)),
-            Source::Value(value) => Source::Value(value),
+        let source = |source: &ColumnSource| match *source {
+            ColumnSource::Input(variable) => ColumnSource::Input(place(variable)),
+            ColumnSource::State(state) => ColumnSource::Input(states(state)),
+            ColumnSource::Value(value) => ColumnSource::Value(value),
         };
         self.mapping.inputs.iter().map(source).collect()
     }
@@ -243,8 +243,8 @@ fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Sur
     let mut problems = Problems::default();
     for (shown, name) in mapping.outputs.iter().zip(interface.outputs.keys()) {
         let number = match *shown {
-            Shown::State(state) => Number::State(state),
-            Shown::Column(column) => Number::Column(column),
+            OutputSource::State(state) => Number::State(state),
+            OutputSource::Column(column) => Number::Column(column),
         };
         if let (Number::State(state), true) = (number, numbers.contains(&number)) {
             let message = format!("the state `{}` is another output already", mapping.states[state].name);
@@ -269,8 +269,8 @@ fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Sur
     let mut sources = known.sources([numbers.len() + driven.len(), numbers.len()], |state| place(Number::State(state)));
     for (index, recurrence) in recurrences.iter().enumerate() {
         let (first, count) = (place(Number::Kept(index, 0)), recurrence.start.len());
-        sources.resize(sources.len().max(recurrence.first + count), Source::Value(0.0));
-        (0..count).for_each(|at| sources[recurrence.first + at] = Source::Input(first + at));
+        sources.resize(sources.len().max(recurrence.first + count), ColumnSource::Value(0.0));
+        (0..count).for_each(|at| sources[recurrence.first + at] = ColumnSource::Input(first + at));
     }
     let next = |number: &Number| match *number {
         Number::State(state) => columns[mapping.states[state].output],
@@ -349,8 +349,8 @@ fn continuous(known: &Known, imported: Imported, metadata: Metadata, rows: Optio
     let mut results: Vec<Given> = Vec::new();
     for shown in &mapping.outputs {
         results.push(match *shown {
-            Shown::State(state) => Given::State(state),
-            Shown::Column(column) => function(column),
+            OutputSource::State(state) => Given::State(state),
+            OutputSource::Column(column) => function(column),
         });
     }
     results.extend(mapping.states.iter().map(|state| function(state.output)));

@@ -3,7 +3,7 @@
 use super::{Imported, builder::Builder};
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
-    interface::{Interface, LayerOptions},
+    interface::{LayerOptions, ModelInterface},
 };
 use metafmu_runtime::{Activation, Numbers, graph::Elementwise};
 use safetensors::{Dtype, SafeTensors};
@@ -162,7 +162,7 @@ fn checked(shape: Vec<usize>, numbers: Numbers) -> Result<Tensor, String> {
 ///
 /// # Errors
 /// [`crate::Error::Study`] with the keys of the interface that do not fit the tensors.
-pub fn layers(tensors: &Tensors, interface: &Interface) -> crate::Result<Imported> {
+pub fn layers(tensors: &Tensors, interface: &ModelInterface) -> crate::Result<Imported> {
     let mut problems = Problems::default();
     if interface.layers.is_empty() {
         let known: Vec<&str> = tensors.keys().map(String::as_str).collect();

@@ -199,7 +199,7 @@ fn a_graph_that_is_too_large_is_refused() {
 fn more_inputs_than_an_fmu_may_have_are_refused_before_anything_is_made_of_them() {
     let interface = |count: usize| {
         let inputs: Vec<String> = (0..count).map(|input| format!("\"x{input}\":{{\"min\":0,\"max\":1}}")).collect();
-        Interface::from_json(&format!(
+        ModelInterface::from_json(&format!(
             "{{\"name\":\"n\",\"inputs\":{{{}}},\"outputs\":{{\"y\":{{}}}}}}",
             inputs.join(",")
         ))

@@ -314,11 +314,11 @@ fn wait(project: &Project, child: &mut Child) -> std::io::Result<Option<ExitStat
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variable::Variable;
+    use crate::variable::SourceVariable;
 
     #[test]
     fn baselines_are_measured_on_rows_of_all_runs_and_times() {
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let of = |runs: usize, length: usize| {
             let run = |run: usize| Run {
                 inputs: Vec::new(),

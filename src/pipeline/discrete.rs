@@ -16,7 +16,7 @@ use crate::{
     scaling,
     study::{DiscreteModel, Study, TrainingOptions},
     surrogate,
-    training::{self, EpochRecord, Recurrence, Rows, StopReason},
+    training::{self, EpochRecord, Recurrence, StopReason, TrainingRows},
 };
 use metafmu_runtime::{Discrete, Layer, Map, Model, ScaledNetwork, Scaling, Support, Surrogate, Transition};
 use nalgebra::DMatrix;
@@ -353,13 +353,13 @@ fn gains(regressors: &Regressors, linear: &DMatrix<f64>) -> Vec<f64> {
 }
 
 /// Rows of what the linear part leaves over.
-fn plain(regressors: &Regressors, linear: &DMatrix<f64>, gains: &[f64]) -> Result<Rows> {
+fn plain(regressors: &Regressors, linear: &DMatrix<f64>, gains: &[f64]) -> Result<TrainingRows> {
     let rest = regressors.inputs.iter().zip(&regressors.outputs).flat_map(|(row, outputs)| {
         let rest = |(output, gain): (usize, &f64)| (outputs[output] - linear_part(linear, row, output)) / gain;
         gains.iter().enumerate().map(rest).map(|rest| rest as f32).collect::<Vec<_>>()
     });
     let inputs = regressors.inputs.iter().flatten().map(|value| *value as f32).collect();
-    Ok(Rows::new(linear.nrows() - 1, linear.ncols(), inputs, rest.collect())?)
+    Ok(TrainingRows::new(linear.nrows() - 1, linear.ncols(), inputs, rest.collect())?)
 }
 
 /// Rows of stretches of a length, which begin so many samples after each other.
@@ -369,9 +369,10 @@ fn recurrent(
     gains: &[f64],
     history: usize,
     (stretch, apart): (usize, usize),
-) -> Result<Rows> {
+) -> Result<TrainingRows> {
     let single = |rows: &[Vec<f64>]| rows.iter().flatten().map(|value| *value as f32).collect();
-    let rows = Rows::new(linear.nrows() - 1, linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
+    let rows =
+        TrainingRows::new(linear.nrows() - 1, linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
     let mut starts = Vec::new();
     let mut first = 0;
     for length in &regressors.lengths {
@@ -391,8 +392,8 @@ fn recurrent(
 fn follow(
     project: &Project,
     network: Network,
-    training: &Rows,
-    validation: &Rows,
+    training: &TrainingRows,
+    validation: &TrainingRows,
     options: &TrainingOptions,
 ) -> Result<training::Outcome> {
     let mut follower = Follower::with(project, options, training.len()).without_checkpoints();

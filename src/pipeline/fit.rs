@@ -6,12 +6,12 @@ use crate::{
     diagnostics::Problems,
     evaluation::{Accuracy, TestRows},
     import::{self, About},
-    interface::Interface,
+    interface::ModelInterface,
     network::Network,
     sampling::{self, Stream},
     scaling::{of_columns, standardise_rows},
-    study::{NetworkOptions, Structure, TrainingOptions},
-    training::{self, EpochRecord, Observer, Outcome, Progress, Rows, StopReason},
+    study::{NetworkOptions, TimeStructure, TrainingOptions},
+    training::{self, EpochRecord, Observer, Outcome, Progress, StopReason, TrainingRows},
 };
 use metafmu_runtime::{Map, ScaledNetwork, Scaling, Surrogate};
 use rayon::prelude::*;
@@ -69,7 +69,7 @@ pub struct Fit {
 /// for options beyond their limits.
 pub fn fit(
     (inputs, outputs): (Vec<Vec<f64>>, &[Vec<f64>]),
-    interface: &Interface,
+    interface: &ModelInterface,
     options: &FitOptions,
     control: Control,
 ) -> Result<(Surrogate, Fit)> {
@@ -179,7 +179,7 @@ impl Training<'_> {
         let rows = |x: &[Vec<f64>], y: &[Vec<f64>]| {
             let x = standardise_rows(x, &scaling.input_mean, &scaling.input_scale);
             let y = standardise_rows(y, &scaling.output_mean, &scaling.output_scale);
-            Rows::new(columns[0], columns[1], x, y)
+            TrainingRows::new(columns[0], columns[1], x, y)
         };
         let training_rows = rows(&x, &y)?;
         let validation_rows = rows(&chosen(inputs, choosing), &chosen(outputs, choosing))?;
@@ -225,7 +225,7 @@ impl Training<'_> {
 /// What a study would say of its `[network]` and `[training]`, of networks between so many columns.
 fn problems(FitOptions { network, training, .. }: &FitOptions, columns: [usize; 2]) -> Vec<String> {
     let mut problems = Problems::default();
-    if network.structure != Structure::Full {
+    if network.structure != TimeStructure::Full {
         problems.add("network.structure", "belongs to studies, whose runs have a time: expected \"full\"");
     }
     problems.add_section("network", network.problems());
@@ -319,7 +319,7 @@ mod tests {
                 |of| of.network.hidden = vec![16_384; 2],
                 "network.hidden: 2.686e8 weights and biases, expected at most 100 million",
             ),
-            (|of| of.network.structure = Structure::Fixed, "network.structure: belongs to studies"),
+            (|of| of.network.structure = TimeStructure::Fixed, "network.structure: belongs to studies"),
         ];
         for (change, expected) in cases {
             let found = found(change);

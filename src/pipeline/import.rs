@@ -13,10 +13,10 @@ use crate::{
         onnx::{self, Described},
         tensors,
     },
-    interface::Interface,
+    interface::ModelInterface,
     study::MAX_NAME,
     surrogate,
-    table::{Column, Table},
+    table::{Table, TableColumn},
 };
 use metafmu_runtime::{BuiltIn, Evaluator, Surrogate};
 use serde::Serialize;
@@ -82,7 +82,7 @@ const TOLERANCES: [f64; 2] = [1e-5, 1e-9];
 /// [`Error::Import`] with what cannot be imported, [`Error::Study`] with the keys of the interface that do not fit, [`Error::Table`],
 /// [`Error::Io`], [`Error::SameFile`] if the model file would take the place of the model.
 pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
-    let interface = Interface::load(&options.interface)?;
+    let interface = ModelInterface::load(&options.interface)?;
     let out = options.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.safetensors", interface.name)));
     if !out.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("safetensors")) {
         let problem =
@@ -218,7 +218,7 @@ struct Port<'a> {
     /// Whether it is that of a state, or what a state follows from.
     is_state: bool,
     /// The column of the training data that it is, if that is known.
-    found: Option<Column>,
+    found: Option<TableColumn>,
     /// What the model itself says of it.
     described: Option<Described>,
 }
@@ -233,7 +233,7 @@ impl Port<'_> {
 
     fn unit(&self) -> &str {
         let described = || self.described.as_ref().map(|described| described.unit.as_str());
-        self.found.as_ref().and_then(Column::unit).or_else(described).unwrap_or_default()
+        self.found.as_ref().and_then(TableColumn::unit).or_else(described).unwrap_or_default()
     }
 
     fn range(&self) -> Option<[f64; 2]> {
@@ -300,7 +300,7 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<Port>; 2], goes_on: b
 /// Finds ports by their names among the columns that are `open`; whether it has found all, but for those of states. If there are some and not all,
 /// the position of the others would be a guess.
 fn find_by_name(
-    columns: &[Column],
+    columns: &[TableColumn],
     open: &mut HashMap<&str, usize>,
     ports: &mut [Port],
     what: &str,
@@ -407,7 +407,7 @@ fn later_names(input: &str) -> Vec<String> {
 }
 
 /// The content of a model's file, and what it says; what is only tensors needs the layers of an interface.
-fn read(path: &Path, interface: Option<&Interface>) -> Result<(Vec<u8>, Imported)> {
+fn read(path: &Path, interface: Option<&ModelInterface>) -> Result<(Vec<u8>, Imported)> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     let refused = |problems| Error::Import { path: path.to_owned(), problems };
     if let Some(kind) = kinds::of(path).filter(|kind| !kind.is_trained_model()) {
@@ -444,7 +444,7 @@ fn read(path: &Path, interface: Option<&Interface>) -> Result<(Vec<u8>, Imported
 }
 
 /// Compares the outputs with those of a table, row by row.
-fn check(surrogate: &Surrogate, interface: &Interface, path: &Path, tolerance: f64) -> Result<Vec<Difference>> {
+fn check(surrogate: &Surrogate, interface: &ModelInterface, path: &Path, tolerance: f64) -> Result<Vec<Difference>> {
     let mut table = Table::open(path)?;
     let outputs = surrogate.outputs();
     let of_inputs = import::columns(&table, interface)?;

@@ -11,7 +11,7 @@ use crate::{
     network::Network,
     scaling,
     study::{DynamicsOptions, Study},
-    training::{self, Outcome, Rows, Tangents, drawn},
+    training::{self, Outcome, Tangents, TrainingRows, drawn},
 };
 use metafmu_runtime::{ScaledNetwork, Scaling};
 use std::sync::atomic::Ordering;
@@ -78,7 +78,7 @@ pub(super) fn draw(
     let samples = |examples: &Examples| {
         let (inputs, outputs) = (&examples.inputs, &examples.outputs);
         let directions = examples.tangents.as_ref().map_or(0, |tangents| tangents.inputs.len() / inputs.len().max(1));
-        let mut samples = drawn::Samples { directions, ..drawn::Samples::default() };
+        let mut samples = drawn::FunctionSamples { directions, ..drawn::FunctionSamples::default() };
         for row in 0..inputs.len() {
             let mut add = |input: &[f64], output: &[f64], share: f64| {
                 let standardised = |value: &f64, mean: &f64, scale: &f64| (value - share * mean) / scale;
@@ -140,7 +140,7 @@ pub(super) fn train(
     let rows = |examples: &Examples| {
         let x = scaling::standardise_rows(&examples.inputs, &scaling.input_mean, &scaling.input_scale);
         let y = scaling::standardise_rows(&examples.outputs, &scaling.output_mean, &scaling.output_scale);
-        let rows = Rows::new(inputs, outputs, x, y)?;
+        let rows = TrainingRows::new(inputs, outputs, x, y)?;
         let Some(directions) = &examples.tangents else { return Ok(rows) };
         rows.with_tangents(Tangents {
             directions: directions.inputs.len() / examples.inputs.len().max(1),

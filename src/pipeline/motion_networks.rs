@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::Dataset,
-    dynamics::{Equations, Fitted, OfEquations, Region, Samples, fit},
+    dynamics::{EquationSamples, Equations, FittedEquations, OfEquations, Region, fit},
     multibody::Mechanism,
     source::driven::Driven,
     training::{EpochRecord, StopReason},
@@ -31,7 +31,7 @@ const POOR_NODES: f64 = 1e-4;
 /// Equations that were learned in the way that is exported, and how.
 pub(super) struct Learned {
     /// The dictionary.
-    pub fitted: Fitted,
+    pub fitted: FittedEquations,
     /// The equations that are exported.
     pub dynamics: Dynamics,
     /// The positions likewise.
@@ -137,7 +137,7 @@ struct Asked<'a> {
     seen: OfEquations,
     unseen: OfEquations,
     /// Accelerations at unseen states.
-    accelerations: Samples,
+    accelerations: EquationSamples,
     /// Largest value of each function.
     scales: Vec<f64>,
     /// Whether each coordinate and parameter changes each function: shape `[columns, functions]`.
@@ -295,7 +295,7 @@ impl<'a> Asked<'a> {
         let scale = rows.clone().map(largest).fold(0.0, f64::max);
         let outputs: Vec<usize> = rows.filter(|row| largest(*row) > UNCHANGED * scale).collect();
         let columns = self.columns(&of);
-        let examples = |samples: &Samples| Examples {
+        let examples = |samples: &EquationSamples| Examples {
             inputs: encoded(&columns, &samples.points),
             outputs: of_outputs(&samples.labels, &outputs),
             tangents: None,
@@ -329,7 +329,7 @@ impl<'a> Asked<'a> {
     fn candidate(
         &self,
         (name, began): (&str, Instant),
-        fitted: &Fitted,
+        fitted: &FittedEquations,
         [equations, positions]: [Dictionary; 2],
         forces: Option<NetworkTerm>,
         [of_equations, of_positions]: [Option<NetworkTerm>; 2],
@@ -388,7 +388,7 @@ struct Rest {
 }
 
 fn rest(dictionary: &Dictionary, asked: &OfEquations, range: Range<usize>) -> Rest {
-    let OfEquations { samples: Samples { points, labels }, gradients, .. } = asked;
+    let OfEquations { samples: EquationSamples { points, labels }, gradients, .. } = asked;
     let functions = labels.first().map_or(1, Vec::len);
     let n = gradients.first().map_or(0, Vec::len) / functions;
     let less = |labels: &[f64], found: Vec<f64>| labels.iter().zip(found).map(|(label, found)| label - found).collect();
@@ -430,8 +430,8 @@ fn of_outputs(labels: &[Vec<f64>], outputs: &[usize]) -> Vec<Vec<f64>> {
     labels.iter().map(|label| outputs.iter().map(|output| label[*output]).collect()).collect()
 }
 
-fn part(samples: &Samples, range: Range<usize>) -> Samples {
-    Samples { points: samples.points[range.clone()].to_vec(), labels: samples.labels[range].to_vec() }
+fn part(samples: &EquationSamples, range: Range<usize>) -> EquationSamples {
+    EquationSamples { points: samples.points[range.clone()].to_vec(), labels: samples.labels[range].to_vec() }
 }
 
 /// The columns of a network at some points.

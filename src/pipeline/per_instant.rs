@@ -16,7 +16,7 @@ use crate::{
     source::Journal,
     study::Study,
     surrogate,
-    training::{self, EpochRecord, Observer, Outcome, Rows, StopReason},
+    training::{self, EpochRecord, Observer, Outcome, StopReason, TrainingRows},
 };
 use metafmu_runtime::{Model, ScaledNetwork};
 use std::{
@@ -135,7 +135,7 @@ fn train_one(project: &Project, study: &Study, prepared: &Prepared, goal: usize)
 }
 
 /// The network with zero for outputs that are constant in the rows, as initial values are at their instant: an exact constant.
-pub fn without_constants(network: &Network, rows: &Rows) -> Network {
+pub fn without_constants(network: &Network, rows: &TrainingRows) -> Network {
     let mut network = network.clone();
     for output in 0..rows.n_outputs() {
         if rows.outputs().iter().skip(output).step_by(rows.n_outputs()).all(|value| value.abs() <= CONSTANT) {

@@ -9,7 +9,7 @@ use crate::{
     sampling::{self, Stream},
     scaling,
     study::{Study, TrainingOptions},
-    training::Rows,
+    training::TrainingRows,
 };
 use metafmu_runtime::{ScaledNetwork, Scaling, Surrogate};
 use std::sync::Arc;
@@ -18,8 +18,8 @@ use std::sync::Arc;
 pub struct Prepared {
     pub scaling: Scaling,
     pub network: Network,
-    pub training: Rows,
-    pub validation: Rows,
+    pub training: TrainingRows,
+    pub validation: TrainingRows,
     pub validation_runs: usize,
 }
 
@@ -59,7 +59,7 @@ fn of_rows(
     let (inputs, outputs) = (layout.columns(), dataset.outputs.len());
     let rows = |runs: &[&Run]| {
         let (x, y) = scaling::standardise(runs.iter().copied(), &layout, &scaling);
-        Rows::new(inputs, outputs, x, y)
+        TrainingRows::new(inputs, outputs, x, y)
     };
     let (training, validation) = (rows(training_runs)?, rows(validation_runs)?);
     let network = match start {

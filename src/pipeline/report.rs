@@ -11,7 +11,7 @@ use crate::{
     report::{Beside, Evaluated, Material, page},
     sampling::Plan,
     source::Source,
-    study::{Method, Structure, Study},
+    study::{Method, Study, TimeStructure},
     training::read_history,
 };
 use metafmu_runtime::Surrogate;
@@ -169,7 +169,7 @@ impl<'p> Other<'p> {
             ("parameters", project.source.parameters(), other.source.parameters()),
             ("outputs", project.source.outputs(), other.source.outputs()),
         ] {
-            let list = |variables: &[crate::variable::Variable]| {
+            let list = |variables: &[crate::variable::SourceVariable]| {
                 let names: Vec<String> = variables.iter().map(|v| format!("{} [{}]", v.name, v.unit)).collect();
                 names.join(", ")
             };
@@ -219,7 +219,7 @@ impl<'p> Other<'p> {
             ),
         ];
         let (own_study, other_study) = (&project.study, &self.project.study);
-        let fixed = |study: &Study| study.network.structure == Structure::Fixed;
+        let fixed = |study: &Study| study.network.structure == TimeStructure::Fixed;
         let mixed = fixed(own_study) != fixed(other_study);
         let name = |study: &Study| match (mixed, fixed(study)) {
             (false, _) => study.name.clone(),

@@ -16,7 +16,7 @@ use crate::{
         simulation::Outcome,
     },
     table::header_field,
-    variable::Variable,
+    variable::SourceVariable,
 };
 use indexmap::IndexMap;
 use serde::Serialize;
@@ -279,7 +279,7 @@ fn settle_constants(project: &Project, sets: &mut Sets<Dataset>) -> Vec<String> 
     let Sets { train, test, calibration } = sets;
     let constants = dataset::settle(train, [test, calibration], rounding);
     let line = |(output, constant): (usize, f64)| {
-        let Variable { name, unit, .. } = &train.outputs[output];
+        let SourceVariable { name, unit, .. } = &train.outputs[output];
         let space = if unit.is_empty() { "" } else { " " };
         format!("output {name} varies by rounding only: the tables have the constant {constant}{space}{unit}")
     };

@@ -18,8 +18,8 @@ use crate::{
     scaling,
     search::{self, rungs, survivors},
     source::Source,
-    study::{Structure, Study},
-    training::{self, EpochRecord, Observer, Rows, StopReason, TrainingError},
+    study::{Study, TimeStructure},
+    training::{self, EpochRecord, Observer, StopReason, TrainingError, TrainingRows},
 };
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -313,7 +313,7 @@ fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dat
     if let Some(kind) = project.study.search.as_ref().and_then(|search| search.model) {
         return fit_baseline(project, study, kind, dataset, waiting);
     }
-    if study.network.structure == Structure::Fixed {
+    if study.network.structure == TimeStructure::Fixed {
         return train_instants(project, study, dataset, waiting, goal);
     }
     let Prepared { network, training: rows, validation, .. } = prepare(study, dataset, 0, None)?;
@@ -427,12 +427,12 @@ fn fit_baseline(
 }
 
 /// Mean over the outputs of 1 - R², on standardised rows: comparable for any loss of the trials.
-fn score(network: &Network, rows: &Rows) -> f64 {
+fn score(network: &Network, rows: &TrainingRows) -> f64 {
     mean_unexplained(&columns(network, rows, &vec![0.0; rows.n_outputs()], &vec![1.0; rows.n_outputs()]))
 }
 
 /// What the network predicts and what it should, of each output, not standardised any more.
-fn columns(network: &Network, rows: &Rows, mean: &[f64], scale: &[f64]) -> Vec<[Vec<f64>; 2]> {
+fn columns(network: &Network, rows: &TrainingRows, mean: &[f64], scale: &[f64]) -> Vec<[Vec<f64>; 2]> {
     let mut found = vec![0.0; rows.outputs().len()];
     network.predict(rows.inputs(), &mut found);
     let column = |values: &[f32], output: usize| {

@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Result,
     dataset::Dataset,
-    dynamics::{Samples, fit_functions},
+    dynamics::{EquationSamples, fit_functions},
     scaling,
     source::{Source, driven::Driven, fmu::FmuModel},
     surrogate,
@@ -132,7 +132,7 @@ impl Space {
     }
 
     /// Derivatives and outputs of the FMU at random points, the same ones for the same seed.
-    fn ask(&self, project: &Project, fmu: &FmuModel) -> Result<Samples> {
+    fn ask(&self, project: &Project, fmu: &FmuModel) -> Result<EquationSamples> {
         let count = learned::states(&project.study);
         let mut random = ChaCha8Rng::seed_from_u64(project.study.seed ^ 0x5354_4154);
         let point = |_| self.ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
@@ -141,13 +141,13 @@ impl Space {
         let labels = fmu.derivatives(&points, project.workers(), || project.event(Event::Advance));
         let labels = labels.inspect_err(|_| project.event(Event::End))?;
         project.event(Event::End);
-        Ok(Samples { points, labels })
+        Ok(EquationSamples { points, labels })
     }
 
-    fn learn(&self, project: &Project, samples: &Samples, checkpoints: &Checkpoints) -> Result<Learned> {
+    fn learn(&self, project: &Project, samples: &EquationSamples, checkpoints: &Checkpoints) -> Result<Learned> {
         let study = &project.study;
         let held_out = held_out(samples.points.len());
-        let part = |range: std::ops::Range<usize>| Samples {
+        let part = |range: std::ops::Range<usize>| EquationSamples {
             points: samples.points[range.clone()].to_vec(),
             labels: samples.labels[range].to_vec(),
         };
@@ -200,7 +200,7 @@ impl Space {
         &self,
         (project, checkpoints): (&Project, &Checkpoints),
         base: &Dictionary,
-        [seen, unseen]: [&Samples; 2],
+        [seen, unseen]: [&EquationSamples; 2],
     ) -> Result<(ScaledNetwork, Outcome)> {
         let [seen, unseen] = [seen, unseen].map(|samples| Examples {
             inputs: self.columns(samples),
@@ -220,7 +220,7 @@ impl Space {
     }
 
     /// Columns of a network.
-    fn columns(&self, samples: &Samples) -> Vec<Vec<f64>> {
+    fn columns(&self, samples: &EquationSamples) -> Vec<Vec<f64>> {
         let encoder = self.encoder();
         let encoded = |point: &Vec<f64>| {
             let mut columns = vec![0.0; encoder.width()];
@@ -231,7 +231,7 @@ impl Space {
     }
 
     /// Root mean square error relative to the standard deviation, of the worst function.
-    fn error(&self, dictionary: &Dictionary, network: Option<&ScaledNetwork>, unseen: &Samples) -> f64 {
+    fn error(&self, dictionary: &Dictionary, network: Option<&ScaledNetwork>, unseen: &EquationSamples) -> f64 {
         let mut rest = residuals(dictionary, unseen);
         if let Some(network) = network {
             for (rest, found) in rest.iter_mut().zip(network.evaluate(&self.columns(unseen))) {
@@ -249,9 +249,9 @@ impl Space {
 }
 
 /// What outputs and derivatives are, outputs first, and the samples of the functions that are left.
-fn recognise(samples: Samples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, Samples) {
+fn recognise(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, EquationSamples) {
     let width = samples.labels.first().map_or(0, Vec::len);
-    let Samples { points, labels } = samples;
+    let EquationSamples { points, labels } = samples;
     let same = |label: usize, of: &dyn Fn(usize) -> f64| {
         let largest = labels.iter().map(|labels| labels[label].abs()).fold(0.0, f64::max);
         (0..points.len()).all(|row| (labels[row][label] - of(row)).abs() <= SAME * largest)
@@ -272,11 +272,11 @@ fn recognise(samples: Samples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, Sam
     }
     given.rotate_left(states);
     let labels = labels.iter().map(|labels| functions.iter().map(|label| labels[*label]).collect()).collect();
-    (given, Samples { points, labels })
+    (given, EquationSamples { points, labels })
 }
 
 /// What a dictionary leaves over.
-fn residuals(dictionary: &Dictionary, samples: &Samples) -> Vec<Vec<f64>> {
+fn residuals(dictionary: &Dictionary, samples: &EquationSamples) -> Vec<Vec<f64>> {
     let mut found = vec![0.0; dictionary.outputs()];
     let rest = |(point, labels): (&Vec<f64>, &Vec<f64>)| {
         dictionary.evaluate(point, &mut found);

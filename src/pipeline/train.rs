@@ -16,7 +16,7 @@ use crate::{
     evaluation::Accuracy,
     evaluation::Verdict,
     files,
-    study::{Structure, Study, StudyStructure},
+    study::{Study, StudyStructure, TimeStructure},
     surrogate,
     training::{self, write_history},
 };
@@ -53,8 +53,8 @@ pub(super) fn once(
         StudyStructure::Dynamics => motion::train(project, dataset, &Checkpoints::new(project, resume)?)?,
         StudyStructure::Discrete => discrete::train(project, dataset)?,
         StudyStructure::Response => match study.network.structure {
-            Structure::Full => train(project, dataset, added, start, resume)?,
-            Structure::Fixed => per_instant::train(project, dataset, resume)?,
+            TimeStructure::Full => train(project, dataset, added, start, resume)?,
+            TimeStructure::Fixed => per_instant::train(project, dataset, resume)?,
         },
     };
     for (Output { name, unit, .. }, constant) in constants(&surrogate) {

@@ -13,7 +13,7 @@ use crate::{
     Error, Result,
     dataset::Dataset,
     dynamics::{
-        identify::{Identified, Law, fit_accelerations, fit_motion},
+        identify::{AccelerationModel, Identified, fit_accelerations, fit_motion},
         trajectory::{Trajectory, disagreement},
     },
     source::{Source, driven::Driven},
@@ -244,10 +244,10 @@ impl Columns {
     }
 
     /// Of coordinates, then rates: whether functions depend on them.
-    fn is_limited(&self, law: &Law) -> Vec<bool> {
+    fn is_limited(&self, law: &AccelerationModel) -> Vec<bool> {
         let (first, functions, count) = match law {
-            Law::Motion(dynamics) => (0, dynamics.law().dictionary(), self.coordinates.len()),
-            Law::Functions(functions) => {
+            AccelerationModel::Motion(dynamics) => (0, dynamics.law().dictionary(), self.coordinates.len()),
+            AccelerationModel::Functions(functions) => {
                 (self.parameters.len() + self.inputs.len(), functions.as_ref(), 2 * self.coordinates.len())
             }
         };
@@ -259,14 +259,14 @@ impl Columns {
         &self,
         study: &Study,
         driven: &Driven,
-        law: &Law,
+        law: &AccelerationModel,
         integration: Integration,
     ) -> std::result::Result<Model, FormatError> {
         let n = self.coordinates.len();
         let state = |name: &String| driven.states().iter().position(|state| state.name == *name);
         let shown = study.outputs.keys().filter_map(state);
         Ok(match law {
-            Law::Motion(dynamics) => {
+            AccelerationModel::Motion(dynamics) => {
                 let outputs =
                     shown.map(|state| if state < n { Shown::Position(state) } else { Shown::Velocity(state - n) });
                 Model::Motion(Box::new(Motion {
@@ -279,7 +279,7 @@ impl Columns {
                     integration,
                 }))
             }
-            Law::Functions(functions) => {
+            AccelerationModel::Functions(functions) => {
                 let derivatives = (0..n).map(|k| Given::State(n + k)).chain((0..n).map(Given::Function));
                 Model::StateSpace(Box::new(StateSpace {
                     counts: [self.parameters.len(), self.inputs.len(), 2 * n],

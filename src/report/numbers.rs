@@ -6,7 +6,7 @@ use super::axis::extent;
 use crate::{
     dataset::{Dataset, Run},
     evaluation::{Accuracy, first_predicted, predict_all},
-    layout::Point,
+    layout::InputPoint,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
@@ -228,7 +228,7 @@ impl<'a> Evaluated<'a> {
             weights[output] = 1.0;
             let mut over_time = vec![vec![0.0; instants.len()]; parameters];
             for &run in &runs {
-                let mut point = Point::of(&self.test.runs[run]);
+                let mut point = InputPoint::of(&self.test.runs[run]);
                 for (instant, &time) in instants.iter().enumerate() {
                     evaluator.adjoint(point.at(time), &weights, &mut gradient, &mut scratch);
                     for (sums, derivative) in over_time.iter_mut().zip(&gradient) {
@@ -372,7 +372,7 @@ mod tests {
                 let mut sum = 0.0;
                 for run in &test.runs {
                     let mut value = |offset: f64| {
-                        let mut inputs = Point::of(run).at(sensitivity.times[instant]).to_vec();
+                        let mut inputs = InputPoint::of(run).at(sensitivity.times[instant]).to_vec();
                         inputs[parameter] += offset;
                         let mut outputs = [0.0; 2];
                         evaluator.evaluate(&inputs, &mut outputs, &mut scratch);

@@ -3,7 +3,7 @@
 use crate::{
     dataset::{Dataset, Run},
     evaluation::predict_all,
-    variable::Variable,
+    variable::SourceVariable,
 };
 use metafmu_runtime::{Surrogate, example};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ pub fn exact() -> (Surrogate, Dataset) {
         let parameters = vec![0.1 + 0.1 * (f64::from(i) * 0.618).fract(), 5.0 * (f64::from(i) * 0.381 + 0.1).fract()];
         Run { inputs: Vec::new(), parameters, times: Arc::clone(&times), outputs: Vec::new() }
     };
-    let variable = |name: &str, unit: &str| Variable::new(name, unit, "");
+    let variable = |name: &str, unit: &str| SourceVariable::new(name, unit, "");
     let mut test = Dataset {
         inputs: Vec::new(),
         parameters: vec![variable("length", "m"), variable("speed", "rad/s")],

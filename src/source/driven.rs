@@ -4,13 +4,13 @@ use super::{kinds::Kinds, wrong_unit};
 use crate::{
     dataset::Run,
     diagnostics::{Problems, names::expected_one_of},
-    dynamics::{self, Checked, Range, Region},
+    dynamics::{self, Checked, QuantityRange, Region},
     evaluation::SignalKind,
     integrate::Budget,
     multibody::Mechanism,
-    signal::{Knots, Signal, Sine},
+    signal::{Knots, Signal, SineTerm},
     study::{Excitation, Recording, StateOptions, Study, is_angle, velocity_name},
-    variable::Variable,
+    variable::SourceVariable,
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
@@ -29,7 +29,7 @@ const SLOWEST: f64 = 1e-3;
 #[derive(Clone, Debug)]
 pub struct Driver {
     /// Name, unit, description; the value at the start.
-    pub variable: Variable,
+    pub variable: SourceVariable,
     /// Smallest value.
     pub min: f64,
     /// Largest value.
@@ -46,7 +46,7 @@ pub struct Driver {
 #[derive(Clone, Debug)]
 pub struct Driven {
     /// In the order in which the study has them; of a mechanism coordinates, then velocities.
-    states: Vec<Variable>,
+    states: Vec<SourceVariable>,
     drivers: Vec<Driver>,
     /// Values of the states at the start as the source has them.
     start: Vec<f64>,
@@ -63,7 +63,7 @@ pub struct Driven {
 #[derive(Clone, Debug)]
 pub struct OwnInput {
     /// Name, unit and description.
-    pub variable: Variable,
+    pub variable: SourceVariable,
     /// Its range, if there is one.
     pub range: [Option<f64>; 2],
     /// Its value at the start, if there is one.
@@ -74,7 +74,7 @@ impl Driver {
     /// An input of the source with the study's options.
     fn new(own: OwnInput, study: &Study) -> Result<Self, Problems> {
         let mut problems = Problems::default();
-        let OwnInput { variable: Variable { name, unit, description, .. }, range, start } = own;
+        let OwnInput { variable: SourceVariable { name, unit, description, .. }, range, start } = own;
         let options = study.inputs.get(&name).cloned().unwrap_or_default();
         let recording = study.recording(&name).cloned();
         let key = format!("inputs.{name}");
@@ -99,7 +99,7 @@ impl Driver {
         }
         let description = options.description.as_deref().unwrap_or(&description);
         Ok(Self {
-            variable: Variable::new(&name, &unit, description),
+            variable: SourceVariable::new(&name, &unit, description),
             min,
             max,
             start,
@@ -125,7 +125,7 @@ impl Driven {
         }
         let mut drivers = Vec::new();
         for (name, own) in mechanism.inputs() {
-            let variable = Variable::new(name, &own.unit, &own.description);
+            let variable = SourceVariable::new(name, &own.unit, &own.description);
             let own = OwnInput { variable, range: [Some(own.min), Some(own.max)], start: Some(own.start) };
             match Driver::new(own, study) {
                 Ok(driver) => drivers.push(driver),
@@ -206,11 +206,11 @@ impl Driven {
     /// Every range that is not known or empty, every unit that is not the FMU's, by dotted key.
     pub fn of_fmu(
         study: &Study,
-        states: Vec<(Variable, Option<f64>)>,
+        states: Vec<(SourceVariable, Option<f64>)>,
         inputs: Vec<OwnInput>,
     ) -> Result<Self, Problems> {
         let drivers = drivers(study, inputs)?;
-        let within = |((_, start), options): (&(Variable, Option<f64>), &StateOptions)| {
+        let within = |((_, start), options): (&(SourceVariable, Option<f64>), &StateOptions)| {
             let middle = 0.5 * (options.min + options.max);
             start.filter(|start| (options.min..=options.max).contains(start)).unwrap_or(middle)
         };
@@ -227,7 +227,7 @@ impl Driven {
     /// Every range of an input that is empty, by dotted key.
     pub fn of_table(
         study: &Study,
-        states: Vec<Variable>,
+        states: Vec<SourceVariable>,
         (start, ranges): (Vec<f64>, Vec<[f64; 2]>),
         inputs: Vec<OwnInput>,
     ) -> Result<Self, Problems> {
@@ -261,20 +261,20 @@ impl Driven {
     }
 
     /// The inputs.
-    pub fn variables(&self) -> Vec<Variable> {
+    pub fn variables(&self) -> Vec<SourceVariable> {
         self.drivers.iter().map(|driver| driver.variable.clone()).collect()
     }
 
     /// The states; of a mechanism coordinates, then velocities.
-    pub fn states(&self) -> &[Variable] {
+    pub fn states(&self) -> &[SourceVariable] {
         &self.states
     }
 
     /// The parameters that are the states' values at the start.
-    pub fn starts(&self) -> impl Iterator<Item = Variable> {
-        self.states.iter().map(|Variable { name, unit, .. }| {
+    pub fn starts(&self) -> impl Iterator<Item = SourceVariable> {
+        self.states.iter().map(|SourceVariable { name, unit, .. }| {
             let description = format!("{name} at the start");
-            Variable::new(&metafmu_runtime::State::start_name(name), unit, &description)
+            SourceVariable::new(&metafmu_runtime::State::start_name(name), unit, &description)
         })
     }
 
@@ -397,14 +397,14 @@ struct Launch<'a> {
     signals: Vec<Signal>,
 }
 
-fn coordinates_and_velocities(names: &[&str]) -> Vec<Variable> {
+fn coordinates_and_velocities(names: &[&str]) -> Vec<SourceVariable> {
     let coordinates = names.iter().map(|name| {
         let unit = if is_angle(name) { "rad" } else { "m" };
-        Variable::new(name, unit, &format!("coordinate {name}"))
+        SourceVariable::new(name, unit, &format!("coordinate {name}"))
     });
     let velocities = names.iter().map(|name| {
         let unit = if is_angle(name) { "rad/s" } else { "m/s" };
-        Variable::new(&velocity_name(name).unwrap_or_default(), unit, &format!("derivative of {name}"))
+        SourceVariable::new(&velocity_name(name).unwrap_or_default(), unit, &format!("derivative of {name}"))
     });
     coordinates.chain(velocities).collect()
 }
@@ -413,8 +413,12 @@ fn coordinates_and_velocities(names: &[&str]) -> Vec<Variable> {
 fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
     let names = mechanism.parameters().keys().cloned();
     Region {
-        coordinates: study.states.iter().map(|(name, state)| Range::new(name, state.min, state.max)).collect(),
-        parameters: study.parameters.iter().map(|(name, range)| Range::new(name, range.min, range.max)).collect(),
+        coordinates: study.states.iter().map(|(name, state)| QuantityRange::new(name, state.min, state.max)).collect(),
+        parameters: study
+            .parameters
+            .iter()
+            .map(|(name, range)| QuantityRange::new(name, range.min, range.max))
+            .collect(),
         constants: names.zip(values.iter().copied()).collect(),
         outputs: study.outputs.keys().cloned().collect(),
         velocities: Vec::new(),
@@ -505,7 +509,7 @@ impl Driver {
 /// A sum of sines of random frequencies and phases, of one amplitude, which is such that the sum rarely leaves -1 to 1.
 fn sines(count: usize, from: f64, to: f64, random: &mut ChaCha8Rng) -> Box<dyn FnMut(f64) -> f64> {
     let amplitude = (2.0 / count as f64).sqrt() * 0.45;
-    let sines = (0..count).map(|_| Sine {
+    let sines = (0..count).map(|_| SineTerm {
         amplitude,
         frequency: from + (to - from) * random.random::<f64>(),
         phase: TAU * random.random::<f64>(),

@@ -12,10 +12,10 @@ pub mod simulation;
 
 use crate::{
     Result,
-    dataset::Columns,
+    dataset::DatasetColumns,
     diagnostics::{KeyProblem, Problems},
     study::{Draft, Study},
-    variable::Variable,
+    variable::SourceVariable,
 };
 pub use journal::Journal;
 use metafmu_runtime::State;
@@ -68,7 +68,7 @@ impl Source {
     }
 
     /// The parameters, in the study's order.
-    pub fn parameters(&self) -> &[Variable] {
+    pub fn parameters(&self) -> &[SourceVariable] {
         match self {
             Self::Simulation(simulation) => simulation.parameters(),
             Self::Recorded(recorded) => recorded.parameters(),
@@ -76,7 +76,7 @@ impl Source {
     }
 
     /// The outputs, in the study's order.
-    pub fn outputs(&self) -> &[Variable] {
+    pub fn outputs(&self) -> &[SourceVariable] {
         match self {
             Self::Simulation(simulation) => simulation.outputs(),
             Self::Recorded(recorded) => recorded.outputs(),
@@ -84,7 +84,7 @@ impl Source {
     }
 
     /// What drives the runs, in the source's order.
-    pub fn inputs(&self) -> &[Variable] {
+    pub fn inputs(&self) -> &[SourceVariable] {
         match self {
             Self::Simulation(simulation) => simulation.inputs(),
             Self::Recorded(recorded) => recorded.inputs(),
@@ -112,8 +112,8 @@ impl Source {
     }
 
     /// The columns of its tables.
-    pub fn columns(&self) -> Columns<'_> {
-        Columns { parameters: self.parameters(), inputs: self.inputs(), outputs: self.outputs() }
+    pub fn columns(&self) -> DatasetColumns<'_> {
+        DatasetColumns { parameters: self.parameters(), inputs: self.inputs(), outputs: self.outputs() }
     }
 
     /// Points whose paths follow from the outputs: those that the system declares, outputs `P.x` and `P.y` of a mechanism, and
@@ -161,9 +161,9 @@ fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<KeyProbl
 }
 
 /// The parameters of a run that goes on from sample to sample, which follow those of the study: what outputs and inputs were before it.
-fn before_start<'a>(variables: impl Iterator<Item = &'a Variable>) -> impl Iterator<Item = Variable> {
-    variables.map(|Variable { name, unit, .. }| {
-        Variable::new(&State::start_name(name), unit, &format!("{name} before the start"))
+fn before_start<'a>(variables: impl Iterator<Item = &'a SourceVariable>) -> impl Iterator<Item = SourceVariable> {
+    variables.map(|SourceVariable { name, unit, .. }| {
+        SourceVariable::new(&State::start_name(name), unit, &format!("{name} before the start"))
     })
 }
 

@@ -24,7 +24,7 @@ use crate::{
     sampling::{self, Sets, Stream},
     study::{InputOptions, ParameterOptions, Study, read_value},
     table::{Table, runs::check_constants},
-    variable::Variable,
+    variable::SourceVariable,
 };
 pub use motions::Motions;
 use runs::{Current, Runs};
@@ -40,10 +40,10 @@ pub struct Recorded {
     is_index: bool,
     names: Names,
     /// Of runs with inputs, values of outputs and inputs before the start are such, too.
-    parameters: Vec<Variable>,
+    parameters: Vec<SourceVariable>,
     inputs: Vec<Driven>,
-    input_variables: Vec<Variable>,
-    outputs: Vec<Variable>,
+    input_variables: Vec<SourceVariable>,
+    outputs: Vec<SourceVariable>,
     /// Each parameter's range or values in the study.
     options: Vec<ParameterOptions>,
     stop: f64,
@@ -177,12 +177,12 @@ impl Recorded {
     }
 
     /// The parameters, in the study's order; of runs with inputs, what outputs and inputs were before the start.
-    pub fn parameters(&self) -> &[Variable] {
+    pub fn parameters(&self) -> &[SourceVariable] {
         &self.parameters
     }
 
     /// The outputs, in the study's order.
-    pub fn outputs(&self) -> &[Variable] {
+    pub fn outputs(&self) -> &[SourceVariable] {
         &self.outputs
     }
 
@@ -192,7 +192,7 @@ impl Recorded {
     }
 
     /// What drives the runs.
-    pub fn inputs(&self) -> &[Variable] {
+    pub fn inputs(&self) -> &[SourceVariable] {
         self.motions().map_or(&self.input_variables, Motions::inputs)
     }
 
@@ -338,11 +338,17 @@ impl Driven {
 }
 
 /// A variable of the study in a column of a table; the study's unit must be the table's.
-fn resolve(table: &Table, column: &str, name: &str, unit: Option<&str>, description: Option<&str>) -> Result<Variable> {
+fn resolve(
+    table: &Table,
+    column: &str,
+    name: &str,
+    unit: Option<&str>,
+    description: Option<&str>,
+) -> Result<SourceVariable> {
     let position = table.column(column)?;
     table.check_unit(position, unit)?;
     let unit = unit.or(table.columns()[position].unit()).unwrap_or_default();
-    Ok(Variable::new(name, unit, description.unwrap_or_default()))
+    Ok(SourceVariable::new(name, unit, description.unwrap_or_default()))
 }
 
 fn time_column(table: &Table, name: &str) -> Result<usize> {

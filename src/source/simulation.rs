@@ -12,11 +12,11 @@ use crate::{
     diagnostics::{Problems, names::expected_one_of},
     fmi::Workers,
     integrate::{Budget, TOLERANCE},
-    multibody::{Mechanism, description::OutputOptions},
+    multibody::{Mechanism, description::MechanismOutput},
     sampling::Plan,
     study::{SourceOptions, Study},
     systems::{SYSTEMS, System},
-    variable::Variable,
+    variable::SourceVariable,
 };
 use rayon::prelude::*;
 use std::{
@@ -36,9 +36,9 @@ const MAX_FAILED: f64 = 0.1;
 pub struct Simulation {
     model: Model,
     /// Of runs that go on from sample to sample, what outputs and inputs were before the start are such, too.
-    parameters: Vec<Variable>,
-    inputs: Vec<Variable>,
-    outputs: Vec<Variable>,
+    parameters: Vec<SourceVariable>,
+    inputs: Vec<SourceVariable>,
+    outputs: Vec<SourceVariable>,
     /// What the points of a plan have.
     planned: Vec<String>,
     is_discrete: bool,
@@ -113,7 +113,7 @@ impl Simulation {
     }
 
     /// What drives the runs, in the source's order.
-    pub fn inputs(&self) -> &[Variable] {
+    pub fn inputs(&self) -> &[SourceVariable] {
         &self.inputs
     }
 
@@ -142,12 +142,12 @@ impl Simulation {
     }
 
     /// The parameters, in the study's order.
-    pub fn parameters(&self) -> &[Variable] {
+    pub fn parameters(&self) -> &[SourceVariable] {
         &self.parameters
     }
 
     /// The outputs, in the study's order.
-    pub fn outputs(&self) -> &[Variable] {
+    pub fn outputs(&self) -> &[SourceVariable] {
         &self.outputs
     }
 
@@ -376,15 +376,15 @@ enum Simulator {
 
 impl Simulator {
     /// Every quantity that may be a parameter or a constant, with its default.
-    fn quantities(&self) -> Vec<(Variable, f64)> {
+    fn quantities(&self) -> Vec<(SourceVariable, f64)> {
         match self {
             Self::System(system) => {
                 let quantities = system.quantities.iter();
-                quantities.map(|q| (Variable::new(q.name, q.unit, q.description), q.default)).collect()
+                quantities.map(|q| (SourceVariable::new(q.name, q.unit, q.description), q.default)).collect()
             }
             Self::Mechanism(mechanism) => {
                 let parameters = mechanism.parameters().iter();
-                parameters.map(|(name, p)| (Variable::new(name, &p.unit, &p.description), p.default)).collect()
+                parameters.map(|(name, p)| (SourceVariable::new(name, &p.unit, &p.description), p.default)).collect()
             }
         }
     }
@@ -401,7 +401,7 @@ impl Simulator {
                     let named = |name: &&str| mechanism.description().outputs.get(*name);
                     outputs.iter().position(|name| named(name).is_some_and(|output| output.measure.trim() == measure))
                 };
-                let point = |(_, output): (&String, &OutputOptions)| {
+                let point = |(_, output): (&String, &MechanismOutput)| {
                     let point = output.measure.trim().strip_suffix(".x")?;
                     Some(Point::of_outputs(point, column(&format!("{point}.x"))?, column(&format!("{point}.y"))?))
                 };
@@ -411,11 +411,11 @@ impl Simulator {
     }
 
     /// Every output, in the order of a simulation's rows.
-    fn outputs(&self) -> Vec<Variable> {
+    fn outputs(&self) -> Vec<SourceVariable> {
         match self {
             Self::System(system) => {
                 let outputs = system.outputs.iter();
-                outputs.map(|output| Variable::new(output.name, output.unit, output.description)).collect()
+                outputs.map(|output| SourceVariable::new(output.name, output.unit, output.description)).collect()
             }
             Self::Mechanism(mechanism) => mechanism.outputs().to_vec(),
         }
@@ -438,7 +438,7 @@ impl Simulator {
 
 impl Equations {
     /// Also the variables of the study's parameters and outputs.
-    fn new(study: &Study) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
+    fn new(study: &Study) -> Result<(Self, Vec<SourceVariable>, Vec<SourceVariable>)> {
         let name = study.source.system.clone();
         let simulator = match (study.mechanism(), name.as_deref().unwrap_or_default()) {
             (Some(mechanism), _) => Simulator::Mechanism(Arc::clone(mechanism)),
@@ -495,9 +495,10 @@ impl Equations {
         Ok(rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position])).collect())
     }
 
-    fn resolve_inputs(&mut self, study: &Study, parameters: &mut Vec<Variable>) -> Problems {
+    fn resolve_inputs(&mut self, study: &Study, parameters: &mut Vec<SourceVariable>) -> Problems {
         let mut problems = Problems::default();
-        let quantities: Vec<Variable> = self.simulator.quantities().into_iter().map(|(quantity, _)| quantity).collect();
+        let quantities: Vec<SourceVariable> =
+            self.simulator.quantities().into_iter().map(|(quantity, _)| quantity).collect();
         let unknown = |name: &str| {
             let known: Vec<&str> = quantities.iter().map(|quantity| quantity.name.as_str()).collect();
             format!("{} has no quantity `{name}`, {}", self.name, expected_one_of(name, &known))
@@ -522,14 +523,14 @@ impl Equations {
                     problems.extend(wrong_unit(&key, parameter.unit.as_deref(), &quantity.unit));
                     self.parameter_positions.push(position);
                     let description = parameter.description.as_deref().unwrap_or(&quantity.description);
-                    parameters.push(Variable::new(name, &quantity.unit, description));
+                    parameters.push(SourceVariable::new(name, &quantity.unit, description));
                 }
             }
         }
         problems
     }
 
-    fn resolve_outputs(&mut self, study: &Study, outputs: &mut Vec<Variable>) -> Problems {
+    fn resolve_outputs(&mut self, study: &Study, outputs: &mut Vec<SourceVariable>) -> Problems {
         let mut problems = Problems::default();
         let known = self.simulator.outputs();
         for (name, output) in &study.outputs {
@@ -544,7 +545,7 @@ impl Equations {
                     problems.extend(wrong_unit(&key, output.unit.as_deref(), &known[position].unit));
                     self.output_positions.push(position);
                     let description = output.description.as_deref().unwrap_or(&known[position].description);
-                    outputs.push(Variable::new(name, &known[position].unit, description));
+                    outputs.push(SourceVariable::new(name, &known[position].unit, description));
                 }
             }
         }

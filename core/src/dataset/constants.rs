@@ -1,7 +1,7 @@
 //! Outputs that do not vary but for rounding.
 
 use super::Dataset;
-use crate::variable::Variable;
+use crate::variable::SourceVariable;
 
 /// Differences of an output's values that are rounding, not motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,7 +34,7 @@ impl Rounding {
             }
             largest
         };
-        let of = |variables: &[Variable], values: Vec<f64>| -> Vec<(String, f64)> {
+        let of = |variables: &[SourceVariable], values: Vec<f64>| -> Vec<(String, f64)> {
             variables.iter().map(|variable| variable.unit.clone()).zip(values).collect()
         };
         let outputs = largest(|run| &run.outputs, dataset.outputs.len());
@@ -44,7 +44,7 @@ impl Rounding {
             of(&dataset.outputs, outputs.clone()),
         ]
         .concat();
-        let limit = |(variable, own): (&Variable, &f64)| {
+        let limit = |(variable, own): (&SourceVariable, &f64)| {
             let unit = variable.unit.as_str();
             // values without a unit need not be of one kind
             let same = known.iter().filter(|(other, _)| !unit.is_empty() && other == unit).map(|(_, value)| *value);
@@ -105,7 +105,7 @@ mod tests {
 
     /// A run of outputs `x` in m, `y` in m, `f` in N and `n` without a unit.
     fn dataset(rows: &[[f64; 4]]) -> Dataset {
-        let variable = |(name, unit): (&str, &str)| Variable::new(name, unit, "");
+        let variable = |(name, unit): (&str, &str)| SourceVariable::new(name, unit, "");
         Dataset {
             parameters: vec![variable(("mass", "kg"))],
             inputs: Vec::new(),

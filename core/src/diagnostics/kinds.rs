@@ -5,7 +5,7 @@ use std::path::Path;
 
 /// A kind of file that people give where another one is expected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
+pub enum FileKind {
     /// CSV or Parquet.
     Table,
     /// Spreadsheet of Excel or another office suite.
@@ -39,23 +39,23 @@ pub enum Kind {
 }
 
 /// The kind of a file by the end of its name, if it is one of these.
-pub fn of(path: &Path) -> Option<Kind> {
+pub fn of(path: &Path) -> Option<FileKind> {
     Some(match path.extension()?.to_string_lossy().to_lowercase().as_str() {
-        "csv" | "parquet" | "tsv" => Kind::Table,
-        "xlsx" | "xls" | "xlsm" | "ods" => Kind::Spreadsheet,
-        "fmu" => Kind::Fmu,
-        "onnx" => Kind::Onnx,
-        "npz" | "npy" => Kind::Arrays,
-        "safetensors" => Kind::Tensors,
-        "pt" | "pth" | "ckpt" => Kind::Torch,
-        "keras" | "h5" | "hdf5" => Kind::Keras,
-        "pkl" | "pickle" | "joblib" => Kind::Pickle,
-        "mo" => Kind::Modelica,
-        "slx" | "mdl" => Kind::Simulink,
-        "ipynb" => Kind::Notebook,
-        "py" => Kind::Python,
-        "ssp" | "ssd" => Kind::System,
-        "toml" => Kind::Toml,
+        "csv" | "parquet" | "tsv" => FileKind::Table,
+        "xlsx" | "xls" | "xlsm" | "ods" => FileKind::Spreadsheet,
+        "fmu" => FileKind::Fmu,
+        "onnx" => FileKind::Onnx,
+        "npz" | "npy" => FileKind::Arrays,
+        "safetensors" => FileKind::Tensors,
+        "pt" | "pth" | "ckpt" => FileKind::Torch,
+        "keras" | "h5" | "hdf5" => FileKind::Keras,
+        "pkl" | "pickle" | "joblib" => FileKind::Pickle,
+        "mo" => FileKind::Modelica,
+        "slx" | "mdl" => FileKind::Simulink,
+        "ipynb" => FileKind::Notebook,
+        "py" => FileKind::Python,
+        "ssp" | "ssd" => FileKind::System,
+        "toml" => FileKind::Toml,
         _ => return None,
     })
 }
@@ -66,7 +66,7 @@ pub fn other(path: &Path, expected: &str) -> Error {
     Error::OtherFile { path: path.to_owned(), message }
 }
 
-impl Kind {
+impl FileKind {
     /// Returns true if `metafmu import` may read it.
     pub fn is_trained_model(self) -> bool {
         matches!(self, Self::Onnx | Self::Arrays | Self::Tensors | Self::Fmu)
@@ -135,10 +135,10 @@ mod tests {
 
     #[test]
     fn a_file_is_known_by_the_end_of_its_name() {
-        assert_eq!(of(Path::new("a/Runs.CSV")), Some(Kind::Table));
-        assert_eq!(of(Path::new("net.pt")), Some(Kind::Torch));
+        assert_eq!(of(Path::new("a/Runs.CSV")), Some(FileKind::Table));
+        assert_eq!(of(Path::new("net.pt")), Some(FileKind::Torch));
         assert_eq!(of(Path::new("study")), None);
-        let message = Kind::Table.instead("a study in TOML");
+        let message = FileKind::Table.instead("a study in TOML");
         assert_eq!(message, "a table, expected a study in TOML; `metafmu new NAME --table FILE` writes a study of it");
     }
 }

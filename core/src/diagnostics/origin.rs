@@ -4,7 +4,7 @@ mod words;
 
 use super::{
     KeyProblem, Problems,
-    kinds::{self, Kind},
+    kinds::{self, FileKind},
     problem::Problem,
     schema::{self, Formats},
 };
@@ -23,7 +23,7 @@ use toml::{Spanned, de::DeTable, de::DeValue};
 /// [`Error::Io`], or [`Error::Study`] if it is something else than text in UTF-8.
 pub(crate) fn read(path: &Path, expected: &str) -> Result<String> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
-    if let Some(kind) = kinds::of(path).filter(|kind| *kind != Kind::Toml) {
+    if let Some(kind) = kinds::of(path).filter(|kind| *kind != FileKind::Toml) {
         let message = kind.instead(expected);
         return Err(Error::Study {
             problems: vec![Problem { path: path.to_owned(), line: 1, key: String::new(), message }],
@@ -266,7 +266,7 @@ mod tests {
     #[derive(Debug, Deserialize, JsonSchema)]
     #[serde(deny_unknown_fields)]
     #[allow(dead_code)]
-    struct Content {
+    struct ExampleFile {
         number: Option<f64>,
         count: Option<usize>,
         text: Option<String>,
@@ -275,7 +275,7 @@ mod tests {
         is_on: Option<bool>,
         list: Option<Vec<usize>>,
         vector: Option<[f64; 2]>,
-        kind: Option<Kind>,
+        kind: Option<ExampleMethod>,
         inner: Option<Inner>,
         map: Option<IndexMap<String, f64>>,
     }
@@ -290,7 +290,7 @@ mod tests {
 
     #[derive(Debug, Deserialize, JsonSchema)]
     #[serde(rename_all = "lowercase")]
-    enum Kind {
+    enum ExampleMethod {
         Mesh,
         Random,
         Sobol,
@@ -302,9 +302,9 @@ mod tests {
             Ok(root) => root,
             Err(error) => return error.to_string(),
         };
-        let (problems, _) = origin.structure(root.get_ref(), &schema::of::<Content>(), |_, _| None);
+        let (problems, _) = origin.structure(root.get_ref(), &schema::of::<ExampleFile>(), |_, _| None);
         // the schema refuses whatever the type does
-        assert_eq!(problems.is_empty(), origin.deserialize::<Content>(root).is_ok(), "{text}");
+        assert_eq!(problems.is_empty(), origin.deserialize::<ExampleFile>(root).is_ok(), "{text}");
         problems.iter().map(Problem::to_string).collect::<Vec<_>>().join("\n")
     }
 

@@ -1,12 +1,12 @@
 //! Positions of a mechanism at coordinates that a surrogate has come to.
 
-use super::{Region, labels::Labels, outputs::Outputs};
+use super::{Region, labels::MechanismRegion, outputs::Outputs};
 use crate::multibody::{Mechanism, coordinate::Coordinate, reduced::Reduced};
 use metafmu_runtime::Shown;
 use nalgebra::DVector;
 
 /// A mechanism that is put together at given independent coordinates: its closed loops are closed.
-pub struct Assembly<'a>(Labels<'a>);
+pub struct Assembly<'a>(MechanismRegion<'a>);
 
 /// The same with values for the parameters.
 pub struct Assembled<'a> {
@@ -19,7 +19,7 @@ impl<'a> Assembly<'a> {
     /// # Errors
     /// As [`fit`](super::fit).
     pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
-        Labels::new(mechanism, region).map(Self)
+        MechanismRegion::new(mechanism, region).map(Self)
     }
 
     /// With values of the region's parameters.

@@ -5,7 +5,7 @@ use crate::multibody::{
     Mechanism,
     constraint::{BoundExpression, Slot},
     coordinate::Coordinate,
-    model::Model,
+    model::MultibodyModel,
     reduced::Reduced,
 };
 use metafmu_runtime::{
@@ -67,7 +67,7 @@ impl KnownEfforts {
     }
 
     /// The positions of a model with values for the parameters.
-    pub(super) fn positions_of(&self, model: &Model) -> Vec<Coordinate> {
+    pub(super) fn positions_of(&self, model: &MultibodyModel) -> Vec<Coordinate> {
         let bound: Vec<&BoundExpression> = model.bound_expressions().map(|(bound, _)| bound).collect();
         self.positions.iter().filter_map(|(expression, slot)| position(&bound[*expression].slots[*slot])).collect()
     }

@@ -1,6 +1,8 @@
 //! The equations of motion at sampled states: what networks learn from, and what candidates are compared by.
 
-use super::{FIRST_ORDER, OfEquations, Region, Samples, UNCHANGED, labels::Labels, least_squares, terms};
+use super::{
+    EquationSamples, FIRST_ORDER, OfEquations, Region, UNCHANGED, labels::MechanismRegion, least_squares, terms,
+};
 use crate::multibody::Mechanism;
 use metafmu_runtime::{
     Dynamics, StatePoint,
@@ -12,7 +14,7 @@ use std::ops::Range;
 
 /// The equations of motion of a mechanism in a region.
 pub struct Equations<'a> {
-    labels: Labels<'a>,
+    labels: MechanismRegion<'a>,
     region: &'a Region,
 }
 
@@ -20,7 +22,7 @@ pub struct Equations<'a> {
 const COMPARED: usize = 12;
 
 /// Asked at a state with inputs: shape `[columns]` to `[functions]`.
-type Function<'f> = dyn Fn(&[f64]) -> Result<Vec<f64>, String> + Sync + 'f;
+type StateFunction<'f> = dyn Fn(&[f64]) -> Result<Vec<f64>, String> + Sync + 'f;
 
 impl<'a> Equations<'a> {
     /// Of a region with ranges of velocities and inputs.
@@ -28,7 +30,7 @@ impl<'a> Equations<'a> {
     /// # Errors
     /// A sentence, as [`fit`](super::fit).
     pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
-        let labels = Labels::new(mechanism, region)?;
+        let labels = MechanismRegion::new(mechanism, region)?;
         let (found, expected) =
             ([region.velocities.len(), region.inputs.len()], [labels.coordinates(), labels.inputs()]);
         if found != expected {
@@ -78,7 +80,7 @@ impl<'a> Equations<'a> {
     }
 
     /// Of the functions in such samples: largest magnitudes, shared by those of a kind.
-    pub fn scales(&self, samples: &Samples) -> Vec<f64> {
+    pub fn scales(&self, samples: &EquationSamples) -> Vec<f64> {
         self.labels.scales(samples.labels.iter())
     }
 
@@ -89,13 +91,13 @@ impl<'a> Equations<'a> {
     /// A sentence if the samples do not determine the coefficients.
     pub fn lowest(
         &self,
-        [samples, unseen]: [&Samples; 2],
+        [samples, unseen]: [&EquationSamples; 2],
         dependencies: &[Vec<bool>; 2],
     ) -> Result<[Dictionary; 2], String> {
         let (factors, scales, [of_equations, _]) = (self.factors(), self.scales(samples), self.counts());
         let ranges = [0..of_equations, of_equations..scales.len()];
         let of = |range: &Range<usize>, depends: &[bool]| {
-            let part = |samples: &Samples| Samples {
+            let part = |samples: &EquationSamples| EquationSamples {
                 points: samples.points.clone(),
                 labels: samples.labels.iter().map(|label| label[range.clone()].to_vec()).collect(),
             };
@@ -113,13 +115,13 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn accelerations(&self, count: usize, seed: u64) -> Result<Samples, String> {
+    pub fn accelerations(&self, count: usize, seed: u64) -> Result<EquationSamples, String> {
         self.ask(count, seed, &|point| self.accelerations_at(point))
     }
 
     /// Root mean square error of some equations' accelerations, relative to the standard deviation of the exact ones, of the worst
     /// coordinate.
-    pub fn error(&self, dynamics: &Dynamics, exact: &Samples) -> f64 {
+    pub fn error(&self, dynamics: &Dynamics, exact: &EquationSamples) -> f64 {
         let (n, mut scratch) = (dynamics.coordinates(), dynamics.scratch());
         let count = exact.points.len().max(1) as f64;
         let (mut squares, mut found) = (vec![0.0; n], vec![0.0; n]);
@@ -143,7 +145,7 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn dependencies(&self, samples: &Samples) -> Result<Vec<Vec<bool>>, String> {
+    pub fn dependencies(&self, samples: &EquationSamples) -> Result<Vec<Vec<bool>>, String> {
         let functions = |point: &[f64]| self.labels.at(point).map(|label| label.functions);
         dependencies(samples, &functions, &self.scales(samples))
     }
@@ -152,11 +154,11 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn dependencies_of_accelerations(&self, samples: &Samples) -> Result<Vec<bool>, String> {
+    pub fn dependencies_of_accelerations(&self, samples: &EquationSamples) -> Result<Vec<bool>, String> {
         self.dependencies_in_states(samples, &|point| self.accelerations_at(point))
     }
 
-    fn dependencies_in_states(&self, samples: &Samples, function: &Function) -> Result<Vec<bool>, String> {
+    fn dependencies_in_states(&self, samples: &EquationSamples, function: &StateFunction) -> Result<Vec<bool>, String> {
         let magnitudes = |label: &Vec<f64>| label.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
         let largest = samples.labels.iter().map(magnitudes).fold(f64::MIN_POSITIVE, f64::max);
         let scales = vec![largest; self.labels.coordinates()];
@@ -177,11 +179,11 @@ impl<'a> Equations<'a> {
         (configuration, v, u)
     }
 
-    fn ask(&self, count: usize, seed: u64, function: &Function) -> Result<Samples, String> {
+    fn ask(&self, count: usize, seed: u64, function: &StateFunction) -> Result<EquationSamples, String> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let points: Vec<Vec<f64>> = (0..count).map(|number| self.state(number % 2 == 0, &mut random)).collect();
         let labels = points.par_iter().map(|point| function(point)).collect::<Result<_, _>>()?;
-        Ok(Samples { points, labels })
+        Ok(EquationSamples { points, labels })
     }
 
     /// A random state `(q, p, v, u)`; one `near_rest` has small velocities more often: there friction changes fastest.
@@ -199,7 +201,7 @@ impl<'a> Equations<'a> {
 }
 
 /// Which functions change with each column: shape `[columns, functions]`.
-fn dependencies(samples: &Samples, function: &Function, scales: &[f64]) -> Result<Vec<Vec<bool>>, String> {
+fn dependencies(samples: &EquationSamples, function: &StateFunction, scales: &[f64]) -> Result<Vec<Vec<bool>>, String> {
     let columns = samples.points.first().map_or(0, Vec::len);
     let points = samples.points.iter().zip(&samples.labels).zip(samples.points.iter().skip(1)).take(COMPARED);
     let points: Vec<_> = points.collect();

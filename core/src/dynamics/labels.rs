@@ -1,7 +1,7 @@
 //! What a mechanism's equations of motion are in a configuration.
 
 use super::{
-    Range, Region,
+    QuantityRange, Region,
     efforts::KnownEfforts,
     outputs::Outputs,
     reactions::{self, Forces},
@@ -17,7 +17,7 @@ use nalgebra::DVector;
 use std::f64::consts::TAU;
 
 /// Coordinates, then parameters.
-pub(super) type Point = Vec<f64>;
+pub(super) type RegionPoint = Vec<f64>;
 
 /// A length that is one: less is rounding, in m.
 const SHORTEST: f64 = 1e-9;
@@ -26,7 +26,7 @@ const SHORTEST: f64 = 1e-9;
 const SHIFTS: [f64; 3] = [0.0, 0.11, -0.23];
 
 /// A mechanism whose equations are asked for in a region.
-pub(super) struct Labels<'a> {
+pub(super) struct MechanismRegion<'a> {
     mechanism: &'a Mechanism,
     region: &'a Region,
     /// Values of all parameters of the mechanism, and where those that vary are among them.
@@ -47,7 +47,7 @@ pub(super) struct Labels<'a> {
 pub(super) struct Label {
     /// In the order of [`Dynamics`], then the positions.
     pub(super) functions: Vec<f64>,
-    /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not [known](Labels::known).
+    /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not [known](MechanismRegion::known).
     pub(super) gradients: Vec<f64>,
     /// Of forces of joints and springs.
     pub(super) reactions: Forces,
@@ -59,16 +59,16 @@ pub(super) struct Configured {
     terms: Terms,
 }
 
-impl<'a> Labels<'a> {
+impl<'a> MechanismRegion<'a> {
     pub(super) fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
-        for Range { name, min, max } in region.coordinates.iter().chain(&region.parameters) {
+        for QuantityRange { name, min, max } in region.coordinates.iter().chain(&region.parameters) {
             // also where one of them is not a number
             if !(min < max && min.is_finite() && max.is_finite()) {
                 return Err(format!("`{name}`: range from {min} to {max}, expected an end above the beginning"));
             }
         }
         let known = mechanism.parameters();
-        let position = |range: &Range| {
+        let position = |range: &QuantityRange| {
             let unknown = || format!("the mechanism has no parameter `{}`", range.name);
             known.get_index_of(&range.name).ok_or_else(unknown)
         };
@@ -100,7 +100,7 @@ impl<'a> Labels<'a> {
             efforts,
             outputs,
         };
-        let middle: Point = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
+        let middle: RegionPoint = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
         labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
         (labels.driven, labels.alike) = (reduced.driven().to_vec(), reduced.alike());
@@ -113,7 +113,7 @@ impl<'a> Labels<'a> {
     }
 
     /// Of the columns of a point.
-    pub(super) fn ranges(&self) -> impl Iterator<Item = &Range> {
+    pub(super) fn ranges(&self) -> impl Iterator<Item = &QuantityRange> {
         self.region.coordinates.iter().chain(&self.region.parameters)
     }
 
@@ -205,7 +205,7 @@ impl<'a> Labels<'a> {
     /// Periodic angles are angles; everything else is a power in its range.
     pub(super) fn factors(&self) -> Vec<Factor> {
         let is_angle = |column: usize| self.is_harmonic.get(column).copied().unwrap_or(false);
-        let power = |range: &Range| Factor::Power {
+        let power = |range: &QuantityRange| Factor::Power {
             middle: 0.5 * (range.min + range.max),
             half: 0.5 * (range.max - range.min),
         };

@@ -1,6 +1,6 @@
 //! Coefficients of a dictionary from labels.
 
-use super::{Samples, terms};
+use super::{EquationSamples, terms};
 use metafmu_runtime::dictionary::{Dictionary, Factor, Term};
 use nalgebra::DMatrix;
 use std::ops::Range;
@@ -13,8 +13,8 @@ use std::ops::Range;
 pub(super) fn solve(
     factors: &[Factor],
     exponents: &[Vec<i16>],
-    samples: &Samples,
-    unseen: &Samples,
+    samples: &EquationSamples,
+    unseen: &EquationSamples,
     scales: &[f64],
 ) -> Result<(DMatrix<f64>, f64), String> {
     let (rows, functions) = (samples.points.len(), scales.len());
@@ -56,7 +56,7 @@ pub(super) fn dictionary(
 }
 
 /// Largest error of any function at unseen points, relative to its scale.
-fn error_of(law: &Dictionary, unseen: &Samples, scales: &[f64]) -> f64 {
+fn error_of(law: &Dictionary, unseen: &EquationSamples, scales: &[f64]) -> f64 {
     let mut found = vec![0.0; scales.len()];
     let mut error = 0.0f64;
     for (point, expected) in unseen.points.iter().zip(&unseen.labels) {

@@ -29,7 +29,7 @@ mod tests;
 use crate::multibody::Mechanism;
 pub use assembly::{Assembled, Assembly};
 pub use equations::Equations;
-use labels::{Label, Labels, Point};
+use labels::{Label, MechanismRegion, RegionPoint};
 use metafmu_runtime::{
     Dynamics, Reactions, Shown,
     dictionary::{Dictionary, Factor},
@@ -44,9 +44,9 @@ pub use state_space::{FittedFunctions, fit_functions};
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Region {
     /// Independent coordinates by the measure that names each (`JOINT.angle`, `BODY.x`), one for each degree of freedom.
-    pub coordinates: Vec<Range>,
+    pub coordinates: Vec<QuantityRange>,
     /// Parameters that vary; the others keep their defaults, unless they are among the constants.
-    pub parameters: Vec<Range>,
+    pub parameters: Vec<QuantityRange>,
     /// Names and values of parameters that are not those of the mechanism file.
     pub constants: Vec<(String, f64)>,
     /// Outputs of the mechanism that are learned as well.
@@ -59,7 +59,7 @@ pub struct Region {
 
 /// A quantity and its range.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Range {
+pub struct QuantityRange {
     /// As in the mechanism file.
     pub name: String,
     /// Lower end.
@@ -68,7 +68,7 @@ pub struct Range {
     pub max: f64,
 }
 
-impl Range {
+impl QuantityRange {
     /// A range of a quantity.
     pub fn new(name: &str, min: f64, max: f64) -> Self {
         Self { name: name.into(), min, max }
@@ -77,7 +77,7 @@ impl Range {
 
 /// Equations that were learned, and how well.
 #[derive(Clone, Debug)]
-pub struct Fitted {
+pub struct FittedEquations {
     /// The equations: coordinates and parameters are in the order of the region, inputs in that of the mechanism file.
     pub dynamics: Dynamics,
     /// The positions that the outputs need, in whole turns `windings`, shape `[positions, coordinates]`, beside a dictionary.
@@ -106,7 +106,7 @@ pub struct FittedReactions {
     pub reactions: Reactions,
     /// Highest harmonic of the angles, and highest power of the others.
     pub order: [usize; 2],
-    /// Largest error of any function at configurations that were held out, as that of [`Fitted`]; functions of the same part of a force
+    /// Largest error of any function at configurations that were held out, as that of [`FittedEquations`]; functions of the same part of a force
     /// are taken together.
     pub error: f64,
 }
@@ -146,8 +146,8 @@ const WORTH_IT: f64 = 0.7;
 /// # Errors
 /// A sentence: what [`Mechanism::reduced`] says, a range is empty or its name unknown, a force is not a number, or a configuration of
 /// the region cannot be reached.
-pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, String> {
-    let labels = Labels::new(mechanism, region)?;
+pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEquations, String> {
+    let labels = MechanismRegion::new(mechanism, region)?;
     let factors = labels.factors();
     let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
@@ -181,7 +181,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Fitted, 
         let reactions = Reactions::new(coordinates, efforts, functions).map_err(|error| error.to_string())?;
         Ok::<_, String>(FittedReactions { reactions, order: found.order, error: found.error })
     });
-    Ok(Fitted {
+    Ok(FittedEquations {
         dynamics,
         positions: positions?,
         windings: labels.outputs().windings.0.clone(),
@@ -276,14 +276,14 @@ pub struct Checked {
 /// # Errors
 /// A sentence with the first configuration that is singular, or as [`fit`].
 pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -> Result<(), String> {
-    let labels = Labels::new(mechanism, region)?;
-    let ranges: Vec<&Range> = labels.ranges().collect();
+    let labels = MechanismRegion::new(mechanism, region)?;
+    let ranges: Vec<&QuantityRange> = labels.ranges().collect();
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
-    let within = |share: &mut dyn FnMut(usize) -> f64| -> Point {
+    let within = |share: &mut dyn FnMut(usize) -> f64| -> RegionPoint {
         let values = ranges.iter().enumerate().map(|(k, range)| range.min + share(k) * (range.max - range.min));
         values.collect()
     };
-    let mut points: Vec<Point> = (0..REACHED).map(|_| within(&mut |_| generator.random::<f64>())).collect();
+    let mut points: Vec<RegionPoint> = (0..REACHED).map(|_| within(&mut |_| generator.random::<f64>())).collect();
     let all = 1usize.checked_shl(ranges.len() as u32).unwrap_or(0);
     if corners && (1..=MOST_CORNERS).contains(&all) {
         points.extend((0..all).map(|corner| within(&mut |k| f64::from(u8::from(corner >> k & 1 == 1)))));
@@ -299,7 +299,7 @@ pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -
 /// # Errors
 /// As [`fit`].
 pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checked, String> {
-    let labels = Labels::new(mechanism, region)?;
+    let labels = MechanismRegion::new(mechanism, region)?;
     let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
     let mut scales = labels.scales(samples.samples.labels.iter());
@@ -331,7 +331,7 @@ fn rows(exponents: &[Vec<i16>]) -> usize {
 
 /// Points and the labels there.
 #[derive(Clone, Debug, Default)]
-pub struct Samples {
+pub struct EquationSamples {
     /// A value for each column.
     pub points: Vec<Vec<f64>>,
     /// A value for each function.
@@ -342,7 +342,7 @@ pub struct Samples {
 #[derive(Clone, Debug, Default)]
 pub struct OfEquations {
     /// Configurations `(q, p)`, and the functions of [`Dynamics`], then the positions.
-    pub samples: Samples,
+    pub samples: EquationSamples,
     /// Derivatives of the functions with respect to the coordinates, where they are known: shape `[functions, coordinates]` each.
     pub gradients: Vec<Vec<f64>>,
     /// Functions of the forces of joints and springs.
@@ -351,7 +351,7 @@ pub struct OfEquations {
     sizes: [f64; reactions::PARTS],
 }
 
-impl Samples {
+impl EquationSamples {
     /// The first ones.
     fn first(&self, count: usize) -> Self {
         let count = count.min(self.points.len());
@@ -362,10 +362,10 @@ impl Samples {
 impl OfEquations {
     /// Some of the samples.
     pub fn part(&self, range: std::ops::Range<usize>) -> Self {
-        let Self { samples: Samples { points, labels }, gradients, reactions, sizes } = self;
+        let Self { samples: EquationSamples { points, labels }, gradients, reactions, sizes } = self;
         let of = |rows: &[Vec<f64>]| rows[range.clone()].to_vec();
         Self {
-            samples: Samples { points: of(points), labels: of(labels) },
+            samples: EquationSamples { points: of(points), labels: of(labels) },
             gradients: of(gradients),
             reactions: of(reactions),
             sizes: *sizes,
@@ -373,21 +373,21 @@ impl OfEquations {
     }
 
     /// The first samples of the forces of joints and springs.
-    fn reactions(&self, count: usize) -> Samples {
+    fn reactions(&self, count: usize) -> EquationSamples {
         let points = &self.samples.points;
         let count = count.min(points.len());
-        Samples { points: points[..count].to_vec(), labels: self.reactions[..count].to_vec() }
+        EquationSamples { points: points[..count].to_vec(), labels: self.reactions[..count].to_vec() }
     }
 
     /// Adds points until there are `count`, the same ones for the same seed.
-    fn extend(&mut self, labels: &Labels, count: usize, seed: u64) -> Result<(), String> {
+    fn extend(&mut self, labels: &MechanismRegion, count: usize, seed: u64) -> Result<(), String> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let columns = labels.ranges().count();
         let points = (0..count).map(|_| {
             let shares = (0..columns).map(|_| generator.random::<f64>()).collect::<Vec<_>>();
             labels.ranges().zip(shares).map(|(range, share)| range.min + share * (range.max - range.min)).collect()
         });
-        let points: Vec<Point> = points.skip(self.samples.points.len()).collect();
+        let points: Vec<RegionPoint> = points.skip(self.samples.points.len()).collect();
         let found: Vec<Label> = points.par_iter().map(|point| labels.at(point)).collect::<Result<_, _>>()?;
         for label in found {
             self.samples.labels.push(label.functions);

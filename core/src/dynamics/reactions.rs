@@ -2,7 +2,7 @@
 
 use crate::multibody::{
     measure::Measure,
-    model::Model,
+    model::MultibodyModel,
     model::Sample,
     reduced::{Reduced, Terms},
 };
@@ -70,7 +70,7 @@ pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Mea
 
 /// Of a spring: its stiffness acts at rest, its damping by velocities; `sample` has the velocities of a unit of a coordinate's.
 fn of_spring(
-    model: &Model,
+    model: &MultibodyModel,
     measure: &Measure,
     n: usize,
     m: usize,

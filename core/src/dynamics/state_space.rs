@@ -1,6 +1,6 @@
 //! Functions without a known structure, by least squares: derivatives of states and outputs as sums of sines, cosines and powers.
 
-use super::{EXACT, FIRST_ORDER, MOST_TERMS, Samples, WORTH_IT, least_squares, rows, terms};
+use super::{EXACT, EquationSamples, FIRST_ORDER, MOST_TERMS, WORTH_IT, least_squares, rows, terms};
 use metafmu_runtime::dictionary::{Dictionary, Factor};
 
 /// Functions that were found, and how well.
@@ -24,8 +24,8 @@ const PATIENCE: usize = 3;
 /// A sentence if there are more columns than a dictionary of the lowest order can have, or too few samples for it.
 pub fn fit_functions(
     factors: &[Factor],
-    samples: &Samples,
-    unseen: &Samples,
+    samples: &EquationSamples,
+    unseen: &EquationSamples,
     lowest: bool,
 ) -> Result<FittedFunctions, String> {
     let functions = samples.labels.first().map_or(0, Vec::len);
@@ -76,12 +76,12 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
-    fn samples(count: usize, seed: u64, of: impl Fn(&[f64]) -> Vec<f64>) -> Samples {
+    fn samples(count: usize, seed: u64, of: impl Fn(&[f64]) -> Vec<f64>) -> EquationSamples {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let point = |_| (0..3).map(|_| 4.0 * generator.random::<f64>() - 2.0).collect();
         let points: Vec<Vec<f64>> = (0..count).map(point).collect();
         let labels = points.iter().map(|point| of(point)).collect();
-        Samples { points, labels }
+        EquationSamples { points, labels }
     }
 
     #[test]

@@ -32,8 +32,15 @@ fn parse(text: &str) -> Mechanism {
 
 fn crane_region() -> Region {
     Region {
-        coordinates: vec![Range::new("rail.position", -5.0, 5.0), Range::new("rope.angle", -TAU / 2.0, TAU / 2.0)],
-        parameters: vec![Range::new("l", 1.0, 2.0), Range::new("m", 0.5, 1.5), Range::new("b", 0.0, 0.5)],
+        coordinates: vec![
+            QuantityRange::new("rail.position", -5.0, 5.0),
+            QuantityRange::new("rope.angle", -TAU / 2.0, TAU / 2.0),
+        ],
+        parameters: vec![
+            QuantityRange::new("l", 1.0, 2.0),
+            QuantityRange::new("m", 0.5, 1.5),
+            QuantityRange::new("b", 0.0, 0.5),
+        ],
         ..Region::default()
     }
 }
@@ -80,7 +87,7 @@ fn the_same_seed_gives_the_same_bits() {
 fn andrews_mechanism_with_its_torque_as_an_input_is_within_1e_8_after_two_and_a_half_turns() {
     let text = include_str!("../../../examples/dynamics/andrews.toml");
     let start = -0.061_713_890_014_276_45;
-    let region = Region { coordinates: vec![Range::new("K1.angle", start, start + TAU)], ..Region::default() };
+    let region = Region { coordinates: vec![QuantityRange::new("K1.angle", start, start + TAU)], ..Region::default() };
     let fitted = fit(&parse(text), &region, 1).unwrap();
     let mut accelerations = [0.0];
     let mut scratch = fitted.dynamics.scratch();
@@ -176,7 +183,7 @@ fn the_friction_of_a_closed_loop_is_as_exact_as_its_position() {
         "{}[actuators.friction]\ncoordinate = \"guide.position\"\neffort = \"-tanh(guide.velocity / 0.05)\"\n",
         include_str!("../../../examples/dynamics/slider-crank.toml")
     );
-    let region = Region { coordinates: vec![Range::new("A.angle", 0.0, TAU)], ..Region::default() };
+    let region = Region { coordinates: vec![QuantityRange::new("A.angle", 0.0, TAU)], ..Region::default() };
     assert_exact(&text, &region, [&[2.2], &[0.7], &[0.7], &[]], 1e-9);
 }
 
@@ -195,8 +202,8 @@ const TORSION: &str = r#"
 #[test]
 fn the_torque_of_a_spring_on_a_joint_is_another_one_a_turn_later() {
     let region = Region {
-        coordinates: vec![Range::new("pivot.angle", -TAU / 2.0, TAU / 2.0)],
-        parameters: vec![Range::new("m", 0.5, 2.0)],
+        coordinates: vec![QuantityRange::new("pivot.angle", -TAU / 2.0, TAU / 2.0)],
+        parameters: vec![QuantityRange::new("m", 0.5, 2.0)],
         outputs: named(&["q"]),
         ..Region::default()
     };
@@ -236,7 +243,9 @@ fn singular_positions_in_a_range_are_found() {
     "#;
     let mechanism = parse(text);
     let region = |half: f64| Region {
-        coordinates: ["A.angle", "B.angle"].map(|name| Range::new(name, FRAC_PI_2 - half, FRAC_PI_2 + half)).into(),
+        coordinates: ["A.angle", "B.angle"]
+            .map(|name| QuantityRange::new(name, FRAC_PI_2 - half, FRAC_PI_2 + half))
+            .into(),
         ..Region::default()
     };
     reach(&mechanism, &region(0.2), true, 1).unwrap();
@@ -251,9 +260,9 @@ fn gradients_of_the_functions_are_those_of_finite_differences() {
     let mechanism = parse(text);
     let free = mechanism.free_coordinates().unwrap().remove(0).name;
     let outputs = mechanism.outputs().iter().map(|output| output.name.clone()).collect();
-    let coordinates = vec![Range::new(&free, 0.0, TAU)];
+    let coordinates = vec![QuantityRange::new(&free, 0.0, TAU)];
     let region = Region { coordinates, outputs, inputs: vec![[-1.0, 1.0]], ..Region::default() };
-    let labels = Labels::new(&mechanism, &region).unwrap();
+    let labels = MechanismRegion::new(&mechanism, &region).unwrap();
     let known = labels.known();
     // mass matrix, potential, force, damping, input, positions
     assert_eq!(known[..5], [true, true, false, false, false]);
@@ -283,7 +292,7 @@ fn a_loop_that_cannot_be_closed_everywhere_is_refused_with_the_place() {
         joints.guide = { type = "prismatic", between = ["ground", "slider"], axis = [1, 0] }
         outputs.x = { measure = "guide.position" }
     "#;
-    let region = |end: f64| Region { coordinates: vec![Range::new("A.angle", 0.0, end)], ..Region::default() };
+    let region = |end: f64| Region { coordinates: vec![QuantityRange::new("A.angle", 0.0, end)], ..Region::default() };
     let message = fit(&parse(text), &region(TAU), 1).unwrap_err();
     assert!(message.starts_with("at A.angle = ") && message.contains("do not decide the others"), "{message}");
     assert!(fit(&parse(text), &region(0.5), 1).unwrap().error < 1e-8);
@@ -329,7 +338,7 @@ fn a_closed_loop_is_put_together_at_any_coordinate() {
     let text = include_str!("../../../examples/dynamics/slider-crank.toml");
     let mechanism = parse(&format!("{text}x = {{ measure = \"slider.x\" }}\nspeed = {{ measure = \"slider.vx\" }}\n"));
     let region = Region {
-        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
+        coordinates: vec![QuantityRange::new("A.angle", 0.0, TAU)],
         outputs: ["theta", "speed", "x"].map(String::from).into(),
         ..Region::default()
     };
@@ -360,7 +369,7 @@ fn forces(text: &str, region: &Region, [q, v, u, p]: [&[f64]; 4]) -> [Vec<f64>; 
         fitted.outputs.iter().map(of).collect()
     };
     let names: Vec<&str> = region.coordinates.iter().map(|range| range.name.as_str()).collect();
-    let value = |(name, parameter): (&String, &crate::multibody::description::ParameterOptions)| {
+    let value = |(name, parameter): (&String, &crate::multibody::description::MechanismParameter)| {
         let varied = region.parameters.iter().position(|range| range.name == *name);
         varied.map_or(parameter.default, |index| p[index])
     };
@@ -394,8 +403,12 @@ fn the_force_at_the_pivot_of_a_pendulum_has_its_closed_form() {
         include_str!("../../../examples/dynamics/pendulum.toml")
     );
     let region = Region {
-        coordinates: vec![Range::new("pivot.angle", 0.0, TAU)],
-        parameters: vec![Range::new("L", 0.5, 1.0), Range::new("m", 0.5, 2.0), Range::new("c", 0.0, 0.2)],
+        coordinates: vec![QuantityRange::new("pivot.angle", 0.0, TAU)],
+        parameters: vec![
+            QuantityRange::new("L", 0.5, 1.0),
+            QuantityRange::new("m", 0.5, 2.0),
+            QuantityRange::new("c", 0.0, 0.2),
+        ],
         outputs: named(&["fx", "fy"]),
         ..Region::default()
     };
@@ -434,8 +447,8 @@ fn forces_in_trees_and_loops_are_those_of_the_simulation() {
         include_str!("../../../examples/dynamics/slider-crank.toml")
     );
     let region = Region {
-        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
-        parameters: vec![Range::new("m", 0.5, 2.0), Range::new("c", 0.0, 0.5)],
+        coordinates: vec![QuantityRange::new("A.angle", 0.0, TAU)],
+        parameters: vec![QuantityRange::new("m", 0.5, 2.0), QuantityRange::new("c", 0.0, 0.5)],
         outputs: named(&["side", "moment", "pin", "main"]),
         ..Region::default()
     };
@@ -446,7 +459,7 @@ fn forces_in_trees_and_loops_are_those_of_the_simulation() {
         include_str!("../../../examples/dynamics/four-bar.toml")
     );
     let region = Region {
-        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
+        coordinates: vec![QuantityRange::new("A.angle", 0.0, TAU)],
         outputs: named(&["x", "y", "spring"]),
         ..Region::default()
     };
@@ -463,8 +476,11 @@ fn forces_of_joints_are_exact_with_friction() {
          effort = \"-tanh(guide.velocity / 0.05)\"\n",
         include_str!("../../../examples/dynamics/slider-crank.toml")
     );
-    let region =
-        Region { coordinates: vec![Range::new("A.angle", 0.0, TAU)], outputs: named(&["side"]), ..Region::default() };
+    let region = Region {
+        coordinates: vec![QuantityRange::new("A.angle", 0.0, TAU)],
+        outputs: named(&["side"]),
+        ..Region::default()
+    };
     assert_alike(forces(&slider_crank, &region, [&[2.2], &[0.7], &[0.7], &[]]), 1e-9);
 }
 
@@ -507,8 +523,8 @@ fn the_effort_that_turns_a_closed_loop_is_that_of_the_simulation() {
     let text = text.replace("effort = \"torque\"", "acceleration = \"5*torque\"");
     let text = format!("{text}effort = {{ measure = \"motor.effort\" }}\nside = {{ measure = \"guide.fy\" }}\n");
     let region = Region {
-        coordinates: vec![Range::new("A.angle", 0.0, TAU)],
-        parameters: vec![Range::new("m", 0.5, 2.0), Range::new("c", 0.0, 0.5)],
+        coordinates: vec![QuantityRange::new("A.angle", 0.0, TAU)],
+        parameters: vec![QuantityRange::new("m", 0.5, 2.0), QuantityRange::new("c", 0.0, 0.5)],
         outputs: named(&["effort", "side"]),
         ..Region::default()
     };

@@ -398,9 +398,9 @@ impl<'a> RollOut<'a> {
 mod tests {
     use super::*;
     use crate::{
-        dynamics::{Range, Region},
+        dynamics::{QuantityRange, Region},
         multibody::Mechanism,
-        variable::Variable,
+        variable::SourceVariable,
     };
     use metafmu_runtime::example;
     use std::path::Path;
@@ -438,7 +438,7 @@ mod tests {
         let width = surrogate.outputs().len();
         runs[1].outputs[width * 180 + 1] += 17.0;
         runs[2].outputs[width * 180 + 1] += 0.1;
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let parameters = ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec();
         let outputs = surrogate.outputs().iter().map(|output| variable(&output.name)).collect();
         let inputs = vec![variable("force")];
@@ -463,7 +463,7 @@ mod tests {
             times: times.clone(),
             outputs: vec![0.5; times.len() * width],
         };
-        let variable = |name: &str| Variable::new(name, "", "");
+        let variable = |name: &str| SourceVariable::new(name, "", "");
         let parameters = ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec();
         let outputs = surrogate.outputs().iter().map(|output| variable(&output.name)).collect();
         let runs = vec![run(1.2), run(0.0), run(1.5)];
@@ -479,14 +479,17 @@ mod tests {
         let times: std::sync::Arc<[f64]> = (0..=40).map(|row| 0.05 * f64::from(row)).collect();
         let (parameters, inputs) = (vec![1.2, 0.0, 0.8, 0.0, 0.0], vec![0.0; times.len()]);
         let test = Dataset {
-            inputs: vec![Variable::new("force", "N", "")],
+            inputs: vec![SourceVariable::new("force", "N", "")],
             parameters: Vec::new(),
             outputs: Vec::new(),
             runs: vec![Run { inputs, parameters, times, outputs: Vec::new() }],
         };
         let region = Region {
-            coordinates: vec![Range::new("rail.position", -5.0, 5.0), Range::new("rope.angle", -3.0, 3.0)],
-            parameters: vec![Range::new("rope", 1.0, 2.0)],
+            coordinates: vec![
+                QuantityRange::new("rail.position", -5.0, 5.0),
+                QuantityRange::new("rope.angle", -3.0, 3.0),
+            ],
+            parameters: vec![QuantityRange::new("rope", 1.0, 2.0)],
             outputs: ["x", "theta", "load_x"].map(String::from).into(),
             ..Region::default()
         };

@@ -34,12 +34,12 @@ pub struct Budget<'a> {
     evaluations: Cell<u64>,
     /// Progress at the beginning of the window.
     window: Cell<f64>,
-    end: Cell<Option<End>>,
+    end: Cell<Option<StopCause>>,
 }
 
 /// Why a run is given up.
 #[derive(Clone, Copy, Debug)]
-enum End {
+enum StopCause {
     Stopped,
     TimeLimit,
     Evaluations,
@@ -73,14 +73,14 @@ impl<'a> Budget<'a> {
     fn look(&self, spent: u64) {
         let progress = (self.reached.get() - self.start.get()) / self.duration.get();
         if self.stops.iter().any(|stop| stop.load(Ordering::Relaxed)) {
-            self.end.set(Some(End::Stopped));
+            self.end.set(Some(StopCause::Stopped));
         } else if self.clock.is_some_and(|(begin, limit)| begin.elapsed() > limit) {
-            self.end.set(Some(End::TimeLimit));
+            self.end.set(Some(StopCause::TimeLimit));
         } else if spent as f64 > AHEAD + EVALUATIONS * progress {
-            self.end.set(Some(End::Evaluations));
+            self.end.set(Some(StopCause::Evaluations));
         } else if spent.is_multiple_of(WINDOW) {
             if progress - self.window.get() < WINDOW as f64 / STANDSTILL {
-                self.end.set(Some(End::Evaluations));
+                self.end.set(Some(StopCause::Evaluations));
             }
             self.window.set(progress);
         }
@@ -122,10 +122,10 @@ impl<'a> Budget<'a> {
         let t = self.reached.get();
         Err(match (self.end.get(), self.clock) {
             (None, _) => return Ok(()),
-            (Some(End::TimeLimit), Some((_, limit))) => {
+            (Some(StopCause::TimeLimit), Some((_, limit))) => {
                 format!("took longer than {limit:?} (source.time_limit) and came to t = {t} s")
             }
-            (Some(End::Evaluations), _) => {
+            (Some(StopCause::Evaluations), _) => {
                 let (spent, step) = (self.evaluations.get(), self.last_step.get());
                 let cause = cause().unwrap_or_else(|| {
                     "the equations are stiff or the motion is too fast for an explicit method (Dormand and Prince, order 8)"

@@ -2,12 +2,12 @@
 
 use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
-    coordinate::{Coordinate, Frame, Point},
-    description::{Description, DriverOptions, InputOptions, JointOptions, JointType, Vector},
+    coordinate::{BodyPoint, Coordinate, Frame},
+    description::{Description, DriverOptions, JointOptions, JointType, MechanismInput, PlaneVector},
     expression::{Expression, Tables},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
-    model::{Effort, Input, Model, Prescribed, Spring},
+    model::{Effort, MultibodyInput, MultibodyModel, Prescribed, Spring},
     review::is_zero,
     tables::tables,
 };
@@ -23,8 +23,8 @@ use std::ops::Range;
 ///
 /// # Errors
 /// Every problem found, with its key.
-pub fn build(description: &Description, values: &[f64]) -> Result<(Model, Vec<Measure>), Problems> {
-    let mut builder = Builder::new(description, values);
+pub fn build(description: &Description, values: &[f64]) -> Result<(MultibodyModel, Vec<Measure>), Problems> {
+    let mut builder = MultibodyBuilder::new(description, values);
     let model = builder.model();
     let measures: Vec<Measure> = description
         .outputs
@@ -46,7 +46,7 @@ pub fn position_coordinates(
     values: &[f64],
     names: &[&str],
 ) -> Result<Vec<Coordinate>, Problems> {
-    let mut builder = Builder::new(description, values);
+    let mut builder = MultibodyBuilder::new(description, values);
     let coordinates = names.iter().filter_map(|name| {
         let coordinate = builder.coordinate(name);
         builder.noted(name, coordinate)
@@ -57,7 +57,7 @@ pub fn position_coordinates(
 
 /// Positions and velocities of joints and bodies, by the names of their measures.
 pub fn motions(description: &Description, values: &[f64]) -> Vec<(String, Measure)> {
-    let mut builder = Builder::new(description, values);
+    let mut builder = MultibodyBuilder::new(description, values);
     let of_joint =
         |name: &String| ["angle", "position", "angular_velocity", "velocity"].map(|what| format!("{name}.{what}"));
     let of_body =
@@ -70,7 +70,7 @@ pub fn motions(description: &Description, values: &[f64]) -> Vec<(String, Measur
 
 /// The coordinates that the joints leave free, in the order of the description.
 pub fn free_coordinates(description: &Description, values: &[f64]) -> Vec<Coordinate> {
-    Builder::new(description, values).joints.iter().filter_map(Joint::free).collect()
+    MultibodyBuilder::new(description, values).joints.iter().filter_map(Joint::free).collect()
 }
 
 /// Measures of points.
@@ -79,7 +79,7 @@ const POINT_MEASURES: [&str; 6] = ["x", "y", "vx", "vy", "ax", "ay"];
 /// Further measures of bodies.
 const BODY_MEASURES: [&str; 3] = ["angle", "angular_velocity", "angular_acceleration"];
 
-struct Builder<'a> {
+struct MultibodyBuilder<'a> {
     description: &'a Description,
     values: &'a [f64],
     tables: Tables,
@@ -88,7 +88,7 @@ struct Builder<'a> {
     problems: Problems,
 }
 
-impl<'a> Builder<'a> {
+impl<'a> MultibodyBuilder<'a> {
     fn new(description: &'a Description, values: &'a [f64]) -> Self {
         let (tables, problems) = tables(description);
         let mut builder = Self { description, values, tables, joints: Vec::new(), problems };
@@ -96,7 +96,7 @@ impl<'a> Builder<'a> {
         builder
     }
 
-    fn model(&mut self) -> Model {
+    fn model(&mut self) -> MultibodyModel {
         let description = self.description;
         let mut mass = Vec::new();
         let (mut positions, mut velocities) = (Vec::new(), Vec::new());
@@ -111,7 +111,7 @@ impl<'a> Builder<'a> {
             velocities.extend([velocity.x, velocity.y, self.number(&key("angular_velocity"), &body.angular_velocity)]);
         }
         let (initial_positions, initial_velocities) = self.initial();
-        Model {
+        MultibodyModel {
             formulation: description.formulation,
             tolerance: TOLERANCE,
             mass: DVector::from_vec(mass),
@@ -128,7 +128,7 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Those of the joints, then those of the drivers of motions: the order of [`Builder::joint_rows`].
+    /// Those of the joints, then those of the drivers of motions: the order of [`MultibodyBuilder::joint_rows`].
     fn constraints(&mut self) -> Constraints {
         let mut constraints = Vec::new();
         for (name, joint) in self.description.joints.keys().zip(&self.joints) {
@@ -192,7 +192,7 @@ impl<'a> Builder<'a> {
             }
         }
         let ends = self.ends(&key("between"), &options.between);
-        let [from, to] = ends.unwrap_or([Point::ORIGIN; 2]);
+        let [from, to] = ends.unwrap_or([BodyPoint::ORIGIN; 2]);
         let axis = self.axis(name, options);
         let angle = options.angle.as_ref().map_or(0.0, |angle| self.number(&key("angle"), angle));
         Joint::new(options.joint, Ends { from, to }, axis, angle)
@@ -277,9 +277,9 @@ impl<'a> Builder<'a> {
         efforts
     }
 
-    fn inputs(&self) -> Vec<Input> {
+    fn inputs(&self) -> Vec<MultibodyInput> {
         let inputs = self.description.inputs.iter();
-        let input = |(name, input): (&String, &InputOptions)| Input {
+        let input = |(name, input): (&String, &MechanismInput)| MultibodyInput {
             name: name.clone(),
             range: [input.min, input.max],
             signal: Signal::Constant(input.start),
@@ -413,7 +413,7 @@ impl<'a> Builder<'a> {
         self.problems.iter().any(|known| known.key == key)
     }
 
-    fn ends(&mut self, key: &str, names: &[String; 2]) -> Option<[Point; 2]> {
+    fn ends(&mut self, key: &str, names: &[String; 2]) -> Option<[BodyPoint; 2]> {
         let [from, to] = names.each_ref().map(|name| {
             let point = self.point(name);
             self.noted(key, point)
@@ -427,7 +427,7 @@ impl<'a> Builder<'a> {
     }
 
     /// `ground`, `ground.POINT`, `BODY` (its centre of mass) or `BODY.POINT`.
-    fn point(&mut self, name: &str) -> Result<Point, String> {
+    fn point(&mut self, name: &str) -> Result<BodyPoint, String> {
         let description = self.description;
         let (owner, point) = name.split_once('.').map_or((name, None), |(owner, point)| (owner, Some(point)));
         let (frame, points): (Frame, _) = match description.bodies.get_full(owner) {
@@ -438,17 +438,17 @@ impl<'a> Builder<'a> {
                 return Err(format!("no body `{owner}`, {}", expected_one_of(owner, &known)));
             }
         };
-        let Some(point) = point else { return Ok(Point { frame, local: Vector2::zeros() }) };
+        let Some(point) = point else { return Ok(BodyPoint { frame, local: Vector2::zeros() }) };
         let Some(local) = points.get(point) else {
             let known: Vec<&str> = points.keys().map(String::as_str).collect();
             return Err(format!("`{owner}` has no point `{point}`, {}", expected_one_of(point, &known)));
         };
         let key =
             if frame.is_some() { format!("bodies.{owner}.points.{point}") } else { format!("ground.points.{point}") };
-        Ok(Point { frame, local: self.vector(&key, local) })
+        Ok(BodyPoint { frame, local: self.vector(&key, local) })
     }
 
-    fn vector(&mut self, key: &str, [x, y]: &Vector) -> Vector2<f64> {
+    fn vector(&mut self, key: &str, [x, y]: &PlaneVector) -> Vector2<f64> {
         Vector2::new(self.number(key, x), self.number(key, y))
     }
 

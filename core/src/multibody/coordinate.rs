@@ -14,7 +14,7 @@ pub type Frame = Option<usize>;
 
 /// A point fixed to a body.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Point {
+pub struct BodyPoint {
     /// The body.
     pub frame: Frame,
     /// Position in the body's frame, from its centre of mass, in m.
@@ -23,7 +23,7 @@ pub struct Point {
 
 /// Motion of a vector: itself, its rate, and the part of its second derivative that accelerations do not enter.
 #[derive(Clone, Copy, Debug)]
-struct Motion {
+struct VectorMotion {
     value: Vector2<f64>,
     rate: Vector2<f64>,
     curvature: Vector2<f64>,
@@ -35,9 +35,9 @@ pub enum Coordinate {
     /// `a . (r_to - r_from)` with the vector `a` fixed in a frame: components of points, displacements of slides.
     Projection {
         /// Where the difference begins.
-        from: Point,
+        from: BodyPoint,
         /// Where it ends.
-        to: Point,
+        to: BodyPoint,
         /// Frame in which the axis is fixed.
         frame: Frame,
         /// The axis in that frame; a unit vector.
@@ -53,23 +53,23 @@ pub enum Coordinate {
     /// `|r_to - r_from|`.
     Distance {
         /// One end.
-        from: Point,
+        from: BodyPoint,
         /// The other end.
-        to: Point,
+        to: BodyPoint,
     },
 }
 
-impl Point {
+impl BodyPoint {
     /// The ground's origin.
     pub const ORIGIN: Self = Self { frame: None, local: Vector2::new(0.0, 0.0) };
 
-    fn motion(&self, q: &DVector<f64>, v: &DVector<f64>) -> Motion {
+    fn motion(&self, q: &DVector<f64>, v: &DVector<f64>) -> VectorMotion {
         let Some(body) = self.frame else {
-            return Motion { value: self.local, rate: Vector2::zeros(), curvature: Vector2::zeros() };
+            return VectorMotion { value: self.local, rate: Vector2::zeros(), curvature: Vector2::zeros() };
         };
         let arm = turned(self.frame, self.local, q);
         let (x, y, omega) = (3 * body, 3 * body + 1, v[3 * body + 2]);
-        Motion {
+        VectorMotion {
             value: Vector2::new(q[x], q[y]) + arm,
             rate: Vector2::new(v[x], v[y]) + omega * quarter_turn(arm),
             curvature: -omega * omega * arm,
@@ -89,9 +89,9 @@ impl Point {
 
 impl Coordinate {
     /// Component `x` (0) or `y` (1) of a point in the ground frame.
-    pub fn component(point: Point, axis: usize) -> Self {
+    pub fn component(point: BodyPoint, axis: usize) -> Self {
         let axis = if axis == 0 { Vector2::x() } else { Vector2::y() };
-        Self::Projection { from: Point::ORIGIN, to: point, frame: None, axis }
+        Self::Projection { from: BodyPoint::ORIGIN, to: point, frame: None, axis }
     }
 
     /// Whether it is an angle; otherwise it is a length.
@@ -109,7 +109,7 @@ impl Coordinate {
 
     /// `s(q)`, in m or rad.
     pub fn value(&self, q: &DVector<f64>) -> f64 {
-        let position = |point: &Point| {
+        let position = |point: &BodyPoint| {
             let arm = turned(point.frame, point.local, q);
             point.frame.map_or(arm, |body| Vector2::new(q[3 * body], q[3 * body + 1]) + arm)
         };
@@ -154,12 +154,12 @@ impl Coordinate {
         match self {
             Self::Projection { frame, axis, .. } => {
                 let (axis, omega) = (turned(*frame, *axis, q), angle(*frame, v));
-                let Motion { value, rate, .. } = self.difference(q, v);
+                let VectorMotion { value, rate, .. } = self.difference(q, v);
                 axis.dot(&rate) + omega * quarter_turn(axis).dot(&value)
             }
             Self::Angle { from, to } => angle(*to, v) - angle(*from, v),
             Self::Distance { .. } => {
-                let Motion { value, rate, .. } = self.difference(q, v);
+                let VectorMotion { value, rate, .. } = self.difference(q, v);
                 value.dot(&rate) / value.norm()
             }
         }
@@ -170,12 +170,12 @@ impl Coordinate {
         match self {
             Self::Projection { frame, axis, .. } => {
                 let (axis, omega) = (turned(*frame, *axis, q), angle(*frame, v));
-                let Motion { value, rate, curvature } = self.difference(q, v);
+                let VectorMotion { value, rate, curvature } = self.difference(q, v);
                 axis.dot(&curvature) + 2.0 * omega * quarter_turn(axis).dot(&rate) - omega * omega * axis.dot(&value)
             }
             Self::Angle { .. } => 0.0,
             Self::Distance { .. } => {
-                let Motion { value, rate, curvature } = self.difference(q, v);
+                let VectorMotion { value, rate, curvature } = self.difference(q, v);
                 let (length, speed) = (value.norm(), value.dot(&rate) / value.norm());
                 value.dot(&curvature) / length + (rate.norm_squared() - speed * speed) / length
             }
@@ -183,12 +183,16 @@ impl Coordinate {
     }
 
     /// Motion of `r_to - r_from`.
-    fn difference(&self, q: &DVector<f64>, v: &DVector<f64>) -> Motion {
+    fn difference(&self, q: &DVector<f64>, v: &DVector<f64>) -> VectorMotion {
         let (Self::Projection { from, to, .. } | Self::Distance { from, to }) = self else {
-            return Point::ORIGIN.motion(q, v);
+            return BodyPoint::ORIGIN.motion(q, v);
         };
         let (from, to) = (from.motion(q, v), to.motion(q, v));
-        Motion { value: to.value - from.value, rate: to.rate - from.rate, curvature: to.curvature - from.curvature }
+        VectorMotion {
+            value: to.value - from.value,
+            rate: to.rate - from.rate,
+            curvature: to.curvature - from.curvature,
+        }
     }
 }
 
@@ -215,7 +219,7 @@ mod tests {
     fn gradient_rate_and_curvature_agree_with_finite_differences() {
         let q = DVector::from_vec(vec![0.3, -0.2, 0.7, 1.1, 0.4, -1.9]);
         let v = DVector::from_vec(vec![0.5, 0.8, -1.2, -0.4, 0.6, 2.3]);
-        let point = |frame, x, y| Point { frame, local: Vector2::new(x, y) };
+        let point = |frame, x, y| BodyPoint { frame, local: Vector2::new(x, y) };
         let (one, two, fixed) = (point(Some(0), 0.4, -0.3), point(Some(1), -0.2, 0.9), point(None, 0.1, 2.0));
         let axis = Vector2::new(0.6, 0.8);
         let coordinates = [

@@ -49,7 +49,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// A vector in the plane.
-pub type Vector = [Expression; 2];
+pub type PlaneVector = [Expression; 2];
 
 /// A mechanism file's content.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -64,13 +64,13 @@ pub struct Description {
     /// Acceleration of gravity in the ground frame.
     #[schemars(extend("x-unit" = "m/s²"))]
     #[serde(default)]
-    pub gravity: Vector,
+    pub gravity: PlaneVector,
     /// What a study may vary.
     #[serde(default)]
-    pub parameters: IndexMap<String, ParameterOptions>,
+    pub parameters: IndexMap<String, MechanismParameter>,
     /// What acts on the mechanism from outside while it runs; forces, efforts and accelerations of drivers may name it.
     #[serde(default)]
-    pub inputs: IndexMap<String, InputOptions>,
+    pub inputs: IndexMap<String, MechanismInput>,
     /// Functions of one or two variables by their values at some points; expressions may call them.
     #[serde(default)]
     pub tables: IndexMap<String, TableOptions>,
@@ -98,7 +98,7 @@ pub struct Description {
     #[serde(default)]
     pub initial: IndexMap<String, IndexMap<String, Expression>>,
     /// What a study may have as outputs.
-    pub outputs: IndexMap<String, OutputOptions>,
+    pub outputs: IndexMap<String, MechanismOutput>,
 }
 
 /// How the equations of motion are solved (Choi et al. 2021, section 2).
@@ -116,7 +116,7 @@ pub enum FormulationKind {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"default": 0.15, "unit": "m"}]))]
-pub struct ParameterOptions {
+pub struct MechanismParameter {
     /// Value if the study does not set it; within the range if there is one.
     pub default: f64,
     /// Lower end of the range that `metafmu new` proposes; there are both ends or none.
@@ -135,7 +135,7 @@ pub struct ParameterOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"min": -10, "max": 10, "unit": "N"}]))]
-pub struct InputOptions {
+pub struct MechanismInput {
     /// Value that it keeps where no signal is given, in runs of a study for instance; within the range.
     #[serde(default)]
     pub start: f64,
@@ -212,7 +212,7 @@ pub struct GroundOptions {
     /// Named points in the ground frame.
     #[serde(default)]
     #[schemars(extend("x-unit" = "m"))]
-    pub points: IndexMap<String, Vector>,
+    pub points: IndexMap<String, PlaneVector>,
 }
 
 /// An entry of `[bodies]`.
@@ -230,7 +230,7 @@ pub struct BodyOptions {
     /// Centre of mass at the start.
     #[schemars(extend("x-unit" = "m"))]
     #[serde(default)]
-    pub position: Vector,
+    pub position: PlaneVector,
     /// Angle at the start.
     #[schemars(extend("x-unit" = "rad"))]
     #[serde(default)]
@@ -238,7 +238,7 @@ pub struct BodyOptions {
     /// Velocity of the centre of mass at the start.
     #[schemars(extend("x-unit" = "m/s"))]
     #[serde(default)]
-    pub velocity: Vector,
+    pub velocity: PlaneVector,
     /// Angular velocity at the start.
     #[schemars(extend("x-unit" = "rad/s"))]
     #[serde(default)]
@@ -246,7 +246,7 @@ pub struct BodyOptions {
     /// Named points, from the centre of mass in the body's frame.
     #[schemars(extend("x-unit" = "m"))]
     #[serde(default)]
-    pub points: IndexMap<String, Vector>,
+    pub points: IndexMap<String, PlaneVector>,
 }
 
 /// An entry of `[joints]`.
@@ -259,7 +259,7 @@ pub struct JointOptions {
     /// The points it connects.
     pub between: [String; 2],
     /// Prismatic: direction of the slide in the frame of the first point's body.
-    pub axis: Option<Vector>,
+    pub axis: Option<PlaneVector>,
     /// Prismatic and fixed: angle of the second body against the first.
     #[schemars(extend("x-unit" = "rad"))]
     pub angle: Option<Expression>,
@@ -336,7 +336,7 @@ pub struct ForceOptions {
     pub point: String,
     /// Components in the ground frame; of the parameters, `time`, positions and velocities.
     #[schemars(extend("x-unit" = "N"))]
-    pub force: Vector,
+    pub force: PlaneVector,
 }
 
 /// An entry of `[actuators]`.
@@ -355,7 +355,7 @@ pub struct ActuatorOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"measure": "rod.angle"}]))]
-pub struct OutputOptions {
+pub struct MechanismOutput {
     /// What is measured.
     pub measure: String,
     /// Unit; must be the measure's own.

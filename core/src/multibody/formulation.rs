@@ -13,7 +13,7 @@
 //! rows of either: of the augmented equations like a constraint, whose position and velocity are those of the start; of the
 //! others, with `G = s_q T`, as `[T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]`.
 
-use super::{coordinate::Coordinate, description::FormulationKind, model::Model};
+use super::{coordinate::Coordinate, description::FormulationKind, model::MultibodyModel};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::Cell;
 
@@ -48,7 +48,7 @@ pub enum Formulation {
 }
 
 /// `C_d` factorised, and `C_i`.
-type Split = (LU<f64, Dyn, Dyn>, DMatrix<f64>);
+type PartitionedJacobian = (LU<f64, Dyn, Dyn>, DMatrix<f64>);
 
 /// Which coordinates are dependent.
 #[derive(Clone, Debug)]
@@ -66,7 +66,7 @@ impl Formulation {
     ///
     /// # Errors
     /// Names the constraint that is singular there.
-    pub fn new(kind: FormulationKind, model: &Model, t: f64, q: &DVector<f64>) -> Result<Self, String> {
+    pub fn new(kind: FormulationKind, model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, String> {
         Ok(match kind {
             FormulationKind::Augmented => Self::Augmented,
             FormulationKind::Embedding => Self::Embedding(Partition::new(model, t, q)?),
@@ -87,7 +87,7 @@ impl Formulation {
     /// Which constraint cannot be met.
     pub fn complete(
         &self,
-        model: &Model,
+        model: &MultibodyModel,
         t: f64,
         state: &DVector<f64>,
         guess: &DVector<f64>,
@@ -105,7 +105,7 @@ impl Formulation {
     /// Names the constraint that is singular there.
     pub fn accelerate(
         &self,
-        model: &Model,
+        model: &MultibodyModel,
         t: f64,
         q: &DVector<f64>,
         v: &DVector<f64>,
@@ -117,7 +117,7 @@ impl Formulation {
     }
 
     /// Whether it is time to project a state, or to choose other independent coordinates.
-    pub fn is_worn(&self, model: &Model, t: f64, state: &DVector<f64>) -> bool {
+    pub fn is_worn(&self, model: &MultibodyModel, t: f64, state: &DVector<f64>) -> bool {
         match self {
             Self::Augmented => {
                 let (q, v) = halves(state);
@@ -132,7 +132,7 @@ impl Formulation {
 ///
 /// # Errors
 /// Names the constraint that is singular there.
-pub fn augmented(model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
+pub fn augmented(model: &MultibodyModel, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
     let transposed = model.deciding_gradients(q);
     let (forces, side) = (model.forces_in_run(t, q, v), model.deciding_side(t, q, v));
     let solution = eliminated(&model.mass, &transposed, &forces, &side);
@@ -184,7 +184,7 @@ fn whole(
 
 /// Acceleration of a coordinate by a unit force or torque along it, at rest and with nothing else acting. `None` in a singular
 /// position.
-pub fn mobility(model: &Model, q: &DVector<f64>, coordinate: &Coordinate) -> Option<f64> {
+pub fn mobility(model: &MultibodyModel, q: &DVector<f64>, coordinate: &Coordinate) -> Option<f64> {
     let mut force = DVector::zeros(q.len());
     coordinate.add_gradient(q, 1.0, force.as_mut_slice());
     let transposed = model.deciding_gradients(q);
@@ -193,7 +193,7 @@ pub fn mobility(model: &Model, q: &DVector<f64>, coordinate: &Coordinate) -> Opt
 }
 
 /// Why the equations of motion have no solution.
-fn without_solution(model: &Model, t: f64, transposed: &DMatrix<f64>) -> String {
+fn without_solution(model: &MultibodyModel, t: f64, transposed: &DMatrix<f64>) -> String {
     let deciding = model.deciding();
     match deciding.first_dependent(transposed) {
         Some(_) => deciding.name_singular(t, transposed),
@@ -206,7 +206,7 @@ fn without_solution(model: &Model, t: f64, transposed: &DMatrix<f64>) -> String 
 
 impl Partition {
     /// Chooses the dependent coordinates: the pivots of Gaussian elimination with full pivoting of `C_q`.
-    fn new(model: &Model, t: f64, q: &DVector<f64>) -> Result<Self, String> {
+    fn new(model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, String> {
         let transposed = model.constraints.jacobian_transposed(q);
         let (n, m) = transposed.shape();
         if model.constraints.first_dependent(&transposed).is_some() {
@@ -230,7 +230,7 @@ impl Partition {
     }
 
     /// `C_d` factorised and `C_i`; `None` if `C_d` is near singular or beyond a singularity.
-    fn split(&self, transposed: &DMatrix<f64>) -> Option<Split> {
+    fn split(&self, transposed: &DMatrix<f64>) -> Option<PartitionedJacobian> {
         let factors = transposed.select_rows(&self.dependent).transpose().lu();
         let left = factors.determinant() / self.determinant;
         self.left.set(left);
@@ -239,7 +239,7 @@ impl Partition {
 
     fn complete(
         &self,
-        model: &Model,
+        model: &MultibodyModel,
         t: f64,
         (q_i, v_i): (&DVector<f64>, &DVector<f64>),
         guess: &DVector<f64>,
@@ -255,7 +255,12 @@ impl Partition {
     }
 
     /// Newton's method on the dependent coordinates; returns `C_d` factorised and `C_i` at the solution.
-    fn correct_dependent(&self, model: &Model, t: f64, q: &mut DVector<f64>) -> Result<Split, String> {
+    fn correct_dependent(
+        &self,
+        model: &MultibodyModel,
+        t: f64,
+        q: &mut DVector<f64>,
+    ) -> Result<PartitionedJacobian, String> {
         let mut converged = false;
         for _ in 0..30 {
             let transposed = model.constraints.jacobian_transposed(q);
@@ -273,7 +278,13 @@ impl Partition {
         Err(format!("the dependent coordinates cannot be found at t = {t} s"))
     }
 
-    fn accelerate(&self, model: &Model, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
+    fn accelerate(
+        &self,
+        model: &MultibodyModel,
+        t: f64,
+        q: &DVector<f64>,
+        v: &DVector<f64>,
+    ) -> Result<Acceleration, String> {
         let (gradients, side) = (model.deciding_gradients(q), model.deciding_side(t, q, v));
         let (m, prescribed) = (model.constraints.len(), model.prescribed.len());
         let transposed = gradients.columns(0, m).into_owned();

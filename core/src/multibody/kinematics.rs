@@ -12,7 +12,7 @@
 
 use super::{
     constraint::{Constraints, independence},
-    model::{Model, Sample},
+    model::{MultibodyModel, Sample},
 };
 use crate::integrate::Budget;
 use nalgebra::{DMatrix, DVector, Dyn, LU};
@@ -49,7 +49,7 @@ struct Loop {
 
 /// The way of a run.
 struct Way<'a> {
-    model: &'a Model,
+    model: &'a MultibodyModel,
     loops: Vec<Loop>,
     /// What counts as 1 in each coordinate: a radian or the longest lever arm.
     scale: DVector<f64>,
@@ -62,7 +62,7 @@ struct Way<'a> {
 /// # Errors
 /// A sentence that says which joints are in a singular position, or which driver's motion jumps, and when, or that the run's
 /// budget is spent.
-pub fn follow(model: &Model, times: &[f64], q: DVector<f64>, budget: &Budget) -> Result<Vec<Sample>, String> {
+pub fn follow(model: &MultibodyModel, times: &[f64], q: DVector<f64>, budget: &Budget) -> Result<Vec<Sample>, String> {
     let &[start, ..] = times else { return Ok(Vec::new()) };
     let stop = times[times.len() - 1];
     let way = Way::new(model, &q, budget);
@@ -94,7 +94,7 @@ pub fn follow(model: &Model, times: &[f64], q: DVector<f64>, budget: &Budget) ->
 }
 
 impl<'a> Way<'a> {
-    fn new(model: &'a Model, q: &DVector<f64>, budget: &'a Budget) -> Self {
+    fn new(model: &'a MultibodyModel, q: &DVector<f64>, budget: &'a Budget) -> Self {
         let transposed = model.constraints.jacobian_transposed(q);
         let mut loops = loops(&model.constraints, q);
         loops.iter_mut().for_each(|one| one.side = one.sign(&transposed));

@@ -13,7 +13,7 @@
 
 use super::{
     coordinate::{Coordinate, turned},
-    model::Model,
+    model::MultibodyModel,
     model::Sample,
 };
 use std::ops::Range;
@@ -51,7 +51,7 @@ pub enum Measure {
 
 impl Measure {
     /// Unit of the value in a model.
-    pub fn unit(&self, model: &Model) -> &'static str {
+    pub fn unit(&self, model: &MultibodyModel) -> &'static str {
         let effort = |coordinate: &Coordinate| if coordinate.is_angle() { "N.m" } else { "N" };
         match self {
             Self::Position(coordinate) => {
@@ -84,7 +84,7 @@ impl Measure {
     }
 
     /// Value in a sample.
-    pub fn value(&self, model: &Model, sample: &Sample) -> f64 {
+    pub fn value(&self, model: &MultibodyModel, sample: &Sample) -> f64 {
         let Sample { q, v, qdd, multipliers, .. } = sample;
         match self {
             Self::Position(coordinate) => coordinate.value(q),

@@ -3,10 +3,10 @@
 use super::{
     build::{build, free_coordinates, position_coordinates},
     constraint::BoundExpression,
-    description::{Description, InputOptions, ParameterOptions},
+    description::{Description, MechanismInput, MechanismParameter},
     expression::{Expression, is_function},
     measure::Measure,
-    model::{Model, Sample},
+    model::{MultibodyModel, Sample},
     reduced::{self, Reduced},
     review::{idle_parts, oddities},
     simulate::{simulate, simulate_from},
@@ -22,7 +22,7 @@ use crate::{
     },
     integrate::Budget,
     signal::Signal,
-    variable::Variable,
+    variable::SourceVariable,
 };
 use indexmap::IndexMap;
 use nalgebra::DVector;
@@ -48,7 +48,7 @@ fn format_problem(format: &str, text: &str) -> Option<String> {
 #[derive(Clone, Debug)]
 pub struct Mechanism {
     description: Description,
-    outputs: Vec<Variable>,
+    outputs: Vec<SourceVariable>,
     degrees_of_freedom: usize,
     warnings: Vec<Problem>,
     origin: Origin,
@@ -93,7 +93,7 @@ impl Mechanism {
                 problems.add(format!("outputs.{name}.unit"), format!("`{found}`, expected `{unit}`"));
             }
             let description = output.description.clone();
-            outputs.push(Variable::new(name, unit, &description));
+            outputs.push(SourceVariable::new(name, unit, &description));
         }
         match model.initial_state(0.0) {
             Ok((q, _)) => problems.extend(free_of_inertia(&description, &model, &q)),
@@ -159,17 +159,17 @@ impl Mechanism {
     }
 
     /// What a study may vary.
-    pub fn parameters(&self) -> &IndexMap<String, ParameterOptions> {
+    pub fn parameters(&self) -> &IndexMap<String, MechanismParameter> {
         &self.description.parameters
     }
 
     /// What acts on it from outside while it runs.
-    pub fn inputs(&self) -> &IndexMap<String, InputOptions> {
+    pub fn inputs(&self) -> &IndexMap<String, MechanismInput> {
         &self.description.inputs
     }
 
     /// What a study may have as outputs.
-    pub fn outputs(&self) -> &[Variable] {
+    pub fn outputs(&self) -> &[SourceVariable] {
         &self.outputs
     }
 
@@ -259,7 +259,7 @@ impl Mechanism {
         signals: &[Signal],
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
-    ) -> std::result::Result<(Model, Vec<Measure>, Vec<Sample>, Reduced), String> {
+    ) -> std::result::Result<(MultibodyModel, Vec<Measure>, Vec<Sample>, Reduced), String> {
         let (model, measures) = self.driven(values, signals, tolerance)?;
         let [s, rates] = state.map(DVector::from_column_slice);
         let reduced = self.reduced(values, coordinates)?;
@@ -275,7 +275,7 @@ impl Mechanism {
         values: &[f64],
         signals: &[Signal],
         tolerance: f64,
-    ) -> std::result::Result<(Model, Vec<Measure>), String> {
+    ) -> std::result::Result<(MultibodyModel, Vec<Measure>), String> {
         let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
         assert_eq!(signals.len(), model.inputs.len(), "a signal for each input");
         model.inputs.iter_mut().zip(signals).for_each(|(input, signal)| input.signal = signal.clone());
@@ -301,7 +301,12 @@ impl Mechanism {
     }
 
     /// The outputs of samples, row by row.
-    fn rows(&self, model: &Model, measures: &[Measure], samples: &[Sample]) -> std::result::Result<Vec<f64>, String> {
+    fn rows(
+        &self,
+        model: &MultibodyModel,
+        measures: &[Measure],
+        samples: &[Sample],
+    ) -> std::result::Result<Vec<f64>, String> {
         let mut rows = Vec::with_capacity(samples.len() * measures.len());
         for sample in samples {
             for (measure, output) in measures.iter().zip(&self.outputs) {
@@ -423,7 +428,7 @@ fn counted(count: usize, one: &str, many: &str) -> String {
 /// Ranges of parameters that are empty or incomplete, or do not contain the default.
 fn range_problems(description: &Description) -> Problems {
     let mut problems = Problems::default();
-    for (name, &ParameterOptions { default, min, max, .. }) in &description.parameters {
+    for (name, &MechanismParameter { default, min, max, .. }) in &description.parameters {
         let mut add = |field: &str, message: String| problems.add(format!("parameters.{name}.{field}"), message);
         for (field, value) in [("default", Some(default)), ("min", min), ("max", max)] {
             if value.is_some_and(|value| !value.is_finite()) {
@@ -442,7 +447,7 @@ fn range_problems(description: &Description) -> Problems {
             _ => {}
         }
     }
-    for (name, &InputOptions { start, min, max, .. }) in &description.inputs {
+    for (name, &MechanismInput { start, min, max, .. }) in &description.inputs {
         let mut add = |field: &str, message: String| problems.add(format!("inputs.{name}.{field}"), message);
         if min >= max {
             add("min", format!("range is empty: min {min} is not below max {max}"));
@@ -454,7 +459,7 @@ fn range_problems(description: &Description) -> Problems {
 }
 
 /// Bodies with a motion that neither mass nor inertia resists.
-fn free_of_inertia(description: &Description, model: &Model, q: &DVector<f64>) -> Problems {
+fn free_of_inertia(description: &Description, model: &MultibodyModel, q: &DVector<f64>) -> Problems {
     let problem = |coordinate: usize| {
         let body = description.bodies.get_index(coordinate / 3).map_or("", |(name, _)| name.as_str());
         let (field, motion) = if coordinate % 3 == 2 { ("inertia", "turn") } else { ("mass", "move") };

@@ -1,7 +1,7 @@
 //! Planar multibody dynamics: rigid bodies, joints, springs, forces and prescribed motion, from a description in a file.
 //!
 //! [`Mechanism::load`] reads and checks a [description]; [`Mechanism::simulate`] puts numbers in for its parameters
-//! ([`build`]), closes the loops ([`model::Model::initial_state`]), and solves the equations of motion in one of two
+//! ([`build`]), closes the loops ([`model::MultibodyModel::initial_state`]), and solves the equations of motion in one of two
 //! [formulations](formulation).
 
 pub mod build;

@@ -57,7 +57,7 @@ pub struct Prescribed {
 
 /// Something that acts on the mechanism while it runs.
 #[derive(Clone, Debug)]
-pub struct Input {
+pub struct MultibodyInput {
     /// Its name in the description.
     pub name: String,
     /// Its range there.
@@ -68,7 +68,7 @@ pub struct Input {
 
 /// All of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
 #[derive(Clone, Debug)]
-pub struct Model {
+pub struct MultibodyModel {
     /// How the equations of motion are solved.
     pub formulation: FormulationKind,
     /// Relative and absolute tolerance of the integration.
@@ -86,7 +86,7 @@ pub struct Model {
     /// Forces at points and actuators.
     pub efforts: Vec<Effort>,
     /// What acts on it from outside.
-    pub inputs: Vec<Input>,
+    pub inputs: Vec<MultibodyInput>,
     /// Guess of the coordinates at the start.
     pub position_guess: DVector<f64>,
     /// Guess of the velocities at the start.
@@ -97,7 +97,7 @@ pub struct Model {
     pub initial_velocities: Constraints,
 }
 
-impl Model {
+impl MultibodyModel {
     /// Values of the inputs at a time.
     pub fn inputs_at(&self, t: f64) -> Vec<f64> {
         self.inputs.iter().map(|input| input.signal.value(t)).collect()

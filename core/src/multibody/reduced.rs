@@ -37,8 +37,8 @@
 
 use super::{
     constraint::{Slot, Target, independence},
-    coordinate::{Coordinate, Point},
-    model::{Model, Prescribed},
+    coordinate::{BodyPoint, Coordinate},
+    model::{MultibodyModel, Prescribed},
 };
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::RefCell;
@@ -59,7 +59,7 @@ const UNUSABLE: f64 = 1e-3;
 /// A mechanism with numbers in it and its independent coordinates.
 #[derive(Clone, Debug)]
 pub struct Reduced {
-    model: Model,
+    model: MultibodyModel,
     coordinates: Vec<Coordinate>,
     /// The coordinate of each prescribed acceleration.
     driven: Vec<usize>,
@@ -126,7 +126,7 @@ impl Reduced {
     /// # Errors
     /// A sentence: a motion is prescribed, a force or prescribed acceleration depends on time, the mechanism cannot be assembled, there
     /// are fewer independent coordinates than degrees of freedom, or the acceleration of another coordinate is prescribed.
-    pub fn new(model: Model, candidates: &[Coordinate]) -> Result<Self, String> {
+    pub fn new(model: MultibodyModel, candidates: &[Coordinate]) -> Result<Self, String> {
         refuse_time(&model)?;
         let (q, v) = model.initial_state(0.0)?;
         let coordinates = choose(&model, &q, candidates)?;
@@ -141,7 +141,7 @@ impl Reduced {
     }
 
     /// The mechanism.
-    pub fn model(&self) -> &Model {
+    pub fn model(&self) -> &MultibodyModel {
         &self.model
     }
 
@@ -376,7 +376,7 @@ impl Reduced {
 }
 
 /// `J = [C_q; s_q]`.
-fn jacobian(model: &Model, coordinates: &[Coordinate], q: &DVector<f64>) -> DMatrix<f64> {
+fn jacobian(model: &MultibodyModel, coordinates: &[Coordinate], q: &DVector<f64>) -> DMatrix<f64> {
     let constraints = model.constraints.len();
     let mut transposed = DMatrix::zeros(q.len(), constraints + coordinates.len());
     transposed.columns_mut(0, constraints).copy_from(&model.constraints.jacobian_transposed(q));
@@ -388,7 +388,7 @@ fn jacobian(model: &Model, coordinates: &[Coordinate], q: &DVector<f64>) -> DMat
 
 /// The first candidates that are independent of the constraints and of each other at the start, as many as there are degrees of
 /// freedom. Lengths are taken as parts of the mechanism's size, so that the choice does not depend on the unit.
-fn choose(model: &Model, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<Vec<Coordinate>, String> {
+fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<Vec<Coordinate>, String> {
     let count = model.degrees_of_freedom();
     if count == 0 {
         return Err("the mechanism has no degree of freedom".into());
@@ -420,7 +420,7 @@ fn choose(model: &Model, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<
 }
 
 /// The independent coordinates that drivers accelerate.
-fn driven(model: &Model, coordinates: &[Coordinate]) -> Result<Vec<usize>, String> {
+fn driven(model: &MultibodyModel, coordinates: &[Coordinate]) -> Result<Vec<usize>, String> {
     let find = |driver: &Prescribed| {
         let position = coordinates.iter().position(|coordinate| *coordinate == driver.coordinate);
         let Prescribed { name, owner, .. } = driver;
@@ -432,9 +432,9 @@ fn driven(model: &Model, coordinates: &[Coordinate]) -> Result<Vec<usize>, Strin
 
 /// Independent coordinates that are tried if none are named: those that drivers accelerate, those that the joints leave free, then those
 /// of the bodies.
-pub fn candidates(model: &Model, free: impl IntoIterator<Item = Coordinate>) -> Vec<Coordinate> {
+pub fn candidates(model: &MultibodyModel, free: impl IntoIterator<Item = Coordinate>) -> Vec<Coordinate> {
     let of_body = |body: usize| {
-        let centre = Point { frame: Some(body), ..Point::ORIGIN };
+        let centre = BodyPoint { frame: Some(body), ..BodyPoint::ORIGIN };
         [
             Coordinate::component(centre, 0),
             Coordinate::component(centre, 1),
@@ -446,7 +446,7 @@ pub fn candidates(model: &Model, free: impl IntoIterator<Item = Coordinate>) -> 
 }
 
 /// Refuses what depends on time: it would be another state.
-fn refuse_time(model: &Model) -> Result<(), String> {
+fn refuse_time(model: &MultibodyModel) -> Result<(), String> {
     for constraint in &model.constraints.0 {
         if let Target::Motion(formula) = &constraint.target {
             let motion = &formula.text;

@@ -1,7 +1,7 @@
 //! Parts of a description that have no effect: usually mistakes.
 
 use super::{
-    description::{BodyOptions, Description, SpringOptions, Vector},
+    description::{BodyOptions, Description, PlaneVector, SpringOptions},
     expression::{Expression, Tables},
 };
 use crate::diagnostics::Problems;
@@ -119,7 +119,7 @@ fn expressions(description: &Description) -> Vec<&Expression> {
     let mut all: Vec<&Expression> = gravity.iter().chain(ground.points.values().flatten()).collect();
     for BodyOptions { mass, inertia, position, angle, velocity, angular_velocity, points } in bodies.values() {
         all.extend([mass, inertia, angle, angular_velocity]);
-        all.extend([position, velocity].into_iter().chain(points.values()).flat_map(|vector: &Vector| vector));
+        all.extend([position, velocity].into_iter().chain(points.values()).flat_map(|vector: &PlaneVector| vector));
     }
     for joint in joints.values() {
         all.extend(joint.axis.iter().flatten().chain(&joint.angle));

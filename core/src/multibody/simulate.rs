@@ -5,9 +5,9 @@ use super::{
     description::FormulationKind,
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
-    model::{Model, Sample, Spring},
+    model::{MultibodyModel, Sample, Spring},
 };
-use crate::integrate::{self, Budget, Integration};
+use crate::integrate::{self, Budget, IntegrationResult};
 use nalgebra::DVector;
 use ode_solvers::System;
 use std::cell::RefCell;
@@ -19,7 +19,7 @@ const NEARLY_SINGULAR: f64 = 0.1;
 ///
 /// # Errors
 /// A sentence that says what failed, when, and at which joint, or that the run's budget is spent.
-pub fn simulate(model: &Model, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
+pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
     simulate_from(model, model.initial_state(start)?, times, budget)
 }
@@ -29,7 +29,7 @@ pub fn simulate(model: &Model, times: &[f64], budget: &Budget) -> Result<Vec<Sam
 /// # Errors
 /// As [`simulate`].
 pub fn simulate_from(
-    model: &Model,
+    model: &MultibodyModel,
     (q, v): (DVector<f64>, DVector<f64>),
     times: &[f64],
     budget: &Budget,
@@ -95,7 +95,7 @@ fn over_bends(kind: FormulationKind, model: &Model, from: &Sample, t: f64, budge
 }
 
 /// The sample at the next time; independent coordinates are chosen again in between as often as necessary.
-fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32, budget: &Budget) -> Result<Sample, String> {
+fn bridge(model: &MultibodyModel, from: &Sample, t: f64, halvings: u32, budget: &Budget) -> Result<Sample, String> {
     match stretch(model.formulation, model, from, &[from.t, t], budget) {
         Ok(mut samples) => Ok(samples.swap_remove(0)),
         Err(message) if halvings == 0 || budget.is_over() => Err(message),
@@ -109,7 +109,7 @@ fn bridge(model: &Model, from: &Sample, t: f64, halvings: u32, budget: &Budget) 
 /// The samples after one, as far as a formulation's choices last; at least one.
 fn stretch(
     kind: FormulationKind,
-    model: &Model,
+    model: &MultibodyModel,
     from: &Sample,
     times: &[f64],
     budget: &Budget,
@@ -130,7 +130,7 @@ fn stretch(
 }
 
 fn sample(
-    model: &Model,
+    model: &MultibodyModel,
     formulation: &Formulation,
     t: f64,
     q: DVector<f64>,
@@ -145,7 +145,7 @@ fn sample(
 
 /// A part of a run with one formulation's choices.
 struct Stretch<'a> {
-    model: &'a Model,
+    model: &'a MultibodyModel,
     formulation: Formulation,
     /// Coordinates found last: where the search for dependent coordinates begins.
     guess: RefCell<DVector<f64>>,
@@ -158,8 +158,8 @@ impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
         let state = self.formulation.state(&from.q, &from.v).push(from.t);
-        let problem = Problem { stretch: self, start: from.t };
-        let Integration { states, failure, .. } =
+        let problem = StretchProblem { stretch: self, start: from.t };
+        let IntegrationResult { states, failure, .. } =
             integrate::advance(problem, state, times, self.model.tolerance, self.budget);
         self.budget.check(|| self.cause())?;
         // after a failure the next stretch may succeed, if there is a row from which to continue
@@ -229,12 +229,12 @@ impl Stretch<'_> {
 }
 
 /// A stretch in the form that `ode_solvers` needs: the time is the last of the states.
-struct Problem<'a> {
+struct StretchProblem<'a> {
     stretch: &'a Stretch<'a>,
     start: f64,
 }
 
-impl System<f64, DVector<f64>> for Problem<'_> {
+impl System<f64, DVector<f64>> for StretchProblem<'_> {
     fn system(&self, _: f64, state: &DVector<f64>, derivative: &mut DVector<f64>) {
         match self.stretch.derivative(state) {
             Ok(value) => derivative.copy_from(&value),

@@ -5,7 +5,7 @@ use super::{
     build::{build, motions},
     measure::Measure,
     mechanism::sentence,
-    model::{Model, Sample},
+    model::{MultibodyModel, Sample},
     simulate::{simulate, simulate_from},
 };
 use crate::{
@@ -16,7 +16,7 @@ use crate::{
 /// A mechanism at a time.
 #[derive(Debug)]
 pub struct Stepper {
-    model: Model,
+    model: MultibodyModel,
     measures: Vec<Measure>,
     now: Sample,
 }
@@ -81,7 +81,7 @@ impl Stepper {
     }
 }
 
-fn hold(model: &mut Model, values: &[f64]) {
+fn hold(model: &mut MultibodyModel, values: &[f64]) {
     assert_eq!(values.len(), model.inputs.len(), "a value for each input");
     model.inputs.iter_mut().zip(values).for_each(|(input, value)| input.signal = Signal::Constant(*value));
 }

@@ -6,7 +6,7 @@ mod mistakes;
 use super::{
     Mechanism,
     build::build,
-    model::{Model, Sample},
+    model::{MultibodyModel, Sample},
     simulate::simulate,
 };
 use crate::integrate::{Budget, TOLERANCE};
@@ -42,13 +42,13 @@ fn values(mechanism: &Mechanism, set: &[(&str, f64)]) -> Vec<f64> {
     for (name, _) in set {
         assert!(mechanism.parameters().contains_key(*name), "{name}");
     }
-    let value = |(name, parameter): (&String, &super::description::ParameterOptions)| {
+    let value = |(name, parameter): (&String, &super::description::MechanismParameter)| {
         set.iter().find(|(known, _)| known == name).map_or(parameter.default, |(_, value)| *value)
     };
     mechanism.parameters().iter().map(value).collect()
 }
 
-fn run(mechanism: &Mechanism, set: &[(&str, f64)], times: &[f64]) -> (Model, Vec<Sample>) {
+fn run(mechanism: &Mechanism, set: &[(&str, f64)], times: &[f64]) -> (MultibodyModel, Vec<Sample>) {
     let (model, _) = build(mechanism.description(), &values(mechanism, set)).unwrap();
     let samples = simulate(&model, times, &Budget::default()).unwrap();
     (model, samples)

@@ -30,7 +30,7 @@ const FEW_OUTPUTS: usize = 8;
 /// The biases of a hidden layer that is normalised over its rows are followed by the factors of the normalised values
 /// [padded(outputs)]. The padding is zero and stays so.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Shape {
+pub(crate) struct LayerShape {
     pub(crate) inputs: usize,
     pub(crate) outputs: usize,
     pub(crate) by_rows: bool,
@@ -54,12 +54,12 @@ pub(crate) struct Piece {
 
 /// The places of all layers.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct Layout {
-    pub(crate) shapes: Vec<Shape>,
+pub(crate) struct NetworkLayout {
+    pub(crate) shapes: Vec<LayerShape>,
     pub(crate) pieces: Vec<Piece>,
 }
 
-impl Layout {
+impl NetworkLayout {
     /// `batch_norm`: whether hidden layers are normalised over their rows.
     pub(crate) fn new(sizes: &[usize], batch_norm: bool) -> Self {
         let (mut shapes, mut pieces) = (Vec::new(), Vec::new());
@@ -84,7 +84,7 @@ impl Layout {
                 }
             }
             begin = range.end;
-            shapes.push(Shape {
+            shapes.push(LayerShape {
                 inputs,
                 outputs,
                 by_rows,
@@ -141,7 +141,7 @@ impl Layout {
     }
 }
 
-impl Shape {
+impl LayerShape {
     /// Where a weight lies within the layer's part.
     fn weight(&self, output: usize, input: usize) -> usize {
         if self.by_rows {

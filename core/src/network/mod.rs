@@ -251,7 +251,7 @@ impl From<NetworkError> for crate::Error {
 mod tests {
     use super::{
         kernels::{
-            Simd, Store,
+            InstructionSet, Store,
             activation::tests::{self as activations, ALL},
         },
         *,
@@ -321,7 +321,7 @@ mod tests {
 
             let packed = Packed::new(&network);
             let mut workspace = Workspace::new(&packed);
-            for simd in Simd::available() {
+            for simd in InstructionSet::available() {
                 workspace.simd = simd;
                 let found = weighted_gradient(&packed, &mut workspace, &x, &weights, Store::Replace, None);
                 let mut gradient = vec![0.0; network.parameters().len()];

@@ -3,13 +3,13 @@
 use super::{
     Network,
     kernels::{
-        Kernel, Lanes, Simd, Store, WIDTH,
-        activation::{Function, Visitor, slope_follows_from_value, visit},
+        InstructionSet, SimdKernel, SimdLanes, Store, WIDTH,
+        activation::{ActivationFunction, ActivationVisitor, slope_follows_from_value, visit},
         batch_norm,
         buffer::Buffer,
         layer::{self, Slope},
     },
-    layout::{Layout, Shape, padded, stride},
+    layout::{LayerShape, NetworkLayout, padded, stride},
 };
 use metafmu_runtime::Activation;
 
@@ -20,7 +20,7 @@ pub(crate) const BLOCK_ROWS: usize = 64;
 /// A network whose parameters are laid out as the kernels need them.
 #[derive(Clone, Debug)]
 pub(crate) struct Packed {
-    pub(crate) layout: Layout,
+    pub(crate) layout: NetworkLayout,
     pub(super) activation: Activation,
     pub(crate) parameters: Buffer,
     /// The weights again, as the backward pass reads them.
@@ -31,7 +31,7 @@ pub(crate) struct Packed {
 
 /// Inputs, activations and deltas of at most [`BLOCK_ROWS`] rows, at a distance of [`stride`].
 pub(crate) struct Workspace {
-    pub(crate) simd: Simd,
+    pub(crate) simd: InstructionSet,
     /// `x, y_1 ... y_L`
     pub(super) values: Vec<Buffer>,
     /// `d_1 ... d_L`
@@ -62,7 +62,7 @@ impl Packed {
 
     /// For a training with normalisation or with a share of the hidden nodes left out.
     pub(crate) fn with(network: &Network, batch_norm: bool, dropout: f64) -> Self {
-        let layout = Layout::new(network.sizes(), batch_norm);
+        let layout = NetworkLayout::new(network.sizes(), batch_norm);
         let (parameters, transposed) = (Buffer::zeros(layout.len()), Buffer::zeros(layout.transposed_len()));
         let mut packed = Self { layout, activation: network.activation(), parameters, transposed, dropout };
         packed.layout.pack(network.parameters(), &mut packed.parameters);
@@ -86,20 +86,20 @@ impl Packed {
 
     /// Outputs at the first `rows` rows of [`Workspace::inputs_mut`]; see [`Workspace::outputs`].
     pub(crate) fn forward(&self, rows: usize, workspace: &mut Workspace) {
-        workspace.simd.run(Forward { network: self, rows, workspace, mask: None });
+        workspace.simd.run(ForwardPass { network: self, rows, workspace, mask: None });
     }
 
     /// As [`forward`](Self::forward), with what [`backward`](Self::backward) needs, normalisation over the rows, and some
     /// nodes left out.
     pub(crate) fn forward_in_training(&self, workspace: &mut Workspace, mask: DropoutMask) {
-        workspace.simd.run(Forward { network: self, rows: mask.rows.len(), workspace, mask: Some(mask) });
+        workspace.simd.run(ForwardPass { network: self, rows: mask.rows.len(), workspace, mask: Some(mask) });
     }
 
     /// Puts into or onto `gradient`, laid out as the parameters are, the loss's derivatives by the parameters, given
     /// its derivatives by the outputs ([`Workspace::outputs_and_deltas`]) and what
     /// [`forward_in_training`](Self::forward_in_training) left in the workspace.
     pub(crate) fn backward(&self, rows: usize, workspace: &mut Workspace, store: Store, gradient: &mut [f32]) {
-        workspace.simd.run(Backward { network: self, rows, workspace, store, gradient });
+        workspace.simd.run(BackwardPass { network: self, rows, workspace, store, gradient });
     }
 
     /// The loss's derivatives by the first `columns` inputs, `[rows, columns]`, after [`backward`](Self::backward). The network has
@@ -113,18 +113,18 @@ impl Packed {
     }
 }
 
-struct Forward<'a> {
+struct ForwardPass<'a> {
     network: &'a Packed,
     rows: usize,
     workspace: &'a mut Workspace,
     mask: Option<DropoutMask<'a>>,
 }
 
-impl Kernel for Forward<'_> {
+impl SimdKernel for ForwardPass<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { network, rows, workspace, mask } = self;
         let Packed { layout, activation, parameters, dropout, .. } = network;
         let Workspace { values, slopes, normalized, statistics, .. } = workspace;
@@ -150,7 +150,7 @@ impl Kernel for Forward<'_> {
 
 /// The arguments of [`batch_norm::forward`].
 struct Normalize<'a> {
-    shape: &'a Shape,
+    shape: &'a LayerShape,
     parameters: &'a [f32],
     rows: usize,
     y: &'a mut [f32],
@@ -159,11 +159,11 @@ struct Normalize<'a> {
     statistics: &'a mut [f32],
 }
 
-impl Visitor for Normalize<'_> {
+impl ActivationVisitor for Normalize<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn visit<L: Lanes, F: Function>(self) {
+    fn visit<L: SimdLanes, F: ActivationFunction>(self) {
         let Self { shape, parameters, rows, y, v, slopes, statistics } = self;
         batch_norm::forward::<L, F>(shape, parameters, rows, y, v, slopes, statistics);
     }
@@ -197,7 +197,7 @@ fn mix(number: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-struct Backward<'a> {
+struct BackwardPass<'a> {
     network: &'a Packed,
     rows: usize,
     workspace: &'a mut Workspace,
@@ -205,11 +205,11 @@ struct Backward<'a> {
     gradient: &'a mut [f32],
 }
 
-impl Kernel for Backward<'_> {
+impl SimdKernel for BackwardPass<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { network, rows, workspace, store, gradient } = self;
         let Workspace { values, deltas, slopes, normalized, statistics, .. } = workspace;
         let Packed { parameters, transposed, activation, .. } = network;
@@ -241,11 +241,11 @@ struct InputDeltas<'a> {
     to: &'a mut [f32],
 }
 
-impl Kernel for InputDeltas<'_> {
+impl SimdKernel for InputDeltas<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { network, rows, deltas, columns, to } = self;
         let shape = &network.layout.shapes[0];
         debug_assert!(!shape.by_rows, "a network with hidden layers");
@@ -269,12 +269,12 @@ impl Workspace {
         let shapes = &network.layout.shapes;
         let hidden = &shapes[..shapes.len() - 1];
         let buffer = |columns| Buffer::zeros(BLOCK_ROWS * stride(columns));
-        let of = |shapes: &[Shape]| shapes.iter().map(|shape| buffer(shape.outputs)).collect();
-        let slopes: &[Shape] = if network.stores_slopes() { hidden } else { &[] };
-        let normalized: &[Shape] = if shapes[0].normalized { hidden } else { &[] };
-        let statistics = |shape: &Shape| Buffer::zeros(batch_norm::STATISTICS * padded(shape.outputs));
+        let of = |shapes: &[LayerShape]| shapes.iter().map(|shape| buffer(shape.outputs)).collect();
+        let slopes: &[LayerShape] = if network.stores_slopes() { hidden } else { &[] };
+        let normalized: &[LayerShape] = if shapes[0].normalized { hidden } else { &[] };
+        let statistics = |shape: &LayerShape| Buffer::zeros(batch_norm::STATISTICS * padded(shape.outputs));
         Self {
-            simd: Simd::detect(),
+            simd: InstructionSet::detect(),
             values: std::iter::once(buffer(shapes[0].inputs)).chain(of(shapes) as Vec<Buffer>).collect(),
             deltas: of(shapes),
             slopes: of(slopes),

@@ -11,39 +11,39 @@
 
 use super::{
     kernels::{
-        Kernel, Lanes, Store, WIDTH,
-        activation::{Derivative, Function, Identity, Sigmoid, Tanh},
+        SimdKernel, SimdLanes, Store, WIDTH,
+        activation::{ActivationFunction, Derivative, IdentityActivation, SigmoidActivation, TanhActivation},
         lanes, lanes_mut,
         layer::{self, Slope},
     },
-    layout::{Shape, padded, stride},
+    layout::{LayerShape, padded, stride},
     pass::{BLOCK_ROWS, Packed, Workspace},
 };
 use metafmu_runtime::Activation;
 
 /// An activation whose second derivative follows from its value.
-trait Curved: Function {
+trait Curved: ActivationFunction {
     /// `f'' / f'`.
-    fn bend<L: Lanes>(value: L) -> L;
+    fn bend<L: SimdLanes>(value: L) -> L;
 }
 
-impl Curved for Tanh {
+impl Curved for TanhActivation {
     #[inline(always)]
-    fn bend<L: Lanes>(value: L) -> L {
+    fn bend<L: SimdLanes>(value: L) -> L {
         L::splat(-2.0).mul(value)
     }
 }
 
-impl Curved for Sigmoid {
+impl Curved for SigmoidActivation {
     #[inline(always)]
-    fn bend<L: Lanes>(value: L) -> L {
+    fn bend<L: SimdLanes>(value: L) -> L {
         L::splat(-2.0).mul_add(value, L::splat(1.0))
     }
 }
 
-impl Curved for Identity {
+impl Curved for IdentityActivation {
     #[inline(always)]
-    fn bend<L: Lanes>(_: L) -> L {
+    fn bend<L: SimdLanes>(_: L) -> L {
         L::splat(0.0)
     }
 }
@@ -63,7 +63,7 @@ impl Packed {
 
     /// As [`forward`](Self::forward), of `rows` rows and their directions.
     pub(crate) fn forward_with_tangents(&self, (rows, directions): (usize, usize), workspace: &mut Workspace) {
-        workspace.simd.run(Forward { network: self, rows, directions, workspace });
+        workspace.simd.run(TangentForward { network: self, rows, directions, workspace });
     }
 
     /// As [`backward`](Self::backward), of what [`forward_with_tangents`](Self::forward_with_tangents) left.
@@ -74,22 +74,22 @@ impl Packed {
         store: Store,
         gradient: &mut [f32],
     ) {
-        workspace.simd.run(Backward { network: self, rows, directions, workspace, store, gradient });
+        workspace.simd.run(TangentBackward { network: self, rows, directions, workspace, store, gradient });
     }
 }
 
-struct Forward<'a> {
+struct TangentForward<'a> {
     network: &'a Packed,
     rows: usize,
     directions: usize,
     workspace: &'a mut Workspace,
 }
 
-impl Kernel for Forward<'_> {
+impl SimdKernel for TangentForward<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { network, rows, directions, workspace } = self;
         let last = network.layout.shapes.len() - 1;
         for (index, shape) in network.layout.shapes.iter().enumerate() {
@@ -105,9 +105,9 @@ impl Kernel for Forward<'_> {
             }
             if index < last {
                 match network.activation {
-                    Activation::Tanh => activate::<L, Tanh>(shape, rows, directions, y),
-                    Activation::Sigmoid => activate::<L, Sigmoid>(shape, rows, directions, y),
-                    _ => activate::<L, Identity>(shape, rows, directions, y),
+                    Activation::Tanh => activate::<L, TanhActivation>(shape, rows, directions, y),
+                    Activation::Sigmoid => activate::<L, SigmoidActivation>(shape, rows, directions, y),
+                    _ => activate::<L, IdentityActivation>(shape, rows, directions, y),
                 }
             }
         }
@@ -116,7 +116,7 @@ impl Kernel for Forward<'_> {
 
 /// Replaces values by the activation, and multiplies tangents by its derivative.
 #[inline(always)]
-fn activate<L: Lanes, F: Curved>(shape: &Shape, rows: usize, directions: usize, y: &mut [f32]) {
+fn activate<L: SimdLanes, F: Curved>(shape: &LayerShape, rows: usize, directions: usize, y: &mut [f32]) {
     let distance = stride(shape.outputs);
     for begin in (0..padded(shape.outputs)).step_by(WIDTH) {
         for row in 0..rows {
@@ -131,7 +131,7 @@ fn activate<L: Lanes, F: Curved>(shape: &Shape, rows: usize, directions: usize, 
     }
 }
 
-struct Backward<'a> {
+struct TangentBackward<'a> {
     network: &'a Packed,
     rows: usize,
     directions: usize,
@@ -140,11 +140,11 @@ struct Backward<'a> {
     gradient: &'a mut [f32],
 }
 
-impl Kernel for Backward<'_> {
+impl SimdKernel for TangentBackward<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { network, rows, directions, workspace, store, gradient } = self;
         let Workspace { values, deltas, bias: kept, .. } = workspace;
         for (index, shape) in network.layout.shapes.iter().enumerate().rev() {
@@ -165,9 +165,9 @@ impl Kernel for Backward<'_> {
                 let (parameters, all) = (&network.parameters, rows * (1 + directions));
                 layer::backward::<L>(shape, parameters, &network.transposed, none, all, d, to);
                 match network.activation {
-                    Activation::Tanh => bend::<L, Tanh>(shape.inputs, rows, directions, x, to),
-                    Activation::Sigmoid => bend::<L, Sigmoid>(shape.inputs, rows, directions, x, to),
-                    _ => bend::<L, Identity>(shape.inputs, rows, directions, x, to),
+                    Activation::Tanh => bend::<L, TanhActivation>(shape.inputs, rows, directions, x, to),
+                    Activation::Sigmoid => bend::<L, SigmoidActivation>(shape.inputs, rows, directions, x, to),
+                    _ => bend::<L, IdentityActivation>(shape.inputs, rows, directions, x, to),
                 }
             }
         }
@@ -176,7 +176,7 @@ impl Kernel for Backward<'_> {
 
 /// From derivatives by what an activation made to those by what it was made of; `y` is what it made.
 #[inline(always)]
-fn bend<L: Lanes, F: Curved>(nodes: usize, rows: usize, directions: usize, y: &[f32], d: &mut [f32]) {
+fn bend<L: SimdLanes, F: Curved>(nodes: usize, rows: usize, directions: usize, y: &[f32], d: &mut [f32]) {
     let distance = stride(nodes);
     for begin in (0..padded(nodes)).step_by(WIDTH) {
         for row in 0..rows {
@@ -199,7 +199,7 @@ fn bend<L: Lanes, F: Curved>(nodes: usize, rows: usize, directions: usize, y: &[
 mod tests {
     use super::*;
     use crate::{
-        network::{Network, kernels::Simd},
+        network::{Network, kernels::InstructionSet},
         study::NetworkOptions,
     };
 
@@ -269,7 +269,7 @@ mod tests {
             let packed = Packed::new(&network);
             assert!(packed.takes_tangents(directions) && !packed.takes_tangents(BLOCK_ROWS));
             let mut parameters: Vec<f64> = network.parameters().iter().map(|&p| p.into()).collect();
-            for simd in Simd::available() {
+            for simd in InstructionSet::available() {
                 let mut workspace = Workspace::new(&packed);
                 workspace.simd = simd;
                 for (to, row) in workspace.inputs_mut().chunks_mut(stride(inputs)).zip(x.chunks(inputs)) {

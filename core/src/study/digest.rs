@@ -3,8 +3,8 @@
 
 use super::{
     BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, Excitation, ExportOptions, InputOptions,
-    NetworkOptions, OutputOptions, ParameterOptions, SamplingOptions, SourceOptions, StateOptions, Study,
-    TargetOptions, TimeOptions, TrainingOptions, Variability,
+    NetworkOptions, OutputOptions, ParameterOptions, ParameterVariability, SamplingOptions, SourceOptions,
+    StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -14,29 +14,29 @@ use sha2::{Digest, Sha256};
 
 /// What decides the runs.
 #[derive(Serialize)]
-struct Samples<'a> {
+struct DigestedSamples<'a> {
     seed: u64,
-    source: Source<'a>,
+    source: DigestedSource<'a>,
     time: &'a TimeOptions,
     parameters: IndexMap<&'a str, Parameter<'a>>,
     outputs: &'a IndexMap<String, OutputOptions>,
-    sampling: Plan<'a>,
+    sampling: DigestedPlan<'a>,
     calibration_runs: usize,
     /// Of a surrogate with states.
     #[serde(skip_serializing_if = "Option::is_none")]
-    motion: Option<Motion<'a>>,
+    motion: Option<DigestedMotion<'a>>,
 }
 
 /// What a surrogate with states has beside the others.
 #[derive(Serialize)]
-struct Motion<'a> {
+struct DigestedMotion<'a> {
     states: &'a IndexMap<String, StateOptions>,
-    inputs: IndexMap<&'a str, Input<'a>>,
+    inputs: IndexMap<&'a str, DigestedInput<'a>>,
 }
 
 /// Of an input: a recording counts by its content, not by its name.
 #[derive(Serialize)]
-struct Input<'a> {
+struct DigestedInput<'a> {
     min: Option<f64>,
     max: Option<f64>,
     start: Option<f64>,
@@ -50,7 +50,7 @@ struct Input<'a> {
 
 /// Of the source: files count by their content, not by their names.
 #[derive(Serialize)]
-struct Source<'a> {
+struct DigestedSource<'a> {
     system: &'a Option<String>,
     mechanism: Option<&'a Description>,
     /// SHA-256 of the FMU or of the recorded runs.
@@ -70,12 +70,12 @@ struct Parameter<'a> {
     unit: &'a Option<String>,
     description: &'a Option<String>,
     levels: Option<usize>,
-    variability: Option<Variability>,
+    variability: Option<ParameterVariability>,
 }
 
 /// Of the sampling: a list's points count, not the name of its file.
 #[derive(Serialize)]
-struct Plan<'a> {
+struct DigestedPlan<'a> {
     method: Option<super::Method>,
     levels: Option<usize>,
     runs: Option<usize>,
@@ -88,7 +88,7 @@ struct Plan<'a> {
 
 /// What decides the surrogate.
 #[derive(Serialize)]
-struct Trained<'a> {
+struct DigestedTraining<'a> {
     name: &'a str,
     description: &'a str,
     arrays: &'a IndexMap<String, Vec<String>>,
@@ -108,7 +108,7 @@ struct Trained<'a> {
 
 /// What decides a baseline that is exported.
 #[derive(Serialize)]
-struct Fitted<'a> {
+struct DigestedBaseline<'a> {
     kind: BaselineKind,
     options: Option<serde_json::Value>,
     name: &'a str,
@@ -120,7 +120,7 @@ struct Fitted<'a> {
 /// [`Study::sampling_digest`].
 pub(super) fn of_samples(study: &Study) -> String {
     let Study { seed, source, time, parameters, outputs, sampling, .. } = study;
-    digest(&Samples {
+    digest(&DigestedSamples {
         seed: *seed,
         source: of_source(study, source),
         time,
@@ -128,7 +128,7 @@ pub(super) fn of_samples(study: &Study) -> String {
         outputs,
         sampling: of_plan(study, sampling),
         calibration_runs: study.calibration_runs(),
-        motion: study.goes_on().then(|| Motion {
+        motion: study.goes_on().then(|| DigestedMotion {
             states: &study.states,
             inputs: study
                 .inputs
@@ -139,7 +139,7 @@ pub(super) fn of_samples(study: &Study) -> String {
     })
 }
 
-fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> Source<'a> {
+fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> DigestedSource<'a> {
     // the names of files, and what is done about runs that fail, decide nothing
     let SourceOptions {
         system,
@@ -155,7 +155,7 @@ fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> Source<'a> {
         retries: _,
         max_failed: _,
     } = options;
-    Source {
+    DigestedSource {
         system,
         mechanism: study.mechanism.as_ref().map(|mechanism| mechanism.description()),
         files: study.source_files.as_deref(),
@@ -166,9 +166,9 @@ fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> Source<'a> {
     }
 }
 
-fn of_input<'a>(study: &'a Study, name: &str, options: &'a InputOptions) -> Input<'a> {
+fn of_input<'a>(study: &'a Study, name: &str, options: &'a InputOptions) -> DigestedInput<'a> {
     let InputOptions { min, max, start, bandwidth, excitation, recording: _, unit, description } = options;
-    Input {
+    DigestedInput {
         min: *min,
         max: *max,
         start: *start,
@@ -194,9 +194,9 @@ fn of_parameter(options: &ParameterOptions) -> Parameter<'_> {
     }
 }
 
-fn of_plan<'a>(study: &'a Study, options: &SamplingOptions) -> Plan<'a> {
+fn of_plan<'a>(study: &'a Study, options: &SamplingOptions) -> DigestedPlan<'a> {
     let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs, train_stop } = options;
-    Plan { method, levels, runs, points: study.points(), faces, test_runs, train_stop }
+    DigestedPlan { method, levels, runs, points: study.points(), faces, test_runs, train_stop }
 }
 
 /// [`Study::digest`].
@@ -235,7 +235,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
     } = study;
     // what the FMU says of itself
     let ExportOptions { fmi: _, precision, author: _, copyright: _, license: _ } = export;
-    digest(&Trained {
+    digest(&DigestedTraining {
         name,
         description,
         arrays,
@@ -253,7 +253,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
 
 /// [`Study::baseline_digest`].
 pub(super) fn of_baseline(study: &Study, kind: BaselineKind) -> String {
-    digest(&Fitted {
+    digest(&DigestedBaseline {
         kind,
         options: options_of(&study.baselines, kind),
         name: &study.name,

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 #[serde(deny_unknown_fields, default)]
 pub struct NetworkOptions {
     /// How the time enters.
-    pub structure: Structure,
+    pub structure: TimeStructure,
     /// Number of nodes of each hidden layer, 1 to 16384 each; at most 100 layers. Of the structure "discrete" 32, 32 unless given.
     #[schemars(length(max = MAX_LAYERS), inner(range(min = 1, max = MAX_NODES)))]
     pub hidden: Vec<usize>,
@@ -23,7 +23,7 @@ pub struct NetworkOptions {
 /// How the time enters a surrogate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Structure {
+pub enum TimeStructure {
     /// One network, of which the time is an input.
     #[default]
     Full,
@@ -34,7 +34,7 @@ pub enum Structure {
 
 impl Default for NetworkOptions {
     fn default() -> Self {
-        Self { structure: Structure::Full, hidden: vec![64; 6], activation: Activation::Tanh }
+        Self { structure: TimeStructure::Full, hidden: vec![64; 6], activation: Activation::Tanh }
     }
 }
 
@@ -81,10 +81,10 @@ impl NetworkOptions {
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let Self { structure, .. } = self;
         let instants = match structure {
-            Structure::Fixed if !study.source.is_recorded() => study.time.stop / study.time.step + 1.0,
+            TimeStructure::Fixed if !study.source.is_recorded() => study.time.stop / study.time.step + 1.0,
             _ => 1.0,
         };
-        let inputs = study.encoder().width() + usize::from(*structure == Structure::Full);
+        let inputs = study.encoder().width() + usize::from(*structure == TimeStructure::Full);
         let mut problems = self.problems_between([inputs, study.outputs.len()], instants, &study.training);
         let epochs = study.training.epochs as f64 * instants;
         if instants > 1.0 && epochs > MAX_HISTORIES && study.training.epochs <= MAX_EPOCHS {

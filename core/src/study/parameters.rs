@@ -27,7 +27,7 @@ pub struct ParameterOptions {
     /// Levels of this parameter in a mesh, instead of `sampling.levels`.
     pub levels: Option<usize>,
     /// When the host of the surrogate's FMU may change it; fixed without it.
-    pub variability: Option<Variability>,
+    pub variability: Option<ParameterVariability>,
     /// Which of its keys are missing, or exclude each other.
     #[serde(skip)]
     pub(super) problem: Option<&'static str>,
@@ -36,7 +36,7 @@ pub struct ParameterOptions {
 /// When a host may change what is a parameter of the study, and constant in each of its runs (FMI terms).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Variability {
+pub enum ParameterVariability {
     /// Only before the simulation starts.
     #[default]
     Fixed,
@@ -71,7 +71,7 @@ struct ParameterEntry {
     #[schemars(range(min = 2))]
     levels: Option<usize>,
     /// When the host of the surrogate's FMU may change it; "fixed" unless given.
-    variability: Option<Variability>,
+    variability: Option<ParameterVariability>,
 }
 
 impl From<ParameterEntry> for ParameterOptions {
@@ -208,7 +208,7 @@ pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>, structur
             let message = "belongs to the structure \"response\": expected `min` and `max`";
             problems.expect_absent(parameter.is_nominal(), format!("{key}.values"), message);
             problems.expect_absent(parameter.periodic, format!("{key}.periodic"), message);
-            let is_driven = parameter.variability == Some(Variability::Continuous);
+            let is_driven = parameter.variability == Some(ParameterVariability::Continuous);
             let message =
                 "\"continuous\", expected \"fixed\" or \"tunable\": what changes all the time is one of the `inputs`";
             problems.expect_absent(is_driven, format!("{key}.variability"), message);

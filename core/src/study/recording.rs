@@ -5,7 +5,7 @@ use crate::{
     diagnostics::Place,
     files,
     signal::{Knots, Signal},
-    table::{Column, Table},
+    table::{Table, TableColumn},
 };
 use std::path::{Path, PathBuf};
 
@@ -15,7 +15,7 @@ pub struct Recording {
     path: PathBuf,
     /// SHA-256 of the table.
     digest: String,
-    column: Column,
+    column: TableColumn,
     /// Linear between the rows.
     signal: Signal,
     /// Time of the first row.
@@ -81,7 +81,7 @@ impl Recording {
 
     /// Why it is not one of an input with this unit and range.
     pub fn unfit(&self, unit: &str, [min, max]: [f64; 2]) -> Option<String> {
-        let Column { name, unit: own } = &self.column;
+        let TableColumn { name, unit: own } = &self.column;
         let path = self.path.display();
         if let Some(own) = own.as_ref().filter(|own| *own != unit) {
             return Some(format!("{path}: column `{name}`: unit `{own}`, expected `{unit}`"));

@@ -59,13 +59,13 @@ pub enum Space {
     /// These.
     Values(#[schemars(with = "Vec<serde_json::Value>")] Vec<toml::Value>),
     /// Numbers of a range.
-    Range(Range),
+    Range(SearchRange),
 }
 
 /// Numbers of a range; whole ones if both ends are.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-pub struct Range {
+pub struct SearchRange {
     /// Smallest value.
     #[schemars(with = "f64")]
     pub min: toml::Value,
@@ -74,7 +74,7 @@ pub struct Range {
     pub max: toml::Value,
     /// How values are spread.
     #[serde(default)]
-    pub scale: Scale,
+    pub scale: SearchScale,
     /// Number of values in a grid.
     #[schemars(range(min = 2))]
     pub levels: Option<usize>,
@@ -83,7 +83,7 @@ pub struct Range {
 /// How the values of a range are spread.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
-pub enum Scale {
+pub enum SearchScale {
     /// Evenly.
     #[default]
     Linear,
@@ -209,7 +209,7 @@ fn concerns(key: &str, model: &str) -> bool {
     }
 }
 
-impl Range {
+impl SearchRange {
     /// Both ends as numbers.
     pub(crate) fn ends(&self) -> Option<(f64, f64)> {
         let number = |value: &toml::Value| value.as_float().or_else(|| value.as_integer().map(|whole| whole as f64));
@@ -221,7 +221,7 @@ impl Range {
         if !(min.is_finite() && max.is_finite() && min < max) {
             return Some(format!("range from {min} to {max} is empty or not finite"));
         }
-        if self.scale == Scale::Log && min <= 0.0 {
+        if self.scale == SearchScale::Log && min <= 0.0 {
             return Some(format!("min {min}: a logarithmic range begins above 0"));
         }
         match self.levels {
@@ -235,8 +235,8 @@ impl Range {
     pub fn at(&self, share: f64) -> toml::Value {
         let (min, max) = self.ends().unwrap_or_default();
         let value = match self.scale {
-            Scale::Linear => min + share * (max - min),
-            Scale::Log => min * (max / min).powf(share),
+            SearchScale::Linear => min + share * (max - min),
+            SearchScale::Log => min * (max / min).powf(share),
         };
         if self.min.is_integer() && self.max.is_integer() {
             toml::Value::Integer((value.round() as i64).clamp(min as i64, max as i64))

@@ -1,7 +1,7 @@
 //! `[states]`: the independent coordinates of a surrogate with states.
 
 use super::{
-    Baselines, DynamicsModel, DynamicsOptions, NetworkOptions, ParameterOptions, Structure, Study, StudyStructure,
+    Baselines, DynamicsModel, DynamicsOptions, NetworkOptions, ParameterOptions, Study, StudyStructure, TimeStructure,
     TrainingOptions, outputs::check_variable_name,
 };
 use crate::{Result, diagnostics::Problems, table::Table};
@@ -270,7 +270,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         problems.extend(duplicates(study));
     }
     problems.expect_absent(
-        study.network.structure == Structure::Fixed,
+        study.network.structure == TimeStructure::Fixed,
         "network.structure",
         "\"fixed\" belongs to the structure \"response\"",
     );

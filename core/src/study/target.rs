@@ -1,6 +1,6 @@
 //! `[target]`: how good the surrogate is to be.
 
-use super::{Method, Structure, Study, limits::MAX_RUNS};
+use super::{Method, Study, TimeStructure, limits::MAX_RUNS};
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,7 @@ impl TargetOptions {
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
-        if study.network.structure == Structure::Fixed {
+        if study.network.structure == TimeStructure::Fixed {
             problems.add("target", "belongs to the structure \"full\"");
         }
         if study.source.is_recorded() {

@@ -1,6 +1,6 @@
 //! `[time]`: the rows of a run.
 
-use super::{Structure, Study};
+use super::{Study, TimeStructure};
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -83,7 +83,7 @@ impl TimeOptions {
         let mut problems = Problems::default();
         if self.margin > 0.0 && study.source.is_recorded() {
             problems.add("margin", "belongs to `system`, `mechanism` and `fmu`: recorded runs end where they end");
-        } else if self.margin > 0.0 && study.network.structure == Structure::Fixed {
+        } else if self.margin > 0.0 && study.network.structure == TimeStructure::Fixed {
             problems.add("margin", "belongs to the structure \"full\"");
         }
         problems

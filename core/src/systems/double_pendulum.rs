@@ -5,7 +5,7 @@
 //!   + (m1 + m2) g sin(theta1) = 0`
 //! - `m2 L2 theta2dd + m2 L1 theta1dd cos(theta1 - theta2) - m2 L1 theta1d² sin(theta1 - theta2) + m2 g sin(theta2) = 0`
 
-use super::{Quantity, System, SystemOutput, SystemPoint};
+use super::{System, SystemOutput, SystemPoint, SystemQuantity};
 use crate::integrate::{Budget, integrate};
 use nalgebra::{Matrix2, Vector2, Vector4};
 
@@ -13,15 +13,25 @@ pub(super) static SYSTEM: System = System {
     name: "double-pendulum",
     description: "double pendulum, massless rods (Choi et al. 2021, section 4.2)",
     quantities: &[
-        Quantity { name: "L1", unit: "m", description: "length of the upper rod", default: 1.5 },
-        Quantity { name: "L2", unit: "m", description: "length of the lower rod", default: 2.5 },
-        Quantity { name: "theta1d0", unit: "rad/s", description: "initial angular velocity, upper", default: 0.0 },
-        Quantity { name: "theta2d0", unit: "rad/s", description: "initial angular velocity, lower", default: 0.3 },
-        Quantity { name: "theta10", unit: "rad", description: "initial angle, upper", default: 1.6 },
-        Quantity { name: "theta20", unit: "rad", description: "initial angle, lower", default: 1.6 },
-        Quantity { name: "m1", unit: "kg", description: "upper mass", default: 2.0 },
-        Quantity { name: "m2", unit: "kg", description: "lower mass", default: 1.0 },
-        Quantity { name: "g", unit: "m/s2", description: "gravity", default: 9.81 },
+        SystemQuantity { name: "L1", unit: "m", description: "length of the upper rod", default: 1.5 },
+        SystemQuantity { name: "L2", unit: "m", description: "length of the lower rod", default: 2.5 },
+        SystemQuantity {
+            name: "theta1d0",
+            unit: "rad/s",
+            description: "initial angular velocity, upper",
+            default: 0.0,
+        },
+        SystemQuantity {
+            name: "theta2d0",
+            unit: "rad/s",
+            description: "initial angular velocity, lower",
+            default: 0.3,
+        },
+        SystemQuantity { name: "theta10", unit: "rad", description: "initial angle, upper", default: 1.6 },
+        SystemQuantity { name: "theta20", unit: "rad", description: "initial angle, lower", default: 1.6 },
+        SystemQuantity { name: "m1", unit: "kg", description: "upper mass", default: 2.0 },
+        SystemQuantity { name: "m2", unit: "kg", description: "lower mass", default: 1.0 },
+        SystemQuantity { name: "g", unit: "m/s2", description: "gravity", default: 9.81 },
     ],
     outputs: &[
         SystemOutput { name: "theta1", unit: "rad", description: "angle of the upper rod" },
@@ -51,13 +61,13 @@ fn end([x, y]: [f64; 2], length: f64, angle: f64) -> [f64; 2] {
     [x + length * angle.sin(), y - length * angle.cos()]
 }
 
-struct Model {
+struct DoublePendulum {
     lengths: [f64; 2],
     masses: [f64; 2],
     gravity: f64,
 }
 
-impl Model {
+impl DoublePendulum {
     /// Angular accelerations: the two equations solved for `theta1dd`, `theta2dd`.
     fn accelerations(&self, [theta1, theta2, theta1d, theta2d]: [f64; 4]) -> Option<Vector2<f64>> {
         let ([l1, l2], [m1, m2], g) = (self.lengths, self.masses, self.gravity);
@@ -75,7 +85,7 @@ fn simulate(quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) 
     let &[l1, l2, theta1d0, theta2d0, theta10, theta20, m1, m2, gravity] = quantities else {
         return Err(format!("{} quantities, expected {}", quantities.len(), SYSTEM.quantities.len()));
     };
-    let model = Model { lengths: [l1, l2], masses: [m1, m2], gravity };
+    let model = DoublePendulum { lengths: [l1, l2], masses: [m1, m2], gravity };
     let initial = Vector4::new(theta10, theta20, theta1d0, theta2d0);
     // a singular mass matrix (a rod or mass of zero) shows as a state that is not finite
     let derivative = |y: &Vector4<f64>| {

@@ -17,7 +17,7 @@ pub struct System {
     /// One sentence for people.
     pub description: &'static str,
     /// Every quantity that may be a parameter or a constant.
-    pub quantities: &'static [Quantity],
+    pub quantities: &'static [SystemQuantity],
     /// Every output, in the order in which `simulate` writes them.
     pub outputs: &'static [SystemOutput],
     /// The same system as a mechanism file, with these quantities as parameters and these outputs: what the structure "dynamics" learns.
@@ -36,7 +36,7 @@ pub type Simulate = fn(&[f64], &[f64], f64, &Budget) -> Result<Vec<f64>, String>
 
 /// A quantity of a [`System`] that may be a parameter or a constant.
 #[derive(Debug)]
-pub struct Quantity {
+pub struct SystemQuantity {
     /// Name.
     pub name: &'static str,
     /// Unit; the value is in this unit.

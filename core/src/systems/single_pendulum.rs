@@ -3,7 +3,7 @@
 //! A point mass `m` on a massless rod of length `L`, damped by a force `c thetad`:
 //! `thetadd + (g / L) sin(theta) + c / (m L) thetad = 0`.
 
-use super::{Quantity, System, SystemOutput, SystemPoint};
+use super::{System, SystemOutput, SystemPoint, SystemQuantity};
 use crate::integrate::{Budget, integrate};
 use nalgebra::Vector2;
 
@@ -11,12 +11,17 @@ pub(super) static SYSTEM: System = System {
     name: "single-pendulum",
     description: "damped single pendulum, massless rod (Choi et al. 2021, section 4.1)",
     quantities: &[
-        Quantity { name: "L", unit: "m", description: "length of the massless rod", default: 0.15 },
-        Quantity { name: "c", unit: "kg.m/s", description: "damping coefficient", default: 0.0 },
-        Quantity { name: "thetad0", unit: "rad/s", description: "initial angular velocity", default: 0.0 },
-        Quantity { name: "theta0", unit: "rad", description: "initial angle", default: std::f64::consts::FRAC_PI_2 },
-        Quantity { name: "m", unit: "kg", description: "mass", default: 0.3 },
-        Quantity { name: "g", unit: "m/s2", description: "gravity", default: 9.81 },
+        SystemQuantity { name: "L", unit: "m", description: "length of the massless rod", default: 0.15 },
+        SystemQuantity { name: "c", unit: "kg.m/s", description: "damping coefficient", default: 0.0 },
+        SystemQuantity { name: "thetad0", unit: "rad/s", description: "initial angular velocity", default: 0.0 },
+        SystemQuantity {
+            name: "theta0",
+            unit: "rad",
+            description: "initial angle",
+            default: std::f64::consts::FRAC_PI_2,
+        },
+        SystemQuantity { name: "m", unit: "kg", description: "mass", default: 0.3 },
+        SystemQuantity { name: "g", unit: "m/s2", description: "gravity", default: 9.81 },
     ],
     outputs: &[
         SystemOutput { name: "theta", unit: "rad", description: "angle from the downward vertical" },

@@ -8,16 +8,16 @@
 //!
 //! Velocities and accelerations by differentiating both constraints.
 
-use super::{Quantity, System, SystemOutput, SystemPoint};
+use super::{System, SystemOutput, SystemPoint, SystemQuantity};
 use crate::integrate::Budget;
 
 pub(super) static SYSTEM: System = System {
     name: "slider-crank",
     description: "kinematic slider crank (Choi et al. 2021, section 4.3)",
     quantities: &[
-        Quantity { name: "tau", unit: "rad/s", description: "angular frequency of the drive", default: 1.5 },
-        Quantity { name: "r", unit: "m", description: "radius of the crank", default: 2.0 },
-        Quantity {
+        SystemQuantity { name: "tau", unit: "rad/s", description: "angular frequency of the drive", default: 1.5 },
+        SystemQuantity { name: "r", unit: "m", description: "radius of the crank", default: 2.0 },
+        SystemQuantity {
             name: "L_over_r",
             unit: "",
             description: "length of the rod over radius of the crank",

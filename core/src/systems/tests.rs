@@ -1,6 +1,6 @@
 //! Built-in systems against the mechanisms that describe the same, in both formulations.
 
-use super::{Quantity, System};
+use super::{System, SystemQuantity};
 use crate::{
     integrate::{Budget, TOLERANCE},
     multibody::Mechanism,
@@ -22,7 +22,7 @@ fn difference(name: &str, points: &[&[f64]], parameters: &[&str], stop: f64, cou
                 .map(|(name, parameter)| set(name).unwrap_or(parameter.default))
                 .collect();
             let twin = mechanism.simulate(&values, &times, TOLERANCE, &Budget::default()).unwrap();
-            let quantity = |quantity: &Quantity| set(quantity.name).unwrap_or(quantity.default);
+            let quantity = |quantity: &SystemQuantity| set(quantity.name).unwrap_or(quantity.default);
             let quantities: Vec<f64> = system.quantities.iter().map(quantity).collect();
             let exact = (system.simulate)(&quantities, &times, TOLERANCE, &Budget::default()).unwrap();
             for (exact, twin) in exact.chunks(system.outputs.len()).zip(twin.chunks(mechanism.outputs().len())) {

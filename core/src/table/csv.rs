@@ -5,7 +5,7 @@
 //! Empty lines and lines that begin with `#` are skipped, a separator at the end of every line is not a column. Lines end with
 //! LF, CR LF, or CR as once on the Macintosh. UTF-8, with or without a byte order mark, or Latin-1.
 
-use super::{Column, Place, bracketed, check_names, wrong};
+use super::{Place, TableColumn, bracketed, check_names, wrong};
 use crate::{Error, Result};
 use csv_core::{Reader, ReaderBuilder};
 use std::{
@@ -29,7 +29,7 @@ pub(super) struct Csv {
     line_end: u8,
     /// Columns of the header.
     width: usize,
-    record: Record,
+    record: CsvRecord,
     /// The record is one that was read to see whether it holds units, and is still to be given out.
     is_waiting: bool,
     /// Line of the first number with a decimal point, and of the first with a decimal comma.
@@ -39,7 +39,7 @@ pub(super) struct Csv {
 
 /// A line and its fields.
 #[derive(Debug, Default)]
-struct Record {
+struct CsvRecord {
     /// Counted from 1.
     line: u64,
     raw: Vec<u8>,
@@ -48,7 +48,7 @@ struct Record {
     ends: Vec<usize>,
 }
 
-impl Record {
+impl CsvRecord {
     fn field(&self, index: usize) -> Cow<'_, str> {
         let start = if index == 0 { 0 } else { self.ends[index - 1] };
         decode(self.text[start..self.ends[index]].trim_ascii())
@@ -61,7 +61,7 @@ impl Record {
 
 impl Csv {
     /// Reads the header.
-    pub(super) fn new(path: &Path, mut input: BufReader<File>) -> Result<(Self, Vec<Column>)> {
+    pub(super) fn new(path: &Path, mut input: BufReader<File>) -> Result<(Self, Vec<TableColumn>)> {
         let line_end = line_end(input.fill_buf().map_err(Error::io(path, "read"))?);
         let length = input.get_ref().metadata().map_err(Error::io(path, "read"))?.len();
         let mut csv = Self {
@@ -73,7 +73,7 @@ impl Csv {
             separator: b',',
             line_end,
             width: 0,
-            record: Record::default(),
+            record: CsvRecord::default(),
             is_waiting: false,
             point: None,
             comma: None,
@@ -170,7 +170,7 @@ impl Csv {
 
     /// Splits the line into fields.
     fn split(&mut self) -> Result<()> {
-        let Record { raw, text, ends, .. } = &mut self.record;
+        let CsvRecord { raw, text, ends, .. } = &mut self.record;
         let line = trim_end(raw);
         let is_open = line.iter().filter(|&&byte| byte == b'"').count() % 2 == 1;
         text.resize(line.len() + 1, 0);
@@ -183,12 +183,12 @@ impl Csv {
         if is_open { Err(self.mistake("a quote is opened and not closed in the line")) } else { Ok(()) }
     }
 
-    fn read_header(&self) -> Result<Vec<Column>> {
-        let mut columns: Vec<Column> = self.record.fields().map(|name| Column::parse(&name)).collect();
+    fn read_header(&self) -> Result<Vec<TableColumn>> {
+        let mut columns: Vec<TableColumn> = self.record.fields().map(|name| TableColumn::parse(&name)).collect();
         while columns.last().is_some_and(|column| column.name.is_empty()) {
             columns.pop();
         }
-        if let Some(Column { name, .. }) = columns.iter().find(|column| column.name.parse::<f64>().is_ok()) {
+        if let Some(TableColumn { name, .. }) = columns.iter().find(|column| column.name.parse::<f64>().is_ok()) {
             return Err(self.mistake(&format!("`{name}` is a number, expected a header with the columns' names")));
         }
         check_names(&columns).map_err(|message| self.mistake(&message))?;
@@ -196,7 +196,7 @@ impl Csv {
     }
 
     /// Takes the second row for units if it holds no number.
-    fn read_units(&mut self, columns: &mut [Column]) -> Result<()> {
+    fn read_units(&mut self, columns: &mut [TableColumn]) -> Result<()> {
         self.is_waiting = self.next_row()?;
         let is_number = |field: Cow<'_, str>| field.replacen(',', ".", 1).parse::<f64>().is_ok();
         let mut fields = self.record.fields();

@@ -6,7 +6,7 @@
 //!
 //! A column is decoded when it is first asked for, some thousand rows at a time.
 
-use super::{Column, Place, check_names, wrong};
+use super::{Place, TableColumn, check_names, wrong};
 use crate::{Error, Result};
 use parquet::{
     basic::{Compression, ConvertedType, LogicalType, Type},
@@ -91,12 +91,12 @@ impl fmt::Debug for Parquet {
 
 impl Parquet {
     /// Reads the names and types of the columns.
-    pub(super) fn new(path: &Path, file: File) -> Result<(Self, Vec<Column>)> {
+    pub(super) fn new(path: &Path, file: File) -> Result<(Self, Vec<TableColumn>)> {
         let damaged = |message| wrong(path, Place::Whole, message);
         let file = contained(|| SerializedFileReader::new(file)).map_err(damaged)?;
         let schema = file.metadata().file_metadata().schema_descr_ptr();
         let leaves: Vec<Leaf> = contained(|| Ok(leaves(&schema))).map_err(damaged)?;
-        let columns: Vec<Column> = leaves.iter().map(|leaf| Column::parse(&leaf.name)).collect();
+        let columns: Vec<TableColumn> = leaves.iter().map(|leaf| TableColumn::parse(&leaf.name)).collect();
         check_names(&columns).map_err(damaged)?;
         let mut rows = Self { path: path.to_owned(), file, columns: leaves, group: 0, rows: 0, rows_before: 0, row: 0 };
         rows.rows = rows.rows_of(0);

@@ -6,9 +6,9 @@ use std::collections::HashMap;
 
 /// The labels of the runs so far, and where each began.
 #[derive(Debug, Default)]
-pub struct Labels(HashMap<String, Place>);
+pub struct RunLabels(HashMap<String, Place>);
 
-impl Labels {
+impl RunLabels {
     /// Notes that a run begins at the row of a table; one without a label is not noted.
     ///
     /// # Errors

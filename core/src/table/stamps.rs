@@ -10,15 +10,15 @@ const NEAREST: f64 = 0.49;
 
 /// The unit of the last decimal of stamps.
 #[derive(Clone, Copy, Debug)]
-pub struct Unit(f64);
+pub struct StampUnit(f64);
 
-impl Default for Unit {
+impl Default for StampUnit {
     fn default() -> Self {
         Self(f64::INFINITY)
     }
 }
 
-impl Unit {
+impl StampUnit {
     /// The unit of some stamps, in seconds.
     pub fn of(stamps: &[f64]) -> Self {
         let mut unit = Self::default();
@@ -58,7 +58,7 @@ pub fn period(stamps: &[f64]) -> Option<f64> {
     if !(slope.is_finite() && slope > 0.0) {
         return None;
     }
-    let unit = Unit::of(stamps);
+    let unit = StampUnit::of(stamps);
     // periods that give the stamps, the one of least squares if it does
     let possible = |exact: f64| {
         let tolerance = unit.tolerance(slope, exact);
@@ -81,7 +81,7 @@ pub fn period(stamps: &[f64]) -> Option<f64> {
 /// next two rows.
 pub fn uneven(stamps: &[f64]) -> Option<(usize, f64)> {
     let (&first, &last) = (stamps.first()?, stamps.last()?);
-    let tolerance = Unit::of(stamps).tolerance((last - first) / (stamps.len() - 1).max(1) as f64, 1e-6);
+    let tolerance = StampUnit::of(stamps).tolerance((last - first) / (stamps.len() - 1).max(1) as f64, 1e-6);
     // periods that give the stamps so far
     let (mut least, mut most) = (0.0, f64::INFINITY);
     let mut middles = vec![f64::NAN];

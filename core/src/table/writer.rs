@@ -104,10 +104,10 @@ pub struct Writer {
     format: Format,
     names: Vec<String>,
     /// None before the first rows, whose values tell the types of the columns.
-    written: Option<Written>,
+    written: Option<FormatWriter>,
 }
 
-enum Written {
+enum FormatWriter {
     Csv,
     // what it writes waits in memory until the row group is complete
     Parquet(Box<SerializedFileWriter<Vec<u8>>>),
@@ -129,14 +129,14 @@ impl Writer {
         }
         let written = match &mut self.written {
             Some(written) => written,
-            None => self.written.insert(Written::begin(self.format, &self.names, blocks, to)?),
+            None => self.written.insert(FormatWriter::begin(self.format, &self.names, blocks, to)?),
         };
         match written {
-            Written::Csv => {
+            FormatWriter::Csv => {
                 let texts: Vec<Vec<u8>> = blocks.par_iter().map(lines).collect();
                 texts.iter().try_for_each(|text| to.write_all(text))
             }
-            Written::Parquet(writer) => {
+            FormatWriter::Parquet(writer) => {
                 write_group(writer, blocks).map_err(io::Error::other)?;
                 writer.flush()?;
                 to.write_all(writer.inner())?;
@@ -152,13 +152,13 @@ impl Writer {
     /// Those of `to`.
     pub fn finish(self, to: &mut dyn Write) -> io::Result<()> {
         match self.written {
-            None | Some(Written::Csv) => Ok(()),
-            Some(Written::Parquet(writer)) => to.write_all(&writer.into_inner().map_err(io::Error::other)?),
+            None | Some(FormatWriter::Csv) => Ok(()),
+            Some(FormatWriter::Parquet(writer)) => to.write_all(&writer.into_inner().map_err(io::Error::other)?),
         }
     }
 }
 
-impl Written {
+impl FormatWriter {
     fn begin(format: Format, names: &[String], first: &[Block], to: &mut dyn Write) -> io::Result<Self> {
         match format {
             Format::Csv => {

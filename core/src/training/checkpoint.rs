@@ -31,7 +31,7 @@ pub(super) struct Header {
     pub(super) activation: Activation,
     /// For training and for validation.
     pub(super) rows: [usize; 2],
-    /// [`Rows::digest`](super::Rows::digest) of both, as text: JSON's numbers are not that long everywhere.
+    /// [`TrainingRows::digest`](super::TrainingRows::digest) of both, as text: JSON's numbers are not that long everywhere.
     pub(super) digests: [String; 2],
     /// Of the optimizer.
     pub(super) steps: u64,
@@ -45,7 +45,7 @@ pub(super) const NO_DIGEST: &str = "00000000000000000000000000000000000000000000
 
 /// What is there in all formats.
 #[derive(Deserialize)]
-struct Format {
+struct CheckpointFormat {
     format: u32,
 }
 
@@ -103,7 +103,7 @@ pub(super) fn read(
     let (_, metadata) = SafeTensors::read_metadata(bytes).map_err(damaged)?;
     let text = metadata.metadata().as_ref().and_then(|entries| entries.get(HEADER_KEY));
     let text = text.ok_or_else(|| damaged("it has no header"))?;
-    let Format { format } = serde_json::from_str(text).map_err(damaged)?;
+    let CheckpointFormat { format } = serde_json::from_str(text).map_err(damaged)?;
     if format != FORMAT {
         return Err(damaged(format!("it has format {format}, expected {FORMAT}: another version of metafmu wrote it")));
     }

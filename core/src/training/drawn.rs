@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// Standardised samples of functions, with derivatives along some directions.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Samples {
+pub struct FunctionSamples {
     /// Number of directions.
     pub directions: usize,
     /// Of each sample the columns, then their derivatives along each direction: shape `[samples, 1 + directions, columns]`.
@@ -29,13 +29,13 @@ pub struct Samples {
 }
 
 /// A function, or several that depend on the same columns.
-struct Group {
+struct FunctionGroup {
     outputs: Vec<usize>,
     columns: Vec<usize>,
 }
 
 /// Nodes of one group, and what each of its outputs has of them: shape `[outputs, nodes + 1]`, the last one being the constant.
-struct Nodes {
+struct RandomFeatures {
     /// `[nodes, columns]`
     weights: Vec<f64>,
     bias: Vec<f64>,
@@ -78,25 +78,25 @@ const COLUMNS: usize = 64;
 /// # Panics
 /// If the samples have no rows or other shapes.
 pub fn solve(
-    seen: &Samples,
-    held_out: &Samples,
+    seen: &FunctionSamples,
+    held_out: &FunctionSamples,
     depends: &[Vec<bool>],
     known: &[bool],
     seed: u64,
     stop: &AtomicBool,
 ) -> Option<(Vec<Layer>, f64)> {
     let (columns, outputs) = (depends[0].len(), depends.len());
-    let mut groups: Vec<Group> = Vec::new();
+    let mut groups: Vec<FunctionGroup> = Vec::new();
     for (output, depends) in depends.iter().enumerate() {
         let columns: Vec<usize> = (0..columns).filter(|column| depends[*column] || !depends.contains(&true)).collect();
-        let same = |group: &&mut Group| group.columns == columns && known[group.outputs[0]] == known[output];
+        let same = |group: &&mut FunctionGroup| group.columns == columns && known[group.outputs[0]] == known[output];
         match groups.iter_mut().find(same) {
             Some(group) => group.outputs.push(output),
-            None => groups.push(Group { outputs: vec![output], columns }),
+            None => groups.push(FunctionGroup { outputs: vec![output], columns }),
         }
     }
-    let problems = groups.iter().map(|group| Problem::new(group, [seen, held_out], [columns, outputs], known));
-    let solved: Vec<Nodes> = problems.map(|problem| problem.solve(seed, stop)).collect::<Option<_>>()?;
+    let problems = groups.iter().map(|group| GroupRegression::new(group, [seen, held_out], [columns, outputs], known));
+    let solved: Vec<RandomFeatures> = problems.map(|problem| problem.solve(seed, stop)).collect::<Option<_>>()?;
     let nodes: usize = solved.iter().map(|nodes| nodes.bias.len()).sum();
     let (mut weights, mut bias) = (vec![0.0; nodes * columns], Vec::with_capacity(nodes));
     let (mut last, mut constant) = (vec![0.0; outputs * nodes], vec![0.0; outputs]);
@@ -128,7 +128,7 @@ pub fn solve(
 }
 
 /// The functions of a group: rows of their own columns, which are values and, if they are known, derivatives.
-struct Problem {
+struct GroupRegression {
     columns: usize,
     outputs: usize,
     /// Rows of a sample, the first of which are values.
@@ -137,10 +137,10 @@ struct Problem {
     held_out: [Vec<f64>; 2],
 }
 
-impl Problem {
-    fn new(group: &Group, [seen, held_out]: [&Samples; 2], widths: [usize; 2], known: &[bool]) -> Self {
+impl GroupRegression {
+    fn new(group: &FunctionGroup, [seen, held_out]: [&FunctionSamples; 2], widths: [usize; 2], known: &[bool]) -> Self {
         let parts = if known[group.outputs[0]] { 1 + seen.directions } else { 1 };
-        let own = |samples: &Samples, parts: usize| {
+        let own = |samples: &FunctionSamples, parts: usize| {
             let of = |values: &[f64], width: usize, chosen: &[usize]| -> Vec<f64> {
                 let samples = values.chunks(width * (1 + samples.directions));
                 let rows = samples.flat_map(|sample| sample.chunks(width).take(parts));
@@ -157,12 +157,12 @@ impl Problem {
         }
     }
 
-    fn solve(&self, seed: u64, stop: &AtomicBool) -> Option<Nodes> {
-        let mut best: Option<(Vec<f64>, Nodes)> = None;
+    fn solve(&self, seed: u64, stop: &AtomicBool) -> Option<RandomFeatures> {
+        let mut best: Option<(Vec<f64>, RandomFeatures)> = None;
         for count in NODES {
-            let attempt = |scales: Vec<f64>, best: &mut Option<(Vec<f64>, Nodes)>| -> Option<()> {
+            let attempt = |scales: Vec<f64>, best: &mut Option<(Vec<f64>, RandomFeatures)>| -> Option<()> {
                 let found = self.with_nodes(count, &scales, seed, stop);
-                let is_better = |found: &Nodes| best.as_ref().is_none_or(|(_, best)| found.error < best.error);
+                let is_better = |found: &RandomFeatures| best.as_ref().is_none_or(|(_, best)| found.error < best.error);
                 if let Some(found) = found.filter(is_better) {
                     *best = Some((scales, found));
                 }
@@ -191,19 +191,20 @@ impl Problem {
     }
 
     /// None if no finite coefficients were found, or `stop` turned true.
-    fn with_nodes(&self, count: usize, scales: &[f64], seed: u64, stop: &AtomicBool) -> Option<Nodes> {
+    fn with_nodes(&self, count: usize, scales: &[f64], seed: u64, stop: &AtomicBool) -> Option<RandomFeatures> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut nodes = Nodes { weights: Vec::new(), bias: Vec::new(), coefficients: Vec::new(), error: f64::INFINITY };
+        let mut nodes =
+            RandomFeatures { weights: Vec::new(), bias: Vec::new(), coefficients: Vec::new(), error: f64::INFINITY };
         for _ in 0..count {
             let mut uniform = |limit: f64| limit * (2.0 * random.random::<f64>() - 1.0);
             nodes.weights.extend(scales.iter().map(|scale| uniform(*scale)));
             nodes.bias.push(uniform(1.0));
         }
-        let of = |nodes: &Nodes, [inputs, outputs]: &[Vec<f64>; 2], samples: usize, parts: usize| {
+        let of = |nodes: &RandomFeatures, [inputs, outputs]: &[Vec<f64>; 2], samples: usize, parts: usize| {
             let rows = samples.min(outputs.len() / self.outputs / parts) * parts;
             let inputs = inputs[..rows * self.columns].par_chunks(BLOCK * parts * self.columns);
             let outputs = outputs[..rows * self.outputs].par_chunks(BLOCK * parts * self.outputs);
-            let block = |(inputs, outputs): (&[f64], &[f64])| Block {
+            let block = |(inputs, outputs): (&[f64], &[f64])| RowBlock {
                 nodes: nodes.values(inputs, self.columns, parts),
                 outputs: DMatrix::from_row_slice(outputs.len() / self.outputs, self.outputs, outputs),
             };
@@ -226,7 +227,7 @@ impl Problem {
         let shape = (count + 1, self.outputs);
         let mut coefficients = DMatrix::zeros(count + 1, self.outputs);
         for _ in 0..SOLUTIONS {
-            let more = |block: &Block| block.nodes.tr_mul(&(&block.outputs - &block.nodes * &coefficients));
+            let more = |block: &RowBlock| block.nodes.tr_mul(&(&block.outputs - &block.nodes * &coefficients));
             coefficients += sum(&seen, shape, more);
         }
         for factor in factors.iter().rev() {
@@ -245,7 +246,7 @@ impl Problem {
 }
 
 /// Some rows, which are values and derivatives.
-struct Block {
+struct RowBlock {
     /// Of the nodes and of the constant: shape `[rows, nodes + 1]`.
     nodes: DMatrix<f64>,
     /// Shape `[rows, outputs]`.
@@ -253,7 +254,11 @@ struct Block {
 }
 
 /// The sum, over blocks, of what `of` makes of them, a matrix of this shape: the same for any number of threads.
-fn sum(blocks: &[Block], (height, width): (usize, usize), of: impl Fn(&Block) -> DMatrix<f64> + Sync) -> DMatrix<f64> {
+fn sum(
+    blocks: &[RowBlock],
+    (height, width): (usize, usize),
+    of: impl Fn(&RowBlock) -> DMatrix<f64> + Sync,
+) -> DMatrix<f64> {
     let zeros = || DMatrix::zeros(height, width);
     let of_part = |part: usize| {
         let blocks = &blocks[part * blocks.len() / PARTS..(part + 1) * blocks.len() / PARTS];
@@ -280,7 +285,7 @@ fn divide(a: &mut DMatrix<f64>, r: &DMatrix<f64>) {
     }
 }
 
-impl Nodes {
+impl RandomFeatures {
     /// Of each node and of the constant, at rows of columns, sample by sample, of which the first of each are values.
     fn values(&self, inputs: &[f64], columns: usize, parts: usize) -> DMatrix<f64> {
         let count = self.bias.len();
@@ -311,9 +316,9 @@ mod tests {
     use super::*;
 
     /// `sin(2 a) b`, its derivative along `a` known, and `c²`, at random points.
-    fn samples(count: usize, seed: u64) -> Samples {
+    fn samples(count: usize, seed: u64) -> FunctionSamples {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut samples = Samples { directions: 1, ..Samples::default() };
+        let mut samples = FunctionSamples { directions: 1, ..FunctionSamples::default() };
         for _ in 0..count {
             let [a, b, c]: [f64; 3] = std::array::from_fn(|_| 3.0 * random.random::<f64>() - 1.5);
             samples.inputs.extend([a, b, c, 1.0, 0.0, 0.0]);
@@ -363,7 +368,7 @@ mod tests {
     fn each_column_has_the_weights_that_it_wants() {
         let linkage = |count: usize, seed: u64| {
             let mut random = ChaCha8Rng::seed_from_u64(seed);
-            let mut samples = Samples::default();
+            let mut samples = FunctionSamples::default();
             for _ in 0..count {
                 let [a, k]: [f64; 2] = [6.3, 3.4].map(|range| range * random.random::<f64>());
                 samples.inputs.extend([1.4 * a.sin(), 1.4 * a.cos(), k - 1.7]);

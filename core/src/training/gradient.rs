@@ -4,14 +4,14 @@
 //! buffer of its own, whichever thread works on it; the parts are added in their order, by [`Gradients::sum_piece`].
 
 use super::{
-    Rows, Tangents,
+    Tangents, TrainingRows,
     loss::LossFunction,
-    recurrence::{Block, Unrolled},
+    recurrence::{StretchBlock, Unrolled},
     team::{Divided, Team},
 };
 use crate::network::{
     BLOCK_ROWS, DropoutMask, Packed, Workspace, block_rows,
-    kernels::{Kernel, Lanes, Simd, Store, WIDTH, buffer::Buffer},
+    kernels::{InstructionSet, SimdKernel, SimdLanes, Store, WIDTH, buffer::Buffer},
     layout::{padded, stride},
 };
 use crate::study::TrainingOptions;
@@ -30,15 +30,15 @@ const MIN_PART_ROWS: usize = 32;
 pub(super) struct Gradients {
     /// Most rows of a batch.
     batch: usize,
-    simd: Simd,
+    simd: InstructionSet,
     function: LossFunction,
-    parts: Vec<Part>,
+    parts: Vec<BatchPart>,
     /// One for each member.
     workspaces: Vec<Mutex<Unrolled>>,
 }
 
 /// A part of the batch.
-struct Part {
+struct BatchPart {
     /// Laid out as the packed parameters are.
     gradient: Buffer,
     /// Sum over its rows.
@@ -49,9 +49,9 @@ struct Part {
 
 /// The gradients of the parts of a batch, while they are added piece by piece.
 pub(super) struct Sum<'a> {
-    simd: Simd,
+    simd: InstructionSet,
     first: Divided<'a, f32>,
-    others: &'a [Part],
+    others: &'a [BatchPart],
 }
 
 impl Gradients {
@@ -59,14 +59,14 @@ impl Gradients {
     pub(super) fn new(network: &Packed, options: &TrainingOptions, batch: usize, members: usize) -> Self {
         let outputs = network.layout.shapes[network.layout.shapes.len() - 1].outputs;
         let normalized = || network.layout.shapes.iter().filter(|shape| shape.normalized);
-        let part = || Part {
+        let part = || BatchPart {
             gradient: Buffer::zeros(network.layout.len()),
             loss: 0.0,
             statistics: normalized().map(|shape| Buffer::zeros(2 * padded(shape.outputs))).collect(),
         };
         Self {
             batch,
-            simd: Simd::detect(),
+            simd: InstructionSet::detect(),
             function: LossFunction::new(options, outputs),
             parts: (0..parts(batch)).map(|_| part()).collect(),
             workspaces: (0..members).map(|_| Mutex::new(Unrolled::new(network))).collect(),
@@ -79,7 +79,7 @@ impl Gradients {
         &mut self,
         team: &mut Team,
         network: &Packed,
-        rows: &Rows,
+        rows: &TrainingRows,
         numbers: &[u32],
         (seed, step): (u64, u64),
     ) -> f64 {
@@ -107,7 +107,7 @@ impl Gradients {
             for block in 0..blocks {
                 let numbers = &numbers[block * numbers.len() / blocks..(block + 1) * numbers.len() / blocks];
                 if let Some(recurrence) = rows.recurrence() {
-                    let block = Block { network, rows, recurrence, function, numbers };
+                    let block = StretchBlock { network, rows, recurrence, function, numbers };
                     let scale = (1.0 / count) as f32;
                     part.loss += block.gradient((seed, step), scale, store, &mut unrolled, &mut part.gradient);
                     store = Store::Add;
@@ -157,7 +157,7 @@ impl Gradients {
     }
 
     /// Mean loss over the outputs of all rows; `sums`: one place for every [`BLOCK_ROWS`] rows.
-    pub(super) fn loss(&self, team: &mut Team, network: &Packed, rows: &Rows, sums: &mut [f64]) -> f64 {
+    pub(super) fn loss(&self, team: &mut Team, network: &Packed, rows: &TrainingRows, sums: &mut [f64]) -> f64 {
         let blocks = rows.len().div_ceil(BLOCK_ROWS);
         let divided = Divided::new(&mut sums[..blocks]);
         team.for_each(blocks, |member, index| {
@@ -169,7 +169,8 @@ impl Gradients {
             let sum = unsafe { &mut divided.range(index..index + 1)[0] };
             let numbers = &block[..numbers.len()];
             if let Some(recurrence) = rows.recurrence() {
-                *sum = Block { network, rows, recurrence, function: &self.function, numbers }.loss(&mut unrolled);
+                *sum =
+                    StretchBlock { network, rows, recurrence, function: &self.function, numbers }.loss(&mut unrolled);
                 return;
             }
             let workspace = &mut unrolled.workspaces[0];
@@ -186,7 +187,7 @@ fn parts(rows: usize) -> usize {
     (rows / MIN_PART_ROWS).clamp(1, MAX_PARTS)
 }
 
-impl Part {
+impl BatchPart {
     fn add_statistics(&mut self, rows: usize, workspace: &Workspace) {
         for (sums, of_block) in self.statistics.iter_mut().zip(workspace.statistics()) {
             let (count, width) = (rows as f32, sums.len() / 2);
@@ -200,7 +201,7 @@ impl Part {
 }
 
 /// Puts the inputs of at most [`BLOCK_ROWS`] rows into the workspace.
-fn gather(rows: &Rows, numbers: &[u32], workspace: &mut Workspace) {
+fn gather(rows: &TrainingRows, numbers: &[u32], workspace: &mut Workspace) {
     let n_inputs = rows.n_inputs();
     for &number in numbers {
         rows.prefetch(number as usize);
@@ -213,7 +214,13 @@ fn gather(rows: &Rows, numbers: &[u32], workspace: &mut Workspace) {
 }
 
 /// Sum of the losses of the rows whose outputs are in the workspace, and `scale` times its derivatives as deltas.
-fn sum_of_losses(function: &LossFunction, workspace: &mut Workspace, rows: &Rows, numbers: &[u32], scale: f64) -> f64 {
+fn sum_of_losses(
+    function: &LossFunction,
+    workspace: &mut Workspace,
+    rows: &TrainingRows,
+    numbers: &[u32],
+    scale: f64,
+) -> f64 {
     let n_outputs = rows.n_outputs();
     let (outputs, deltas) = workspace.outputs_and_deltas();
     let distance = stride(n_outputs);
@@ -226,7 +233,7 @@ fn sum_of_losses(function: &LossFunction, workspace: &mut Workspace, rows: &Rows
 }
 
 /// Puts the derivatives of the inputs after those of the rows: direction by direction.
-fn gather_tangents(rows: &Rows, tangents: &Tangents, numbers: &[u32], workspace: &mut Workspace) {
+fn gather_tangents(rows: &TrainingRows, tangents: &Tangents, numbers: &[u32], workspace: &mut Workspace) {
     let (n_inputs, directions) = (rows.n_inputs(), tangents.directions);
     let places = workspace.inputs_mut().chunks_exact_mut(stride(n_inputs)).skip(numbers.len());
     let sources = (0..directions).flat_map(|direction| {
@@ -241,7 +248,7 @@ fn gather_tangents(rows: &Rows, tangents: &Tangents, numbers: &[u32], workspace:
 fn sum_of_tangents(
     function: &LossFunction,
     workspace: &mut Workspace,
-    (rows, tangents): (&Rows, &Tangents),
+    (rows, tangents): (&TrainingRows, &Tangents),
     numbers: &[u32],
     scale: f64,
 ) -> f64 {
@@ -276,15 +283,15 @@ impl Sum<'_> {
 
 struct AddParts<'a> {
     total: &'a mut [f32],
-    others: &'a [Part],
+    others: &'a [BatchPart],
     range: Range<usize>,
 }
 
-impl Kernel for AddParts<'_> {
+impl SimdKernel for AddParts<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { total, others, range } = self;
         for part in others {
             let part = part.gradient[range.clone()].as_chunks::<WIDTH>().0;

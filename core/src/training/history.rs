@@ -7,7 +7,7 @@ use std::{fs::File, io::BufReader, path::Path};
 
 /// A row of the table.
 #[derive(Deserialize)]
-struct Row {
+struct EpochRow {
     epoch: usize,
     train_loss: f64,
     validation_loss: f64,
@@ -41,7 +41,7 @@ pub fn read_history(path: &Path) -> Result<Vec<EpochRecord>> {
     };
     let mut history: Vec<EpochRecord> = Vec::new();
     for row in csv::Reader::from_reader(BufReader::new(file)).deserialize() {
-        let Row { epoch, train_loss, validation_loss, learning_rate, seconds } = row.map_err(wrong)?;
+        let EpochRow { epoch, train_loss, validation_loss, learning_rate, seconds } = row.map_err(wrong)?;
         let best = history.iter().all(|earlier| validation_loss < earlier.validation_loss);
         history.push(EpochRecord { epoch, train_loss, validation_loss, learning_rate, seconds, best });
     }

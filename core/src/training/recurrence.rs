@@ -8,7 +8,7 @@
 
 use super::{
     loss::LossFunction,
-    rows::{Recurrence, Rows},
+    rows::{Recurrence, TrainingRows},
 };
 use crate::network::{BLOCK_ROWS, DropoutMask, Packed, Workspace, kernels::Store, layout::stride};
 
@@ -32,7 +32,7 @@ impl Unrolled {
         Self { workspaces: vec![Workspace::new(network)], ..Self::default() }
     }
 
-    fn reserve(&mut self, network: &Packed, rows: &Rows, workspaces: usize, stretch: usize) {
+    fn reserve(&mut self, network: &Packed, rows: &TrainingRows, workspaces: usize, stretch: usize) {
         while self.workspaces.len() < workspaces {
             self.workspaces.push(Workspace::new(network));
         }
@@ -44,16 +44,16 @@ impl Unrolled {
 }
 
 /// A block of stretches of some rows.
-pub(super) struct Block<'a> {
+pub(super) struct StretchBlock<'a> {
     pub(super) network: &'a Packed,
-    pub(super) rows: &'a Rows,
+    pub(super) rows: &'a TrainingRows,
     pub(super) recurrence: &'a Recurrence,
     pub(super) function: &'a LossFunction,
     /// The numbers of the stretches.
     pub(super) numbers: &'a [u32],
 }
 
-impl Block<'_> {
+impl StretchBlock<'_> {
     /// Sum of the losses.
     pub(super) fn loss(&self, unrolled: &mut Unrolled) -> f64 {
         let Recurrence { stretch, .. } = *self.recurrence;
@@ -198,7 +198,7 @@ mod tests {
     };
 
     /// 40 rows of two outputs that are fed back for three rows, and one more input.
-    fn rows(stretch: usize) -> Rows {
+    fn rows(stretch: usize) -> TrainingRows {
         let (n_inputs, n_outputs, count) = (7, 2, 40);
         let value = |index: usize| 2.0 * (0.618_034 * (index + 1) as f64).fract() as f32 - 1.0;
         let inputs = (0..count * n_inputs).map(value).collect();
@@ -210,11 +210,11 @@ mod tests {
             starts: vec![0, 7, 19, 30],
             stretch,
         };
-        Rows::new(n_inputs, n_outputs, inputs, outputs).unwrap().with_recurrence(recurrence)
+        TrainingRows::new(n_inputs, n_outputs, inputs, outputs).unwrap().with_recurrence(recurrence)
     }
 
     /// The definition in double precision: the sum of squared errors.
-    fn reference(rows: &Rows, network: &Network, parameters: &[f64]) -> f64 {
+    fn reference(rows: &TrainingRows, network: &Network, parameters: &[f64]) -> f64 {
         let recurrence = rows.recurrence().unwrap();
         let (n_inputs, n_outputs) = (rows.n_inputs(), rows.n_outputs());
         let sizes = network.sizes();
@@ -262,7 +262,7 @@ mod tests {
             let rows = rows(stretch);
             let recurrence = rows.recurrence().unwrap();
             let block =
-                Block { network: &packed, rows: &rows, recurrence, function: &function, numbers: &[0, 1, 2, 3] };
+                StretchBlock { network: &packed, rows: &rows, recurrence, function: &function, numbers: &[0, 1, 2, 3] };
             let mut unrolled = Unrolled::new(&packed);
             let parameters: Vec<f64> = network.parameters().iter().map(|p| f64::from(*p)).collect();
             let expected = reference(&rows, &network, &parameters);

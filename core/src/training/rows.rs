@@ -4,7 +4,7 @@ use super::TrainingError;
 
 /// Standardised inputs and outputs, row by row.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Rows {
+pub struct TrainingRows {
     n_inputs: usize,
     n_outputs: usize,
     inputs: Vec<f32>,
@@ -41,7 +41,7 @@ pub struct Recurrence {
     pub stretch: usize,
 }
 
-impl Rows {
+impl TrainingRows {
     /// `inputs` is `[rows, n_inputs]` and `outputs` `[rows, n_outputs]`, both row by row.
     ///
     /// # Errors
@@ -66,7 +66,7 @@ impl Rows {
     /// The same with derivatives. They are learned by networks with tanh or sigmoid, without normalisation and dropout.
     ///
     /// # Errors
-    /// As [`Rows::new`].
+    /// As [`TrainingRows::new`].
     pub fn with_tangents(self, tangents: Tangents) -> Result<Self, TrainingError> {
         let Tangents { directions, inputs, outputs, known } = &tangents;
         let rows = Self::new(self.n_inputs, self.n_outputs, inputs.clone(), outputs.clone())?.len();
@@ -168,19 +168,19 @@ mod tests {
 
     #[test]
     fn rows_that_do_not_fit_their_columns_are_refused() {
-        assert_eq!(Rows::new(2, 1, vec![0.0; 6], vec![0.0; 3]).unwrap().len(), 3);
-        assert!(Rows::new(2, 1, Vec::new(), Vec::new()).unwrap().is_empty());
+        assert_eq!(TrainingRows::new(2, 1, vec![0.0; 6], vec![0.0; 3]).unwrap().len(), 3);
+        assert!(TrainingRows::new(2, 1, Vec::new(), Vec::new()).unwrap().is_empty());
         for (n_inputs, n_outputs, inputs, outputs) in [(2, 1, 5, 2), (2, 1, 6, 2), (0, 1, 0, 3), (2, 0, 6, 0)] {
-            let error = Rows::new(n_inputs, n_outputs, vec![0.0; inputs], vec![0.0; outputs]).unwrap_err();
+            let error = TrainingRows::new(n_inputs, n_outputs, vec![0.0; inputs], vec![0.0; outputs]).unwrap_err();
             assert_eq!(error, TrainingError::Shape { n_inputs, n_outputs, inputs, outputs });
         }
     }
 
     #[test]
     fn values_that_are_not_finite_are_located() {
-        let error = Rows::new(2, 1, vec![0.0, 1.0, 2.0, f32::INFINITY], vec![0.0; 2]).unwrap_err();
+        let error = TrainingRows::new(2, 1, vec![0.0, 1.0, 2.0, f32::INFINITY], vec![0.0; 2]).unwrap_err();
         assert_eq!(error.to_string(), "row 1, input column 1: inf is not finite");
-        let error = Rows::new(1, 2, vec![0.0; 2], vec![0.0, 1.0, f32::NAN, 3.0]).unwrap_err();
+        let error = TrainingRows::new(1, 2, vec![0.0; 2], vec![0.0, 1.0, f32::NAN, 3.0]).unwrap_err();
         assert_eq!(error.to_string(), "row 1, output column 0: NaN is not finite");
     }
 }

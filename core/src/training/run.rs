@@ -1,7 +1,7 @@
 //! The training loop.
 
 use super::{
-    EpochRecord, Observer, Outcome, Progress, Rows, StopReason, TrainingError,
+    EpochRecord, Observer, Outcome, Progress, StopReason, TrainingError, TrainingRows,
     checkpoint::{self, Header, NO_DIGEST},
     schedule::{cycle, relative_rate},
     trainer::{Trainer, sums},
@@ -24,13 +24,13 @@ const OVERFITTED: (f64, usize, usize) = (1.5, 5, 50);
 /// no sense.
 pub fn train(
     network: Network,
-    training: &Rows,
-    validation: &Rows,
+    training: &TrainingRows,
+    validation: &TrainingRows,
     options: &TrainingOptions,
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<Outcome, TrainingError> {
-    Ok(Run::new(network, training, validation, options, seed)?.run(observer))
+    Ok(TrainingRun::new(network, training, validation, options, seed)?.run(observer))
 }
 
 /// Goes on with a training from what [`Observer::checkpoint`] was given; the other arguments must be those of the
@@ -41,26 +41,26 @@ pub fn train(
 pub fn resume(
     checkpoint: &[u8],
     network: Network,
-    training: &Rows,
-    validation: &Rows,
+    training: &TrainingRows,
+    validation: &TrainingRows,
     options: &TrainingOptions,
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<Outcome, TrainingError> {
-    let mut run = Run::new(network, training, validation, options, seed)?;
+    let mut run = TrainingRun::new(network, training, validation, options, seed)?;
     run.restore(checkpoint)?;
     Ok(run.run(observer))
 }
 
 /// A training under way.
-struct Run<'a> {
+struct TrainingRun<'a> {
     trainer: Trainer,
     /// The network with the smallest validation loss so far; at first the given one.
     best: Network,
     best_epoch: usize,
     history: Vec<EpochRecord>,
-    training: &'a Rows,
-    validation: &'a Rows,
+    training: &'a TrainingRows,
+    validation: &'a TrainingRows,
     options: &'a TrainingOptions,
     seed: u64,
     /// The numbers of the training rows, in the order of the epoch.
@@ -83,11 +83,11 @@ struct Epoch {
     learning_rate: f64,
 }
 
-impl<'a> Run<'a> {
+impl<'a> TrainingRun<'a> {
     fn new(
         network: Network,
-        training: &'a Rows,
-        validation: &'a Rows,
+        training: &'a TrainingRows,
+        validation: &'a TrainingRows,
         options: &'a TrainingOptions,
         seed: u64,
     ) -> Result<Self, TrainingError> {
@@ -258,7 +258,7 @@ impl<'a> Run<'a> {
     }
 }
 
-fn check_rows(network: &Network, set: &'static str, rows: &Rows) -> Result<(), TrainingError> {
+fn check_rows(network: &Network, set: &'static str, rows: &TrainingRows) -> Result<(), TrainingError> {
     for (what, found, expected) in
         [("input", rows.n_inputs(), network.inputs()), ("output", rows.n_outputs(), network.outputs())]
     {

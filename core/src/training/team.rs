@@ -28,7 +28,7 @@ pub(super) struct Team {
     alone: bool,
 }
 
-type Work<'a> = dyn Fn(usize, usize) + Sync + 'a;
+type TeamWork<'a> = dyn Fn(usize, usize) + Sync + 'a;
 
 /// On cache lines of their own: what is written often would slow down the reading of its neighbours.
 #[repr(align(128))]
@@ -41,7 +41,7 @@ struct Shared {
     /// Items done in this round.
     done: Alone<AtomicUsize>,
     /// Written by the caller between rounds, read by who owns an item.
-    work: UnsafeCell<Option<*const Work<'static>>>,
+    work: UnsafeCell<Option<*const TeamWork<'static>>>,
     failed: AtomicBool,
     dismissed: AtomicBool,
 }
@@ -99,11 +99,11 @@ impl Team {
         if self.alone || items <= 1 {
             return (0..items).for_each(|item| work(0, item));
         }
-        let work: &Work = &work;
-        let pointer: *const Work<'_> = work;
+        let work: &TeamWork = &work;
+        let pointer: *const TeamWork<'_> = work;
         // SAFETY: only the lifetime is extended. Nobody reads the pointer after the last item is done, and that is
         // waited for before `work` goes out of scope
-        let pointer: *const Work<'static> = unsafe { std::mem::transmute(pointer) };
+        let pointer: *const TeamWork<'static> = unsafe { std::mem::transmute(pointer) };
         let shared = &*self.shared;
         // SAFETY: all items of the round before are done, so nobody reads it now
         unsafe { *shared.work.get() = Some(pointer) };

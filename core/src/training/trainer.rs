@@ -1,6 +1,6 @@
 //! A network under training.
 
-use super::{Rows, TrainingError, gradient::Gradients, optimizer::Updater, pace::Pace, team::Team};
+use super::{TrainingError, TrainingRows, gradient::Gradients, optimizer::Updater, pace::Pace, team::Team};
 use crate::{
     diagnostics::KeyProblem,
     network::{
@@ -98,7 +98,7 @@ impl Trainer {
     ///
     /// # Panics
     /// If the rows do not fit the network, a number is too large, or there are none or more than `batch` of them.
-    pub fn step(&mut self, rows: &Rows, numbers: &[u32], learning_rate: f64) -> f64 {
+    pub fn step(&mut self, rows: &TrainingRows, numbers: &[u32], learning_rate: f64) -> f64 {
         let Self { packed, updater, gradients, team, pace, seed, running, .. } = self;
         let started = Instant::now();
         team.set_alone(pace.alone());
@@ -114,7 +114,7 @@ impl Trainer {
     }
 
     /// Mean loss over the outputs of all rows, without penalties.
-    pub(super) fn loss(&mut self, rows: &Rows, sums: &mut [f64]) -> f64 {
+    pub(super) fn loss(&mut self, rows: &TrainingRows, sums: &mut [f64]) -> f64 {
         if self.folded.is_some() {
             let network = self.network();
             if let Some(folded) = &mut self.folded {
@@ -201,7 +201,7 @@ mod tests {
         for case in cases {
             let Case { name, options, losses, gradients, tolerance, .. } = case;
             let network = from_parameters(&sizes, case.activation, &case.parameters);
-            let rows = Rows::new(sizes[0], sizes[sizes.len() - 1], case.inputs, case.targets).unwrap();
+            let rows = TrainingRows::new(sizes[0], sizes[sizes.len() - 1], case.inputs, case.targets).unwrap();
             let numbers: Vec<u32> = (0..rows.len() as u32).collect();
             let mut trainer = Trainer::new(network, &options, rows.len(), 2, 1).unwrap();
             for (step, loss) in losses.iter().enumerate() {
@@ -235,7 +235,7 @@ mod tests {
             Network::from_layers(&layers, activation).unwrap()
         };
         // hidden values and their mean are 1; the loss of a target of 0 is the square of what is left
-        let rows = Rows::new(1, 1, vec![1.0; 200], vec![0.0; 200]).unwrap();
+        let rows = TrainingRows::new(1, 1, vec![1.0; 200], vec![0.0; 200]).unwrap();
         let numbers: Vec<u32> = (0..200).collect();
         let options = TrainingOptions { dropout: 0.25, ..TrainingOptions::default() };
         let mut trainer = Trainer::new(network(Activation::Identity), &options, 200, 1, 7).unwrap();
@@ -253,7 +253,7 @@ mod tests {
         let network = from_parameters(&[1, 1, 1], Activation::Identity, &[1.0, 0.0, 1.0, 0.0]);
         let options = TrainingOptions { batch_norm: true, ..TrainingOptions::default() };
         let mut trainer = Trainer::new(network, &options, 4, 1, 1).unwrap();
-        let rows = Rows::new(1, 1, vec![2.0, 4.0, 6.0, 8.0], vec![0.0; 4]).unwrap();
+        let rows = TrainingRows::new(1, 1, vec![2.0, 4.0, 6.0, 8.0], vec![0.0; 4]).unwrap();
         for _ in 0..200 {
             trainer.step(&rows, &[0, 1, 2, 3], 0.0);
         }

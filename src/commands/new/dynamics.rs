@@ -3,7 +3,7 @@
 use super::{Proposal, Target, control, describe, quoted, say};
 use metafmu::{
     Result,
-    dynamics::{self, Checked, Range, Region},
+    dynamics::{self, Checked, QuantityRange, Region},
     multibody::{FreeCoordinate, Mechanism},
     pipeline::trial,
     study::{Study, is_angle},
@@ -136,7 +136,7 @@ step = {:<20?} # s
     }
     text += "\n[parameters]\n";
     // the others are constants
-    for Range { name, min, max } in &ranges.parameters {
+    for QuantityRange { name, min, max } in &ranges.parameters {
         if checked.idle.contains(name) {
             let _ =
                 writeln!(text, "# {name}: acts on nothing but the start, for which the FMU has parameters of its own");
@@ -155,7 +155,7 @@ step = {:<20?} # s
 /// Ranges of a study, none of whose configurations is singular.
 struct Ranges {
     coordinates: Vec<FreeCoordinate>,
-    parameters: Vec<Range>,
+    parameters: Vec<QuantityRange>,
     /// How far each coordinate can go alone.
     alone: Vec<[f64; 2]>,
     /// Values of all parameters that are not varied.
@@ -177,7 +177,7 @@ impl Ranges {
     /// or other parameters have other values.
     fn new(mechanism: &Mechanism, coordinates: Vec<FreeCoordinate>) -> Self {
         let own = mechanism.parameters().iter();
-        let parameters = own.clone().filter_map(|(name, p)| Some(Range::new(name, p.min?, p.max?))).collect();
+        let parameters = own.clone().filter_map(|(name, p)| Some(QuantityRange::new(name, p.min?, p.max?))).collect();
         let constants: Vec<(String, f64)> = own.map(|(name, p)| (name.clone(), p.default)).collect();
         let alone = coordinates.iter().map(|coordinate| coordinate.reach).collect();
         let mut ranges = Self { coordinates, parameters, alone, constants, narrowed: None };
@@ -223,9 +223,9 @@ impl Ranges {
         });
         let default =
             |name: &str| self.constants.iter().find(|(known, _)| known == name).map_or(0.0, |(_, value)| *value);
-        let parameters = self.parameters.iter().map(|Range { name, min, max }| {
+        let parameters = self.parameters.iter().map(|QuantityRange { name, min, max }| {
             let [min, max] = about(default(name), [*min, *max], of_parameters);
-            Range::new(name, min, max)
+            QuantityRange::new(name, min, max)
         });
         Self {
             coordinates: coordinates.collect(),
@@ -241,8 +241,9 @@ impl Ranges {
     }
 
     fn region(&self, outputs: Vec<String>) -> Region {
-        let range =
-            |coordinate: &FreeCoordinate| Range::new(&coordinate.name, coordinate.reach[0], coordinate.reach[1]);
+        let range = |coordinate: &FreeCoordinate| {
+            QuantityRange::new(&coordinate.name, coordinate.reach[0], coordinate.reach[1])
+        };
         Region {
             coordinates: self.coordinates.iter().map(range).collect(),
             parameters: self.parameters.clone(),

@@ -64,7 +64,7 @@ pub(super) struct Reader<'a> {
     stop: &'a AtomicBool,
     table: Table,
     columns: Columns,
-    labels: runs::Labels,
+    labels: runs::RunLabels,
     current: Option<Current>,
 }
 
@@ -89,7 +89,7 @@ impl<'a> Reader<'a> {
     ) -> Result<Self> {
         let table = Table::open(path)?;
         let columns = Columns::find(surrogate, &table, tell)?;
-        Ok(Self { surrogate, stop, table, columns, labels: runs::Labels::default(), current: None })
+        Ok(Self { surrogate, stop, table, columns, labels: runs::RunLabels::default(), current: None })
     }
 
     /// Whether the rows have labels.

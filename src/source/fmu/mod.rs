@@ -20,7 +20,7 @@ use crate::{
         },
     },
     study::Study,
-    variable::Variable,
+    variable::SourceVariable,
 };
 use std::{
     borrow::Cow,
@@ -64,7 +64,7 @@ impl FmuModel {
     /// # Errors
     /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
     /// errors of an FMU that cannot be read.
-    pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<Variable>, Vec<Variable>)> {
+    pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<SourceVariable>, Vec<SourceVariable>)> {
         let wanted = match (study.has_states(), study.is_discrete()) {
             (true, _) => Some(InterfaceKind::ModelExchange),
             (_, true) => Some(InterfaceKind::CoSimulation),

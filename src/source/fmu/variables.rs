@@ -17,15 +17,15 @@ use crate::{
         worker::sampling::{self, Task},
     },
     study::Study,
-    variable::Variable,
+    variable::SourceVariable,
 };
 
 /// A study's names found in an FMU.
 pub struct Resolved {
     /// In the study's order.
-    pub parameters: Vec<Variable>,
+    pub parameters: Vec<SourceVariable>,
     /// In the study's order.
-    pub outputs: Vec<Variable>,
+    pub outputs: Vec<SourceVariable>,
     /// What is set and recorded; the rest is not filled in.
     pub task: Task,
     /// How runs start and what drives them, if inputs do.
@@ -71,8 +71,8 @@ pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved
 struct Resolver<'a> {
     study: &'a Study,
     description: &'a ModelDescription,
-    parameters: Vec<Variable>,
-    outputs: Vec<Variable>,
+    parameters: Vec<SourceVariable>,
+    outputs: Vec<SourceVariable>,
     task: Task,
 }
 
@@ -101,7 +101,7 @@ impl Resolver<'_> {
             problems.extend(wrong_unit(&key, options.unit.as_deref(), unit));
             self.task.variables.push(name.clone());
             self.task.is_input.push(variable.causality == Causality::Input);
-            self.parameters.push(Variable {
+            self.parameters.push(SourceVariable {
                 start: variable.kind.as_real().and_then(|real| real.start),
                 ..named(name, unit, options.description.as_deref(), variable)
             });
@@ -267,8 +267,8 @@ impl Resolver<'_> {
     }
 }
 
-fn named(name: &str, unit: &str, description: Option<&str>, variable: &ScalarVariable) -> Variable {
-    Variable::new(name, unit, description.or(variable.description.as_deref()).unwrap_or_default())
+fn named(name: &str, unit: &str, description: Option<&str>, variable: &ScalarVariable) -> SourceVariable {
+    SourceVariable::new(name, unit, description.or(variable.description.as_deref()).unwrap_or_default())
 }
 
 /// Whether a study can vary a variable, or why not.

@@ -17,7 +17,7 @@ use crate::{
     },
     study::Study,
     table::Table,
-    variable::Variable,
+    variable::SourceVariable,
 };
 use std::sync::{Arc, atomic::AtomicBool};
 
@@ -28,7 +28,7 @@ pub struct Motions {
     /// What each run has beside its times: the state of its first row among the parameters.
     runs: Arc<Vec<Run>>,
     trajectories: Arc<Vec<Trajectory>>,
-    inputs: Vec<Variable>,
+    inputs: Vec<SourceVariable>,
     /// The numbers of the runs of each set.
     chosen: Sets<Vec<usize>>,
     /// End of what is learned from.
@@ -44,7 +44,7 @@ impl Motions {
         &self.driven
     }
 
-    pub(super) fn inputs(&self) -> &[Variable] {
+    pub(super) fn inputs(&self) -> &[SourceVariable] {
         &self.inputs
     }
 
@@ -74,10 +74,10 @@ impl Motions {
 /// The columns of a table that has motions.
 struct Columns {
     /// Coordinates, then rates.
-    states: Vec<Variable>,
+    states: Vec<SourceVariable>,
     /// The column of each rate that the table has.
     rates: Vec<Option<String>>,
-    inputs: Vec<Variable>,
+    inputs: Vec<SourceVariable>,
     /// Position among the states of what each output is.
     shown: Vec<usize>,
 }
@@ -130,7 +130,7 @@ impl Columns {
             let options = options(name);
             let own = unit.or(options.and_then(|options| options.unit.clone())).unwrap_or(otherwise);
             let description = options.and_then(|options| options.description.clone()).unwrap_or(description);
-            Variable::new(name, &own, &description)
+            SourceVariable::new(name, &own, &description)
         };
         let (mut coordinates, mut velocities, mut rates) = (Vec::new(), Vec::new(), Vec::new());
         for (name, state) in &study.states {
@@ -156,7 +156,7 @@ impl Columns {
     }
 
     /// The study's outputs, which are states.
-    fn outputs(&self, study: &Study) -> Result<Vec<Variable>> {
+    fn outputs(&self, study: &Study) -> Result<Vec<SourceVariable>> {
         let mut problems = Problems::default();
         let known = || list(self.states.iter().map(|state| &state.name));
         for (name, options) in &study.outputs {

@@ -9,8 +9,8 @@ use crate::{
     scaling,
     table::{
         Table,
-        runs::{Labels, check_time, named},
-        stamps::{self, Unit},
+        runs::{RunLabels, check_time, named},
+        stamps::{self, StampUnit},
     },
 };
 use nalgebra::DMatrix;
@@ -32,7 +32,7 @@ pub(super) struct Runs<'a> {
     stop: &'a AtomicBool,
     pub(super) finished: Vec<Run>,
     pub(super) current: Option<Current>,
-    labels: Labels,
+    labels: RunLabels,
     /// Where each point began.
     points: HashMap<Vec<u64>, Place>,
     /// Names of runs with inputs, by the hash of what was recorded.
@@ -40,7 +40,7 @@ pub(super) struct Runs<'a> {
     /// Runs mostly share their times: the previous run's are kept to share them.
     shared_times: Arc<[f64]>,
     /// Of the stamps so far.
-    unit: Unit,
+    unit: StampUnit,
 }
 
 /// The run that is being read.
@@ -70,7 +70,7 @@ const TRIED: usize = 10;
 
 impl<'a> Runs<'a> {
     pub(super) fn new(recorded: &'a Recorded, stop: &'a AtomicBool) -> Self {
-        let (labels, points, recordings) = (Labels::default(), HashMap::new(), HashMap::new());
+        let (labels, points, recordings) = (RunLabels::default(), HashMap::new(), HashMap::new());
         Self {
             recorded,
             stop,
@@ -80,7 +80,7 @@ impl<'a> Runs<'a> {
             points,
             recordings,
             shared_times: Arc::new([]),
-            unit: Unit::default(),
+            unit: StampUnit::default(),
         }
     }
 

@@ -15,21 +15,21 @@ mod system;
 #[cfg(test)]
 mod tests;
 
-use super::{Samples, WORTH_IT, least_squares, terms, trajectory::Trajectory};
+use super::{EquationSamples, WORTH_IT, least_squares, terms, trajectory::Trajectory};
 use metafmu_runtime::{
     FormatError,
     dictionary::{Dictionary, Factor},
 };
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-pub use roll_out::Law;
-use system::{Basis, Part};
+pub use roll_out::AccelerationModel;
+use system::{Basis, EquationPart};
 
 /// Equations that were found, and how well.
 #[derive(Clone, Debug)]
 pub struct Identified {
     /// The equations.
-    pub law: Law,
+    pub law: AccelerationModel,
     /// Highest harmonic of the angles, and highest power of the others; of equations of motion that of the mass matrix, and the potential
     /// has two more.
     pub order: [usize; 2],
@@ -115,19 +115,20 @@ fn of_order(factors: &[Factor], trajectories: &[Trajectory], order: [usize; 2]) 
     let explain = |error: FormatError| error.to_string();
     let parts: Vec<Trajectory> = trajectories.iter().map(|motion| motion.first(split(motion.rows()))).collect();
     let of_window = |half: usize| {
-        let problem = Problem::new(&basis, &parts, half)?;
+        let problem = WeakEquations::new(&basis, &parts, half)?;
         let chosen = problem.map(|problem| problem.choose(trajectories)).transpose()?.flatten();
         Ok(chosen.map(|(choice, error)| (choice, error, half)))
     };
     let found: Result<Vec<_>, FormatError> = WINDOWS.into_par_iter().map(of_window).collect();
     let found = found.map_err(explain)?.into_iter().flatten().collect();
-    let law = |choice: &Choice| basis.dynamics(&choice.coefficients).map(|law| Law::Motion(Box::new(law)));
+    let law =
+        |choice: &Choice| basis.dynamics(&choice.coefficients).map(|law| AccelerationModel::Motion(Box::new(law)));
     let Some((choice, error, half)) = simplest(found, |(choice, error, _)| (choice.active.len(), *error)) else {
         let law = law(&Choice::none(&basis)).map_err(explain)?;
         return Ok(Some(Identified { law, order, coefficients: 0, solutions: 0, error: f64::INFINITY }));
     };
     // with the rows that were held out, if that is a solution as well
-    let whole = Problem::new(&basis, trajectories, half).map_err(explain)?;
+    let whole = WeakEquations::new(&basis, trajectories, half).map_err(explain)?;
     let refitted = whole.and_then(|problem| problem.solve(&choice.active, choice.limit, choice.solutions));
     let refitted = refitted.map(|choice| law(&choice)).transpose().map_err(explain)?;
     let refitted = refitted.filter(|law| roll_out::error(law, trajectories, split) <= 2.0 * error.max(SAME));
@@ -144,7 +145,7 @@ fn simplest<T>(candidates: Vec<T>, of: impl Fn(&T) -> (usize, f64)) -> Option<T>
 }
 
 /// The weak equations of motions, reduced to as many as there are coefficients.
-struct Problem<'a> {
+struct WeakEquations<'a> {
     basis: &'a Basis,
     coordinates: usize,
     /// The upper triangle of the equations, whose columns have the norm 1, and the norms.
@@ -187,7 +188,7 @@ impl Choice {
     }
 }
 
-impl<'a> Problem<'a> {
+impl<'a> WeakEquations<'a> {
     /// None if there are too few rows.
     fn new(basis: &'a Basis, trajectories: &[Trajectory], half: usize) -> Result<Option<Self>, FormatError> {
         let (unknowns, n) = (basis.unknowns.len(), trajectories[0].coordinates);
@@ -228,7 +229,7 @@ impl<'a> Problem<'a> {
     fn choose(&self, trajectories: &[Trajectory]) -> Result<Option<(Choice, f64)>, FormatError> {
         let error = |choice: &Choice| {
             let law = self.basis.dynamics(&choice.coefficients)?;
-            Ok(roll_out::error(&Law::Motion(Box::new(law)), trajectories, split))
+            Ok(roll_out::error(&AccelerationModel::Motion(Box::new(law)), trajectories, split))
         };
         let largest = self.norms.iter().copied().fold(0.0, f64::max);
         let all: Vec<usize> = (0..self.norms.len()).filter(|unknown| self.norms[*unknown] > 1e-14 * largest).collect();
@@ -315,7 +316,7 @@ impl<'a> Problem<'a> {
         let solution = space * weights;
         let mut coefficients = vec![0.0; self.norms.len()];
         active.iter().zip(&solution).for_each(|(unknown, value)| coefficients[*unknown] = *value);
-        let mass = |unknown: &usize| matches!(self.basis.unknowns[*unknown].0, Part::Mass(..));
+        let mass = |unknown: &usize| matches!(self.basis.unknowns[*unknown].0, EquationPart::Mass(..));
         let largest = active
             .iter()
             .filter(|unknown| mass(unknown))
@@ -333,7 +334,7 @@ impl<'a> Problem<'a> {
         let entries: Vec<(usize, usize)> = (0..n).flat_map(|i| (0..=i).map(move |j| (i, j))).collect();
         let mut of_solutions = DMatrix::zeros(entries.len() * rows, space.ncols());
         for (index, (i, j)) in entries.iter().enumerate() {
-            let is_entry = |unknown: usize| self.basis.unknowns[unknown].0 == Part::Mass(*i, *j);
+            let is_entry = |unknown: usize| self.basis.unknowns[unknown].0 == EquationPart::Mass(*i, *j);
             let chosen: Vec<usize> = (0..active.len()).filter(|k| is_entry(active[*k])).collect();
             let values = self.masses.select_columns(&chosen.iter().map(|k| active[*k]).collect::<Vec<_>>());
             // an entry beside the diagonal is there twice
@@ -413,7 +414,7 @@ fn likely_solutions(singular: &[f64], coordinates: usize) -> Vec<usize> {
 pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Identified, String> {
     let has = |is_angle: bool| factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
     let samples = |of: &dyn Fn(usize) -> std::ops::Range<usize>| {
-        let mut samples = Samples::default();
+        let mut samples = EquationSamples::default();
         for trajectory in trajectories {
             let labels = trajectory.accelerations();
             let (n, m, rows) = (trajectory.coordinates, trajectory.inputs(), trajectory.rows());
@@ -431,7 +432,7 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
         (samples(&|rows| 0..split(rows)), samples(&|rows| split(rows)..rows), samples(&|rows| 0..rows));
     let largest = |k: usize| all.labels.iter().map(|label| label[k].abs()).fold(f64::MIN_POSITIVE, f64::max);
     let scales: Vec<f64> = (0..trajectories[0].coordinates).map(largest).collect();
-    let solve = |order: [usize; 2], samples: &Samples| -> Option<Dictionary> {
+    let solve = |order: [usize; 2], samples: &EquationSamples| -> Option<Dictionary> {
         let exponents = terms::exponents(factors, order);
         if exponents.len() > MOST_COEFFICIENTS || samples.points.len() < 2 * exponents.len() {
             return None;
@@ -444,15 +445,16 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
     let mut without_gain = 0;
     while without_gain < PATIENCE {
         let Some(functions) = solve(order, &seen) else { break };
-        let error =
-            |functions: &Dictionary| roll_out::error(&Law::Functions(Box::new(functions.clone())), trajectories, split);
+        let error = |functions: &Dictionary| {
+            roll_out::error(&AccelerationModel::Functions(Box::new(functions.clone())), trajectories, split)
+        };
         let error_unseen = error(&functions);
         if best.as_ref().is_none_or(|best| error_unseen < WORTH_IT * best.error) {
             let again = solve(order, &all).filter(|functions| error(functions) <= 2.0 * error_unseen.max(SAME));
             let functions = again.unwrap_or(functions);
             let coefficients =
                 functions.terms().flat_map(|term| term.coefficients).filter(|value| *value != 0.0).count();
-            let law = Law::Functions(Box::new(functions));
+            let law = AccelerationModel::Functions(Box::new(functions));
             best = Some(Identified { law, order, coefficients, solutions: 1, error: error_unseen });
             without_gain = 0;
         } else {
@@ -466,7 +468,7 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
     best.ok_or_else(|| "too many coordinates, parameters and inputs, or too few rows".into())
 }
 
-impl Law {
+impl AccelerationModel {
     /// The number of products of sines, cosines and powers.
     pub fn products(&self) -> usize {
         match self {

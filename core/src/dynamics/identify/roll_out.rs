@@ -5,7 +5,7 @@ use metafmu_runtime::{Dynamics, StatePoint, dictionary::Dictionary};
 
 /// What gives accelerations.
 #[derive(Clone, Debug)]
-pub enum Law {
+pub enum AccelerationModel {
     /// Equations of motion.
     Motion(Box<Dynamics>),
     /// Functions of parameters, inputs, coordinates and rates.
@@ -24,7 +24,7 @@ const LONGEST: usize = 100;
 
 /// Root mean square error of coordinates along stretches of the rows from `split` on, in the last part of each motion: relative to the
 /// standard deviation of each coordinate. Infinite if a motion cannot be continued.
-pub(super) fn error(law: &Law, trajectories: &[Trajectory], split: impl Fn(usize) -> usize) -> f64 {
+pub(super) fn error(law: &AccelerationModel, trajectories: &[Trajectory], split: impl Fn(usize) -> usize) -> f64 {
     let stride = trajectories.len().div_ceil(MOTIONS);
     let (mut sum, mut count) = (0.0, 0usize);
     for trajectory in trajectories.iter().step_by(stride) {
@@ -64,7 +64,7 @@ pub(super) fn deviations(trajectory: &Trajectory) -> Vec<f64> {
 
 /// Accelerations along a motion, and steps of the classical Runge-Kutta method.
 struct Derivatives<'a> {
-    law: &'a Law,
+    law: &'a AccelerationModel,
     trajectory: &'a Trajectory,
     scratch: Option<metafmu_runtime::DynamicsScratch>,
     inputs: Vec<f64>,
@@ -72,10 +72,10 @@ struct Derivatives<'a> {
 }
 
 impl<'a> Derivatives<'a> {
-    fn new(law: &'a Law, trajectory: &'a Trajectory) -> Self {
+    fn new(law: &'a AccelerationModel, trajectory: &'a Trajectory) -> Self {
         let scratch = match law {
-            Law::Motion(dynamics) => Some(dynamics.scratch()),
-            Law::Functions(_) => None,
+            AccelerationModel::Motion(dynamics) => Some(dynamics.scratch()),
+            AccelerationModel::Functions(_) => None,
         };
         Self { law, trajectory, scratch, inputs: vec![0.0; trajectory.inputs()], columns: Vec::new() }
     }
@@ -111,15 +111,15 @@ impl<'a> Derivatives<'a> {
         let (velocities, accelerations) = rates.split_at_mut(*coordinates);
         velocities.copy_from_slice(v);
         match (law, scratch) {
-            (Law::Motion(dynamics), Some(scratch)) => {
+            (AccelerationModel::Motion(dynamics), Some(scratch)) => {
                 dynamics.accelerations(StatePoint { q, v, u: inputs, p: parameters }, accelerations, scratch);
             }
-            (Law::Functions(functions), _) => {
+            (AccelerationModel::Functions(functions), _) => {
                 columns.clear();
                 [parameters, inputs.as_slice(), q, v].iter().for_each(|part| columns.extend_from_slice(part));
                 functions.evaluate(columns, accelerations);
             }
-            (Law::Motion(_), None) => accelerations.fill(f64::NAN),
+            (AccelerationModel::Motion(_), None) => accelerations.fill(f64::NAN),
         }
     }
 }

@@ -19,7 +19,7 @@ use std::collections::HashMap;
 
 /// What a function is in the equations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Part {
+pub(super) enum EquationPart {
     /// `M_ij`, the row at least as large as the column.
     Mass(usize, usize),
     Potential,
@@ -37,7 +37,7 @@ pub(super) struct Basis {
     /// Of all products, derivatives of each among them.
     exponents: Vec<Vec<i16>>,
     /// Function and product of each coefficient.
-    pub(super) unknowns: Vec<(Part, usize)>,
+    pub(super) unknowns: Vec<(EquationPart, usize)>,
 }
 
 /// Exponent of the window.
@@ -56,7 +56,7 @@ impl Basis {
         };
         let mut unknowns = Vec::new();
         let n = coordinates;
-        let mut add = |part: Part, is_wanted: &dyn Fn(&[i16]) -> bool| {
+        let mut add = |part: EquationPart, is_wanted: &dyn Fn(&[i16]) -> bool| {
             let wanted = exponents.iter().enumerate().filter(|(_, exponents)| is_wanted(exponents));
             unknowns.extend(wanted.map(|(product, _)| (part, product)));
         };
@@ -68,15 +68,15 @@ impl Basis {
         // a constant torque is no periodic potential
         let of_force = |exponents: &[i16]| of_mass(exponents) && is_free_of(exponents, &|k, _| k < n);
         for row in 0..n {
-            (0..=row).for_each(|column| add(Part::Mass(row, column), &of_mass));
+            (0..=row).for_each(|column| add(EquationPart::Mass(row, column), &of_mass));
         }
-        add(Part::Potential, &of_potential);
-        (0..n).filter(|row| factors[*row] == Factor::Angle).for_each(|row| add(Part::Force(row), &of_force));
+        add(EquationPart::Potential, &of_potential);
+        (0..n).filter(|row| factors[*row] == Factor::Angle).for_each(|row| add(EquationPart::Force(row), &of_force));
         for row in 0..n {
-            (0..n).for_each(|column| add(Part::Damping(row, column), &of_damping));
+            (0..n).for_each(|column| add(EquationPart::Damping(row, column), &of_damping));
         }
         for row in 0..n {
-            (0..inputs).for_each(|column| add(Part::Input(row, column), &of_mass));
+            (0..inputs).for_each(|column| add(EquationPart::Input(row, column), &of_mass));
         }
         Self { factors: factors.to_vec(), coordinates, inputs, exponents, unknowns }
     }
@@ -123,7 +123,7 @@ impl Basis {
         let middles: Vec<usize> = (half..rows.saturating_sub(half)).step_by(stride.max(1)).collect();
         let products = self.products(trajectory, &(0..rows).collect::<Vec<_>>())?;
         let derivatives: Vec<Vec<(f64, usize)>> = (0..n).map(|coordinate| self.derivatives(coordinate)).collect();
-        let window = Window::new(half, trajectory.step);
+        let window = WindowWeights::new(half, trajectory.step);
         let v = |row: usize, k: usize| trajectory.v[row * n + k];
         // the integral of a smooth function times an input that is linear between the rows
         let u = |row: usize, k: usize| {
@@ -144,16 +144,16 @@ impl Basis {
                 };
                 let (momentum, force) = (&mut momentum[row * n..][..n], &mut force[row * n..][..n]);
                 match part {
-                    Part::Mass(i, j) => {
+                    EquationPart::Mass(i, j) => {
                         momentum[i] = value * v(row, j);
                         momentum[j] = value * v(row, i);
                         let twice = if i == j { 0.5 } else { 1.0 };
                         (0..n).for_each(|k| force[k] = -twice * slope(k) * v(row, i) * v(row, j));
                     }
-                    Part::Potential => (0..n).for_each(|k| force[k] = slope(k)),
-                    Part::Force(i) => force[i] = -value,
-                    Part::Damping(i, j) => force[i] = value * v(row, j),
-                    Part::Input(i, j) => force[i] = -value * u(row, j),
+                    EquationPart::Potential => (0..n).for_each(|k| force[k] = slope(k)),
+                    EquationPart::Force(i) => force[i] = -value,
+                    EquationPart::Damping(i, j) => force[i] = value * v(row, j),
+                    EquationPart::Input(i, j) => force[i] = -value * u(row, j),
                 }
             }
             for (index, middle) in middles.iter().enumerate() {
@@ -174,7 +174,7 @@ impl Basis {
     pub(super) fn masses(&self, trajectory: &Trajectory, rows: &[usize]) -> Result<DMatrix<f64>, FormatError> {
         let products = self.products(trajectory, rows)?;
         let value = |row: usize, unknown: usize| match self.unknowns[unknown] {
-            (Part::Mass(..), product) => products[(row, product)],
+            (EquationPart::Mass(..), product) => products[(row, product)],
             _ => 0.0,
         };
         Ok(DMatrix::from_fn(rows.len(), self.unknowns.len(), value))
@@ -191,11 +191,11 @@ impl Basis {
             .collect();
         for ((part, product), coefficient) in self.unknowns.iter().zip(coefficients) {
             let function = match *part {
-                Part::Mass(row, column) => row * (row + 1) / 2 + column,
-                Part::Potential => potential,
-                Part::Force(row) => potential + 1 + row,
-                Part::Damping(row, column) => potential + 1 + n + row * n + column,
-                Part::Input(row, column) => potential + 1 + n + n * n + row * m + column,
+                EquationPart::Mass(row, column) => row * (row + 1) / 2 + column,
+                EquationPart::Potential => potential,
+                EquationPart::Force(row) => potential + 1 + row,
+                EquationPart::Damping(row, column) => potential + 1 + n + row * n + column,
+                EquationPart::Input(row, column) => potential + 1 + n + n * n + row * m + column,
             };
             terms[*product].coefficients[function] = *coefficient;
         }
@@ -204,12 +204,12 @@ impl Basis {
 }
 
 /// Weights of the rows of a window, whose sum is one, and their derivatives with respect to time.
-struct Window {
+struct WindowWeights {
     values: Vec<f64>,
     slopes: Vec<f64>,
 }
 
-impl Window {
+impl WindowWeights {
     fn new(half: usize, step: f64) -> Self {
         let shares: Vec<f64> = (0..=2 * half).map(|row| row as f64 / half as f64 - 1.0).collect();
         let values: Vec<f64> = shares.iter().map(|s| (1.0 - s * s).powi(WINDOW)).collect();

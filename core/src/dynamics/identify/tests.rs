@@ -51,14 +51,14 @@ fn mbd_node() -> Trajectory {
     motion_of(double_pendulum, (&[0.5 * PI, 0.25 * PI], &[0.0; 2]), (4.0 / 399.0, 300), None)
 }
 
-fn equations(law: &Law) -> &Dynamics {
+fn equations(law: &AccelerationModel) -> &Dynamics {
     match law {
-        Law::Motion(dynamics) => dynamics,
-        Law::Functions(_) => panic!("functions, expected equations of motion"),
+        AccelerationModel::Motion(dynamics) => dynamics,
+        AccelerationModel::Functions(_) => panic!("functions, expected equations of motion"),
     }
 }
 
-fn coefficient(law: &Law, exponents: &[i16], function: usize) -> f64 {
+fn coefficient(law: &AccelerationModel, exponents: &[i16], function: usize) -> f64 {
     let term = equations(law).law().dictionary().terms().find(|term: &Term| term.exponents == exponents);
     term.map_or(0.0, |term| term.coefficients[function])
 }

@@ -7,14 +7,14 @@ pub(super) const OPTIONS: &[JointOption] = &[JointOption::Angle];
 
 /// Holds both components of the difference of its points, and the angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fixed {
+pub struct FixedJoint {
     /// What it connects.
     pub ends: Ends,
     /// Angle of the second body relative to the first, in rad.
     pub angle: f64,
 }
 
-impl Fixed {
+impl FixedJoint {
     pub(super) fn held(&self) -> [(Coordinate, f64); 3] {
         let [x, y] = self.ends.difference();
         [(x, 0.0), (y, 0.0), (self.ends.angle(), self.angle)]

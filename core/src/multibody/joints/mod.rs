@@ -11,12 +11,12 @@ mod prismatic;
 mod revolute;
 
 pub use driver::Driver;
-pub use fixed::Fixed;
+pub use fixed::FixedJoint;
 pub use prismatic::Prismatic;
 pub use revolute::Revolute;
 
 use super::{
-    coordinate::{Coordinate, Point},
+    coordinate::{BodyPoint, Coordinate},
     description::JointType,
     measure::Measure,
 };
@@ -27,9 +27,9 @@ use std::ops::Range;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ends {
     /// The first body's.
-    pub from: Point,
+    pub from: BodyPoint,
     /// The second body's, whose motion relative to the first is meant.
-    pub to: Point,
+    pub to: BodyPoint,
 }
 
 /// An optional key of a joint in the file.
@@ -52,7 +52,7 @@ pub enum Joint {
     /// Leaves the translation along an axis.
     Prismatic(Prismatic),
     /// Leaves nothing.
-    Fixed(Fixed),
+    Fixed(FixedJoint),
 }
 
 impl Joint {
@@ -62,7 +62,7 @@ impl Joint {
         match joint {
             JointType::Revolute => Self::Revolute(Revolute { ends }),
             JointType::Prismatic => Self::Prismatic(Prismatic { ends, axis, angle }),
-            JointType::Fixed => Self::Fixed(Fixed { ends, angle }),
+            JointType::Fixed => Self::Fixed(FixedJoint { ends, angle }),
         }
     }
 
@@ -146,7 +146,7 @@ mod tests {
     use nalgebra::{DMatrix, DVector};
 
     fn joints() -> [Joint; 3] {
-        let point = |frame, x, y| Point { frame, local: Vector2::new(x, y) };
+        let point = |frame, x, y| BodyPoint { frame, local: Vector2::new(x, y) };
         let ends = Ends { from: point(Some(0), 0.4, -0.3), to: point(Some(1), -0.2, 0.9) };
         JointType::ALL.map(|joint| Joint::new(joint, ends, Vector2::new(0.6, 0.8), 0.25))
     }

@@ -2,7 +2,7 @@ use super::*;
 use crate::{
     integrate::{Budget, TOLERANCE, integrate},
     multibody::{Mechanism, formulation::augmented},
-    signal::{Signal, Sine},
+    signal::{Signal, SineTerm},
 };
 use nalgebra::Vector2;
 use std::{f64::consts::TAU, path::Path};
@@ -159,7 +159,7 @@ fn the_crane_has_the_textbook_equations() {
 #[test]
 fn a_driven_run_is_the_solution_of_the_reduced_equations() {
     let mechanism = parse(CRANE);
-    let sine = |amplitude, frequency, phase| Sine { amplitude, frequency, phase };
+    let sine = |amplitude, frequency, phase| SineTerm { amplitude, frequency, phase };
     let signal = Signal::Multisine { offset: 1.0, sines: vec![sine(8.0, 0.4, 0.3), sine(4.0, 1.1, 2.0)] };
     let times: Vec<f64> = (0..=50).map(|i| 0.1 * f64::from(i)).collect();
     let rows = mechanism

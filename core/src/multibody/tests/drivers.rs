@@ -1,7 +1,7 @@
 //! Drivers that give accelerations, which inputs may do: against equations and an integrator of their own, and against drivers of motions.
 
 use super::*;
-use crate::signal::{Signal, Sine};
+use crate::signal::{Signal, SineTerm};
 
 /// A trolley of 2 kg whose acceleration is the input, with friction, and a load of `m` on a massless rope of length `l`.
 pub const TROLLEY: &str = r#"
@@ -50,7 +50,7 @@ fn runge_kutta<const N: usize>(
 
 #[test]
 fn a_load_below_a_trolley_that_is_accelerated_swings_as_the_textbook_says_and_the_motor_gives_newtons_force() {
-    let sine = |amplitude, frequency, phase| Sine { amplitude, frequency, phase };
+    let sine = |amplitude, frequency, phase| SineTerm { amplitude, frequency, phase };
     let signal = Signal::Multisine { offset: 0.1, sines: vec![sine(1.5, 0.3, 0.4), sine(0.8, 0.9, 2.0)] };
     let times = grid(6.0, 60);
     let (l, m, g) = (1.5, 0.7, 9.81);

@@ -1,17 +1,17 @@
 //! Activation functions in single precision, and their derivatives.
 
-use super::{Lanes, Portable};
+use super::{Portable, SimdLanes};
 use metafmu_runtime::Activation;
 
 /// An activation function.
-pub(crate) trait Function {
+pub(crate) trait ActivationFunction {
     /// How its derivative is found in the backward pass.
     type Derivative: Derivative;
 
-    fn value<L: Lanes>(x: L) -> L;
+    fn value<L: SimdLanes>(x: L) -> L;
 
     /// `f(x)` and `f'(x)`.
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L);
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L);
 }
 
 /// The derivative of an activation function times something: `d f'(x)`.
@@ -20,47 +20,47 @@ pub(crate) trait Derivative {
     const FOLLOWS_FROM_VALUE: bool;
 
     /// `from`: what the derivative is computed from.
-    fn times<L: Lanes>(d: L, from: L) -> L;
+    fn times<L: SimdLanes>(d: L, from: L) -> L;
 }
 
 /// Work with an activation function that is known when the program is compiled. Its fields are its arguments: a closure would
 /// not be compiled with the caller's instruction set.
-pub(crate) trait Visitor {
+pub(crate) trait ActivationVisitor {
     /// What it computes.
     type Output;
 
-    /// Does the work with the function `F`. To be marked `#[inline(always)]`, as [`Kernel::run`](super::Kernel::run).
-    fn visit<L: Lanes, F: Function>(self) -> Self::Output;
+    /// Does the work with the function `F`. To be marked `#[inline(always)]`, as [`SimdKernel::run`](super::SimdKernel::run).
+    fn visit<L: SimdLanes, F: ActivationFunction>(self) -> Self::Output;
 }
 
 /// Has a visitor work with the function of an activation.
 #[inline(always)]
-pub(crate) fn visit<L: Lanes, V: Visitor>(activation: Activation, visitor: V) -> V::Output {
+pub(crate) fn visit<L: SimdLanes, V: ActivationVisitor>(activation: Activation, visitor: V) -> V::Output {
     match activation {
-        Activation::Tanh => visitor.visit::<L, Tanh>(),
-        Activation::Sigmoid => visitor.visit::<L, Sigmoid>(),
-        Activation::Relu => visitor.visit::<L, Relu>(),
-        Activation::Gelu => visitor.visit::<L, Gelu>(),
-        Activation::Silu => visitor.visit::<L, Silu>(),
-        Activation::Sine => visitor.visit::<L, Sine>(),
-        Activation::Identity => visitor.visit::<L, Identity>(),
+        Activation::Tanh => visitor.visit::<L, TanhActivation>(),
+        Activation::Sigmoid => visitor.visit::<L, SigmoidActivation>(),
+        Activation::Relu => visitor.visit::<L, ReluActivation>(),
+        Activation::Gelu => visitor.visit::<L, GeluActivation>(),
+        Activation::Silu => visitor.visit::<L, SiluActivation>(),
+        Activation::Sine => visitor.visit::<L, SineActivation>(),
+        Activation::Identity => visitor.visit::<L, IdentityActivation>(),
     }
 }
 
 /// Whether the derivative of an activation follows from its value.
 pub(crate) fn slope_follows_from_value(activation: Activation) -> bool {
-    struct Follows;
+    struct FollowsFromValue;
 
-    impl Visitor for Follows {
+    impl ActivationVisitor for FollowsFromValue {
         type Output = bool;
 
         #[inline(always)]
-        fn visit<L: Lanes, F: Function>(self) -> bool {
+        fn visit<L: SimdLanes, F: ActivationFunction>(self) -> bool {
             F::Derivative::FOLLOWS_FROM_VALUE
         }
     }
 
-    visit::<Portable, _>(activation, Follows)
+    visit::<Portable, _>(activation, FollowsFromValue)
 }
 
 /// A derivative that was stored in the forward pass.
@@ -70,33 +70,33 @@ impl Derivative for Stored {
     const FOLLOWS_FROM_VALUE: bool = false;
 
     #[inline(always)]
-    fn times<L: Lanes>(d: L, slope: L) -> L {
+    fn times<L: SimdLanes>(d: L, slope: L) -> L {
         d.mul(slope)
     }
 }
 
 /// `x`
-pub(crate) struct Identity;
+pub(crate) struct IdentityActivation;
 
-impl Function for Identity {
+impl ActivationFunction for IdentityActivation {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<L: Lanes>(x: L) -> L {
+    fn value<L: SimdLanes>(x: L) -> L {
         x
     }
 
     #[inline(always)]
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L) {
         (x, L::splat(1.0))
     }
 }
 
-impl Derivative for Identity {
+impl Derivative for IdentityActivation {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<L: Lanes>(d: L, _: L) -> L {
+    fn times<L: SimdLanes>(d: L, _: L) -> L {
         d
     }
 }
@@ -104,13 +104,13 @@ impl Derivative for Identity {
 /// `tanh x`, absolute error below 1.2e-7, relative error below 3e-7, NaN for NaN. The derivative is from the value.
 ///
 /// With `e = exp(2|x|) - 1`, `tanh |x| = e / (e + 2)`, which loses nothing near zero.
-pub(crate) struct Tanh;
+pub(crate) struct TanhActivation;
 
-impl Function for Tanh {
+impl ActivationFunction for TanhActivation {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<L: Lanes>(x: L) -> L {
+    fn value<L: SimdLanes>(x: L) -> L {
         // above 9.02, tanh x rounds to 1
         let magnitude = x.abs().at_most(L::splat(9.1));
         let e = exp_minus_one(magnitude.add(magnitude));
@@ -118,139 +118,139 @@ impl Function for Tanh {
     }
 
     #[inline(always)]
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L) {
         let y = Self::value(x);
         (y, Self::times(L::splat(1.0), y))
     }
 }
 
-impl Derivative for Tanh {
+impl Derivative for TanhActivation {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<L: Lanes>(d: L, y: L) -> L {
+    fn times<L: SimdLanes>(d: L, y: L) -> L {
         L::splat(1.0).sub(y.mul(y)).mul(d)
     }
 }
 
 /// `1 / (1 + exp(-x))`, absolute error below 1.2e-7, NaN for NaN. The derivative is from the value.
-pub(crate) struct Sigmoid;
+pub(crate) struct SigmoidActivation;
 
-impl Function for Sigmoid {
+impl ActivationFunction for SigmoidActivation {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<L: Lanes>(x: L) -> L {
+    fn value<L: SimdLanes>(x: L) -> L {
         let half = L::splat(0.5);
-        Tanh::value(x.mul(half)).mul_add(half, half)
+        TanhActivation::value(x.mul(half)).mul_add(half, half)
     }
 
     #[inline(always)]
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L) {
         let y = Self::value(x);
         (y, Self::times(L::splat(1.0), y))
     }
 }
 
-impl Derivative for Sigmoid {
+impl Derivative for SigmoidActivation {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<L: Lanes>(d: L, y: L) -> L {
+    fn times<L: SimdLanes>(d: L, y: L) -> L {
         y.sub(y.mul(y)).mul(d)
     }
 }
 
 /// `max(0, x)`, NaN for NaN. The derivative is from the value.
-pub(crate) struct Relu;
+pub(crate) struct ReluActivation;
 
-impl Function for Relu {
+impl ActivationFunction for ReluActivation {
     type Derivative = Self;
 
     #[inline(always)]
-    fn value<L: Lanes>(x: L) -> L {
+    fn value<L: SimdLanes>(x: L) -> L {
         x.at_least_zero()
     }
 
     #[inline(always)]
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L) {
         let y = Self::value(x);
         (y, Self::times(L::splat(1.0), y))
     }
 }
 
-impl Derivative for Relu {
+impl Derivative for ReluActivation {
     const FOLLOWS_FROM_VALUE: bool = true;
 
     #[inline(always)]
-    fn times<L: Lanes>(d: L, y: L) -> L {
+    fn times<L: SimdLanes>(d: L, y: L) -> L {
         d.where_positive(y)
     }
 }
 
 /// `x (1 + tanh u) / 2` with `u = √(2/π) (x + 0.044715 x³)`: PyTorch's `gelu` with `approximate="tanh"`. Error below 2e-7
 /// of `max(1, |x|)`, NaN for NaN.
-pub(crate) struct Gelu;
+pub(crate) struct GeluActivation;
 
-impl Gelu {
+impl GeluActivation {
     const LINEAR: f32 = 0.797_884_6; // √(2/π)
     const CUBIC: f32 = 0.035_677_407; // 0.044715 √(2/π)
 }
 
-impl Function for Gelu {
+impl ActivationFunction for GeluActivation {
     type Derivative = Stored;
 
     #[inline(always)]
-    fn value<L: Lanes>(x: L) -> L {
+    fn value<L: SimdLanes>(x: L) -> L {
         Self::value_and_slope(x).0
     }
 
     #[inline(always)]
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L) {
         let splat = L::splat;
         let (half, square) = (x.mul(splat(0.5)), x.mul(x));
-        let t = Tanh::value(square.mul_add(splat(Self::CUBIC), splat(Self::LINEAR)).mul(x));
+        let t = TanhActivation::value(square.mul_add(splat(Self::CUBIC), splat(Self::LINEAR)).mul(x));
         let u_slope = square.mul_add(splat(3.0 * Self::CUBIC), splat(Self::LINEAR));
         let share = t.mul_add(splat(0.5), splat(0.5));
         // where the cube overflows, tanh is flat
-        let t_slope = Tanh::times(half, t).mul(u_slope.at_most(splat(1e30)));
+        let t_slope = TanhActivation::times(half, t).mul(u_slope.at_most(splat(1e30)));
         (half.mul_add(t, half), share.add(t_slope))
     }
 }
 
 /// `x / (1 + exp(-x))`, error below 2e-7 of `max(1, |x|)`, NaN for NaN.
-pub(crate) struct Silu;
+pub(crate) struct SiluActivation;
 
-impl Function for Silu {
+impl ActivationFunction for SiluActivation {
     type Derivative = Stored;
 
     #[inline(always)]
-    fn value<L: Lanes>(x: L) -> L {
-        x.mul(Sigmoid::value(x))
+    fn value<L: SimdLanes>(x: L) -> L {
+        x.mul(SigmoidActivation::value(x))
     }
 
     #[inline(always)]
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
-        let share = Sigmoid::value(x);
-        (x.mul(share), x.mul_add(Sigmoid::times(L::splat(1.0), share), share))
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L) {
+        let share = SigmoidActivation::value(x);
+        (x.mul(share), x.mul_add(SigmoidActivation::times(L::splat(1.0), share), share))
     }
 }
 
 /// `sin x`, absolute error below 2e-7 for `|x|` up to 8192, beyond which it grows with `x`; NaN for NaN.
 ///
 /// With `x = k π + r`, `|r| <= π / 2`, the Taylor polynomials of `r`, with the sign of `(-1)^k`.
-pub(crate) struct Sine;
+pub(crate) struct SineActivation;
 
-impl Function for Sine {
+impl ActivationFunction for SineActivation {
     type Derivative = Stored;
 
     #[inline(always)]
-    fn value<L: Lanes>(x: L) -> L {
+    fn value<L: SimdLanes>(x: L) -> L {
         Self::value_and_slope(x).0
     }
 
     #[inline(always)]
-    fn value_and_slope<L: Lanes>(x: L) -> (L, L) {
+    fn value_and_slope<L: SimdLanes>(x: L) -> (L, L) {
         // π in parts: products of the first ones with small integers are exact
         const PI: [f32; 3] = [3.140_625, 9.675_026e-4, 1.509_958e-7];
         // -1/3!, 1/5!, ..., 1/13! and -1/2!, 1/4!, ..., 1/12!: the first omitted terms are below 7e-10 and 7e-9
@@ -281,7 +281,7 @@ const ROUND: f32 = 12_582_912.0;
 
 /// `exp(x) - 1` for `0 <= x <= 18.2`: `x = k ln 2 + r` with `|r| <= ln(2) / 2`, a Taylor polynomial in `r`, scaled by `2^k`.
 #[inline(always)]
-fn exp_minus_one<L: Lanes>(x: L) -> L {
+fn exp_minus_one<L: SimdLanes>(x: L) -> L {
     const LN2_HIGH: f32 = 0.693_359_4; // 9 bits, so that k * LN2_HIGH is exact
     const LN2_LOW: f32 = -2.121_944_4e-4;
     // 1/2!, 1/3!, ..., 1/7!: the first omitted term is below 2e-8 of the sum
@@ -301,7 +301,7 @@ fn exp_minus_one<L: Lanes>(x: L) -> L {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
-    use crate::network::kernels::{Kernel, Simd, WIDTH};
+    use crate::network::kernels::{InstructionSet, SimdKernel, WIDTH};
 
     /// Every activation.
     pub(crate) const ALL: [Activation; 7] = [
@@ -315,26 +315,26 @@ pub(crate) mod tests {
     ];
 
     /// Replaces points by values, and puts the derivatives into `slopes`.
-    struct Values<'a> {
+    struct ActivationValues<'a> {
         activation: Activation,
         points: &'a mut [f32],
         slopes: &'a mut [f32],
     }
 
-    impl Kernel for Values<'_> {
+    impl SimdKernel for ActivationValues<'_> {
         type Output = ();
 
         #[inline(always)]
-        fn run<L: Lanes>(self) {
+        fn run<L: SimdLanes>(self) {
             visit::<L, _>(self.activation, self);
         }
     }
 
-    impl Visitor for Values<'_> {
+    impl ActivationVisitor for ActivationValues<'_> {
         type Output = ();
 
         #[inline(always)]
-        fn visit<L: Lanes, F: Function>(self) {
+        fn visit<L: SimdLanes, F: ActivationFunction>(self) {
             for (points, slopes) in
                 self.points.as_chunks_mut::<WIDTH>().0.iter_mut().zip(self.slopes.as_chunks_mut::<WIDTH>().0)
             {
@@ -349,11 +349,11 @@ pub(crate) mod tests {
         }
     }
 
-    fn activate(simd: Simd, activation: Activation, points: &[f32]) -> (Vec<f32>, Vec<f32>) {
+    fn activate(simd: InstructionSet, activation: Activation, points: &[f32]) -> (Vec<f32>, Vec<f32>) {
         let mut values = points.to_vec();
         values.resize(points.len().next_multiple_of(WIDTH), 0.0);
         let mut slopes = values.clone();
-        simd.run(Values { activation, points: &mut values, slopes: &mut slopes });
+        simd.run(ActivationValues { activation, points: &mut values, slopes: &mut slopes });
         values.truncate(points.len());
         slopes.truncate(points.len());
         (values, slopes)
@@ -384,7 +384,7 @@ pub(crate) mod tests {
         let wide = (-8_000..8_000).map(|i| i as f32 + 0.37);
         let small = (1..120).flat_map(|k| [2f32.powi(-k), -(2f32.powi(-k))]);
         let points: Vec<f32> = dense.chain(wide).chain(small).chain([0.0, 88.0, -300.0, 1e30, -1e30]).collect();
-        for simd in Simd::available() {
+        for simd in InstructionSet::available() {
             for activation in ALL {
                 let points: Vec<f32> =
                     points.iter().copied().filter(|x| activation != Activation::Sine || x.abs() < 8192.0).collect();
@@ -409,7 +409,7 @@ pub(crate) mod tests {
     #[test]
     fn tanh_is_accurate_relative_to_small_arguments_too() {
         let points: Vec<f32> = (1..400_000).map(|i| i as f32 * 1e-6).collect();
-        for simd in Simd::available() {
+        for simd in InstructionSet::available() {
             for (x, found) in points.iter().zip(activate(simd, Activation::Tanh, &points).0) {
                 let expected = f64::from(*x).tanh();
                 let error = (f64::from(found) - expected).abs() / expected;
@@ -420,7 +420,7 @@ pub(crate) mod tests {
 
     #[test]
     fn nan_stays_nan_and_infinity_saturates() {
-        for simd in Simd::available() {
+        for simd in InstructionSet::available() {
             for activation in ALL {
                 assert!(activate(simd, activation, &[f32::NAN]).0[0].is_nan(), "{simd:?} {activation:?}");
             }

@@ -6,8 +6,8 @@
 //! backward   dγ = sum of d v,  db = sum of d,  d_z = γ s (d - db / rows - v dγ / rows)
 //! ```
 
-use super::{Lanes, Store, WIDTH, activation::Function, lanes, lanes_mut};
-use crate::network::layout::{Shape, padded, stride};
+use super::{SimdLanes, Store, WIDTH, activation::ActivationFunction, lanes, lanes_mut};
+use crate::network::layout::{LayerShape, padded, stride};
 
 /// PyTorch's ε.
 pub(crate) const EPSILON: f32 = 1e-5;
@@ -18,8 +18,8 @@ pub(crate) const STATISTICS: usize = 3;
 /// From `z` in `y` to the normalised values `v`, `y` and the slopes `f'(u)`. `statistics`: mean, variance and `s` of each
 /// node, `[3, padded(outputs)]`.
 #[inline(always)]
-pub(crate) fn forward<L: Lanes, F: Function>(
-    shape: &Shape,
+pub(crate) fn forward<L: SimdLanes, F: ActivationFunction>(
+    shape: &LayerShape,
     parameters: &[f32],
     rows: usize,
     y: &mut [f32],
@@ -62,8 +62,8 @@ pub(crate) fn forward<L: Lanes, F: Function>(
 /// From `d`, the loss's derivatives by `u`, to those by `z` in its place; `dγ` and `db` into or onto `gradient`.
 #[inline(always)]
 #[expect(clippy::too_many_arguments, reason = "each is a matrix of the equations above")]
-pub(crate) fn backward<L: Lanes>(
-    shape: &Shape,
+pub(crate) fn backward<L: SimdLanes>(
+    shape: &LayerShape,
     parameters: &[f32],
     rows: usize,
     v: &[f32],

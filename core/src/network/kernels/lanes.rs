@@ -1,15 +1,15 @@
 //! Numbers that one operation works on: a SIMD register, or two halves that are such themselves.
 //!
 //! All matrices are worked on in pieces of [`WIDTH`] columns: two AVX-512 registers, four AVX2 registers, eight NEON or SSE2
-//! registers. Everything above this file is written once, for any [`Lanes`].
+//! registers. Everything above this file is written once, for any [`SimdLanes`].
 
 pub(crate) use crate::network::layout::WIDTH;
 
 /// Numbers in single precision, and what one instruction (or a few) for each register does to them.
 ///
-/// Code for registers is only to be reached through [`Simd::run`](super::Simd::run), which has made sure that the processor
+/// Code for registers is only to be reached through [`InstructionSet::run`](super::InstructionSet::run), which has made sure that the processor
 /// has the instructions.
-pub(crate) trait Lanes: Copy {
+pub(crate) trait SimdLanes: Copy {
     /// How many numbers.
     const COUNT: usize;
     /// Rows of a product worked on together: with [`WIDTH`] columns, as many sums as registers can hold.
@@ -51,7 +51,7 @@ pub(crate) trait Lanes: Copy {
 #[derive(Clone, Copy)]
 pub(crate) struct Pair<L>(L, L);
 
-impl<L: Lanes> Lanes for Pair<L> {
+impl<L: SimdLanes> SimdLanes for Pair<L> {
     const COUNT: usize = 2 * L::COUNT;
     const ROWS: usize = L::ROWS;
 
@@ -161,7 +161,7 @@ impl Portable {
     }
 }
 
-impl Lanes for Portable {
+impl SimdLanes for Portable {
     const COUNT: usize = 4;
     // 64-bit ARM has 32 registers, x86-64 without AVX 16
     const ROWS: usize = if cfg!(target_arch = "aarch64") { 3 } else { 1 };

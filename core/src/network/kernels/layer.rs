@@ -7,14 +7,14 @@
 //! ```
 //!
 //! `x`, `y` and `d` are row by row at a distance of [`stride`]; the padding after the last column is zero in `d` and harmless
-//! in the others. The weights are laid out as [`Shape`] says.
+//! in the others. The weights are laid out as [`LayerShape`] says.
 
 use super::{
-    Lanes, Left, Panel, Store, WIDTH,
-    activation::{Derivative, Function, Stored, Visitor, visit},
+    Left, Panel, SimdLanes, Store, WIDTH,
+    activation::{ActivationFunction, ActivationVisitor, Derivative, Stored, visit},
     lanes, lanes_mut, product,
 };
-use crate::network::layout::{Shape, padded, stride};
+use crate::network::layout::{LayerShape, padded, stride};
 use metafmu_runtime::Activation;
 
 /// What the backward pass multiplies by: the derivative of the activation `f` that made the layer's inputs.
@@ -28,8 +28,8 @@ pub(crate) enum Slope<'a> {
 
 /// `y = f(x W^T + b)`, and `f'` into `slopes` where they are wanted; the slopes of a layer by rows are not written.
 #[inline(always)]
-pub(crate) fn forward<L: Lanes>(
-    shape: &Shape,
+pub(crate) fn forward<L: SimdLanes>(
+    shape: &LayerShape,
     parameters: &[f32],
     activation: Activation,
     rows: usize,
@@ -60,24 +60,24 @@ pub(crate) fn forward<L: Lanes>(
         product::<L>(left, panel, start, Store::Replace, y, distance);
         let slopes = slopes.as_deref_mut().map(|slopes| &mut slopes[index * WIDTH..]);
         if activation != Activation::Identity || slopes.is_some() {
-            visit::<L, _>(activation, Activate { rows, y, slopes, distance });
+            visit::<L, _>(activation, ActivatePanel { rows, y, slopes, distance });
         }
     }
 }
 
 /// Replaces a panel's values by the activation, and puts its derivative into `slopes`.
-struct Activate<'a> {
+struct ActivatePanel<'a> {
     rows: usize,
     y: &'a mut [f32],
     slopes: Option<&'a mut [f32]>,
     distance: usize,
 }
 
-impl Visitor for Activate<'_> {
+impl ActivationVisitor for ActivatePanel<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn visit<L: Lanes, F: Function>(self) {
+    fn visit<L: SimdLanes, F: ActivationFunction>(self) {
         let Self { rows, y, slopes, distance } = self;
         match slopes {
             None => {
@@ -100,8 +100,8 @@ impl Visitor for Activate<'_> {
 
 /// With few outputs, the products are along the inputs.
 #[inline(always)]
-fn forward_by_rows<L: Lanes, const OUTPUTS: usize>(
-    shape: &Shape,
+fn forward_by_rows<L: SimdLanes, const OUTPUTS: usize>(
+    shape: &LayerShape,
     parameters: &[f32],
     rows: usize,
     x: &[f32],
@@ -127,8 +127,8 @@ fn forward_by_rows<L: Lanes, const OUTPUTS: usize>(
 
 /// `d_x = (d W) f'`; `transposed`: the weights as [`Piece::transpose`] leaves them.
 #[inline(always)]
-pub(crate) fn backward<L: Lanes>(
-    shape: &Shape,
+pub(crate) fn backward<L: SimdLanes>(
+    shape: &LayerShape,
     parameters: &[f32],
     transposed: &[f32],
     slope: Slope,
@@ -164,18 +164,18 @@ struct Derive<'a> {
     distance: usize,
 }
 
-impl Visitor for Derive<'_> {
+impl ActivationVisitor for Derive<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn visit<L: Lanes, F: Function>(self) {
+    fn visit<L: SimdLanes, F: ActivationFunction>(self) {
         derive::<L, F::Derivative>(self.rows, self.y, self.d, self.distance);
     }
 }
 
 /// A panel's values multiplied by the derivative of the activation.
 #[inline(always)]
-fn derive<L: Lanes, D: Derivative>(rows: usize, from: &[f32], d: &mut [f32], distance: usize) {
+fn derive<L: SimdLanes, D: Derivative>(rows: usize, from: &[f32], d: &mut [f32], distance: usize) {
     for row in 0..rows {
         let from = L::load(lanes(from, row * distance));
         let d = lanes_mut(d, row * distance);
@@ -185,7 +185,14 @@ fn derive<L: Lanes, D: Derivative>(rows: usize, from: &[f32], d: &mut [f32], dis
 
 /// `dW = d^T x`, `db = sum over rows of d`, into or onto `gradient`, which is laid out as the parameters are.
 #[inline(always)]
-pub(crate) fn gradient<L: Lanes>(shape: &Shape, rows: usize, x: &[f32], d: &[f32], store: Store, gradient: &mut [f32]) {
+pub(crate) fn gradient<L: SimdLanes>(
+    shape: &LayerShape,
+    rows: usize,
+    x: &[f32],
+    d: &[f32],
+    store: Store,
+    gradient: &mut [f32],
+) {
     let (weight, bias) = shape.split_mut(gradient);
     let (x_stride, d_stride) = (stride(shape.inputs), stride(shape.outputs));
     // the factor that the rows of the result belong to, and the one that its columns belong to

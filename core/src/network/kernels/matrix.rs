@@ -1,6 +1,6 @@
 //! Square and other small matrices, row by row at a distance of [`stride`], for optimizers that need products.
 
-use super::{Kernel, Lanes, Left, Panel, Simd, Store, WIDTH, buffer::Buffer, product, transpose};
+use super::{InstructionSet, Left, Panel, SimdKernel, SimdLanes, Store, WIDTH, buffer::Buffer, product, transpose};
 use crate::network::layout::{padded, stride};
 
 /// A matrix; the padding after its last column is zero.
@@ -64,7 +64,7 @@ impl Matrix {
 }
 
 /// `to = left right`, for the rows that `left` has; `to`: these rows at the distance of `right`'s.
-pub(crate) fn multiply(simd: Simd, left: Left, right: &Matrix, store: Store, to: &mut [f32]) {
+pub(crate) fn multiply(simd: InstructionSet, left: Left, right: &Matrix, store: Store, to: &mut [f32]) {
     simd.run(Multiply { left, right: &right.values, columns: right.columns, store, to });
 }
 
@@ -77,11 +77,11 @@ pub(crate) struct Multiply<'a> {
     pub(crate) to: &'a mut [f32],
 }
 
-impl Kernel for Multiply<'_> {
+impl SimdKernel for Multiply<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { left, right, columns, store, to } = self;
         for begin in (0..padded(columns)).step_by(WIDTH) {
             let panel = Panel { values: &right[begin.min(right.len())..], stride: stride(columns) };
@@ -115,7 +115,7 @@ mod tests {
             for left in [plain, transposed] {
                 let mut c = fill(rows, columns, 3);
                 let old = c.clone();
-                multiply(Simd::detect(), left, &b, Store::Blend(0.5), &mut c.values);
+                multiply(InstructionSet::detect(), left, &b, Store::Blend(0.5), &mut c.values);
                 for row in 0..rows {
                     for column in 0..padded(columns) {
                         let product: f32 = (0..inner).map(|k| a.row(row)[k] * b.row(k)[column]).sum();

@@ -29,7 +29,7 @@ mod transpose;
 #[cfg(target_arch = "x86_64")]
 mod x86;
 
-pub(crate) use lanes::{Lanes, Pair, Portable, WIDTH};
+pub(crate) use lanes::{Pair, Portable, SimdLanes, WIDTH};
 pub(crate) use product::{Left, Panel, Store, lanes, lanes_mut, product};
-pub(crate) use simd::{Kernel, Simd};
+pub(crate) use simd::{InstructionSet, SimdKernel};
 pub(crate) use transpose::transpose;

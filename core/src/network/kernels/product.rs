@@ -1,6 +1,6 @@
 //! The one matrix product everything is made of: a tile of rows times a panel of [`WIDTH`] columns.
 
-use super::{Lanes, WIDTH};
+use super::{SimdLanes, WIDTH};
 
 /// The left matrix of a product, `[rows, inner]`; element `(i, k)` is `values[i * row_stride + k * inner_stride]`.
 #[derive(Clone, Copy)]
@@ -35,7 +35,14 @@ pub(crate) enum Store {
 /// # Panics
 /// If the slices are too short for their shapes.
 #[inline(always)]
-pub(crate) fn product<L: Lanes>(left: Left, panel: Panel, start: L, store: Store, to: &mut [f32], to_stride: usize) {
+pub(crate) fn product<L: SimdLanes>(
+    left: Left,
+    panel: Panel,
+    start: L,
+    store: Store,
+    to: &mut [f32],
+    to_stride: usize,
+) {
     let Left { values, rows, inner, row_stride, inner_stride } = left;
     if rows == 0 {
         return;
@@ -69,7 +76,7 @@ pub(crate) fn product<L: Lanes>(left: Left, panel: Panel, start: L, store: Store
 /// # Safety
 /// All elements of these rows and of the panel lie within their slices.
 #[inline(always)]
-unsafe fn tile<L: Lanes, const ROWS: usize>(
+unsafe fn tile<L: SimdLanes, const ROWS: usize>(
     left: Left,
     first: usize,
     panel: Panel,
@@ -98,7 +105,7 @@ unsafe fn tile<L: Lanes, const ROWS: usize>(
 
 impl Store {
     #[inline(always)]
-    pub(crate) fn put<L: Lanes>(self, new: L, to: &mut [f32; WIDTH]) {
+    pub(crate) fn put<L: SimdLanes>(self, new: L, to: &mut [f32; WIDTH]) {
         match self {
             Self::Replace => new.store(to),
             Self::Add => L::load(to).add(new).store(to),
@@ -125,19 +132,19 @@ pub(crate) fn lanes_mut(values: &mut [f32], at: usize) -> &mut [f32; WIDTH] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::network::kernels::{Kernel, Simd};
+    use crate::network::kernels::{InstructionSet, SimdKernel};
 
-    struct Multiply<'a> {
+    struct MultiplyPanel<'a> {
         left: Left<'a>,
         panel: Panel<'a>,
         result: &'a mut [f32],
     }
 
-    impl Kernel for Multiply<'_> {
+    impl SimdKernel for MultiplyPanel<'_> {
         type Output = ();
 
         #[inline(always)]
-        fn run<L: Lanes>(self) {
+        fn run<L: SimdLanes>(self) {
             product::<L>(self.left, self.panel, L::splat(1.0), Store::Replace, self.result, WIDTH);
         }
     }
@@ -150,11 +157,11 @@ mod tests {
             let (a, b) = (sequence(rows * inner, 7), sequence(inner * 40, 5));
             let transposed: Vec<f32> =
                 (0..inner).flat_map(|k| (0..rows).map(move |i| (i, k))).map(|(i, k)| a[i * inner + k]).collect();
-            for simd in Simd::available() {
+            for simd in InstructionSet::available() {
                 for (values, row_stride, inner_stride) in [(&a, inner, 1), (&transposed, 1, rows)] {
                     let mut result = vec![f32::NAN; rows * WIDTH];
                     let left = Left { values, rows, inner, row_stride, inner_stride };
-                    simd.run(Multiply { left, panel: Panel { values: &b, stride: 40 }, result: &mut result });
+                    simd.run(MultiplyPanel { left, panel: Panel { values: &b, stride: 40 }, result: &mut result });
                     for (index, found) in result.iter().enumerate() {
                         let (row, column) = (index / WIDTH, index % WIDTH);
                         let sum: f32 = (0..inner).map(|k| a[row * inner + k] * b[k * 40 + column]).sum();
@@ -170,6 +177,6 @@ mod tests {
     fn a_left_matrix_that_is_too_short_is_refused() {
         let left = Left { values: &[0.0; 11], rows: 3, inner: 4, row_stride: 4, inner_stride: 1 };
         let panel = Panel { values: &[0.0; 4 * WIDTH], stride: WIDTH };
-        Simd::detect().run(Multiply { left, panel, result: &mut [0.0; 3 * WIDTH] });
+        InstructionSet::detect().run(MultiplyPanel { left, panel, result: &mut [0.0; 3 * WIDTH] });
     }
 }

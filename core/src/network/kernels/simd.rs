@@ -3,21 +3,21 @@
 
 #[cfg(target_arch = "x86_64")]
 use super::x86::{Avx2, Avx512};
-use super::{Lanes, Pair, Portable};
+use super::{Pair, Portable, SimdLanes};
 
 /// Work on numbers. Its fields are its arguments.
-pub(crate) trait Kernel {
+pub(crate) trait SimdKernel {
     /// What it computes.
     type Output;
 
-    /// Does the work with [`L`](super::Lanes). To be marked `#[inline(always)]`, so that it is compiled with
+    /// Does the work with [`L`](super::SimdLanes). To be marked `#[inline(always)]`, so that it is compiled with
     /// the caller's instruction set.
-    fn run<L: Lanes>(self) -> Self::Output;
+    fn run<L: SimdLanes>(self) -> Self::Output;
 }
 
 /// The instruction sets the kernels are compiled for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Simd {
+pub(crate) enum InstructionSet {
     #[cfg(target_arch = "x86_64")]
     Avx512,
     #[cfg(target_arch = "x86_64")]
@@ -26,7 +26,7 @@ pub(crate) enum Simd {
     Portable,
 }
 
-impl Simd {
+impl InstructionSet {
     /// The best set this processor has.
     pub(crate) fn detect() -> Self {
         #[cfg(target_arch = "x86_64")]
@@ -43,10 +43,10 @@ impl Simd {
     }
 
     /// Runs a kernel with this instruction set.
-    pub(crate) fn run<K: Kernel>(self, kernel: K) -> K::Output {
+    pub(crate) fn run<K: SimdKernel>(self, kernel: K) -> K::Output {
         match self {
             #[cfg(target_arch = "x86_64")]
-            // SAFETY: `Simd::detect` found these features
+            // SAFETY: `InstructionSet::detect` found these features
             Self::Avx512 => unsafe { run_avx512(kernel) },
             #[cfg(target_arch = "x86_64")]
             // SAFETY: as above
@@ -70,12 +70,12 @@ impl Simd {
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
-fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+fn run_avx512<K: SimdKernel>(kernel: K) -> K::Output {
     kernel.run::<Pair<Avx512>>()
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,fma")]
-fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+fn run_avx2<K: SimdKernel>(kernel: K) -> K::Output {
     kernel.run::<Pair<Pair<Avx2>>>()
 }

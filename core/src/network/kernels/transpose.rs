@@ -1,6 +1,6 @@
 //! The transpose of a block, in blocks of 4 by 4, which take a few shuffles each.
 
-use crate::network::layout::{Piece, Shape, WIDTH};
+use crate::network::layout::{LayerShape, Piece, WIDTH};
 use std::ops::Range;
 
 impl Piece {
@@ -8,7 +8,7 @@ impl Piece {
     /// transposed weights and what fills it.
     pub(crate) fn transpose(
         &self,
-        shape: &Shape,
+        shape: &LayerShape,
         parameters: &[f32],
         mut place: impl FnMut(Range<usize>, &dyn Fn(&mut [f32])),
     ) {

@@ -1,6 +1,6 @@
 //! AVX-512 and AVX2 registers.
 
-use super::Lanes;
+use super::SimdLanes;
 use std::arch::x86_64::*;
 
 /// 16 numbers; AVX-512 F and DQ.
@@ -12,9 +12,9 @@ pub(crate) struct Avx512(__m512);
 pub(crate) struct Avx2(__m256);
 
 // SAFETY (of every block in both implementations): the instructions exist, because `Simd::run` has checked the processor
-// before anything here is reached (see `Lanes`); loads and stores are of slices whose length is checked.
+// before anything here is reached (see `SimdLanes`); loads and stores are of slices whose length is checked.
 
-impl Lanes for Avx512 {
+impl SimdLanes for Avx512 {
     const COUNT: usize = 16;
     // 16 sums, 2 columns, and the broadcasts come from memory
     const ROWS: usize = 8;
@@ -152,7 +152,7 @@ impl Lanes for Avx512 {
     }
 }
 
-impl Lanes for Avx2 {
+impl SimdLanes for Avx2 {
     const COUNT: usize = 8;
     // 12 sums, 3 broadcasts, and the columns come from memory
     const ROWS: usize = 3;

@@ -2,7 +2,7 @@
 
 use crate::network::{
     kernels::{
-        Kernel, Lanes, Left, Simd, Store, WIDTH,
+        InstructionSet, Left, SimdKernel, SimdLanes, Store, WIDTH,
         matrix::{Matrix, Multiply, multiply},
     },
     layout::padded,
@@ -11,7 +11,7 @@ use crate::network::{
 /// A running mean of `A A^T` of some matrices `A`, and its approximate eigenvectors.
 #[derive(Clone, Debug)]
 pub(super) struct Eigenbasis {
-    simd: Simd,
+    simd: InstructionSet,
     /// `[n, n]`
     pub(super) covariance: Matrix,
     /// One in each row, in nearly falling order of the eigenvalues.
@@ -32,7 +32,7 @@ impl Eigenbasis {
         let zeros = || Matrix::zeros(size, size);
         let identity = Matrix::identity(size);
         Self {
-            simd: Simd::detect(),
+            simd: InstructionSet::detect(),
             covariance: zeros(),
             rows: identity.clone(),
             columns: identity.clone(),
@@ -109,7 +109,7 @@ pub(super) fn all(matrix: &Matrix) -> Left<'_> {
 
 /// Puts a unit vector orthogonal to all of `done` into `vector`: what is left of `wish`, or of the first unit vector of
 /// which enough is left. There is one, because fewer than `size` vectors are done.
-fn complete(simd: Simd, vector: &mut [f32], done: &[f32], stride: usize, wish: &[f32], size: usize) {
+fn complete(simd: InstructionSet, vector: &mut [f32], done: &[f32], stride: usize, wish: &[f32], size: usize) {
     vector.copy_from_slice(wish);
     for unit in 0..=size {
         for _ in 0..2 {
@@ -124,7 +124,7 @@ fn complete(simd: Simd, vector: &mut [f32], done: &[f32], stride: usize, wish: &
 }
 
 /// Divides a vector by its length, unless its square is not above `least` or not a number; whether it did.
-fn normalize(simd: Simd, vector: &mut [f32], least: f32) -> bool {
+fn normalize(simd: InstructionSet, vector: &mut [f32], least: f32) -> bool {
     let square = simd.run(Dot { a: vector, b: vector });
     let good = square > least && square.is_finite() && square > f32::MIN_POSITIVE;
     if good {
@@ -139,11 +139,11 @@ struct Dot<'a> {
     b: &'a [f32],
 }
 
-impl Kernel for Dot<'_> {
+impl SimdKernel for Dot<'_> {
     type Output = f32;
 
     #[inline(always)]
-    fn run<L: Lanes>(self) -> f32 {
+    fn run<L: SimdLanes>(self) -> f32 {
         let mut sum = L::splat(0.0);
         for (a, b) in self.a.as_chunks::<WIDTH>().0.iter().zip(self.b.as_chunks::<WIDTH>().0) {
             sum = L::load(a).mul_add(L::load(b), sum);
@@ -160,11 +160,11 @@ struct Orthogonalize<'a> {
     stride: usize,
 }
 
-impl Kernel for Orthogonalize<'_> {
+impl SimdKernel for Orthogonalize<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { vector, to, stride } = self;
         for _ in 0..2 {
             for unit in to.chunks_exact(stride) {

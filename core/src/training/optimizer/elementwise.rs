@@ -2,7 +2,7 @@
 
 use super::Coefficients;
 use crate::{
-    network::kernels::{Kernel, Lanes, Simd, WIDTH},
+    network::kernels::{InstructionSet, SimdKernel, SimdLanes, WIDTH},
     study::Optimizer,
 };
 
@@ -10,9 +10,9 @@ const EPSILON: f32 = 1e-8;
 
 /// One step's factors.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Elementwise {
+pub(super) struct ElementwiseStep {
     rule: Optimizer,
-    simd: Simd,
+    simd: InstructionSet,
     rate: f32,
     /// What is kept of the mean.
     momentum: f32,
@@ -35,21 +35,21 @@ pub(super) struct Elementwise {
 ///                p = (1 - rate decay) p - rate (m / c1) / (√(v / c2) + ε)
 /// ```
 struct Update<'a> {
-    with: Elementwise,
+    with: ElementwiseStep,
     parameters: &'a mut [f32],
     gradient: &'a [f32],
     mean: &'a mut [f32],
     square: &'a mut [f32],
 }
 
-impl Elementwise {
+impl ElementwiseStep {
     /// For step number `step`, counted from 1.
     pub(super) fn new(rule: Optimizer, coefficients: &Coefficients, step: u64, learning_rate: f64) -> Self {
         let Coefficients { momentum, beta2, weight_decay, .. } = *coefficients;
         let correction = |beta: f64| (1.0 - beta.powf(step as f64)).recip();
         Self {
             rule,
-            simd: Simd::detect(),
+            simd: InstructionSet::detect(),
             rate: learning_rate as f32,
             momentum: momentum as f32,
             square_share: (1.0 - beta2) as f32,
@@ -66,7 +66,7 @@ impl Elementwise {
 
     /// Adam's step without the learning rate: `(m / c1) / (√(v / c2) + ε)`, after the means have taken up `gradient`.
     #[inline(always)]
-    pub(super) fn direction<L: Lanes>(&self, gradient: L, mean: &mut [f32; WIDTH], square: &mut [f32; WIDTH]) -> L {
+    pub(super) fn direction<L: SimdLanes>(&self, gradient: L, mean: &mut [f32; WIDTH], square: &mut [f32; WIDTH]) -> L {
         let (old_mean, old_square) = (L::load(mean), L::load(square));
         let new_mean = gradient.sub(old_mean).mul_add(L::splat(1.0 - self.momentum), old_mean);
         let new_square = gradient.mul(gradient).sub(old_square).mul_add(L::splat(self.square_share), old_square);
@@ -83,17 +83,17 @@ impl Elementwise {
 
     /// As [`applied`](Self::applied).
     #[inline(always)]
-    fn apply<L: Lanes>(&self, direction: L, parameters: &mut [f32; WIDTH]) {
+    fn apply<L: SimdLanes>(&self, direction: L, parameters: &mut [f32; WIDTH]) {
         let kept = L::load(parameters).mul(L::splat(self.kept));
         direction.mul_add(L::splat(-self.rate), kept).store(parameters);
     }
 }
 
-impl Kernel for Update<'_> {
+impl SimdKernel for Update<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { with, parameters, gradient, mean, square } = self;
         let momentum = L::splat(with.momentum);
         let parameters = parameters.as_chunks_mut::<WIDTH>().0.iter_mut().zip(gradient.as_chunks::<WIDTH>().0);

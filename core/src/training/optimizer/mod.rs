@@ -11,11 +11,11 @@ use super::{
 use crate::{
     network::{
         Packed,
-        kernels::{Kernel, Lanes, Simd, WIDTH, buffer::Buffer},
+        kernels::{InstructionSet, SimdKernel, SimdLanes, WIDTH, buffer::Buffer},
     },
     study::{Optimizer, TrainingOptions},
 };
-use elementwise::Elementwise;
+use elementwise::ElementwiseStep;
 use soap::Soap;
 
 /// The options of all rules, with their defaults filled in.
@@ -37,12 +37,12 @@ pub(super) struct Updater {
     clip_norm: f64,
     /// Steps done.
     steps: u64,
-    memory: Memory,
+    memory: OptimizerState,
     /// Sum of squares of each piece of the gradient.
     squares: Vec<f64>,
 }
 
-enum Memory {
+enum OptimizerState {
     /// Laid out as the packed parameters are.
     Elementwise {
         mean: Buffer,
@@ -76,8 +76,8 @@ impl Updater {
         };
         let zeros = || Buffer::zeros(network.layout.len());
         let memory = match options.optimizer {
-            Optimizer::Soap => Memory::Soap(Box::new(Soap::new(&network.layout))),
-            _ => Memory::Elementwise { mean: zeros(), square: zeros() },
+            Optimizer::Soap => OptimizerState::Soap(Box::new(Soap::new(&network.layout))),
+            _ => OptimizerState::Elementwise { mean: zeros(), square: zeros() },
         };
         Self {
             rule: options.optimizer,
@@ -100,7 +100,7 @@ impl Updater {
         learning_rate: f64,
     ) {
         self.steps += 1;
-        let simd = Simd::detect();
+        let simd = InstructionSet::detect();
         let Packed { layout, parameters, transposed, .. } = network;
         let pieces = &layout.pieces;
         let mut penalty = self.penalty;
@@ -130,8 +130,8 @@ impl Updater {
             });
         };
         match &mut self.memory {
-            Memory::Elementwise { mean, square } => {
-                let with = Elementwise::new(self.rule, &self.coefficients, self.steps, learning_rate);
+            OptimizerState::Elementwise { mean, square } => {
+                let with = ElementwiseStep::new(self.rule, &self.coefficients, self.steps, learning_rate);
                 let (mean, square) = (Divided::new(mean), Divided::new(square));
                 team.for_each(pieces.len(), |_, index| {
                     let (gradient, parameters) = penalized(index);
@@ -142,7 +142,7 @@ impl Updater {
                     transpose(index, parameters);
                 });
             }
-            Memory::Soap(soap) => {
+            OptimizerState::Soap(soap) => {
                 team.for_each(pieces.len(), |_, index| {
                     penalized(index);
                 });
@@ -178,10 +178,10 @@ impl Updater {
     /// The state that a checkpoint keeps, with names.
     pub(super) fn memory(&mut self) -> Vec<(String, &mut [f32])> {
         match &mut self.memory {
-            Memory::Elementwise { mean, square } => {
+            OptimizerState::Elementwise { mean, square } => {
                 vec![("mean".into(), &mut **mean), ("square".into(), &mut **square)]
             }
-            Memory::Soap(soap) => soap.memory(),
+            OptimizerState::Soap(soap) => soap.memory(),
         }
     }
 
@@ -205,11 +205,11 @@ struct Penalize<'a> {
     gradient: &'a mut [f32],
 }
 
-impl Kernel for Penalize<'_> {
+impl SimdKernel for Penalize<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { penalty: Penalty { factor, l1, l2 }, parameters, gradient } = self;
         let (factor, l1, l2, zero) = (L::splat(factor), L::splat(l1), L::splat(l2), L::splat(0.0));
         for (p, gradient) in parameters.as_chunks::<WIDTH>().0.iter().zip(gradient.as_chunks_mut::<WIDTH>().0) {
@@ -235,7 +235,7 @@ mod tests {
         let mut parameters = [0.0; WIDTH];
         (parameters[1], parameters[2]) = (2.0, -4.0);
         let penalty = Penalty { factor: 0.5, l1: 0.25, l2: 0.125 };
-        for simd in Simd::available() {
+        for simd in InstructionSet::available() {
             gradient.fill(1.0);
             simd.run(Penalize { penalty, parameters: &parameters, gradient: &mut gradient });
             assert_eq!(gradient[..3], [0.5, 0.5 + 0.25 + 0.25, 0.5 - 0.5 - 0.25], "{simd:?}");

@@ -12,15 +12,15 @@
 use super::{
     Coefficients,
     eigenbasis::{Eigenbasis, all},
-    elementwise::Elementwise,
+    elementwise::ElementwiseStep,
 };
 use crate::{
     network::{
         kernels::{
-            Kernel, Lanes, Left, Simd, Store, WIDTH,
+            InstructionSet, Left, SimdKernel, SimdLanes, Store, WIDTH,
             matrix::{Matrix, multiply},
         },
-        layout::{Layout, Shape},
+        layout::{LayerShape, NetworkLayout},
     },
     study::Optimizer,
     training::team::{Divided, Team},
@@ -32,8 +32,8 @@ const CHUNK: usize = 16;
 
 /// The memory of the optimizer, and its working memory.
 pub(super) struct Soap {
-    simd: Simd,
-    layers: Vec<Layer>,
+    simd: InstructionSet,
+    layers: Vec<SoapLayer>,
     /// `U` and `V` of the first layer, of the second, ...
     bases: Vec<Eigenbasis>,
     /// The pieces of work on all layers, each a layer and a number within it.
@@ -42,9 +42,9 @@ pub(super) struct Soap {
 }
 
 /// All matrices `[m, n]`.
-struct Layer {
+struct SoapLayer {
     index: usize,
-    shape: Shape,
+    shape: LayerShape,
     gradient: Matrix,
     /// `[n, m]`
     gradient_transposed: Matrix,
@@ -56,15 +56,15 @@ struct Layer {
 }
 
 impl Soap {
-    pub(super) fn new(layout: &Layout) -> Self {
-        let layers: Vec<Layer> = layout.shapes.iter().enumerate().map(Layer::new).collect();
+    pub(super) fn new(layout: &NetworkLayout) -> Self {
+        let layers: Vec<SoapLayer> = layout.shapes.iter().enumerate().map(SoapLayer::new).collect();
         let sizes = layers.iter().flat_map(|layer| [layer.gradient.rows, layer.gradient.columns]);
         let bases = sizes.map(Eigenbasis::new).collect();
-        let items = |of: fn(&Layer) -> usize| {
+        let items = |of: fn(&SoapLayer) -> usize| {
             layers.iter().enumerate().flat_map(|(index, layer)| (0..of(layer)).map(move |item| (index, item))).collect()
         };
         let into_basis = items(|layer| layer.row_chunks() + layer.gradient.columns.div_ceil(CHUNK));
-        Self { simd: Simd::detect(), bases, into_basis, out_of_basis: items(Layer::row_chunks), layers }
+        Self { simd: InstructionSet::detect(), bases, into_basis, out_of_basis: items(SoapLayer::row_chunks), layers }
     }
 
     /// Step number `step`, counted from 1. `gradient` and `parameters`: laid out as the packed parameters are.
@@ -79,7 +79,7 @@ impl Soap {
     ) {
         let Self { simd, layers, bases, into_basis, out_of_basis } = self;
         let simd = *simd;
-        let adam = Elementwise::new(Optimizer::Soap, coefficients, step, learning_rate);
+        let adam = ElementwiseStep::new(Optimizer::Soap, coefficients, step, learning_rate);
         let share = (1.0 - coefficients.beta2) as f32;
         // the layers together, so that the members of the team wait for each other three times only
         for_all(team, layers, |layer| layer.take_up(gradient));
@@ -137,8 +137,8 @@ fn for_all<T: Send>(team: &mut Team, values: &mut [T], work: impl Fn(&mut T) + S
     team.for_each(count, |_, index| work(unsafe { &mut values.range(index..index + 1)[0] }));
 }
 
-impl Layer {
-    fn new((index, shape): (usize, &Shape)) -> Self {
+impl SoapLayer {
+    fn new((index, shape): (usize, &LayerShape)) -> Self {
         let (rows, columns) = shape.matrix_size();
         let zeros = || Matrix::zeros(rows, columns);
         Self {
@@ -170,7 +170,7 @@ impl Layer {
     }
 
     /// Adam's mean in the new eigenbasis.
-    fn rotate_mean(&mut self, simd: Simd, [left, right]: &[Eigenbasis; 2]) {
+    fn rotate_mean(&mut self, simd: InstructionSet, [left, right]: &[Eigenbasis; 2]) {
         multiply(simd, all(&left.turn), &self.mean, Store::Replace, &mut self.product.values);
         multiply(simd, all(&self.product), &right.turn_back, Store::Replace, &mut self.mean.values);
     }
@@ -182,25 +182,25 @@ struct IntoBasis<'a> {
     gradient_transposed: &'a Matrix,
     left_rows: &'a Matrix,
     right_columns: &'a Matrix,
-    left_covariance: Rows<'a>,
-    right_covariance: Rows<'a>,
-    mean: Rows<'a>,
-    square: Rows<'a>,
-    direction: Rows<'a>,
-    product: Rows<'a>,
+    left_covariance: MatrixRows<'a>,
+    right_covariance: MatrixRows<'a>,
+    mean: MatrixRows<'a>,
+    square: MatrixRows<'a>,
+    direction: MatrixRows<'a>,
+    product: MatrixRows<'a>,
 }
 
 impl<'a> IntoBasis<'a> {
-    fn new(layer: &'a mut Layer, [left, right]: &'a mut [Eigenbasis; 2]) -> Self {
-        let Layer { gradient, gradient_transposed, mean, square, direction, product, .. } = layer;
-        let [mean, square, direction, product] = [mean, square, direction, product].map(Rows::new);
+    fn new(layer: &'a mut SoapLayer, [left, right]: &'a mut [Eigenbasis; 2]) -> Self {
+        let SoapLayer { gradient, gradient_transposed, mean, square, direction, product, .. } = layer;
+        let [mean, square, direction, product] = [mean, square, direction, product].map(MatrixRows::new);
         Self {
             gradient,
             gradient_transposed,
             left_rows: &left.rows,
             right_columns: &right.columns,
-            left_covariance: Rows::new(&mut left.covariance),
-            right_covariance: Rows::new(&mut right.covariance),
+            left_covariance: MatrixRows::new(&mut left.covariance),
+            right_covariance: MatrixRows::new(&mut right.covariance),
             mean,
             square,
             direction,
@@ -212,7 +212,7 @@ impl<'a> IntoBasis<'a> {
     ///
     /// # Safety
     /// No item overlaps with another call for the same one.
-    unsafe fn run(&self, simd: Simd, share: f32, adam: Elementwise, item: usize) {
+    unsafe fn run(&self, simd: InstructionSet, share: f32, adam: ElementwiseStep, item: usize) {
         let Self {
             gradient,
             gradient_transposed,
@@ -251,19 +251,19 @@ impl<'a> IntoBasis<'a> {
 
 /// `D = U D' V^T`, and with it the new parameters, of a layer.
 struct OutOfBasis<'a> {
-    shape: &'a Shape,
+    shape: &'a LayerShape,
     direction: &'a Matrix,
     left_columns: &'a Matrix,
     right_rows: &'a Matrix,
     /// The gradient is not needed any more: its place is taken by `D`.
-    result: Rows<'a>,
-    product: Rows<'a>,
+    result: MatrixRows<'a>,
+    product: MatrixRows<'a>,
 }
 
 impl<'a> OutOfBasis<'a> {
-    fn new(layer: &'a mut Layer, [left, right]: &'a [Eigenbasis; 2]) -> Self {
-        let Layer { shape, gradient, direction, product, .. } = layer;
-        let (result, product) = (Rows::new(gradient), Rows::new(product));
+    fn new(layer: &'a mut SoapLayer, [left, right]: &'a [Eigenbasis; 2]) -> Self {
+        let SoapLayer { shape, gradient, direction, product, .. } = layer;
+        let (result, product) = (MatrixRows::new(gradient), MatrixRows::new(product));
         Self { shape, direction, left_columns: &left.columns, right_rows: &right.rows, result, product }
     }
 
@@ -271,7 +271,7 @@ impl<'a> OutOfBasis<'a> {
     ///
     /// # Safety
     /// No item overlaps with another call for the same one.
-    unsafe fn run(&self, simd: Simd, adam: Elementwise, item: usize, parameters: &Divided<f32>) {
+    unsafe fn run(&self, simd: InstructionSet, adam: ElementwiseStep, item: usize, parameters: &Divided<f32>) {
         let Self { shape, direction, left_columns, right_rows, result, product } = self;
         let rows = result.chunk(item);
         // SAFETY: one chunk for each item
@@ -296,13 +296,13 @@ fn some(matrix: &Matrix, rows: Range<usize>) -> Left<'_> {
 }
 
 /// A matrix whose rows are written to in chunks, by several members.
-struct Rows<'a> {
+struct MatrixRows<'a> {
     values: Divided<'a, f32>,
     rows: usize,
     stride: usize,
 }
 
-impl<'a> Rows<'a> {
+impl<'a> MatrixRows<'a> {
     fn new(matrix: &'a mut Matrix) -> Self {
         Self { rows: matrix.rows, stride: matrix.stride(), values: Divided::new(&mut matrix.values) }
     }
@@ -325,17 +325,17 @@ impl<'a> Rows<'a> {
 
 /// Replaces `G'` by `D'`, after Adam's means have taken it up.
 struct Direction<'a> {
-    adam: Elementwise,
+    adam: ElementwiseStep,
     mean: &'a mut [f32],
     square: &'a mut [f32],
     direction: &'a mut [f32],
 }
 
-impl Kernel for Direction<'_> {
+impl SimdKernel for Direction<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<L: SimdLanes>(self) {
         let Self { adam, mean, square, direction } = self;
         let moments = mean.as_chunks_mut::<WIDTH>().0.iter_mut().zip(square.as_chunks_mut::<WIDTH>().0);
         for ((mean, square), direction) in moments.zip(direction.as_chunks_mut::<WIDTH>().0) {
@@ -352,7 +352,7 @@ mod tests {
 
     #[test]
     fn steps_are_the_same_bits_on_any_number_of_threads_and_leave_the_padding_alone() {
-        let layout = Layout::new(&[3, 40, 35, 2], false);
+        let layout = NetworkLayout::new(&[3, 40, 35, 2], false);
         let run = |threads| {
             let (mut team, mut soap) = (Team::new(threads), Soap::new(&layout));
             let mut parameters = vec![0.0; layout.len()];

@@ -9,13 +9,13 @@ use rayon::ThreadPoolBuilder;
 use std::ops::ControlFlow;
 
 /// `sin(2 a) cos(b)` and `a b` on points spread over the square from -1 to 1, beginning at point `first`.
-fn smooth(first: usize, rows: usize) -> Rows {
+fn smooth(first: usize, rows: usize) -> TrainingRows {
     let coordinate = |i: usize, ratio: f64| 2.0 * ((first + i) as f64 * ratio).fract() - 1.0;
     let points: Vec<(f64, f64)> =
         (0..rows).map(|i| (coordinate(i, 0.754_877_666_246_693), coordinate(i, 0.569_840_290_998_053))).collect();
     let inputs = points.iter().flat_map(|&(a, b)| [a as f32, b as f32]).collect();
     let outputs = points.iter().flat_map(|&(a, b)| [((2.0 * a).sin() * b.cos()) as f32, (a * b) as f32]).collect();
-    Rows::new(2, 2, inputs, outputs).unwrap()
+    TrainingRows::new(2, 2, inputs, outputs).unwrap()
 }
 
 fn network(hidden: &[usize]) -> Network {
@@ -39,13 +39,13 @@ fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 
 /// Records everything, and breaks at the given step of the whole training.
 #[derive(Default)]
-struct Recorder {
+struct TrainingRecorder {
     break_at: Option<usize>,
     steps: Vec<Progress>,
     epochs: Vec<EpochRecord>,
 }
 
-impl Observer for Recorder {
+impl Observer for TrainingRecorder {
     fn step(&mut self, progress: &Progress) -> ControlFlow<()> {
         self.steps.push(*progress);
         if self.break_at == Some(self.steps.len()) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -127,7 +127,7 @@ fn the_best_network_on_the_validation_rows_is_the_result() {
     let (training, validation) = (smooth(0, 300), smooth(5_000, 100));
     // a rate so high that the loss goes up and down
     let options = TrainingOptions { learning_rate: 0.1, schedule: Schedule::Constant, ..options(18, 30) };
-    let mut recorder = Recorder::default();
+    let mut recorder = TrainingRecorder::default();
     let outcome = train(network(&[8]), &training, &validation, &options, 1, &mut recorder).unwrap();
     let losses: Vec<f64> = outcome.history.iter().map(|record| record.validation_loss).collect();
     let smallest = losses.iter().copied().fold(f64::INFINITY, f64::min);
@@ -155,7 +155,7 @@ fn patience_ends_the_training_that_many_epochs_after_the_best_one() {
 fn an_interruption_keeps_the_best_network_so_far() {
     let (training, validation) = (smooth(0, 300), smooth(5_000, 100));
     let run = |epochs, break_at| {
-        let mut recorder = Recorder { break_at, ..Recorder::default() };
+        let mut recorder = TrainingRecorder { break_at, ..TrainingRecorder::default() };
         let options = TrainingOptions { schedule: Schedule::Constant, ..options(epochs, 100) };
         train(network(&[8]), &training, &validation, &options, 1, &mut recorder).unwrap()
     };
@@ -169,7 +169,7 @@ fn an_interruption_keeps_the_best_network_so_far() {
 #[test]
 fn an_interruption_before_the_first_validation_keeps_the_current_network() {
     let (training, validation) = (smooth(0, 300), smooth(5_000, 100));
-    let mut recorder = Recorder { break_at: Some(2), ..Recorder::default() };
+    let mut recorder = TrainingRecorder { break_at: Some(2), ..TrainingRecorder::default() };
     let outcome = train(network(&[8]), &training, &validation, &options(9, 100), 1, &mut recorder).unwrap();
     assert_eq!((outcome.reason, outcome.best_epoch), (StopReason::Interrupted, 0));
     assert!(outcome.history.is_empty());
@@ -200,7 +200,7 @@ fn a_divergence_before_the_first_validation_keeps_the_given_network() {
 #[test]
 fn progress_counts_the_steps_of_nearly_equal_batches() {
     let (training, validation) = (smooth(0, 205), smooth(5_000, 100));
-    let mut recorder = Recorder::default();
+    let mut recorder = TrainingRecorder::default();
     train(network(&[4]), &training, &validation, &options(2, 100), 1, &mut recorder).unwrap();
     let counts: Vec<(usize, usize)> = recorder.steps.iter().map(|p| (p.epoch, p.step)).collect();
     assert_eq!(counts, [(1, 1), (1, 2), (1, 3), (2, 1), (2, 2), (2, 3)]);
@@ -219,9 +219,9 @@ fn a_batch_larger_than_the_rows_is_all_rows() {
 
 #[test]
 fn trainings_that_make_no_sense_are_refused() {
-    let (rows, none) = (smooth(0, 10), Rows::new(2, 2, Vec::new(), Vec::new()).unwrap());
-    let wide = Rows::new(3, 2, vec![0.0; 3], vec![0.0; 2]).unwrap();
-    let refuse = |training: &Rows, validation: &Rows, options: &TrainingOptions| {
+    let (rows, none) = (smooth(0, 10), TrainingRows::new(2, 2, Vec::new(), Vec::new()).unwrap());
+    let wide = TrainingRows::new(3, 2, vec![0.0; 3], vec![0.0; 2]).unwrap();
+    let refuse = |training: &TrainingRows, validation: &TrainingRows, options: &TrainingOptions| {
         train(network(&[4]), training, validation, options, 1, &mut ()).unwrap_err()
     };
     assert_eq!(refuse(&none, &rows, &options(1, 1)), TrainingError::NoRows { set: "training" });
@@ -347,7 +347,7 @@ fn the_same_bytes_on_any_number_of_threads_with_everything_switched_on() {
 #[test]
 fn a_training_with_restarts_ends_with_the_cycle_that_is_good_enough_or_gained_little() {
     let (rows, held_out) = (smooth(0, 2000), smooth(2000, 200));
-    let outcome = |enough: f64, epochs: usize, held_out: &Rows| {
+    let outcome = |enough: f64, epochs: usize, held_out: &TrainingRows| {
         let options = TrainingOptions { schedule: Schedule::Restarts, enough: Some(enough), ..options(epochs, 64) };
         train(network(&[32]), &rows, held_out, &options, 1, &mut ()).unwrap()
     };
@@ -363,7 +363,7 @@ fn a_training_with_restarts_ends_with_the_cycle_that_is_good_enough_or_gained_li
     assert_eq!(after_two.history[2].validation_loss, all.history[2].validation_loss);
     // outputs that have nothing to do with the inputs cannot be learned any better by training longer
     let unrelated =
-        Rows::new(2, 2, vec![0.5; 200], (0..200).map(|i| (f64::from(i) * 7.3).sin() as f32).collect()).unwrap();
+        TrainingRows::new(2, 2, vec![0.5; 200], (0..200).map(|i| (f64::from(i) * 7.3).sin() as f32).collect()).unwrap();
     let hopeless = outcome(0.0, 31, &unrelated);
     assert_eq!((hopeless.reason, hopeless.history.len()), (StopReason::Patience, 7));
 }
@@ -374,7 +374,7 @@ fn a_training_with_restarts_ends_when_it_learns_noise_by_heart() {
         let mut random = ChaCha8Rng::seed_from_u64(seed as u64);
         let mut number = || random.random::<f32>() - 0.5;
         let inputs: Vec<f32> = (0..2 * count).map(|_| 4.0 * number()).collect();
-        Rows::new(2, 2, inputs, (0..2 * count).map(|_| number()).collect()).unwrap()
+        TrainingRows::new(2, 2, inputs, (0..2 * count).map(|_| number()).collect()).unwrap()
     };
     let options = TrainingOptions { schedule: Schedule::Restarts, ..options(3000, 64) };
     let outcome = train(network(&[64]), &noisy(1, 64), &noisy(2, 64), &options, 1, &mut ()).unwrap();
