@@ -7,7 +7,7 @@
 //!     cargo run --release --example design_study -- STUDY.toml NAME.fmu POINTS.csv RESULT.csv BLOCKS
 
 use metafmu::{
-    fmi::{Fmu, Instance, SimulationOptions, simulate},
+    fmi::{Fmu, FmuInstance, SimulationOptions, simulate},
     source::Simulation,
     study::Study,
 };
@@ -58,7 +58,12 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// The outputs at the end of a run in steps of the given size, else of the FMU's own.
-fn end(instance: &Instance, names: &[&str], point: &[f64], step: Option<f64>) -> metafmu::Result<Vec<(String, f64)>> {
+fn end(
+    instance: &FmuInstance,
+    names: &[&str],
+    point: &[f64],
+    step: Option<f64>,
+) -> metafmu::Result<Vec<(String, f64)>> {
     instance.reset()?;
     let start_values = names.iter().zip(point).map(|(&name, &value)| (name.to_owned(), value)).collect();
     let mut table = simulate(instance, &SimulationOptions { start_values, step, ..SimulationOptions::default() })?;

@@ -11,7 +11,7 @@
 mod variables;
 
 use metafmu::{
-    fmi::{Fmu, Instance},
+    fmi::{Fmu, FmuInstance},
     integrate::{Budget, TOLERANCE},
     multibody::Mechanism,
     signal::Signal,
@@ -172,7 +172,7 @@ fn swing_surrogate(fmu: &Fmu, designs: &[Design]) -> Vec<Peak> {
     designs.iter().map(|design| swing_instance(&instance, design).map_err(|error| error.to_string())).collect()
 }
 
-fn swing_instance(instance: &Instance, &[l, m, b, force]: &Design) -> metafmu::Result<f64> {
+fn swing_instance(instance: &FmuInstance, &[l, m, b, force]: &Design) -> metafmu::Result<f64> {
     let parameters = references(instance.fmu(), ["l", "m", "b", "rope.angle_start"])?;
     let (motor, angle) = (references(instance.fmu(), ["force"])?, references(instance.fmu(), ["theta"])?);
     instance.reset()?;

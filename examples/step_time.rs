@@ -4,7 +4,7 @@
 
 use metafmu::{
     Result,
-    fmi::{Fmu, host::Step, model_description::ScalarVariable},
+    fmi::{Fmu, host::StepResult, model_description::ScalarVariable},
 };
 use std::{
     process::ExitCode,
@@ -51,7 +51,7 @@ fn measure(fmu: &str, stop: f64, step: f64, outputs: &[String]) -> Result<(Durat
         fastest_instance = fastest_instance.min(before.elapsed());
         let before = Instant::now();
         for index in 0..steps {
-            if instance.do_step(f64::from(index) * step, step)? != Step::Done {
+            if instance.do_step(f64::from(index) * step, step)? != StepResult::Done {
                 break;
             }
             for variable in &variables {

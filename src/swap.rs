@@ -4,13 +4,13 @@ use crate::{
     Error, Result,
     fmi::{
         ModelDescription, Watch,
-        host::{Column, Grid, RowSink, Unpacked, is_settable},
+        host::{Grid, RecordedColumn, RowSink, Unpacked, is_settable},
         model_description::{Causality, DefaultExperiment, ScalarVariable, VariableType},
         system::{
-            Connector, ConnectorKind, Experiment, Source, System, is_number,
+            ComponentSource, Connector, ConnectorKind, Experiment, FmuSystem, is_number,
             master::TIMES,
             misfit, port,
-            run::{Port, Run},
+            run::{Port, SystemRun},
         },
         worker::run_system_apart,
     },
@@ -40,31 +40,31 @@ pub struct SwapOptions {
     pub stop: Option<f64>,
     /// Communication step size in s; else the surrogate's, else the source's.
     pub step: Option<f64>,
-    /// Tolerance of model exchange, see [`Run::tolerance`].
+    /// Tolerance of model exchange, see [`SystemRun::tolerance`].
     pub tolerance: Option<f64>,
 }
 
 /// A system with a component's source and the surrogate that is to replace it, unpacked and checked.
 #[derive(Debug)]
 pub struct Swap {
-    system: System,
+    system: FmuSystem,
     component: String,
     surrogate: PathBuf,
     source: PathBuf,
     /// Names and units.
     outputs: Vec<(String, String)>,
     warnings: Vec<String>,
-    with_source: Run,
-    with_surrogate: Run,
+    with_source: SystemRun,
+    with_surrogate: SystemRun,
     // with the folders of the runs
-    _sources: Vec<Source>,
+    _sources: Vec<ComponentSource>,
 }
 
 /// The recorded rows of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recorded {
     /// What the columns are.
-    pub columns: Vec<Column>,
+    pub columns: Vec<RecordedColumn>,
     /// Time of each row.
     pub times: Vec<f64>,
     /// Values of each column.
@@ -164,17 +164,17 @@ impl Swap {
     /// the source's variable `NAME`.
     ///
     /// # Errors
-    /// - as [`System::open`], [`System::load`] and [`Unpacked::open`];
+    /// - as [`FmuSystem::open`], [`FmuSystem::load`] and [`Unpacked::open`];
     /// - [`Error::System`], [`Error::Replacement`] with all that does not fit;
     /// - [`Error::Experiment`] if the times make no simulation.
     pub fn open(options: &SwapOptions) -> Result<Self> {
-        let system = System::open(&options.system)?;
+        let system = FmuSystem::open(&options.system)?;
         let Some(replaced) = system.position(&options.component) else {
             let known = system.components.iter().map(|component| component.name.clone()).collect();
             return Err(Error::UnknownComponent { path: system.path, name: options.component.clone(), known });
         };
         let mut sources = (0..system.components.len()).map(|index| system.load(index)).collect::<Result<Vec<_>>>()?;
-        let surrogate = Source::Fmu(Box::new(Unpacked::open(&options.surrogate, None)?));
+        let surrogate = ComponentSource::Fmu(Box::new(Unpacked::open(&options.surrogate, None)?));
         let experiment = experiment(options, &system, surrogate.description(), sources[replaced].description())?;
         let mut with_source = system.plan(&sources, replaced, experiment)?;
         refuse_misfits(&system, replaced, &surrogate)?;
@@ -220,7 +220,7 @@ impl Swap {
     /// As [`run_system_apart`]; [`Error::Worker`] also if an output is not finite, or if there are no steps to compare.
     pub fn compare(&self, watch: Watch, mut begins: impl FnMut(&Path)) -> Result<Comparison> {
         let mut warnings = self.warnings.clone();
-        let mut simulate = |run: &Run, fmu: &Path| {
+        let mut simulate = |run: &SystemRun, fmu: &Path| {
             begins(fmu);
             let mut recorded = Recorded::default();
             let ended = run_system_apart(&self.system.path, run, watch, &mut recorded)?;
@@ -265,7 +265,7 @@ impl Swap {
 }
 
 /// Fails if the surrogate lacks connectors of the component that are connected.
-fn refuse_misfits(system: &System, replaced: usize, surrogate: &Source) -> Result<()> {
+fn refuse_misfits(system: &FmuSystem, replaced: usize, surrogate: &ComponentSource) -> Result<()> {
     let connected = |connector: &&Connector| system.is_connected(replaced, &connector.name);
     let problem = |connector: &Connector| {
         let is_input = matches!(connector.kind, ConnectorKind::Input | ConnectorKind::Parameter);
@@ -278,7 +278,7 @@ fn refuse_misfits(system: &System, replaced: usize, surrogate: &Source) -> Resul
 }
 
 /// The variable that tells whether a surrogate is within its domain.
-fn in_domain(component: usize, surrogate: &Source) -> Option<Port> {
+fn in_domain(component: usize, surrogate: &ComponentSource) -> Option<Port> {
     let name = BuiltIn::InDomain.name();
     let variable = surrogate.description().variable(name)?;
     let tells = variable.causality == Causality::Output && is_number(variable);
@@ -295,7 +295,7 @@ struct Compared {
 
 impl Compared {
     /// The outputs of the system; if it has none, those of the component that both have.
-    fn new(system: &System, replaced: usize, source: &Source, surrogate: &Source) -> Result<Self> {
+    fn new(system: &FmuSystem, replaced: usize, source: &ComponentSource, surrogate: &ComponentSource) -> Result<Self> {
         let own = system.outputs.iter().map(|(name, end)| (name.clone(), end.component, end.connector.clone()));
         let mut compared = Self { outputs: own.collect(), left_out: Vec::new() };
         let component = &system.components[replaced];
@@ -316,14 +316,14 @@ impl Compared {
     }
 
     /// Names and units.
-    fn names(&self, sources: &[Source]) -> Vec<(String, String)> {
+    fn names(&self, sources: &[ComponentSource]) -> Vec<(String, String)> {
         let outputs = self.outputs.iter();
         outputs
             .map(|(name, component, connector)| (name.clone(), unit(sources[*component].description(), connector)))
             .collect()
     }
 
-    fn ports(&self, sources: &[Source]) -> Vec<Port> {
+    fn ports(&self, sources: &[ComponentSource]) -> Vec<Port> {
         self.outputs.iter().map(|(_, component, connector)| port(*component, &sources[*component], connector)).collect()
     }
 }
@@ -331,7 +331,7 @@ impl Compared {
 /// When and how both runs are made.
 fn experiment(
     options: &SwapOptions,
-    system: &System,
+    system: &FmuSystem,
     surrogate: &ModelDescription,
     source: &ModelDescription,
 ) -> Result<Experiment> {
@@ -399,7 +399,7 @@ fn start_value(variable: &ScalarVariable) -> Option<f64> {
 }
 
 impl RowSink for Recorded {
-    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+    fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()> {
         self.columns = columns.to_vec();
         self.values = vec![Vec::new(); columns.len()];
         Ok(())

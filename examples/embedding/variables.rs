@@ -2,7 +2,7 @@
 
 use metafmu::{
     Error, Result,
-    fmi::{Fmu, Instance},
+    fmi::{Fmu, FmuInstance},
 };
 
 /// Value references of an FMU's variables.
@@ -20,7 +20,7 @@ pub fn references<const N: usize>(fmu: &Fmu, names: [&str; N]) -> Result<[u32; N
 }
 
 /// Their values.
-pub fn values<const N: usize>(instance: &Instance, references: [u32; N]) -> Result<[f64; N]> {
+pub fn values<const N: usize>(instance: &FmuInstance, references: [u32; N]) -> Result<[f64; N]> {
     let mut values = [0.0; N];
     instance.get_real(&references, &mut values)?;
     Ok(values)

@@ -6,7 +6,7 @@ use metafmu::{
     Error, Result, files,
     fmi::{
         Watch,
-        host::{Column, Inputs, InterfaceKind, RowSink, SimulationOptions, Table, Unpacked},
+        host::{Inputs, InterfaceKind, RecordedColumn, RowSink, SimulationOptions, SimulationTable, Unpacked},
         simulate_apart,
     },
     report::{Curve, time_series_svg},
@@ -35,7 +35,7 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     });
     let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let unpacked = Unpacked::open(&args.fmu, wanted)?;
-    let (mut table, mut domain) = (args.plot.as_ref().map(|_| Table::default()), Domain::default());
+    let (mut table, mut domain) = (args.plot.as_ref().map(|_| SimulationTable::default()), Domain::default());
     let path = args.output.as_deref().unwrap_or(Path::new("stdout"));
     let mut simulate = |csv: Option<&mut dyn Write>| {
         let mut rows = Rows { csv, path, table: table.as_mut(), domain: &mut domain };
@@ -57,12 +57,12 @@ struct Rows<'a, 'b> {
     csv: Option<&'a mut dyn Write>,
     path: &'b Path,
     /// For the plot.
-    table: Option<&'b mut Table>,
+    table: Option<&'b mut SimulationTable>,
     domain: &'b mut Domain,
 }
 
 impl RowSink for Rows<'_, '_> {
-    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+    fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()> {
         self.domain.column = columns.iter().position(|column| column.name == BuiltIn::InDomain.name());
         if let Some(table) = &mut self.table {
             table.begin(columns)?;
@@ -121,8 +121,8 @@ impl Domain {
 }
 
 /// Plots what changes during the run, or everything if nothing does.
-fn plot(path: &Path, title: &str, table: &Table) -> Result<()> {
-    let curve = |(index, column): (usize, &Column)| Curve {
+fn plot(path: &Path, title: &str, table: &SimulationTable) -> Result<()> {
+    let curve = |(index, column): (usize, &RecordedColumn)| Curve {
         name: column.name.clone(),
         unit: column.unit.clone().unwrap_or_default(),
         values: table.rows.iter().map(|row| row[index]).collect(),

@@ -3,9 +3,9 @@
 use crate::{
     fmi::{
         model_description::{
-            Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, Interface,
-            ModelDescription, ModelExchange, ModelStructure, NamingConvention, Real, ScalarVariable, UnitDefinition,
-            Unknown, Variability, VariableType, Width, model_identifier,
+            Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, InterfaceCapabilities,
+            ModelDescription, ModelExchange, ModelStructure, NamingConvention, RealAttributes, ScalarVariable,
+            UnitDefinition, Unknown, Variability, VariableType, Width, model_identifier,
         },
         unit::BaseUnit,
     },
@@ -34,14 +34,14 @@ impl ModelDescription {
         let is_discrete = matches!(surrogate.model(), Model::Discrete(_));
         // between the steps of the solver
         let updates = v3 && !surrogate.states().is_empty();
-        let interface = Interface {
+        let interface = InterfaceCapabilities {
             model_identifier: model_identifier(name),
             own_memory_management: true,
             get_and_set_state: true,
             serialize_state: true,
             directional_derivative: true,
             adjoint_derivative: v3,
-            ..Interface::default()
+            ..InterfaceCapabilities::default()
         };
         Self {
             fmi_version,
@@ -162,26 +162,26 @@ fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Descri
     // every number is a good value of a periodic input, and a state has limits of its own; hosts may refuse or warn at limits
     let is_limited = input.encoding != Encoding::Periodic && input.role != Role::Start;
     let limit = |limit: f64| is_limited.then_some(limit);
-    let real = Real {
+    let real = RealAttributes {
         unit: text(&input.unit),
         min: limit(input.min),
         max: limit(input.max),
         nominal: Some(nominal(input.min, input.max)),
         // the independent variable has none
         start: (input.role != Role::Time).then_some(input.start),
-        ..Real::default()
+        ..RealAttributes::default()
     };
     Described::scalar(&input_description(input, surrogate), what, VariableType::Real(real))
 }
 
 /// Its value at the start is a parameter, so it is calculated.
 fn state(state: &State) -> Described {
-    let real = Real {
+    let real = RealAttributes {
         unit: text(&state.unit),
         min: state.range.map(|[min, _]| min),
         max: state.range.map(|[_, max]| max),
         nominal: Some(state.nominal),
-        ..Real::default()
+        ..RealAttributes::default()
     };
     let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
     Described::scalar(&state.description, what, VariableType::Real(real))
@@ -191,7 +191,8 @@ fn rate(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Describ
     let State { name, rate_unit, nominal, .. } = &surrogate.states()[index];
     let of_state = |(_, variable): &(u32, &Variable)| variable.quantity == Quantity::State(index);
     let derivative = table(surrogate, fmi_version).position(|entry| of_state(&entry));
-    let real = Real { unit: text(rate_unit), nominal: Some(*nominal), derivative, ..Real::default() };
+    let real =
+        RealAttributes { unit: text(rate_unit), nominal: Some(*nominal), derivative, ..RealAttributes::default() };
     let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
     Described::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
 }
@@ -202,7 +203,7 @@ fn array(surrogate: &Surrogate, index: usize) -> Described {
     let (unit, columns) = surrogate.array_elements(index);
     let elements = columns.iter().map(|&column| &surrogate.outputs()[column]);
     let largest = elements.map(|output| nominal(output.min, output.max)).fold(0.0, f64::max);
-    let real = Real { unit: text(unit), nominal: Some(largest), ..Real::default() };
+    let real = RealAttributes { unit: text(unit), nominal: Some(largest), ..RealAttributes::default() };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
     let dimensions = vec![Dimension::Fixed(columns.len() as u64)];
     Described { dimensions, ..Described::scalar(description, what, VariableType::Real(real)) }
@@ -221,7 +222,12 @@ fn bound(surrogate: &Surrogate, index: usize) -> Described {
         100.0 * coverage
     );
     let start = last.is_none().then_some(half_width);
-    let real = Real { unit: text(&output.unit), nominal: Some(nominal(0.0, half_width)), start, ..Real::default() };
+    let real = RealAttributes {
+        unit: text(&output.unit),
+        nominal: Some(nominal(0.0, half_width)),
+        start,
+        ..RealAttributes::default()
+    };
     let what = match last {
         None => (Causality::Output, Variability::Constant, Some(Initial::Exact)),
         Some(_) => (Causality::Output, Variability::Continuous, Some(Initial::Calculated)),
@@ -242,11 +248,11 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> Described {
             ((Causality::Output, Variability::Discrete, calculated), VariableType::Boolean { start: None })
         }
         BuiltIn::DomainDistance => {
-            let real = Real { min: Some(0.0), nominal: Some(1.0), ..Real::default() };
+            let real = RealAttributes { min: Some(0.0), nominal: Some(1.0), ..RealAttributes::default() };
             ((Causality::Output, Variability::Continuous, calculated), VariableType::Real(real))
         }
         BuiltIn::Time => {
-            let real = Real { unit: Some("s".into()), ..Real::default() };
+            let real = RealAttributes { unit: Some("s".into()), ..RealAttributes::default() };
             ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
         }
     };
@@ -262,7 +268,11 @@ pub(super) fn known(surrogate: &Surrogate) -> Known {
 /// An output has no limits: FMI lets an FMU leave declared ones by rounding only, and those of the training data are no limits of the
 /// predictions. The model card has them.
 fn output(output: &Output) -> Described {
-    let real = Real { unit: text(&output.unit), nominal: Some(nominal(output.min, output.max)), ..Real::default() };
+    let real = RealAttributes {
+        unit: text(&output.unit),
+        nominal: Some(nominal(output.min, output.max)),
+        ..RealAttributes::default()
+    };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
     Described::scalar(&output.description, what, VariableType::Real(real))
 }

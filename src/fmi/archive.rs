@@ -230,7 +230,7 @@ impl Archive {
 }
 
 /// Something wrong in the modelDescription.xml of the FMU at `path`.
-pub(super) fn description_error(path: &Path, problem: &xml::Problem) -> Error {
+pub(super) fn description_error(path: &Path, problem: &xml::XmlProblem) -> Error {
     Error::Description { path: path.to_owned(), line: problem.line, problem: problem.message.clone() }
 }
 

@@ -1,7 +1,7 @@
 //! FMI, the standard: FMUs of any tool are read, run and checked. Nothing here knows of surrogates.
 //!
 //! - [`ModelDescription`]: an FMU's description of itself; [`xml`] writes and reads it as FMI 2.0 and 3.0 do.
-//! - [`Fmu`] and [`Instance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
+//! - [`Fmu`] and [`FmuInstance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
 //! - [`system`]: systems of FMUs that exchange values (SSP), and runs of them.
 //! - [`worker`]: FMUs run in processes of their own; [`simulate_apart`] does a whole run in one.
 //! - [`validate()`]: every problem of an FMU; [`validate_apart`] in processes of their own.
@@ -17,7 +17,7 @@ pub mod worker;
 pub mod xml;
 
 pub use archive::Archive;
-pub use host::{Fmu, Inputs, Instance, InterfaceKind, SimulationOptions, Table, simulate};
+pub use host::{Fmu, FmuInstance, Inputs, InterfaceKind, SimulationOptions, SimulationTable, simulate};
 pub use model_description::{FmiVersion, ModelDescription};
 pub use platform::Platform;
 pub use validate::{Checks, Report, StandardOnly, validate};

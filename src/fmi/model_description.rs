@@ -39,7 +39,7 @@ pub struct ModelDescription {
     /// The model exchange interface, if it is offered.
     pub model_exchange: Option<ModelExchange>,
     /// The scheduled execution interface of FMI 3.0, if it is offered.
-    pub scheduled_execution: Option<Interface>,
+    pub scheduled_execution: Option<InterfaceCapabilities>,
     /// Units that variables refer to.
     pub units: Vec<UnitDefinition>,
     /// Types that variables refer to.
@@ -83,7 +83,7 @@ pub enum NamingConvention {
 
 /// Capabilities that every type of interface has.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Interface {
+pub struct InterfaceCapabilities {
     /// Name of the binary and prefix of its functions in source code: a C identifier.
     pub model_identifier: String,
     /// Whether the FMU is only a connection to another program.
@@ -108,7 +108,7 @@ pub struct Interface {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ModelExchange {
     /// Capabilities that every type of interface has.
-    pub interface: Interface,
+    pub interface: InterfaceCapabilities,
     /// Whether the host must report every completed integrator step.
     pub needs_completed_integrator_step: bool,
 }
@@ -117,7 +117,7 @@ pub struct ModelExchange {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CoSimulation {
     /// Capabilities that every type of interface has.
-    pub interface: Interface,
+    pub interface: InterfaceCapabilities,
     /// Whether communication steps may differ in size.
     pub variable_step_size: bool,
     /// Whether derivatives of inputs are used to interpolate them within a step; FMI 2.0 only.
@@ -284,7 +284,7 @@ pub enum Initial {
 #[derive(Clone, Debug, PartialEq)]
 pub enum VariableType {
     /// Floating point number: `Real` of FMI 2.0, `Float64` and `Float32` of FMI 3.0.
-    Real(Real),
+    Real(RealAttributes),
     /// Integer: `Integer` of FMI 2.0, `Int8` to `UInt64` of FMI 3.0.
     Integer(Integer),
     /// Boolean.
@@ -330,7 +330,7 @@ pub enum IntervalVariability {
 
 /// Attributes of a floating point variable; the start value of an array is that of its first element.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Real {
+pub struct RealAttributes {
     /// Whether it is of single precision.
     pub single: bool,
     /// Unit.
@@ -586,7 +586,7 @@ impl VariableType {
     }
 
     /// The attributes of a real.
-    pub fn as_real(&self) -> Option<&Real> {
+    pub fn as_real(&self) -> Option<&RealAttributes> {
         match self {
             Self::Real(real) => Some(real),
             _ => None,

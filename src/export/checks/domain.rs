@@ -3,7 +3,7 @@
 use crate::{
     Result,
     fmi::{
-        Fmu, Instance,
+        Fmu, FmuInstance,
         validate::{Area, Notes},
     },
 };
@@ -115,7 +115,7 @@ fn reference(surrogate: &Surrogate, quantity: Quantity) -> u32 {
     surrogate.variables().reference(quantity).expect("every surrogate has it")
 }
 
-fn holds(instance: &Instance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
+fn holds(instance: &FmuInstance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
     let domain = Domain::of(surrogate);
     let (mut inside, mut distance) = ([true], [0.0]);
     instance.get_boolean(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::InDomain))], &mut inside)?;

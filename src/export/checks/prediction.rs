@@ -4,11 +4,11 @@ use crate::{
     Result,
     export::MODEL_FILE,
     fmi::{
-        Fmu, Instance, InterfaceKind,
+        Fmu, FmuInstance, InterfaceKind,
         host::Grid,
         validate::{
             Area, Notes,
-            run::{Run, experiment},
+            run::{ValidationRun, experiment},
         },
     },
 };
@@ -141,7 +141,8 @@ impl<'a> Oracle<'a> {
             return Ok(());
         }
         let instance = self.fmu.instantiate("comparison", true)?;
-        let mut run = Run::start(&instance, experiment, |instance| comparison.set(instance, point, |_| true))?;
+        let mut run =
+            ValidationRun::start(&instance, experiment, |instance| comparison.set(instance, point, |_| true))?;
         if !comparison.holds(&instance, experiment.time(0), "at the start", report)? {
             return Ok(());
         }
@@ -180,7 +181,7 @@ struct Comparison<'a> {
 
 impl Comparison<'_> {
     /// Sets those parameters that `which` wants.
-    fn set(&mut self, instance: &Instance, values: &[f64], which: impl Fn(&Input) -> bool) -> Result<()> {
+    fn set(&mut self, instance: &FmuInstance, values: &[f64], which: impl Fn(&Input) -> bool) -> Result<()> {
         for (column, input) in self.oracle.surrogate.inputs().iter().enumerate() {
             if input.role != Role::Time && which(input) {
                 instance.set_real(&[self.oracle.inputs[column]], &[values[column]])?;
@@ -194,7 +195,7 @@ impl Comparison<'_> {
 
     /// Advances the states as the FMU has done in a step, and compares; reports and returns false if they differ. A solver around the
     /// FMU is not repeated: the states are its.
-    fn advances(&mut self, instance: &Instance, size: f64, report: &mut Notes) -> Result<bool> {
+    fn advances(&mut self, instance: &FmuInstance, size: f64, report: &mut Notes) -> Result<bool> {
         let Oracle { fmu, surrogate, evaluator, states, .. } = self.oracle;
         let mut found = vec![0.0; states.len()];
         instance.get_real(states, &mut found)?;
@@ -220,7 +221,7 @@ impl Comparison<'_> {
     }
 
     /// Compares the outputs now; reports and returns false if they are not those predicted.
-    fn holds(&mut self, instance: &Instance, time: f64, when: &str, report: &mut Notes) -> Result<bool> {
+    fn holds(&mut self, instance: &FmuInstance, time: f64, when: &str, report: &mut Notes) -> Result<bool> {
         let Oracle { surrogate, evaluator, outputs, tolerances, .. } = self.oracle;
         if let Some(column) = surrogate.time_column() {
             self.point[column] = time;

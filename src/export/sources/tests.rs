@@ -2,7 +2,7 @@ use super::*;
 use crate::{
     export::{Binary, Contents, pack, validate},
     fmi::{
-        Fmu, Inputs, Instance, InterfaceKind, Platform, SimulationOptions, model_description::model_identifier,
+        Fmu, FmuInstance, Inputs, InterfaceKind, Platform, SimulationOptions, model_description::model_identifier,
         simulate,
     },
     integrate::{Budget, TOLERANCE, integrate},
@@ -1119,7 +1119,7 @@ fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
 }
 
 /// What an instance says in the middle of a run: states as bytes and derivatives. Policy 1 clamps the inputs.
-fn said_in_a_run(instance: &Instance, surrogate: &Surrogate, starts: &[f64]) -> (Vec<u8>, Vec<f64>) {
+fn said_in_a_run(instance: &FmuInstance, surrogate: &Surrogate, starts: &[f64]) -> (Vec<u8>, Vec<f64>) {
     let of_inputs = |wanted: fn(Role) -> bool| -> Vec<u32> {
         let indexed = (0..).zip(surrogate.inputs());
         indexed.filter(|(_, input)| wanted(input.role)).map(|(index, _)| index).collect()

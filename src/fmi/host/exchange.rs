@@ -1,6 +1,6 @@
 //! Model exchange: the host has time, states and events in hand.
 
-use super::{Functions, Instance, InterfaceKind, ffi::ExchangeFunctions, fmi2, fmi3};
+use super::{FmiFunctions, FmuInstance, InterfaceKind, ffi::ExchangeFunctions, fmi2, fmi3};
 use crate::Result;
 
 /// What an FMU reports after its discrete states were updated.
@@ -26,9 +26,9 @@ pub struct CompletedStep {
 /// Events that follow each other for longer than this without end are taken for an endless loop.
 const MAX_UPDATES: usize = 1000;
 
-/// Every function but [`Instance::settle_events`] is the standard's of that name, and fails with
+/// Every function but [`FmuInstance::settle_events`] is the standard's of that name, and fails with
 /// [`Error::MissingFunction`](crate::Error::MissingFunction) on an instance for co-simulation.
-impl Instance<'_> {
+impl FmuInstance<'_> {
     /// Enters Event Mode.
     ///
     /// # Errors
@@ -121,8 +121,8 @@ impl Instance<'_> {
     /// [`Error::Fmi`](crate::Error::Fmi).
     pub fn update_discrete_states(&self) -> Result<DiscreteStates> {
         match &self.fmu.functions {
-            Functions::V2(fmi2::Functions { model_exchange: Some(functions), .. }) => {
-                let mut info = fmi2::EventInfo::default();
+            FmiFunctions::V2(fmi2::Fmi2Functions { model_exchange: Some(functions), .. }) => {
+                let mut info = fmi2::Fmi2EventInfo::default();
                 self.call("fmi2NewDiscreteStates", |component| {
                     // SAFETY: as for `call`; the result is written to a living variable
                     unsafe { (functions.new_discrete_states)(component, &raw mut info) }
@@ -133,7 +133,7 @@ impl Instance<'_> {
                     next_event_time: (info.next_event_time_defined != fmi2::FALSE).then_some(info.next_event_time),
                 })
             }
-            Functions::V3(fmi3::Functions { model_exchange: Some(functions), .. }) => {
+            FmiFunctions::V3(fmi3::Fmi3Functions { model_exchange: Some(functions), .. }) => {
                 let (mut need_update, mut terminate, mut nominals, mut values) = (0, 0, 0, 0);
                 let (mut defined, mut time) = (0, 0.0);
                 self.call("fmi3UpdateDiscreteStates", |component| {
@@ -187,7 +187,7 @@ impl Instance<'_> {
     /// [`Error::Fmi`](crate::Error::Fmi).
     pub fn completed_integrator_step(&self) -> Result<CompletedStep> {
         match &self.fmu.functions {
-            Functions::V2(fmi2::Functions { model_exchange: Some(functions), .. }) => {
+            FmiFunctions::V2(fmi2::Fmi2Functions { model_exchange: Some(functions), .. }) => {
                 let (mut event, mut terminate) = (fmi2::FALSE, fmi2::FALSE);
                 let function = functions.completed_integrator_step;
                 self.call("fmi2CompletedIntegratorStep", |component| {
@@ -196,7 +196,7 @@ impl Instance<'_> {
                 })?;
                 Ok(CompletedStep { enter_event_mode: event != fmi2::FALSE, terminate: terminate != fmi2::FALSE })
             }
-            Functions::V3(fmi3::Functions { model_exchange: Some(functions), .. }) => {
+            FmiFunctions::V3(fmi3::Fmi3Functions { model_exchange: Some(functions), .. }) => {
                 let (mut event, mut terminate) = (0, 0);
                 let function = functions.completed_integrator_step;
                 self.call("fmi3CompletedIntegratorStep", |component| {
@@ -211,8 +211,8 @@ impl Instance<'_> {
 
     fn exchange(&self, function: &'static str) -> Result<&ExchangeFunctions> {
         let functions = match &self.fmu.functions {
-            Functions::V2(functions) => functions.model_exchange.as_ref().map(|functions| &functions.common),
-            Functions::V3(functions) => functions.model_exchange.as_ref().map(|functions| &functions.common),
+            FmiFunctions::V2(functions) => functions.model_exchange.as_ref().map(|functions| &functions.common),
+            FmiFunctions::V3(functions) => functions.model_exchange.as_ref().map(|functions| &functions.common),
         };
         debug_assert_eq!(functions.is_some(), self.fmu.interface == InterfaceKind::ModelExchange);
         self.offered(function, functions)

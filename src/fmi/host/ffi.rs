@@ -8,18 +8,18 @@ use std::{
 };
 
 /// `fmi2Component`, `fmi3Instance`.
-pub type Component = *mut c_void;
+pub type FmiComponent = *mut c_void;
 /// `fmi2FMUstate`, `fmi3FMUState`.
 pub type StatePointer = *mut c_void;
 /// `fmi2Status`, `fmi3Status`.
-pub type Status = c_int;
+pub type FmiStatus = c_int;
 
-pub const WARNING: Status = 1;
-pub const DISCARD: Status = 2;
-pub const FATAL: Status = 4;
+pub const WARNING: FmiStatus = 1;
+pub const DISCARD: FmiStatus = 2;
+pub const FATAL: FmiStatus = 4;
 
 /// Name of a status.
-pub fn status_name(status: Status) -> &'static str {
+pub fn status_name(status: FmiStatus) -> &'static str {
     ["ok", "warning", "discard", "error", "fatal", "pending"]
         .get(status as usize)
         .copied()
@@ -27,16 +27,16 @@ pub fn status_name(status: Status) -> &'static str {
 }
 
 // Signatures that both versions have, with numbers in place of enumerations.
-pub type Simple = unsafe extern "C" fn(Component) -> Status;
-pub type Free = unsafe extern "C" fn(Component);
-pub type GetState = unsafe extern "C" fn(Component, *mut StatePointer) -> Status;
-pub type SetState = unsafe extern "C" fn(Component, StatePointer) -> Status;
-pub type StateSize = unsafe extern "C" fn(Component, StatePointer, *mut usize) -> Status;
-pub type SerializeState = unsafe extern "C" fn(Component, StatePointer, *mut u8, usize) -> Status;
-pub type DeserializeState = unsafe extern "C" fn(Component, *const u8, usize, *mut StatePointer) -> Status;
-pub type SetTime = unsafe extern "C" fn(Component, f64) -> Status;
-pub type GetReals = unsafe extern "C" fn(Component, *mut f64, usize) -> Status;
-pub type SetReals = unsafe extern "C" fn(Component, *const f64, usize) -> Status;
+pub type Simple = unsafe extern "C" fn(FmiComponent) -> FmiStatus;
+pub type Free = unsafe extern "C" fn(FmiComponent);
+pub type GetState = unsafe extern "C" fn(FmiComponent, *mut StatePointer) -> FmiStatus;
+pub type SetState = unsafe extern "C" fn(FmiComponent, StatePointer) -> FmiStatus;
+pub type StateSize = unsafe extern "C" fn(FmiComponent, StatePointer, *mut usize) -> FmiStatus;
+pub type SerializeState = unsafe extern "C" fn(FmiComponent, StatePointer, *mut u8, usize) -> FmiStatus;
+pub type DeserializeState = unsafe extern "C" fn(FmiComponent, *const u8, usize, *mut StatePointer) -> FmiStatus;
+pub type SetTime = unsafe extern "C" fn(FmiComponent, f64) -> FmiStatus;
+pub type GetReals = unsafe extern "C" fn(FmiComponent, *mut f64, usize) -> FmiStatus;
+pub type SetReals = unsafe extern "C" fn(FmiComponent, *const f64, usize) -> FmiStatus;
 
 /// Functions for states, of FMUs that have them.
 #[derive(Debug, Default)]

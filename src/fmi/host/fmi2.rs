@@ -2,8 +2,8 @@
 
 use super::{
     InterfaceKind,
-    ffi::{Component, ExchangeFunctions, Finder, Free, Simple, StateFunctions, Status},
-    journal::Journal,
+    ffi::{ExchangeFunctions, Finder, FmiComponent, FmiStatus, Free, Simple, StateFunctions},
+    journal::MessageLog,
 };
 use crate::Result;
 use libloading::Library;
@@ -34,8 +34,8 @@ pub struct Callbacks {
     logger: unsafe extern "C" fn(),
     allocate_memory: unsafe extern "C" fn(usize, usize) -> *mut c_void,
     free_memory: unsafe extern "C" fn(*mut c_void),
-    step_finished: Option<unsafe extern "C" fn(*mut c_void, Status)>,
-    environment: *const Journal,
+    step_finished: Option<unsafe extern "C" fn(*mut c_void, FmiStatus)>,
+    environment: *const MessageLog,
 }
 
 unsafe extern "C" {
@@ -47,7 +47,7 @@ unsafe extern "C" {
 
 impl Callbacks {
     /// The journal must outlive every use of the callbacks.
-    pub fn new(journal: &Journal) -> Self {
+    pub fn new(journal: &MessageLog) -> Self {
         Self {
             logger: metafmu_logger,
             allocate_memory: calloc,
@@ -59,14 +59,14 @@ impl Callbacks {
     }
 }
 
-pub type GetValues<T> = unsafe extern "C" fn(Component, *const u32, usize, *mut T) -> Status;
-pub type SetValues<T> = unsafe extern "C" fn(Component, *const u32, usize, *const T) -> Status;
-type GetStatus<T> = unsafe extern "C" fn(Component, c_int, *mut T) -> Status;
+pub type Fmi2GetValues<T> = unsafe extern "C" fn(FmiComponent, *const u32, usize, *mut T) -> FmiStatus;
+pub type Fmi2SetValues<T> = unsafe extern "C" fn(FmiComponent, *const u32, usize, *const T) -> FmiStatus;
+type GetStatus<T> = unsafe extern "C" fn(FmiComponent, c_int, *mut T) -> FmiStatus;
 
 /// `fmi2EventInfo`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default)]
-pub struct EventInfo {
+pub struct Fmi2EventInfo {
     pub new_discrete_states_needed: c_int,
     pub terminate_simulation: c_int,
     pub nominals_of_continuous_states_changed: c_int,
@@ -78,7 +78,7 @@ pub struct EventInfo {
 /// The functions that are used; some FMUs lack those for states, derivatives and details of a step because they offer
 /// none of them.
 #[derive(Debug)]
-pub struct Functions {
+pub struct Fmi2Functions {
     pub get_types_platform: unsafe extern "C" fn() -> *const c_char,
     pub get_version: unsafe extern "C" fn() -> *const c_char,
     pub instantiate: unsafe extern "C" fn(
@@ -89,40 +89,41 @@ pub struct Functions {
         *const Callbacks,
         c_int,
         c_int,
-    ) -> Component,
+    ) -> FmiComponent,
     pub free_instance: Free,
-    pub setup_experiment: unsafe extern "C" fn(Component, c_int, f64, f64, c_int, f64) -> Status,
+    pub setup_experiment: unsafe extern "C" fn(FmiComponent, c_int, f64, f64, c_int, f64) -> FmiStatus,
     pub enter_initialization_mode: Simple,
     pub exit_initialization_mode: Simple,
     pub terminate: Simple,
     pub reset: Simple,
-    pub get_real: GetValues<f64>,
-    pub get_integer: GetValues<c_int>,
-    pub get_boolean: GetValues<c_int>,
-    pub set_real: SetValues<f64>,
-    pub set_integer: SetValues<c_int>,
-    pub set_boolean: SetValues<c_int>,
-    pub directional_derivative:
-        Option<unsafe extern "C" fn(Component, *const u32, usize, *const u32, usize, *const f64, *mut f64) -> Status>,
+    pub get_real: Fmi2GetValues<f64>,
+    pub get_integer: Fmi2GetValues<c_int>,
+    pub get_boolean: Fmi2GetValues<c_int>,
+    pub set_real: Fmi2SetValues<f64>,
+    pub set_integer: Fmi2SetValues<c_int>,
+    pub set_boolean: Fmi2SetValues<c_int>,
+    pub directional_derivative: Option<
+        unsafe extern "C" fn(FmiComponent, *const u32, usize, *const u32, usize, *const f64, *mut f64) -> FmiStatus,
+    >,
     pub states: StateFunctions,
-    pub co_simulation: Option<CoSimulation>,
-    pub model_exchange: Option<ModelExchange>,
+    pub co_simulation: Option<Fmi2CoSimulation>,
+    pub model_exchange: Option<Fmi2ModelExchange>,
 }
 
 #[derive(Debug)]
-pub struct CoSimulation {
-    pub do_step: unsafe extern "C" fn(Component, f64, f64, c_int) -> Status,
+pub struct Fmi2CoSimulation {
+    pub do_step: unsafe extern "C" fn(FmiComponent, f64, f64, c_int) -> FmiStatus,
     pub get_boolean_status: Option<GetStatus<c_int>>,
     pub get_real_status: Option<GetStatus<f64>>,
     pub output_derivatives:
-        Option<unsafe extern "C" fn(Component, *const u32, usize, *const c_int, *mut f64) -> Status>,
+        Option<unsafe extern "C" fn(FmiComponent, *const u32, usize, *const c_int, *mut f64) -> FmiStatus>,
 }
 
 #[derive(Debug)]
-pub struct ModelExchange {
+pub struct Fmi2ModelExchange {
     pub common: ExchangeFunctions,
-    pub new_discrete_states: unsafe extern "C" fn(Component, *mut EventInfo) -> Status,
-    pub completed_integrator_step: unsafe extern "C" fn(Component, c_int, *mut c_int, *mut c_int) -> Status,
+    pub new_discrete_states: unsafe extern "C" fn(FmiComponent, *mut Fmi2EventInfo) -> FmiStatus,
+    pub completed_integrator_step: unsafe extern "C" fn(FmiComponent, c_int, *mut c_int, *mut c_int) -> FmiStatus,
 }
 
 /// Every function that an FMU must export.
@@ -181,15 +182,15 @@ pub const REQUIRED_FOR_MODEL_EXCHANGE: &[&str] = &[
     "fmi2GetNominalsOfContinuousStates",
 ];
 
-impl Functions {
+impl Fmi2Functions {
     /// Finds the functions for an interface in a library loaded from the FMU at `path`.
     pub fn find(library: &Library, path: &Path, interface: InterfaceKind) -> Result<Self> {
         let finder = Finder { library, path };
         // SAFETY: the standard gives the function of each name the type of its field
         unsafe {
             let (co_simulation, model_exchange) = match interface {
-                InterfaceKind::CoSimulation => (Some(CoSimulation::find(&finder)?), None),
-                InterfaceKind::ModelExchange => (None, Some(ModelExchange::find(&finder)?)),
+                InterfaceKind::CoSimulation => (Some(Fmi2CoSimulation::find(&finder)?), None),
+                InterfaceKind::ModelExchange => (None, Some(Fmi2ModelExchange::find(&finder)?)),
             };
             Ok(Self {
                 get_types_platform: finder.required("fmi2GetTypesPlatform")?,
@@ -223,7 +224,7 @@ impl Functions {
     }
 }
 
-impl CoSimulation {
+impl Fmi2CoSimulation {
     /// # Safety
     /// The library must be one of an FMU, which has functions of the standard's types.
     unsafe fn find(finder: &Finder) -> Result<Self> {
@@ -239,9 +240,9 @@ impl CoSimulation {
     }
 }
 
-impl ModelExchange {
+impl Fmi2ModelExchange {
     /// # Safety
-    /// As for `CoSimulation::find`.
+    /// As for `Fmi2CoSimulation::find`.
     unsafe fn find(finder: &Finder) -> Result<Self> {
         // SAFETY: as asked of the caller
         unsafe {

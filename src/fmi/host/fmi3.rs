@@ -4,7 +4,7 @@
 
 use super::{
     InterfaceKind,
-    ffi::{Component, ExchangeFunctions, Finder, Free, Simple, StateFunctions, Status},
+    ffi::{ExchangeFunctions, Finder, FmiComponent, FmiStatus, Free, Simple, StateFunctions},
 };
 use crate::Result;
 use libloading::Library;
@@ -14,40 +14,50 @@ use std::{
 };
 
 /// `fmi3Boolean`.
-pub type Boolean = u8;
+pub type Fmi3Boolean = u8;
 
-pub type LogMessage = unsafe extern "C" fn(*mut c_void, Status, *const c_char, *const c_char);
-pub type GetValues<T> = unsafe extern "C" fn(Component, *const u32, usize, *mut T, usize) -> Status;
-pub type SetValues<T> = unsafe extern "C" fn(Component, *const u32, usize, *const T, usize) -> Status;
-pub type GetDerivative =
-    unsafe extern "C" fn(Component, *const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize) -> Status;
+pub type LogMessageCallback = unsafe extern "C" fn(*mut c_void, FmiStatus, *const c_char, *const c_char);
+pub type Fmi3GetValues<T> = unsafe extern "C" fn(FmiComponent, *const u32, usize, *mut T, usize) -> FmiStatus;
+pub type Fmi3SetValues<T> = unsafe extern "C" fn(FmiComponent, *const u32, usize, *const T, usize) -> FmiStatus;
+pub type GetDerivative = unsafe extern "C" fn(
+    FmiComponent,
+    *const u32,
+    usize,
+    *const u32,
+    usize,
+    *const f64,
+    usize,
+    *mut f64,
+    usize,
+) -> FmiStatus;
 
 /// The functions that are used; those for types, states and derivatives are not in every FMU.
 #[derive(Debug)]
-pub struct Functions {
+pub struct Fmi3Functions {
     pub get_version: unsafe extern "C" fn() -> *const c_char,
     pub free_instance: Free,
-    pub enter_initialization_mode: unsafe extern "C" fn(Component, Boolean, f64, f64, Boolean, f64) -> Status,
+    pub enter_initialization_mode:
+        unsafe extern "C" fn(FmiComponent, Fmi3Boolean, f64, f64, Fmi3Boolean, f64) -> FmiStatus,
     pub exit_initialization_mode: Simple,
     pub terminate: Simple,
     pub reset: Simple,
-    pub get_float64: GetValues<f64>,
-    pub set_float64: SetValues<f64>,
-    pub get_boolean: GetValues<Boolean>,
-    pub set_boolean: SetValues<Boolean>,
+    pub get_float64: Fmi3GetValues<f64>,
+    pub set_float64: Fmi3SetValues<f64>,
+    pub get_boolean: Fmi3GetValues<Fmi3Boolean>,
+    pub set_boolean: Fmi3SetValues<Fmi3Boolean>,
     pub types: Types,
     pub directional_derivative: Option<GetDerivative>,
     pub adjoint_derivative: Option<GetDerivative>,
     pub states: StateFunctions,
-    pub co_simulation: Option<CoSimulation>,
-    pub model_exchange: Option<ModelExchange>,
+    pub co_simulation: Option<Fmi3CoSimulation>,
+    pub model_exchange: Option<Fmi3ModelExchange>,
 }
 
 /// Getters and setters of one type.
 #[derive(Debug)]
 pub struct Accessors<T> {
-    pub get: Option<GetValues<T>>,
-    pub set: Option<SetValues<T>>,
+    pub get: Option<Fmi3GetValues<T>>,
+    pub set: Option<Fmi3SetValues<T>>,
 }
 
 /// The types that are seldom met.
@@ -65,57 +75,58 @@ pub struct Types {
 }
 
 #[derive(Debug)]
-pub struct CoSimulation {
+pub struct Fmi3CoSimulation {
     pub instantiate: unsafe extern "C" fn(
         *const c_char,
         *const c_char,
         *const c_char,
-        Boolean,
-        Boolean,
-        Boolean,
-        Boolean,
+        Fmi3Boolean,
+        Fmi3Boolean,
+        Fmi3Boolean,
+        Fmi3Boolean,
         *const u32,
         usize,
         *mut c_void,
-        LogMessage,
+        LogMessageCallback,
         *const c_void,
-    ) -> Component,
+    ) -> FmiComponent,
     pub do_step: unsafe extern "C" fn(
-        Component,
+        FmiComponent,
         f64,
         f64,
-        Boolean,
-        *mut Boolean,
-        *mut Boolean,
-        *mut Boolean,
+        Fmi3Boolean,
+        *mut Fmi3Boolean,
+        *mut Fmi3Boolean,
+        *mut Fmi3Boolean,
         *mut f64,
-    ) -> Status,
+    ) -> FmiStatus,
     pub output_derivatives:
-        Option<unsafe extern "C" fn(Component, *const u32, usize, *const i32, *mut f64, usize) -> Status>,
+        Option<unsafe extern "C" fn(FmiComponent, *const u32, usize, *const i32, *mut f64, usize) -> FmiStatus>,
 }
 
 #[derive(Debug)]
-pub struct ModelExchange {
+pub struct Fmi3ModelExchange {
     pub instantiate: unsafe extern "C" fn(
         *const c_char,
         *const c_char,
         *const c_char,
-        Boolean,
-        Boolean,
+        Fmi3Boolean,
+        Fmi3Boolean,
         *mut c_void,
-        LogMessage,
-    ) -> Component,
+        LogMessageCallback,
+    ) -> FmiComponent,
     pub common: ExchangeFunctions,
     pub update_discrete_states: unsafe extern "C" fn(
-        Component,
-        *mut Boolean,
-        *mut Boolean,
-        *mut Boolean,
-        *mut Boolean,
-        *mut Boolean,
+        FmiComponent,
+        *mut Fmi3Boolean,
+        *mut Fmi3Boolean,
+        *mut Fmi3Boolean,
+        *mut Fmi3Boolean,
+        *mut Fmi3Boolean,
         *mut f64,
-    ) -> Status,
-    pub completed_integrator_step: unsafe extern "C" fn(Component, Boolean, *mut Boolean, *mut Boolean) -> Status,
+    ) -> FmiStatus,
+    pub completed_integrator_step:
+        unsafe extern "C" fn(FmiComponent, Fmi3Boolean, *mut Fmi3Boolean, *mut Fmi3Boolean) -> FmiStatus,
 }
 
 /// Every function that an FMU must export.
@@ -199,15 +210,15 @@ pub const REQUIRED_FOR_MODEL_EXCHANGE: &[&str] = &[
     "fmi3GetNumberOfContinuousStates",
 ];
 
-impl Functions {
+impl Fmi3Functions {
     /// Finds the functions for an interface in a library loaded from the FMU at `path`.
     pub fn find(library: &Library, path: &Path, interface: InterfaceKind) -> Result<Self> {
         let finder = Finder { library, path };
         // SAFETY: the standard gives the function of each name the type of its field
         unsafe {
             let (co_simulation, model_exchange) = match interface {
-                InterfaceKind::CoSimulation => (Some(CoSimulation::find(&finder)?), None),
-                InterfaceKind::ModelExchange => (None, Some(ModelExchange::find(&finder)?)),
+                InterfaceKind::CoSimulation => (Some(Fmi3CoSimulation::find(&finder)?), None),
+                InterfaceKind::ModelExchange => (None, Some(Fmi3ModelExchange::find(&finder)?)),
             };
             Ok(Self {
                 get_version: finder.required("fmi3GetVersion")?,
@@ -259,7 +270,7 @@ impl Types {
     }
 }
 
-impl CoSimulation {
+impl Fmi3CoSimulation {
     /// # Safety
     /// As for `Types::find`.
     unsafe fn find(finder: &Finder) -> Result<Self> {
@@ -274,7 +285,7 @@ impl CoSimulation {
     }
 }
 
-impl ModelExchange {
+impl Fmi3ModelExchange {
     /// # Safety
     /// As for `Types::find`.
     unsafe fn find(finder: &Finder) -> Result<Self> {

@@ -1,6 +1,6 @@
 //! Inputs that change over time.
 
-use super::Instance;
+use super::FmuInstance;
 use crate::{
     Error, Result,
     diagnostics::Place,
@@ -66,7 +66,7 @@ impl Inputs {
     ///
     /// # Errors
     /// [`Error::UnknownVariable`], [`Error::Variable`] if one is not an input.
-    pub(in crate::fmi) fn drive<'a>(&'a self, description: &'a ModelDescription) -> Result<Driver<'a>> {
+    pub(in crate::fmi) fn drive<'a>(&'a self, description: &'a ModelDescription) -> Result<InputDriver<'a>> {
         let find = |name: &String| {
             let variable = description.variable(name).ok_or_else(|| Error::UnknownVariable {
                 name: name.clone(),
@@ -78,7 +78,7 @@ impl Inputs {
             }
             Ok(variable)
         };
-        Ok(Driver { inputs: self, variables: self.names.iter().map(find).collect::<Result<_>>()? })
+        Ok(InputDriver { inputs: self, variables: self.names.iter().map(find).collect::<Result<_>>()? })
     }
 
     fn rows_until(&self, time: f64) -> usize {
@@ -99,13 +99,13 @@ impl Inputs {
 
 /// Inputs and the variables they set.
 #[derive(Debug)]
-pub struct Driver<'a> {
+pub struct InputDriver<'a> {
     inputs: &'a Inputs,
     variables: Vec<&'a ScalarVariable>,
 }
 
 /// Sets nothing.
-pub static NO_INPUTS: Driver = Driver {
+pub static NO_INPUTS: InputDriver = InputDriver {
     inputs: {
         static NONE: Inputs = Inputs { names: Vec::new(), times: Vec::new(), rows: Vec::new() };
         &NONE
@@ -113,7 +113,7 @@ pub static NO_INPUTS: Driver = Driver {
     variables: Vec::new(),
 };
 
-impl Driver<'_> {
+impl InputDriver<'_> {
     /// How many rows there are up to a time.
     pub fn rows_until(&self, time: f64) -> usize {
         self.inputs.rows_until(time)
@@ -125,18 +125,18 @@ impl Driver<'_> {
     }
 
     /// Sets all variables to their values at a time after `rows` rows.
-    pub fn set(&self, instance: &Instance, time: f64, rows: usize) -> Result<()> {
+    pub fn set(&self, instance: &FmuInstance, time: f64, rows: usize) -> Result<()> {
         self.set_some(instance, time, rows, |_| true)
     }
 
     /// Sets the continuous ones, which is all that may be set between events.
-    pub fn set_continuous(&self, instance: &Instance, time: f64, rows: usize) -> Result<()> {
+    pub fn set_continuous(&self, instance: &FmuInstance, time: f64, rows: usize) -> Result<()> {
         self.set_some(instance, time, rows, is_continuous)
     }
 
     fn set_some(
         &self,
-        instance: &Instance,
+        instance: &FmuInstance,
         time: f64,
         rows: usize,
         which: impl Fn(&ScalarVariable) -> bool,
@@ -210,7 +210,7 @@ mod tests {
         ] {
             let mut variable = description.variable("speed").unwrap().clone();
             variable.variability = variability;
-            let driver = Driver { inputs: &inputs, variables: vec![&variable] };
+            let driver = InputDriver { inputs: &inputs, variables: vec![&variable] };
             let found = [(0, 1), (1, 3), (3, 4), (4, 5)].map(|(before, after)| driver.jump(before, after));
             assert_eq!(found, jumps);
             assert_eq!([0, 1, 3, 4, 5].map(|rows| driver.vary(rows)), varies);

@@ -1,10 +1,10 @@
 //! One instance of an FMU: its life from instantiation to its end, and steps of co-simulation.
 
 use super::{
-    Fmu, Functions, InterfaceKind,
-    ffi::{self, Component, DISCARD, FATAL, Status, WARNING},
+    FmiFunctions, Fmu, InterfaceKind,
+    ffi::{self, DISCARD, FATAL, FmiComponent, FmiStatus, WARNING},
     fmi2, fmi3,
-    journal::{self, Journal, LogMessage},
+    journal::{self, LogMessage, MessageLog},
 };
 use crate::{Error, Result};
 use std::{
@@ -18,19 +18,19 @@ use std::{
 /// Which call is legal in which state is for the FMU to judge: it returns an error from an illegal one. Calls that the
 /// interface of the instance does not have fail with [`Error::MissingFunction`].
 #[derive(Debug)]
-pub struct Instance<'fmu> {
+pub struct FmuInstance<'fmu> {
     pub(super) fmu: &'fmu Fmu,
-    component: Component,
+    component: FmiComponent,
     /// After this the standard forbids every call, even that which frees the instance.
     fatal: Cell<bool>,
     // the FMU keeps their addresses
-    journal: Box<Journal>,
+    journal: Box<MessageLog>,
     _callbacks: Option<Box<fmi2::Callbacks>>,
 }
 
 /// How a step ended.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Step {
+pub enum StepResult {
     /// At its end.
     Done,
     /// The FMU ended the simulation.
@@ -40,15 +40,15 @@ pub enum Step {
     },
 }
 
-impl<'fmu> Instance<'fmu> {
+impl<'fmu> FmuInstance<'fmu> {
     pub(super) fn new(fmu: &'fmu Fmu, name: &CStr, token: &CStr, logging: bool) -> Result<Self> {
-        let journal = Box::<Journal>::default();
+        let journal = Box::<MessageLog>::default();
         let resources = fmu.resources.as_ptr();
         let (name, token) = (name.as_ptr(), token.as_ptr());
         let environment = (&raw const *journal).cast_mut().cast();
         let mut callbacks = None;
         let (component, function) = match &fmu.functions {
-            Functions::V2(functions) => {
+            FmiFunctions::V2(functions) => {
                 let callbacks = callbacks.insert(Box::new(fmi2::Callbacks::new(&journal)));
                 let kind = match fmu.interface {
                     InterfaceKind::CoSimulation => fmi2::CO_SIMULATION,
@@ -69,7 +69,7 @@ impl<'fmu> Instance<'fmu> {
                 };
                 (component, "fmi2Instantiate")
             }
-            Functions::V3(fmi3::Functions { co_simulation: Some(functions), .. }) => {
+            FmiFunctions::V3(fmi3::Fmi3Functions { co_simulation: Some(functions), .. }) => {
                 // neither Event Mode nor early return nor intermediate updates are asked for
                 // SAFETY: as above
                 let component = unsafe {
@@ -90,7 +90,7 @@ impl<'fmu> Instance<'fmu> {
                 };
                 (component, "fmi3InstantiateCoSimulation")
             }
-            Functions::V3(fmi3::Functions { model_exchange: Some(functions), .. }) => {
+            FmiFunctions::V3(fmi3::Fmi3Functions { model_exchange: Some(functions), .. }) => {
                 // SAFETY: as above
                 let component = unsafe {
                     (functions.instantiate)(
@@ -105,7 +105,7 @@ impl<'fmu> Instance<'fmu> {
                 };
                 (component, "fmi3InstantiateModelExchange")
             }
-            Functions::V3(_) => (ptr::null_mut(), "fmi3Instantiate"),
+            FmiFunctions::V3(_) => (ptr::null_mut(), "fmi3Instantiate"),
         };
         if component.is_null() {
             let messages = texts(journal.take_after(0));
@@ -132,7 +132,7 @@ impl<'fmu> Instance<'fmu> {
     pub fn enter_initialization_mode(&self, start: f64, stop: Option<f64>) -> Result<()> {
         let end = stop.unwrap_or(0.0);
         match &self.fmu.functions {
-            Functions::V2(functions) => {
+            FmiFunctions::V2(functions) => {
                 self.call("fmi2SetupExperiment", |component| {
                     // SAFETY: as for `call`
                     unsafe {
@@ -143,7 +143,7 @@ impl<'fmu> Instance<'fmu> {
                 // SAFETY: as for `call`
                 self.call("fmi2EnterInitializationMode", |component| unsafe { enter(component) })
             }
-            Functions::V3(functions) => self.call("fmi3EnterInitializationMode", |component| {
+            FmiFunctions::V3(functions) => self.call("fmi3EnterInitializationMode", |component| {
                 let enter = functions.enter_initialization_mode;
                 // SAFETY: as for `call`
                 unsafe { enter(component, 0, 0.0, start, stop.is_some().into(), end) }
@@ -158,8 +158,8 @@ impl<'fmu> Instance<'fmu> {
     /// [`Error::Fmi`].
     pub fn exit_initialization_mode(&self) -> Result<()> {
         let (name, function) = match &self.fmu.functions {
-            Functions::V2(functions) => ("fmi2ExitInitializationMode", functions.exit_initialization_mode),
-            Functions::V3(functions) => ("fmi3ExitInitializationMode", functions.exit_initialization_mode),
+            FmiFunctions::V2(functions) => ("fmi2ExitInitializationMode", functions.exit_initialization_mode),
+            FmiFunctions::V3(functions) => ("fmi3ExitInitializationMode", functions.exit_initialization_mode),
         };
         // SAFETY: as for `call`
         self.call(name, |component| unsafe { function(component) })
@@ -169,19 +169,19 @@ impl<'fmu> Instance<'fmu> {
     ///
     /// # Errors
     /// [`Error::Fmi`]; also when the FMU computes the step asynchronously, or discards it and would go on.
-    pub fn do_step(&self, time: f64, step: f64) -> Result<Step> {
+    pub fn do_step(&self, time: f64, step: f64) -> Result<StepResult> {
         match &self.fmu.functions {
-            Functions::V2(fmi2::Functions { co_simulation: Some(functions), .. }) => {
+            FmiFunctions::V2(fmi2::Fmi2Functions { co_simulation: Some(functions), .. }) => {
                 self.do_step_2(functions, time, step)
             }
-            Functions::V3(fmi3::Functions { co_simulation: Some(functions), .. }) => {
+            FmiFunctions::V3(fmi3::Fmi3Functions { co_simulation: Some(functions), .. }) => {
                 self.do_step_3(functions, time, step)
             }
             _ => Err(self.missing("DoStep")),
         }
     }
 
-    fn do_step_2(&self, functions: &fmi2::CoSimulation, time: f64, step: f64) -> Result<Step> {
+    fn do_step_2(&self, functions: &fmi2::Fmi2CoSimulation, time: f64, step: f64) -> Result<StepResult> {
         let mut status = 0;
         let result = self.call("fmi2DoStep", |component| {
             // SAFETY: as for `call`
@@ -189,7 +189,7 @@ impl<'fmu> Instance<'fmu> {
             status
         });
         if status != DISCARD {
-            return result.map(|()| Step::Done);
+            return result.map(|()| StepResult::Done);
         }
         // an FMU that wants to end the simulation discards the step and says so when asked
         let (mut terminated, mut last) = (fmi2::FALSE, time);
@@ -203,13 +203,13 @@ impl<'fmu> Instance<'fmu> {
                     // SAFETY: as for `call`
                     unsafe { real(component, fmi2::LAST_SUCCESSFUL_TIME, &raw mut last) }
                 })?;
-                return Ok(Step::Terminated { time: last });
+                return Ok(StepResult::Terminated { time: last });
             }
         }
-        result.map(|()| Step::Done)
+        result.map(|()| StepResult::Done)
     }
 
-    fn do_step_3(&self, functions: &fmi3::CoSimulation, time: f64, step: f64) -> Result<Step> {
+    fn do_step_3(&self, functions: &fmi3::Fmi3CoSimulation, time: f64, step: f64) -> Result<StepResult> {
         let (mut event, mut terminate, mut early, mut last) = (0, 0, 0, time);
         self.call("fmi3DoStep", |component| {
             // SAFETY: as for `call`; the results are written to living variables
@@ -226,7 +226,7 @@ impl<'fmu> Instance<'fmu> {
                 )
             }
         })?;
-        Ok(if terminate == 0 { Step::Done } else { Step::Terminated { time: last } })
+        Ok(if terminate == 0 { StepResult::Done } else { StepResult::Terminated { time: last } })
     }
 
     /// Ends the simulation.
@@ -235,8 +235,8 @@ impl<'fmu> Instance<'fmu> {
     /// [`Error::Fmi`].
     pub fn terminate(&self) -> Result<()> {
         let (name, function) = match &self.fmu.functions {
-            Functions::V2(functions) => ("fmi2Terminate", functions.terminate),
-            Functions::V3(functions) => ("fmi3Terminate", functions.terminate),
+            FmiFunctions::V2(functions) => ("fmi2Terminate", functions.terminate),
+            FmiFunctions::V3(functions) => ("fmi3Terminate", functions.terminate),
         };
         // SAFETY: as for `call`
         self.call(name, |component| unsafe { function(component) })
@@ -248,8 +248,8 @@ impl<'fmu> Instance<'fmu> {
     /// [`Error::Fmi`].
     pub fn reset(&self) -> Result<()> {
         let (name, function) = match &self.fmu.functions {
-            Functions::V2(functions) => ("fmi2Reset", functions.reset),
-            Functions::V3(functions) => ("fmi3Reset", functions.reset),
+            FmiFunctions::V2(functions) => ("fmi2Reset", functions.reset),
+            FmiFunctions::V3(functions) => ("fmi3Reset", functions.reset),
         };
         // SAFETY: as for `call`
         self.call(name, |component| unsafe { function(component) })
@@ -266,7 +266,7 @@ impl<'fmu> Instance<'fmu> {
 
     /// Calls a function with the component, which is valid for as long as `self` lives and nothing fatal has happened;
     /// the library is loaded for longer than that.
-    pub(super) fn call(&self, function: &'static str, call: impl FnOnce(Component) -> Status) -> Result<()> {
+    pub(super) fn call(&self, function: &'static str, call: impl FnOnce(FmiComponent) -> FmiStatus) -> Result<()> {
         if self.fatal.get() {
             return Err(Error::Fmi { function, status: "nothing: an earlier call was fatal", messages: Vec::new() });
         }
@@ -280,12 +280,12 @@ impl<'fmu> Instance<'fmu> {
     }
 }
 
-impl Drop for Instance<'_> {
+impl Drop for FmuInstance<'_> {
     fn drop(&mut self) {
         if !self.fatal.get() {
             let free = match &self.fmu.functions {
-                Functions::V2(functions) => functions.free_instance,
-                Functions::V3(functions) => functions.free_instance,
+                FmiFunctions::V2(functions) => functions.free_instance,
+                FmiFunctions::V3(functions) => functions.free_instance,
             };
             // SAFETY: the component is valid and is not used again
             unsafe { free(self.component) }

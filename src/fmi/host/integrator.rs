@@ -4,7 +4,7 @@
 //! the next row of the inputs; a state event or a step event cuts it short. Each is integrated separately by Dormand and Prince's
 //! method of order 8(5,3), so that all of these are ends of steps and nothing is interpolated.
 
-use super::{Instance, Step, inputs::Driver};
+use super::{FmuInstance, StepResult, inputs::InputDriver};
 use crate::{Error, Result, fmi::model_description::MAX_ELEMENTS, integrate::in_words};
 use nalgebra::DVector;
 use ode_solvers::{
@@ -31,15 +31,15 @@ const STIFF_AFTER: u32 = 1000;
 /// An instance that is run by model exchange, in Continuous-Time Mode.
 #[derive(Debug)]
 pub struct Exchange<'a> {
-    model: Model<'a>,
-    position: Position,
+    model: IntegratedModel<'a>,
+    position: RunPosition,
 }
 
 /// What is the same all along a run.
 #[derive(Clone, Copy, Debug)]
-struct Model<'a> {
-    instance: &'a Instance<'a>,
-    inputs: &'a Driver<'a>,
+struct IntegratedModel<'a> {
+    instance: &'a FmuInstance<'a>,
+    inputs: &'a InputDriver<'a>,
     /// Relative to the states and to their nominal values.
     tolerance: f64,
     /// Whether the FMU needs to be told of completed steps.
@@ -48,7 +48,7 @@ struct Model<'a> {
 
 /// Where a run is. With a state of the FMU it is all that is needed to go on from there.
 #[derive(Clone, Debug)]
-pub struct Position {
+pub struct RunPosition {
     time: f64,
     states: Vec<f64>,
     nominals: Vec<f64>,
@@ -67,11 +67,11 @@ impl<'a> Exchange<'a> {
     /// # Errors
     /// [`Error::Fmi`], [`Error::Integration`].
     pub fn start(
-        instance: &'a Instance<'a>,
-        inputs: &'a Driver<'a>,
+        instance: &'a FmuInstance<'a>,
+        inputs: &'a InputDriver<'a>,
         tolerance: Option<f64>,
         time: f64,
-    ) -> Result<(Self, Step)> {
+    ) -> Result<(Self, StepResult)> {
         let description = instance.fmu().description();
         let suggested = description.default_experiment.and_then(|experiment| experiment.tolerance);
         let tolerance = tolerance.or(suggested.filter(|tolerance| *tolerance > 0.0)).unwrap_or(TOLERANCE);
@@ -80,13 +80,13 @@ impl<'a> Exchange<'a> {
             let message = format!("{states} continuous states and {indicators} event indicators are too many");
             return Err(Error::Integration { time, message });
         }
-        let model = Model {
+        let model = IntegratedModel {
             instance,
             inputs,
             tolerance: tolerance.max(TIGHTEST),
             completes_steps: description.model_exchange.as_ref().is_some_and(|e| e.needs_completed_integrator_step),
         };
-        let position = Position {
+        let position = RunPosition {
             time,
             states: vec![0.0; states],
             nominals: vec![1.0; states],
@@ -112,12 +112,12 @@ impl<'a> Exchange<'a> {
     }
 
     /// Where the run is.
-    pub fn position(&self) -> &Position {
+    pub fn position(&self) -> &RunPosition {
         &self.position
     }
 
     /// Goes on from another position, to whose state the FMU was put back.
-    pub fn rewind(&mut self, position: Position) {
+    pub fn rewind(&mut self, position: RunPosition) {
         self.position = position;
     }
 
@@ -125,7 +125,7 @@ impl<'a> Exchange<'a> {
     ///
     /// # Errors
     /// [`Error::Fmi`]; [`Error::Integration`] if the method fails or events do not end.
-    pub fn advance(&mut self, to: f64) -> Result<Step> {
+    pub fn advance(&mut self, to: f64) -> Result<StepResult> {
         let begin = self.position.time;
         for _ in 0..MAX_EVENTS {
             let stop = loop {
@@ -138,17 +138,17 @@ impl<'a> Exchange<'a> {
                     break stop.unwrap_or(Stop::Event);
                 }
                 if end >= to {
-                    return Ok(Step::Done);
+                    return Ok(StepResult::Done);
                 }
             };
             let time = self.position.time;
             if stop == Stop::Terminated {
-                return Ok(Step::Terminated { time });
+                return Ok(StepResult::Terminated { time });
             }
             self.model.instance.enter_event_mode()?;
             self.model.inputs.set(self.model.instance, time, self.position.rows)?;
-            if let Step::Terminated { time } = self.settle()? {
-                return Ok(Step::Terminated { time });
+            if let StepResult::Terminated { time } = self.settle()? {
+                return Ok(StepResult::Terminated { time });
             }
             // an event that stays where it was would be handled for ever
             self.position.next_event = self.position.next_event.filter(|next| *next > time);
@@ -161,18 +161,18 @@ impl<'a> Exchange<'a> {
     ///
     /// # Errors
     /// [`Error::Fmi`], and those of `set`.
-    pub fn interrupt(&mut self, set: impl FnOnce() -> Result<()>) -> Result<Step> {
+    pub fn interrupt(&mut self, set: impl FnOnce() -> Result<()>) -> Result<StepResult> {
         self.model.instance.enter_event_mode()?;
         set()?;
         self.settle()
     }
 
     /// Lets the FMU handle an event, then reads again everything that may have changed, whether or not the FMU says so.
-    fn settle(&mut self) -> Result<Step> {
+    fn settle(&mut self) -> Result<StepResult> {
         let (instance, position) = (self.model.instance, &mut self.position);
         let found = instance.settle_events()?;
         if found.terminate {
-            return Ok(Step::Terminated { time: position.time });
+            return Ok(StepResult::Terminated { time: position.time });
         }
         position.next_event = found.next_event_time;
         position.step = None;
@@ -183,11 +183,11 @@ impl<'a> Exchange<'a> {
             position.nominals.iter_mut().for_each(|n| *n = if usable(n) { n.abs() } else { 1.0 });
         }
         self.model.read_indicators(&mut position.indicators)?;
-        Ok(Step::Done)
+        Ok(StepResult::Done)
     }
 
     fn end_of_stretch(&self, to: f64) -> f64 {
-        let Position { time, next_event, rows, .. } = self.position;
+        let RunPosition { time, next_event, rows, .. } = self.position;
         let next_row = self.model.inputs.next_row(rows);
         [next_event, next_row].into_iter().flatten().fold(to, f64::min).max(time)
     }
@@ -212,8 +212,8 @@ impl<'a> Exchange<'a> {
         let length = end - position.time;
         let scaled = position.states.iter().zip(&position.nominals).map(|(state, nominal)| state / nominal);
         let state = DVector::from_iterator(position.states.len() + 1, scaled.chain([0.0]));
-        let first = Point { elapsed: 0.0, state, indicators: position.indicators.clone() };
-        let stretch = Stretch {
+        let first = SolutionPoint { elapsed: 0.0, state, indicators: position.indicators.clone() };
+        let stretch = ContinuousStretch {
             model: self.model,
             start: position.time,
             end,
@@ -224,9 +224,9 @@ impl<'a> Exchange<'a> {
             failure: RefCell::default(),
             discarded: RefCell::default(),
         };
-        let steps = RefCell::new(Steps { before: first.clone(), now: first.clone(), longest: 0.0, stop: None });
+        let steps = RefCell::new(AcceptedSteps { before: first.clone(), now: first.clone(), longest: 0.0, stop: None });
         stretch.solve(&first.state, length, position.step.map_or(0.0, |step| step.min(length)), Some(&steps))?;
-        let Steps { before, mut now, longest, mut stop } = steps.into_inner();
+        let AcceptedSteps { before, mut now, longest, mut stop } = steps.into_inner();
         if crossed(&before.indicators, &now.indicators) {
             now = stretch.locate(&before, now)?;
             stretch.put(now.elapsed, &now.state)?;
@@ -234,14 +234,14 @@ impl<'a> Exchange<'a> {
         }
         position.time = stretch.time(now.elapsed);
         position.step = Some(longest);
-        let Point { state, indicators, .. } = now;
+        let SolutionPoint { state, indicators, .. } = now;
         position.states.iter_mut().zip(&position.nominals).zip(&state).for_each(|((to, nominal), z)| *to = z * nominal);
         position.indicators = indicators;
         Ok(stop)
     }
 }
 
-impl Model<'_> {
+impl IntegratedModel<'_> {
     fn read_indicators(&self, indicators: &mut [f64]) -> Result<()> {
         if indicators.is_empty() { Ok(()) } else { self.instance.get_event_indicators(indicators) }
     }
@@ -271,8 +271,8 @@ enum Stop {
 ///
 /// Its state is the FMU's in units of the nominal values, which makes the tolerance absolute, followed by the time since
 /// the start: [`crate::integrate`] explains why.
-struct Stretch<'a> {
-    model: Model<'a>,
+struct ContinuousStretch<'a> {
+    model: IntegratedModel<'a>,
     start: f64,
     end: f64,
     /// Rows of the inputs up to its start.
@@ -289,30 +289,30 @@ struct Stretch<'a> {
 
 /// A point of the solution.
 #[derive(Clone)]
-struct Point {
+struct SolutionPoint {
     elapsed: f64,
     state: DVector<f64>,
     indicators: Vec<f64>,
 }
 
 /// The last accepted step and what came of it.
-struct Steps {
-    before: Point,
-    now: Point,
+struct AcceptedSteps {
+    before: SolutionPoint,
+    now: SolutionPoint,
     longest: f64,
     stop: Option<Stop>,
 }
 
-impl Stretch<'_> {
+impl ContinuousStretch<'_> {
     /// The state a while later. With `steps`, every step is looked at, and an event ends the integration.
     fn solve(
         &self,
         from: &DVector<f64>,
         duration: f64,
         step: f64,
-        steps: Option<&RefCell<Steps>>,
+        steps: Option<&RefCell<AcceptedSteps>>,
     ) -> Result<DVector<f64>> {
-        let mut problem = Problem { stretch: self, steps };
+        let mut problem = OdeProblem { stretch: self, steps };
         if self.nominals.is_empty() {
             // nothing but the time
             let end = from.add_scalar(duration);
@@ -388,8 +388,8 @@ impl Stretch<'_> {
     }
 
     /// Follows an accepted step; false at an event.
-    fn follow(&self, steps: &mut Steps, elapsed: f64, state: &DVector<f64>) -> Result<bool> {
-        let Steps { before, now, longest, stop } = steps;
+    fn follow(&self, steps: &mut AcceptedSteps, elapsed: f64, state: &DVector<f64>) -> Result<bool> {
+        let AcceptedSteps { before, now, longest, stop } = steps;
         std::mem::swap(before, now);
         now.elapsed = elapsed;
         now.state.copy_from(state);
@@ -407,7 +407,7 @@ impl Stretch<'_> {
     ///
     /// Each trial is a solution from `before` on. They are placed by the Illinois method, every fourth one in the middle,
     /// which limits their number for any indicators.
-    fn locate(&self, before: &Point, mut after: Point) -> Result<Point> {
+    fn locate(&self, before: &SolutionPoint, mut after: SolutionPoint) -> Result<SolutionPoint> {
         let tolerance = LOCATED * (self.start.abs() + after.elapsed);
         let (mut low, mut indicators) = (before.elapsed, before.indicators.clone());
         // which end moved last, and what the indicators of the other one weigh
@@ -422,7 +422,7 @@ impl Stretch<'_> {
             let elapsed = (low + share * width).min(after.elapsed - margin).max(low + margin);
             let state = self.solve(&before.state, elapsed - before.elapsed, elapsed - before.elapsed, None)?;
             self.put(elapsed, &state)?;
-            let mut found = Point { elapsed, state, indicators: after.indicators.clone() };
+            let mut found = SolutionPoint { elapsed, state, indicators: after.indicators.clone() };
             self.model.read_indicators(&mut found.indicators)?;
             let raise = !crossed(&before.indicators, &found.indicators);
             let again = raised.replace(raise) == Some(raise);
@@ -461,12 +461,12 @@ fn reason(error: &IntegrationError) -> String {
 }
 
 /// What `ode_solvers` takes over and drops.
-struct Problem<'a> {
-    stretch: &'a Stretch<'a>,
-    steps: Option<&'a RefCell<Steps>>,
+struct OdeProblem<'a> {
+    stretch: &'a ContinuousStretch<'a>,
+    steps: Option<&'a RefCell<AcceptedSteps>>,
 }
 
-impl System<f64, DVector<f64>> for Problem<'_> {
+impl System<f64, DVector<f64>> for OdeProblem<'_> {
     fn system(&self, _: f64, state: &DVector<f64>, derivative: &mut DVector<f64>) {
         if self.stretch.failure.borrow().is_none() {
             match self.stretch.derive(state, derivative) {

@@ -1,6 +1,6 @@
 //! What an FMU logs.
 
-use super::ffi::{Status, status_name};
+use super::ffi::{FmiStatus, status_name};
 use std::{
     collections::VecDeque,
     ffi::{CStr, c_char, c_void},
@@ -23,18 +23,18 @@ pub struct LogMessage {
 
 /// Messages not yet taken. An FMU may log from threads of its own.
 #[derive(Debug, Default)]
-pub struct Journal {
-    log: Mutex<Log>,
+pub struct MessageLog {
+    log: Mutex<MessageQueue>,
 }
 
 #[derive(Debug, Default)]
-struct Log {
+struct MessageQueue {
     messages: VecDeque<LogMessage>,
     /// How many there ever were.
     count: usize,
 }
 
-impl Journal {
+impl MessageLog {
     /// How many messages there have been.
     pub fn count(&self) -> usize {
         self.log().count
@@ -57,7 +57,7 @@ impl Journal {
         log.count += 1;
     }
 
-    fn log(&self) -> MutexGuard<'_, Log> {
+    fn log(&self) -> MutexGuard<'_, MessageQueue> {
         self.log.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -69,13 +69,13 @@ impl Journal {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn metafmu_journal_add(
     journal: *mut c_void,
-    status: Status,
+    status: FmiStatus,
     category: *const c_char,
     message: *const c_char,
 ) {
     // SAFETY: as asked of the caller; the shim has checked for null pointers
     let (journal, category, message) =
-        unsafe { (&*journal.cast::<Journal>(), CStr::from_ptr(category), CStr::from_ptr(message)) };
+        unsafe { (&*journal.cast::<MessageLog>(), CStr::from_ptr(category), CStr::from_ptr(message)) };
     journal.add(LogMessage {
         status: status_name(status),
         category: category.to_string_lossy().into_owned(),
@@ -89,7 +89,7 @@ unsafe extern "C" fn metafmu_journal_add(
 /// `journal` must be that of a living instance, the texts null or with a zero byte at their ends.
 pub unsafe extern "C" fn log_message(
     journal: *mut c_void,
-    status: Status,
+    status: FmiStatus,
     category: *const c_char,
     message: *const c_char,
 ) {
@@ -106,7 +106,7 @@ mod tests {
 
     #[test]
     fn the_last_messages_are_kept_and_those_of_one_call_can_be_told_apart() {
-        let journal = Journal::default();
+        let journal = MessageLog::default();
         let log = |range: std::ops::Range<usize>| {
             for number in range {
                 journal.add(LogMessage { status: "ok", category: String::new(), text: number.to_string() });

@@ -1,15 +1,15 @@
 //! What the equations of an FMU for model exchange are in a state.
 
-use super::{Instance, Recorder, SimulationOptions, recorder::Column, simulate::set_start};
+use super::{FmuInstance, Recorder, SimulationOptions, recorder::RecordedColumn, simulate::set_start};
 use crate::{Error, Result};
 
 /// Derivatives and outputs in a state.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Labels {
+pub struct StateEvaluation {
     /// Derivatives of the continuous states, in the order of the state vector.
     pub derivatives: Vec<f64>,
     /// What the outputs are.
-    pub columns: Vec<Column>,
+    pub columns: Vec<RecordedColumn>,
     /// Their values.
     pub outputs: Vec<f64>,
 }
@@ -17,14 +17,14 @@ pub struct Labels {
 /// A second time at which derivatives are asked for, as a share of the run: equations that depend on the time differ there.
 const LATER: f64 = 0.377;
 
-impl Labels {
+impl StateEvaluation {
     /// Asks an instance that was just made: its initialization, with start values, parameters and the first row of the inputs, is
     /// followed by the states of the options.
     ///
     /// # Errors
     /// [`Error::Integration`] if the FMU has a time event, ends the simulation, or its derivatives depend on the time;
     /// [`Error::UnknownVariable`], [`Error::Variable`]: a start value, input or recorded variable that cannot be; [`Error::Fmi`].
-    pub fn of(instance: &Instance, options: &SimulationOptions) -> Result<Self> {
+    pub fn of(instance: &FmuInstance, options: &SimulationOptions) -> Result<Self> {
         let (start, stop) = (options.start.unwrap_or(0.0), options.stop.unwrap_or(1.0));
         let inputs = options.inputs.drive(instance.fmu().description())?;
         let recorder = Recorder::new(instance, &options.record, options.record_only)?;

@@ -28,18 +28,18 @@ mod values;
 
 pub use exchange::{CompletedStep, DiscreteStates};
 pub use inputs::Inputs;
-pub use instance::{Instance, Step};
+pub use instance::{FmuInstance, StepResult};
 pub use journal::LogMessage;
-pub use labels::Labels;
+pub use labels::StateEvaluation;
 pub use options::SimulationOptions;
-pub use recorder::{Column, element_names};
-pub use simulate::{RowSink, Table, simulate, simulate_into};
-pub use state::State;
+pub use recorder::{RecordedColumn, element_names};
+pub use simulate::{RowSink, SimulationTable, simulate, simulate_into};
+pub use state::FmuState;
 pub use unpacked::Unpacked;
 pub(crate) use {
     grid::Grid,
     inputs::NO_INPUTS,
-    integrator::{Exchange, Position},
+    integrator::{Exchange, RunPosition},
     recorder::Recorder,
     simulate::{is_settable, set_start},
 };
@@ -47,7 +47,7 @@ pub(crate) use {
 use super::{
     Archive, ModelDescription, Platform,
     archive::description_error,
-    model_description::{CoSimulation, FmiVersion, Interface},
+    model_description::{CoSimulation, FmiVersion, InterfaceCapabilities},
     xml::{self, Document},
 };
 use crate::{Error, Result};
@@ -79,9 +79,9 @@ impl fmt::Display for InterfaceKind {
 
 /// The functions of a loaded binary.
 #[derive(Debug)]
-enum Functions {
-    V2(fmi2::Functions),
-    V3(fmi3::Functions),
+enum FmiFunctions {
+    V2(fmi2::Fmi2Functions),
+    V3(fmi3::Fmi3Functions),
 }
 
 /// An FMU loaded for one of its interfaces: unpacked into a temporary folder that is removed when the value is dropped.
@@ -90,11 +90,11 @@ pub struct Fmu {
     path: PathBuf,
     description: ModelDescription,
     interface: InterfaceKind,
-    functions: Functions,
+    functions: FmiFunctions,
     resources: CString,
     // dropped in this order: the library is unloaded before its file is removed
     library: Library,
-    _folder: Option<unpacked::Folder>,
+    _folder: Option<unpacked::TemporaryFolder>,
 }
 
 /// Opens an archive and reads its content, including the interface to use and a binary for this platform.
@@ -194,9 +194,11 @@ impl Fmu {
             Error::Library { path, binary, source, hint }
         })?;
         let (functions, resources) = match description.fmi_version {
-            FmiVersion::V2 => (Functions::V2(fmi2::Functions::find(&library, path, interface)?), file_uri(&resources)),
+            FmiVersion::V2 => {
+                (FmiFunctions::V2(fmi2::Fmi2Functions::find(&library, path, interface)?), file_uri(&resources))
+            }
             FmiVersion::V3 => {
-                (Functions::V3(fmi3::Functions::find(&library, path, interface)?), folder_path(&resources))
+                (FmiFunctions::V3(fmi3::Fmi3Functions::find(&library, path, interface)?), folder_path(&resources))
             }
         };
         Ok(Self { path: path.to_owned(), description, interface, functions, resources, library, _folder: None })
@@ -218,7 +220,7 @@ impl Fmu {
     }
 
     /// Capabilities of the interface it was loaded for.
-    pub fn capabilities(&self) -> Interface {
+    pub fn capabilities(&self) -> InterfaceCapabilities {
         self.description.interface(self.interface).cloned().unwrap_or_default()
     }
 
@@ -230,8 +232,8 @@ impl Fmu {
     /// What `fmi2GetVersion` or `fmi3GetVersion` returns.
     pub fn version(&self) -> String {
         let function = match &self.functions {
-            Functions::V2(functions) => functions.get_version,
-            Functions::V3(functions) => functions.get_version,
+            FmiFunctions::V2(functions) => functions.get_version,
+            FmiFunctions::V3(functions) => functions.get_version,
         };
         // SAFETY: the function takes nothing
         text(unsafe { function() })
@@ -241,18 +243,18 @@ impl Fmu {
     pub fn types_platform(&self) -> Option<String> {
         match &self.functions {
             // SAFETY: the function takes nothing
-            Functions::V2(functions) => Some(text(unsafe { (functions.get_types_platform)() })),
-            Functions::V3(_) => None,
+            FmiFunctions::V2(functions) => Some(text(unsafe { (functions.get_types_platform)() })),
+            FmiFunctions::V3(_) => None,
         }
     }
 
     /// Functions of the standard that the binary does not export.
     pub fn missing_functions(&self) -> Vec<&'static str> {
         let required = match (&self.functions, self.interface) {
-            (Functions::V2(_), InterfaceKind::CoSimulation) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_CO_SIMULATION],
-            (Functions::V2(_), InterfaceKind::ModelExchange) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_MODEL_EXCHANGE],
-            (Functions::V3(_), InterfaceKind::CoSimulation) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_CO_SIMULATION],
-            (Functions::V3(_), InterfaceKind::ModelExchange) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_MODEL_EXCHANGE],
+            (FmiFunctions::V2(_), InterfaceKind::CoSimulation) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_CO_SIMULATION],
+            (FmiFunctions::V2(_), InterfaceKind::ModelExchange) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_MODEL_EXCHANGE],
+            (FmiFunctions::V3(_), InterfaceKind::CoSimulation) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_CO_SIMULATION],
+            (FmiFunctions::V3(_), InterfaceKind::ModelExchange) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_MODEL_EXCHANGE],
         };
         ffi::missing(&self.library, &required)
     }
@@ -261,19 +263,19 @@ impl Fmu {
     ///
     /// # Errors
     /// [`Error::Fmi`] with what the FMU logged if it returns no instance.
-    pub fn instantiate(&self, name: &str, logging: bool) -> Result<Instance<'_>> {
+    pub fn instantiate(&self, name: &str, logging: bool) -> Result<FmuInstance<'_>> {
         self.instantiate_as(name, &self.description.token, logging)
     }
 
     /// Makes an instance with a token that need not be the FMU's.
-    pub(super) fn instantiate_as(&self, name: &str, token: &str, logging: bool) -> Result<Instance<'_>> {
-        Instance::new(self, &c_text(name), &c_text(token), logging)
+    pub(super) fn instantiate_as(&self, name: &str, token: &str, logging: bool) -> Result<FmuInstance<'_>> {
+        FmuInstance::new(self, &c_text(name), &c_text(token), logging)
     }
 }
 
 impl ModelDescription {
     /// Capabilities of an interface; `None` if the FMU does not offer it.
-    pub fn interface(&self, kind: InterfaceKind) -> Option<&Interface> {
+    pub fn interface(&self, kind: InterfaceKind) -> Option<&InterfaceCapabilities> {
         match kind {
             InterfaceKind::CoSimulation => self.co_simulation.as_ref().map(|co_simulation| &co_simulation.interface),
             InterfaceKind::ModelExchange => self.model_exchange.as_ref().map(|exchange| &exchange.interface),

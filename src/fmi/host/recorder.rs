@@ -1,15 +1,15 @@
 //! Reads variables into rows of numbers.
 
-use super::Instance;
+use super::FmuInstance;
 use crate::{
     Error, Result,
-    fmi::model_description::{Real, ScalarVariable, VariableType},
+    fmi::model_description::{RealAttributes, ScalarVariable, VariableType},
 };
 use serde::{Deserialize, Serialize};
 
 /// A recorded variable, or an element of one.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Column {
+pub struct RecordedColumn {
     /// The variable's name; of an array with the indices of the element, counted from 1.
     pub name: String,
     /// Its unit.
@@ -18,8 +18,8 @@ pub struct Column {
 
 /// Reads variables of several types into rows of numbers.
 pub struct Recorder<'a> {
-    instance: &'a Instance<'a>,
-    pub columns: Vec<Column>,
+    instance: &'a FmuInstance<'a>,
+    pub columns: Vec<RecordedColumn>,
     /// Scalars of double precision, which nearly all variables are: read by one call.
     reals: Vec<u32>,
     /// And the columns they go to.
@@ -30,7 +30,7 @@ pub struct Recorder<'a> {
 
 impl<'a> Recorder<'a> {
     /// Records all outputs that are numbers, unless it is `only` those named, then the named variables.
-    pub fn new(instance: &'a Instance<'a>, more: &[String], only: bool) -> Result<Self> {
+    pub fn new(instance: &'a FmuInstance<'a>, more: &[String], only: bool) -> Result<Self> {
         let description = instance.fmu().description();
         let mut variables: Vec<&ScalarVariable> =
             description.outputs().filter(|output| output.kind.is_number() && !only).collect();
@@ -48,7 +48,8 @@ impl<'a> Recorder<'a> {
             Self { instance, columns: Vec::new(), reals: Vec::new(), real_columns: Vec::new(), others: Vec::new() };
         for variable in variables {
             let column = recorder.columns.len();
-            if variable.dimensions.is_empty() && matches!(variable.kind, VariableType::Real(Real { single: false, .. }))
+            if variable.dimensions.is_empty()
+                && matches!(variable.kind, VariableType::Real(RealAttributes { single: false, .. }))
             {
                 recorder.reals.push(variable.value_reference);
                 recorder.real_columns.push(column);
@@ -59,7 +60,7 @@ impl<'a> Recorder<'a> {
             let shape = description.shape(variable).unwrap_or_default();
             let unit = description.unit_of(variable).map(str::to_owned);
             let names = element_names(&variable.name, &shape);
-            recorder.columns.extend(names.map(|name| Column { name, unit: unit.clone() }));
+            recorder.columns.extend(names.map(|name| RecordedColumn { name, unit: unit.clone() }));
         }
         Ok(recorder)
     }
@@ -96,7 +97,7 @@ pub fn element_names(name: &str, shape: &[u64]) -> impl Iterator<Item = String> 
     })
 }
 
-pub(super) fn find<'a>(instance: &Instance<'a>, name: &str) -> Result<&'a ScalarVariable> {
+pub(super) fn find<'a>(instance: &FmuInstance<'a>, name: &str) -> Result<&'a ScalarVariable> {
     let description = instance.fmu().description();
     description.variable(name).ok_or_else(|| Error::UnknownVariable {
         name: name.into(),

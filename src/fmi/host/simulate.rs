@@ -1,8 +1,8 @@
 //! A whole run of one FMU.
 
 use super::{
-    Exchange, Grid, Instance, InterfaceKind, Recorder, SimulationOptions, Step,
-    recorder::{Column, find},
+    Exchange, FmuInstance, Grid, InterfaceKind, Recorder, SimulationOptions, StepResult,
+    recorder::{RecordedColumn, find},
 };
 use crate::{
     Error, Result,
@@ -15,7 +15,7 @@ pub trait RowSink {
     ///
     /// # Errors
     /// Whatever ends the run.
-    fn begin(&mut self, columns: &[Column]) -> Result<()>;
+    fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()>;
 
     /// Takes the values at a time, one for each column.
     ///
@@ -26,9 +26,9 @@ pub trait RowSink {
 
 /// The result of a run: a row for each communication point, the start included.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Table {
+pub struct SimulationTable {
     /// What the columns are; time is not among them.
-    pub columns: Vec<Column>,
+    pub columns: Vec<RecordedColumn>,
     /// Time of each row.
     pub times: Vec<f64>,
     /// Values of each row, in the order of the columns.
@@ -37,8 +37,8 @@ pub struct Table {
     pub terminated: bool,
 }
 
-impl RowSink for Table {
-    fn begin(&mut self, columns: &[Column]) -> Result<()> {
+impl RowSink for SimulationTable {
+    fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()> {
         self.columns = columns.to_vec();
         Ok(())
     }
@@ -54,8 +54,8 @@ impl RowSink for Table {
 ///
 /// # Errors
 /// Those of [`simulate_into`].
-pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Table> {
-    let mut table = Table::default();
+pub fn simulate(instance: &FmuInstance, options: &SimulationOptions) -> Result<SimulationTable> {
+    let mut table = SimulationTable::default();
     table.terminated = simulate_into(instance, options, &mut table)?;
     Ok(table)
 }
@@ -76,7 +76,7 @@ pub fn simulate(instance: &Instance, options: &SimulationOptions) -> Result<Tabl
 /// - [`Error::Integration`]: model exchange that cannot be integrated, or has no end of events;
 /// - [`Error::Fmi`]: the FMU failed;
 /// - those of the sink.
-pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mut impl RowSink) -> Result<bool> {
+pub fn simulate_into(instance: &FmuInstance, options: &SimulationOptions, sink: &mut impl RowSink) -> Result<bool> {
     let fmu = instance.fmu();
     let exchange = fmu.interface() == InterfaceKind::ModelExchange;
     let grid = Grid::new(fmu, options)?;
@@ -101,7 +101,7 @@ pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mu
     let (mut terminated, mut integration) = (false, None);
     if exchange {
         let (mut run, begun) = Exchange::start(instance, &inputs, options.tolerance, start)?;
-        terminated = begun != Step::Done;
+        terminated = begun != StepResult::Done;
         if let (Some(states), false) = (&options.states, terminated) {
             run.set_states(states)?;
         }
@@ -123,15 +123,15 @@ pub fn simulate_into(instance: &Instance, options: &SimulationOptions, sink: &mu
             }
         };
         let reached_time = match reached {
-            Step::Done => {
+            StepResult::Done => {
                 if !exchange && options.inputs_first {
                     set_inputs(time)?;
                 }
                 time
             }
-            Step::Terminated { time } => time,
+            StepResult::Terminated { time } => time,
         };
-        terminated = reached != Step::Done;
+        terminated = reached != StepResult::Done;
         sink.row(reached_time, &recorder.row()?)?;
     }
     instance.terminate()?;
@@ -145,7 +145,7 @@ pub(crate) fn is_settable(variable: &ScalarVariable) -> bool {
 }
 
 /// Sets a start value before initialization.
-pub(crate) fn set_start(instance: &Instance, name: &str, value: f64) -> Result<()> {
+pub(crate) fn set_start(instance: &FmuInstance, name: &str, value: f64) -> Result<()> {
     let variable = find(instance, name)?;
     let wrong = |problem: &str| Err(Error::Variable { name: name.into(), problem: problem.into() });
     if let VariableType::String { .. } = variable.kind {

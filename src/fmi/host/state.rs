@@ -1,24 +1,24 @@
 //! States of an instance, taken and put back.
 
 use super::{
-    Functions, Instance,
+    FmiFunctions, FmuInstance,
     ffi::{StateFunctions, StatePointer},
 };
 use crate::Result;
 use std::ptr;
 
-/// A state taken from an [`Instance`], freed when dropped.
+/// A state taken from an [`FmuInstance`], freed when dropped.
 #[derive(Debug)]
-pub struct State<'instance> {
-    instance: &'instance Instance<'instance>,
+pub struct FmuState<'instance> {
+    instance: &'instance FmuInstance<'instance>,
     pointer: StatePointer,
 }
 
-impl Instance<'_> {
+impl FmuInstance<'_> {
     fn states(&self) -> &StateFunctions {
         match &self.fmu.functions {
-            Functions::V2(functions) => &functions.states,
-            Functions::V3(functions) => &functions.states,
+            FmiFunctions::V2(functions) => &functions.states,
+            FmiFunctions::V3(functions) => &functions.states,
         }
     }
 
@@ -29,34 +29,34 @@ impl Instance<'_> {
     ///
     /// [`Error::Fmi`]: crate::Error::Fmi
     /// [`Error::MissingFunction`]: crate::Error::MissingFunction
-    pub fn state(&self) -> Result<State<'_>> {
+    pub fn state(&self) -> Result<FmuState<'_>> {
         let function = self.offered("GetFMUState", self.states().get)?;
         let mut pointer = ptr::null_mut();
         // SAFETY: as for `call`; a null pointer asks the FMU to allocate a new state
         self.call("GetFMUState", |component| unsafe { function(component, &raw mut pointer) })?;
-        Ok(State { instance: self, pointer })
+        Ok(FmuState { instance: self, pointer })
     }
 
-    /// A state from the bytes of [`State::to_bytes`], of this or another instance of the same FMU and interface.
+    /// A state from the bytes of [`FmuState::to_bytes`], of this or another instance of the same FMU and interface.
     ///
     /// # Errors
-    /// As [`Instance::state`].
-    pub fn state_from_bytes(&self, bytes: &[u8]) -> Result<State<'_>> {
+    /// As [`FmuInstance::state`].
+    pub fn state_from_bytes(&self, bytes: &[u8]) -> Result<FmuState<'_>> {
         let function = self.offered("DeserializeFMUState", self.states().deserialize)?;
         let mut pointer = ptr::null_mut();
         self.call("DeserializeFMUState", |component| {
             // SAFETY: as for `call`; pointer and length are those of a slice
             unsafe { function(component, bytes.as_ptr(), bytes.len(), &raw mut pointer) }
         })?;
-        Ok(State { instance: self, pointer })
+        Ok(FmuState { instance: self, pointer })
     }
 }
 
-impl State<'_> {
+impl FmuState<'_> {
     /// Puts the instance back into this state.
     ///
     /// # Errors
-    /// As [`Instance::state`].
+    /// As [`FmuInstance::state`].
     pub fn restore(&self) -> Result<()> {
         let function = self.instance.offered("SetFMUState", self.instance.states().set)?;
         // SAFETY: as for `call`; the state is one of this instance
@@ -66,7 +66,7 @@ impl State<'_> {
     /// The state as bytes.
     ///
     /// # Errors
-    /// As [`Instance::state`].
+    /// As [`FmuInstance::state`].
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
         let functions = self.instance.states();
         let size_of = self.instance.offered("SerializedFMUStateSize", functions.size)?;
@@ -85,7 +85,7 @@ impl State<'_> {
     }
 }
 
-impl Drop for State<'_> {
+impl Drop for FmuState<'_> {
     fn drop(&mut self) {
         if let Some(free) = self.instance.states().free {
             // a failure here leaves nothing to be done

@@ -11,7 +11,7 @@ fn predict(inputs: [f64; 3]) -> [f64; 2] {
     outputs
 }
 
-fn outputs(instance: &Instance) -> [f64; 2] {
+fn outputs(instance: &FmuInstance) -> [f64; 2] {
     let mut outputs = [0.0; 2];
     instance.get_real(&[3, 4], &mut outputs).unwrap();
     outputs

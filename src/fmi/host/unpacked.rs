@@ -24,12 +24,12 @@ pub struct Unpacked {
     path: PathBuf,
     description: ModelDescription,
     interface: InterfaceKind,
-    folder: Folder,
+    folder: TemporaryFolder,
 }
 
 /// A temporary folder that is removed when the value is dropped; if its process was killed, when another is made.
 #[derive(Debug)]
-pub struct Folder {
+pub struct TemporaryFolder {
     // dropped in this order
     _lock: File,
     folder: TempDir,
@@ -50,7 +50,7 @@ impl Unpacked {
     /// As [`Unpacked::open`].
     pub fn of_archive(mut archive: Archive, wanted: Option<InterfaceKind>) -> Result<Self> {
         let (description, interface) = inspect(&mut archive, wanted)?;
-        let folder = Folder::create()?;
+        let folder = TemporaryFolder::create()?;
         let files = folder.files();
         archive.unpack(&files)?;
         let resources = files.join("resources");
@@ -88,7 +88,7 @@ impl Unpacked {
     }
 }
 
-impl Folder {
+impl TemporaryFolder {
     fn create() -> Result<Self> {
         let parent = std::env::temp_dir();
         let failed = |source| Error::io(&parent, "create a folder in")(source);

@@ -1,16 +1,16 @@
 //! Values of variables, and derivatives.
 
-use super::{Functions, Instance, fmi2, fmi3, instance::c_bool};
+use super::{FmiFunctions, FmuInstance, fmi2, fmi3, instance::c_bool};
 use crate::{
     Error, Result,
-    fmi::model_description::{FmiVersion, Integer, MAX_ELEMENTS, Real, ScalarVariable, VariableType, Width},
+    fmi::model_description::{FmiVersion, Integer, MAX_ELEMENTS, RealAttributes, ScalarVariable, VariableType, Width},
 };
 use std::ffi::c_int;
 
 /// Largest integer up to which every integer is a `f64`.
 const EXACT: f64 = 9_007_199_254_740_992.0;
 
-impl Instance<'_> {
+impl FmuInstance<'_> {
     /// Values of real variables (Float64 of FMI 3.0), by value reference.
     ///
     /// # Errors
@@ -20,8 +20,10 @@ impl Instance<'_> {
     /// If the slices differ in length.
     pub fn get_real(&self, references: &[u32], values: &mut [f64]) -> Result<()> {
         match &self.fmu.functions {
-            Functions::V2(functions) => self.get_2("fmi2GetReal", functions.get_real, references, values),
-            Functions::V3(functions) => self.get_3("fmi3GetFloat64", Some(functions.get_float64), references, values),
+            FmiFunctions::V2(functions) => self.get_2("fmi2GetReal", functions.get_real, references, values),
+            FmiFunctions::V3(functions) => {
+                self.get_3("fmi3GetFloat64", Some(functions.get_float64), references, values)
+            }
         }
     }
 
@@ -34,8 +36,10 @@ impl Instance<'_> {
     /// If the slices differ in length.
     pub fn set_real(&self, references: &[u32], values: &[f64]) -> Result<()> {
         match &self.fmu.functions {
-            Functions::V2(functions) => self.set_2("fmi2SetReal", functions.set_real, references, values),
-            Functions::V3(functions) => self.set_3("fmi3SetFloat64", Some(functions.set_float64), references, values),
+            FmiFunctions::V2(functions) => self.set_2("fmi2SetReal", functions.set_real, references, values),
+            FmiFunctions::V3(functions) => {
+                self.set_3("fmi3SetFloat64", Some(functions.set_float64), references, values)
+            }
         }
     }
 
@@ -48,8 +52,8 @@ impl Instance<'_> {
     /// If the slices differ in length.
     pub fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<()> {
         match &self.fmu.functions {
-            Functions::V2(functions) => self.get_2("fmi2GetInteger", functions.get_integer, references, values),
-            Functions::V3(functions) => self.get_3("fmi3GetInt32", functions.types.int32.get, references, values),
+            FmiFunctions::V2(functions) => self.get_2("fmi2GetInteger", functions.get_integer, references, values),
+            FmiFunctions::V3(functions) => self.get_3("fmi3GetInt32", functions.types.int32.get, references, values),
         }
     }
 
@@ -62,8 +66,8 @@ impl Instance<'_> {
     /// If the slices differ in length.
     pub fn set_integer(&self, references: &[u32], values: &[i32]) -> Result<()> {
         match &self.fmu.functions {
-            Functions::V2(functions) => self.set_2("fmi2SetInteger", functions.set_integer, references, values),
-            Functions::V3(functions) => self.set_3("fmi3SetInt32", functions.types.int32.set, references, values),
+            FmiFunctions::V2(functions) => self.set_2("fmi2SetInteger", functions.set_integer, references, values),
+            FmiFunctions::V3(functions) => self.set_3("fmi3SetInt32", functions.types.int32.set, references, values),
         }
     }
 
@@ -76,12 +80,12 @@ impl Instance<'_> {
     /// If the slices differ in length.
     pub fn get_boolean(&self, references: &[u32], values: &mut [bool]) -> Result<()> {
         match &self.fmu.functions {
-            Functions::V2(functions) => {
+            FmiFunctions::V2(functions) => {
                 let mut numbers = vec![fmi2::FALSE; values.len()];
                 self.get_2("fmi2GetBoolean", functions.get_boolean, references, &mut numbers)?;
                 values.iter_mut().zip(numbers).for_each(|(value, number)| *value = number != fmi2::FALSE);
             }
-            Functions::V3(functions) => {
+            FmiFunctions::V3(functions) => {
                 let mut numbers = vec![0; values.len()];
                 self.get_3("fmi3GetBoolean", Some(functions.get_boolean), references, &mut numbers)?;
                 values.iter_mut().zip(numbers).for_each(|(value, number)| *value = number != 0);
@@ -99,11 +103,11 @@ impl Instance<'_> {
     /// If the slices differ in length.
     pub fn set_boolean(&self, references: &[u32], values: &[bool]) -> Result<()> {
         match &self.fmu.functions {
-            Functions::V2(functions) => {
+            FmiFunctions::V2(functions) => {
                 let numbers: Vec<c_int> = values.iter().map(|&value| c_bool(value)).collect();
                 self.set_2("fmi2SetBoolean", functions.set_boolean, references, &numbers)
             }
-            Functions::V3(functions) => {
+            FmiFunctions::V3(functions) => {
                 let numbers: Vec<u8> = values.iter().map(|&value| u8::from(value)).collect();
                 self.set_3("fmi3SetBoolean", Some(functions.set_boolean), references, &numbers)
             }
@@ -118,12 +122,12 @@ impl Instance<'_> {
     pub fn get_numbers(&self, variable: &ScalarVariable) -> Result<Vec<f64>> {
         let references = [variable.value_reference];
         let count = self.element_count(variable)?;
-        let Functions::V3(functions) = &self.fmu.functions else {
+        let FmiFunctions::V3(functions) = &self.fmu.functions else {
             return self.get_number_2(variable).map(|value| vec![value]);
         };
         let types = &functions.types;
         match &variable.kind {
-            VariableType::Real(Real { single: false, .. }) => {
+            VariableType::Real(RealAttributes { single: false, .. }) => {
                 self.numbers_3("fmi3GetFloat64", Some(functions.get_float64), references, count, |value| value)
             }
             VariableType::Real(_) => self.numbers_3("fmi3GetFloat32", types.float32.get, references, count, f64::from),
@@ -207,19 +211,19 @@ impl Instance<'_> {
                 let values: Vec<bool> = values.iter().map(|&value| value == 1.0).collect();
                 self.set_boolean(&references, &values)
             }
-            (Functions::V2(_), VariableType::Real(_)) => self.set_real(&references, values),
-            (Functions::V2(_), _) => {
+            (FmiFunctions::V2(_), VariableType::Real(_)) => self.set_real(&references, values),
+            (FmiFunctions::V2(_), _) => {
                 let values: Vec<i32> = values.iter().map(|&value| value as i32).collect();
                 self.set_integer(&references, &values)
             }
-            (Functions::V3(functions), kind) => self.set_numbers_3(functions, kind, references, values),
+            (FmiFunctions::V3(functions), kind) => self.set_numbers_3(functions, kind, references, values),
         }
     }
 
     /// The casts are exact: what does not fit has been refused.
     fn set_numbers_3(
         &self,
-        functions: &fmi3::Functions,
+        functions: &fmi3::Fmi3Functions,
         kind: &VariableType,
         references: [u32; 1],
         values: &[f64],
@@ -227,7 +231,7 @@ impl Instance<'_> {
         let types = &functions.types;
         let width = match kind {
             VariableType::Integer(integer) | VariableType::Enumeration(integer) => integer.width,
-            VariableType::Real(Real { single: true, .. }) => {
+            VariableType::Real(RealAttributes { single: true, .. }) => {
                 let values: Vec<f32> = values.iter().map(|&value| value as f32).collect();
                 return self.set_3("fmi3SetFloat32", types.float32.set, &references, &values);
             }
@@ -281,7 +285,7 @@ impl Instance<'_> {
         assert_eq!(knowns.len(), seed.len(), "one seed per known");
         let mut sensitivity = vec![0.0; unknowns.len()];
         match &self.fmu.functions {
-            Functions::V2(functions) => {
+            FmiFunctions::V2(functions) => {
                 let name = "fmi2GetDirectionalDerivative";
                 let function = self.offered(name, functions.directional_derivative)?;
                 self.call(name, |component| {
@@ -299,7 +303,7 @@ impl Instance<'_> {
                     }
                 })?;
             }
-            Functions::V3(functions) => {
+            FmiFunctions::V3(functions) => {
                 let (name, function) = ("fmi3GetDirectionalDerivative", functions.directional_derivative);
                 self.derivative_3(name, function, unknowns, knowns, seed, &mut sensitivity)?;
             }
@@ -319,8 +323,8 @@ impl Instance<'_> {
         let mut sensitivity = vec![0.0; knowns.len()];
         let name = "fmi3GetAdjointDerivative";
         let function = match &self.fmu.functions {
-            Functions::V2(_) => None,
-            Functions::V3(functions) => functions.adjoint_derivative,
+            FmiFunctions::V2(_) => None,
+            FmiFunctions::V3(functions) => functions.adjoint_derivative,
         };
         self.derivative_3(name, function, unknowns, knowns, seed, &mut sensitivity)?;
         Ok(sensitivity)
@@ -337,7 +341,7 @@ impl Instance<'_> {
         assert_eq!(references.len(), orders.len(), "one order per value reference");
         let mut values = vec![0.0; references.len()];
         match &self.fmu.functions {
-            Functions::V2(functions) => {
+            FmiFunctions::V2(functions) => {
                 let name = "fmi2GetRealOutputDerivatives";
                 let co_simulation = functions.co_simulation.as_ref();
                 let function = self.offered(name, co_simulation.and_then(|f| f.output_derivatives))?;
@@ -349,7 +353,7 @@ impl Instance<'_> {
                     }
                 })?;
             }
-            Functions::V3(functions) => {
+            FmiFunctions::V3(functions) => {
                 let name = "fmi3GetOutputDerivatives";
                 let co_simulation = functions.co_simulation.as_ref();
                 let function = self.offered(name, co_simulation.and_then(|f| f.output_derivatives))?;
@@ -407,7 +411,7 @@ impl Instance<'_> {
     fn get_2<T>(
         &self,
         name: &'static str,
-        function: fmi2::GetValues<T>,
+        function: fmi2::Fmi2GetValues<T>,
         references: &[u32],
         values: &mut [T],
     ) -> Result<()> {
@@ -421,7 +425,7 @@ impl Instance<'_> {
     fn set_2<T>(
         &self,
         name: &'static str,
-        function: fmi2::SetValues<T>,
+        function: fmi2::Fmi2SetValues<T>,
         references: &[u32],
         values: &[T],
     ) -> Result<()> {
@@ -435,7 +439,7 @@ impl Instance<'_> {
     fn get_3<T>(
         &self,
         name: &'static str,
-        function: Option<fmi3::GetValues<T>>,
+        function: Option<fmi3::Fmi3GetValues<T>>,
         references: &[u32],
         values: &mut [T],
     ) -> Result<()> {
@@ -449,7 +453,7 @@ impl Instance<'_> {
     fn set_3<T>(
         &self,
         name: &'static str,
-        function: Option<fmi3::SetValues<T>>,
+        function: Option<fmi3::Fmi3SetValues<T>>,
         references: &[u32],
         values: &[T],
     ) -> Result<()> {
@@ -464,7 +468,7 @@ impl Instance<'_> {
     fn numbers_3<T: Copy + Default>(
         &self,
         name: &'static str,
-        function: Option<fmi3::GetValues<T>>,
+        function: Option<fmi3::Fmi3GetValues<T>>,
         references: [u32; 1],
         count: usize,
         number: impl Fn(T) -> f64,

@@ -4,12 +4,12 @@
 //! held until its end. At the start, outputs are handed on in Initialization Mode until nothing changes.
 
 use super::{
-    run::{ComponentRun, Model, Port, Run},
+    run::{ComponentModel, ComponentRun, Port, SystemRun},
     simulator::{FmuSimulator, MechanismSimulator, Simulator},
 };
 use crate::{
     Error, Result,
-    fmi::host::{Column, Fmu, Grid, Instance, RowSink, Step},
+    fmi::host::{Fmu, FmuInstance, Grid, RecordedColumn, RowSink, StepResult},
     multibody::Mechanism,
 };
 use std::{mem::ManuallyDrop, path::Path, time::Instant};
@@ -30,7 +30,7 @@ pub enum Loaded {
 #[derive(Debug)]
 pub enum Instantiated<'a> {
     /// An FMU.
-    Fmu(Instance<'a>),
+    Fmu(FmuInstance<'a>),
     /// A mechanism.
     Mechanism(&'a Mechanism),
 }
@@ -39,7 +39,7 @@ pub enum Instantiated<'a> {
 /// its inputs and outputs, and of all components. Both are 0 in the first row.
 pub const TIMES: [&str; 2] = ["component_seconds", "step_seconds"];
 
-impl Run {
+impl SystemRun {
     /// Loads the components, in a process that is there for this run alone.
     ///
     /// # Errors
@@ -47,10 +47,10 @@ impl Run {
     pub fn load(&self) -> Result<Vec<Loaded>> {
         let load = |ComponentRun { name, path, model, .. }: &ComponentRun| {
             let loaded = match model {
-                Model::Fmu { folder, interface } => {
+                ComponentModel::Fmu { folder, interface } => {
                     Fmu::open_unpacked(path, folder, *interface).map(|fmu| Loaded::Fmu(ManuallyDrop::new(fmu)))
                 }
-                Model::Mechanism { text } => Mechanism::parse(text, path).map(Loaded::Mechanism),
+                ComponentModel::Mechanism { text } => Mechanism::parse(text, path).map(Loaded::Mechanism),
             };
             loaded.map_err(of_component(name))
         };
@@ -84,17 +84,19 @@ impl Run {
         let grid = Grid::of_fmus(self.start, self.stop, self.step, fmus)?;
         let mut parts = Vec::new();
         for (index, instance) in instances.iter().enumerate() {
-            parts.push(Part::new(self, index, instance).map_err(of_component(&self.components[index].name))?);
+            parts.push(
+                CoupledComponent::new(self, index, instance).map_err(of_component(&self.components[index].name))?,
+            );
         }
         let outputs: Vec<Vec<String>> = (0..parts.len()).map(|component| self.outputs(component)).collect();
         let column = |port: &Port| outputs[port.component].iter().position(|name| *name == port.variable);
         let recorded: Vec<(usize, usize)> =
             self.recorded.iter().map(|port| (port.component, column(port).unwrap_or_default())).collect();
-        let watch = |parts: &[Part], Port { component, variable }: &Port| {
+        let watch = |parts: &[CoupledComponent], Port { component, variable }: &Port| {
             parts[*component].simulator.watch(variable).map_err(of_component(parts[*component].name))
         };
         sink.begin(&self.columns())?;
-        let row = |parts: &[Part], seconds: [f64; 2]| {
+        let row = |parts: &[CoupledComponent], seconds: [f64; 2]| {
             let mut row: Vec<f64> =
                 recorded.iter().map(|&(component, column)| parts[component].values[column]).collect();
             for port in &self.watched {
@@ -114,7 +116,7 @@ impl Run {
             for (position, (part, inputs)) in parts.iter_mut().zip(inputs).enumerate() {
                 let begin = Instant::now();
                 let step = part.step(inputs, [grid.time(index), grid.size(index), grid.time(index + 1)]);
-                terminated |= step.map_err(of_component(part.name))? != Step::Done;
+                terminated |= step.map_err(of_component(part.name))? != StepResult::Done;
                 if position == self.measured {
                     seconds = begin.elapsed().as_secs_f64();
                 }
@@ -130,7 +132,7 @@ impl Run {
     }
 
     /// Sets start values and goes through the initialization. Returns whether a component ends the simulation there.
-    fn initialize(&self, parts: &mut [Part]) -> Result<bool> {
+    fn initialize(&self, parts: &mut [CoupledComponent]) -> Result<bool> {
         for (part, component) in parts.iter_mut().zip(&self.components) {
             part.simulator.enter(&component.start_values, self).map_err(of_component(part.name))?;
             part.read().map_err(of_component(part.name))?;
@@ -152,16 +154,16 @@ impl Run {
         let mut terminated = false;
         for part in parts {
             let begun = part.simulator.begin(self).and_then(|step| part.read().map(|()| step));
-            terminated |= begun.map_err(of_component(part.name))? != Step::Done;
+            terminated |= begun.map_err(of_component(part.name))? != StepResult::Done;
         }
         Ok(terminated)
     }
 
     /// What the rows consist of.
-    fn columns(&self) -> Vec<Column> {
+    fn columns(&self) -> Vec<RecordedColumn> {
         let variable = |Port { component, variable }: &Port| format!("{}.{variable}", self.components[*component].name);
         let names = self.recorded.iter().chain(&self.watched).map(variable).chain(TIMES.map(str::to_owned));
-        names.map(|name| Column { name, unit: None }).collect()
+        names.map(|name| RecordedColumn { name, unit: None }).collect()
     }
 
     /// The outputs of a component that are connected or recorded, each once.
@@ -178,7 +180,7 @@ impl Run {
 }
 
 /// A component in its system.
-struct Part<'a> {
+struct CoupledComponent<'a> {
     name: &'a str,
     simulator: Box<dyn Simulator + 'a>,
     /// The component and output that each input takes its value from.
@@ -189,8 +191,8 @@ struct Part<'a> {
     values: Vec<f64>,
 }
 
-impl<'a> Part<'a> {
-    fn new(run: &'a Run, index: usize, instance: &'a Instantiated<'a>) -> Result<Self> {
+impl<'a> CoupledComponent<'a> {
+    fn new(run: &'a SystemRun, index: usize, instance: &'a Instantiated<'a>) -> Result<Self> {
         let (mut inputs, mut sources) = (Vec::new(), Vec::new());
         for [from, to] in run.connections.iter().filter(|[_, to]| to.component == index) {
             let output = run.outputs(from.component).iter().position(|name| *name == from.variable);
@@ -224,7 +226,7 @@ impl<'a> Part<'a> {
     }
 
     /// Sets the inputs, steps and reads the outputs.
-    fn step(&mut self, inputs: Vec<f64>, times: [f64; 3]) -> Result<Step> {
+    fn step(&mut self, inputs: Vec<f64>, times: [f64; 3]) -> Result<StepResult> {
         let changed = !same(&self.given, &inputs);
         let step = self.simulator.step(&inputs, changed, times)?;
         self.given = inputs;
@@ -244,10 +246,10 @@ fn of_component(name: &str) -> impl FnOnce(Error) -> Error {
 }
 
 /// The folder that a worker removes if nobody else does.
-pub(in crate::fmi) fn folder(run: &Run) -> &Path {
+pub(in crate::fmi) fn folder(run: &SystemRun) -> &Path {
     let mut folders = run.components.iter().filter_map(|component| match &component.model {
-        Model::Fmu { folder, .. } => Some(folder.as_path()),
-        Model::Mechanism { .. } => None,
+        ComponentModel::Fmu { folder, .. } => Some(folder.as_path()),
+        ComponentModel::Mechanism { .. } => None,
     });
     folders.next().unwrap_or(Path::new(""))
 }

@@ -1,6 +1,6 @@
 //! Systems of FMUs and mechanisms that exchange values: System Structure and Parameterization (SSP) 1.0, and runs of them.
 //!
-//! [`System`] is what a SystemStructure.ssd says; [`System::plan`] fits it to FMUs, and
+//! [`FmuSystem`] is what a SystemStructure.ssd says; [`FmuSystem::plan`] fits it to FMUs, and
 //! [`run_system_apart`](super::worker::run_system_apart) runs the plan.
 
 pub mod master;
@@ -14,7 +14,7 @@ use super::{Archive, InterfaceKind, host::Unpacked};
 use crate::{Error, Result};
 pub use plan::Experiment;
 pub(crate) use plan::{is_number, misfit, port};
-pub use source::Source;
+pub use source::ComponentSource;
 use std::path::{Path, PathBuf};
 
 /// Name of a system's description in its archive.
@@ -24,7 +24,7 @@ const MAX_DESCRIPTION: u64 = 64 << 20;
 
 /// A system of FMUs that are connected with each other.
 #[derive(Clone, Debug, PartialEq)]
-pub struct System {
+pub struct FmuSystem {
     /// Its name.
     pub name: String,
     /// The description, for messages.
@@ -33,7 +33,7 @@ pub struct System {
     root: PathBuf,
     is_archive: bool,
     /// The FMUs, in the order of the description.
-    pub components: Vec<Component>,
+    pub components: Vec<SystemComponent>,
     /// Outputs of components and the inputs that take their values.
     pub connections: Vec<Connection>,
     /// The system's own outputs: name and where the value is from.
@@ -46,7 +46,7 @@ pub struct System {
 
 /// A component: an FMU in a system, or a mechanism.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Component {
+pub struct SystemComponent {
     /// Its name, unique in the system.
     pub name: String,
     /// Line in the description.
@@ -60,7 +60,7 @@ pub struct Component {
     /// Its connectors.
     pub connectors: Vec<Connector>,
     /// Values that the system sets: of parameters, and start values.
-    pub values: Vec<Value>,
+    pub values: Vec<StartValue>,
 }
 
 /// A variable of a component that others see.
@@ -91,7 +91,7 @@ pub enum ConnectorKind {
 
 /// A value that a system sets.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Value {
+pub struct StartValue {
     /// Name of the variable.
     pub name: String,
     /// Line in the description.
@@ -122,7 +122,7 @@ pub struct Connection {
     pub to: End,
 }
 
-impl System {
+impl FmuSystem {
     /// Reads a system from an SSP archive, or from a SystemStructure.ssd that the FMUs are beside.
     ///
     /// # Errors
@@ -151,9 +151,9 @@ impl System {
     /// Reads what a component is made of; an FMU is unpacked.
     ///
     /// # Errors
-    /// As [`Unpacked::open`] and [`Source::mechanism`]; [`Error::ArchiveEntry`] if it is not in the archive.
-    pub fn load(&self, component: usize) -> Result<Source> {
-        let Component { source, interface, is_mechanism, values, .. } = &self.components[component];
+    /// As [`Unpacked::open`] and [`ComponentSource::mechanism`]; [`Error::ArchiveEntry`] if it is not in the archive.
+    pub fn load(&self, component: usize) -> Result<ComponentSource> {
+        let SystemComponent { source, interface, is_mechanism, values, .. } = &self.components[component];
         let path = self.root.join(source);
         if *is_mechanism {
             let bytes = match self.is_archive {
@@ -161,13 +161,13 @@ impl System {
                 false => std::fs::read(&path).map_err(Error::io(&path, "read"))?,
             };
             let set = |name: &str| values.iter().find(|value| value.name == name).map(|value| value.value);
-            return Source::mechanism(path, String::from_utf8_lossy(&bytes).into_owned(), set);
+            return ComponentSource::mechanism(path, String::from_utf8_lossy(&bytes).into_owned(), set);
         }
         let fmu = match self.is_archive {
             true => Unpacked::of_archive(Archive::open(&self.root)?.open_inner(source)?, *interface),
             false => Unpacked::open(&path, *interface),
         };
-        fmu.map(Box::new).map(Source::Fmu)
+        fmu.map(Box::new).map(ComponentSource::Fmu)
     }
 
     /// Whether a connector of a component is part of a connection.

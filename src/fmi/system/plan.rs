@@ -1,8 +1,8 @@
 //! Fits a system to its components: what is connected, set and recorded has to be in their descriptions.
 
 use super::{
-    Connection, End, Source, System,
-    run::{ComponentRun, Port, Run},
+    ComponentSource, Connection, End, FmuSystem,
+    run::{ComponentRun, Port, SystemRun},
 };
 use crate::{
     Error, Result,
@@ -23,11 +23,11 @@ pub struct Experiment {
     pub stop: f64,
     /// Communication step size in s.
     pub step: f64,
-    /// Tolerance of model exchange, see [`Run::tolerance`].
+    /// Tolerance of model exchange, see [`SystemRun::tolerance`].
     pub tolerance: Option<f64>,
 }
 
-impl System {
+impl FmuSystem {
     /// The run of a system with a source for each component: what it sets and connects, and nothing recorded yet; the steps of one
     /// component are measured.
     ///
@@ -36,7 +36,7 @@ impl System {
     ///
     /// # Panics
     /// If there are more or fewer sources than components.
-    pub fn plan(&self, sources: &[Source], measured: usize, experiment: Experiment) -> Result<Run> {
+    pub fn plan(&self, sources: &[ComponentSource], measured: usize, experiment: Experiment) -> Result<SystemRun> {
         assert_eq!(sources.len(), self.components.len(), "a source for each component");
         let mut problems = Vec::new();
         for (position, source) in sources.iter().enumerate() {
@@ -53,7 +53,7 @@ impl System {
             start_values: component.values.iter().map(|value| (value.name.clone(), value.value)).collect(),
         });
         let Experiment { start, stop, step, tolerance } = experiment;
-        Ok(Run {
+        Ok(SystemRun {
             components: components.collect(),
             connections,
             recorded: Vec::new(),
@@ -70,7 +70,7 @@ impl System {
     ///
     /// # Errors
     /// [`Error::System`] with those between values of different types.
-    pub fn connect(&self, sources: &[Source]) -> Result<Vec<[Port; 2]>> {
+    pub fn connect(&self, sources: &[ComponentSource]) -> Result<Vec<[Port; 2]>> {
         let kind = |end: &End| {
             let variable = sources[end.component].description().variable(&end.connector)?;
             Some(group(variable))
@@ -139,7 +139,7 @@ pub(crate) fn misfit(description: &ModelDescription, name: &str, is_input: bool)
 }
 
 /// A variable of a component, by the name that is not an alias.
-pub(crate) fn port(component: usize, source: &Source, name: &str) -> Port {
+pub(crate) fn port(component: usize, source: &ComponentSource, name: &str) -> Port {
     let variable = source.description().variable(name).map_or(name, |variable| &variable.name);
     Port { component, variable: variable.to_owned() }
 }

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 /// What a run of a system is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Run {
+pub struct SystemRun {
     /// The components, in the order in which they step.
     pub components: Vec<ComponentRun>,
     /// Outputs and the inputs that take their values.
@@ -35,14 +35,14 @@ pub struct ComponentRun {
     /// Its file, for messages.
     pub path: PathBuf,
     /// What is simulated.
-    pub model: Model,
+    pub model: ComponentModel,
     /// Values that variables start with, by name: 0 or 1 for a boolean.
     pub start_values: Vec<(String, f64)>,
 }
 
 /// What a component of a run is.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Model {
+pub enum ComponentModel {
     /// An FMU.
     Fmu {
         /// The folder that it is unpacked in.

@@ -1,11 +1,11 @@
 //! What steps in a system: instances of FMUs, and mechanisms.
 
-use super::run::Run;
+use super::run::SystemRun;
 use crate::{
     Error, Result,
     fmi::{
-        host::{Exchange, Instance, InterfaceKind, NO_INPUTS, Recorder, Step, set_start},
-        model_description::{Real, ScalarVariable, VariableType},
+        host::{Exchange, FmuInstance, InterfaceKind, NO_INPUTS, Recorder, StepResult, set_start},
+        model_description::{RealAttributes, ScalarVariable, VariableType},
     },
     multibody::{Mechanism, Stepper},
 };
@@ -16,7 +16,7 @@ const TOLERANCE: f64 = 1e-8;
 /// A component as the master sees it. Values are in the order of the inputs and outputs that it was made for.
 pub trait Simulator {
     /// Sets start values and enters the initialization.
-    fn enter(&mut self, start_values: &[(String, f64)], run: &Run) -> Result<()>;
+    fn enter(&mut self, start_values: &[(String, f64)], run: &SystemRun) -> Result<()>;
 
     /// Sets the inputs in the initialization.
     fn set(&mut self, inputs: &[f64]) -> Result<()>;
@@ -28,10 +28,10 @@ pub trait Simulator {
     fn watch(&self, variable: &str) -> Result<f64>;
 
     /// Leaves the initialization.
-    fn begin(&mut self, run: &Run) -> Result<Step>;
+    fn begin(&mut self, run: &SystemRun) -> Result<StepResult>;
 
     /// Steps with inputs, which may have changed since the last step, from a time by a step size to the next time.
-    fn step(&mut self, inputs: &[f64], changed: bool, times: [f64; 3]) -> Result<Step>;
+    fn step(&mut self, inputs: &[f64], changed: bool, times: [f64; 3]) -> Result<StepResult>;
 
     /// Ends the simulation.
     fn terminate(&self) -> Result<()>;
@@ -39,7 +39,7 @@ pub trait Simulator {
 
 /// An instance of an FMU.
 pub struct FmuSimulator<'a> {
-    instance: &'a Instance<'a>,
+    instance: &'a FmuInstance<'a>,
     /// For model exchange, after the initialization.
     integration: Option<Exchange<'a>>,
     inputs: Vec<&'a ScalarVariable>,
@@ -47,14 +47,14 @@ pub struct FmuSimulator<'a> {
 }
 
 impl<'a> FmuSimulator<'a> {
-    pub fn new(instance: &'a Instance<'a>, inputs: &[&str], outputs: &[String]) -> Result<Self> {
+    pub fn new(instance: &'a FmuInstance<'a>, inputs: &[&str], outputs: &[String]) -> Result<Self> {
         let inputs = inputs.iter().map(|name| find(instance, name)).collect::<Result<_>>()?;
         Ok(Self { instance, integration: None, inputs, outputs: Recorder::new(instance, outputs, true)? })
     }
 }
 
 impl Simulator for FmuSimulator<'_> {
-    fn enter(&mut self, start_values: &[(String, f64)], run: &Run) -> Result<()> {
+    fn enter(&mut self, start_values: &[(String, f64)], run: &SystemRun) -> Result<()> {
         start_values.iter().try_for_each(|(name, value)| set_start(self.instance, name, *value))?;
         // a stop time that is the start time is refused by some FMUs
         self.instance.enter_initialization_mode(run.start, (run.stop > run.start).then_some(run.stop))
@@ -73,17 +73,17 @@ impl Simulator for FmuSimulator<'_> {
         Ok(values.first().copied().unwrap_or(f64::NAN))
     }
 
-    fn begin(&mut self, run: &Run) -> Result<Step> {
+    fn begin(&mut self, run: &SystemRun) -> Result<StepResult> {
         self.instance.exit_initialization_mode()?;
         if self.instance.fmu().interface() == InterfaceKind::CoSimulation {
-            return Ok(Step::Done);
+            return Ok(StepResult::Done);
         }
         let (integration, begun) = Exchange::start(self.instance, &NO_INPUTS, run.tolerance, run.start)?;
         self.integration = Some(integration);
         Ok(begun)
     }
 
-    fn step(&mut self, inputs: &[f64], changed: bool, [time, size, end]: [f64; 3]) -> Result<Step> {
+    fn step(&mut self, inputs: &[f64], changed: bool, [time, size, end]: [f64; 3]) -> Result<StepResult> {
         let (instance, variables) = (self.instance, &self.inputs);
         let Some(integration) = &mut self.integration else {
             set_all(instance, variables, inputs)?;
@@ -92,7 +92,7 @@ impl Simulator for FmuSimulator<'_> {
         if changed {
             // inputs that jump are an event
             let handled = integration.interrupt(|| set_all(instance, variables, inputs))?;
-            if handled != Step::Done {
+            if handled != StepResult::Done {
                 return Ok(handled);
             }
         }
@@ -105,10 +105,10 @@ impl Simulator for FmuSimulator<'_> {
 }
 
 /// Sets variables, those of double precision by one call.
-fn set_all(instance: &Instance, variables: &[&ScalarVariable], values: &[f64]) -> Result<()> {
+fn set_all(instance: &FmuInstance, variables: &[&ScalarVariable], values: &[f64]) -> Result<()> {
     let (mut references, mut reals) = (Vec::with_capacity(values.len()), Vec::with_capacity(values.len()));
     for (variable, &value) in variables.iter().zip(values) {
-        if matches!(variable.kind, VariableType::Real(Real { single: false, .. })) {
+        if matches!(variable.kind, VariableType::Real(RealAttributes { single: false, .. })) {
             references.push(variable.value_reference);
             reals.push(value);
         } else {
@@ -118,7 +118,7 @@ fn set_all(instance: &Instance, variables: &[&ScalarVariable], values: &[f64]) -
     if references.is_empty() { Ok(()) } else { instance.set_real(&references, &reals) }
 }
 
-fn find<'a>(instance: &Instance<'a>, name: &str) -> Result<&'a ScalarVariable> {
+fn find<'a>(instance: &FmuInstance<'a>, name: &str) -> Result<&'a ScalarVariable> {
     let variable = instance.fmu().description().variable(name);
     variable.ok_or_else(|| Error::Variable { name: name.into(), problem: "is not a variable of the FMU".into() })
 }
@@ -154,7 +154,7 @@ impl<'a> MechanismSimulator<'a> {
 }
 
 impl Simulator for MechanismSimulator<'_> {
-    fn enter(&mut self, start_values: &[(String, f64)], run: &Run) -> Result<()> {
+    fn enter(&mut self, start_values: &[(String, f64)], run: &SystemRun) -> Result<()> {
         let value = |name: &str| start_values.iter().find(|(known, _)| known == name).map(|(_, value)| *value);
         let parameters = self.mechanism.parameters().iter();
         let values: Vec<f64> = parameters.map(|(name, parameter)| value(name).unwrap_or(parameter.default)).collect();
@@ -186,16 +186,16 @@ impl Simulator for MechanismSimulator<'_> {
         Err(Error::Variable { name: variable.into(), problem: "is not an output of the mechanism".into() })
     }
 
-    fn begin(&mut self, _: &Run) -> Result<Step> {
-        Ok(Step::Done)
+    fn begin(&mut self, _: &SystemRun) -> Result<StepResult> {
+        Ok(StepResult::Done)
     }
 
-    fn step(&mut self, inputs: &[f64], changed: bool, [_, _, end]: [f64; 3]) -> Result<Step> {
+    fn step(&mut self, inputs: &[f64], changed: bool, [_, _, end]: [f64; 3]) -> Result<StepResult> {
         if changed {
             self.set(inputs)?;
         }
         self.stepper()?.advance(end).map_err(failed)?;
-        Ok(Step::Done)
+        Ok(StepResult::Done)
     }
 
     fn terminate(&self) -> Result<()> {

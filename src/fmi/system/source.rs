@@ -1,12 +1,12 @@
 //! What a component is made of: an FMU, or a mechanism that is described as if it were one.
 
-use super::run::Model;
+use super::run::ComponentModel;
 use crate::{
     Error, Result,
     fmi::{
         ModelDescription,
         host::Unpacked,
-        model_description::{Causality, Real, ScalarVariable, Variability, VariableType},
+        model_description::{Causality, RealAttributes, ScalarVariable, Variability, VariableType},
     },
     multibody::Mechanism,
 };
@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 
 /// What a component is made of.
 #[derive(Debug)]
-pub enum Source {
+pub enum ComponentSource {
     /// An FMU.
     Fmu(Box<Unpacked>),
     /// A mechanism.
@@ -28,7 +28,7 @@ pub enum Source {
     },
 }
 
-impl Source {
+impl ComponentSource {
     /// A mechanism with values of some parameters, which its start depends on.
     ///
     /// # Errors
@@ -54,7 +54,7 @@ impl Source {
                 variability,
                 initial: None,
                 declared_type: None,
-                kind: VariableType::Real(Real { unit, start, ..Real::default() }),
+                kind: VariableType::Real(RealAttributes { unit, start, ..RealAttributes::default() }),
                 dimensions: Vec::new(),
                 clocks: Vec::new(),
                 intermediate_update: false,
@@ -94,10 +94,10 @@ impl Source {
     }
 
     /// What a run is given of it.
-    pub fn model(&self) -> Model {
+    pub fn model(&self) -> ComponentModel {
         match self {
-            Self::Fmu(fmu) => Model::Fmu { folder: fmu.folder().to_owned(), interface: fmu.interface() },
-            Self::Mechanism { text, .. } => Model::Mechanism { text: text.clone() },
+            Self::Fmu(fmu) => ComponentModel::Fmu { folder: fmu.folder().to_owned(), interface: fmu.interface() },
+            Self::Mechanism { text, .. } => ComponentModel::Mechanism { text: text.clone() },
         }
     }
 }

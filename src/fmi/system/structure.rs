@@ -1,6 +1,6 @@
 //! Reads a SystemStructure.ssd: what of SSP 1.0 is supported, and what is not with its line.
 
-use super::{Component, Connection, Connector, ConnectorKind, End, System, Value};
+use super::{Connection, Connector, ConnectorKind, End, FmuSystem, StartValue, SystemComponent};
 use crate::{
     Error, Result,
     diagnostics::names::expected_one_of,
@@ -32,15 +32,15 @@ const IGNORED: [&str; 9] = [
 ];
 
 /// Reads a description; `path` is for messages, and the FMUs are in `root`.
-pub fn read(bytes: &[u8], path: &Path, root: &Path, is_archive: bool) -> Result<System> {
+pub fn read(bytes: &[u8], path: &Path, root: &Path, is_archive: bool) -> Result<FmuSystem> {
     let refuse = |problems| Err(Error::System { path: path.to_owned(), problems });
     let element = decode(bytes).and_then(|text| Element::parse(&text));
     let document = match element {
         Ok(document) => document,
         Err(problem) => return refuse(vec![(problem.line, problem.message)]),
     };
-    let mut reader = Reader::default();
-    let mut system = System {
+    let mut reader = StructureReader::default();
+    let mut system = FmuSystem {
         name: String::new(),
         path: path.to_owned(),
         root: root.to_owned(),
@@ -60,16 +60,16 @@ pub fn read(bytes: &[u8], path: &Path, root: &Path, is_archive: bool) -> Result<
 }
 
 #[derive(Default)]
-struct Reader {
+struct StructureReader {
     problems: Vec<(usize, String)>,
     /// The system's own connectors.
     connectors: Vec<Connector>,
 }
 
 /// One end of a connection: the position of its component, none for the system's own, and the connector.
-type Found = (Option<usize>, Connector);
+type ConnectionEnd = (Option<usize>, Connector);
 
-impl Reader {
+impl StructureReader {
     fn problem(&mut self, element: &Element, message: impl Into<String>) {
         self.problems.push((element.line, message.into()));
     }
@@ -97,7 +97,7 @@ impl Reader {
         value
     }
 
-    fn document(&mut self, root: &Element, system: &mut System) {
+    fn document(&mut self, root: &Element, system: &mut FmuSystem) {
         if local(root) != "SystemStructureDescription" {
             let message = format!("the root element is <{}>, expected <SystemStructureDescription>", root.name);
             return self.problem(root, message);
@@ -125,7 +125,7 @@ impl Reader {
         }
     }
 
-    fn system(&mut self, element: &Element, system: &mut System) {
+    fn system(&mut self, element: &Element, system: &mut FmuSystem) {
         let (mut values, mut connections) = (Vec::new(), Vec::new());
         for child in content(element) {
             match local(child) {
@@ -144,7 +144,7 @@ impl Reader {
             self.connection(connection, &own, system);
         }
         for component in &system.components {
-            let mut names: Vec<&Value> = Vec::new();
+            let mut names: Vec<&StartValue> = Vec::new();
             for value in &component.values {
                 match names.iter().find(|known| known.name == value.name) {
                     Some(known) => {
@@ -160,8 +160,8 @@ impl Reader {
         }
     }
 
-    fn components(&mut self, elements: &Element) -> Vec<Component> {
-        let mut components: Vec<Component> = Vec::new();
+    fn components(&mut self, elements: &Element) -> Vec<SystemComponent> {
+        let mut components: Vec<SystemComponent> = Vec::new();
         for element in content(elements) {
             if local(element) != "Component" {
                 self.refuse(element, "components that are FMUs");
@@ -176,7 +176,7 @@ impl Reader {
         components
     }
 
-    fn component(&mut self, element: &Element) -> Component {
+    fn component(&mut self, element: &Element) -> SystemComponent {
         let name = self.needed(element, "name").unwrap_or_default().to_owned();
         let source = self.needed(element, "source").unwrap_or_default().to_owned();
         if source.contains("://") {
@@ -202,7 +202,7 @@ impl Reader {
             }
         };
         let mut component =
-            Component { name, line: element.line, source, is_mechanism, interface, ..Component::default() };
+            SystemComponent { name, line: element.line, source, is_mechanism, interface, ..SystemComponent::default() };
         for child in content(element) {
             match local(child) {
                 "Connectors" => component.connectors = self.connectors(child),
@@ -243,7 +243,7 @@ impl Reader {
     }
 
     /// The values in a list of bindings, with their prefixes.
-    fn values(&mut self, bindings: &Element) -> Vec<Value> {
+    fn values(&mut self, bindings: &Element) -> Vec<StartValue> {
         let mut values = Vec::new();
         for binding in content(bindings) {
             if local(binding) != "ParameterBinding" {
@@ -282,7 +282,7 @@ impl Reader {
         values
     }
 
-    fn value(&mut self, parameter: &Element, prefix: &str) -> Option<Value> {
+    fn value(&mut self, parameter: &Element, prefix: &str) -> Option<StartValue> {
         if local(parameter) != "Parameter" {
             self.refuse(parameter, "<Parameter>");
             return None;
@@ -310,11 +310,11 @@ impl Reader {
             return None;
         };
         let unit = typed.attribute("unit").map(str::to_owned);
-        Some(Value { name: format!("{prefix}{name}"), line: parameter.line, value, unit })
+        Some(StartValue { name: format!("{prefix}{name}"), line: parameter.line, value, unit })
     }
 
     /// Gives the values that are bound to the system to its components; those of its own connectors are returned.
-    fn assign(&mut self, values: Vec<Value>, components: &mut [Component]) -> Vec<Value> {
+    fn assign(&mut self, values: Vec<StartValue>, components: &mut [SystemComponent]) -> Vec<StartValue> {
         let mut own = Vec::new();
         for value in values {
             if self.connectors.iter().any(|connector| connector.name == value.name) {
@@ -327,7 +327,7 @@ impl Reader {
                 Some((component, rest))
             });
             match fitting.max_by_key(|(component, _)| component.name.len()) {
-                Some((component, name)) => component.values.push(Value { name, ..value }),
+                Some((component, name)) => component.values.push(StartValue { name, ..value }),
                 None => {
                     let expected = "expected `COMPONENT.NAME` or the name of a connector of the system";
                     self.problems.push((value.line, format!("parameter `{}`: {expected}", value.name)));
@@ -339,7 +339,7 @@ impl Reader {
 
     /// A connection between components, from one to an output of the system, or of an input or parameter of the system, which has one
     /// value all along.
-    fn connection(&mut self, element: &Element, own: &[Value], system: &mut System) {
+    fn connection(&mut self, element: &Element, own: &[StartValue], system: &mut FmuSystem) {
         if local(element) != "Connection" {
             return self.refuse(element, "<Connection>");
         }
@@ -391,7 +391,7 @@ impl Reader {
             (Some(from), None) => system.outputs.push((end.name, at(from, start))),
             (None, Some(to)) => {
                 let value = own.iter().find(|value| value.name == start.name);
-                let value = value.map(|value| Value { name: end.name, line, ..value.clone() });
+                let value = value.map(|value| StartValue { name: end.name, line, ..value.clone() });
                 system.components[to].values.extend(value);
             }
             (None, None) => {
@@ -400,7 +400,7 @@ impl Reader {
         }
     }
 
-    fn end(&mut self, connection: &Element, which: &str, system: &System) -> Option<Found> {
+    fn end(&mut self, connection: &Element, which: &str, system: &FmuSystem) -> Option<ConnectionEnd> {
         let connector = self.needed(connection, &format!("{which}Connector"));
         let component = match connection.attribute(&format!("{which}Element")) {
             None => None,

@@ -2,7 +2,7 @@
 
 use super::{
     Area, Notes,
-    run::{Run, experiment, whole_run},
+    run::{ValidationRun, experiment, whole_run},
 };
 use crate::{
     Error, Result,
@@ -89,8 +89,10 @@ fn in_initialization_mode(fmu: &Fmu, start: f64) -> Result<Option<&'static str>>
 /// Two instances must not share anything: they are stepped in turn.
 fn two_at_once(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>]) -> Result<Option<&'static str>> {
     let instances = [fmu.instantiate("first", true)?, fmu.instantiate("second", true)?];
-    let mut runs =
-        [Run::start(&instances[0], experiment, |_| Ok(()))?, Run::start(&instances[1], experiment, |_| Ok(()))?];
+    let mut runs = [
+        ValidationRun::start(&instances[0], experiment, |_| Ok(()))?,
+        ValidationRun::start(&instances[1], experiment, |_| Ok(()))?,
+    ];
     let mut rows = [vec![runs[0].row()?], vec![runs[1].row()?]];
     for step in 0..experiment.steps() {
         for (run, rows) in runs.iter_mut().zip(&mut rows) {
@@ -110,7 +112,7 @@ fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report:
     let rest = middle..experiment.steps();
     attempt(fmu, report, "a state put back", || {
         let instance = fmu.instantiate("state", true)?;
-        let mut run = Run::start(&instance, experiment, |_| Ok(()))?;
+        let mut run = ValidationRun::start(&instance, experiment, |_| Ok(()))?;
         run.steps(0..middle)?;
         let (state, position) = (instance.state()?, run.position());
         run.steps(rest.clone())?;
@@ -123,7 +125,7 @@ fn states_put_back(fmu: &Fmu, experiment: &Grid, reference: &[Vec<f64>], report:
     }
     attempt(fmu, report, "a state put back from bytes", || {
         let instance = fmu.instantiate("bytes", true)?;
-        let mut run = Run::start(&instance, experiment, |_| Ok(()))?;
+        let mut run = ValidationRun::start(&instance, experiment, |_| Ok(()))?;
         run.steps(0..middle)?;
         let (bytes, position) = (instance.state()?.to_bytes()?, run.position());
         run.steps(rest.clone())?;

@@ -4,8 +4,8 @@ use super::{Area, Notes};
 use crate::{
     Result,
     fmi::{
-        FmiVersion, Fmu, Instance,
-        model_description::{Causality, Real, ScalarVariable, Unknown, VariableType},
+        FmiVersion, Fmu, FmuInstance,
+        model_description::{Causality, RealAttributes, ScalarVariable, Unknown, VariableType},
     },
 };
 
@@ -61,7 +61,7 @@ pub fn check(fmu: &Fmu, without: &[(String, String)], report: &mut Notes) {
 }
 
 fn is_scalar(variable: &ScalarVariable) -> bool {
-    variable.dimensions.is_empty() && matches!(variable.kind, VariableType::Real(Real { single: false, .. }))
+    variable.dimensions.is_empty() && matches!(variable.kind, VariableType::Real(RealAttributes { single: false, .. }))
 }
 
 fn differences(
@@ -82,7 +82,7 @@ fn differences(
     let largest = expected.iter().fold(f64::MIN_POSITIVE, |largest, difference| largest.max(difference.value.abs()));
     // where an output is at an extreme, all derivatives are 0, and the smallest error is larger than they are
     let nominal = unknown.kind.as_real().and_then(|real| real.nominal).unwrap_or(1.0);
-    let is_rough = |difference: &Difference| {
+    let is_rough = |difference: &FiniteDifference| {
         difference.error > UNSURE * largest && difference.error * difference.magnitude > NEGLIGIBLE * nominal
     };
     for (known, difference) in knowns.iter().zip(&expected) {
@@ -92,7 +92,7 @@ fn differences(
         }
     }
     let wrong = |what: &str, found: f64, index: usize| {
-        let (name, Difference { value, error, unseen, .. }) = (&knowns[index].name, expected[index]);
+        let (name, FiniteDifference { value, error, unseen, .. }) = (&knowns[index].name, expected[index]);
         // written so that NaN is wrong
         let right = (found - value).abs() <= TOLERANCE * largest + 2.0 * error + unseen;
         let message =
@@ -112,7 +112,7 @@ fn differences(
 
 /// A derivative by differences, and how unsure it is.
 #[derive(Clone, Copy)]
-struct Difference {
+struct FiniteDifference {
     value: f64,
     error: f64,
     /// What changes the output by less than its last digit, and half of what slopes above and below differ by at every step.
@@ -123,13 +123,13 @@ struct Difference {
 
 /// The central difference of which most is known: it is unsure by what it differs from those of the next shorter and the
 /// next longer step, where curvature shows, and by the rounding of the outputs, where they might agree by chance.
-fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<Difference> {
+fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<FiniteDifference> {
     let reference = [known.value_reference];
     let mut center = [0.0];
     instance.get_real(&reference, &mut center)?;
     let center = center[0];
     let real = known.kind.as_real();
-    let limit = |get: fn(&Real) -> Option<f64>| real.and_then(get).map(|limit| (limit - center).abs());
+    let limit = |get: fn(&RealAttributes) -> Option<f64>| real.and_then(get).map(|limit| (limit - center).abs());
     // a start value may be at the end of its range, where steps in both directions do not stay inside
     let room = [limit(|real| real.min), limit(|real| real.max)].into_iter().flatten().filter(|room| *room > 0.0);
     let room = room.fold(f64::INFINITY, f64::min);
@@ -161,7 +161,7 @@ fn difference(instance: &Instance, unknown: &ScalarVariable, known: &ScalarVaria
     let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
     let differences = values.windows(3).zip(&STEPS[1..]).map(|(of, step)| {
         let error = disagreement(of).max(rounding / (step * magnitude));
-        Difference { value: of[1], error, unseen: last_digit / (step * magnitude) + 0.5 * kink, magnitude }
+        FiniteDifference { value: of[1], error, unseen: last_digit / (step * magnitude) + 0.5 * kink, magnitude }
     });
     let best = differences.min_by(|a, b| a.error.total_cmp(&b.error));
     Ok(best.expect("there are several steps"))

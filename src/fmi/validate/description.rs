@@ -3,8 +3,8 @@
 use super::Report;
 use crate::fmi::{
     model_description::{
-        Causality, FmiVersion, Initial, Integer, ModelDescription, ModelStructure, Named, NamingConvention, Real,
-        ScalarVariable, Unknown, Variability, VariableType, model_identifier,
+        Causality, FmiVersion, Initial, Integer, ModelDescription, ModelStructure, Named, NamingConvention,
+        RealAttributes, ScalarVariable, Unknown, Variability, VariableType, model_identifier,
     },
     xml::Document,
 };
@@ -207,7 +207,7 @@ impl Checker<'_> {
                         .at_line(line, format!("variable \"{name}\" has nominal {nominal}, expected more than zero"));
                 }
                 let default = of_type.and_then(VariableType::as_real);
-                let Real { min, max, start, .. } = *real;
+                let RealAttributes { min, max, start, .. } = *real;
                 (min.or(default.and_then(|real| real.min)), max.or(default.and_then(|real| real.max)), start)
             }
             VariableType::Integer(integer) | VariableType::Enumeration(integer) => {

@@ -4,8 +4,8 @@ use super::{Area, Notes};
 use crate::{
     Result,
     fmi::{
-        Fmu, Instance, InterfaceKind,
-        host::{Exchange, Grid, NO_INPUTS, Position, Recorder, SimulationOptions, Step},
+        Fmu, FmuInstance, InterfaceKind,
+        host::{Exchange, Grid, NO_INPUTS, Recorder, RunPosition, SimulationOptions, StepResult},
     },
 };
 use std::ops::Range;
@@ -14,19 +14,19 @@ use std::ops::Range;
 const MAX_STEPS: usize = 1000;
 
 /// A run that is under way.
-pub struct Run<'a> {
-    pub instance: &'a Instance<'a>,
+pub struct ValidationRun<'a> {
+    pub instance: &'a FmuInstance<'a>,
     experiment: &'a Grid,
     /// Model exchange.
     exchange: Option<Exchange<'a>>,
 }
 
-impl<'a> Run<'a> {
+impl<'a> ValidationRun<'a> {
     /// Initializes a fresh or reset instance, `set` being called before Initialization Mode.
     pub fn start(
-        instance: &'a Instance<'a>,
+        instance: &'a FmuInstance<'a>,
         experiment: &'a Grid,
-        set: impl FnOnce(&Instance) -> Result<()>,
+        set: impl FnOnce(&FmuInstance) -> Result<()>,
     ) -> Result<Self> {
         set(instance)?;
         let (start, stop) = (experiment.time(0), experiment.time(experiment.steps()));
@@ -45,7 +45,7 @@ impl<'a> Run<'a> {
     }
 
     /// Goes on by one step of the experiment.
-    pub fn step(&mut self, index: usize) -> Result<Step> {
+    pub fn step(&mut self, index: usize) -> Result<StepResult> {
         match &mut self.exchange {
             Some(run) => run.advance(self.experiment.time(index + 1)),
             None => self.instance.do_step(self.experiment.time(index), self.experiment.size(index)),
@@ -59,7 +59,7 @@ impl<'a> Run<'a> {
         for index in range {
             let end = self.step(index)?;
             rows.push(recorder.row()?);
-            if end != Step::Done {
+            if end != StepResult::Done {
                 break;
             }
         }
@@ -67,12 +67,12 @@ impl<'a> Run<'a> {
     }
 
     /// What a state of the FMU does not hold: where the host is in model exchange.
-    pub fn position(&self) -> Option<Position> {
+    pub fn position(&self) -> Option<RunPosition> {
         self.exchange.as_ref().map(|run| run.position().clone())
     }
 
     /// Back to where the instance was put.
-    pub fn rewind(&mut self, position: Option<Position>) {
+    pub fn rewind(&mut self, position: Option<RunPosition>) {
         if let (Some(run), Some(position)) = (&mut self.exchange, position) {
             run.rewind(position);
         }
@@ -80,8 +80,8 @@ impl<'a> Run<'a> {
 }
 
 /// Rows of the outputs at every communication point of a fresh or reset instance, which is terminated.
-pub fn whole_run(instance: &Instance, experiment: &Grid) -> Result<Vec<Vec<f64>>> {
-    let mut run = Run::start(instance, experiment, |_| Ok(()))?;
+pub fn whole_run(instance: &FmuInstance, experiment: &Grid) -> Result<Vec<Vec<f64>>> {
+    let mut run = ValidationRun::start(instance, experiment, |_| Ok(()))?;
     let mut rows = vec![run.row()?];
     rows.extend(run.steps(0..experiment.steps())?);
     instance.terminate()?;

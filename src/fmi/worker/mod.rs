@@ -21,7 +21,7 @@ use super::{
         process::{Pipes, exit_now},
         unpacked,
     },
-    system::run::Run,
+    system::run::SystemRun,
     validate::Checks,
 };
 use crate::{Error, Result};
@@ -44,13 +44,13 @@ const FOLDER: &str = "METAFMU_FMU_WORKER";
 #[derive(Debug, Serialize, Deserialize)]
 pub enum Job<'a> {
     /// Runs of a sampling, the values of which follow.
-    Sample(Cow<'a, sampling::Task>),
+    Sample(Cow<'a, sampling::SamplingTask>),
     /// One run, row by row.
-    Simulate(Cow<'a, simulation::Task>),
+    Simulate(Cow<'a, simulation::SimulationTask>),
     /// One run of a system of FMUs, row by row.
-    System(Cow<'a, Run>),
+    System(Cow<'a, SystemRun>),
     /// What a validation does with the binary.
-    Validate(Cow<'a, validation::Task>),
+    Validate(Cow<'a, validation::ValidationTask>),
 }
 
 /// Serves the requests of the process that started this one; `checks` are those of a validation.

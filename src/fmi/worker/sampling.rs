@@ -3,7 +3,7 @@
 use super::Replies;
 use crate::{
     Result,
-    fmi::host::{Column, Fmu, Inputs, InterfaceKind, Labels, SimulationOptions, simulate},
+    fmi::host::{Fmu, Inputs, InterfaceKind, RecordedColumn, SimulationOptions, StateEvaluation, simulate},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -13,7 +13,7 @@ use std::{
 
 /// What a run of an FMU is.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Task {
+pub struct SamplingTask {
     /// The FMU, for messages.
     pub path: PathBuf,
     /// How it is run.
@@ -37,12 +37,12 @@ pub struct Task {
     /// The outputs: names of variables or of elements of arrays.
     pub outputs: Vec<String>,
     /// What drives the runs, if inputs do.
-    pub driven: Option<Driven>,
+    pub driven: Option<DrivenRuns>,
 }
 
 /// Runs that are driven by inputs, of model exchange from given states on, or the equations in some states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Driven {
+pub struct DrivenRuns {
     /// Position of each of the study's states in the FMU's state vector; none of co-simulation.
     pub states: Vec<usize>,
     /// Inputs.
@@ -58,7 +58,7 @@ pub struct Driven {
 
 /// What became of a request.
 #[derive(Debug, Serialize, Deserialize)]
-pub enum Reply {
+pub enum SamplingReply {
     /// The FMU is loaded.
     Ready,
     /// The run is done: its outputs, row by row.
@@ -68,12 +68,17 @@ pub enum Reply {
 }
 
 /// Loads the FMU, then runs it with the values of each request.
-pub(super) fn serve(task: &Task, folder: &Path, requests: Receiver<String>, mut replies: Replies) -> Result<()> {
+pub(super) fn serve(
+    task: &SamplingTask,
+    folder: &Path,
+    requests: Receiver<String>,
+    mut replies: Replies,
+) -> Result<()> {
     let fmu = match Fmu::open_unpacked(&task.path, folder, task.interface) {
         Ok(fmu) => fmu,
-        Err(error) => return replies.send(&Reply::Failed(error.to_string()), &[]),
+        Err(error) => return replies.send(&SamplingReply::Failed(error.to_string()), &[]),
     };
-    replies.send(&Reply::Ready, &[])?;
+    replies.send(&SamplingReply::Ready, &[])?;
     for line in requests {
         let values: Vec<f64> = serde_json::from_str(&line).map_err(|error| super::stream(error.into()))?;
         let reply = match &task.driven {
@@ -81,15 +86,15 @@ pub(super) fn serve(task: &Task, folder: &Path, requests: Receiver<String>, mut 
             _ => run(&fmu, task, values),
         };
         match reply {
-            Ok(outputs) => replies.send(&Reply::Done, &outputs)?,
-            Err(message) => replies.send(&Reply::Failed(message), &[])?,
+            Ok(outputs) => replies.send(&SamplingReply::Done, &outputs)?,
+            Err(message) => replies.send(&SamplingReply::Failed(message), &[])?,
         }
     }
     Ok(())
 }
 
 /// One run in an instance of its own: what an FMU forgets to reset cannot get from one run into the next.
-fn run(fmu: &Fmu, task: &Task, values: Vec<f64>) -> std::result::Result<Vec<f64>, String> {
+fn run(fmu: &Fmu, task: &SamplingTask, values: Vec<f64>) -> std::result::Result<Vec<f64>, String> {
     let (values, rest) = values.split_at(task.parameters());
     let Settings { start_values, mut inputs } = task.settings(values);
     let mut states = None;
@@ -130,7 +135,12 @@ fn run(fmu: &Fmu, task: &Task, values: Vec<f64>) -> std::result::Result<Vec<f64>
 }
 
 /// Derivatives of the states and outputs at points, one after the other.
-fn derivatives(fmu: &Fmu, task: &Task, driven: &Driven, values: &[f64]) -> std::result::Result<Vec<f64>, String> {
+fn derivatives(
+    fmu: &Fmu,
+    task: &SamplingTask,
+    driven: &DrivenRuns,
+    values: &[f64],
+) -> std::result::Result<Vec<f64>, String> {
     let (parameters, states) = (task.parameters(), driven.states.len());
     let mut reply = Vec::new();
     for point in values.chunks_exact(parameters + driven.inputs.len() + states) {
@@ -155,7 +165,7 @@ fn derivatives(fmu: &Fmu, task: &Task, driven: &Driven, values: &[f64]) -> std::
             ..SimulationOptions::default()
         };
         let instance = fmu.instantiate("metafmu", false).map_err(|error| error.to_string())?;
-        let labels = Labels::of(&instance, &options).map_err(|error| explain(error.to_string()))?;
+        let labels = StateEvaluation::of(&instance, &options).map_err(|error| explain(error.to_string()))?;
         let columns = task.columns(&labels.columns)?;
         let derivatives = driven.states.iter().map(|position| labels.derivatives.get(*position).copied());
         let found = derivatives.chain(columns.into_iter().map(|column| labels.outputs.get(column).copied()));
@@ -173,7 +183,7 @@ struct Settings {
     inputs: Inputs,
 }
 
-impl Task {
+impl SamplingTask {
     /// Number of parameters, whose values come with each run.
     pub fn parameters(&self) -> usize {
         self.variables.len() - self.constants.len()
@@ -189,7 +199,7 @@ impl Task {
     }
 
     /// Position of each output among the columns of a recorder.
-    fn columns(&self, recorded: &[Column]) -> std::result::Result<Vec<usize>, String> {
+    fn columns(&self, recorded: &[RecordedColumn]) -> std::result::Result<Vec<usize>, String> {
         let position = |name: &String| {
             let found = recorded.iter().position(|column| column.name == *name);
             found.ok_or_else(|| format!("`{name}` was not recorded"))
@@ -198,7 +208,7 @@ impl Task {
     }
 }
 
-impl Driven {
+impl DrivenRuns {
     /// From the study's order to that of the FMU.
     fn state_vector(&self, states: &[f64]) -> Vec<f64> {
         let mut vector = vec![0.0; states.len()];
@@ -212,7 +222,7 @@ impl Driven {
     }
 
     /// Inputs that stay as they are, and those that change from row to row.
-    fn inputs(&self, task: &Task, constant: Inputs, signals: &[f64]) -> Inputs {
+    fn inputs(&self, task: &SamplingTask, constant: Inputs, signals: &[f64]) -> Inputs {
         if self.inputs.is_empty() {
             return constant;
         }
@@ -245,9 +255,13 @@ mod tests {
 
     #[test]
     fn inputs_are_linear_between_rows_or_held_from_row_to_row() {
-        let driven =
-            |held: bool| Driven { states: Vec::new(), inputs: vec!["u".into(), "v".into()], held, derivatives: false };
-        let task = Task {
+        let driven = |held: bool| DrivenRuns {
+            states: Vec::new(),
+            inputs: vec!["u".into(), "v".into()],
+            held,
+            derivatives: false,
+        };
+        let task = SamplingTask {
             path: PathBuf::new(),
             interface: InterfaceKind::CoSimulation,
             stop: 2.0,

@@ -3,7 +3,7 @@
 use super::{Job, Replies, ReplyStatus, Watch, Worker};
 use crate::{
     Error, Result,
-    fmi::host::{Column, Fmu, InterfaceKind, RowSink, SimulationOptions, Unpacked, simulate_into},
+    fmi::host::{Fmu, InterfaceKind, RecordedColumn, RowSink, SimulationOptions, Unpacked, simulate_into},
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -21,7 +21,7 @@ const PROMPT: Duration = Duration::from_millis(100);
 
 /// What to run.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Task {
+pub struct SimulationTask {
     /// The FMU, for messages.
     path: PathBuf,
     interface: InterfaceKind,
@@ -30,9 +30,9 @@ pub struct Task {
 
 /// What becomes of the run.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) enum Reply {
+pub(super) enum SimulationReply {
     /// The instance exists, and these variables are recorded.
-    Begun(Vec<Column>),
+    Begun(Vec<RecordedColumn>),
     /// Rows, each with its time first.
     Rows,
     /// It is done.
@@ -62,14 +62,19 @@ pub fn simulate_apart(
 ) -> Result<bool> {
     finite(options)?;
     let path = unpacked.path();
-    let task = Task { path: path.to_owned(), interface: unpacked.interface(), options: options.clone() };
+    let task = SimulationTask { path: path.to_owned(), interface: unpacked.interface(), options: options.clone() };
     let job = Job::Simulate(Cow::Owned(task));
     let worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
     follow(path, worker, watch, sink)
 }
 
 /// Hands on the rows of a run as they come. Returns whether an FMU ended the simulation before its stop time.
-pub(super) fn follow(path: &Path, mut worker: Worker<Reply>, watch: Watch, sink: &mut impl RowSink) -> Result<bool> {
+pub(super) fn follow(
+    path: &Path,
+    mut worker: Worker<SimulationReply>,
+    watch: Watch,
+    sink: &mut impl RowSink,
+) -> Result<bool> {
     let begin = Instant::now();
     let (mut width, mut reached) = (None, None);
     let failed = |reached: Option<f64>, begun: bool, reason: String| {
@@ -85,7 +90,9 @@ pub(super) fn follow(path: &Path, mut worker: Worker<Reply>, watch: Watch, sink:
         let (reply, numbers) = match worker.reply(left, watch.workers.stop) {
             // replies may follow each other without end
             _ if watch.workers.stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
-            ReplyStatus::Reply(Reply::Rows, _) | ReplyStatus::TimedOut if left.is_some_and(|left| left.is_zero()) => {
+            ReplyStatus::Reply(SimulationReply::Rows, _) | ReplyStatus::TimedOut
+                if left.is_some_and(|left| left.is_zero()) =>
+            {
                 let seconds = watch.limit.unwrap_or_default().as_secs_f64();
                 return Err(failed(
                     reached,
@@ -99,21 +106,21 @@ pub(super) fn follow(path: &Path, mut worker: Worker<Reply>, watch: Watch, sink:
             ReplyStatus::Stopped => return Err(Error::Interrupted),
         };
         match (reply, width) {
-            (Reply::Begun(columns), None) => {
+            (SimulationReply::Begun(columns), None) => {
                 sink.begin(&columns)?;
                 width = Some(columns.len() + 1);
             }
-            (Reply::Rows, Some(width)) if numbers.len().is_multiple_of(width) => {
+            (SimulationReply::Rows, Some(width)) if numbers.len().is_multiple_of(width) => {
                 for row in numbers.chunks_exact(width) {
                     sink.row(row[0], &row[1..])?;
                     reached = Some(row[0]);
                 }
             }
-            (Reply::Done { terminated }, Some(_)) => {
+            (SimulationReply::Done { terminated }, Some(_)) => {
                 worker.finish();
                 return Ok(terminated);
             }
-            (Reply::Failed(message), _) => {
+            (SimulationReply::Failed(message), _) => {
                 worker.finish();
                 return Err(Error::Worker { message });
             }
@@ -141,8 +148,8 @@ fn finite(options: &SimulationOptions) -> Result<()> {
 }
 
 /// Makes the run and sends what becomes of it.
-pub(super) fn serve(task: &Task, folder: &Path, mut replies: Replies) -> Result<()> {
-    let failed = |error: Error| Reply::Failed(error.to_string());
+pub(super) fn serve(task: &SimulationTask, folder: &Path, mut replies: Replies) -> Result<()> {
+    let failed = |error: Error| SimulationReply::Failed(error.to_string());
     // an FMU need not survive that its library is unloaded
     let fmu = match Fmu::open_unpacked(&task.path, folder, task.interface) {
         Ok(fmu) => ManuallyDrop::new(fmu),
@@ -157,7 +164,7 @@ pub(super) fn serve(task: &Task, folder: &Path, mut replies: Replies) -> Result<
         Ok(terminated) => {
             sender.send()?;
             drop(instance);
-            replies.send(&Reply::Done { terminated }, &[])
+            replies.send(&SimulationReply::Done { terminated }, &[])
         }
         // before the instance is freed, which may not go well either
         Err(error) => replies.send(&failed(error), &[]),
@@ -177,7 +184,7 @@ impl<'a> Sender<'a> {
     }
 
     pub(super) fn send(&mut self) -> Result<()> {
-        self.replies.send(&Reply::Rows, &self.numbers)?;
+        self.replies.send(&SimulationReply::Rows, &self.numbers)?;
         self.numbers.clear();
         self.sent = Some(Instant::now());
         Ok(())
@@ -185,8 +192,8 @@ impl<'a> Sender<'a> {
 }
 
 impl RowSink for Sender<'_> {
-    fn begin(&mut self, columns: &[Column]) -> Result<()> {
-        self.replies.send(&Reply::Begun(columns.to_vec()), &[])
+    fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()> {
+        self.replies.send(&SimulationReply::Begun(columns.to_vec()), &[])
     }
 
     fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {

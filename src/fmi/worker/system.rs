@@ -2,13 +2,13 @@
 
 use super::{
     Job, Replies, Watch, Worker,
-    simulation::{Reply, Sender, follow},
+    simulation::{Sender, SimulationReply, follow},
 };
 use crate::{
     Error, Result,
     fmi::{
         host::RowSink,
-        system::{master::folder, run::Run},
+        system::{master::folder, run::SystemRun},
     },
 };
 use std::{borrow::Cow, path::Path};
@@ -22,7 +22,7 @@ use std::{borrow::Cow, path::Path};
 /// - [`Error::Worker`]: an FMU failed, their process ended, or it took longer than the limit;
 /// - [`Error::Interrupted`];
 /// - those of the sink, and [`Error::Io`] if no process can be started.
-pub fn run_system_apart(path: &Path, run: &Run, watch: Watch, sink: &mut impl RowSink) -> Result<bool> {
+pub fn run_system_apart(path: &Path, run: &SystemRun, watch: Watch, sink: &mut impl RowSink) -> Result<bool> {
     let job = Job::System(Cow::Borrowed(run));
     // should this process be killed, the other FMUs' folders are removed when another is unpacked
     let worker = Worker::start(watch.workers.program, path, folder(run), &job, watch.heard)?;
@@ -30,8 +30,8 @@ pub fn run_system_apart(path: &Path, run: &Run, watch: Watch, sink: &mut impl Ro
 }
 
 /// Makes the run and sends what becomes of it.
-pub(super) fn serve(run: &Run, mut replies: Replies) -> Result<()> {
-    let failed = |error: Error| Reply::Failed(error.to_string());
+pub(super) fn serve(run: &SystemRun, mut replies: Replies) -> Result<()> {
+    let failed = |error: Error| SimulationReply::Failed(error.to_string());
     let loaded = match run.load() {
         Ok(loaded) => loaded,
         Err(error) => return replies.send(&failed(error), &[]),
@@ -45,7 +45,7 @@ pub(super) fn serve(run: &Run, mut replies: Replies) -> Result<()> {
         Ok(terminated) => {
             sender.send()?;
             drop(instances);
-            replies.send(&Reply::Done { terminated }, &[])
+            replies.send(&SimulationReply::Done { terminated }, &[])
         }
         // before the instances are freed, which may not go well either
         Err(error) => replies.send(&failed(error), &[]),

@@ -17,14 +17,14 @@ use std::{
 
 /// An FMU whose binary is to be checked.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Task {
+pub struct ValidationTask {
     path: PathBuf,
     interface: InterfaceKind,
 }
 
 /// A reply of the process.
 #[derive(Debug, Serialize, Deserialize)]
-enum Reply {
+enum ValidationReply {
     Note(Note),
     Done,
 }
@@ -43,14 +43,14 @@ pub fn validate_apart(path: impl AsRef<Path>, watch: Watch, checks: &dyn Checks)
 
 fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<()> {
     let (path, interface) = (unpacked.path(), unpacked.interface());
-    let job = Job::Validate(Cow::Owned(Task { path: path.to_owned(), interface }));
+    let job = Job::Validate(Cow::Owned(ValidationTask { path: path.to_owned(), interface }));
     let mut worker = Worker::start(watch.workers.program, path, unpacked.folder(), &job, watch.heard)?;
     let mut doing = "loading the FMU".to_owned();
     let problem = loop {
         match worker.reply(watch.limit, watch.workers.stop) {
-            ReplyStatus::Reply(Reply::Note(Note::Doing(what)), _) => doing = what,
-            ReplyStatus::Reply(Reply::Note(note), _) => report.add(note),
-            ReplyStatus::Reply(Reply::Done, _) => {
+            ReplyStatus::Reply(ValidationReply::Note(Note::Doing(what)), _) => doing = what,
+            ReplyStatus::Reply(ValidationReply::Note(note), _) => report.add(note),
+            ReplyStatus::Reply(ValidationReply::Done, _) => {
                 worker.finish();
                 return Ok(());
             }
@@ -68,11 +68,11 @@ fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<(
 }
 
 /// Checks the FMU in a folder and sends the findings.
-pub fn serve(task: &Task, folder: &Path, checks: &dyn Checks, mut replies: Replies) -> Result<()> {
+pub fn serve(task: &ValidationTask, folder: &Path, checks: &dyn Checks, mut replies: Replies) -> Result<()> {
     let mut sent = Ok(());
     let mut send = |note| {
         if sent.is_ok() {
-            sent = replies.send(&Reply::Note(note), &[]);
+            sent = replies.send(&ValidationReply::Note(note), &[]);
         }
     };
     let mut notes = Notes(&mut send);
@@ -84,5 +84,5 @@ pub fn serve(task: &Task, folder: &Path, checks: &dyn Checks, mut replies: Repli
         Err(error) => notes.problem(Area::Binary, error.to_string()),
     }
     sent?;
-    replies.send(&Reply::Done, &[])
+    replies.send(&ValidationReply::Done, &[])
 }

@@ -30,27 +30,27 @@ pub fn write(description: &ModelDescription) -> String {
 /// the standard gives to absent attributes are filled in.
 ///
 /// # Errors
-/// The one [`Problem`] that makes reading impossible: it is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
-pub fn read(bytes: &[u8]) -> Result<Document, Problem> {
+/// The one [`XmlProblem`] that makes reading impossible: it is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
+pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
     let text = decode(bytes)?;
     let root = Element::parse(&text)?;
     if root.name != "fmiModelDescription" {
         let message = format!("the root element is <{}>, expected <fmiModelDescription>", root.name);
-        return Err(Problem::unusable(root.line, message));
+        return Err(XmlProblem::unusable(root.line, message));
     }
     match root.attribute("fmiVersion").unwrap_or_default() {
         "2.0" => Ok(fmi2::read(&root)),
         version if version.starts_with("3.") => Ok(fmi3::read(&root)),
         version => {
             let message = format!("fmiVersion is \"{version}\": only FMI 2.0 and 3.0 are supported");
-            Err(Problem::unusable(root.line, message))
+            Err(XmlProblem::unusable(root.line, message))
         }
     }
 }
 
 /// Something wrong in a modelDescription.xml.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Problem {
+pub struct XmlProblem {
     /// Line in the file, counted from 1.
     pub line: usize,
     /// What is wrong.
@@ -59,7 +59,7 @@ pub struct Problem {
     pub unusable: bool,
 }
 
-impl Problem {
+impl XmlProblem {
     fn new(line: usize, message: String) -> Self {
         Self { line, message, unusable: false }
     }
@@ -91,14 +91,15 @@ mod tests {
             intermediate_update: false,
             aliases: vec![],
         };
-        let real = |start| VariableType::Real(Real { start, unit: Some("deg".into()), ..Real::default() });
+        let real =
+            |start| VariableType::Real(RealAttributes { start, unit: Some("deg".into()), ..RealAttributes::default() });
         let number = Integer { width: Width::Int32, min: Some(-3), max: Some(4), start: Some(1) };
         let item = Integer { width: if fmi_version == FmiVersion::V2 { Width::Int32 } else { Width::Int64 }, ..number };
-        let interface = Interface {
+        let interface = InterfaceCapabilities {
             model_identifier: "m".into(),
             get_and_set_state: true,
             own_memory_management: fmi_version == FmiVersion::V3,
-            ..Interface::default()
+            ..InterfaceCapabilities::default()
         };
         ModelDescription {
             fmi_version,
@@ -207,7 +208,7 @@ mod tests {
                     11,
                     Causality::Input,
                     Variability::Continuous,
-                    VariableType::Real(Real { single: true, start: Some(0.5), ..Real::default() }),
+                    VariableType::Real(RealAttributes { single: true, start: Some(0.5), ..RealAttributes::default() }),
                 )
             },
             ScalarVariable {

@@ -7,8 +7,8 @@ use crate::fmi::{
 use std::fmt::Write;
 
 /// The attributes of the root element that both versions have; `token` is the name of that attribute.
-pub fn root_attributes(description: &ModelDescription, token: &str) -> Attributes {
-    let mut root = Attributes::default();
+pub fn root_attributes(description: &ModelDescription, token: &str) -> XmlAttributes {
+    let mut root = XmlAttributes::default();
     root.add("fmiVersion", &description.fmi_version.to_string())
         .add("modelName", &description.model_name)
         .add(token, &description.token);
@@ -27,12 +27,12 @@ pub fn root_attributes(description: &ModelDescription, token: &str) -> Attribute
     root
 }
 
-pub fn log_category(out: &mut Writer, (name, description): &(String, Option<String>)) {
-    out.empty("Category", Attributes::default().add("name", name).add_some("description", description.as_deref()));
+pub fn log_category(out: &mut XmlWriter, (name, description): &(String, Option<String>)) {
+    out.empty("Category", XmlAttributes::default().add("name", name).add_some("description", description.as_deref()));
 }
 
 /// Dependencies of an unknown, `handle` being what the version calls a variable by.
-pub fn add_dependencies(attributes: &mut Attributes, unknown: &Unknown, handle: impl Fn(usize) -> String) {
+pub fn add_dependencies(attributes: &mut XmlAttributes, unknown: &Unknown, handle: impl Fn(usize) -> String) {
     let dependencies = unknown.dependencies.as_ref().map(|list| {
         let handles: Vec<String> = list.iter().map(|&position| handle(position)).collect();
         handles.join(" ")
@@ -44,16 +44,16 @@ pub fn add_dependencies(attributes: &mut Attributes, unknown: &Unknown, handle: 
     attributes.add_some("dependencies", dependencies.as_deref()).add_some("dependenciesKind", kinds.as_deref());
 }
 
-pub fn unit(out: &mut Writer, unit: &UnitDefinition) {
+pub fn unit(out: &mut XmlWriter, unit: &UnitDefinition) {
     let UnitDefinition { name, base, display } = unit;
-    let mut attributes = Attributes::default();
+    let mut attributes = XmlAttributes::default();
     attributes.add("name", name);
     if base.is_none() && display.is_empty() {
         return out.empty("Unit", &attributes);
     }
     out.element("Unit", &attributes, |out| {
         if let Some(BaseUnit { exponents, factor, offset }) = base {
-            let mut attributes = Attributes::default();
+            let mut attributes = XmlAttributes::default();
             for (symbol, exponent) in BaseUnit::SYMBOLS.iter().zip(exponents).filter(|(_, exponent)| **exponent != 0) {
                 attributes.add(symbol, &exponent.to_string());
             }
@@ -61,7 +61,7 @@ pub fn unit(out: &mut Writer, unit: &UnitDefinition) {
             out.empty("BaseUnit", &attributes);
         }
         for DisplayUnit { name, factor, offset } in display {
-            let mut attributes = Attributes::default();
+            let mut attributes = XmlAttributes::default();
             attributes
                 .add("name", name)
                 .add_real_unless("factor", *factor, 1.0)
@@ -71,8 +71,8 @@ pub fn unit(out: &mut Writer, unit: &UnitDefinition) {
     });
 }
 
-pub fn experiment_attributes(experiment: &DefaultExperiment) -> Attributes {
-    let mut attributes = Attributes::default();
+pub fn experiment_attributes(experiment: &DefaultExperiment) -> XmlAttributes {
+    let mut attributes = XmlAttributes::default();
     attributes
         .add_real("startTime", experiment.start)
         .add_real("stopTime", experiment.stop)
@@ -82,12 +82,12 @@ pub fn experiment_attributes(experiment: &DefaultExperiment) -> Attributes {
 }
 
 /// The text so far and the depth of the next element.
-pub struct Writer {
+pub struct XmlWriter {
     text: String,
     depth: usize,
 }
 
-impl Writer {
+impl XmlWriter {
     pub fn new() -> Self {
         Self { text: "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n".into(), depth: 0 }
     }
@@ -96,7 +96,7 @@ impl Writer {
         self.text
     }
 
-    pub fn element(&mut self, name: &str, attributes: &Attributes, children: impl FnOnce(&mut Self)) {
+    pub fn element(&mut self, name: &str, attributes: &XmlAttributes, children: impl FnOnce(&mut Self)) {
         self.line(&format!("<{name}{}>", attributes.text));
         self.depth += 1;
         children(self);
@@ -104,14 +104,14 @@ impl Writer {
         self.line(&format!("</{name}>"));
     }
 
-    pub fn empty(&mut self, name: &str, attributes: &Attributes) {
+    pub fn empty(&mut self, name: &str, attributes: &XmlAttributes) {
         self.line(&format!("<{name}{}/>", attributes.text));
     }
 
     /// An element with one child per item; nothing if there is none, for the standard has no empty lists.
     pub fn list<T>(&mut self, name: &str, items: &[T], item: impl Fn(&mut Self, &T)) {
         if !items.is_empty() {
-            self.element(name, &Attributes::default(), |out| items.iter().for_each(|value| item(out, value)));
+            self.element(name, &XmlAttributes::default(), |out| items.iter().for_each(|value| item(out, value)));
         }
     }
 
@@ -126,11 +126,11 @@ impl Writer {
 
 /// Attributes of one element.
 #[derive(Default)]
-pub struct Attributes {
+pub struct XmlAttributes {
     text: String,
 }
 
-impl Attributes {
+impl XmlAttributes {
     pub fn add(&mut self, name: &str, value: &str) -> &mut Self {
         self.text.push_str(&format!(" {name}=\""));
         for c in value.chars() {

@@ -1,6 +1,6 @@
 //! Reads modelDescription.xml of any version; what both versions have in common.
 
-use super::{Problem, schema, tree::Element};
+use super::{XmlProblem, schema, tree::Element};
 use crate::fmi::{
     model_description::{
         DefaultExperiment, DependencyKind, DisplayUnit, FmiVersion, ModelDescription, Named, UnitDefinition,
@@ -14,7 +14,7 @@ pub struct Document {
     /// What could be read.
     pub description: ModelDescription,
     /// Deviations of the file from the standard's schema.
-    pub problems: Vec<Problem>,
+    pub problems: Vec<XmlProblem>,
     /// Line of each variable, for messages about it.
     pub variable_lines: Vec<usize>,
     /// Line of `ModelStructure`.

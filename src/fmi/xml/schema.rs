@@ -1,7 +1,7 @@
 //! Compares a modelDescription.xml with the rules of a version: which elements and attributes there are, in what order
 //! and of what type.
 
-use super::{Problem, tree::Element};
+use super::{XmlProblem, tree::Element};
 
 /// Type of an attribute.
 #[derive(Clone, Copy, PartialEq)]
@@ -74,7 +74,7 @@ pub struct Rule {
 }
 
 /// Compares an element and everything in it with the rules.
-pub fn check(rules: &[Rule], element: &Element, parent: &str, problems: &mut Vec<Problem>) {
+pub fn check(rules: &[Rule], element: &Element, parent: &str, problems: &mut Vec<XmlProblem>) {
     let full = format!("{parent}/{}", element.name);
     let applies = |rule: &&Rule| rule.elements.iter().any(|name| *name == element.name || *name == full);
     let Some(rule) = rules.iter().find(applies) else {
@@ -88,12 +88,12 @@ pub fn check(rules: &[Rule], element: &Element, parent: &str, problems: &mut Vec
     }
 }
 
-fn check_attributes(element: &Element, rule: &Rule, problems: &mut Vec<Problem>) {
+fn check_attributes(element: &Element, rule: &Rule, problems: &mut Vec<XmlProblem>) {
     let Element { name: tag, line, .. } = element;
     let known = || rule.attributes.iter().copied().flatten();
     for Attribute { name, required, .. } in known() {
         if *required && element.attribute(name).is_none() {
-            problems.push(Problem::unusable(*line, format!("<{tag}> has no attribute `{name}`")));
+            problems.push(XmlProblem::unusable(*line, format!("<{tag}> has no attribute `{name}`")));
         }
     }
     for (name, value) in &element.attributes {
@@ -101,27 +101,27 @@ fn check_attributes(element: &Element, rule: &Rule, problems: &mut Vec<Problem>)
             Some(attribute) => {
                 if let Some(expected) = mismatch(attribute.value, value) {
                     let message = format!("<{tag}> has {name}=\"{value}\", expected {expected}");
-                    problems.push(Problem::unusable(*line, message));
+                    problems.push(XmlProblem::unusable(*line, message));
                 }
             }
             // namespaces and schema locations are none of FMI's business
             None if name.contains(':') || name == "xmlns" || rule.content == Content::OpenAttributes => {}
-            None => problems.push(Problem::new(*line, format!("<{tag}> has an unknown attribute `{name}`"))),
+            None => problems.push(XmlProblem::new(*line, format!("<{tag}> has an unknown attribute `{name}`"))),
         }
     }
 }
 
-fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<Problem>) {
+fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<XmlProblem>) {
     let tag = &element.name;
     let mut last: (u8, &str) = (0, "");
     for child in &element.children {
         let Some((rank, ..)) = rule.children.iter().find(|(_, name, _)| *name == child.name) else {
-            problems.push(Problem::new(child.line, format!("<{}> is not an element of <{tag}>", child.name)));
+            problems.push(XmlProblem::new(child.line, format!("<{}> is not an element of <{tag}>", child.name)));
             continue;
         };
         if *rank < last.0 {
             let message = format!("<{}> must come before <{}> in <{tag}>", child.name, last.1);
-            problems.push(Problem::new(child.line, message));
+            problems.push(XmlProblem::new(child.line, message));
         } else {
             last = (*rank, &child.name);
         }
@@ -130,10 +130,12 @@ fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<Problem>) {
         let count = element.children.iter().filter(|child| child.name == *name).count();
         let line = element.line;
         match occurs {
-            Occurs::Once if count == 0 => problems.push(Problem::unusable(line, format!("<{tag}> has no <{name}>"))),
-            Occurs::AtLeastOnce if count == 0 => problems.push(Problem::new(line, format!("<{tag}> has no <{name}>"))),
+            Occurs::Once if count == 0 => problems.push(XmlProblem::unusable(line, format!("<{tag}> has no <{name}>"))),
+            Occurs::AtLeastOnce if count == 0 => {
+                problems.push(XmlProblem::new(line, format!("<{tag}> has no <{name}>")))
+            }
             Occurs::Once | Occurs::AtMostOnce if count > 1 => {
-                problems.push(Problem::unusable(line, format!("<{tag}> has {count} <{name}>, expected one")));
+                problems.push(XmlProblem::unusable(line, format!("<{tag}> has {count} <{name}>, expected one")));
             }
             _ => {}
         }
@@ -144,11 +146,11 @@ fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<Problem>) {
             if count != 1 {
                 let names: Vec<String> = names.iter().map(|name| format!("<{name}>")).collect();
                 let message = format!("<{tag}> has {count} of {}, expected one", names.join(", "));
-                problems.push(Problem::unusable(element.line, message));
+                problems.push(XmlProblem::unusable(element.line, message));
             }
         }
         Content::NotEmpty if element.children.is_empty() => {
-            problems.push(Problem::new(element.line, format!("<{tag}> is empty")));
+            problems.push(XmlProblem::new(element.line, format!("<{tag}> is empty")));
         }
         Content::NotEmpty | Content::Closed | Content::OpenAttributes => {}
     }

@@ -1,6 +1,6 @@
 //! An XML document as a tree of elements with line numbers.
 
-use super::Problem;
+use super::XmlProblem;
 use quick_xml::{
     Reader, XmlVersion,
     events::{BytesStart, Event},
@@ -34,32 +34,32 @@ impl Element {
     }
 
     /// Parses a document; the error says where it stops being XML.
-    pub fn parse(text: &str) -> Result<Self, Problem> {
+    pub fn parse(text: &str) -> Result<Self, XmlProblem> {
         let mut lines = text.lines().zip(1..);
         if let Some((found, line)) =
             lines.find_map(|(text, line)| Some((text.chars().find(|&character| !is_char(character))?, line)))
         {
-            return Err(Problem::unusable(line, forbidden(found)));
+            return Err(XmlProblem::unusable(line, forbidden(found)));
         }
         let mut reader = Reader::from_str(text);
         reader.config_mut().expand_empty_elements = true;
-        let mut lines = Lines { text: text.as_bytes(), position: 0, line: 1 };
+        let mut lines = LineCounter { text: text.as_bytes(), position: 0, line: 1 };
         let mut open: Vec<Self> = Vec::new();
         let mut root = None;
         loop {
             let start = reader.buffer_position();
             let event = reader.read_event().map_err(|error| {
                 let line = lines.at(reader.error_position());
-                Problem::unusable(line, format!("not well-formed XML: {error}"))
+                XmlProblem::unusable(line, format!("not well-formed XML: {error}"))
             })?;
             match event {
                 Event::Start(tag) => {
                     let line = lines.at(start);
                     if open.len() == MAX_DEPTH {
-                        return Err(Problem::unusable(line, format!("elements are nested deeper than {MAX_DEPTH}")));
+                        return Err(XmlProblem::unusable(line, format!("elements are nested deeper than {MAX_DEPTH}")));
                     }
                     if root.is_some() {
-                        return Err(Problem::unusable(line, "not well-formed XML: a second root element".into()));
+                        return Err(XmlProblem::unusable(line, "not well-formed XML: a second root element".into()));
                     }
                     open.push(Self::from_tag(&tag, line)?);
                 }
@@ -78,14 +78,14 @@ impl Element {
         let line = lines.at(text.len() as u64);
         if let Some(element) = open.pop() {
             let message = format!("not well-formed XML: <{}> of line {} is never closed", element.name, element.line);
-            return Err(Problem::unusable(line, message));
+            return Err(XmlProblem::unusable(line, message));
         }
-        root.ok_or_else(|| Problem::unusable(line, "not well-formed XML: no root element".into()))
+        root.ok_or_else(|| XmlProblem::unusable(line, "not well-formed XML: no root element".into()))
     }
 
-    fn from_tag(tag: &BytesStart, line: usize) -> Result<Self, Problem> {
+    fn from_tag(tag: &BytesStart, line: usize) -> Result<Self, XmlProblem> {
         let malformed = |reason: &dyn std::fmt::Display| {
-            Problem::unusable(line, format!("not well-formed XML: <{}>: {reason}", tag.name().as_ref()))
+            XmlProblem::unusable(line, format!("not well-formed XML: <{}>: {reason}", tag.name().as_ref()))
         };
         let mut attributes = Vec::new();
         for attribute in tag.attributes() {
@@ -93,7 +93,7 @@ impl Element {
             let value = attribute.normalized_value(XmlVersion::Explicit1_0).map_err(|error| malformed(&error))?;
             // by way of a character reference
             if let Some(found) = value.chars().find(|&character| !is_char(character)) {
-                return Err(Problem::unusable(line, forbidden(found)));
+                return Err(XmlProblem::unusable(line, forbidden(found)));
             }
             attributes.push((attribute.key.as_ref().to_owned(), value.into_owned()));
         }
@@ -111,13 +111,13 @@ fn forbidden(found: char) -> String {
 }
 
 /// Turns growing byte positions into line numbers, reading the text once.
-struct Lines<'a> {
+struct LineCounter<'a> {
     text: &'a [u8],
     position: usize,
     line: usize,
 }
 
-impl Lines<'_> {
+impl LineCounter<'_> {
     fn at(&mut self, position: u64) -> usize {
         let position = (position as usize).clamp(self.position, self.text.len());
         self.line += self.text[self.position..position].iter().filter(|&&byte| byte == b'\n').count();
@@ -127,7 +127,7 @@ impl Lines<'_> {
 }
 
 /// The text of a document. The standard requires UTF-8; Latin-1 occurs in old FMUs and is decoded as well.
-pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, Problem> {
+pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, XmlProblem> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let error = match str::from_utf8(bytes) {
         Ok(text) => return Ok(text.into()),
@@ -139,5 +139,5 @@ pub fn decode(bytes: &[u8]) -> Result<Cow<'_, str>, Problem> {
     if declares(b"iso-8859-1") || declares(b"windows-1252") {
         return Ok(bytes.iter().map(|&byte| char::from(byte)).collect::<String>().into());
     }
-    Err(Problem::unusable(line, "not in the encoding UTF-8".into()))
+    Err(XmlProblem::unusable(line, "not in the encoding UTF-8".into()))
 }

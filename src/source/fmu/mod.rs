@@ -16,7 +16,7 @@ use crate::{
         host::{Unpacked, describe},
         worker::{
             Job, ReplyStatus, Worker, Workers,
-            sampling::{self, Reply, Task},
+            sampling::{self, SamplingReply, SamplingTask},
         },
     },
     study::Study,
@@ -46,7 +46,7 @@ pub type Outcome = std::result::Result<Vec<f64>, String>;
 /// An FMU and what its runs are.
 #[derive(Clone, Debug)]
 pub struct FmuModel {
-    task: Arc<Task>,
+    task: Arc<SamplingTask>,
     /// Numbers of a run.
     values: usize,
     /// Whether a process may make one run only.
@@ -146,7 +146,7 @@ impl FmuModel {
         let (Some(asked), Some(last)) = (&self.task.driven, points.last()) else { return Ok(Vec::new()) };
         let (width, size) = (asked.states.len() + self.task.outputs.len(), self.batch());
         let mut task = (*self.task).clone();
-        task.driven = Some(sampling::Driven { derivatives: true, ..asked.clone() });
+        task.driven = Some(sampling::DrivenRuns { derivatives: true, ..asked.clone() });
         let model = Self { task: Arc::new(task), values: size * width, ..self.clone() };
         // the last batch is filled up
         let batch = |points: &[Vec<f64>]| {
@@ -259,7 +259,7 @@ impl Campaign<'_> {
     }
 
     /// One run, with retries; none if the program is to stop.
-    fn attempt(&self, point: &[f64], worker: &mut Option<Worker<Reply>>) -> Result<Option<Outcome>> {
+    fn attempt(&self, point: &[f64], worker: &mut Option<Worker<SamplingReply>>) -> Result<Option<Outcome>> {
         let mut reason = String::new();
         for _ in 0..=self.model.retries {
             let begin = Instant::now();
@@ -267,21 +267,23 @@ impl Campaign<'_> {
             process.ask(&self.model.request(point));
             let mut status = process.reply(Some(self.model.time_limit), self.workers.stop);
             let complete = |outputs: &[f64]| outputs.len() == self.model.values;
-            if !matches!(&status, ReplyStatus::Reply(Reply::Done, outputs) if complete(outputs))
+            if !matches!(&status, ReplyStatus::Reply(SamplingReply::Done, outputs) if complete(outputs))
                 || self.model.one_run_per_process
             {
                 // a process in which something went wrong is not trusted any more
                 *worker = None;
             }
             reason = match &mut status {
-                ReplyStatus::Reply(Reply::Done, outputs) if complete(outputs) => {
+                ReplyStatus::Reply(SamplingReply::Done, outputs) if complete(outputs) => {
                     let outputs = std::mem::take(outputs);
                     if let Some(journal) = self.journal {
                         journal.keep(point, &outputs, begin.elapsed())?;
                     }
                     return Ok(Some(Ok(outputs)));
                 }
-                ReplyStatus::Reply(Reply::Failed(reason), _) | ReplyStatus::Died(reason) => std::mem::take(reason),
+                ReplyStatus::Reply(SamplingReply::Failed(reason), _) | ReplyStatus::Died(reason) => {
+                    std::mem::take(reason)
+                }
                 ReplyStatus::Reply(..) => "the worker's reply made no sense".into(),
                 ReplyStatus::TimedOut => format!("took longer than {:?} (source.time_limit)", self.model.time_limit),
                 ReplyStatus::Stopped => return Ok(None),
@@ -292,7 +294,10 @@ impl Campaign<'_> {
     }
 
     /// A process that has loaded the FMU; none if the program is to stop.
-    fn ready<'w>(&self, worker: &'w mut Option<Worker<Reply>>) -> Result<Option<&'w mut Worker<Reply>>> {
+    fn ready<'w>(
+        &self,
+        worker: &'w mut Option<Worker<SamplingReply>>,
+    ) -> Result<Option<&'w mut Worker<SamplingReply>>> {
         let path = &self.model.task.path;
         let mut process = match worker.take() {
             Some(process) => return Ok(Some(worker.insert(process))),
@@ -305,10 +310,10 @@ impl Campaign<'_> {
             )?,
         };
         let message = match process.reply(Some(self.model.time_limit), self.workers.stop) {
-            ReplyStatus::Reply(Reply::Ready, _) => return Ok(Some(worker.insert(process))),
+            ReplyStatus::Reply(SamplingReply::Ready, _) => return Ok(Some(worker.insert(process))),
             ReplyStatus::Stopped => return Ok(None),
             // it names the FMU
-            ReplyStatus::Reply(Reply::Failed(message), _) => return Err(Error::Worker { message }),
+            ReplyStatus::Reply(SamplingReply::Failed(message), _) => return Err(Error::Worker { message }),
             ReplyStatus::Reply(..) => "the worker's reply made no sense".into(),
             ReplyStatus::Died(reason) => format!("when it was loaded, {reason}"),
             ReplyStatus::TimedOut => {

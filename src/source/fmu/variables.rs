@@ -13,8 +13,8 @@ use crate::{
     fmi::{
         ModelDescription,
         host::{InterfaceKind, element_names},
-        model_description::{self as fmi, Causality, Initial, Real, ScalarVariable, VariableType},
-        worker::sampling::{self, Task},
+        model_description::{self as fmi, Causality, Initial, RealAttributes, ScalarVariable, VariableType},
+        worker::sampling::{self, SamplingTask},
     },
     study::Study,
     variable::SourceVariable,
@@ -27,7 +27,7 @@ pub struct Resolved {
     /// In the study's order.
     pub outputs: Vec<SourceVariable>,
     /// What is set and recorded; the rest is not filled in.
-    pub task: Task,
+    pub task: SamplingTask,
     /// How runs start and what drives them, if inputs do.
     pub driven: Option<Driven>,
 }
@@ -37,7 +37,7 @@ pub struct Resolved {
 /// # Errors
 /// [`Error::Study`](crate::Error::Study) with every problem.
 pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved> {
-    let task = Task {
+    let task = SamplingTask {
         path: Default::default(),
         interface: InterfaceKind::CoSimulation,
         stop: 0.0,
@@ -73,7 +73,7 @@ struct Resolver<'a> {
     description: &'a ModelDescription,
     parameters: Vec<SourceVariable>,
     outputs: Vec<SourceVariable>,
-    task: Task,
+    task: SamplingTask,
 }
 
 impl Resolver<'_> {
@@ -145,7 +145,8 @@ impl Resolver<'_> {
     fn driven(&mut self) -> std::result::Result<Driven, Problems> {
         let inputs = self.inputs("scalar input", |_| true)?;
         let names = self.study.inputs.keys().cloned().collect();
-        self.task.driven = Some(sampling::Driven { states: Vec::new(), inputs: names, held: true, derivatives: false });
+        self.task.driven =
+            Some(sampling::DrivenRuns { states: Vec::new(), inputs: names, held: true, derivatives: false });
         Driven::of_fmu(self.study, Vec::new(), inputs)
     }
 
@@ -227,7 +228,8 @@ impl Resolver<'_> {
             }
         };
         let names = study.inputs.keys().cloned().collect();
-        self.task.driven = Some(sampling::Driven { states: positions, inputs: names, held: false, derivatives: false });
+        self.task.driven =
+            Some(sampling::DrivenRuns { states: positions, inputs: names, held: false, derivatives: false });
         Driven::of_fmu(study, states, inputs)
     }
 
@@ -317,7 +319,7 @@ pub fn recordable(variable: &ScalarVariable) -> std::result::Result<(), String> 
 pub fn range(description: &ModelDescription, variable: &ScalarVariable) -> (Option<f64>, Option<f64>) {
     let own = variable.kind.as_real();
     let of_type = description.type_of(variable).and_then(|definition| definition.kind.as_real());
-    let bound = |get: fn(&Real) -> Option<f64>| own.and_then(get).or(of_type.and_then(get));
+    let bound = |get: fn(&RealAttributes) -> Option<f64>| own.and_then(get).or(of_type.and_then(get));
     (bound(|real| real.min), bound(|real| real.max))
 }
 

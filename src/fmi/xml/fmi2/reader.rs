@@ -3,11 +3,11 @@
 use super::schema::{RULES, is_type};
 use crate::fmi::{
     model_description::{
-        CoSimulation, FmiVersion, Initial, Integer, Interface, ModelDescription, ModelExchange, ModelStructure, Real,
-        ScalarVariable, TypeDefinition, Unknown, Variability, VariableType, Width,
+        CoSimulation, FmiVersion, Initial, Integer, InterfaceCapabilities, ModelDescription, ModelExchange,
+        ModelStructure, RealAttributes, ScalarVariable, TypeDefinition, Unknown, Variability, VariableType, Width,
     },
     xml::{
-        Document, Problem,
+        Document, XmlProblem,
         reader::{self, dependency_kinds, flag, name, named, number, real, text},
         schema::{self, parse_boolean},
         tree::Element,
@@ -18,7 +18,7 @@ use crate::fmi::{
 pub fn read(root: &Element) -> Document {
     let mut problems = Vec::new();
     schema::check(RULES, root, "", &mut problems);
-    let mut reader = Reader { problems };
+    let mut reader = Fmi2Reader { problems };
     let description = reader.description(root);
     Document {
         description,
@@ -34,11 +34,11 @@ fn scalar_variables(root: &Element) -> impl Iterator<Item = &Element> {
 }
 
 /// What the schema check has reported is not reported again here: a value that does not parse counts as absent.
-struct Reader {
-    problems: Vec<Problem>,
+struct Fmi2Reader {
+    problems: Vec<XmlProblem>,
 }
 
-impl Reader {
+impl Fmi2Reader {
     fn description(&mut self, root: &Element) -> ModelDescription {
         ModelDescription {
             co_simulation: root.child("CoSimulation").map(co_simulation),
@@ -78,7 +78,7 @@ impl Reader {
             initial: given.or(default),
             declared_type: kind.and_then(|kind| text(kind, "declaredType")),
             // the schema check has reported a variable without a type
-            kind: kind.map_or(VariableType::Real(Real::default()), |kind| self.variable_type(kind)),
+            kind: kind.map_or(VariableType::Real(RealAttributes::default()), |kind| self.variable_type(kind)),
             dimensions: Vec::new(),
             clocks: Vec::new(),
             intermediate_update: false,
@@ -98,7 +98,7 @@ impl Reader {
             "Enumeration" => VariableType::Enumeration(integer()),
             "Boolean" => VariableType::Boolean { start: element.attribute("start").and_then(parse_boolean) },
             "String" => VariableType::String { start: text(element, "start") },
-            _ => VariableType::Real(Real {
+            _ => VariableType::Real(RealAttributes {
                 unit: text(element, "unit"),
                 display_unit: text(element, "displayUnit"),
                 min: real(element, "min"),
@@ -134,14 +134,14 @@ impl Reader {
         let index: u32 = index.trim().parse().ok()?;
         if index == 0 {
             let message = format!("<{}> refers to variable 0; the first one is 1", element.name);
-            self.problems.push(Problem::unusable(element.line, message));
+            self.problems.push(XmlProblem::unusable(element.line, message));
         }
         Some(index.checked_sub(1)? as usize)
     }
 }
 
-fn interface(element: &Element) -> Interface {
-    Interface {
+fn interface(element: &Element) -> InterfaceCapabilities {
+    InterfaceCapabilities {
         model_identifier: text(element, "modelIdentifier").unwrap_or_default(),
         needs_execution_tool: flag(element, "needsExecutionTool"),
         only_once_per_process: flag(element, "canBeInstantiatedOnlyOncePerProcess"),

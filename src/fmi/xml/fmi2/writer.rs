@@ -2,10 +2,12 @@
 
 use crate::fmi::{
     model_description::{
-        CoSimulation, FmiVersion, Integer, Interface, ModelDescription, ModelExchange, ModelStructure, Named, Real,
-        ScalarVariable, TypeDefinition, Unknown, VariableType,
+        CoSimulation, FmiVersion, Integer, InterfaceCapabilities, ModelDescription, ModelExchange, ModelStructure,
+        Named, RealAttributes, ScalarVariable, TypeDefinition, Unknown, VariableType,
     },
-    xml::output::{Attributes, Writer, add_dependencies, experiment_attributes, log_category, root_attributes, unit},
+    xml::output::{
+        XmlAttributes, XmlWriter, add_dependencies, experiment_attributes, log_category, root_attributes, unit,
+    },
 };
 
 /// The text of a modelDescription.xml; the same description always gives the same bytes.
@@ -13,7 +15,7 @@ use crate::fmi::{
 /// Elements are in the order that the standard requires. What FMI 2.0 cannot express (arrays, clocks, aliases, wide
 /// integers) is not written, nor are items of enumerations, which are not part of a description.
 pub fn write(description: &ModelDescription) -> String {
-    let mut out = Writer::new();
+    let mut out = XmlWriter::new();
     let mut root = root_attributes(description, "guid");
     root.add("numberOfEventIndicators", &description.event_indicators.to_string());
     out.element("fmiModelDescription", &root, |out| {
@@ -33,7 +35,7 @@ pub fn write(description: &ModelDescription) -> String {
         }
         out.list("ModelVariables", &description.variables, variable);
         let ModelStructure { outputs, derivatives, initial_unknowns, .. } = &description.structure;
-        out.element("ModelStructure", &Attributes::default(), |out| {
+        out.element("ModelStructure", &XmlAttributes::default(), |out| {
             out.list("Outputs", outputs, unknown);
             out.list("Derivatives", derivatives, unknown);
             out.list("InitialUnknowns", initial_unknowns, unknown);
@@ -42,25 +44,25 @@ pub fn write(description: &ModelDescription) -> String {
     out.finish()
 }
 
-fn interface(out: &mut Writer, name: &str, attributes: &Attributes, interface: &Interface) {
+fn interface(out: &mut XmlWriter, name: &str, attributes: &XmlAttributes, interface: &InterfaceCapabilities) {
     if interface.source_files.is_empty() {
         return out.empty(name, attributes);
     }
     out.element(name, attributes, |out| {
         out.list("SourceFiles", &interface.source_files, |out, file| {
-            out.empty("File", Attributes::default().add("name", file));
+            out.empty("File", XmlAttributes::default().add("name", file));
         });
     });
 }
 
-fn model_exchange_attributes(model_exchange: &ModelExchange) -> Attributes {
+fn model_exchange_attributes(model_exchange: &ModelExchange) -> XmlAttributes {
     let mut attributes = interface_attributes(&model_exchange.interface);
     attributes.add_true("completedIntegratorStepNotNeeded", !model_exchange.needs_completed_integrator_step);
     attributes
 }
 
-fn interface_attributes(interface: &Interface) -> Attributes {
-    let mut attributes = Attributes::default();
+fn interface_attributes(interface: &InterfaceCapabilities) -> XmlAttributes {
+    let mut attributes = XmlAttributes::default();
     attributes
         .add("modelIdentifier", &interface.model_identifier)
         .add_true("needsExecutionTool", interface.needs_execution_tool)
@@ -72,7 +74,7 @@ fn interface_attributes(interface: &Interface) -> Attributes {
     attributes
 }
 
-fn co_simulation_attributes(co_simulation: &CoSimulation) -> Attributes {
+fn co_simulation_attributes(co_simulation: &CoSimulation) -> XmlAttributes {
     let mut attributes = interface_attributes(&co_simulation.interface);
     let order = co_simulation.max_output_derivative_order;
     attributes
@@ -84,14 +86,14 @@ fn co_simulation_attributes(co_simulation: &CoSimulation) -> Attributes {
     attributes
 }
 
-fn type_definition(out: &mut Writer, definition: &TypeDefinition) {
-    let mut attributes = Attributes::default();
+fn type_definition(out: &mut XmlWriter, definition: &TypeDefinition) {
+    let mut attributes = XmlAttributes::default();
     attributes.add("name", &definition.name).add_some("description", definition.description.as_deref());
     out.element("SimpleType", &attributes, |out| variable_type(out, &definition.kind, None));
 }
 
-fn variable(out: &mut Writer, variable: &ScalarVariable) {
-    let mut attributes = Attributes::default();
+fn variable(out: &mut XmlWriter, variable: &ScalarVariable) {
+    let mut attributes = XmlAttributes::default();
     attributes
         .add("name", &variable.name)
         .add("valueReference", &variable.value_reference.to_string())
@@ -104,11 +106,11 @@ fn variable(out: &mut Writer, variable: &ScalarVariable) {
     });
 }
 
-fn variable_type(out: &mut Writer, kind: &VariableType, declared_type: Option<&str>) {
-    let mut attributes = Attributes::default();
+fn variable_type(out: &mut XmlWriter, kind: &VariableType, declared_type: Option<&str>) {
+    let mut attributes = XmlAttributes::default();
     attributes.add_some("declaredType", declared_type);
     match kind {
-        VariableType::Real(Real { unit, display_unit, min, max, nominal, start, derivative, .. }) => {
+        VariableType::Real(RealAttributes { unit, display_unit, min, max, nominal, start, derivative, .. }) => {
             attributes
                 .add_some("unit", unit.as_deref())
                 .add_some("displayUnit", display_unit.as_deref())
@@ -135,8 +137,8 @@ fn variable_type(out: &mut Writer, kind: &VariableType, declared_type: Option<&s
     out.empty(kind.name(FmiVersion::V2), &attributes);
 }
 
-fn unknown(out: &mut Writer, unknown: &Unknown) {
-    let mut attributes = Attributes::default();
+fn unknown(out: &mut XmlWriter, unknown: &Unknown) {
+    let mut attributes = XmlAttributes::default();
     attributes.add("index", &index(unknown.variable));
     add_dependencies(&mut attributes, unknown, index);
     out.empty("Unknown", &attributes);

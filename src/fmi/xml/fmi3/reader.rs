@@ -3,12 +3,12 @@
 use super::schema::{RULES, VARIABLES};
 use crate::fmi::{
     model_description::{
-        Alias, Causality, CoSimulation, Dimension, FmiVersion, Initial, Integer, Interface, MAX_ELEMENTS,
-        ModelDescription, ModelExchange, ModelStructure, Named, Real, ScalarVariable, TypeDefinition, Unknown,
-        Variability, VariableType, Width,
+        Alias, Causality, CoSimulation, Dimension, FmiVersion, Initial, Integer, InterfaceCapabilities, MAX_ELEMENTS,
+        ModelDescription, ModelExchange, ModelStructure, Named, RealAttributes, ScalarVariable, TypeDefinition,
+        Unknown, Variability, VariableType, Width,
     },
     xml::{
-        Document, Problem,
+        Document, XmlProblem,
         reader::{self, dependency_kinds, flag, name, number, real, text},
         schema::{self, parse_boolean, parse_real},
         tree::Element,
@@ -27,7 +27,7 @@ pub fn read(root: &Element) -> Document {
             positions.entry(reference).or_insert(position);
         }
     }
-    let mut reader = Reader { positions, problems };
+    let mut reader = Fmi3Reader { positions, problems };
     let description = reader.description(root);
     reader.array_sizes(root, &description);
     Document {
@@ -43,13 +43,13 @@ fn variables(root: &Element) -> impl Iterator<Item = &Element> {
 }
 
 /// What the schema check has reported is not reported again here: a value that does not parse counts as absent.
-struct Reader {
+struct Fmi3Reader {
     /// Positions of the variables by value reference.
     positions: HashMap<u32, usize>,
-    problems: Vec<Problem>,
+    problems: Vec<XmlProblem>,
 }
 
-impl Reader {
+impl Fmi3Reader {
     fn description(&mut self, root: &Element) -> ModelDescription {
         let structure = root.child("ModelStructure").map(|element| self.structure(element)).unwrap_or_default();
         ModelDescription {
@@ -121,7 +121,7 @@ impl Reader {
             "String" => VariableType::String { start: first_start() },
             "Binary" => VariableType::Binary { start: first_start() },
             "Clock" => VariableType::Clock { interval: name(element, "intervalVariability") },
-            _ => VariableType::Real(Real {
+            _ => VariableType::Real(RealAttributes {
                 single: of == "Float32",
                 unit: text(element, "unit"),
                 display_unit: text(element, "displayUnit"),
@@ -142,7 +142,7 @@ impl Reader {
             if let Some(value) = value.filter(|value| !(smallest..=largest).contains(value)) {
                 let expected = format!("an integer from {smallest} to {largest}");
                 let message = format!("<{}> has {name}=\"{value}\", expected {expected}", element.name);
-                self.problems.push(Problem::unusable(element.line, message));
+                self.problems.push(XmlProblem::unusable(element.line, message));
             }
         }
         integer
@@ -157,7 +157,7 @@ impl Reader {
             }
             _ => {
                 let message = "<Dimension> has either a start or a valueReference".to_owned();
-                self.problems.push(Problem::unusable(element.line, message));
+                self.problems.push(XmlProblem::unusable(element.line, message));
                 None
             }
         }
@@ -175,7 +175,7 @@ impl Reader {
                 Some(shape) => shape.into_iter().fold(1, u64::saturating_mul),
                 None => {
                     let message = format!("variable \"{}\" has the size of no structural parameter", variable.name);
-                    self.problems.push(Problem::unusable(element.line, message));
+                    self.problems.push(XmlProblem::unusable(element.line, message));
                     continue;
                 }
             };
@@ -185,12 +185,12 @@ impl Reader {
                     "variable \"{}\" has {expected} elements, expected at most {MAX_ELEMENTS} of all variables",
                     variable.name
                 );
-                self.problems.push(Problem::unusable(element.line, message));
+                self.problems.push(XmlProblem::unusable(element.line, message));
                 return;
             }
             if count > 1 && count != expected {
                 let message = format!("variable \"{}\" has {count} start values, expected {expected}", variable.name);
-                self.problems.push(Problem::unusable(element.line, message));
+                self.problems.push(XmlProblem::unusable(element.line, message));
             }
         }
     }
@@ -220,7 +220,7 @@ impl Reader {
         if position.is_none() {
             let message =
                 format!("<{}> refers to the value reference {reference}, which no variable has", element.name);
-            self.problems.push(Problem::unusable(element.line, message));
+            self.problems.push(XmlProblem::unusable(element.line, message));
         }
         position
     }
@@ -238,8 +238,8 @@ fn alias(element: &Element) -> Alias {
     }
 }
 
-fn interface(element: &Element) -> Interface {
-    Interface {
+fn interface(element: &Element) -> InterfaceCapabilities {
+    InterfaceCapabilities {
         model_identifier: text(element, "modelIdentifier").unwrap_or_default(),
         needs_execution_tool: flag(element, "needsExecutionTool"),
         only_once_per_process: flag(element, "canBeInstantiatedOnlyOncePerProcess"),

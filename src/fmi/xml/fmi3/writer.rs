@@ -2,10 +2,12 @@
 
 use crate::fmi::{
     model_description::{
-        Alias, CoSimulation, Dimension, FmiVersion, Integer, Interface, ModelDescription, ModelExchange,
-        ModelStructure, Named, Real, ScalarVariable, TypeDefinition, Unknown, VariableType,
+        Alias, CoSimulation, Dimension, FmiVersion, Integer, InterfaceCapabilities, ModelDescription, ModelExchange,
+        ModelStructure, Named, RealAttributes, ScalarVariable, TypeDefinition, Unknown, VariableType,
     },
-    xml::output::{Attributes, Writer, add_dependencies, experiment_attributes, log_category, root_attributes, unit},
+    xml::output::{
+        XmlAttributes, XmlWriter, add_dependencies, experiment_attributes, log_category, root_attributes, unit,
+    },
 };
 
 /// The text of a modelDescription.xml; the same description always gives the same bytes.
@@ -13,7 +15,7 @@ use crate::fmi::{
 /// Elements are in the order that the standard requires. Items of enumerations, intervals of clocks and all but the first
 /// start value of an array are not part of a description and are therefore not written.
 pub fn write(description: &ModelDescription) -> String {
-    let mut out = Writer::new();
+    let mut out = XmlWriter::new();
     out.element("fmiModelDescription", &root_attributes(description, "instantiationToken"), |out| {
         if let Some(model_exchange) = &description.model_exchange {
             out.empty("ModelExchange", &model_exchange_attributes(model_exchange));
@@ -35,7 +37,7 @@ pub fn write(description: &ModelDescription) -> String {
         out.list("ModelVariables", &description.variables, |out, item| variable(out, item, description));
         let ModelStructure { outputs, derivatives, clocked_states, initial_unknowns, event_indicators } =
             &description.structure;
-        out.element("ModelStructure", &Attributes::default(), |out| {
+        out.element("ModelStructure", &XmlAttributes::default(), |out| {
             for (name, list) in [
                 ("Output", outputs),
                 ("ContinuousStateDerivative", derivatives),
@@ -50,8 +52,8 @@ pub fn write(description: &ModelDescription) -> String {
     out.finish()
 }
 
-fn interface_attributes(interface: &Interface) -> Attributes {
-    let mut attributes = Attributes::default();
+fn interface_attributes(interface: &InterfaceCapabilities) -> XmlAttributes {
+    let mut attributes = XmlAttributes::default();
     attributes
         .add("modelIdentifier", &interface.model_identifier)
         .add_true("needsExecutionTool", interface.needs_execution_tool)
@@ -63,13 +65,13 @@ fn interface_attributes(interface: &Interface) -> Attributes {
     attributes
 }
 
-fn model_exchange_attributes(model_exchange: &ModelExchange) -> Attributes {
+fn model_exchange_attributes(model_exchange: &ModelExchange) -> XmlAttributes {
     let mut attributes = interface_attributes(&model_exchange.interface);
     attributes.add_true("needsCompletedIntegratorStep", model_exchange.needs_completed_integrator_step);
     attributes
 }
 
-fn co_simulation_attributes(co_simulation: &CoSimulation) -> Attributes {
+fn co_simulation_attributes(co_simulation: &CoSimulation) -> XmlAttributes {
     let mut attributes = interface_attributes(&co_simulation.interface);
     let order = co_simulation.max_output_derivative_order;
     attributes
@@ -83,15 +85,15 @@ fn co_simulation_attributes(co_simulation: &CoSimulation) -> Attributes {
     attributes
 }
 
-fn type_definition(out: &mut Writer, definition: &TypeDefinition, description: &ModelDescription) {
-    let mut attributes = Attributes::default();
+fn type_definition(out: &mut XmlWriter, definition: &TypeDefinition, description: &ModelDescription) {
+    let mut attributes = XmlAttributes::default();
     attributes.add("name", &definition.name).add_some("description", definition.description.as_deref());
     add_type_attributes(&mut attributes, &definition.kind, description);
     out.empty(&format!("{}Type", definition.kind.name(FmiVersion::V3)), &attributes);
 }
 
-fn variable(out: &mut Writer, variable: &ScalarVariable, description: &ModelDescription) {
-    let mut attributes = Attributes::default();
+fn variable(out: &mut XmlWriter, variable: &ScalarVariable, description: &ModelDescription) {
+    let mut attributes = XmlAttributes::default();
     let clocks: Vec<String> = variable.clocks.iter().map(u32::to_string).collect();
     attributes
         .add("name", &variable.name)
@@ -114,7 +116,7 @@ fn variable(out: &mut Writer, variable: &ScalarVariable, description: &ModelDesc
     }
     out.element(name, &attributes, |out| {
         for dimension in &variable.dimensions {
-            let mut attributes = Attributes::default();
+            let mut attributes = XmlAttributes::default();
             match dimension {
                 Dimension::Fixed(size) => attributes.add("start", &size.to_string()),
                 Dimension::Parameter(reference) => attributes.add("valueReference", &reference.to_string()),
@@ -122,10 +124,10 @@ fn variable(out: &mut Writer, variable: &ScalarVariable, description: &ModelDesc
             out.empty("Dimension", &attributes);
         }
         if let Some(start) = start {
-            out.empty("Start", Attributes::default().add("value", start));
+            out.empty("Start", XmlAttributes::default().add("value", start));
         }
         for Alias { name, description, display_unit } in &variable.aliases {
-            let mut attributes = Attributes::default();
+            let mut attributes = XmlAttributes::default();
             attributes
                 .add("name", name)
                 .add_some("description", description.as_deref())
@@ -135,9 +137,9 @@ fn variable(out: &mut Writer, variable: &ScalarVariable, description: &ModelDesc
     });
 }
 
-fn add_type_attributes(attributes: &mut Attributes, kind: &VariableType, description: &ModelDescription) {
+fn add_type_attributes(attributes: &mut XmlAttributes, kind: &VariableType, description: &ModelDescription) {
     match kind {
-        VariableType::Real(Real { unit, display_unit, min, max, nominal, start, derivative, .. }) => {
+        VariableType::Real(RealAttributes { unit, display_unit, min, max, nominal, start, derivative, .. }) => {
             attributes
                 .add_some("unit", unit.as_deref())
                 .add_some("displayUnit", display_unit.as_deref())
@@ -164,8 +166,8 @@ fn add_type_attributes(attributes: &mut Attributes, kind: &VariableType, descrip
     }
 }
 
-fn unknown(out: &mut Writer, name: &str, unknown: &Unknown, description: &ModelDescription) {
-    let mut attributes = Attributes::default();
+fn unknown(out: &mut XmlWriter, name: &str, unknown: &Unknown, description: &ModelDescription) {
+    let mut attributes = XmlAttributes::default();
     attributes.add("valueReference", &reference(unknown.variable, description));
     add_dependencies(&mut attributes, unknown, |position| reference(position, description));
     out.empty(name, &attributes);
