@@ -6,7 +6,7 @@ use metafmu::{
     fmi::Fmu,
     pipeline::{
         Control, Project, Silent, build,
-        export::{ExportOptions, Plan},
+        export::{ExportPlan, ExportRequest},
         serve_workers,
     },
 };
@@ -21,7 +21,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let (stop, program) = (AtomicBool::new(false), env::current_exe()?);
     let control = Control { observer: &Silent, stop: &stop, program: &program, heard: |line| eprintln!("{line}") };
     let project = Project::open(Path::new(&study), None, control)?;
-    let built = build(&project, &Plan::new(&project, &ExportOptions::default())?, false)?;
+    let built = build(&project, &ExportPlan::new(&project, &ExportRequest::default())?, false)?;
     print!("{}", built.verdict.text());
 
     let (written, validation) = &built.fmus[0];

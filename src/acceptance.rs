@@ -1,7 +1,7 @@
 //! Verdict on a surrogate by `[accept]` of the study: good, usable, or rejected.
 
 use crate::{
-    baseline::{Comparison, ModelRow, Status, comparison::NETWORK},
+    baseline::{Comparison, ModelRow, ModelStatus, comparison::NETWORK},
     evaluation::{Accuracy, CHAOTIC, Horizon, OutputMetrics, RollOuts, Verdict},
     html::number,
     study::{AcceptOptions, Study},
@@ -61,7 +61,7 @@ pub fn judge(
 
 fn of_build<'a>(study: &Study, comparison: &'a Comparison) -> Vec<&'a ModelRow> {
     let in_build = |row: &&ModelRow| study.baselines.build.iter().any(|kind| kind.name() == row.model);
-    let measured = |row: &&ModelRow| row.model != NETWORK && row.status == Status::Fine;
+    let measured = |row: &&ModelRow| row.model != NETWORK && row.status == ModelStatus::Fine;
     comparison.models.iter().filter(measured).filter(in_build).collect()
 }
 
@@ -232,7 +232,7 @@ mod tests {
         }
     }
 
-    fn baseline(model: &str, status: Status, mse: f64) -> ModelRow {
+    fn baseline(model: &str, status: ModelStatus, mse: f64) -> ModelRow {
         let accuracy = ModelAccuracy { r2: Some(1.0 - mse), mse, max_abs_error: 0.5 };
         ModelRow {
             model: model.into(),
@@ -271,11 +271,11 @@ mod tests {
     /// no part of a build or could not be fitted.
     fn verdict(accept: &str, angle: OutputMetrics, velocity: OutputMetrics) -> Verdict {
         let models = vec![
-            baseline(NETWORK, Status::Fine, 0.0),
-            baseline("linear", Status::Fine, 0.5),
-            baseline("decision-tree", Status::Fine, 0.05),
-            baseline("polynomial", Status::Failed, 1e-9),
-            baseline("random-forest", Status::Fine, 1e-9),
+            baseline(NETWORK, ModelStatus::Fine, 0.0),
+            baseline("linear", ModelStatus::Fine, 0.5),
+            baseline("decision-tree", ModelStatus::Fine, 0.05),
+            baseline("polynomial", ModelStatus::Failed, 1e-9),
+            baseline("random-forest", ModelStatus::Fine, 1e-9),
         ];
         let comparison = Comparison { name: "s".into(), content_digest: None, test_runs: 20, test_rows: 100, models };
         let measured = (&accuracy(angle, velocity), "test runs");

@@ -62,7 +62,7 @@ pub struct Swap {
 
 /// The recorded rows of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Recorded {
+pub struct RecordedRows {
     /// What the columns are.
     pub columns: Vec<RecordedColumn>,
     /// Time of each row.
@@ -73,7 +73,7 @@ pub struct Recorded {
 
 /// How much a system changes by a surrogate in the place of a component's source.
 #[derive(Clone, Debug, Serialize)]
-pub struct Comparison {
+pub struct SwapComparison {
     /// Name of the system.
     pub system: String,
     /// The component that was replaced.
@@ -93,19 +93,19 @@ pub struct Comparison {
     /// Each output.
     pub outputs: Vec<Difference>,
     /// Wall time of a step of the component, with its inputs and outputs.
-    pub component_step: Speed,
+    pub component_step: StepSpeed,
     /// Wall time of a step of all components.
-    pub system_step: Speed,
+    pub system_step: StepSpeed,
     /// Where the surrogate was outside the ranges that it is made for; none if it never was, or does not say.
     pub outside_domain: Option<Outside>,
     /// What limits the comparison.
     pub warnings: Vec<String>,
     /// The run with the source.
     #[serde(skip)]
-    pub with_source: Recorded,
+    pub with_source: RecordedRows,
     /// The run with the surrogate.
     #[serde(skip)]
-    pub with_surrogate: Recorded,
+    pub with_surrogate: RecordedRows,
 }
 
 /// How much an output differs.
@@ -131,7 +131,7 @@ pub struct Difference {
 
 /// Wall times of a step, in s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Speed {
+pub struct StepSpeed {
     /// With the source.
     pub source: StepTime,
     /// With the surrogate.
@@ -218,11 +218,11 @@ impl Swap {
     ///
     /// # Errors
     /// As [`run_system_apart`]; [`Error::Worker`] also if an output is not finite, or if there are no steps to compare.
-    pub fn compare(&self, watch: Watch, mut begins: impl FnMut(&Path)) -> Result<Comparison> {
+    pub fn compare(&self, watch: Watch, mut begins: impl FnMut(&Path)) -> Result<SwapComparison> {
         let mut warnings = self.warnings.clone();
         let mut simulate = |run: &SystemRun, fmu: &Path| {
             begins(fmu);
-            let mut recorded = Recorded::default();
+            let mut recorded = RecordedRows::default();
             let ended = run_system_apart(&self.system.path, run, watch, &mut recorded)?;
             recorded.check(fmu, self.outputs.len())?;
             if ended {
@@ -242,9 +242,9 @@ impl Swap {
             let values = [&source, &surrogate].map(|recorded| &recorded.values[index][..rows]);
             Difference::of(output, unit.clone(), &source.times[..rows], values)
         };
-        let speed = |name: &str| Speed::of([&source, &surrogate].map(|recorded| recorded.column(name)));
+        let speed = |name: &str| StepSpeed::of([&source, &surrogate].map(|recorded| recorded.column(name)));
         let watched = surrogate.values.get(self.outputs.len()).filter(|_| !self.with_surrogate.watched.is_empty());
-        Ok(Comparison {
+        Ok(SwapComparison {
             system: self.system.name.clone(),
             component: self.component.clone(),
             source: self.source.clone(),
@@ -398,7 +398,7 @@ fn start_value(variable: &ScalarVariable) -> Option<f64> {
     }
 }
 
-impl RowSink for Recorded {
+impl RowSink for RecordedRows {
     fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()> {
         self.columns = columns.to_vec();
         self.values = vec![Vec::new(); columns.len()];
@@ -412,7 +412,7 @@ impl RowSink for Recorded {
     }
 }
 
-impl Recorded {
+impl RecordedRows {
     /// The values of a column that there is.
     fn column(&self, name: &str) -> &[f64] {
         let column = self.columns.iter().position(|column| column.name == name);
@@ -448,7 +448,7 @@ impl Difference {
     }
 }
 
-impl Speed {
+impl StepSpeed {
     fn of(seconds: [&[f64]; 2]) -> Self {
         let [source, surrogate] = seconds.map(|seconds| {
             // no step leads to the first row
@@ -470,7 +470,7 @@ impl Outside {
 }
 
 /// The comparison as text: a table, and the times of a step.
-impl fmt::Display for Comparison {
+impl fmt::Display for SwapComparison {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Self { system, component, steps, step, .. } = self;
         let (source, surrogate) = (self.source.display(), self.surrogate.display());
@@ -495,7 +495,7 @@ impl fmt::Display for Comparison {
                 .to_vec(),
         ];
         for (name, speed) in [(component.as_str(), &self.component_step), ("the system", &self.system_step)] {
-            let Speed { source, surrogate, speed_up } = speed;
+            let StepSpeed { source, surrogate, speed_up } = speed;
             let times = [source.median, source.minimum, surrogate.median, surrogate.minimum].map(micro);
             rows.push([vec![name.to_owned()], times.to_vec(), vec![format!("{speed_up:.2}")]].concat());
         }
@@ -543,7 +543,7 @@ mod tests {
 
     #[test]
     fn the_first_row_is_no_step() {
-        let speed = Speed::of([&[0.0, 4.0, 6.0, 5.0], &[0.0, 0.5, 2.0, 1.0]]);
+        let speed = StepSpeed::of([&[0.0, 4.0, 6.0, 5.0], &[0.0, 0.5, 2.0, 1.0]]);
         assert_eq!(speed.source, StepTime { median: 5.0, minimum: 4.0 });
         assert_eq!((speed.surrogate.minimum, speed.speed_up), (0.5, 5.0));
     }

@@ -1,7 +1,7 @@
 //! Work in a thread of its own, while the caller's thread looks for Ctrl-C and shows what the work says.
 
 use crate::threads::shared;
-use metafmu::pipeline::{Control, Event, Observer};
+use metafmu::pipeline::{Control, Event, PipelineObserver};
 use pyo3::prelude::*;
 use std::{
     panic::resume_unwind,
@@ -40,7 +40,7 @@ impl LineSender {
     }
 }
 
-impl Observer for LineSender {
+impl PipelineObserver for LineSender {
     fn event(&self, event: Event<'_>) {
         match event {
             Event::Note(line) | Event::Message(line) => self.say(line.to_string()),

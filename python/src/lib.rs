@@ -19,7 +19,7 @@ use metafmu::{
     interface::ModelInterface,
     pipeline::{
         self, Project,
-        export::{ExportOptions, Plan, Written},
+        export::{ExportPlan, ExportRequest, WrittenFmu},
         fit::FitOptions,
         predict,
     },
@@ -209,10 +209,10 @@ impl PySurrogate {
         accuracy: Option<&str>,
     ) -> PyResult<Vec<PathBuf>> {
         let accuracy: Option<Accuracy> = accuracy.map(serde_json::from_str).transpose().map_err(refused)?;
-        let options = ExportOptions { fmi: versions(Some(fmi))?, platforms, sources, ..ExportOptions::default() };
+        let options = ExportRequest { fmi: versions(Some(fmi))?, platforms, sources, ..ExportRequest::default() };
         let written =
             detached(py, || pipeline::export::export_surrogate(&self.surrogate, accuracy.as_ref(), &path, &options));
-        Ok(written.map_err(refused)?.into_iter().map(|Written { fmu, .. }| fmu).collect())
+        Ok(written.map_err(refused)?.into_iter().map(|WrittenFmu { fmu, .. }| fmu).collect())
     }
 }
 
@@ -339,11 +339,11 @@ fn build(
     program: PathBuf,
     verbose: bool,
 ) -> PyResult<String> {
-    let options = ExportOptions { fmi: versions(fmi)?, ..ExportOptions::default() };
+    let options = ExportRequest { fmi: versions(fmi)?, ..ExportRequest::default() };
     let built = interruptible(py, |stop, lines| {
         let lines = lines.only_if(verbose);
         let project = Project::open(&path, out.as_deref(), lines.control(stop, &program))?;
-        let built = pipeline::build(&project, &Plan::new(&project, &options)?, resume)?;
+        let built = pipeline::build(&project, &ExportPlan::new(&project, &options)?, resume)?;
         let fmus: Vec<_> = (built.fmus.iter())
             .map(|(written, report)| json!({ "fmu": written.fmu, "problems": report.problems }))
             .collect();

@@ -29,7 +29,7 @@ pub struct ModelRow {
     /// [`NETWORK`], or the baseline's name as in the study.
     pub model: String,
     /// Whether there are figures.
-    pub status: Status,
+    pub status: ModelStatus,
     /// What a reader must know beside the figures, for instance `on 2000 of 267531 rows`, or why there are none.
     pub note: String,
     /// Number of rows it was fitted to; 0 if it was not.
@@ -49,7 +49,7 @@ pub struct ModelRow {
 /// Whether there are figures of a model.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Status {
+pub enum ModelStatus {
     /// There are.
     Fine,
     /// It could not be fitted, or gave no finite numbers.
@@ -79,7 +79,7 @@ impl From<&OutputMetrics> for ModelAccuracy {
     }
 }
 
-impl Status {
+impl ModelStatus {
     /// As in `comparison.json`.
     pub fn name(self) -> &'static str {
         match self {
@@ -110,7 +110,7 @@ impl ModelRow {
 impl Comparison {
     /// Whether the user stopped it before every model was measured.
     pub fn was_interrupted(&self) -> bool {
-        self.models.iter().any(|row| row.status == Status::Stopped)
+        self.models.iter().any(|row| row.status == ModelStatus::Stopped)
     }
 
     /// The rows as a table for people.
@@ -124,7 +124,7 @@ impl Comparison {
         let _ = writeln!(text, " {:>9} {:>11} {:>9}  note", "fit", "prediction", "memory");
         for row in models {
             let _ = write!(text, "{:<18}", row.model);
-            if row.status != Status::Fine {
+            if row.status != ModelStatus::Fine {
                 let _ = writeln!(text, " {}: {}", row.status.name(), row.note);
                 continue;
             }
@@ -175,7 +175,7 @@ mod tests {
         let accuracy = ModelAccuracy { r2: Some(0.99), mse: 1.0 / 3.0, max_abs_error: 0.5 };
         let row = ModelRow {
             model: NETWORK.into(),
-            status: Status::Fine,
+            status: ModelStatus::Fine,
             note: String::new(),
             rows: 267_531,
             fit_seconds: Some(58.0),
@@ -186,7 +186,7 @@ mod tests {
         };
         let slow = ModelRow {
             model: "forest".into(),
-            status: Status::TooSlow,
+            status: ModelStatus::TooSlow,
             note: "not done after 60 s".into(),
             fit_seconds: None,
             predict_seconds_per_point: None,

@@ -4,6 +4,6 @@
 pub mod comparison;
 mod prepare;
 
-pub use comparison::{Comparison, ModelAccuracy, ModelRow, Status};
+pub use comparison::{Comparison, ModelAccuracy, ModelRow, ModelStatus};
 pub use metafmu_baselines::*;
 pub use prepare::{choose_rows, rows};

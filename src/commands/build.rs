@@ -1,21 +1,21 @@
 //! `metafmu build`: the whole way from a study to a validated FMU.
 
-use super::{Outcome, conclude, print, print_json, project};
+use super::{CommandOutcome, conclude, print, print_json, project};
 use crate::cli::BuildArgs;
 use metafmu::{
     Result,
     baseline::Comparison,
     pipeline::{
         Built, Project, build, evaluate,
-        export::{Plan, Written},
+        export::{ExportPlan, WrittenFmu},
     },
 };
 use std::path::PathBuf;
 
-pub fn run(args: &BuildArgs) -> Result<Outcome> {
+pub fn run(args: &BuildArgs) -> Result<CommandOutcome> {
     let json = args.export.study.json;
     let project = project(&args.export.study)?;
-    let plan = Plan::new(&project, &args.export.options())?;
+    let plan = ExportPlan::new(&project, &args.export.options())?;
     let built = build(&project, &plan, args.resume)?;
     if json {
         print_json(&built.metrics)?;
@@ -29,15 +29,15 @@ pub fn run(args: &BuildArgs) -> Result<Outcome> {
     let was_interrupted = built.metrics.training.was_interrupted() || comparison_was;
     let has_problems = built.fmus.iter().any(|(_, report)| !report.problems.is_empty());
     Ok(match outcome {
-        _ if was_interrupted => Outcome::Interrupted,
-        _ if has_problems => Outcome::ProblemsFound,
+        _ if was_interrupted => CommandOutcome::Interrupted,
+        _ if has_problems => CommandOutcome::ProblemsFound,
         outcome => outcome,
     })
 }
 
 /// Where the results are, the FMU first.
 fn files(project: &Project, built: &Built) -> String {
-    let fmu = |(Written { fmu, bytes, version }, _): &(Written, _)| {
+    let fmu = |(WrittenFmu { fmu, bytes, version }, _): &(WrittenFmu, _)| {
         let interfaces = if project.study.is_discrete() { "co-simulation" } else { "co-simulation and model exchange" };
         let what = format!("FMI {version} {interfaces}, {} kB", bytes.div_ceil(1000));
         (fmu.clone(), what)

@@ -1,10 +1,10 @@
 //! `metafmu compare`: the network beside simpler models.
 
-use super::{Outcome, print, print_json, project};
+use super::{CommandOutcome, print, print_json, project};
 use crate::cli::CompareArgs;
 use metafmu::{Error, Result, pipeline::compare};
 
-pub fn run(args: &CompareArgs) -> Result<Outcome> {
+pub fn run(args: &CompareArgs) -> Result<CommandOutcome> {
     let project = project(&args.study)?;
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
     project.prepare_folder()?;
@@ -16,5 +16,5 @@ pub fn run(args: &CompareArgs) -> Result<Outcome> {
         let (json, csv) = (project.comparison(), project.comparison_table());
         print(&format!("{}\n{}\n{}\n", comparison.table(), json.display(), csv.display()))?;
     }
-    if comparison.was_interrupted() { Err(Error::Interrupted) } else { Ok(Outcome::Fine) }
+    if comparison.was_interrupted() { Err(Error::Interrupted) } else { Ok(CommandOutcome::Fine) }
 }

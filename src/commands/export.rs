@@ -1,18 +1,18 @@
 //! `metafmu export`: packages the surrogate as an FMU.
 
-use super::{Outcome, print, print_json, project};
+use super::{CommandOutcome, print, print_json, project};
 use crate::cli::{ExportArgs, ExportModelArgs, FmiArg};
 use metafmu::{
     Error, Result,
     pipeline::{
-        export::{ExportOptions, Plan, Written, export_baseline, export_file, export_network, export_onnx},
+        export::{ExportPlan, ExportRequest, WrittenFmu, export_baseline, export_file, export_network, export_onnx},
         predict::{is_surrogate, load_file},
     },
     study::FmiChoice,
 };
 use std::path::Path;
 
-pub fn run(args: &ExportModelArgs) -> Result<Outcome> {
+pub fn run(args: &ExportModelArgs) -> Result<CommandOutcome> {
     if let Some(path) = &args.onnx {
         let surrogate = match is_surrogate(&args.export.study.study) {
             true => load_file(&args.export.study.study)?,
@@ -23,7 +23,7 @@ pub fn run(args: &ExportModelArgs) -> Result<Outcome> {
             true => print_json(&serde_json::json!({ "onnx": path, "bytes": bytes }))?,
             false => print(&format!("{}\n", path.display()))?,
         }
-        return Ok(Outcome::Fine);
+        return Ok(CommandOutcome::Fine);
     }
     let written = match is_surrogate(&args.export.study.study) {
         true => of_file(args)?,
@@ -34,10 +34,10 @@ pub fn run(args: &ExportModelArgs) -> Result<Outcome> {
         all if args.export.study.json => print_json(&all)?,
         all => all.iter().try_for_each(|written| print(&format!("{}\n", written.fmu.display())))?,
     }
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }
 
-fn of_file(args: &ExportModelArgs) -> Result<Vec<Written>> {
+fn of_file(args: &ExportModelArgs) -> Result<Vec<WrittenFmu>> {
     if let Some(kind) = args.model {
         let problem = "is fitted to the runs of a study: expected a study file".into();
         return Err(Error::Baseline { model: kind.name(), problem });
@@ -46,9 +46,9 @@ fn of_file(args: &ExportModelArgs) -> Result<Vec<Written>> {
     export_file(&args.export.study.study, folder, &args.export.options())
 }
 
-fn of_study(args: &ExportModelArgs) -> Result<Vec<Written>> {
+fn of_study(args: &ExportModelArgs) -> Result<Vec<WrittenFmu>> {
     let project = project(&args.export.study)?;
-    let plan = Plan::new(&project, &args.export.options())?;
+    let plan = ExportPlan::new(&project, &args.export.options())?;
     match args.model {
         None => export_network(&project, &plan),
         Some(kind) => export_baseline(&project, &plan, kind),
@@ -56,12 +56,12 @@ fn of_study(args: &ExportModelArgs) -> Result<Vec<Written>> {
 }
 
 impl ExportArgs {
-    pub fn options(&self) -> ExportOptions {
+    pub fn options(&self) -> ExportRequest {
         let fmi = self.fmi.map(|fmi| match fmi {
             FmiArg::V2 => FmiChoice::V2,
             FmiArg::V3 => FmiChoice::V3,
             FmiArg::Both => FmiChoice::Both,
         });
-        ExportOptions { fmi, platforms: self.platform.clone(), binaries: self.binary.clone(), sources: self.sources }
+        ExportRequest { fmi, platforms: self.platform.clone(), binaries: self.binary.clone(), sources: self.sources }
     }
 }

@@ -1,13 +1,13 @@
 //! `metafmu import`: a trained model of another tool becomes a model file.
 
-use super::{Outcome, print, print_json, say};
+use super::{CommandOutcome, print, print_json, say};
 use crate::cli::ImportArgs;
 use metafmu::{
     Error, Result, files,
-    pipeline::import::{Difference, ImportOptions, ImportedSurrogate, import, starter},
+    pipeline::import::{ImportOptions, ImportedSurrogate, OutputDifference, import, starter},
 };
 
-pub fn run(args: &ImportArgs) -> Result<Outcome> {
+pub fn run(args: &ImportArgs) -> Result<CommandOutcome> {
     if let Some(new) = &args.new {
         if new.exists() {
             let message = "exists already and is not overwritten: remove it, or choose another name".into();
@@ -15,7 +15,7 @@ pub fn run(args: &ImportArgs) -> Result<Outcome> {
         }
         files::write_whole(new, starter(&args.model, args.data.as_deref())?.as_bytes())?;
         print(&format!("{}\n", new.display()))?;
-        return Ok(Outcome::Fine);
+        return Ok(CommandOutcome::Fine);
     }
     let options = ImportOptions {
         model: args.model.clone(),
@@ -29,12 +29,12 @@ pub fn run(args: &ImportArgs) -> Result<Outcome> {
     report(&imported, args.json)
 }
 
-fn report(imported: &ImportedSurrogate, json: bool) -> Result<Outcome> {
+fn report(imported: &ImportedSurrogate, json: bool) -> Result<CommandOutcome> {
     let fits = imported.check.iter().all(|difference| difference.fits);
     if json {
         print_json(imported)?;
     } else {
-        for Difference { output, largest, relative, row, fits } in &imported.check {
+        for OutputDifference { output, largest, relative, row, fits } in &imported.check {
             let verdict = if *fits { "" } else { ": not what was expected" };
             print(&format!(
                 "{output}: largest difference {largest:.3e}, {relative:.1e} of the range, in row {row}{verdict}\n"
@@ -46,7 +46,7 @@ fn report(imported: &ImportedSurrogate, json: bool) -> Result<Outcome> {
     }
     if !fits {
         say("the model does not give what the table says: nothing was written");
-        return Ok(Outcome::ProblemsFound);
+        return Ok(CommandOutcome::ProblemsFound);
     }
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }

@@ -54,9 +54,9 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
         }
     };
     match run(command) {
-        Ok(Outcome::Fine) => 0,
-        Ok(Outcome::ProblemsFound) => 1,
-        Ok(Outcome::Interrupted) => 130,
+        Ok(CommandOutcome::Fine) => 0,
+        Ok(CommandOutcome::ProblemsFound) => 1,
+        Ok(CommandOutcome::Interrupted) => 130,
         Err(error) => {
             terminal::end();
             for line in error.to_string().lines() {
@@ -78,7 +78,7 @@ fn print_problems(text: &str, exit_code: u8) {
     let _ = print_json(&serde_json::json!({ "problems": problems, "exit_code": exit_code }));
 }
 
-fn run(command: Command) -> Result<Outcome> {
+fn run(command: Command) -> Result<CommandOutcome> {
     match command {
         Command::New(args) => new::run(&args),
         Command::Build(args) => build::run(&args),
@@ -87,7 +87,7 @@ fn run(command: Command) -> Result<Outcome> {
         Command::Search(args) => search::run(&args),
         Command::Evaluate(args) => evaluate::run(&args),
         Command::Compare(args) => compare::run(&args),
-        Command::FitBaseline => pipeline::compare::work().map(|()| Outcome::Fine),
+        Command::FitBaseline => pipeline::compare::work().map(|()| CommandOutcome::Fine),
         Command::Report(args) => report::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Import(args) => import::run(&args),
@@ -98,13 +98,13 @@ fn run(command: Command) -> Result<Outcome> {
         Command::Swap(args) => swap::run(&args),
         Command::Completions(args) => completions::run(&args),
         Command::Man(args) => man::run(&args),
-        Command::FmuWorker => serve_worker().map(|()| Outcome::Fine),
+        Command::FmuWorker => serve_worker().map(|()| CommandOutcome::Fine),
     }
 }
 
 /// How a command that did its work ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum CommandOutcome {
     /// Nothing to complain about.
     Fine,
     /// The command worked and found problems.
@@ -119,13 +119,13 @@ fn project(args: &StudyArgs) -> Result<Project<'static>> {
 }
 
 /// The last lines of a command that has made or measured a surrogate, and how it ends.
-fn conclude(verdict: &Verdict, json: bool) -> Result<Outcome> {
+fn conclude(verdict: &Verdict, json: bool) -> Result<CommandOutcome> {
     if json {
         verdict.text().lines().for_each(say);
     } else {
         print(&verdict.text())?;
     }
-    Ok(if verdict.accepted { Outcome::Fine } else { Outcome::ProblemsFound })
+    Ok(if verdict.accepted { CommandOutcome::Fine } else { CommandOutcome::ProblemsFound })
 }
 
 /// Prints to stdout; a reader that has seen enough (`| head`) is not an error, a stdout that is closed (`>&-`) is one.

@@ -5,7 +5,7 @@ mod fmu;
 mod motions;
 mod table;
 
-use super::{Outcome, print, say, terminal::control};
+use super::{CommandOutcome, print, say, terminal::control};
 use crate::cli::NewArgs;
 use metafmu::{
     Error, Result,
@@ -24,7 +24,7 @@ use std::{
     path::{Component, Path, PathBuf},
 };
 
-pub fn run(args: &NewArgs) -> Result<Outcome> {
+pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     let name = args.name.strip_suffix(".toml").unwrap_or(&args.name);
     let path = PathBuf::from(format!("{name}.toml"));
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -37,7 +37,7 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         let message = "exists already and is not overwritten: remove it, or choose another name".into();
         return Err(Error::Stale { path, message });
     }
-    let target = &Target { name, folder };
+    let target = &StudyTarget { name, folder };
     let Proposal { text, trial } = match (&args.mechanism, &args.fmu, &args.table) {
         (Some(file), _, _) if args.structure == "dynamics" => dynamics::of_mechanism(target, file)?,
         (Some(file), _, _) => of_mechanism(target, file)?.into(),
@@ -60,7 +60,7 @@ pub fn run(args: &NewArgs) -> Result<Outcome> {
         say(format_args!("{count} of {runs} runs that were tried fail, narrower ranges are needed: {failure}"));
     }
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }
 
 /// A study to be written, and how it was tried, if it was.
@@ -76,12 +76,12 @@ impl From<String> for Proposal {
 }
 
 /// What a study is called, and the folder of its file.
-struct Target<'a> {
+struct StudyTarget<'a> {
     name: &'a str,
     folder: &'a Path,
 }
 
-impl Target<'_> {
+impl StudyTarget<'_> {
     /// Its file.
     fn file(&self) -> PathBuf {
         self.folder.join(format!("{}.toml", self.name))
@@ -101,7 +101,7 @@ impl Target<'_> {
     }
 }
 
-fn of_system(target: &Target, args: &NewArgs) -> Result<Proposal> {
+fn of_system(target: &StudyTarget, args: &NewArgs) -> Result<Proposal> {
     // the arguments have the name of one
     let system = args.system.as_deref().and_then(System::of).unwrap_or(SYSTEMS[0]);
     if args.structure == "dynamics" {
@@ -117,7 +117,7 @@ fn of_system(target: &Target, args: &NewArgs) -> Result<Proposal> {
 }
 
 /// A study of a mechanism's parameters with a range and of all its outputs; the rest as in the built-in systems' studies.
-fn of_mechanism(target: &Target, file: &Path) -> Result<String> {
+fn of_mechanism(target: &StudyTarget, file: &Path) -> Result<String> {
     let mechanism = Mechanism::load(file)?;
     if mechanism.parameters().values().all(|parameter| parameter.min.is_none()) {
         let message = "none has a range, expected `min` and `max` of each that the study is to vary";

@@ -1,6 +1,6 @@
 //! `metafmu predict`: computes a surrogate's outputs for every row of a table.
 
-use super::{Outcome, print, print_json, say, stdout::write_result, terminal};
+use super::{CommandOutcome, print, print_json, say, stdout::write_result, terminal};
 use crate::cli::PredictArgs;
 use metafmu::{
     Result, files,
@@ -9,7 +9,7 @@ use metafmu::{
 };
 use std::path::Path;
 
-pub fn run(args: &PredictArgs) -> Result<Outcome> {
+pub fn run(args: &PredictArgs) -> Result<CommandOutcome> {
     let out = args.out.as_ref().map(|(path, _)| path.as_path());
     out.map_or(Ok(()), files::check_output)?;
     let control = terminal::control()?;
@@ -21,7 +21,7 @@ pub fn run(args: &PredictArgs) -> Result<Outcome> {
     let Some(predicted) = predicted else {
         // nobody reads the rest
         terminal::end();
-        return Ok(Outcome::Fine);
+        return Ok(CommandOutcome::Fine);
     };
     warn(&predicted);
     match out {
@@ -29,7 +29,7 @@ pub fn run(args: &PredictArgs) -> Result<Outcome> {
         Some(path) => print(&format!("{}: {}\n", path.display(), summary(&predicted)))?,
         None => say(summary(&predicted)),
     }
-    Ok(if predicted.not_finite.rows == 0 { Outcome::Fine } else { Outcome::ProblemsFound })
+    Ok(if predicted.not_finite.rows == 0 { CommandOutcome::Fine } else { CommandOutcome::ProblemsFound })
 }
 
 fn summary(Predicted { rows, runs, seconds, .. }: &Predicted) -> String {

@@ -1,13 +1,13 @@
 //! `metafmu report`: the surrogate beside the truth, on one page.
 
-use super::{Outcome, print, print_json, project};
+use super::{CommandOutcome, print, print_json, project};
 use crate::cli::ReportArgs;
 use metafmu::{
     Result,
     pipeline::report::{BesideStudy, report},
 };
 
-pub fn run(args: &ReportArgs) -> Result<Outcome> {
+pub fn run(args: &ReportArgs) -> Result<CommandOutcome> {
     let project = project(&args.study)?;
     let beside = args.beside.as_ref().map(|study| BesideStudy { study, folder: args.beside_out.as_deref() });
     let written = report(&project, beside, args.plots.as_deref())?;
@@ -16,5 +16,5 @@ pub fn run(args: &ReportArgs) -> Result<Outcome> {
     } else {
         print(&format!("{}\n", written.report.display()))?;
     }
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }

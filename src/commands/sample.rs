@@ -1,15 +1,15 @@
 //! `metafmu sample`: simulates the training and test runs and writes their tables.
 
-use super::{Outcome, print, print_json, project};
+use super::{CommandOutcome, print, print_json, project};
 use crate::cli::SampleArgs;
 use metafmu::{Result, pipeline::sample};
 
-pub fn run(args: &SampleArgs) -> Result<Outcome> {
+pub fn run(args: &SampleArgs) -> Result<CommandOutcome> {
     let project = project(&args.study)?;
     project.describe_mechanism();
     if args.dry_run {
         print(&sample::plan_table(&project, args.shard)?)?;
-        return Ok(Outcome::Fine);
+        return Ok(CommandOutcome::Fine);
     }
     project.prepare_folder()?;
     if let Some(part) = args.shard {
@@ -19,7 +19,7 @@ pub fn run(args: &SampleArgs) -> Result<Outcome> {
         } else {
             print(&format!("{}\n", record.shard.display()))?;
         }
-        return Ok(Outcome::Fine);
+        return Ok(CommandOutcome::Fine);
     }
     let samples = match &args.merge {
         Some(files) => sample::merge(&project, files)?,
@@ -31,5 +31,5 @@ pub fn run(args: &SampleArgs) -> Result<Outcome> {
         let tables = samples.sets.named().into_iter().filter(|(_, dataset)| !dataset.runs.is_empty());
         print(&tables.map(|(set, _)| format!("{}\n", project.table(set).display())).collect::<String>())?;
     }
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }

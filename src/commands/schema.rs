@@ -1,14 +1,14 @@
 //! `metafmu schema`: prints the JSON schema of the files that people write.
 
-use super::{Outcome, print_json};
+use super::{CommandOutcome, print_json};
 use crate::cli::{SchemaArgs, SchemaOf};
 use metafmu::{Result, interface, multibody, study};
 
-pub fn run(args: &SchemaArgs) -> Result<Outcome> {
+pub fn run(args: &SchemaArgs) -> Result<CommandOutcome> {
     print_json(match args.file {
         SchemaOf::Study => study::json_schema(),
         SchemaOf::Mechanism => multibody::json_schema(),
         SchemaOf::Interface => interface::json_schema(),
     })?;
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }

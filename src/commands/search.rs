@@ -1,10 +1,10 @@
 //! `metafmu search`: trains the trials of a study's `[search]` side by side and writes a table and the best study.
 
-use super::{Outcome, print, print_json, project};
+use super::{CommandOutcome, print, print_json, project};
 use crate::cli::SearchArgs;
 use metafmu::{Result, pipeline::search};
 
-pub fn run(args: &SearchArgs) -> Result<Outcome> {
+pub fn run(args: &SearchArgs) -> Result<CommandOutcome> {
     let project = project(&args.study)?;
     let found = search(&project, &args.study.study, args.resume)?;
     if args.study.json {
@@ -13,5 +13,5 @@ pub fn run(args: &SearchArgs) -> Result<Outcome> {
         print(&found.summary)?;
         print(&format!("\n{}\n{}\n", found.table.display(), found.best_study.display()))?;
     }
-    Ok(if found.has_errors { Outcome::ProblemsFound } else { Outcome::Fine })
+    Ok(if found.has_errors { CommandOutcome::ProblemsFound } else { CommandOutcome::Fine })
 }

@@ -1,6 +1,6 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
-use super::{Outcome, heard, say, stdout::write_result, terminal::workers};
+use super::{CommandOutcome, heard, say, stdout::write_result, terminal::workers};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result, files,
@@ -15,7 +15,7 @@ use metafmu::{
 use metafmu_runtime::BuiltIn;
 use std::{io::Write, path::Path};
 
-pub fn run(args: &SimulateArgs) -> Result<Outcome> {
+pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     [&args.output, &args.plot].into_iter().flatten().try_for_each(|path| files::check_output(path))?;
     let options = SimulationOptions {
         start: args.start_time,
@@ -35,10 +35,10 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     });
     let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let unpacked = Unpacked::open(&args.fmu, wanted)?;
-    let (mut table, mut domain) = (args.plot.as_ref().map(|_| SimulationTable::default()), Domain::default());
+    let (mut table, mut domain) = (args.plot.as_ref().map(|_| SimulationTable::default()), DomainWarning::default());
     let path = args.output.as_deref().unwrap_or(Path::new("stdout"));
     let mut simulate = |csv: Option<&mut dyn Write>| {
-        let mut rows = Rows { csv, path, table: table.as_mut(), domain: &mut domain };
+        let mut rows = RowOutput { csv, path, table: table.as_mut(), domain: &mut domain };
         simulate_apart(&unpacked, &options, watch, &mut rows)
     };
     match (&args.output, &args.plot) {
@@ -49,19 +49,19 @@ pub fn run(args: &SimulateArgs) -> Result<Outcome> {
     if let (Some(path), Some(table)) = (&args.plot, &table) {
         plot(path, &unpacked.description().model_name, table)?;
     }
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }
 
 /// Where the rows go: numbers as the shortest decimals that read back as the same doubles.
-struct Rows<'a, 'b> {
+struct RowOutput<'a, 'b> {
     csv: Option<&'a mut dyn Write>,
     path: &'b Path,
     /// For the plot.
     table: Option<&'b mut SimulationTable>,
-    domain: &'b mut Domain,
+    domain: &'b mut DomainWarning,
 }
 
-impl RowSink for Rows<'_, '_> {
+impl RowSink for RowOutput<'_, '_> {
     fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()> {
         self.domain.column = columns.iter().position(|column| column.name == BuiltIn::InDomain.name());
         if let Some(table) = &mut self.table {
@@ -89,7 +89,7 @@ impl RowSink for Rows<'_, '_> {
 
 /// A warning about the FMU's domain of validity, which would be overlooked in a long table.
 #[derive(Default)]
-struct Domain {
+struct DomainWarning {
     column: Option<usize>,
     rows: usize,
     outside: usize,
@@ -97,7 +97,7 @@ struct Domain {
     first: f64,
 }
 
-impl Domain {
+impl DomainWarning {
     fn look(&mut self, time: f64, values: &[f64]) {
         self.rows += 1;
         if self.column.is_some_and(|column| values[column] == 0.0) {

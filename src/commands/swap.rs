@@ -1,17 +1,17 @@
 //! `metafmu swap`: simulates a system with a component's source and with a surrogate in its place.
 
-use super::{Outcome, heard, print, print_json, say, terminal::workers};
+use super::{CommandOutcome, heard, print, print_json, say, terminal::workers};
 use crate::cli::SwapArgs;
 use metafmu::{
     Error, Result, files,
     fmi::Watch,
     report::{Curve, two_runs_svg},
-    swap::{Comparison, Outside, Recorded, Swap, SwapOptions},
+    swap::{Outside, RecordedRows, Swap, SwapComparison, SwapOptions},
 };
 use metafmu_runtime::BuiltIn;
 use std::path::Path;
 
-pub fn run(args: &SwapArgs) -> Result<Outcome> {
+pub fn run(args: &SwapArgs) -> Result<CommandOutcome> {
     args.plot.iter().try_for_each(|path| files::check_output(path))?;
     let swap = Swap::open(&SwapOptions {
         system: args.system.clone(),
@@ -41,12 +41,12 @@ pub fn run(args: &SwapArgs) -> Result<Outcome> {
     } else {
         print(&comparison.to_string())?;
     }
-    Ok(Outcome::Fine)
+    Ok(CommandOutcome::Fine)
 }
 
 /// Plots every output of both runs.
-fn plot(path: &Path, comparison: &Comparison) -> Result<()> {
-    let curves = |recorded: &Recorded| -> Vec<Curve> {
+fn plot(path: &Path, comparison: &SwapComparison) -> Result<()> {
+    let curves = |recorded: &RecordedRows| -> Vec<Curve> {
         let outputs = comparison.outputs.iter().zip(&recorded.values);
         let curve = outputs.map(|(output, values)| Curve {
             name: output.output.clone(),
@@ -55,7 +55,7 @@ fn plot(path: &Path, comparison: &Comparison) -> Result<()> {
         });
         curve.collect()
     };
-    let Comparison { system, component, with_source, with_surrogate, .. } = comparison;
+    let SwapComparison { system, component, with_source, with_surrogate, .. } = comparison;
     let (source, surrogate) = (curves(with_source), curves(with_surrogate));
     let title = format!("{system}: {component} and its surrogate");
     let runs = [(&*with_source.times, &*source), (&*with_surrogate.times, &*surrogate)];

@@ -5,7 +5,7 @@ use indicatif::{HumanCount, HumanDuration, ProgressBar, ProgressState, ProgressS
 use metafmu::{
     Error, Result,
     fmi::Workers,
-    pipeline::{Control, Event, Observer, Work},
+    pipeline::{Control, CountedWork, Event, PipelineObserver},
 };
 use std::{
     fmt::{Arguments, Write},
@@ -18,7 +18,8 @@ use std::{
 /// Time between two messages of a bar.
 const BETWEEN: Duration = Duration::from_millis(100);
 
-static TERMINAL: Terminal = Terminal { shown: Mutex::new(Shown { bar: None, on_terminal: false, at: None }) };
+static TERMINAL: Terminal =
+    Terminal { shown: Mutex::new(ProgressBarState { bar: None, on_terminal: false, at: None }) };
 
 /// Removes the bar that a stage has left because of an error.
 pub fn end() {
@@ -54,24 +55,24 @@ fn program() -> Result<&'static Path> {
 
 /// Shows one stage after the other.
 struct Terminal {
-    shown: Mutex<Shown>,
+    shown: Mutex<ProgressBarState>,
 }
 
 /// The bar of the work at hand.
-struct Shown {
+struct ProgressBarState {
     bar: Option<ProgressBar>,
     on_terminal: bool,
     /// When its message was changed.
     at: Option<Instant>,
 }
 
-impl Observer for Terminal {
+impl PipelineObserver for Terminal {
     fn event(&self, event: Event<'_>) {
         let mut shown = self.shown.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
             Event::Begin { work, total } => {
                 shown.end();
-                *shown = Shown::begin(work, total);
+                *shown = ProgressBarState::begin(work, total);
             }
             Event::Advance => shown.bar.iter().for_each(|bar| bar.inc(1)),
             Event::Progress { done, about } => shown.set(done, about),
@@ -84,18 +85,18 @@ impl Observer for Terminal {
     }
 }
 
-impl Shown {
-    fn begin(work: Work, total: usize) -> Self {
+impl ProgressBarState {
+    fn begin(work: CountedWork, total: usize) -> Self {
         let template = match work {
-            Work::Runs => "sampling {bar:30} {pos}/{len} runs, {speed}, {left} left",
-            Work::Equations => "asking for equations {bar:30} {pos}/{len} batches of states, {left} left",
-            Work::Steps => "training {bar:30} {percent}%, {msg}",
-            Work::Networks => "training {bar:30} {pos}/{len} networks, {msg}, {left} left",
-            Work::Trials { rung, rungs } => {
+            CountedWork::Runs => "sampling {bar:30} {pos}/{len} runs, {speed}, {left} left",
+            CountedWork::Equations => "asking for equations {bar:30} {pos}/{len} batches of states, {left} left",
+            CountedWork::Steps => "training {bar:30} {percent}%, {msg}",
+            CountedWork::Networks => "training {bar:30} {pos}/{len} networks, {msg}, {left} left",
+            CountedWork::Trials { rung, rungs } => {
                 &format!("rung {rung} of {rungs} {{bar:30}} {{pos}}/{{len}} trials, {{left}} left")
             }
-            Work::Rows => "predicting {bar:30} {percent}%, {msg}, {elapsed}",
-            Work::Models => "comparing {bar:30} {pos}/{len} models, {msg}, {elapsed}",
+            CountedWork::Rows => "predicting {bar:30} {percent}%, {msg}, {elapsed}",
+            CountedWork::Models => "comparing {bar:30} {pos}/{len} models, {msg}, {elapsed}",
         };
         let length = total as u64;
         let bar = ProgressBar::new(length);

@@ -1,6 +1,6 @@
 //! `metafmu train`: trains the network on the sampled runs and writes the surrogate.
 
-use super::{Outcome, conclude, print, print_json, project};
+use super::{CommandOutcome, conclude, print, print_json, project};
 use crate::cli::TrainArgs;
 use metafmu::{
     Result,
@@ -17,7 +17,7 @@ struct Printed<'a> {
     verdict: &'a Verdict,
 }
 
-pub fn run(args: &TrainArgs) -> Result<Outcome> {
+pub fn run(args: &TrainArgs) -> Result<CommandOutcome> {
     let project = project(&args.study)?;
     let (train, calibration) = (project.load_table("train")?, project.load_table("calibration")?);
     project.prepare_folder()?;
@@ -29,5 +29,5 @@ pub fn run(args: &TrainArgs) -> Result<Outcome> {
         print(&format!("{}\n{}\n", project.model().display(), project.history().display()))?;
     }
     let outcome = conclude(&verdict, args.study.json)?;
-    Ok(if record.was_interrupted() { Outcome::Interrupted } else { outcome })
+    Ok(if record.was_interrupted() { CommandOutcome::Interrupted } else { outcome })
 }

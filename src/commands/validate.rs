@@ -1,10 +1,10 @@
 //! `metafmu validate`: lists every problem of an FMU.
 
-use super::{Outcome, heard, print, print_json, terminal::workers};
+use super::{CommandOutcome, heard, print, print_json, terminal::workers};
 use crate::cli::ValidateArgs;
 use metafmu::{Result, export::validate_apart, fmi::Watch};
 
-pub fn run(args: &ValidateArgs) -> Result<Outcome> {
+pub fn run(args: &ValidateArgs) -> Result<CommandOutcome> {
     let watch = Watch { workers: workers()?, limit: Some(args.time_limit), heard };
     let report = validate_apart(&args.fmu, watch)?;
     if args.json {
@@ -12,5 +12,5 @@ pub fn run(args: &ValidateArgs) -> Result<Outcome> {
     } else {
         print(&report.to_string())?;
     }
-    Ok(if report.problems.is_empty() { Outcome::Fine } else { Outcome::ProblemsFound })
+    Ok(if report.problems.is_empty() { CommandOutcome::Fine } else { CommandOutcome::ProblemsFound })
 }

@@ -103,15 +103,16 @@ fn variable(
     surrogate: &Surrogate,
     fmi_version: FmiVersion,
 ) -> ScalarVariable {
-    let Described { description, what: (causality, variability, initial), kind, dimensions } = match variable.quantity {
-        Quantity::Input(index) => input(surrogate, index, fmi_version),
-        Quantity::Output(index) => output(&surrogate.outputs()[index]),
-        Quantity::State(index) => state(&surrogate.states()[index]),
-        Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
-        Quantity::BuiltIn(variable) => built_in(variable, surrogate),
-        Quantity::Array(index) => array(surrogate, index),
-        Quantity::Bound(index) => bound(surrogate, index),
-    };
+    let DescribedVariable { description, what: (causality, variability, initial), kind, dimensions } =
+        match variable.quantity {
+            Quantity::Input(index) => input(surrogate, index, fmi_version),
+            Quantity::Output(index) => output(&surrogate.outputs()[index]),
+            Quantity::State(index) => state(&surrogate.states()[index]),
+            Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
+            Quantity::BuiltIn(variable) => built_in(variable, surrogate),
+            Quantity::Array(index) => array(surrogate, index),
+            Quantity::Bound(index) => bound(surrogate, index),
+        };
     // "only continuous-time variables can have intermediateUpdate = true"
     let is_updated = variability == Variability::Continuous && causality != Causality::Independent;
     ScalarVariable {
@@ -131,20 +132,20 @@ fn variable(
 }
 
 /// What a description says of a variable beside its name and value reference.
-struct Described {
+struct DescribedVariable {
     description: String,
     what: (Causality, Variability, Option<Initial>),
     kind: VariableType,
     dimensions: Vec<Dimension>,
 }
 
-impl Described {
+impl DescribedVariable {
     fn scalar(description: &str, what: (Causality, Variability, Option<Initial>), kind: VariableType) -> Self {
         Self { description: description.into(), what, kind, dimensions: Vec::new() }
     }
 }
 
-fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Described {
+fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> DescribedVariable {
     let input = &surrogate.inputs()[index];
     let what = match input.role {
         Role::Parameter(metafmu_runtime::Variability::Fixed) | Role::Start => {
@@ -171,11 +172,11 @@ fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Descri
         start: (input.role != Role::Time).then_some(input.start),
         ..RealAttributes::default()
     };
-    Described::scalar(&input_description(input, surrogate), what, VariableType::Real(real))
+    DescribedVariable::scalar(&input_description(input, surrogate), what, VariableType::Real(real))
 }
 
 /// Its value at the start is a parameter, so it is calculated.
-fn state(state: &State) -> Described {
+fn state(state: &State) -> DescribedVariable {
     let real = RealAttributes {
         unit: text(&state.unit),
         min: state.range.map(|[min, _]| min),
@@ -184,21 +185,21 @@ fn state(state: &State) -> Described {
         ..RealAttributes::default()
     };
     let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
-    Described::scalar(&state.description, what, VariableType::Real(real))
+    DescribedVariable::scalar(&state.description, what, VariableType::Real(real))
 }
 
-fn rate(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Described {
+fn rate(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> DescribedVariable {
     let State { name, rate_unit, nominal, .. } = &surrogate.states()[index];
     let of_state = |(_, variable): &(u32, &Variable)| variable.quantity == Quantity::State(index);
     let derivative = table(surrogate, fmi_version).position(|entry| of_state(&entry));
     let real =
         RealAttributes { unit: text(rate_unit), nominal: Some(*nominal), derivative, ..RealAttributes::default() };
     let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
-    Described::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
+    DescribedVariable::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
 }
 
 /// Several outputs under one name, beside their own.
-fn array(surrogate: &Surrogate, index: usize) -> Described {
+fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let OutputArray { description, .. } = &surrogate.arrays()[index];
     let (unit, columns) = surrogate.array_elements(index);
     let elements = columns.iter().map(|&column| &surrogate.outputs()[column]);
@@ -206,11 +207,11 @@ fn array(surrogate: &Surrogate, index: usize) -> Described {
     let real = RealAttributes { unit: text(unit), nominal: Some(largest), ..RealAttributes::default() };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
     let dimensions = vec![Dimension::Fixed(columns.len() as u64)];
-    Described { dimensions, ..Described::scalar(description, what, VariableType::Real(real)) }
+    DescribedVariable { dimensions, ..DescribedVariable::scalar(description, what, VariableType::Real(real)) }
 }
 
 /// A constant: hosts can show it beside the output without asking the FMU. Of a model with a state it grows with the time.
-fn bound(surrogate: &Surrogate, index: usize) -> Described {
+fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let output = &surrogate.outputs()[index];
     let bounds = surrogate.bounds();
     let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.largest(index), bounds.coverage));
@@ -232,10 +233,10 @@ fn bound(surrogate: &Surrogate, index: usize) -> Described {
         None => (Causality::Output, Variability::Constant, Some(Initial::Exact)),
         Some(_) => (Causality::Output, Variability::Continuous, Some(Initial::Calculated)),
     };
-    Described::scalar(&description, what, VariableType::Real(real))
+    DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }
 
-fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> Described {
+fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> DescribedVariable {
     let calculated = Some(Initial::Calculated);
     let (what, kind) = match variable {
         BuiltIn::DomainPolicy => {
@@ -256,7 +257,7 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> Described {
             ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
         }
     };
-    Described::scalar(variable.description(known(surrogate)), what, kind)
+    DescribedVariable::scalar(variable.description(known(surrogate)), what, kind)
 }
 
 /// What descriptions of built-in variables depend on.
@@ -267,14 +268,14 @@ pub(super) fn known(surrogate: &Surrogate) -> Known {
 
 /// An output has no limits: FMI lets an FMU leave declared ones by rounding only, and those of the training data are no limits of the
 /// predictions. The model card has them.
-fn output(output: &Output) -> Described {
+fn output(output: &Output) -> DescribedVariable {
     let real = RealAttributes {
         unit: text(&output.unit),
         nominal: Some(nominal(output.min, output.max)),
         ..RealAttributes::default()
     };
     let what = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
-    Described::scalar(&output.description, what, VariableType::Real(real))
+    DescribedVariable::scalar(&output.description, what, VariableType::Real(real))
 }
 
 /// The power of ten next to the largest magnitude in a range; 1 for a range that is zero.

@@ -31,7 +31,7 @@ pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
         return Err(Error::NoOnnx);
     };
     let is_single = surrogate.metadata().precision == Precision::Single && matches!(map, Map::Network(_));
-    let mut writer = Writer { is_single, nodes: Vec::new(), constants: Vec::new() };
+    let mut writer = OnnxWriter { is_single, nodes: Vec::new(), constants: Vec::new() };
     let columns = writer.columns(surrogate.inputs());
     let outputs = match map {
         Map::Network(network) => writer.network(network, columns),
@@ -42,13 +42,13 @@ pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
 }
 
 /// Nodes and constants of a graph that is being written; what they make is named by its number.
-struct Writer {
+struct OnnxWriter {
     is_single: bool,
     nodes: Vec<NodeProto>,
     constants: Vec<TensorProto>,
 }
 
-impl Writer {
+impl OnnxWriter {
     fn kind(&self) -> i32 {
         if self.is_single { FLOAT } else { DOUBLE }
     }

@@ -52,7 +52,7 @@ pub struct Contents<'a> {
     pub sources: bool,
 }
 
-struct Entry {
+struct PackageEntry {
     name: String,
     bytes: Vec<u8>,
     executable: bool,
@@ -66,7 +66,7 @@ struct Entry {
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let Contents { version, about, binaries, accuracy, figures, sources } = contents;
     let identifier = model_identifier(&surrogate.metadata().name);
-    let file = |name: &str, bytes: Vec<u8>| Entry { name: name.into(), bytes, executable: false };
+    let file = |name: &str, bytes: Vec<u8>| PackageEntry { name: name.into(), bytes, executable: false };
     let icon = match version {
         FmiVersion::V2 => "model.png",
         FmiVersion::V3 => "terminalsAndIcons/icon.png",
@@ -91,7 +91,7 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
         if !places.insert(name.clone()) {
             return Err(Error::SamePlace { entry: name, tuple: platform.tuple });
         }
-        entries.push(Entry { name, bytes: bytes.to_vec(), executable: true });
+        entries.push(PackageEntry { name, bytes: bytes.to_vec(), executable: true });
     }
     entries.sort_by(|a, b| a.name.cmp(&b.name));
     // first, for hosts that read the archive as a stream
@@ -146,9 +146,9 @@ fn of_model(path: &Path, problem: String) -> Error {
     Error::ArchiveEntry { path: path.to_owned(), entry: MODEL_FILE.into(), problem }
 }
 
-fn write_zip(entries: &[Entry]) -> ZipResult<Vec<u8>> {
+fn write_zip(entries: &[PackageEntry]) -> ZipResult<Vec<u8>> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
-    for Entry { name, bytes, executable } in entries {
+    for PackageEntry { name, bytes, executable } in entries {
         let options = SimpleFileOptions::default()
             .compression_method(CompressionMethod::Deflated)
             // the first moment a zip archive can tell

@@ -162,7 +162,7 @@ fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
             }
         }
         let inner = |of: usize| (of > 0 && uses[of] == 1).then(|| &steps[of - 1]);
-        let known = Known { steps, widths: &widths, nearness: &nearness, uses: &uses };
+        let known = AnalyzedSteps { steps, widths: &widths, nearness: &nearness, uses: &uses };
         if let Some(fewer) = linear_first(known, number).or_else(|| together(known, number)) {
             return Some(fewer);
         }
@@ -179,7 +179,7 @@ fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
 
 /// Steps, and of each value its length, its nearness to the inputs, and by how many steps it is used.
 #[derive(Clone, Copy)]
-struct Known<'a> {
+struct AnalyzedSteps<'a> {
     steps: &'a [Step],
     widths: &'a [usize],
     nearness: &'a [Nearness],
@@ -251,7 +251,7 @@ fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize
 
 /// The steps with a linear function of chosen input columns before the choice, so that it may become the scaling of a network's inputs; none
 /// if a column would have two of them.
-fn linear_first(Known { steps, widths, nearness, uses }: Known, number: usize) -> Option<Vec<Step>> {
+fn linear_first(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
     let Step::Elementwise { of, function: Elementwise::Linear, parameters } = &steps[number] else { return None };
     let Step::Columns { columns } = &steps[of.checked_sub(1)?] else { return None };
     let first = columns[0][0];
@@ -281,7 +281,7 @@ fn linear_first(Known { steps, widths, nearness, uses }: Known, number: usize) -
 
 /// The steps with input columns put together before linear functions of some of them, so that inputs that are normalised one by one are as good
 /// as those that are normalised at once.
-fn together(Known { steps, widths, nearness, uses }: Known, number: usize) -> Option<Vec<Step>> {
+fn together(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
     let Step::Columns { columns } = &steps[number] else { return None };
     if columns.iter().all(|[value, _]| *value == columns[0][0])
         || columns.iter().any(|[value, _]| nearness[*value as usize] == Nearness::Far)
@@ -499,7 +499,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 fn network(inputs: usize, steps: &[Step]) -> Option<ScaledNetwork> {
     let mut layers: Vec<Layer> = Vec::new();
     let mut width = inputs;
-    let mut columns = vec![Column { mean: 0.0, factor: 1.0, offset: 0.0 }; inputs];
+    let mut columns = vec![ColumnTransform { mean: 0.0, factor: 1.0, offset: 0.0 }; inputs];
     for (number, step) in steps.iter().enumerate() {
         match step {
             Step::Elementwise { of, function: Elementwise::Linear, parameters }
@@ -528,23 +528,23 @@ fn network(inputs: usize, steps: &[Step]) -> Option<ScaledNetwork> {
     let outputs = layers.last()?.outputs;
     let scaling = Scaling {
         input_mean: columns.iter().map(|column| column.mean).collect(),
-        input_scale: columns.iter().map(Column::scale).collect(),
+        input_scale: columns.iter().map(ColumnTransform::scale).collect(),
         output_mean: vec![0.0; outputs],
         output_scale: vec![1.0; outputs],
     };
-    let is_scaling = |column: &Column| column.scale().is_normal() && column.mean.is_finite();
+    let is_scaling = |column: &ColumnTransform| column.scale().is_normal() && column.mean.is_finite();
     columns.iter().all(is_scaling).then_some(ScaledNetwork { scaling, layers })
 }
 
 /// What linear functions make of an input column: `(x - mean) factor + offset`.
 #[derive(Clone, Copy, Debug)]
-struct Column {
+struct ColumnTransform {
     mean: f64,
     factor: f64,
     offset: f64,
 }
 
-impl Column {
+impl ColumnTransform {
     /// Another one behind it. What the first one adds is the mean: what it subtracts, that is, unless it multiplies as well.
     fn then(&mut self, factor: f64, offset: f64) {
         let is_first = self.mean == 0.0 && self.offset == 0.0 && self.factor != 0.0;
@@ -563,7 +563,7 @@ impl Column {
 }
 
 /// Weights and biases of a layer of the standardised columns: with the signs of the factors, and the offsets.
-fn behind_scaling(columns: &[Column], weight: &Numbers, bias: &Numbers) -> (Numbers, Numbers) {
+fn behind_scaling(columns: &[ColumnTransform], weight: &Numbers, bias: &Numbers) -> (Numbers, Numbers) {
     let sign = |index: usize| match columns[index % columns.len()].factor {
         0.0 => 0.0,
         factor => factor.signum(),

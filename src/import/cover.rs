@@ -45,7 +45,7 @@ pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
     let (some, others) = rows.split_at(rows.len() / 2);
     let gap = gap(&some[..some.len().min(DISTANCES)], &others[..others.len().min(CANDIDATES)]);
     let centres = centres(&rows[..rows.len().min(CANDIDATES)], 0.5 * gap);
-    let table = Table::new(&centres);
+    let table = RowMatrix::new(&centres);
     let radius = nearest(&rows, &table).into_iter().fold(0.0, f32::max) + gap;
     let point = |_| columns.iter().map(|_| random.random::<f32>()).collect();
     let points: Vec<Vec<f32>> = (0..POINTS).map(point).collect();
@@ -86,11 +86,11 @@ pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_fr
 }
 
 /// Rows by columns, so that the distances of all from a row are taken in one go.
-struct Table {
+struct RowMatrix {
     columns: Vec<Vec<f32>>,
 }
 
-impl Table {
+impl RowMatrix {
     fn new(rows: &[Vec<f32>]) -> Self {
         Self { columns: (0..rows[0].len()).map(|column| rows.iter().map(|row| row[column]).collect()).collect() }
     }
@@ -123,7 +123,7 @@ impl Table {
 
 /// Rows that are farthest from each other, until all are that near to one of them, or there are enough.
 fn centres(rows: &[Vec<f32>], near: f32) -> Vec<Vec<f32>> {
-    let table = Table::new(rows);
+    let table = RowMatrix::new(rows);
     let mut centres = vec![rows[0].clone()];
     let mut distances = Vec::new();
     table.distances(&rows[0], &mut distances);
@@ -146,14 +146,14 @@ fn centres(rows: &[Vec<f32>], near: f32) -> Vec<Vec<f32>> {
 
 /// The distance that the share of further rows does not exceed, by the distances of some rows from others.
 fn gap(some: &[Vec<f32>], others: &[Vec<f32>]) -> f32 {
-    let mut distances = nearest(some, &Table::new(others));
+    let mut distances = nearest(some, &RowMatrix::new(others));
     distances.sort_by(f32::total_cmp);
     let rank = ((distances.len() + 1) as f64 * SHARE).ceil() as usize;
     distances[rank.clamp(1, distances.len()) - 1]
 }
 
 /// Distance of each row from the nearest of others.
-fn nearest(rows: &[Vec<f32>], others: &Table) -> Vec<f32> {
+fn nearest(rows: &[Vec<f32>], others: &RowMatrix) -> Vec<f32> {
     rows.par_iter().map_init(Vec::new, |found, row| others.nearest(row, found)).collect()
 }
 

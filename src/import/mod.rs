@@ -39,7 +39,7 @@ pub struct Imported {
     /// Which number of which value each column that it gives is.
     pub columns: Vec<[u32; 2]>,
     /// States that the model itself has.
-    pub recurrences: Vec<Recurrence>,
+    pub recurrences: Vec<RecurrentState>,
     /// Whether it was made to be computed in single precision.
     pub is_single: bool,
     /// What wrote it.
@@ -48,7 +48,7 @@ pub struct Imported {
 
 /// Numbers that a model keeps from one sample to the next, although they are no columns of it.
 #[derive(Clone, Debug)]
-pub struct Recurrence {
+pub struct RecurrentState {
     /// What it is in the model.
     pub name: String,
     /// First input column of the graph, behind those of the model.

@@ -35,7 +35,7 @@ pub(super) fn surrogate(
     let evolution = evolution(interface, &imported.recurrences)?;
     let variables = inputs(interface, rows.as_deref())?;
     let about = About { path, content, is_single: imported.is_single, producer: &imported.producer };
-    let known = Known::of(path, interface, mapping, &variables);
+    let known = StatefulModel::of(path, interface, mapping, &variables);
     let metadata = metadata(about, interface, Vec::new(), rows.as_ref().map_or(0, Vec::len));
     let surrogate = match evolution {
         Evolution::Discrete => discrete(&known, imported, metadata)?,
@@ -52,10 +52,10 @@ fn made(metadata: Metadata, model: Model) -> Result<Surrogate> {
 }
 
 /// How the states go on; what does not go together is refused.
-fn evolution(interface: &ModelInterface, recurrences: &[Recurrence]) -> Result<Evolution> {
+fn evolution(interface: &ModelInterface, recurrences: &[RecurrentState]) -> Result<Evolution> {
     let mut problems = Problems::default();
     let evolution = match (interface.evolution(), recurrences.first()) {
-        (Some(Evolution::Continuous), Some(Recurrence { name, .. })) => {
+        (Some(Evolution::Continuous), Some(RecurrentState { name, .. })) => {
             problems.add(
                 "states",
                 format!(
@@ -79,7 +79,7 @@ fn evolution(interface: &ModelInterface, recurrences: &[Recurrence]) -> Result<E
 }
 
 /// What is known of the variables of a model with states.
-struct Known<'a> {
+struct StatefulModel<'a> {
     path: &'a Path,
     interface: &'a ModelInterface,
     mapping: &'a Mapping,
@@ -89,7 +89,7 @@ struct Known<'a> {
     driven: Vec<usize>,
 }
 
-impl<'a> Known<'a> {
+impl<'a> StatefulModel<'a> {
     fn of(path: &'a Path, interface: &'a ModelInterface, mapping: &'a Mapping, variables: &'a [Input]) -> Self {
         let (driven, parameters) = (0..variables.len()).partition(|index| variables[*index].role == Role::Input);
         Self { path, interface, mapping, variables, parameters, driven }
@@ -228,7 +228,7 @@ fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Re
 
 /// A number of a sample.
 #[derive(Clone, Copy, PartialEq)]
-enum Number {
+enum SampleNumber {
     State(usize),
     Column(usize),
     /// Of a recurrence, its position in it.
@@ -236,17 +236,17 @@ enum Number {
 }
 
 /// From sample to sample: outputs first, then what is hidden.
-fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Surrogate> {
-    let Known { interface, mapping, parameters, driven, .. } = known;
+fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Result<Surrogate> {
+    let StatefulModel { interface, mapping, parameters, driven, .. } = known;
     let Imported { builder, columns, recurrences, .. } = imported;
-    let mut numbers: Vec<Number> = Vec::new();
+    let mut numbers: Vec<SampleNumber> = Vec::new();
     let mut problems = Problems::default();
     for (shown, name) in mapping.outputs.iter().zip(interface.outputs.keys()) {
         let number = match *shown {
-            OutputSource::State(state) => Number::State(state),
-            OutputSource::Column(column) => Number::Column(column),
+            OutputSource::State(state) => SampleNumber::State(state),
+            OutputSource::Column(column) => SampleNumber::Column(column),
         };
-        if let (Number::State(state), true) = (number, numbers.contains(&number)) {
+        if let (SampleNumber::State(state), true) = (number, numbers.contains(&number)) {
             let message = format!("the state `{}` is another output already", mapping.states[state].name);
             problems.add(format!("outputs.{name}.column"), message);
         }
@@ -254,28 +254,29 @@ fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Sur
     }
     interface.refuse(problems)?;
     let outputs = numbers.len();
-    let is_hidden = |state: &usize| !numbers.contains(&Number::State(*state));
-    let hidden: Vec<Number> = (0..mapping.states.len()).filter(is_hidden).map(Number::State).collect();
+    let is_hidden = |state: &usize| !numbers.contains(&SampleNumber::State(*state));
+    let hidden: Vec<SampleNumber> = (0..mapping.states.len()).filter(is_hidden).map(SampleNumber::State).collect();
     numbers.extend(hidden);
     for (index, recurrence) in recurrences.iter().enumerate() {
-        numbers.extend((0..recurrence.start.len()).map(|place| Number::Kept(index, place)));
+        numbers.extend((0..recurrence.start.len()).map(|place| SampleNumber::Kept(index, place)));
     }
-    let start = |number: &Number| match *number {
-        Number::State(state) => known.start_of(&mapping.states[state]),
-        Number::Kept(index, place) => recurrences[index].start[place],
-        Number::Column(_) => 0.0,
+    let start = |number: &SampleNumber| match *number {
+        SampleNumber::State(state) => known.start_of(&mapping.states[state]),
+        SampleNumber::Kept(index, place) => recurrences[index].start[place],
+        SampleNumber::Column(_) => 0.0,
     };
-    let place = |number: Number| numbers.iter().position(|other| *other == number).unwrap_or(0);
-    let mut sources = known.sources([numbers.len() + driven.len(), numbers.len()], |state| place(Number::State(state)));
+    let place = |number: SampleNumber| numbers.iter().position(|other| *other == number).unwrap_or(0);
+    let mut sources =
+        known.sources([numbers.len() + driven.len(), numbers.len()], |state| place(SampleNumber::State(state)));
     for (index, recurrence) in recurrences.iter().enumerate() {
-        let (first, count) = (place(Number::Kept(index, 0)), recurrence.start.len());
+        let (first, count) = (place(SampleNumber::Kept(index, 0)), recurrence.start.len());
         sources.resize(sources.len().max(recurrence.first + count), ColumnSource::Value(0.0));
         (0..count).for_each(|at| sources[recurrence.first + at] = ColumnSource::Input(first + at));
     }
-    let next = |number: &Number| match *number {
-        Number::State(state) => columns[mapping.states[state].output],
-        Number::Column(column) => columns[column],
-        Number::Kept(index, place) => [recurrences[index].next as u32, place as u32],
+    let next = |number: &SampleNumber| match *number {
+        SampleNumber::State(state) => columns[mapping.states[state].output],
+        SampleNumber::Column(column) => columns[column],
+        SampleNumber::Kept(index, place) => [recurrences[index].next as u32, place as u32],
     };
     let width = numbers.len() + driven.len() + parameters.len();
     let map = into_map(builder, &sources, width, numbers.iter().map(next).collect());
@@ -314,7 +315,7 @@ fn discrete(known: &Known, imported: Imported, metadata: Metadata) -> Result<Sur
     let mut given = vec![0.0; outputs];
     evaluator.evaluate(&point, &mut given, &mut scratch);
     for ((start, number), given) in starts.iter_mut().zip(&numbers).zip(given) {
-        if let Number::Column(_) = number {
+        if let SampleNumber::Column(_) = number {
             *start = given;
         }
     }
@@ -336,8 +337,13 @@ fn start_input(name: &str, description: &str, unit: &str, [min, max, start]: [f6
 }
 
 /// By derivatives: the solver's tolerance is the largest that is exact enough, unless the interface wants fixed steps.
-fn continuous(known: &Known, imported: Imported, metadata: Metadata, rows: Option<&[Vec<f64>]>) -> Result<Surrogate> {
-    let Known { interface, mapping, parameters, driven, .. } = known;
+fn continuous(
+    known: &StatefulModel,
+    imported: Imported,
+    metadata: Metadata,
+    rows: Option<&[Vec<f64>]>,
+) -> Result<Surrogate> {
+    let StatefulModel { interface, mapping, parameters, driven, .. } = known;
     let count = mapping.states.len();
     let (p, d) = (parameters.len(), driven.len());
     let sources = known.sources([0, p], |state| p + d + state);

@@ -17,11 +17,11 @@ use zip::ZipArchive;
 const MAX_BYTES: u64 = 1 << 30;
 
 /// Tensors by name.
-pub type Tensors = BTreeMap<String, Tensor>;
+pub type Tensors = BTreeMap<String, NumericTensor>;
 
 /// A tensor of numbers.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tensor {
+pub struct NumericTensor {
     /// Its dimensions.
     pub shape: Vec<usize>,
     /// Its numbers, row by row.
@@ -86,7 +86,7 @@ pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
 }
 
 /// An array of numpy (format 1.0 to 3.0): a header that is a dictionary of Python, then the numbers.
-fn read_npy(bytes: &[u8]) -> Result<Tensor, String> {
+fn read_npy(bytes: &[u8]) -> Result<NumericTensor, String> {
     let no_array = || "not an array of numpy".to_owned();
     let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or_else(no_array)?;
     let (version, rest) = rest.split_at_checked(2).ok_or_else(no_array)?;
@@ -109,8 +109,8 @@ fn read_npy(bytes: &[u8]) -> Result<Tensor, String> {
     let tensor = checked(shape, numbers)?;
     match (is_fortran, tensor.shape.as_slice()) {
         (true, &[rows, columns]) => {
-            let turned = Tensor { shape: vec![columns, rows], numbers: tensor.numbers };
-            Ok(Tensor { shape: vec![rows, columns], numbers: transposed(&turned) })
+            let turned = NumericTensor { shape: vec![columns, rows], numbers: tensor.numbers };
+            Ok(NumericTensor { shape: vec![rows, columns], numbers: transposed(&turned) })
         }
         _ => Ok(tensor),
     }
@@ -146,7 +146,7 @@ pub fn read_safetensors(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
     if problems.is_empty() { Ok(tensors) } else { Err(problems) }
 }
 
-fn checked(shape: Vec<usize>, numbers: Numbers) -> Result<Tensor, String> {
+fn checked(shape: Vec<usize>, numbers: Numbers) -> Result<NumericTensor, String> {
     let count = shape.iter().try_fold(1usize, |count, dim| count.checked_mul(*dim));
     if count != Some(numbers.len()) {
         return Err(format!("{} numbers of a shape {shape:?}", numbers.len()));
@@ -154,7 +154,7 @@ fn checked(shape: Vec<usize>, numbers: Numbers) -> Result<Tensor, String> {
     let wrong = numbers.iter().position(|number| !number.is_finite());
     match wrong {
         Some(place) => Err(format!("element {place} is {}, expected a finite number", numbers.get(place))),
-        None => Ok(Tensor { shape, numbers }),
+        None => Ok(NumericTensor { shape, numbers }),
     }
 }
 
@@ -281,7 +281,7 @@ fn layer(
 }
 
 /// The numbers of a matrix column by column.
-fn transposed(tensor: &Tensor) -> Numbers {
+fn transposed(tensor: &NumericTensor) -> Numbers {
     let (rows, columns) = (tensor.shape[0], tensor.shape[1]);
     let places = || (0..columns).flat_map(move |column| (0..rows).map(move |row| row * columns + column));
     match &tensor.numbers {

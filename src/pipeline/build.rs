@@ -3,7 +3,7 @@
 use super::{
     compare, evaluate,
     evaluate::Metrics,
-    export::{self, Plan, Written},
+    export::{self, ExportPlan, WrittenFmu},
     project::Project,
     record::TrainingRecord,
     report, rounds, sample,
@@ -24,7 +24,7 @@ pub struct Built {
     /// The network beside the baselines that the study wants in a build.
     pub comparison: Option<Comparison>,
     /// The FMUs, each with what its validation found.
-    pub fmus: Vec<(Written, Report)>,
+    pub fmus: Vec<(WrittenFmu, Report)>,
 }
 
 /// Samples, trains, compares, evaluates, exports, validates and reports. To `resume` is to keep what a stopped build of the
@@ -32,7 +32,7 @@ pub struct Built {
 ///
 /// # Errors
 /// Those of the stages. A poor surrogate and the problems of an FMU are none: see [`Built`].
-pub fn build(project: &Project, plan: &Plan, resume: bool) -> Result<Built> {
+pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built> {
     project.describe_mechanism();
     project.prepare_folder()?;
     let kept = if resume { sample::kept(project)? } else { None };
@@ -48,7 +48,7 @@ pub fn build(project: &Project, plan: &Plan, resume: bool) -> Result<Built> {
         evaluate::stage(project, &surrogate, (accuracy, speed), comparison.as_ref(), &samples.record, &training)?;
     let figures = export::figures(&evaluated)?;
     let written = export::stage(project, plan, &surrogate, Some(&metrics.accuracy), &figures)?;
-    let validate = |written: Written| {
+    let validate = |written: WrittenFmu| {
         let report = validate_apart(&written.fmu, project.watch())?;
         project.say(format_args!("validated {}: {}", written.fmu.display(), report.to_string().trim_end()));
         Ok((written, report))

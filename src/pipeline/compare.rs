@@ -1,7 +1,7 @@
 //! The network beside simpler models.
 
 use super::{
-    observer::{Event, Work},
+    observer::{CountedWork, Event},
     prepare::baseline_rows,
     project::Project,
     record::TrainingRecord,
@@ -9,7 +9,7 @@ use super::{
 use crate::{
     Error, Result,
     baseline::{
-        self, BaselineKind, Comparison, ModelRow, StandardizedRows, Status, choose_rows,
+        self, BaselineKind, Comparison, ModelRow, ModelStatus, StandardizedRows, choose_rows,
         comparison::NETWORK,
         worker::{self, BaselineFit, FitResult, FitTask},
     },
@@ -45,7 +45,9 @@ pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test:
     let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
     let network = match &network {
         Ok((surrogate, training)) => network_row(surrogate, &Accuracy::of(surrogate, test), training, test),
-        Err(error) => Network { content_digest: None, row: row(NETWORK, Status::Failed, error.to_string()) },
+        Err(error) => {
+            ComparedNetwork { content_digest: None, row: row(NETWORK, ModelStatus::Failed, error.to_string()) }
+        }
     };
     stage(project, kinds, network, train, test)
 }
@@ -69,7 +71,7 @@ pub fn work() -> Result<()> {
 }
 
 /// The network of a comparison.
-pub(super) struct Network {
+pub(super) struct ComparedNetwork {
     content_digest: Option<String>,
     row: ModelRow,
 }
@@ -78,19 +80,19 @@ pub(super) struct Network {
 pub(super) fn stage(
     project: &Project,
     kinds: &[BaselineKind],
-    network: Network,
+    network: ComparedNetwork,
     train: &Dataset,
     test: &Dataset,
 ) -> Result<Comparison> {
     let rows = baseline_rows(&project.study, train);
     let (thinned, stride) = thinned(test);
-    project.begin(Work::Models, kinds.len());
+    project.begin(CountedWork::Models, kinds.len());
     let mut models = vec![network.row];
     for &kind in kinds {
         project.event(Event::Progress { done: models.len() - 1, about: format_args!("{}", kind.name()) });
         let is_thinned = stride > 1 && is_slow(kind);
         let mut row = measure(project, &project.study, kind, &rows, if is_thinned { &thinned } else { test })?;
-        if is_thinned && row.status == Status::Fine {
+        if is_thinned && row.status == ModelStatus::Fine {
             let measured = format!("measured on {} of {} test rows", thinned.row_count(), test.row_count());
             row.note = [row.note, measured].into_iter().filter(|note| !note.is_empty()).collect::<Vec<_>>().join("; ");
         }
@@ -151,7 +153,7 @@ pub(super) fn network_row(
     accuracy: &Accuracy,
     training: &TrainingRecord,
     test: &Dataset,
-) -> Network {
+) -> ComparedNetwork {
     let row = ModelRow {
         rows: training.train_rows,
         fit_seconds: Some(training.train_seconds),
@@ -159,9 +161,9 @@ pub(super) fn network_row(
         memory_bytes: surrogate.to_bytes().ok().map(|bytes| bytes.len() as u64),
         exportable: true,
         outputs: accuracy.outputs.iter().map(|(name, metrics)| (name.clone(), metrics.into())).collect(),
-        ..row(NETWORK, Status::Fine, String::new())
+        ..row(NETWORK, ModelStatus::Fine, String::new())
     };
-    Network { content_digest: Some(surrogate.metadata().provenance.content_digest.clone()), row }
+    ComparedNetwork { content_digest: Some(surrogate.metadata().provenance.content_digest.clone()), row }
 }
 
 /// Seconds of the prediction of a row on one core: the median over some runs; none if there is no run.
@@ -177,7 +179,7 @@ pub(super) fn seconds_per_row(surrogate: &Surrogate, test: &Dataset) -> Option<f
     times.get(times.len() / 2).copied()
 }
 
-fn row(model: &str, status: Status, note: String) -> ModelRow {
+fn row(model: &str, status: ModelStatus, note: String) -> ModelRow {
     ModelRow {
         model: model.into(),
         status,
@@ -201,7 +203,7 @@ pub(super) fn measure(
 ) -> Result<ModelRow> {
     let name = kind.name();
     if project.is_stopped() {
-        return Ok(row(name, Status::Stopped, "by Ctrl-C".into()));
+        return Ok(row(name, ModelStatus::Stopped, "by Ctrl-C".into()));
     }
     let all = rows.len();
     let rows = choose_rows(rows, baseline::model(&study.baselines, kind).most_rows(), study.seed).into_owned();
@@ -218,13 +220,13 @@ pub(super) fn measure(
             let metrics = evaluation::compare(test, &by_run(test, &predictions), None);
             fitted_row(kind, &fit, count, all, test, &metrics)
         }
-        Ended::Answered(FitResult { result: Err(message), .. }) => row(name, Status::Failed, message),
+        Ended::Answered(FitResult { result: Err(message), .. }) => row(name, ModelStatus::Failed, message),
         Ended::TooSlow => {
             let note = format!("not done after {} s with {count} of {all} rows", study.baselines.time_budget);
-            row(name, Status::TooSlow, note)
+            row(name, ModelStatus::TooSlow, note)
         }
-        Ended::Stopped => row(name, Status::Stopped, "by Ctrl-C".into()),
-        Ended::Died(status) => row(name, Status::Failed, format!("its process ended with {status}")),
+        Ended::Stopped => row(name, ModelStatus::Stopped, "by Ctrl-C".into()),
+        Ended::Died(status) => row(name, ModelStatus::Failed, format!("its process ended with {status}")),
     })
 }
 
@@ -246,7 +248,7 @@ fn fitted_row(
         memory_bytes: Some(fit.memory_bytes),
         exportable: fit.not_exportable.is_none(),
         outputs: names.zip(metrics.iter().map(Into::into)).collect(),
-        ..row(kind.name(), Status::Fine, some.into_iter().chain(not_exportable).collect::<Vec<_>>().join("; "))
+        ..row(kind.name(), ModelStatus::Fine, some.into_iter().chain(not_exportable).collect::<Vec<_>>().join("; "))
     }
 }
 

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, Schur};
 
 /// A run along which an integration is measured.
 #[derive(Clone, Debug)]
-pub(super) struct Trial {
+pub(super) struct IntegrationTrial {
     /// Its outputs are not used.
     pub run: Run,
     /// What is special about it.
@@ -36,7 +36,7 @@ pub(super) fn corners(
     runs: &[Run],
     velocities: &[Option<[f64; 2]>],
     surrogate: &Surrogate,
-) -> Vec<Trial> {
+) -> Vec<IntegrationTrial> {
     let Some(first) = runs.first() else { return Vec::new() };
     let ranges: Vec<(&String, [f64; 2])> =
         study.parameters.iter().map(|(name, range)| (name, [range.min, range.max])).collect();
@@ -84,7 +84,7 @@ pub(super) fn corners(
         let values: Vec<f64> = values.collect();
         let inputs = first.times.iter().flat_map(|_| values.iter().copied()).collect();
         let run = Run { parameters, times: first.times.clone(), inputs, outputs: Vec::new() };
-        Trial { run, name: names.join(", ") }
+        IntegrationTrial { run, name: names.join(", ") }
     };
     let combination =
         |number: usize| (0..ranges.len()).map(|column| is_upper(number, column, ranges.len())).collect::<Vec<bool>>();
@@ -93,7 +93,7 @@ pub(super) fn corners(
         let upper = combination(index / speeds / inputs);
         trial(&runs[corner % runs.len()], &upper, index / speeds % inputs, index % speeds)
     };
-    let mut trials: Vec<Trial> = (0..count).map(corner).collect();
+    let mut trials: Vec<IntegrationTrial> = (0..count).map(corner).collect();
     if ranges.len() > ALL_COMBINATIONS {
         let ends: Vec<[f64; 2]> = ranges.iter().map(|(_, ends)| *ends).collect();
         let stiffest = stiffest(surrogate, first, &ends, (0..combinations).map(combination));

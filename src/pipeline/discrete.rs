@@ -39,9 +39,9 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let began = Instant::now();
     let drives = project.source.drives();
-    let samples = Samples::new(project, dataset);
+    let samples = DiscreteSamples::new(project, dataset);
     let validation = held_out(study, dataset);
-    let mut learned: Vec<(Candidate, Surrogate, Learned)> = Vec::new();
+    let mut learned: Vec<(Candidate, Surrogate, LearnedDiscrete)> = Vec::new();
     let mut is_stopped = false;
     for kind in DiscreteModel::ALL {
         if study.discrete.model.is_some_and(|wanted| wanted != kind) {
@@ -135,7 +135,7 @@ fn error(accuracy: &Accuracy) -> f64 {
 }
 
 /// What came of a way to learn.
-struct Learned {
+struct LearnedDiscrete {
     model: Discrete,
     /// Of the network, one training after the other.
     history: Vec<EpochRecord>,
@@ -144,17 +144,17 @@ struct Learned {
 }
 
 /// Means and standard deviations.
-type Moments = (Vec<f64>, Vec<f64>);
+type ColumnMoments = (Vec<f64>, Vec<f64>);
 
 /// The runs, and what is known of their columns.
-struct Samples<'a> {
+struct DiscreteSamples<'a> {
     /// Number of parameters, of inputs and of outputs.
     counts: [usize; 3],
     step: f64,
     training: Vec<&'a Run>,
     validation: Vec<&'a Run>,
     /// Mean and standard deviation of each parameter, input and output.
-    scales: [Moments; 3],
+    scales: [ColumnMoments; 3],
 }
 
 /// Regressors of all samples of some runs, standardised: `[samples, columns]`, and the outputs that follow.
@@ -165,12 +165,12 @@ struct Regressors {
     lengths: Vec<usize>,
 }
 
-impl<'a> Samples<'a> {
+impl<'a> DiscreteSamples<'a> {
     fn new(project: &Project, dataset: &'a Dataset) -> Self {
         let study = &project.study;
         let (training, validation) = prepare::split(&dataset.runs, &study.training, study.seed);
         let counts = [study.parameters.len(), dataset.inputs.len(), dataset.outputs.len()];
-        let rows = |of: fn(&Run) -> &[f64], count: usize| -> Moments {
+        let rows = |of: fn(&Run) -> &[f64], count: usize| -> ColumnMoments {
             let rows: Vec<Vec<f64>> =
                 training.iter().flat_map(|run| of(run).chunks(count.max(1)).map(<[f64]>::to_vec)).collect();
             scaling::of_columns(&rows)
@@ -186,7 +186,7 @@ impl<'a> Samples<'a> {
         self.training.iter().map(|run| run.times.len() - 1).sum()
     }
 
-    fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<Learned> {
+    fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<LearnedDiscrete> {
         let study = &project.study;
         let options = &study.discrete;
         let history = match kind {
@@ -197,7 +197,7 @@ impl<'a> Samples<'a> {
         let linear = solve(&seen).ok_or_else(|| {
             study.refusal("discrete", "the samples do not determine the linear part: more runs or a shorter history")
         })?;
-        let solved = |model| Learned { model, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
+        let solved = |model| LearnedDiscrete { model, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
         let gains = gains(&seen, &linear);
         let width = linear.nrows() - 1;
         let network = || Network::new(width, self.counts[2], &study.network, study.seed);
@@ -207,7 +207,7 @@ impl<'a> Samples<'a> {
                 let rest = |regressors: &Regressors| plain(regressors, &linear, &gains);
                 let outcome = follow(project, network()?, &rest(&seen)?, &rest(&unseen)?, &study.training)?;
                 let layers = outcome.network.to_layers();
-                Ok(Learned {
+                Ok(LearnedDiscrete {
                     model: self.model(history, &linear, Some((&gains, layers))),
                     history: outcome.history,
                     best_epoch: outcome.best_epoch,
@@ -236,7 +236,7 @@ impl<'a> Samples<'a> {
                         break;
                     };
                     let best = learned.history.len() + outcome.best_epoch;
-                    learned = Learned {
+                    learned = LearnedDiscrete {
                         model: self.model(history, &linear, Some((&gains, outcome.network.to_layers()))),
                         history: training::joined([learned.history.as_slice(), &outcome.history]),
                         best_epoch: best,
@@ -285,7 +285,7 @@ impl<'a> Samples<'a> {
     /// The model in the units of the table.
     fn model(&self, history: [usize; 2], linear: &DMatrix<f64>, network: Option<(&[f64], Vec<Layer>)>) -> Discrete {
         let [parameters, inputs, outputs] = &self.scales;
-        let repeated = |of: fn(&Moments) -> &Vec<f64>| -> Vec<f64> {
+        let repeated = |of: fn(&ColumnMoments) -> &Vec<f64>| -> Vec<f64> {
             let past_outputs = (0..history[0]).flat_map(|_| of(outputs).iter().copied());
             let past_inputs = (0..history[1]).flat_map(|_| of(inputs).iter().copied());
             past_outputs.chain(past_inputs).chain(of(parameters).iter().copied()).collect()
@@ -312,7 +312,7 @@ impl<'a> Samples<'a> {
     }
 }
 
-fn standardised<'a>(values: &'a [f64], (means, scales): &'a Moments) -> impl Iterator<Item = f64> + 'a {
+fn standardised<'a>(values: &'a [f64], (means, scales): &'a ColumnMoments) -> impl Iterator<Item = f64> + 'a {
     values.iter().zip(means).zip(scales).map(|((value, mean), scale)| (value - mean) / scale)
 }
 

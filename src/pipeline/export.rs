@@ -20,7 +20,7 @@ use std::path::{Path, PathBuf};
 
 /// What to export; by default what the study says, with every library that is embedded in this one.
 #[derive(Clone, Debug, Default)]
-pub struct ExportOptions {
+pub struct ExportRequest {
     /// Versions of FMI.
     pub fmi: Option<FmiChoice>,
     /// Platforms with a binary, of those embedded; all if there is none.
@@ -33,7 +33,7 @@ pub struct ExportOptions {
 
 /// The FMUs to write.
 #[derive(Debug)]
-pub struct Plan {
+pub struct ExportPlan {
     choice: FmiChoice,
     binaries: Vec<Binary>,
     sources: bool,
@@ -41,7 +41,7 @@ pub struct Plan {
 
 /// An FMU that was written.
 #[derive(Debug, Serialize)]
-pub struct Written {
+pub struct WrittenFmu {
     /// Its file.
     pub fmu: PathBuf,
     /// Size of the file.
@@ -51,17 +51,17 @@ pub struct Written {
     pub version: FmiVersion,
 }
 
-impl Plan {
+impl ExportPlan {
     /// Finds the libraries, so that one that is missing is found before the work and not after it.
     ///
     /// # Errors
     /// [`Error::Io`] of a library, the error of an unknown platform.
-    pub fn new(project: &Project, options: &ExportOptions) -> Result<Self> {
+    pub fn new(project: &Project, options: &ExportRequest) -> Result<Self> {
         Self::of(options, project.study.export.fmi)
     }
 
     /// `choice`: the versions unless the options say otherwise.
-    fn of(options: &ExportOptions, choice: FmiChoice) -> Result<Self> {
+    fn of(options: &ExportRequest, choice: FmiChoice) -> Result<Self> {
         let choice = options.fmi.unwrap_or(choice);
         let added = options.binaries.iter().map(|(tuple, path)| Binary::from_file(tuple, path));
         let added = added.collect::<Result<Vec<Binary>>>()?;
@@ -96,7 +96,7 @@ pub(super) fn figures(evaluated: &Evaluated) -> Result<Vec<Drawn>> {
 ///
 /// # Errors
 /// [`Error::Stale`] if there is no network of this study, those of the files.
-pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
+pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<WrittenFmu>> {
     let surrogate = project.load_model()?;
     let accuracy = project.load_accuracy(&surrogate)?.map(|accuracy| {
         let (training, comparison) = (project.load_training_record()?, project.load_comparison(&accuracy)?);
@@ -120,16 +120,20 @@ pub fn export_network(project: &Project, plan: &Plan) -> Result<Vec<Written>> {
 /// # Errors
 /// Those of [`load_file`], [`Error::Io`], the error of an unknown platform; [`Error::SameFile`] if an FMU would take
 /// the place of the file itself.
-pub fn export_file(file: &Path, folder: &Path, options: &ExportOptions) -> Result<Vec<Written>> {
-    let plan = Plan::of(options, FmiChoice::default())?;
+pub fn export_file(file: &Path, folder: &Path, options: &ExportRequest) -> Result<Vec<WrittenFmu>> {
+    let plan = ExportPlan::of(options, FmiChoice::default())?;
     let surrogate = load_file(file)?;
     if folder.extension().is_some_and(|extension| extension == "fmu") && !folder.is_dir() {
         let source = std::io::Error::other("expected a folder for NAME.fmu, NAME being the surrogate's");
         return Err(Error::io(folder, "write into the folder")(source));
     }
     files::writable_folder_in_place(folder)?;
-    let target =
-        Target { folder, name: &surrogate.metadata().name, alone: false, about: &study::ExportOptions::default() };
+    let target = ExportTarget {
+        folder,
+        name: &surrogate.metadata().name,
+        alone: false,
+        about: &study::ExportOptions::default(),
+    };
     let same =
         |path: &PathBuf| path.canonicalize().is_ok_and(|path| file.canonicalize().is_ok_and(|file| file == path));
     if let Some(path) = plan.wanted().map(|version| target.fmu(version)).find(same) {
@@ -158,15 +162,19 @@ pub fn export_surrogate(
     surrogate: &Surrogate,
     accuracy: Option<&Accuracy>,
     fmu: &Path,
-    options: &ExportOptions,
-) -> Result<Vec<Written>> {
-    let plan = Plan::of(options, FmiChoice::default())?;
+    options: &ExportRequest,
+) -> Result<Vec<WrittenFmu>> {
+    let plan = ExportPlan::of(options, FmiChoice::default())?;
     let folder = fmu.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // as of the FMU itself: no folder is made for it
     files::check_output(fmu)?;
     let stem = fmu.file_stem().unwrap_or_default().to_string_lossy();
-    let target =
-        Target { folder, name: &stem, alone: plan.wanted().count() == 1, about: &study::ExportOptions::default() };
+    let target = ExportTarget {
+        folder,
+        name: &stem,
+        alone: plan.wanted().count() == 1,
+        about: &study::ExportOptions::default(),
+    };
     write(&target, &plan, surrogate, accuracy, &[])
 }
 
@@ -174,7 +182,7 @@ pub fn export_surrogate(
 ///
 /// # Errors
 /// [`Error::Baseline`] if it cannot be fitted or exported, [`Error::Stale`] if there are no runs of this study, [`Error::Io`].
-pub fn export_baseline(project: &Project, plan: &Plan, kind: BaselineKind) -> Result<Vec<Written>> {
+pub fn export_baseline(project: &Project, plan: &ExportPlan, kind: BaselineKind) -> Result<Vec<WrittenFmu>> {
     compare::refuse_states(project)?;
     let (study, model) = (&project.study, kind.name());
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
@@ -206,25 +214,25 @@ fn with_verdict(project: &Project, accuracy: Accuracy, verdict: Verdict) -> Accu
 /// Writes the network's FMUs.
 pub(super) fn stage(
     project: &Project,
-    plan: &Plan,
+    plan: &ExportPlan,
     surrogate: &Surrogate,
     accuracy: Option<&Accuracy>,
     figures: &[Drawn],
-) -> Result<Vec<Written>> {
+) -> Result<Vec<WrittenFmu>> {
     write_of_project(project, plan, surrogate, accuracy, figures, "")
 }
 
 /// `model`: what follows the study's name in those of the files.
 fn write_of_project(
     project: &Project,
-    plan: &Plan,
+    plan: &ExportPlan,
     surrogate: &Surrogate,
     accuracy: Option<&Accuracy>,
     figures: &[Drawn],
     model: &str,
-) -> Result<Vec<Written>> {
+) -> Result<Vec<WrittenFmu>> {
     let name = format!("{}{model}", project.study.name);
-    let target = Target { folder: project.folder(), name: &name, alone: false, about: &project.study.export };
+    let target = ExportTarget { folder: project.folder(), name: &name, alone: false, about: &project.study.export };
     let written = write(&target, plan, surrogate, accuracy, figures)?;
     let others = FmiVersion::ALL.into_iter().filter(|version| plan.wanted().all(|wanted| wanted != *version));
     for path in others.map(|version| target.fmu(version)) {
@@ -237,7 +245,7 @@ fn write_of_project(
 }
 
 /// Where FMUs are written, and what they say about themselves.
-struct Target<'a> {
+struct ExportTarget<'a> {
     folder: &'a Path,
     name: &'a str,
     /// Whether there is an FMU of one version only, whose name does not say which.
@@ -245,7 +253,7 @@ struct Target<'a> {
     about: &'a study::ExportOptions,
 }
 
-impl Target<'_> {
+impl ExportTarget<'_> {
     fn fmu(&self, version: FmiVersion) -> PathBuf {
         let suffix = if version == FmiVersion::V3 && !self.alone { "-fmi3" } else { "" };
         self.folder.join(format!("{}{suffix}.fmu", self.name))
@@ -253,18 +261,18 @@ impl Target<'_> {
 }
 
 fn write(
-    target: &Target,
-    plan: &Plan,
+    target: &ExportTarget,
+    plan: &ExportPlan,
     surrogate: &Surrogate,
     accuracy: Option<&Accuracy>,
     figures: &[Drawn],
-) -> Result<Vec<Written>> {
+) -> Result<Vec<WrittenFmu>> {
     let write = |version| {
-        let Plan { binaries, sources, .. } = plan;
+        let ExportPlan { binaries, sources, .. } = plan;
         let contents = Contents { version, about: target.about, binaries, accuracy, figures, sources: *sources };
         let (path, bytes) = (target.fmu(version), pack(surrogate, &contents)?);
         files::write_whole(&path, &bytes)?;
-        Ok(Written { fmu: path, bytes: bytes.len(), version })
+        Ok(WrittenFmu { fmu: path, bytes: bytes.len(), version })
     };
     plan.wanted().map(write).collect()
 }

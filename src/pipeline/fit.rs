@@ -1,6 +1,6 @@
 //! A network of rows of inputs and outputs, without a study.
 
-use super::observer::{Control, Event, Work};
+use super::observer::{Control, CountedWork, Event};
 use crate::{
     Error, Result,
     diagnostics::Problems,
@@ -96,7 +96,7 @@ pub fn fit(
     import::inputs(interface, Some(&inputs))?;
     let training = Training { inputs: &inputs, outputs, options, control };
     let order = sampling::permutation(inputs.len(), sampling::random(options.seed, Stream::Validation));
-    let parts = Parts::of(&order, &options.training, options.measure);
+    let parts = RowSplit::of(&order, &options.training, options.measure);
     let (map, outcome) = training.of(parts, None)?;
     let outcome = outcome.completed()?;
     let map = Map::Network(map);
@@ -130,7 +130,7 @@ pub fn fit(
 
 /// Rows by what they are for.
 #[derive(Clone, Copy)]
-struct Parts<'a> {
+struct RowSplit<'a> {
     /// They measure the accuracy.
     judging: &'a [usize],
     /// They choose the best epoch.
@@ -139,7 +139,7 @@ struct Parts<'a> {
     seen: &'a [usize],
 }
 
-impl<'a> Parts<'a> {
+impl<'a> RowSplit<'a> {
     /// Of rows in a random order; of a few none judges.
     fn of(order: &'a [usize], training: &TrainingOptions, measure: bool) -> Self {
         if order.len() < 2 {
@@ -170,7 +170,7 @@ struct Training<'a> {
 
 impl Training<'_> {
     /// The network of some of the rows; `fold`: its number in a cross-validation.
-    fn of(&self, Parts { seen, choosing, .. }: Parts, fold: Option<usize>) -> Result<(ScaledNetwork, Outcome)> {
+    fn of(&self, RowSplit { seen, choosing, .. }: RowSplit, fold: Option<usize>) -> Result<(ScaledNetwork, Outcome)> {
         let Self { inputs, outputs, options, control } = self;
         let columns = [inputs, outputs].map(|rows| rows.first().map_or(0, Vec::len));
         let (x, y) = (chosen(inputs, seen), chosen(outputs, seen));
@@ -185,9 +185,9 @@ impl Training<'_> {
         let validation_rows = rows(&chosen(inputs, choosing), &chosen(outputs, choosing))?;
         let network = Network::new(columns[0], columns[1], &options.network, options.seed)?;
         let epochs = options.training.epochs;
-        let mut follower = Follower { control: *control, epochs, is_shown: fold.is_none() };
+        let mut follower = FitFollower { control: *control, epochs, is_shown: fold.is_none() };
         let steps = training_rows.len().div_ceil(options.training.batch.max(1)) * epochs;
-        follower.show(Event::Begin { work: Work::Steps, total: steps });
+        follower.show(Event::Begin { work: CountedWork::Steps, total: steps });
         let trained =
             training::train(network, &training_rows, &validation_rows, &options.training, options.seed, &mut follower);
         follower.show(Event::End);
@@ -207,7 +207,7 @@ impl Training<'_> {
             let (judging, rest): (Vec<_>, Vec<_>) =
                 order.iter().enumerate().partition(|(place, _)| place % folds == fold);
             let [judging, rest] = [judging, rest].map(|rows| rows.into_iter().map(|(_, row)| *row).collect::<Vec<_>>());
-            let (network, _) = self.of(Parts::of(&rest, &self.options.training, false), Some(fold))?;
+            let (network, _) = self.of(RowSplit::of(&rest, &self.options.training, false), Some(fold))?;
             Ok(judging.iter().copied().zip(network.evaluate(&chosen(self.inputs, &judging))).collect())
         };
         // of few rows a step is too short for several threads
@@ -239,13 +239,13 @@ fn problems(FitOptions { network, training, .. }: &FitOptions, columns: [usize; 
 }
 
 /// Reports the progress, and ends the training if it must stop.
-struct Follower<'a> {
+struct FitFollower<'a> {
     control: Control<'a>,
     epochs: usize,
     is_shown: bool,
 }
 
-impl Follower<'_> {
+impl FitFollower<'_> {
     fn show(&self, event: Event<'_>) {
         if self.is_shown {
             self.control.observer.event(event);
@@ -253,7 +253,7 @@ impl Follower<'_> {
     }
 }
 
-impl Observer for Follower<'_> {
+impl Observer for FitFollower<'_> {
     fn step(&mut self, progress: &Progress) -> ControlFlow<()> {
         let Progress { epoch, epochs, step, steps, loss } = *progress;
         let about = format_args!("epoch {epoch}/{epochs}, loss {loss:.2e}");
@@ -290,7 +290,7 @@ mod tests {
             (5000, false, 0, 500),
         ] {
             let order: Vec<usize> = (0..rows).collect();
-            let Parts { judging, choosing, seen } = Parts::of(&order, &TrainingOptions::default(), measure);
+            let RowSplit { judging, choosing, seen } = RowSplit::of(&order, &TrainingOptions::default(), measure);
             assert_eq!((judging.len(), choosing.len()), (judges, choosers), "{rows}");
             let all: Vec<usize> = [judging, choosing, seen].concat();
             assert!(rows == 1 || all == order, "{rows}");
@@ -299,14 +299,14 @@ mod tests {
 
     #[test]
     fn options_beyond_their_limits_are_refused_by_name_before_anything_is_allocated() {
-        type Change = fn(&mut FitOptions);
-        let found = |change: Change| {
+        type OptionsChange = fn(&mut FitOptions);
+        let found = |change: OptionsChange| {
             let mut options = FitOptions::default();
             change(&mut options);
             problems(&options, [3, 2]).join("; ")
         };
         assert_eq!(found(|_| ()), "");
-        let cases: [(Change, &str); 7] = [
+        let cases: [(OptionsChange, &str); 7] = [
             (|of| of.training.learning_rate = f64::NAN, "training.learning_rate: NaN, expected a positive number"),
             (|of| of.training.l2 = -1.0, "training.l2: -1, expected 0 or a positive number"),
             (|of| of.training.batch = 0, "training.batch: 0, expected at least 1 row"),

@@ -1,7 +1,7 @@
 //! How a training goes: its progress, its checkpoints, and its result.
 
 use super::{
-    observer::{Event, Work},
+    observer::{CountedWork, Event},
     project::Project,
     record::TrainingRecord,
 };
@@ -113,7 +113,7 @@ impl<'a> Follower<'a> {
 
     /// With other options than the study's.
     pub(super) fn with(project: &'a Project<'a>, options: &TrainingOptions, rows: usize) -> Self {
-        project.begin(Work::Steps, rows.div_ceil(options.batch) * options.epochs);
+        project.begin(CountedWork::Steps, rows.div_ceil(options.batch) * options.epochs);
         Self {
             project,
             rows,
@@ -135,9 +135,9 @@ impl<'a> Follower<'a> {
         Self { checkpoints: Some((path, true)), ..self }
     }
 
-    fn speed(&mut self, done: f64) -> Pace {
+    fn speed(&mut self, done: f64) -> TrainingSpeed {
         let (before, began) = *self.began.get_or_insert((done, Instant::now()));
-        Pace { done: done - before, left: self.epochs as f64 - done, began, rows: self.rows }
+        TrainingSpeed { done: done - before, left: self.epochs as f64 - done, began, rows: self.rows }
     }
 
     fn write_checkpoint(
@@ -196,7 +196,7 @@ impl Observer for Follower<'_> {
 }
 
 /// Rows per second and the seconds left at this speed, in words.
-struct Pace {
+struct TrainingSpeed {
     /// Epochs that this process has done, and those that are left.
     done: f64,
     left: f64,
@@ -204,7 +204,7 @@ struct Pace {
     rows: usize,
 }
 
-impl fmt::Display for Pace {
+impl fmt::Display for TrainingSpeed {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let epochs_per_second = self.done / self.began.elapsed().as_secs_f64();
         if !epochs_per_second.is_normal() {

@@ -51,12 +51,12 @@ pub struct ImportedSurrogate {
     /// Its content digest.
     pub content_digest: String,
     /// How each output compares with the check.
-    pub check: Vec<Difference>,
+    pub check: Vec<OutputDifference>,
 }
 
 /// The difference of an output from what was expected.
 #[derive(Clone, Debug, Serialize)]
-pub struct Difference {
+pub struct OutputDifference {
     /// The output.
     pub output: String,
     /// Its largest difference.
@@ -193,7 +193,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
             quoted(port.unit()),
         );
     }
-    let mut shown: Vec<&Port> = outputs.iter().filter(|port| !port.is_state).collect();
+    let mut shown: Vec<&ModelColumn> = outputs.iter().filter(|port| !port.is_state).collect();
     if shown.is_empty() {
         // a model that only tells how its states go on shows them, with their names
         shown = inputs.iter().filter(|port| port.is_state).collect();
@@ -213,7 +213,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
 }
 
 /// A column of a model.
-struct Port<'a> {
+struct ModelColumn<'a> {
     column: &'a str,
     /// Whether it is that of a state, or what a state follows from.
     is_state: bool,
@@ -223,7 +223,7 @@ struct Port<'a> {
     described: Option<Described>,
 }
 
-impl Port<'_> {
+impl ModelColumn<'_> {
     /// What it is called, unless that name is taken.
     fn wanted(&self) -> String {
         let found = self.found.as_ref().map(|found| found.name.clone());
@@ -252,18 +252,21 @@ impl Port<'_> {
 }
 
 /// The columns of these names; `states` are names of columns, or of tensors.
-fn ports<'a>(columns: &'a [String], states: impl Iterator<Item = &'a String>) -> Vec<Port<'a>> {
+fn ports<'a>(columns: &'a [String], states: impl Iterator<Item = &'a String>) -> Vec<ModelColumn<'a>> {
     let states: Vec<&String> = states.collect();
     let is_state = |column: &str| {
         let tensor = column.split('[').next().unwrap_or(column);
         states.iter().any(|name| *name == column || *name == tensor)
     };
-    columns.iter().map(|column| Port { column, is_state: is_state(column), found: None, described: None }).collect()
+    columns
+        .iter()
+        .map(|column| ModelColumn { column, is_state: is_state(column), found: None, described: None })
+        .collect()
 }
 
 /// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if it has as many
 /// columns as there are.
-fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<Port>; 2], goes_on: bool) -> Result<()> {
+fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], goes_on: bool) -> Result<()> {
     let columns = Table::open(path)?.columns().to_vec();
     let mut open: HashMap<&str, usize> =
         columns.iter().enumerate().map(|(place, column)| (column.name.as_str(), place)).collect();
@@ -278,8 +281,8 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<Port>; 2], goes_on: b
     let mut rest: Vec<usize> = open.into_values().collect();
     rest.sort_unstable();
     let is_behind = rest.first().is_some_and(|first| first + rest.len() == columns.len());
-    let is_plain = |port: &&mut Port| !port.is_state;
-    let meant: Vec<&mut Port> = match found {
+    let is_plain = |port: &&mut ModelColumn| !port.is_state;
+    let meant: Vec<&mut ModelColumn> = match found {
         [Ok(true), Ok(false)] if is_behind => outputs.iter_mut().filter(is_plain).collect(),
         [Ok(false), Ok(true)] => inputs.iter_mut().filter(is_plain).collect(),
         [Ok(false), Ok(false)] if rest.len() == inputs.len() => inputs.iter_mut().collect(),
@@ -302,7 +305,7 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<Port>; 2], goes_on: b
 fn find_by_name(
     columns: &[TableColumn],
     open: &mut HashMap<&str, usize>,
-    ports: &mut [Port],
+    ports: &mut [ModelColumn],
     what: &str,
 ) -> std::result::Result<bool, String> {
     for port in ports.iter_mut().filter(|port| !port.is_state) {
@@ -318,9 +321,9 @@ fn find_by_name(
             port.found = open.remove(name).map(|place| columns[place].clone());
         }
     }
-    let (found, missing): (Vec<&Port>, Vec<&Port>) =
+    let (found, missing): (Vec<&ModelColumn>, Vec<&ModelColumn>) =
         ports.iter().filter(|port| !port.is_state).partition(|port| port.found.is_some());
-    let names = |ports: &[&Port]| listed(&ports.iter().map(|port| port.column).collect::<Vec<&str>>());
+    let names = |ports: &[&ModelColumn]| listed(&ports.iter().map(|port| port.column).collect::<Vec<&str>>());
     match (found.is_empty(), missing.is_empty()) {
         (true, _) => Ok(false),
         (false, true) => Ok(true),
@@ -444,7 +447,12 @@ fn read(path: &Path, interface: Option<&ModelInterface>) -> Result<(Vec<u8>, Imp
 }
 
 /// Compares the outputs with those of a table, row by row.
-fn check(surrogate: &Surrogate, interface: &ModelInterface, path: &Path, tolerance: f64) -> Result<Vec<Difference>> {
+fn check(
+    surrogate: &Surrogate,
+    interface: &ModelInterface,
+    path: &Path,
+    tolerance: f64,
+) -> Result<Vec<OutputDifference>> {
     let mut table = Table::open(path)?;
     let outputs = surrogate.outputs();
     let of_inputs = import::columns(&table, interface)?;
@@ -506,7 +514,7 @@ fn check(surrogate: &Surrogate, interface: &ModelInterface, path: &Path, toleran
             _ => 1.0,
         };
         let relative = if largest == 0.0 { 0.0 } else { largest / scale };
-        Difference { output: output.name.clone(), largest, relative, row, fits: relative <= tolerance }
+        OutputDifference { output: output.name.clone(), largest, relative, row, fits: relative <= tolerance }
     };
     Ok(outputs.iter().zip(largest).zip(ranges).map(difference).collect())
 }

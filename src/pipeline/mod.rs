@@ -1,7 +1,7 @@
 //! What the verbs of the command do, without a terminal: from a study file to validated FMUs, for every program.
 //!
 //! A [`Project`] is a study with its source and its folder of results. Each stage takes what the one before has left in that
-//! folder, reports its progress to an [`Observer`], and ends when a token says so. Nothing here prints, reads the command line, or
+//! folder, reports its progress to a [`PipelineObserver`], and ends when a token says so. Nothing here prints, reads the command line, or
 //! depends on which program runs.
 
 pub mod build;
@@ -38,7 +38,7 @@ pub mod trial;
 pub use build::{Built, build};
 pub use compare::compare;
 pub use evaluate::evaluate;
-pub use observer::{Control, Event, Observer, Silent, Work};
+pub use observer::{Control, CountedWork, Event, PipelineObserver, Silent};
 pub use predict::predict;
 pub use project::Project;
 pub use report::report;

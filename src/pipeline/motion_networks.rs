@@ -3,7 +3,7 @@
 use super::{
     follower::Checkpoints,
     learned::{self, Directions, EXACT, Examples, held_out},
-    observer::{Event, Work},
+    observer::{CountedWork, Event},
     project::Project,
     record::{ACCELERATIONS, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, NETWORK},
 };
@@ -156,7 +156,7 @@ impl<'a> Asked<'a> {
         let study = &project.study;
         let refuse = |message: String| study.refusal("states", message);
         let (count, seed) = (learned::states(study), study.seed ^ 0x4e45_5457);
-        project.begin(Work::Equations, 1);
+        project.begin(CountedWork::Equations, 1);
         let unseen = held_out(count);
         let all = equations.functions(count, seed).map_err(refuse)?;
         let accelerations = equations.accelerations(unseen, seed ^ 1).map_err(refuse)?;

@@ -8,7 +8,7 @@ use std::{
 
 /// Work that is counted while it is done.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Work {
+pub enum CountedWork {
     /// Simulated runs.
     Runs,
     /// Batches of states at which a source is asked for its equations.
@@ -36,7 +36,7 @@ pub enum Event<'a> {
     /// Work begins.
     Begin {
         /// What is counted.
-        work: Work,
+        work: CountedWork,
         /// Number of units.
         total: usize,
     },
@@ -60,7 +60,7 @@ pub enum Event<'a> {
 }
 
 /// Is told what happens; from any thread.
-pub trait Observer: Sync {
+pub trait PipelineObserver: Sync {
     /// Something happens.
     fn event(&self, event: Event<'_>);
 }
@@ -69,7 +69,7 @@ pub trait Observer: Sync {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Silent;
 
-impl Observer for Silent {
+impl PipelineObserver for Silent {
     fn event(&self, _: Event<'_>) {}
 }
 
@@ -77,7 +77,7 @@ impl Observer for Silent {
 #[derive(Clone, Copy)]
 pub struct Control<'a> {
     /// Is told what happens.
-    pub observer: &'a dyn Observer,
+    pub observer: &'a dyn PipelineObserver,
     /// Ends the work when it turns true: a training keeps its best network and clears it, everything else is an
     /// [`Error::Interrupted`](crate::Error::Interrupted).
     pub stop: &'a AtomicBool,

@@ -2,9 +2,9 @@
 
 use super::{
     follower::Trained,
-    observer::{Event, Work},
+    observer::{CountedWork, Event},
     parallel::side_by_side,
-    prepare::{Prepared, prepare_instants},
+    prepare::{PreparedTraining, prepare_instants},
     project::Project,
     record::TrainingRecord,
 };
@@ -42,7 +42,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
     }
     let began = Instant::now();
     let (total, finished) = (prepared.len(), AtomicUsize::new(0));
-    project.begin(Work::Networks, total);
+    project.begin(CountedWork::Networks, total);
     let outcomes = train_all(project, &project.study, &prepared, project.study.training.epochs, |instant, train| {
         let outcome = kept.get(instant).map_or_else(train, Ok)?;
         if outcome.reason == StopReason::Interrupted {
@@ -82,7 +82,7 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         record.validation_runs
     ));
     let history = mean_history(&outcomes);
-    let scaled = |(prepared, outcome): (Prepared, Outcome)| ScaledNetwork {
+    let scaled = |(prepared, outcome): (PreparedTraining, Outcome)| ScaledNetwork {
         scaling: prepared.scaling,
         layers: outcome.network.to_layers(),
     };
@@ -108,7 +108,7 @@ fn tell(project: &Project, outcome: &Outcome, done: usize, total: usize, began: 
 pub fn train_all(
     project: &Project,
     study: &Study,
-    prepared: &[Prepared],
+    prepared: &[PreparedTraining],
     goal: usize,
     each: impl Fn(usize, &dyn Fn() -> Result<Outcome>) -> Result<Outcome> + Sync,
 ) -> Result<Vec<Outcome>> {
@@ -124,9 +124,9 @@ pub fn train_all(
     outcomes.into_iter().map(|(_, outcome)| outcome).collect()
 }
 
-fn train_one(project: &Project, study: &Study, prepared: &Prepared, goal: usize) -> Result<Outcome> {
-    let Prepared { network, training, validation, .. } = prepared;
-    let mut follower = Follower { project, goal, epochs: 0 };
+fn train_one(project: &Project, study: &Study, prepared: &PreparedTraining, goal: usize) -> Result<Outcome> {
+    let PreparedTraining { network, training, validation, .. } = prepared;
+    let mut follower = TimePointFollower { project, goal, epochs: 0 };
     let outcome = training::train(network.clone(), training, validation, &study.training, study.seed, &mut follower)?;
     if outcome.reason == StopReason::Interrupted && outcome.history.len() < goal {
         return Err(Error::Interrupted);
@@ -146,14 +146,14 @@ pub fn without_constants(network: &Network, rows: &TrainingRows) -> Network {
 }
 
 /// Ends a training at its goal, or at Ctrl-C.
-struct Follower<'a> {
+struct TimePointFollower<'a> {
     project: &'a Project<'a>,
     goal: usize,
     /// Epochs that are done.
     epochs: usize,
 }
 
-impl Observer for Follower<'_> {
+impl Observer for TimePointFollower<'_> {
     fn step(&mut self, _: &training::Progress) -> ControlFlow<()> {
         let stop = self.epochs >= self.goal || self.project.is_stopped();
         if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -211,12 +211,12 @@ fn mean_history(outcomes: &[Outcome]) -> Vec<EpochRecord> {
 /// The networks that are finished, in a journal that survives the process.
 struct Finished<'a> {
     journal: Journal,
-    prepared: &'a [Prepared],
+    prepared: &'a [PreparedTraining],
     epochs: usize,
 }
 
 impl<'a> Finished<'a> {
-    fn open(project: &Project, prepared: &'a [Prepared]) -> Result<Self> {
+    fn open(project: &Project, prepared: &'a [PreparedTraining]) -> Result<Self> {
         let rows = prepared.iter().flat_map(|prepared| [&prepared.training, &prepared.validation]);
         let digests: String = rows.map(|rows| format!(" {:016x}", rows.digest())).collect();
         let epochs = project.study.training.epochs;

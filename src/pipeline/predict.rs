@@ -8,7 +8,7 @@
 mod rows;
 
 use super::{
-    observer::{Control, Event, Work},
+    observer::{Control, CountedWork, Event},
     project::Project,
 };
 use crate::{
@@ -154,7 +154,7 @@ pub fn predict(
     let reader = Reader::open(surrogate, table, stop, tell)?;
     let mut writer = Writer::new(options.format, &predictor.columns(reader.has_labels()));
     let mut predicted = predictor.predicted();
-    observer.event(Event::Begin { work: Work::Rows, total: SHARES });
+    observer.event(Event::Begin { work: CountedWork::Rows, total: SHARES });
     let reader = thread::scope(|scope| {
         let (give, take) = sync_channel(1);
         let reading = scope.spawn(move || read(reader, &give));

@@ -15,7 +15,7 @@ use metafmu_runtime::{ScaledNetwork, Scaling, Surrogate};
 use std::sync::Arc;
 
 /// What a training begins with.
-pub struct Prepared {
+pub struct PreparedTraining {
     pub scaling: Scaling,
     pub network: Network,
     pub training: TrainingRows,
@@ -25,7 +25,7 @@ pub struct Prepared {
 
 /// Holds out the validation runs, standardises the rows by the others, and makes the network. The last `added` runs are all for
 /// training. Scaling and network are those of `start`, if there is one.
-pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Surrogate>) -> Result<Prepared> {
+pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Surrogate>) -> Result<PreparedTraining> {
     let (planned, added) = dataset.runs.split_at(dataset.runs.len() - added);
     let (mut training, validation) = split(planned, &study.training, study.seed);
     training.extend(added);
@@ -33,7 +33,7 @@ pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Su
 }
 
 /// The same for the network of each instant: the times of the runs, which are those of every run.
-pub fn prepare_instants(study: &Study, dataset: &Dataset) -> Result<(Arc<[f64]>, Vec<Prepared>)> {
+pub fn prepare_instants(study: &Study, dataset: &Dataset) -> Result<(Arc<[f64]>, Vec<PreparedTraining>)> {
     let instants = common_times(study, &dataset.runs)?;
     let (training, validation) = split(&dataset.runs, &study.training, study.seed);
     let prepared = |row| of_rows(study, dataset, &training, &validation, RowLayout::at(study.encoder(), row), None);
@@ -53,7 +53,7 @@ fn of_rows(
     validation_runs: &[&Run],
     layout: RowLayout,
     start: Option<&ScaledNetwork>,
-) -> Result<Prepared> {
+) -> Result<PreparedTraining> {
     let fit = || scaling::fit(dataset, &layout, training_runs.iter().copied());
     let scaling = start.map_or_else(fit, |start| start.scaling.clone());
     let (inputs, outputs) = (layout.columns(), dataset.outputs.len());
@@ -66,7 +66,7 @@ fn of_rows(
         None => Network::new(inputs, outputs, &study.network, study.seed)?,
         Some(start) => Network::from_layers(&start.layers, study.network.activation)?,
     };
-    Ok(Prepared { scaling, network, training, validation, validation_runs: validation_runs.len() })
+    Ok(PreparedTraining { scaling, network, training, validation, validation_runs: validation_runs.len() })
 }
 
 fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {

@@ -1,7 +1,7 @@
 //! A study, its source, and its folder of results.
 
 use super::{
-    observer::{Control, Event, Work},
+    observer::{Control, CountedWork, Event},
     record::{Speed, TrainingRecord},
 };
 use crate::{
@@ -144,7 +144,7 @@ impl<'a> Project<'a> {
     }
 
     /// Tells the observer that work of `total` units begins.
-    pub(super) fn begin(&self, work: Work, total: usize) {
+    pub(super) fn begin(&self, work: CountedWork, total: usize) {
         self.event(Event::Begin { work, total });
     }
 

@@ -23,7 +23,7 @@ use std::{
 
 /// What was written.
 #[derive(Debug, Serialize)]
-pub struct Written {
+pub struct WrittenReport {
     /// The page.
     pub report: PathBuf,
     /// Its size.
@@ -45,7 +45,7 @@ pub struct BesideStudy<'a> {
 ///
 /// # Errors
 /// [`Error::Stale`] if something is missing or does not belong together, [`Error::Io`].
-pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Path>) -> Result<Written> {
+pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Path>) -> Result<WrittenReport> {
     let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
     let other = beside.map(|beside| Other::load(project, beside)).transpose()?;
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
@@ -64,7 +64,7 @@ pub(super) fn stage(
     training: &TrainingRecord,
     other: Option<&Other>,
     plots: Option<&Path>,
-) -> Result<Written> {
+) -> Result<WrittenReport> {
     let history = if project.history().exists() { read_history(&project.history())? } else { Vec::new() };
     let beside = other.map(|other| Evaluated::new(&other.surrogate, evaluated.test));
     let beside = other.zip(beside.as_ref()).map(|(other, beside)| other.beside(project, evaluated, beside, training));
@@ -91,7 +91,7 @@ pub(super) fn stage(
             files::write_whole(&folder.join(format!("{}.svg", figure.id)), figure.svg.as_bytes())?;
         }
     }
-    Ok(Written { report: project.report(), bytes: page.len(), figures: figures.len() })
+    Ok(WrittenReport { report: project.report(), bytes: page.len(), figures: figures.len() })
 }
 
 /// How data and network were made.

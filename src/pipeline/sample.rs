@@ -1,7 +1,7 @@
 //! Simulates the training and test runs and writes their tables.
 
 use super::{
-    observer::{Event, Work},
+    observer::{CountedWork, Event},
     project::{FailedRun, Project, SamplesRecord},
 };
 use crate::{
@@ -13,7 +13,7 @@ use crate::{
     source::{
         Journal, Simulation, Source,
         shard::{self, Shard},
-        simulation::Outcome,
+        simulation::RunOutcome,
     },
     table::header_field,
     variable::SourceVariable,
@@ -75,9 +75,9 @@ pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
 }
 
 /// The runs that failed.
-fn failures(project: &Project, plan: &Plan, outcomes: &[Outcome]) -> Vec<FailedRun> {
+fn failures(project: &Project, plan: &Plan, outcomes: &[RunOutcome]) -> Vec<FailedRun> {
     let runs = plan.named().into_iter().flat_map(|(set, points)| points.iter().enumerate().map(move |run| (set, run)));
-    let failure = |((set, (run, point)), outcome): ((&str, (usize, &Vec<f64>)), &Outcome)| {
+    let failure = |((set, (run, point)), outcome): ((&str, (usize, &Vec<f64>)), &RunOutcome)| {
         let names = project.study.planned().map(|(name, _)| name.to_owned());
         let reason = outcome.as_ref().err()?.clone();
         Some(FailedRun { set: set.into(), run, parameters: names.zip(point.iter().copied()).collect(), reason })
@@ -200,8 +200,8 @@ fn run_points(
     points: &[Vec<f64>],
     total: usize,
     journal: &Journal,
-) -> Result<Vec<Outcome>> {
-    project.begin(Work::Runs, points.len());
+) -> Result<Vec<RunOutcome>> {
+    project.begin(CountedWork::Runs, points.len());
     if !journal.is_empty() {
         project.note(format_args!("{} runs are kept from a sampling that was not finished", journal.len()));
     }
@@ -214,7 +214,7 @@ fn sort(
     project: &Project,
     simulation: &Simulation,
     plan: Plan,
-    outcomes: Vec<Outcome>,
+    outcomes: Vec<RunOutcome>,
 ) -> Result<(Sets<Dataset>, Vec<FailedRun>)> {
     let failed = failures(project, &plan, &outcomes);
     tell(project, &failed, outcomes.len());

@@ -2,10 +2,10 @@
 
 use super::{
     compare,
-    observer::{Event, Work},
+    observer::{CountedWork, Event},
     parallel::side_by_side,
     per_instant,
-    prepare::{Prepared, baseline_rows_and_held_out, prepare, prepare_instants},
+    prepare::{PreparedTraining, baseline_rows_and_held_out, prepare, prepare_instants},
     project::Project,
 };
 use crate::{
@@ -36,13 +36,13 @@ const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
 
 /// How far a trial came: `trial-NNNN.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub struct Record {
+pub struct TrialRecord {
     trial: usize,
     /// [`Study::digest`] of the trial's study.
     study_digest: String,
     /// In the order of `search.space`.
     values: Vec<toml::Value>,
-    status: Status,
+    status: TrialStatus,
     /// Epochs that were completed.
     epochs: usize,
     best_epoch: usize,
@@ -60,7 +60,7 @@ pub struct Record {
     digest: String,
 }
 
-impl Record {
+impl TrialRecord {
     fn content_digest(&self) -> String {
         let content = serde_json::to_vec(&Self { digest: String::new(), ..self.clone() });
         // plain data: serialization cannot fail, and if it did, no digest could match
@@ -71,7 +71,7 @@ impl Record {
 /// How far a trial came.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Status {
+pub enum TrialStatus {
     /// Nothing is known about it yet.
     Waiting,
     /// Trained up to a rung.
@@ -85,7 +85,7 @@ pub enum Status {
 }
 
 /// One trial.
-struct Trial {
+struct SearchTrial {
     values: Vec<toml::Value>,
     study: Result<Study>,
     record: PathBuf,
@@ -102,7 +102,7 @@ pub struct Searched {
     /// The study file of the best trial.
     pub best_study: PathBuf,
     /// How far the best trial came.
-    pub best: Record,
+    pub best: TrialRecord,
     /// The best trials as a table for people.
     #[serde(skip)]
     pub summary: String,
@@ -123,14 +123,14 @@ pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> 
     let folder = project.search_folder();
     project.prepare_folder()?;
     files::writable_folder(&folder)?;
-    let trial = |(number, (values, study))| Trial {
+    let trial = |(number, (values, study))| SearchTrial {
         values,
         study,
         record: folder.join(format!("trial-{number:04}.json")),
         checkpoint: folder.join(format!("trial-{number:04}.safetensors")),
         runs: folder.join(format!("trial-{number:04}-runs.bin")),
     };
-    let trials: Vec<Trial> = studies.into_iter().enumerate().map(trial).collect();
+    let trials: Vec<SearchTrial> = studies.into_iter().enumerate().map(trial).collect();
     tell_unfit(project, &trials);
     if !resume {
         for trial in &trials {
@@ -154,13 +154,13 @@ pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> 
     for file in trials.iter().flat_map(|trial| [&trial.checkpoint, &trial.runs]).chain([&shared_runs(project)]) {
         files::remove(file)?;
     }
-    let went_wrong = |(trial, record): (&Trial, &Record)| trial.study.is_err() || record.broke;
+    let went_wrong = |(trial, record): (&SearchTrial, &TrialRecord)| trial.study.is_err() || record.broke;
     let (best, summary) = (best.clone(), summary(project, &records));
     Ok(Searched { table, best_study, best, summary, has_errors: trials.iter().zip(&records).any(went_wrong) })
 }
 
 /// Says before the first trial which ones have values that do not go together.
-fn tell_unfit(project: &Project, trials: &[Trial]) {
+fn tell_unfit(project: &Project, trials: &[SearchTrial]) {
     let unfit: Vec<&Error> = trials.iter().filter_map(|trial| trial.study.as_ref().err()).collect();
     if let Some(first) = unfit.first() {
         let (count, first) = (unfit.len(), first.to_string().replace('\n', "; "));
@@ -180,25 +180,25 @@ fn keys<'a>(project: &'a Project) -> impl Iterator<Item = &'a str> {
     project.study.search.iter().flat_map(|search| search.space.keys()).map(String::as_str)
 }
 
-fn best(records: &[Record]) -> Option<&Record> {
-    let finished = records.iter().filter(|record| record.status == Status::Finished);
+fn best(records: &[TrialRecord]) -> Option<&TrialRecord> {
+    let finished = records.iter().filter(|record| record.status == TrialStatus::Finished);
     let scored = finished.filter_map(|record| Some((record.score?, record)));
     scored.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, record)| record)
 }
 
 /// Trains every trial rung by rung; after each, the best ones continue.
-fn train_all(project: &Project, trials: &[Trial]) -> Result<Vec<Record>> {
+fn train_all(project: &Project, trials: &[SearchTrial]) -> Result<Vec<TrialRecord>> {
     let Some(options) = &project.study.search else { return Ok(Vec::new()) };
     let shared = if trials.iter().any(|trial| shares_samples(project, trial)) {
         Some(samples(project, &project.study, &project.source, &shared_runs(project))?)
     } else {
         None
     };
-    let mut records: Vec<Record> = (0..).zip(trials).map(|(number, trial)| waiting(number, trial)).collect();
+    let mut records: Vec<TrialRecord> = (0..).zip(trials).map(|(number, trial)| waiting(number, trial)).collect();
     let mut going: Vec<usize> = (0..trials.len()).collect();
     let rungs = rungs(options);
     for (rung, &share) in rungs.iter().enumerate() {
-        project.begin(Work::Trials { rung: rung + 1, rungs: rungs.len() }, going.len());
+        project.begin(CountedWork::Trials { rung: rung + 1, rungs: rungs.len() }, going.len());
         let done = side_by_side(&going, |number| {
             let record = attempt(project, number, &trials[number], shared.as_ref(), share);
             if let Ok(record) = &record {
@@ -216,8 +216,8 @@ fn train_all(project: &Project, trials: &[Trial]) -> Result<Vec<Record>> {
             going = survivors(&scores, options.reduction);
             for (number, _) in scores {
                 let record = &mut records[number];
-                if !going.contains(&number) && record.status == Status::Paused {
-                    record.status = Status::Stopped;
+                if !going.contains(&number) && record.status == TrialStatus::Paused {
+                    record.status = TrialStatus::Stopped;
                 }
             }
         }
@@ -225,7 +225,7 @@ fn train_all(project: &Project, trials: &[Trial]) -> Result<Vec<Record>> {
     Ok(records)
 }
 
-fn shares_samples(project: &Project, trial: &Trial) -> bool {
+fn shares_samples(project: &Project, trial: &SearchTrial) -> bool {
     trial.study.as_ref().is_ok_and(|study| study.sampling_digest() == project.study.sampling_digest())
 }
 
@@ -244,12 +244,12 @@ fn samples(project: &Project, study: &Study, source: &Source, journal: &Path) ->
     Ok(dataset)
 }
 
-fn waiting(trial: usize, of: &Trial) -> Record {
-    Record {
+fn waiting(trial: usize, of: &SearchTrial) -> TrialRecord {
+    TrialRecord {
         trial,
         study_digest: of.study.as_ref().map_or_else(|_| String::new(), Study::digest),
         values: of.values.clone(),
-        status: Status::Waiting,
+        status: TrialStatus::Waiting,
         epochs: 0,
         best_epoch: 0,
         score: None,
@@ -262,14 +262,20 @@ fn waiting(trial: usize, of: &Trial) -> Record {
 
 /// Trains a trial up to a share of its epochs, unless it has come so far already. Its failure is a record, too; an error
 /// ends the search.
-fn attempt(project: &Project, number: usize, trial: &Trial, shared: Option<&Dataset>, share: f64) -> Result<Record> {
+fn attempt(
+    project: &Project,
+    number: usize,
+    trial: &SearchTrial,
+    shared: Option<&Dataset>,
+    share: f64,
+) -> Result<TrialRecord> {
     let waiting = waiting(number, trial);
-    let kept = std::fs::read(&trial.record).ok().and_then(|bytes| serde_json::from_slice::<Record>(&bytes).ok());
+    let kept = std::fs::read(&trial.record).ok().and_then(|bytes| serde_json::from_slice::<TrialRecord>(&bytes).ok());
     let kept = kept.filter(|record| record.study_digest == waiting.study_digest && record.values == waiting.values);
     let kept = kept.filter(|record| record.digest == record.content_digest());
     let goal = trial.study.as_ref().map_or(0, |study| goal(study, share));
     if let Some(record) = &kept
-        && (matches!(record.status, Status::Finished | Status::Failed) || record.epochs >= goal)
+        && (matches!(record.status, TrialStatus::Finished | TrialStatus::Failed) || record.epochs >= goal)
     {
         return Ok(record.clone());
     }
@@ -277,17 +283,19 @@ fn attempt(project: &Project, number: usize, trial: &Trial, shared: Option<&Data
         Ok(Ok(record)) => record,
         // no fault of the trial
         Ok(Err(error)) if matches!(error, Error::Interrupted) || files::is_full(&error) => return Err(error),
-        Ok(Err(error)) => Record { status: Status::Failed, message: error.to_string(), broke: true, ..waiting },
+        Ok(Err(error)) => {
+            TrialRecord { status: TrialStatus::Failed, message: error.to_string(), broke: true, ..waiting }
+        }
         Err(panic) => {
             let text = panic.downcast_ref::<String>().cloned();
             let text = text.or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
             let message = format!("internal error: {}", text.unwrap_or_default());
-            Record { status: Status::Failed, message, broke: true, ..waiting }
+            TrialRecord { status: TrialStatus::Failed, message, broke: true, ..waiting }
         }
     };
     record.digest = record.content_digest();
     files::write_json(&trial.record, &record)?;
-    if matches!(record.status, Status::Finished | Status::Failed) {
+    if matches!(record.status, TrialStatus::Finished | TrialStatus::Failed) {
         files::remove(&trial.checkpoint)?;
     }
     Ok(record)
@@ -297,10 +305,18 @@ fn goal(study: &Study, share: f64) -> usize {
     ((study.training.epochs as f64 * share).ceil() as usize).max(1)
 }
 
-fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dataset>, goal: usize) -> Result<Record> {
+fn train(
+    project: &Project,
+    trial: &SearchTrial,
+    waiting: &TrialRecord,
+    shared: Option<&Dataset>,
+    goal: usize,
+) -> Result<TrialRecord> {
     let study = match &trial.study {
         Ok(study) => study,
-        Err(error) => return Ok(Record { status: Status::Failed, message: error.to_string(), ..waiting.clone() }),
+        Err(error) => {
+            return Ok(TrialRecord { status: TrialStatus::Failed, message: error.to_string(), ..waiting.clone() });
+        }
     };
     let own;
     let dataset = match shared.filter(|_| shares_samples(project, trial)) {
@@ -316,9 +332,9 @@ fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dat
     if study.network.structure == TimeStructure::Fixed {
         return train_instants(project, study, dataset, waiting, goal);
     }
-    let Prepared { network, training: rows, validation, .. } = prepare(study, dataset, 0, None)?;
+    let PreparedTraining { network, training: rows, validation, .. } = prepare(study, dataset, 0, None)?;
     let options = &study.training;
-    let mut follower = Follower { project, trial, goal, epochs: 0, written: None, failed: None };
+    let mut follower = TrialFollower { project, trial, goal, epochs: 0, written: None, failed: None };
     let checkpoint = std::fs::read(&trial.checkpoint).ok();
     let resumed = checkpoint
         .map(|bytes| training::resume(&bytes, network.clone(), &rows, &validation, options, study.seed, &mut follower));
@@ -337,20 +353,20 @@ fn train(project: &Project, trial: &Trial, waiting: &Record, shared: Option<&Dat
         return Err(Error::Interrupted);
     }
     let (status, message) = match outcome.reason {
-        StopReason::Interrupted => (Status::Paused, ""),
-        StopReason::Diverged => (Status::Failed, "the loss became infinite"),
+        StopReason::Interrupted => (TrialStatus::Paused, ""),
+        StopReason::Diverged => (TrialStatus::Failed, "the loss became infinite"),
         StopReason::Finished
         | StopReason::Patience
         | StopReason::Overfitted
         | StopReason::Enough
         | StopReason::TooFewLeft
-        | StopReason::Solved => (Status::Finished, ""),
+        | StopReason::Solved => (TrialStatus::Finished, ""),
     };
-    Ok(Record {
+    Ok(TrialRecord {
         status,
         epochs,
         best_epoch: outcome.best_epoch,
-        score: (status != Status::Failed).then(|| score(&outcome.network, &validation)),
+        score: (status != TrialStatus::Failed).then(|| score(&outcome.network, &validation)),
         seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
         message: message.into(),
         ..waiting.clone()
@@ -362,23 +378,23 @@ fn train_instants(
     project: &Project,
     study: &Study,
     dataset: &Dataset,
-    waiting: &Record,
+    waiting: &TrialRecord,
     goal: usize,
-) -> Result<Record> {
+) -> Result<TrialRecord> {
     let (_, prepared) = prepare_instants(study, dataset)?;
     let outcomes = per_instant::train_all(project, study, &prepared, goal, |_, train| train())?;
     let (status, message) = match per_instant::reason(&outcomes) {
-        StopReason::Interrupted => (Status::Paused, ""),
-        StopReason::Diverged => (Status::Failed, "the loss of a network became infinite"),
+        StopReason::Interrupted => (TrialStatus::Paused, ""),
+        StopReason::Diverged => (TrialStatus::Failed, "the loss of a network became infinite"),
         StopReason::Finished
         | StopReason::Patience
         | StopReason::Overfitted
         | StopReason::Enough
         | StopReason::TooFewLeft
-        | StopReason::Solved => (Status::Finished, ""),
+        | StopReason::Solved => (TrialStatus::Finished, ""),
     };
     let columns = prepared.iter().zip(&outcomes).map(|(prepared, outcome)| {
-        let Prepared { validation, scaling, .. } = prepared;
+        let PreparedTraining { validation, scaling, .. } = prepared;
         columns(&outcome.network, validation, &scaling.output_mean, &scaling.output_scale)
     });
     let together = columns.reduce(|mut all, more| {
@@ -389,11 +405,11 @@ fn train_instants(
         all
     });
     let seconds = outcomes.iter().filter_map(|outcome| outcome.history.last()).map(|epoch| epoch.seconds);
-    Ok(Record {
+    Ok(TrialRecord {
         status,
         epochs: per_instant::epochs(&outcomes),
         best_epoch: per_instant::best_epoch(&outcomes),
-        score: together.filter(|_| status != Status::Failed).map(|columns| mean_unexplained(&columns)),
+        score: together.filter(|_| status != TrialStatus::Failed).map(|columns| mean_unexplained(&columns)),
         seconds: seconds.sum(),
         message: message.into(),
         ..waiting.clone()
@@ -406,18 +422,18 @@ fn fit_baseline(
     study: &Study,
     kind: BaselineKind,
     dataset: &Dataset,
-    waiting: &Record,
-) -> Result<Record> {
+    waiting: &TrialRecord,
+) -> Result<TrialRecord> {
     let (rows, held_out) = baseline_rows_and_held_out(study, dataset);
     let row = compare::measure(project, study, kind, &rows, &held_out)?;
     let (status, message) = match row.status {
-        baseline::Status::Fine => (Status::Finished, String::new()),
-        baseline::Status::Stopped => return Err(Error::Interrupted),
-        baseline::Status::Failed | baseline::Status::TooSlow => (Status::Failed, row.note),
+        baseline::ModelStatus::Fine => (TrialStatus::Finished, String::new()),
+        baseline::ModelStatus::Stopped => return Err(Error::Interrupted),
+        baseline::ModelStatus::Failed | baseline::ModelStatus::TooSlow => (TrialStatus::Failed, row.note),
     };
     let unexplained: Vec<f64> = row.outputs.values().filter_map(|output| Some(1.0 - output.r2?)).collect();
     let mean = unexplained.iter().sum::<f64>() / unexplained.len() as f64;
-    Ok(Record {
+    Ok(TrialRecord {
         status,
         score: (!unexplained.is_empty()).then_some(mean),
         seconds: row.fit_seconds.unwrap_or(0.0),
@@ -452,9 +468,9 @@ fn mean_unexplained(columns: &[[Vec<f64>; 2]]) -> f64 {
 }
 
 /// Ends a trial at its goal, keeps its checkpoints and passes Ctrl-C on.
-struct Follower<'a> {
+struct TrialFollower<'a> {
     project: &'a Project<'a>,
-    trial: &'a Trial,
+    trial: &'a SearchTrial,
     goal: usize,
     /// Epochs that are done.
     epochs: usize,
@@ -462,7 +478,7 @@ struct Follower<'a> {
     failed: Option<Error>,
 }
 
-impl Observer for Follower<'_> {
+impl Observer for TrialFollower<'_> {
     fn step(&mut self, _: &training::Progress) -> ControlFlow<()> {
         let stop = self.epochs >= self.goal || self.failed.is_some() || self.project.is_stopped();
         if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
@@ -488,13 +504,13 @@ impl Observer for Follower<'_> {
 
 // ---- What people see ---------------------------------------------------------------------------------------------
 
-fn write_table(project: &Project, records: &[Record]) -> Result<()> {
+fn write_table(project: &Project, records: &[TrialRecord]) -> Result<()> {
     let error = |source: csv::Error| Error::io(&project.search_table(), "write")(source.into());
     let mut table = csv::Writer::from_writer(Vec::new());
     let columns = ["status", "epochs", "best_epoch", "one_minus_r2", "seconds", "message"];
     table.write_record(["trial"].into_iter().chain(keys(project)).chain(columns)).map_err(error)?;
     for record in records {
-        let Record { trial, values, status, epochs, best_epoch, score, seconds, message, .. } = record;
+        let TrialRecord { trial, values, status, epochs, best_epoch, score, seconds, message, .. } = record;
         let score = score.map_or(String::new(), |score| format!("{score:e}"));
         let values = values.iter().map(plain);
         let (first, rest) = (
@@ -515,13 +531,13 @@ fn write_table(project: &Project, records: &[Record]) -> Result<()> {
     files::write_whole(&project.search_table(), &bytes)
 }
 
-fn name(status: Status) -> &'static str {
+fn name(status: TrialStatus) -> &'static str {
     match status {
-        Status::Waiting => "waiting",
-        Status::Paused => "paused",
-        Status::Stopped => "stopped",
-        Status::Finished => "finished",
-        Status::Failed => "failed",
+        TrialStatus::Waiting => "waiting",
+        TrialStatus::Paused => "paused",
+        TrialStatus::Stopped => "stopped",
+        TrialStatus::Finished => "finished",
+        TrialStatus::Failed => "failed",
     }
 }
 
@@ -530,8 +546,8 @@ fn plain(value: &toml::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }
 
-fn sentence(record: &Record) -> String {
-    let Record { trial, status, epochs, score, message, .. } = record;
+fn sentence(record: &TrialRecord) -> String {
+    let TrialRecord { trial, status, epochs, score, message, .. } = record;
     match score {
         Some(score) => {
             // a baseline has none
@@ -547,9 +563,9 @@ fn sentence(record: &Record) -> String {
 }
 
 /// The five best trials.
-fn summary(project: &Project, records: &[Record]) -> String {
-    let mut order: Vec<&Record> = records.iter().filter(|record| record.score.is_some()).collect();
-    let rank = |record: &Record| (record.status != Status::Finished, record.score.unwrap_or(f64::INFINITY));
+fn summary(project: &Project, records: &[TrialRecord]) -> String {
+    let mut order: Vec<&TrialRecord> = records.iter().filter(|record| record.score.is_some()).collect();
+    let rank = |record: &TrialRecord| (record.status != TrialStatus::Finished, record.score.unwrap_or(f64::INFINITY));
     order.sort_by(|a, b| rank(a).0.cmp(&rank(b).0).then(rank(a).1.total_cmp(&rank(b).1)));
     let mut text = format!("{:>5}  {:<8}  {:>6}  {:>9}  values\n", "trial", "status", "epochs", "1 - R²");
     for record in order.iter().take(5) {
@@ -565,7 +581,7 @@ fn summary(project: &Project, records: &[Record]) -> String {
             values.join(", ")
         );
     }
-    let failed = records.iter().filter(|record| record.status == Status::Failed).count();
+    let failed = records.iter().filter(|record| record.status == TrialStatus::Failed).count();
     if failed > 0 {
         let _ = writeln!(text, "{failed} of {} trials failed: see the table", records.len());
     }

@@ -1,7 +1,7 @@
 //! Chooses how the solver inside the FMU integrates states, and measures its error where the integration is hardest.
 
 use super::{
-    corners::{Trial, corners},
+    corners::{IntegrationTrial, corners},
     project::Project,
     record::SolverRecord,
 };
@@ -66,7 +66,7 @@ struct Path {
 }
 
 /// What solvers are compared with.
-struct Reference {
+struct SolverReference {
     path: Path,
     /// Largest change up to each row by a start that is off by [`OFF`], at least that.
     by_start: Vec<f64>,
@@ -118,10 +118,11 @@ pub(super) fn choose(
     let largest = study.time.step;
     let reference = assemble(Integration::ErrorControlled { tolerance: REFERENCE, longest: largest })?;
     let training = dataset.runs.iter().enumerate();
-    let training = training.map(|(index, run)| Trial { run: run.clone(), name: format!("training run {index}") });
-    let mut trials: Vec<Trial> = training.collect();
+    let training =
+        training.map(|(index, run)| IntegrationTrial { run: run.clone(), name: format!("training run {index}") });
+    let mut trials: Vec<IntegrationTrial> = training.collect();
     trials.extend(corners(study, driven, &dataset.runs, velocities, &reference));
-    let measure = Measure::new(&reference, trials, dataset.runs.len());
+    let measure = IntegrationComparison::new(&reference, trials, dataset.runs.len());
     let record = match study.dynamics.solver_step {
         Some(step) => {
             let record = measure.record(Integration::Fixed { step }, wanted);
@@ -140,18 +141,18 @@ pub(super) fn choose(
 }
 
 /// Compares integrations.
-struct Measure<'a> {
+struct IntegrationComparison<'a> {
     surrogate: &'a Surrogate,
     evaluator: Evaluator,
     domain: Domain,
-    trials: Vec<Trial>,
+    trials: Vec<IntegrationTrial>,
     /// Number of those that are training runs, which come first.
     training: usize,
-    references: Vec<Reference>,
+    references: Vec<SolverReference>,
 }
 
-impl<'a> Measure<'a> {
-    fn new(surrogate: &'a Surrogate, trials: Vec<Trial>, training: usize) -> Self {
+impl<'a> IntegrationComparison<'a> {
+    fn new(surrogate: &'a Surrogate, trials: Vec<IntegrationTrial>, training: usize) -> Self {
         let mut measure = Self {
             surrogate,
             evaluator: Evaluator::new(surrogate),
@@ -160,7 +161,7 @@ impl<'a> Measure<'a> {
             training,
             references: Vec::new(),
         };
-        let reference = |trial: &Trial| {
+        let reference = |trial: &IntegrationTrial| {
             let along = || RollOut::along(surrogate, &measure.evaluator, &trial.run);
             let domain = Some(&measure.domain);
             let path = measure.follow(along(), &trial.run, trial.run.times.len(), domain);
@@ -171,7 +172,7 @@ impl<'a> Measure<'a> {
                 largest = if change.is_finite() { largest.max(change) } else { largest };
                 largest
             });
-            Reference { by_start: by_start.collect(), path }
+            SolverReference { by_start: by_start.collect(), path }
         };
         measure.references = measure.trials.par_iter().map(reference).collect();
         measure
@@ -212,7 +213,7 @@ impl<'a> Measure<'a> {
     /// The error of a start that changes the outputs of a run as much as this integration does: the largest, over the rows, of their change
     /// over the largest one so far by a start that is off by [`OFF`], times that. Changes are relative to the outputs' ranges.
     fn error(&self, trial: usize, path: &Path) -> f64 {
-        let Reference { path: reference, by_start } = &self.references[trial];
+        let SolverReference { path: reference, by_start } = &self.references[trial];
         let width = self.surrogate.outputs().len();
         let rows = path.rows;
         if rows < reference.rows && path.failure.is_some() {

@@ -3,7 +3,7 @@
 use super::{
     follower::{Checkpoints, Trained},
     learned::{self, EXACT, Examples, held_out},
-    observer::{Event, Work},
+    observer::{CountedWork, Event},
     project::Project,
     record::{Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, MethodRecord, NETWORK, StateSpaceRecord, TrainingRecord},
     solver,
@@ -37,7 +37,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
         return Err(study.refusal("source", "expected an FMU"));
     };
     let began = Instant::now();
-    let space = Space::new(project, driven);
+    let space = StateSpaceColumns::new(project, driven);
     let samples = space.ask(project, fmu)?;
     let (given, samples) = recognise(samples, &space.counts);
     let mut learned = space.learn(project, &samples, checkpoints)?;
@@ -96,14 +96,14 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
 }
 
 /// What the columns of the functions are: parameters, inputs and states.
-struct Space {
+struct StateSpaceColumns {
     counts: [usize; 3],
     ranges: Vec<[f64; 2]>,
     factors: Vec<Factor>,
 }
 
 /// What came of each way to learn.
-struct Learned {
+struct LearnedStateSpace {
     candidates: Vec<(Candidate, Dictionary, Option<ScaledNetwork>)>,
     records: Vec<Candidate>,
     order: [usize; 2],
@@ -113,7 +113,7 @@ struct Learned {
     stopped: StopReason,
 }
 
-impl Space {
+impl StateSpaceColumns {
     fn new(project: &Project, driven: &Driven) -> Self {
         let study = &project.study;
         let parameters = study.parameters.values().map(|range| ([range.min, range.max], false));
@@ -137,14 +137,19 @@ impl Space {
         let mut random = ChaCha8Rng::seed_from_u64(project.study.seed ^ 0x5354_4154);
         let point = |_| self.ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
         let points: Vec<Vec<f64>> = (0..count).map(point).collect();
-        project.begin(Work::Equations, fmu.batches(count));
+        project.begin(CountedWork::Equations, fmu.batches(count));
         let labels = fmu.derivatives(&points, project.workers(), || project.event(Event::Advance));
         let labels = labels.inspect_err(|_| project.event(Event::End))?;
         project.event(Event::End);
         Ok(EquationSamples { points, labels })
     }
 
-    fn learn(&self, project: &Project, samples: &EquationSamples, checkpoints: &Checkpoints) -> Result<Learned> {
+    fn learn(
+        &self,
+        project: &Project,
+        samples: &EquationSamples,
+        checkpoints: &Checkpoints,
+    ) -> Result<LearnedStateSpace> {
         let study = &project.study;
         let held_out = held_out(samples.points.len());
         let part = |range: std::ops::Range<usize>| EquationSamples {
@@ -163,7 +168,7 @@ impl Space {
             let error = self.error(&dictionary, network.as_ref(), &unseen);
             (Candidate { name: name.into(), error, seconds: began.elapsed().as_secs_f64() }, dictionary, network)
         };
-        let mut learned = Learned {
+        let mut learned = LearnedStateSpace {
             candidates: vec![candidate(DICTIONARY, dictionary.clone(), None, began)],
             records: Vec::new(),
             order: fitted.order,

@@ -5,7 +5,7 @@ use super::{
     evaluate::constants,
     follower::{Checkpoints, Follower, Trained, at_least_one_epoch, load_checkpoint, unusable_checkpoint},
     motion, per_instant,
-    prepare::{Prepared, held_out, prepare},
+    prepare::{PreparedTraining, held_out, prepare},
     project::Project,
     record::TrainingRecord,
     rescue, state_space, trajectories,
@@ -84,7 +84,7 @@ fn train(
 ) -> Result<Trained> {
     let (study, options) = (&project.study, &project.study.training);
     project.say(format_args!("preparing {} rows for the training", dataset.row_count()));
-    let Prepared { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
+    let PreparedTraining { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
         prepare(study, dataset, added, start)?;
     let mut follower = Follower::new(project, training_rows.len());
     let outcome = match load_checkpoint(project, resume)? {

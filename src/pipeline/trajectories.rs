@@ -37,10 +37,10 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let trajectories = recorded.learned();
     let rows = trajectories.iter().map(Trajectory::rows).sum();
     let rate_errors = rate_errors(project, driven, &trajectories);
-    let mut found: Vec<Found> = Vec::new();
+    let mut found: Vec<FoundEquations> = Vec::new();
     let mut refused = Vec::new();
     for name in [MOTION, ACCELERATIONS] {
-        let mut of_name: Vec<Found> = Vec::new();
+        let mut of_name: Vec<FoundEquations> = Vec::new();
         for angles in angles(study) {
             if project.is_stopped() {
                 return Err(Error::Interrupted);
@@ -49,7 +49,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             if of_name.iter().any(|found| found.candidate.error <= GOOD) {
                 break;
             }
-            let columns = Columns::new(study, &trajectories, &angles);
+            let columns = ColumnFactors::new(study, &trajectories, &angles);
             let began = Instant::now();
             let identified = match name {
                 MOTION => fit_motion(&columns.of_motion(), &trajectories),
@@ -59,7 +59,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
                 Ok(identified) => {
                     let (error, seconds) = (identified.error.min(f64::MAX), began.elapsed().as_secs_f64());
                     let candidate = Candidate { name: name.into(), error, seconds };
-                    of_name.push(Found { candidate, identified, columns, angles });
+                    of_name.push(FoundEquations { candidate, identified, columns, angles });
                 }
                 Err(message) => refused.push(format!("{name}: {message}")),
             }
@@ -67,7 +67,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         found.extend(first_of_the_best(of_name));
     }
     let candidates: Vec<Candidate> = found.iter().map(|found| found.candidate.clone()).collect();
-    let Some(Found { candidate, identified, columns, angles }) = first_of_the_best(found) else {
+    let Some(FoundEquations { candidate, identified, columns, angles }) = first_of_the_best(found) else {
         refused.dedup();
         return Err(study.refusal("source.table", refused.join("; ")));
     };
@@ -135,16 +135,16 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
 }
 
 /// Equations that were found.
-struct Found {
+struct FoundEquations {
     candidate: Candidate,
     identified: Identified,
-    columns: Columns,
+    columns: ColumnFactors,
     /// Which coordinates are angles.
     angles: Vec<bool>,
 }
 
 /// The first of those that are alike, the least error among them.
-fn first_of_the_best(found: Vec<Found>) -> Option<Found> {
+fn first_of_the_best(found: Vec<FoundEquations>) -> Option<FoundEquations> {
     let least = found.iter().map(|found| found.candidate.error).min_by(f64::total_cmp)?;
     found.into_iter().find(|found| found.candidate.error <= ALIKE * least)
 }
@@ -199,14 +199,14 @@ fn wider([min, max]: [f64; 2]) -> [f64; 2] {
 }
 
 /// What the columns of the functions are.
-struct Columns {
+struct ColumnFactors {
     parameters: Vec<Factor>,
     inputs: Vec<Factor>,
     coordinates: Vec<Factor>,
     rates: Vec<Factor>,
 }
 
-impl Columns {
+impl ColumnFactors {
     fn new(study: &Study, trajectories: &[Trajectory], angles: &[bool]) -> Self {
         let power = |min: f64, max: f64| Factor::Power { middle: 0.5 * (min + max), half: 0.5 * (max - min) };
         // about zero where the values are on both sides of it: products are those of the equations then

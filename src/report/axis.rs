@@ -9,7 +9,7 @@ pub struct Axis {
     /// Name and unit, as written beside the axis.
     pub label: String,
     /// How values become places.
-    pub scale: Scale,
+    pub scale: AxisScale,
     /// First value.
     pub low: f64,
     /// Last value; greater than `low`.
@@ -18,7 +18,7 @@ pub struct Axis {
 
 /// How values become places.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Scale {
+pub enum AxisScale {
     /// Evenly.
     Linear,
     /// Evenly, with ticks at whole numbers only.
@@ -38,13 +38,13 @@ impl Axis {
         let (low, high) = extent(values.into_iter().filter(|value| value.is_finite())).unwrap_or((0.0, 1.0));
         // a constant needs room too, and so much that the labels of the ticks differ
         let margin = if high > low { 0.04 * (high - low) } else { 0.1 * low.abs().max(1.0) };
-        Self { label: label(name, unit), scale: Scale::Linear, low: low - margin, high: high + margin }
+        Self { label: label(name, unit), scale: AxisScale::Linear, low: low - margin, high: high + margin }
     }
 
     /// An evenly divided axis from `low` to `high`.
     pub fn exact(name: &str, unit: &str, low: f64, high: f64) -> Self {
         if high > low {
-            Self { label: label(name, unit), scale: Scale::Linear, low, high }
+            Self { label: label(name, unit), scale: AxisScale::Linear, low, high }
         } else {
             Self::linear(name, unit, [low])
         }
@@ -52,7 +52,7 @@ impl Axis {
 
     /// An axis over numbers that are counted.
     pub fn whole(name: &str, values: impl IntoIterator<Item = f64>) -> Self {
-        Self { scale: Scale::Whole, ..Self::linear(name, "", values) }
+        Self { scale: AxisScale::Whole, ..Self::linear(name, "", values) }
     }
 
     /// A logarithmic axis over all positive values.
@@ -63,14 +63,14 @@ impl Axis {
         // the inverse of the next round number above the inverse
         let low = 1.0 / round_step(1.0 / low.max(high * 10f64.powi(-DECADES)));
         let low = if low < 0.5 * high { low } else { 0.1 * high };
-        Self { label: label(name, unit), scale: Scale::Log, low, high }
+        Self { label: label(name, unit), scale: AxisScale::Log, low, high }
     }
 
     /// Share of the way from the first to the last value; outside of 0 to 1 for other values.
     fn place(&self, value: f64) -> f64 {
         match self.scale {
-            Scale::Linear | Scale::Whole => (value - self.low) / (self.high - self.low),
-            Scale::Log => {
+            AxisScale::Linear | AxisScale::Whole => (value - self.low) / (self.high - self.low),
+            AxisScale::Log => {
                 let decades = |value: f64| value.max(f64::MIN_POSITIVE).log10();
                 (decades(value) - decades(self.low)) / (decades(self.high) - decades(self.low))
             }
@@ -80,13 +80,13 @@ impl Axis {
     /// Values of the ticks, at most `count`.
     fn ticks(&self, count: usize) -> Vec<f64> {
         match self.scale {
-            Scale::Linear | Scale::Whole => {
+            AxisScale::Linear | AxisScale::Whole => {
                 let step = self.step(count);
                 // an end that is a tick but for rounding is one
                 let (first, last) = (self.low / step - 1e-6, self.high / step + 1e-6);
                 (first.ceil() as i64..=last.floor() as i64).map(|i| i as f64 * step).collect()
             }
-            Scale::Log => {
+            AxisScale::Log => {
                 let (first, last) = (self.low.log10() - 1e-6, self.high.log10() + 1e-6);
                 let decades = first.floor() as i32..=last.ceil() as i32;
                 let inside = |tick: &f64| (first..=last).contains(&tick.log10());
@@ -104,12 +104,12 @@ impl Axis {
     /// Distance of the ticks, at most `count`.
     fn step(&self, count: usize) -> f64 {
         let step = round_step((self.high - self.low) / count.max(1) as f64);
-        if self.scale == Scale::Whole { step.max(1.0) } else { step }
+        if self.scale == AxisScale::Whole { step.max(1.0) } else { step }
     }
 
     /// A tick's label, with as many digits as tell the ticks apart.
     fn tick_label(&self, value: f64) -> String {
-        if self.scale == Scale::Log {
+        if self.scale == AxisScale::Log {
             let decade = value.log10().floor() as i32;
             let decimals = (-decade).max(0) as usize;
             return if (-2..=3).contains(&decade) { format!("{value:.decimals$}") } else { format!("{value:.0e}") };

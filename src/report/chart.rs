@@ -24,12 +24,12 @@ pub struct Chart {
     /// The vertical axis.
     pub y: Axis,
     /// What is drawn, the last above the others.
-    pub series: Vec<Series>,
+    pub series: Vec<ChartSeries>,
 }
 
 /// Something that is drawn, in one ink.
 #[derive(Clone, Debug)]
-pub struct Series {
+pub struct ChartSeries {
     /// Name in the legend; none if it has no place there.
     pub name: Option<String>,
     /// Colour and dashes.
@@ -38,7 +38,7 @@ pub struct Series {
     pub shape: Shape,
 }
 
-/// What a [`Series`] draws, in the axes' units.
+/// What a [`ChartSeries`] draws, in the axes' units.
 #[derive(Clone, Debug)]
 pub enum Shape {
     /// A line through points; a point that is not finite is a gap.
@@ -94,8 +94,8 @@ const LINE_POINTS: usize = 600;
 /// How wide an average letter is, in its height.
 const LETTER: f64 = 0.6;
 
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+type ChartArea<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type DrawResult = Result<(), DrawingAreaErrorKind<std::io::Error>>;
 type Plot<'a, 'b> = ChartContext<'b, SVGBackend<'a>, Cartesian2d<Axis, Axis>>;
 
 impl Ink {
@@ -138,7 +138,7 @@ impl Ink {
     }
 }
 
-impl Series {
+impl ChartSeries {
     /// With a place in the legend.
     pub fn named(name: impl Into<String>, ink: Ink, shape: Shape) -> Self {
         Self { name: Some(name.into()), ink, shape }
@@ -184,7 +184,7 @@ impl Chart {
         )
     }
 
-    fn legend(&self) -> Vec<(&str, &Series)> {
+    fn legend(&self) -> Vec<(&str, &ChartSeries)> {
         self.series.iter().filter_map(|series| Some((series.name.as_deref()?, series))).collect()
     }
 
@@ -202,7 +202,7 @@ impl Chart {
         }
     }
 
-    fn draw(&self, area: &Area) -> Drawn {
+    fn draw(&self, area: &ChartArea) -> DrawResult {
         let (legend, plot) = area.split_vertically(self.legend_height() * SCALE);
         self.draw_legend(&legend)?;
         let [left, below, right, above] = MARGINS.map(|margin| margin * SCALE);
@@ -228,7 +228,7 @@ impl Chart {
         self.series.iter().try_for_each(|series| self.draw_series(&mut plot, series))
     }
 
-    fn draw_legend(&self, area: &Area) -> Drawn {
+    fn draw_legend(&self, area: &ChartArea) -> DrawResult {
         let columns = self.legend_columns();
         let style = text(TICK_TEXT).pos(Pos::new(HPos::Left, VPos::Center));
         for (index, (name, series)) in (0..).zip(self.legend()) {
@@ -254,7 +254,7 @@ impl Chart {
         Ok(())
     }
 
-    fn draw_series(&self, plot: &mut Plot, series: &Series) -> Drawn {
+    fn draw_series(&self, plot: &mut Plot, series: &ChartSeries) -> DrawResult {
         let area = plot.plotting_area().strip_coord_spec();
         let (x0, y0) = plot.plotting_area().get_base_pixel();
         let place = |&[x, y]: &[f64; 2]| {
@@ -326,7 +326,7 @@ pub fn stack(title: &str, charts: &[Chart], height: u32) -> Result<String, Strin
     let heights: Vec<u32> = charts.iter().map(|chart| height + chart.legend_height()).collect();
     let total: u32 = heights.iter().sum();
     let mut svg = String::new();
-    let draw = |svg: &mut String| -> Drawn {
+    let draw = |svg: &mut String| -> DrawResult {
         let mut area = SVGBackend::with_string(svg, (SCALE * WIDTH, SCALE * total)).into_drawing_area();
         area.fill(&WHITE)?;
         for (chart, height) in charts.iter().zip(&heights) {
@@ -393,7 +393,7 @@ fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
 }
 
 /// Numbers in circles. A circle without room at its point is drawn beside it, with a leader line.
-fn draw_numbered(area: &Area, points: &[(usize, (i32, i32))], ink: Ink) -> Drawn {
+fn draw_numbered(area: &ChartArea, points: &[(usize, (i32, i32))], ink: Ink) -> DrawResult {
     let unit = SCALE as i32;
     let radius = 10 * unit;
     let (width, height) = area.dim_in_pixel();
@@ -425,7 +425,7 @@ fn draw_numbered(area: &Area, points: &[(usize, (i32, i32))], ink: Ink) -> Drawn
     Ok(())
 }
 
-fn draw_line(area: &Area, pixels: Vec<(i32, i32)>, ink: Ink) -> Drawn {
+fn draw_line(area: &ChartArea, pixels: Vec<(i32, i32)>, ink: Ink) -> DrawResult {
     area.draw(&PathElement::new(pixels, ink.stroke(4)))
 }
 
@@ -439,10 +439,13 @@ mod tests {
             x: Axis::exact("time", "s", 0.0, 5.0),
             y: Axis::linear("theta & phi", "rad", line.iter().map(|point| point[1])),
             series: vec![
-                Series::named("truth", Ink::Black, Shape::Line(line.clone())),
-                Series::named("prediction", Ink::Vermilion, Shape::Line(line)),
-                Series::silent(Ink::Grey, Shape::Band(vec![[0.0, -9.0, 9.0], [1.0, f64::MIN, f64::MAX]])),
-                Series::silent(Ink::Blue, Shape::Numbered(vec![(1, [1.0, 0.5]), (2, [1.0, 0.5]), (3, [1.01, 0.5])])),
+                ChartSeries::named("truth", Ink::Black, Shape::Line(line.clone())),
+                ChartSeries::named("prediction", Ink::Vermilion, Shape::Line(line)),
+                ChartSeries::silent(Ink::Grey, Shape::Band(vec![[0.0, -9.0, 9.0], [1.0, f64::MIN, f64::MAX]])),
+                ChartSeries::silent(
+                    Ink::Blue,
+                    Shape::Numbered(vec![(1, [1.0, 0.5]), (2, [1.0, 0.5]), (3, [1.01, 0.5])]),
+                ),
             ],
         }
     }

@@ -10,7 +10,7 @@ mod page;
 mod plot;
 
 use crate::{
-    Error, Result, baseline::Comparison, evaluation::Verdict, source::Point, study::Study, training::EpochRecord,
+    Error, Result, baseline::Comparison, evaluation::Verdict, source::MovingPoint, study::Study, training::EpochRecord,
 };
 use chart::Chart;
 pub use figures::{Beside, card_figures};
@@ -28,7 +28,7 @@ pub struct Material<'a> {
     /// The verdict on it.
     pub verdict: &'a Verdict,
     /// Points whose paths are shown.
-    pub points: &'a [Point],
+    pub points: &'a [MovingPoint],
     /// The training, epoch by epoch.
     pub history: &'a [EpochRecord],
     /// Where all this comes from: names and values.
@@ -44,12 +44,12 @@ pub struct Material<'a> {
 pub struct Section {
     id: &'static str,
     title: String,
-    blocks: Vec<Block>,
+    blocks: Vec<ReportBlock>,
 }
 
 /// What a section is made of.
 #[derive(Debug)]
-enum Block {
+enum ReportBlock {
     /// A piece of HTML.
     Html(String),
     /// Figures beside each other where there is room.

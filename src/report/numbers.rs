@@ -28,7 +28,7 @@ pub struct Evaluated<'a> {
 
 /// A row of a test run, of one output.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Row {
+pub struct TestRow {
     /// In seconds.
     pub time: f64,
     /// The source's value.
@@ -115,13 +115,13 @@ impl<'a> Evaluated<'a> {
     }
 
     /// The predicted rows of a run, of one output.
-    pub fn rows(&self, run: usize, output: usize) -> impl Iterator<Item = Row> {
+    pub fn rows(&self, run: usize, output: usize) -> impl Iterator<Item = TestRow> {
         let width = self.outputs();
         let Run { times, outputs, .. } = &self.test.runs[run];
         let column = |values: &'a [f64]| values.iter().skip(output).step_by(width).copied();
         let predictions = self.predictions[run].iter().skip(output).step_by(width).copied();
         let rows = times.iter().zip(column(outputs)).zip(predictions);
-        rows.map(|((&time, label), prediction)| Row { time, label, prediction }).skip(self.first(run))
+        rows.map(|((&time, label), prediction)| TestRow { time, label, prediction }).skip(self.first(run))
     }
 
     /// The first row of a run that is predicted.
@@ -134,7 +134,7 @@ impl<'a> Evaluated<'a> {
         self.test.runs[run].times.len() - self.first(run)
     }
 
-    fn all_rows(&self, output: usize) -> impl Iterator<Item = Row> {
+    fn all_rows(&self, output: usize) -> impl Iterator<Item = TestRow> {
         (0..self.test.runs.len()).flat_map(move |run| self.rows(run, output))
     }
 
@@ -169,7 +169,7 @@ impl<'a> Evaluated<'a> {
     }
 
     /// Whether the truth of a row is in that band; none if there is no such band.
-    pub fn is_within(&self, output: usize, row: &Row) -> Option<bool> {
+    pub fn is_within(&self, output: usize, row: &TestRow) -> Option<bool> {
         self.bound(output, row.time).map(|bound| row.error().abs() <= bound)
     }
 
@@ -246,7 +246,7 @@ impl<'a> Evaluated<'a> {
     }
 }
 
-impl Row {
+impl TestRow {
     /// Prediction minus truth.
     pub fn error(&self) -> f64 {
         self.prediction - self.label
@@ -277,11 +277,11 @@ fn bin(value: f64, low: f64, high: f64, bins: usize) -> usize {
 
 /// Errors of rows in bins, and how many are within a bound, if there is one.
 fn gather(
-    rows: impl Iterator<Item = (f64, Row)>,
+    rows: impl Iterator<Item = (f64, TestRow)>,
     low: f64,
     high: f64,
     bins: usize,
-    is_within: impl Fn(&Row) -> Option<bool>,
+    is_within: impl Fn(&TestRow) -> Option<bool>,
 ) -> Binned {
     #[derive(Clone, Copy, Default)]
     struct Sums {

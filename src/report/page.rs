@@ -1,6 +1,6 @@
 //! The page: sections, figures and tables in one file that loads nothing.
 
-use super::{Block, Drawn, Material, figures::sections};
+use super::{Drawn, Material, ReportBlock, figures::sections};
 use crate::{
     Result,
     html::{self, escape},
@@ -33,10 +33,10 @@ pub fn page(material: &Material) -> Result<(String, Vec<Drawn>)> {
         let _ = writeln!(page, "<section id=\"{}\">\n<h2>{}</h2>", section.id, escape(&section.title));
         for block in &section.blocks {
             match block {
-                Block::Html(html) => {
+                ReportBlock::Html(html) => {
                     let _ = writeln!(page, "{html}");
                 }
-                Block::Figures(figures) => {
+                ReportBlock::Figures(figures) => {
                     let figures = figures.par_iter().map(|figure| figure.draw()).collect::<Result<Vec<Drawn>>>()?;
                     page.push_str("<div class=\"figures\">\n");
                     for Drawn { id, caption, svg } in &figures {

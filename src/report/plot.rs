@@ -2,7 +2,7 @@
 
 use super::{
     axis::Axis,
-    chart::{Chart, Ink, Series, Shape, stack},
+    chart::{Chart, ChartSeries, Ink, Shape, stack},
 };
 
 /// One quantity over time.
@@ -30,7 +30,10 @@ pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<S
     let chart = |Curve { name, unit, values }: &Curve| Chart {
         x: Axis::exact("time", "s", start, stop),
         y: Axis::linear(name, unit, values.iter().copied()),
-        series: vec![Series::silent(Ink::Blue, Shape::Line(times.iter().zip(values).map(|(&t, &y)| [t, y]).collect()))],
+        series: vec![ChartSeries::silent(
+            Ink::Blue,
+            Shape::Line(times.iter().zip(values).map(|(&t, &y)| [t, y]).collect()),
+        )],
     };
     let charts: Vec<Chart> = curves.iter().map(chart).collect();
     stack(title, &charts, HEIGHT)
@@ -51,8 +54,8 @@ pub fn two_runs_svg(title: &str, names: [&str; 2], runs: [(&[f64], &[Curve]); 2]
         x: Axis::exact("time", "s", start, stop),
         y: Axis::linear(&curve.name, &curve.unit, curve.values.iter().chain(&other.values).copied()),
         series: vec![
-            Series::named(names[0], Ink::Blue, line(times, curve)),
-            Series::named(names[1], Ink::Vermilion, line(other_times, other)),
+            ChartSeries::named(names[0], Ink::Blue, line(times, curve)),
+            ChartSeries::named(names[1], Ink::Vermilion, line(other_times, other)),
         ],
     };
     let charts: Vec<Chart> = curves.iter().zip(other_curves).map(chart).collect();

@@ -27,7 +27,7 @@ const SLOWEST: f64 = 1e-3;
 
 /// A quantity that acts on the source.
 #[derive(Clone, Debug)]
-pub struct Driver {
+pub struct DrivingInput {
     /// Name, unit, description; the value at the start.
     pub variable: SourceVariable,
     /// Smallest value.
@@ -47,7 +47,7 @@ pub struct Driver {
 pub struct Driven {
     /// In the order in which the study has them; of a mechanism coordinates, then velocities.
     states: Vec<SourceVariable>,
-    drivers: Vec<Driver>,
+    drivers: Vec<DrivingInput>,
     /// Values of the states at the start as the source has them.
     start: Vec<f64>,
     /// Of the states of a table, in all of its rows; of others the study has them.
@@ -70,7 +70,7 @@ pub struct OwnInput {
     pub start: Option<f64>,
 }
 
-impl Driver {
+impl DrivingInput {
     /// An input of the source with the study's options.
     fn new(own: OwnInput, study: &Study) -> Result<Self, Problems> {
         let mut problems = Problems::default();
@@ -127,7 +127,7 @@ impl Driven {
         for (name, own) in mechanism.inputs() {
             let variable = SourceVariable::new(name, &own.unit, &own.description);
             let own = OwnInput { variable, range: [Some(own.min), Some(own.max)], start: Some(own.start) };
-            match Driver::new(own, study) {
+            match DrivingInput::new(own, study) {
                 Ok(driver) => drivers.push(driver),
                 Err(more) => problems.extend(more),
             }
@@ -246,7 +246,7 @@ impl Driven {
     }
 
     /// What acts on the source, in its order.
-    pub fn drivers(&self) -> &[Driver] {
+    pub fn drivers(&self) -> &[DrivingInput] {
         &self.drivers
     }
 
@@ -293,7 +293,7 @@ impl Driven {
         // of sources without known states, a decay follows signals in about the first third, an instant that is no row's
         let is_unknown = self.states.is_empty();
         let signals_end = if is_unknown { 0.333_71 * times.last().copied().unwrap_or(0.0) } else { 0.0 };
-        let column = |(input, driver): (usize, &Driver)| {
+        let column = |(input, driver): (usize, &DrivingInput)| {
             let zero = SignalKind::zero([driver.min, driver.max], driver.start);
             match kind {
                 SignalKind::Signals => driver.values(times, place, &mut random),
@@ -377,10 +377,10 @@ impl Driven {
 }
 
 /// The study's inputs as a source has them.
-fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<Driver>, Problems> {
+fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<DrivingInput>, Problems> {
     let (mut problems, mut drivers) = (Problems::default(), Vec::new());
     for own in inputs {
-        match Driver::new(own, study) {
+        match DrivingInput::new(own, study) {
             Ok(driver) => drivers.push(driver),
             Err(more) => problems.extend(more),
         }
@@ -426,7 +426,7 @@ fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
     }
 }
 
-impl Driver {
+impl DrivingInput {
     /// A signal at some times, within the range; one that was recorded begins at a place from 0 to 1.
     fn values(&self, times: &[f64], place: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
         let kinds = self.excitations.len() + usize::from(self.recording.is_some());

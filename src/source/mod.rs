@@ -19,7 +19,7 @@ use crate::{
 };
 pub use journal::Journal;
 use metafmu_runtime::State;
-pub use point::Point;
+pub use point::MovingPoint;
 pub use recorded::Recorded;
 pub use simulation::Simulation;
 use std::path::Path;
@@ -118,7 +118,7 @@ impl Source {
 
     /// Points whose paths follow from the outputs: those that the system declares, outputs `P.x` and `P.y` of a mechanism, and
     /// arrays of two outputs in metres.
-    pub fn points(&self, study: &Study) -> Vec<Point> {
+    pub fn points(&self, study: &Study) -> Vec<MovingPoint> {
         let mut points = match self {
             Self::Simulation(simulation) => simulation.points(),
             Self::Recorded(_) => Vec::new(),
@@ -133,7 +133,7 @@ impl Source {
             if let [x, y] = outputs.as_slice()
                 && let (Some(x), Some(y)) = (column(x), column(y))
             {
-                points.push(Point::of_outputs(name, x, y));
+                points.push(MovingPoint::of_outputs(name, x, y));
             }
         }
         points

@@ -4,15 +4,15 @@ use crate::systems::SystemPoint;
 
 /// A point that moves in the plane.
 #[derive(Clone, Debug)]
-pub struct Point {
+pub struct MovingPoint {
     /// Name for people.
     pub name: String,
-    rule: Rule,
+    rule: PointRule,
 }
 
 /// How a point's place follows from a row.
 #[derive(Clone, Debug)]
-enum Rule {
+enum PointRule {
     /// Two outputs are its coordinates.
     Outputs([usize; 2]),
     /// A system's formula.
@@ -27,10 +27,10 @@ enum Rule {
     },
 }
 
-impl Point {
+impl MovingPoint {
     /// The point whose coordinates are two outputs.
     pub fn of_outputs(name: impl Into<String>, x: usize, y: usize) -> Self {
-        Self { name: name.into(), rule: Rule::Outputs([x, y]) }
+        Self { name: name.into(), rule: PointRule::Outputs([x, y]) }
     }
 
     /// A system's point. `parameters`: position of each of the study's parameters among the system's quantities. `None` if the
@@ -43,15 +43,16 @@ impl Point {
     ) -> Option<Self> {
         let column = |&name: &&str| outputs.iter().position(|output| output.as_ref() == name);
         let outputs = point.outputs.iter().map(column).collect::<Option<Vec<usize>>>()?;
-        let rule = Rule::System { point, quantities: quantities.to_vec(), parameters: parameters.to_vec(), outputs };
+        let rule =
+            PointRule::System { point, quantities: quantities.to_vec(), parameters: parameters.to_vec(), outputs };
         Some(Self { name: point.name.into(), rule })
     }
 
     /// Where it is, in metres: x to the right, y upwards.
     pub fn position(&self, parameters: &[f64], outputs: &[f64]) -> [f64; 2] {
         match &self.rule {
-            Rule::Outputs([x, y]) => [outputs[*x], outputs[*y]],
-            Rule::System { point, quantities, parameters: positions, outputs: columns } => {
+            PointRule::Outputs([x, y]) => [outputs[*x], outputs[*y]],
+            PointRule::System { point, quantities, parameters: positions, outputs: columns } => {
                 let mut quantities = quantities.clone();
                 for (&position, &value) in positions.iter().zip(parameters) {
                     quantities[position] = value;

@@ -38,10 +38,10 @@ use std::{
 pub struct Recorded {
     path: PathBuf,
     is_index: bool,
-    names: Names,
+    names: ColumnNames,
     /// Of runs with inputs, values of outputs and inputs before the start are such, too.
     parameters: Vec<SourceVariable>,
-    inputs: Vec<Driven>,
+    inputs: Vec<RecordedInput>,
     input_variables: Vec<SourceVariable>,
     outputs: Vec<SourceVariable>,
     /// Each parameter's range or values in the study.
@@ -60,7 +60,7 @@ pub struct Recorded {
 
 /// An input.
 #[derive(Clone, Copy, Debug)]
-struct Driven {
+struct RecordedInput {
     min: f64,
     max: f64,
     /// Its value before the start.
@@ -69,7 +69,7 @@ struct Driven {
 
 /// What columns are called in the tables.
 #[derive(Clone, Debug)]
-struct Names {
+struct ColumnNames {
     run: String,
     time: String,
     file: String,
@@ -113,7 +113,7 @@ impl Recorded {
         let mut recorded = Self {
             path,
             is_index: index.is_some(),
-            names: Names {
+            names: ColumnNames {
                 run: there("run"),
                 time: there("time"),
                 file: there("file"),
@@ -122,7 +122,7 @@ impl Recorded {
                 outputs: study.outputs.keys().map(|name| there(name)).collect(),
             },
             parameters: Vec::new(),
-            inputs: driven().map(|(_, input)| Driven::of(input)).collect(),
+            inputs: driven().map(|(_, input)| RecordedInput::of(input)).collect(),
             input_variables: Vec::new(),
             outputs: Vec::new(),
             options: study.parameters.values().cloned().collect(),
@@ -330,7 +330,7 @@ impl Recorded {
     }
 }
 
-impl Driven {
+impl RecordedInput {
     fn of(options: &InputOptions) -> Self {
         let (min, max) = (options.min.unwrap_or(f64::NEG_INFINITY), options.max.unwrap_or(f64::INFINITY));
         Self { min, max, start: options.start.unwrap_or(0.0f64.max(min).min(max)) }
@@ -367,7 +367,7 @@ mod tests {
     use crate::{dataset::Run, source::Source};
 
     /// A folder with a study of a table, and tables.
-    struct Folder(tempfile::TempDir);
+    struct TableFolder(tempfile::TempDir);
 
     const STUDY: &str = "name = \"s\"
 [source]
@@ -384,7 +384,7 @@ y = { unit = \"rad\" }
 test_runs = 1
 ";
 
-    impl Folder {
+    impl TableFolder {
         fn new(files: &[(&str, &str)]) -> Self {
             let folder = Self(tempfile::tempdir().unwrap());
             files.iter().for_each(|(name, text)| std::fs::write(folder.0.path().join(name), text).unwrap());
@@ -445,7 +445,7 @@ third,1,3,-0.5,8
 0;;3;-0,5;7
 1;;3;-0,5;8
 ";
-        let folder = Folder::new(&[("r.csv", LONG), ("f.csv", foreign)]);
+        let folder = TableFolder::new(&[("r.csv", LONG), ("f.csv", foreign)]);
         assert_eq!(folder.sample("table = \"r.csv\"").unwrap(), expected());
         let source = "table = \"f.csv\"\ncolumns = { time = \"t\", a = \"Length\", y = \"Body.y\" }";
         assert_eq!(folder.sample(source).unwrap(), expected());
@@ -453,7 +453,7 @@ third,1,3,-0.5,8
 
     #[test]
     fn an_index_of_one_file_a_run_is_read() {
-        let folder = Folder::new(&[
+        let folder = TableFolder::new(&[
             ("i.csv", "file,a,b [m]\n1.csv,1,0.5\n2.csv,2,0.5\n3.csv,3,-0.5\n"),
             ("1.csv", "time [s]\ty\n0\t1\n0.5\t2\n1\t3\n"),
             ("2.csv", "time,y\ns,rad\n0,4\n0.5,5\n1,6\n"),
@@ -469,7 +469,7 @@ third,1,3,-0.5,8
     fn the_choice_of_test_runs_repeats_for_a_seed_only() {
         let rows: String =
             (0..40).map(|i| format!("{i},0,{},0,1\n{i},1,{},0,2\n", i as f64 / 4.0, i as f64 / 4.0)).collect();
-        let folder = Folder::new(&[("r.csv", &format!("run,time,a,b,y\n{rows}"))]);
+        let folder = TableFolder::new(&[("r.csv", &format!("run,time,a,b,y\n{rows}"))]);
         let test = |seed: u64| {
             let text = STUDY.replace("SOURCE", "table = \"r.csv\"").replace("test_runs = 1", "test_runs = 10");
             let text = format!("seed = {seed}\n{text}");
@@ -509,12 +509,12 @@ third,1,3,-0.5,8
             ("third,0,3,-0.5", "third,0,2,0.5", "r.csv:8: a second run with a = 2, b = 0.5, the first is in line 5"),
         ] {
             assert!(LONG.contains(from), "{from}");
-            let folder = Folder::new(&[("r.csv", &LONG.replacen(from, to, 1))]);
+            let folder = TableFolder::new(&[("r.csv", &LONG.replacen(from, to, 1))]);
             let message = folder.sample("table = \"r.csv\"").unwrap_err().to_string();
             assert!(message.contains(says), "{message} should contain {says}");
         }
         let two: String = LONG.lines().take(7).map(|line| format!("{line}\n")).collect();
-        let message = Folder::new(&[("r.csv", &two)]).sample("table = \"r.csv\"").unwrap_err().to_string();
+        let message = TableFolder::new(&[("r.csv", &two)]).sample("table = \"r.csv\"").unwrap_err().to_string();
         assert!(message.contains("r.csv:7: 2 runs, expected at least 3: 1 for the tests, 2 to train"), "{message}");
         let without: String = LONG
             .replace("third,0,3,-0.5", "x,0,1,0.5")
@@ -524,13 +524,13 @@ third,1,3,-0.5,8
                 format!("{rest}\n")
             })
             .collect();
-        let message = Folder::new(&[("r.csv", &without)]).sample("table = \"r.csv\"").unwrap_err().to_string();
+        let message = TableFolder::new(&[("r.csv", &without)]).sample("table = \"r.csv\"").unwrap_err().to_string();
         assert!(message.contains("r.csv:8: a second run with a = 1, b = 0.5, the first is in line 2"), "{message}");
     }
 
     #[test]
     fn mistakes_in_an_index_and_in_the_study_are_located() {
-        let folder = Folder::new(&[
+        let folder = TableFolder::new(&[
             ("i.csv", "file,a,b\n1.csv,1,0.5\n2.csv,2,0.5\n"),
             ("1.csv", "time,y\n0,1\n1,2\n"),
             ("empty.csv", "file,a,b\n"),

@@ -4,7 +4,7 @@
 //! one row: each shard has its share of everything, whatever the order of the plan. Its file is a line of JSON, then the
 //! outputs of the runs that did not fail, as little-endian doubles, and the SHA-256 of all that.
 
-use super::simulation::{Outcome, Simulation};
+use super::simulation::{RunOutcome, Simulation};
 use crate::{Error, Result, files, study::Study};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -83,7 +83,7 @@ impl Shard {
 
 /// The first line of a file.
 #[derive(Debug, Serialize, Deserialize)]
-struct Header {
+struct ShardHeader {
     /// Version of the program.
     metafmu: String,
     sampling_digest: String,
@@ -97,10 +97,10 @@ struct Header {
 ///
 /// # Errors
 /// [`Error::Io`].
-pub fn write(path: &Path, study: &Study, shard: Shard, outcomes: &[Outcome], seconds: f64) -> Result<()> {
+pub fn write(path: &Path, study: &Study, shard: Shard, outcomes: &[RunOutcome], seconds: f64) -> Result<()> {
     let positions = shard.positions(usize::MAX).zip(outcomes);
     let failed = positions.filter_map(|(position, outcome)| Some((position, outcome.as_ref().err()?.clone())));
-    let header = Header {
+    let header = ShardHeader {
         metafmu: env!("CARGO_PKG_VERSION").into(),
         sampling_digest: study.sampling_digest(),
         shard,
@@ -129,8 +129,8 @@ pub fn merge(
     study: &Study,
     simulation: &Simulation,
     points: &[Vec<f64>],
-) -> Result<(Vec<Outcome>, f64)> {
-    let mut parts: BTreeMap<Shard, (&Path, Vec<Outcome>)> = BTreeMap::new();
+) -> Result<(Vec<RunOutcome>, f64)> {
+    let mut parts: BTreeMap<Shard, (&Path, Vec<RunOutcome>)> = BTreeMap::new();
     let mut seconds = 0.0;
     for path in paths {
         let (shard, outcomes, took) = read(path, study, simulation, points)?;
@@ -170,7 +170,7 @@ fn read(
     study: &Study,
     simulation: &Simulation,
     points: &[Vec<f64>],
-) -> Result<(Shard, Vec<Outcome>, f64)> {
+) -> Result<(Shard, Vec<RunOutcome>, f64)> {
     let stale = |message: &str| Error::Stale { path: path.to_owned(), message: message.into() };
     let damaged = || stale("is damaged: make the shard again");
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
@@ -179,7 +179,7 @@ fn read(
     if Sha256::digest(content)[..] != *checksum {
         return Err(damaged());
     }
-    let header: Header = serde_json::from_slice(&content[..end]).map_err(|_| damaged())?;
+    let header: ShardHeader = serde_json::from_slice(&content[..end]).map_err(|_| damaged())?;
     if header.metafmu != env!("CARGO_PKG_VERSION") {
         return Err(stale(&format!("was made by metafmu {}, expected {}", header.metafmu, env!("CARGO_PKG_VERSION"))));
     }

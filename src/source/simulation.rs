@@ -1,7 +1,7 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
-    Journal, Point, before_start, calibration_runs,
+    Journal, MovingPoint, before_start, calibration_runs,
     driven::Driven,
     fmu::{self, FmuModel},
     list, wrong_unit,
@@ -34,7 +34,7 @@ const MAX_FAILED: f64 = 0.1;
 /// What is simulated, with the study's parameters and outputs resolved.
 #[derive(Clone, Debug)]
 pub struct Simulation {
-    model: Model,
+    model: SimulationModel,
     /// Of runs that go on from sample to sample, what outputs and inputs were before the start are such, too.
     parameters: Vec<SourceVariable>,
     inputs: Vec<SourceVariable>,
@@ -51,15 +51,15 @@ pub struct Simulation {
 
 /// Who simulates.
 #[derive(Clone, Debug)]
-enum Model {
+enum SimulationModel {
     /// This program.
-    Equations(Box<Equations>),
+    Equations(Box<SimulatedEquations>),
     /// An FMU.
     Fmu(Box<FmuModel>),
 }
 
 /// A run, or why it failed.
-pub type Outcome = std::result::Result<Run, String>;
+pub type RunOutcome = std::result::Result<Run, String>;
 
 impl Simulation {
     /// Finds the study's system, mechanism or FMU and in it the study's parameters, constants and outputs.
@@ -78,11 +78,11 @@ impl Simulation {
         let (model, parameters, outputs) = match fmu {
             Some(file) => {
                 let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
-                (Model::Fmu(Box::new(model)), parameters, outputs)
+                (SimulationModel::Fmu(Box::new(model)), parameters, outputs)
             }
             None => {
-                let (equations, parameters, outputs) = Equations::new(study)?;
-                (Model::Equations(Box::new(equations)), parameters, outputs)
+                let (equations, parameters, outputs) = SimulatedEquations::new(study)?;
+                (SimulationModel::Equations(Box::new(equations)), parameters, outputs)
             }
         };
         let planned = study.planned().map(|(name, _)| name.to_owned()).collect();
@@ -107,8 +107,8 @@ impl Simulation {
 
     fn driven_mut(&mut self) -> Option<&mut Driven> {
         match &mut self.model {
-            Model::Equations(equations) => equations.driven.as_mut(),
-            Model::Fmu(model) => model.driven_mut(),
+            SimulationModel::Equations(equations) => equations.driven.as_mut(),
+            SimulationModel::Fmu(model) => model.driven_mut(),
         }
     }
 
@@ -120,24 +120,24 @@ impl Simulation {
     /// How runs start and what drives them, if inputs do.
     pub fn driven(&self) -> Option<&Driven> {
         match &self.model {
-            Model::Equations(equations) => equations.driven.as_ref(),
-            Model::Fmu(model) => model.driven(),
+            SimulationModel::Equations(equations) => equations.driven.as_ref(),
+            SimulationModel::Fmu(model) => model.driven(),
         }
     }
 
     /// Values of the quantities of the mechanism or system; those of parameters are overwritten for each run.
     pub fn quantities(&self) -> &[f64] {
         match &self.model {
-            Model::Equations(equations) => &equations.quantities,
-            Model::Fmu(_) => &[],
+            SimulationModel::Equations(equations) => &equations.quantities,
+            SimulationModel::Fmu(_) => &[],
         }
     }
 
     /// The FMU, if it is one.
     pub fn fmu(&self) -> Option<&FmuModel> {
         match &self.model {
-            Model::Equations(_) => None,
-            Model::Fmu(model) => Some(model),
+            SimulationModel::Equations(_) => None,
+            SimulationModel::Fmu(model) => Some(model),
         }
     }
 
@@ -152,14 +152,14 @@ impl Simulation {
     }
 
     /// Points whose paths follow from the outputs; an FMU does not describe any.
-    pub fn points(&self) -> Vec<Point> {
+    pub fn points(&self) -> Vec<MovingPoint> {
         let outputs: Vec<&str> = self.outputs.iter().map(|output| output.name.as_str()).collect();
         match &self.model {
-            Model::Equations(equations) => {
-                let Equations { simulator, quantities, parameter_positions, .. } = &**equations;
+            SimulationModel::Equations(equations) => {
+                let SimulatedEquations { simulator, quantities, parameter_positions, .. } = &**equations;
                 simulator.points(quantities, parameter_positions, &outputs)
             }
-            Model::Fmu(_) => Vec::new(),
+            SimulationModel::Fmu(_) => Vec::new(),
         }
     }
 
@@ -175,12 +175,12 @@ impl Simulation {
     /// processes, see [`Simulation::run_all`].
     pub fn run(&self, parameters: &[f64]) -> Result<Run> {
         match &self.model {
-            Model::Equations(equations) => {
+            SimulationModel::Equations(equations) => {
                 let outputs = equations.run(parameters, &self.times, &[]);
                 let outputs = outputs.map_err(|message| self.failure(&equations.name, parameters, message))?;
                 Ok(self.run_of(parameters, outputs))
             }
-            Model::Fmu(_) => {
+            SimulationModel::Fmu(_) => {
                 let message = "runs of an FMU need worker processes".into();
                 Err(Error::Worker { message })
             }
@@ -194,8 +194,8 @@ impl Simulation {
         limit: Duration,
         stop: &AtomicBool,
     ) -> Option<std::result::Result<(), String>> {
-        let Model::Equations(equations) = &self.model else { return None };
-        let limited = Equations { time_limit: Some(limit), ..(**equations).clone() };
+        let SimulationModel::Equations(equations) = &self.model else { return None };
+        let limited = SimulatedEquations { time_limit: Some(limit), ..(**equations).clone() };
         let begin = Instant::now();
         let outcome = limited.run(point, &self.times, &[stop]).map(|_| ());
         Some(if begin.elapsed() < limit { outcome } else { Ok(()) })
@@ -246,10 +246,12 @@ impl Simulation {
         journal: &Journal,
         workers: Workers<'_>,
         done: impl Fn() + Sync,
-    ) -> Result<Vec<Outcome>> {
+    ) -> Result<Vec<RunOutcome>> {
         let outcomes = match &self.model {
-            Model::Equations(equations) => self.solve_all(equations, points, total, journal, workers.stop, done)?,
-            Model::Fmu(model) => {
+            SimulationModel::Equations(equations) => {
+                self.solve_all(equations, points, total, journal, workers.stop, done)?
+            }
+            SimulationModel::Fmu(model) => {
                 let failed = AtomicUsize::new(0);
                 let failure = |point: &[f64], reason: &str| {
                     self.allow(failed.fetch_add(1, Ordering::Relaxed) + 1, total, point, reason)
@@ -257,7 +259,7 @@ impl Simulation {
                 model.run_all(points, Some(journal), workers, &failure, done)?
             }
         };
-        let made = |(outcome, point): (fmu::Outcome, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
+        let made = |(outcome, point): (fmu::FmuOutcome, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
         Ok(outcomes.into_iter().zip(points).map(made).collect())
     }
 
@@ -265,13 +267,13 @@ impl Simulation {
     /// number of threads.
     fn solve_all(
         &self,
-        equations: &Equations,
+        equations: &SimulatedEquations,
         points: &[Vec<f64>],
         total: usize,
         journal: &Journal,
         stop: &AtomicBool,
         done: impl Fn() + Sync,
-    ) -> Result<Vec<fmu::Outcome>> {
+    ) -> Result<Vec<fmu::FmuOutcome>> {
         let solve = |point: &Vec<f64>| {
             if let Some(outputs) = journal.get(point) {
                 return Ok(Ok(outputs.to_vec()));
@@ -333,14 +335,14 @@ impl Simulation {
     ///
     /// # Errors
     /// [`Error::FailedRuns`].
-    pub fn check_failures(&self, points: &[Vec<f64>], outcomes: &[Outcome]) -> Result<()> {
+    pub fn check_failures(&self, points: &[Vec<f64>], outcomes: &[RunOutcome]) -> Result<()> {
         let failed = points.iter().zip(outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
         let last = failed.clone().next_back();
         last.map_or(Ok(()), |(point, reason)| self.allow(failed.count(), points.len(), point, reason))
     }
 
     /// Runs with the names of their columns; those that failed are left out.
-    pub fn dataset(&self, outcomes: Vec<Outcome>) -> Dataset {
+    pub fn dataset(&self, outcomes: Vec<RunOutcome>) -> Dataset {
         let runs = outcomes.into_iter().filter_map(std::result::Result::ok).collect();
         let (parameters, inputs) = (self.parameters.clone(), self.inputs.clone());
         Dataset { parameters, inputs, outputs: self.outputs.clone(), runs }
@@ -349,13 +351,13 @@ impl Simulation {
 
 /// A system or mechanism, the study's names found in it.
 #[derive(Clone, Debug)]
-struct Equations {
+struct SimulatedEquations {
     /// Name for messages.
     name: String,
-    simulator: Simulator,
-    /// Simulator the integration.
+    simulator: EquationSolver,
+    /// Tolerance of the integration.
     tolerance: f64,
-    /// Simulator a run.
+    /// Time limit of a run.
     time_limit: Option<Duration>,
     /// Value of each quantity; those of parameters are overwritten for each run.
     quantities: Vec<f64>,
@@ -369,12 +371,12 @@ struct Equations {
 
 /// What solves the equations.
 #[derive(Clone, Debug)]
-enum Simulator {
+enum EquationSolver {
     System(&'static System),
     Mechanism(Arc<Mechanism>),
 }
 
-impl Simulator {
+impl EquationSolver {
     /// Every quantity that may be a parameter or a constant, with its default.
     fn quantities(&self) -> Vec<(SourceVariable, f64)> {
         match self {
@@ -390,11 +392,11 @@ impl Simulator {
     }
 
     /// Points whose paths follow from the outputs with these names, given the quantities' values.
-    fn points(&self, quantities: &[f64], parameters: &[usize], outputs: &[&str]) -> Vec<Point> {
+    fn points(&self, quantities: &[f64], parameters: &[usize], outputs: &[&str]) -> Vec<MovingPoint> {
         match self {
             Self::System(system) => {
                 let points = system.points.iter();
-                points.filter_map(|point| Point::of_system(point, quantities, parameters, outputs)).collect()
+                points.filter_map(|point| MovingPoint::of_system(point, quantities, parameters, outputs)).collect()
             }
             Self::Mechanism(mechanism) => {
                 let column = |measure: &str| {
@@ -403,7 +405,7 @@ impl Simulator {
                 };
                 let point = |(_, output): (&String, &MechanismOutput)| {
                     let point = output.measure.trim().strip_suffix(".x")?;
-                    Some(Point::of_outputs(point, column(&format!("{point}.x"))?, column(&format!("{point}.y"))?))
+                    Some(MovingPoint::of_outputs(point, column(&format!("{point}.x"))?, column(&format!("{point}.y"))?))
                 };
                 mechanism.description().outputs.iter().filter_map(point).collect()
             }
@@ -421,7 +423,7 @@ impl Simulator {
         }
     }
 
-    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> fmu::Outcome {
+    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> fmu::FmuOutcome {
         match self {
             Self::System(system) => (system.simulate)(quantities, times, tolerance, budget),
             Self::Mechanism(mechanism) => mechanism.simulate(quantities, times, tolerance, budget),
@@ -436,13 +438,13 @@ impl Simulator {
     }
 }
 
-impl Equations {
+impl SimulatedEquations {
     /// Also the variables of the study's parameters and outputs.
     fn new(study: &Study) -> Result<(Self, Vec<SourceVariable>, Vec<SourceVariable>)> {
         let name = study.source.system.clone();
         let simulator = match (study.mechanism(), name.as_deref().unwrap_or_default()) {
-            (Some(mechanism), _) => Simulator::Mechanism(Arc::clone(mechanism)),
-            (None, name) => Simulator::System(System::of(name).ok_or_else(|| {
+            (Some(mechanism), _) => EquationSolver::Mechanism(Arc::clone(mechanism)),
+            (None, name) => EquationSolver::System(System::of(name).ok_or_else(|| {
                 let known: Vec<&str> = SYSTEMS.iter().map(|system| system.name).collect();
                 study.refusal("source.system", format!("no system `{name}`, {}", expected_one_of(name, &known)))
             })?),
@@ -465,7 +467,7 @@ impl Equations {
         let (mut parameters, mut outputs) = (Vec::new(), Vec::new());
         let mut problems = equations.resolve_inputs(study, &mut parameters);
         problems.extend(equations.resolve_outputs(study, &mut outputs));
-        if let (true, Simulator::Mechanism(mechanism)) = (study.has_states(), &equations.simulator) {
+        if let (true, EquationSolver::Mechanism(mechanism)) = (study.has_states(), &equations.simulator) {
             match Driven::new(study, mechanism, &equations.quantities, problems.is_empty()) {
                 Ok(driven) => {
                     parameters.extend(driven.starts());
@@ -479,14 +481,14 @@ impl Equations {
     }
 
     /// Outputs of a run, row by row, in the study's order; any of the flags ends it early.
-    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> fmu::Outcome {
+    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> fmu::FmuOutcome {
         let mut quantities = self.quantities.clone();
         for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
             quantities[position] = value;
         }
         let budget = Budget::new(stops, self.time_limit);
         let rows = match (&self.driven, &self.simulator) {
-            (Some(driven), Simulator::Mechanism(mechanism)) => {
+            (Some(driven), EquationSolver::Mechanism(mechanism)) => {
                 driven.simulate(mechanism, &quantities, parameters, times, (self.tolerance, &budget))?
             }
             _ => self.simulator.simulate(&quantities, times, self.tolerance, &budget)?,

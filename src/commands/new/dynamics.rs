@@ -1,6 +1,6 @@
 //! A study of a mechanism's equations of motion.
 
-use super::{Proposal, Target, control, describe, quoted, say};
+use super::{Proposal, StudyTarget, control, describe, quoted, say};
 use metafmu::{
     Result,
     dynamics::{self, Checked, QuantityRange, Region},
@@ -12,7 +12,7 @@ use metafmu::{
 use std::{f64::consts::TAU, fmt::Write, path::Path};
 
 /// A study of a mechanism file.
-pub fn of_mechanism(target: &Target, file: &Path) -> Result<Proposal> {
+pub fn of_mechanism(target: &StudyTarget, file: &Path) -> Result<Proposal> {
     let mechanism = Mechanism::load(file)?;
     let file = target.path_from(file);
     let source = format!(
@@ -24,7 +24,7 @@ pub fn of_mechanism(target: &Target, file: &Path) -> Result<Proposal> {
 }
 
 /// A study of the mechanism that describes a built-in system.
-pub fn of_system(target: &Target, system: &System) -> Result<Proposal> {
+pub fn of_system(target: &StudyTarget, system: &System) -> Result<Proposal> {
     let mechanism = Mechanism::parse(system.mechanism, Path::new(system.name))?;
     let source = format!(
         "system = {}    # built in
@@ -39,7 +39,7 @@ const SHORTER: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
 
 /// A study of all free coordinates and inputs, the parameters with a range and all outputs, whose ranges have no
 /// singular positions, and whose runs are short enough to meet none.
-fn propose(target: &Target, mechanism: &Mechanism, option: &str, source: &str) -> Result<Proposal> {
+fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &str) -> Result<Proposal> {
     let coordinates = mechanism
         .free_coordinates()
         .map_err(|message| metafmu::Error::Study { problems: vec![mechanism.located(&message)] })?;

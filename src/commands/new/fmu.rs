@@ -1,6 +1,6 @@
 //! A study of an FMU, from the FMU's description of itself.
 
-use super::{DISCRETE, RUNS, Target, key, quoted, rest, sampling};
+use super::{DISCRETE, RUNS, StudyTarget, key, quoted, rest, sampling};
 use metafmu::{
     Error, Result,
     fmi::{
@@ -28,7 +28,7 @@ const LISTED: usize = 40;
 /// States at which the FMU is asked for its equations.
 const STATES: usize = 5000;
 
-pub fn study(target: &Target, file: &Path) -> Result<String> {
+pub fn study(target: &StudyTarget, file: &Path) -> Result<String> {
     let (description, interface) = describe(file, None)?;
     let (parameters, outputs) = (parameters(&description), outputs(&description));
     let nothing_chosen = chosen(&description).is_empty();
@@ -94,7 +94,7 @@ margin = 0.05               # training runs are longer by this share of `stop`; 
 }
 
 /// A study of the FMU's equations: its states, continuous inputs, and parameters with a range.
-pub fn study_of_states(target: &Target, file: &Path) -> Result<String> {
+pub fn study_of_states(target: &StudyTarget, file: &Path) -> Result<String> {
     let (description, _) = describe(file, Some(InterfaceKind::ModelExchange))?;
     let refuse = |what: String| Err(Error::Stale { path: file.to_owned(), message: format!("the FMU {what}") });
     let indicators = description.indicator_count();
@@ -168,7 +168,7 @@ step = {step:?}                 # s
 }
 
 /// A study of the FMU's samples: outputs, what drives them, and parameters with a range.
-pub fn study_of_samples(target: &Target, file: &Path) -> Result<String> {
+pub fn study_of_samples(target: &StudyTarget, file: &Path) -> Result<String> {
     let (description, _) = describe(file, Some(InterfaceKind::CoSimulation))?;
     let refuse = |what: &str| Err(Error::Stale { path: file.to_owned(), message: format!("the FMU {what}") });
     let inputs: Vec<&ScalarVariable> = driving(&description).collect();

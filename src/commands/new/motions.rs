@@ -1,8 +1,8 @@
 //! A study of motions in a table.
 
 use super::{
-    Target, key, quoted,
-    table::{Column, Survey, shortest, survey},
+    StudyTarget, key, quoted,
+    table::{ColumnProfile, Survey, shortest, survey},
 };
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{
@@ -22,17 +22,17 @@ const LEARNED: f64 = 0.75;
 const ENOUGH: usize = 10;
 
 /// A study of all columns that change: those whose differences another column has are coordinates; without any all are.
-pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
+pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let numbers = || columns.iter().filter(|column| !column.is_text && column.min < column.max);
-    let moving: Vec<&Column> = numbers().filter(|column| !column.is_constant_in_runs).collect();
+    let moving: Vec<&ColumnProfile> = numbers().filter(|column| !column.is_constant_in_runs).collect();
     let label = label.as_deref();
-    let parameters: Vec<&Column> = numbers().filter(|column| column.is_constant_in_runs).collect();
+    let parameters: Vec<&ColumnProfile> = numbers().filter(|column| column.is_constant_in_runs).collect();
     if moving.is_empty() {
         return Err(Table::open(file)?.mistake_in_header("no column changes in a run: there is no coordinate"));
     }
     let rates = rates(file, &time, &moving, runs.step)?;
-    let mut states: Vec<(&Column, Option<&Column>)> = Vec::new();
+    let mut states: Vec<(&ColumnProfile, Option<&ColumnProfile>)> = Vec::new();
     let (mut inputs, mut wrong) = (Vec::new(), Vec::new());
     let is_rate = |index: usize| rates.iter().flatten().any(|rate| rate.column == index);
     for (index, column) in moving.iter().enumerate() {
@@ -57,7 +57,7 @@ pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
             "no column is the rate of another one: all that change are taken for coordinates, and rates come from differences"
         ));
     }
-    for Column { title, .. } in &inputs {
+    for ColumnProfile { title, .. } in &inputs {
         say(format_args!("column `{title}`: is no rate and has none: taken for an input"));
     }
     let shown = || states.iter().flat_map(|(column, rate)| [Some(*column), *rate]).flatten();
@@ -114,7 +114,7 @@ step = {:?}                 # s
         if !columns.is_empty() {
             let _ = writeln!(text, "\n[{title}]");
         }
-        for Column { name, min, max, .. } in columns {
+        for ColumnProfile { name, min, max, .. } in columns {
             let _ = writeln!(text, "{} = {{ min = {min:?}, max = {max:?} }}", key(name));
         }
     }
@@ -143,7 +143,7 @@ struct Rate {
 }
 
 /// Of each column the one that has its derivative, by the differences in the first run.
-fn rates(file: &Path, time: &str, columns: &[&Column], step: f64) -> Result<Vec<Option<Rate>>> {
+fn rates(file: &Path, time: &str, columns: &[&ColumnProfile], step: f64) -> Result<Vec<Option<Rate>>> {
     let mut table = Table::open(file)?;
     let positions: Vec<usize> = columns.iter().map(|column| table.column(&column.title)).collect::<Result<_>>()?;
     let time = table.column(time)?;

@@ -1,6 +1,6 @@
 //! A study of a table of recorded runs, from its columns and their content.
 
-use super::{DISCRETE, Target, key, quoted, rest};
+use super::{DISCRETE, StudyTarget, key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{
     Result,
@@ -35,7 +35,7 @@ const INPUTS: [&str; 14] = [
 const COUNTED: usize = 3;
 
 /// What is known of a column.
-pub(super) struct Column {
+pub(super) struct ColumnProfile {
     /// Name in the table.
     pub(super) title: String,
     /// Name in the study.
@@ -55,7 +55,7 @@ pub(super) struct Column {
 
 /// Runs as they pass by.
 #[derive(Default)]
-pub(super) struct Runs {
+pub(super) struct RunsProfile {
     pub(super) count: usize,
     label: String,
     last_time: f64,
@@ -70,23 +70,23 @@ pub(super) struct Runs {
 pub(super) struct Survey {
     pub(super) time: String,
     pub(super) label: Option<String>,
-    pub(super) runs: Runs,
-    pub(super) columns: Vec<Column>,
+    pub(super) runs: RunsProfile,
+    pub(super) columns: Vec<ColumnProfile>,
 }
 
 /// What the columns are for.
 struct Roles<'a> {
     time: &'a str,
     label: Option<&'a str>,
-    varied: Vec<&'a Column>,
+    varied: Vec<&'a ColumnProfile>,
     /// Of the structure "discrete".
-    inputs: Vec<&'a Column>,
-    outputs: Vec<&'a Column>,
+    inputs: Vec<&'a ColumnProfile>,
+    outputs: Vec<&'a ColumnProfile>,
     /// Those that are neither, and why.
-    others: Vec<(&'a Column, String)>,
+    others: Vec<(&'a ColumnProfile, String)>,
 }
 
-pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
+pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let mut roles = roles(&time, label.as_deref(), &runs, &columns);
     let is_discrete = args.structure == "discrete";
@@ -101,7 +101,7 @@ pub fn study(target: &Target, file: &Path, args: &NewArgs) -> Result<String> {
     if !problem.is_empty() {
         return Err(Table::open(file)?.mistake_in_header(problem));
     }
-    for (Column { title, .. }, why) in roles.others.iter().filter(|(column, _)| column.min < column.max) {
+    for (ColumnProfile { title, .. }, why) in roles.others.iter().filter(|(column, _)| column.min < column.max) {
         say(format_args!("column `{title}`: {why}"));
     }
     Ok(text(target, file, &runs, &roles))
@@ -128,7 +128,7 @@ fn find_inputs(file: &Path, args: &NewArgs, roles: &mut Roles) -> Result<()> {
     let table = Table::open(file)?;
     let wanted = args.inputs.iter().map(|name| Ok(table.columns()[given(&table, name)?].name.clone()));
     let wanted: Vec<String> = wanted.collect::<Result<_>>()?;
-    let is_wanted = |column: &&Column| match wanted.is_empty() {
+    let is_wanted = |column: &&ColumnProfile| match wanted.is_empty() {
         true => drives(&column.title),
         false => wanted.contains(&column.title),
     };
@@ -175,7 +175,7 @@ fn time_column(table: &Table, name: Option<&str>) -> Result<usize> {
 }
 
 /// The columns under their own names where nothing else has them.
-fn named(table: &Table, positions: &[usize]) -> Vec<Column> {
+fn named(table: &Table, positions: &[usize]) -> Vec<ColumnProfile> {
     let reserved = BuiltIn::ALWAYS.iter().map(|variable| variable.name()).chain(["run", "time", "file"]);
     let mut taken: HashSet<String> = reserved.map(str::to_owned).collect();
     let column = |&position: &usize| {
@@ -184,7 +184,7 @@ fn named(table: &Table, positions: &[usize]) -> Vec<Column> {
         while !taken.insert(name.clone()) {
             name.push('_');
         }
-        Column {
+        ColumnProfile {
             title: column.name.clone(),
             name,
             unit: column.unit().unwrap_or_default().to_owned(),
@@ -205,9 +205,9 @@ fn read(
     time: usize,
     label: Option<usize>,
     positions: &[usize],
-    columns: &mut [Column],
-) -> Result<Runs> {
-    let mut runs = Runs { stop: f64::INFINITY, ..Runs::default() };
+    columns: &mut [ColumnProfile],
+) -> Result<RunsProfile> {
+    let mut runs = RunsProfile { stop: f64::INFINITY, ..RunsProfile::default() };
     while table.next_row()? {
         let now = table.number(time)?;
         let name = match label {
@@ -240,7 +240,7 @@ fn read(
     Ok(runs)
 }
 
-impl Column {
+impl ColumnProfile {
     /// Takes a row; there were `count` runs before it.
     fn see(&mut self, table: &mut Table, position: usize, begins: bool, count: usize) -> Result<()> {
         if begins && count == 0 {
@@ -263,14 +263,15 @@ impl Column {
 }
 
 /// Columns with one value in each run are parameters, but for those that number the runs, unless there are no others.
-fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &Runs, columns: &'a [Column]) -> Roles<'a> {
-    let (texts, numbers): (Vec<&Column>, Vec<&Column>) = columns.iter().partition(|column| column.is_text);
-    let (parameters, outputs): (Vec<&Column>, Vec<&Column>) =
+fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &RunsProfile, columns: &'a [ColumnProfile]) -> Roles<'a> {
+    let (texts, numbers): (Vec<&ColumnProfile>, Vec<&ColumnProfile>) =
+        columns.iter().partition(|column| column.is_text);
+    let (parameters, outputs): (Vec<&ColumnProfile>, Vec<&ColumnProfile>) =
         numbers.into_iter().partition(|column| column.is_constant_in_runs);
-    let (mut varied, fixed): (Vec<&Column>, Vec<&Column>) =
+    let (mut varied, fixed): (Vec<&ColumnProfile>, Vec<&ColumnProfile>) =
         parameters.into_iter().partition(|column| column.min < column.max);
-    let mut others: Vec<(&Column, String)> = Vec::new();
-    let counts = |column: &&Column| column.counts_runs && runs.count >= COUNTED;
+    let mut others: Vec<(&ColumnProfile, String)> = Vec::new();
+    let counts = |column: &&ColumnProfile| column.counts_runs && runs.count >= COUNTED;
     if !varied.iter().all(counts) {
         for column in varied.extract_if(.., |column| counts(column)) {
             let why = match label {
@@ -302,7 +303,7 @@ pub(super) fn shortest(number: f64) -> f64 {
     (0..16).map(rounded).find(|other: &f64| (other - number).abs() <= 1e-12 * number.abs()).unwrap_or(number)
 }
 
-fn text(target: &Target, file: &Path, runs: &Runs, roles: &Roles) -> String {
+fn text(target: &StudyTarget, file: &Path, runs: &RunsProfile, roles: &Roles) -> String {
     let Roles { time, label, varied, inputs, outputs, others } = roles;
     let (name, file) = (target.name, target.path_from(file));
     let renamed = varied.iter().chain(inputs).chain(outputs).filter(|column| column.name != column.title);
@@ -365,18 +366,18 @@ step = {step:?}                 # s; {steps}
             "\n[parameters]                # inputs of the surrogate{beside}: columns with one value in each run"
         );
     }
-    for Column { name, min, max, unit: of, .. } in varied {
+    for ColumnProfile { name, min, max, unit: of, .. } in varied {
         let unit = if of.is_empty() { String::new() } else { format!(", {}", unit(of)) };
         // writing to a string does not fail
         let _ = writeln!(text, "{} = {{ min = {min:?}, max = {max:?}{unit} }}", key(name));
     }
-    for (Column { title, .. }, why) in others {
+    for (ColumnProfile { title, .. }, why) in others {
         let _ = writeln!(text, "# {} {why}", title.replace(char::is_control, " "));
     }
     let sections = [("inputs", inputs), ("outputs", outputs)];
     for (section, columns) in sections.into_iter().filter(|(_, columns)| !columns.is_empty()) {
         let _ = writeln!(text, "\n[{section}]");
-        for Column { name, unit: of, .. } in columns {
+        for ColumnProfile { name, unit: of, .. } in columns {
             let unit = unit(of);
             let _ = writeln!(text, "{} = {{{}}}", key(name), if unit.is_empty() { unit } else { format!(" {unit} ") });
         }

@@ -133,7 +133,7 @@ impl<'a> Oracle<'a> {
         let Self { experiment, surrogate, .. } = self;
         let mut values = point.to_vec();
         values.resize(self.evaluator.columns(), 0.0);
-        let mut comparison = Comparison { oracle: self, scratch: self.evaluator.scratch(), point: values };
+        let mut comparison = PredictionComparison { oracle: self, scratch: self.evaluator.scratch(), point: values };
         let instance = self.fmu.instantiate("comparison", true)?;
         comparison.set(&instance, point, |_| true)?;
         instance.enter_initialization_mode(experiment.time(0), None)?;
@@ -172,14 +172,14 @@ impl<'a> Oracle<'a> {
     }
 }
 
-struct Comparison<'a> {
+struct PredictionComparison<'a> {
     oracle: &'a Oracle<'a>,
     scratch: Scratch,
     /// Values of the input columns now.
     point: Vec<f64>,
 }
 
-impl Comparison<'_> {
+impl PredictionComparison<'_> {
     /// Sets those parameters that `which` wants.
     fn set(&mut self, instance: &FmuInstance, values: &[f64], which: impl Fn(&Input) -> bool) -> Result<()> {
         for (column, input) in self.oracle.surrogate.inputs().iter().enumerate() {

@@ -80,7 +80,7 @@ const NO_VALUES: &str = "0, NULL";
 const NOTICE: &str = "/* Generated. */\n";
 
 /// What is generated of one kind of model.
-struct Part {
+struct ModelSources {
     /// Header of the model.
     header: &'static str,
     /// Further definitions for the preprocessor.
@@ -95,7 +95,7 @@ struct Part {
     data: String,
 }
 
-impl Part {
+impl ModelSources {
     fn of(surrogate: &Surrogate) -> Self {
         match surrogate.model() {
             Model::Response(Map::Network(network)) => {
@@ -133,7 +133,7 @@ pub(super) fn graph_of(model: &Model) -> Option<&Graph> {
 
 /// `model_data.h`
 pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
-    let Part { header, defines, names, sizes, remark, .. } = Part::of(surrogate);
+    let ModelSources { header, defines, names, sizes, remark, .. } = ModelSources::of(surrogate);
     let columns = Evaluator::new(surrogate).columns();
     let policy = surrogate.variables().reference(Quantity::BuiltIn(BuiltIn::DomainPolicy));
     let (inputs, outputs, states) = (surrogate.inputs().len(), surrogate.outputs().len(), surrogate.states().len());
@@ -219,7 +219,7 @@ pub fn source(surrogate: &Surrogate) -> String {
         let centres: Vec<f64> = centres.iter().copied().map(f64::from).collect();
         doubles(&mut text, "const float model_centres", &centres);
     }
-    let data = Part::of(surrogate).data;
+    let data = ModelSources::of(surrogate).data;
     let formulas = if let Model::Motion(motion) = surrogate.model() { efforts(motion) } else { String::new() };
     if let Some(reason) = refusal_of_single(surrogate, &[data.as_str(), &formulas]) {
         push(&mut text, format_args!("\n#ifdef METAFMU_SINGLE\n#error \"{reason}\"\n#endif\n"));

@@ -2,7 +2,7 @@
 
 use super::{
     proto::{AttributeProto, NodeProto},
-    tensor::Tensor,
+    tensor::ConstantTensor,
 };
 
 // Kinds of attributes, `AttributeProto.AttributeType`. Writers may leave out a number that is 0 and a text that is empty, of which the kind is
@@ -59,9 +59,9 @@ impl<'a> Attributes<'a> {
         texts.iter().map(|text| String::from_utf8_lossy(text).into_owned()).collect()
     }
 
-    pub fn tensor(self, name: &str) -> Option<Result<Tensor, String>> {
+    pub fn tensor(self, name: &str) -> Option<Result<ConstantTensor, String>> {
         let tensor = self.find(name)?.t.as_ref()?;
-        Some(Tensor::read(tensor, None).map_err(|problem| format!("attribute `{name}`: {problem}")))
+        Some(ConstantTensor::read(tensor, None).map_err(|problem| format!("attribute `{name}`: {problem}")))
     }
 
     /// The doubles that are meant by numbers; none unless given.
@@ -74,20 +74,22 @@ impl<'a> Attributes<'a> {
     }
 
     /// Numbers in single precision, or those in double precision of the attribute `NAME_as_tensor`.
-    pub fn numbers(self, name: &str) -> Result<Numbers, String> {
+    pub fn numbers(self, name: &str) -> Result<AttributeNumbers, String> {
         if let Some(tensor) = self.tensor(&format!("{name}_as_tensor")) {
-            return Ok(Numbers { values: tensor?.data.doubles(), is_single: false });
+            return Ok(AttributeNumbers { values: tensor?.data.doubles(), is_single: false });
         }
         let floats = self.find(name).map(|attribute| attribute.floats.as_slice()).unwrap_or_default();
         match floats.iter().position(|value| !value.is_finite()) {
             Some(place) => Err(format!("attribute `{name}`, element {place}: {} is not finite", floats[place])),
-            None => Ok(Numbers { values: floats.iter().map(|value| f64::from(*value)).collect(), is_single: true }),
+            None => {
+                Ok(AttributeNumbers { values: floats.iter().map(|value| f64::from(*value)).collect(), is_single: true })
+            }
         }
     }
 }
 
 /// Numbers of an attribute.
-pub struct Numbers {
+pub struct AttributeNumbers {
     pub values: Vec<f64>,
     pub is_single: bool,
 }

@@ -3,13 +3,13 @@
 //! twice as many.
 
 use super::{
-    Reader,
+    GraphReader,
     attributes::Attributes,
     node::Value,
     operators::RECURRENT,
     proto::{GraphProto, NodeProto, ValueInfoProto},
     shape::{axis, broadcast, broadcast_places},
-    tensor::Tensor,
+    tensor::ConstantTensor,
 };
 use metafmu_runtime::graph::Step;
 use std::path::Path;
@@ -45,7 +45,7 @@ const BROADCASTING: [&str; 18] = [
 
 /// A graph that is followed for two rows.
 pub struct TwoRows {
-    reader: Reader,
+    reader: GraphReader,
     /// Of each number of each value.
     depends: Vec<Vec<u8>>,
 }
@@ -56,7 +56,7 @@ impl TwoRows {
         if graph.node.iter().any(|node| RECURRENT.contains(&node.op_type.as_str())) {
             return None;
         }
-        let reader = Reader::new(graph, opset, folder, 2).ok()?;
+        let reader = GraphReader::new(graph, opset, folder, 2).ok()?;
         let is_given = |input: &&ValueInfoProto| !graph.initializer.iter().any(|tensor| tensor.name == input.name);
         let mut columns = Vec::new();
         for input in graph.input.iter().filter(is_given) {
@@ -76,7 +76,7 @@ impl TwoRows {
     ///
     /// # Errors
     /// A sentence if it does not compute each row by itself.
-    pub fn follow(&mut self, node: &NodeProto, one: &Reader) -> Result<bool, String> {
+    pub fn follow(&mut self, node: &NodeProto, one: &GraphReader) -> Result<bool, String> {
         self.refuse_along_batch(node, one)?;
         if self.reader.node(node).is_err() {
             return Ok(false);
@@ -111,8 +111,8 @@ impl TwoRows {
     }
 
     /// What gives each row its own numbers, but others by its place in the batch.
-    fn refuse_along_batch(&self, node: &NodeProto, one: &Reader) -> Result<(), String> {
-        let known = |reader: &Reader, name: &String| reader.values.get(name).cloned();
+    fn refuse_along_batch(&self, node: &NodeProto, one: &GraphReader) -> Result<(), String> {
+        let known = |reader: &GraphReader, name: &String| reader.values.get(name).cloned();
         let is_batch = |name: &String, from_end: usize| match (known(one, name), known(&self.reader, name)) {
             (Some(Value::Row(one)), Some(Value::Row(two))) if one.shape.len() == two.shape.len() => {
                 let place = one.shape.len().checked_sub(from_end + 1);
@@ -181,7 +181,7 @@ impl TwoRows {
 }
 
 /// Whether a constant of two rows is that of one row, for each of them.
-fn is_repeated(one: &Tensor, two: &Tensor) -> bool {
+fn is_repeated(one: &ConstantTensor, two: &ConstantTensor) -> bool {
     match broadcast(&one.shape, &two.shape) {
         Ok(shape) if shape == two.shape => {
             let (of_one, of_two) = (one.data.doubles(), two.data.doubles());

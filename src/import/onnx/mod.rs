@@ -12,14 +12,14 @@ mod shape;
 mod tensor;
 mod trees;
 
-use super::{Imported, Recurrence, builder::Builder};
+use super::{Imported, RecurrentState, builder::Builder};
 use crate::{Error, Result};
 use batch::TwoRows;
-use node::{Row, Value};
+use node::{RowTensor, Value};
 use prost::Message;
 use proto::{DOUBLE, FLOAT, GraphProto, ModelProto, ValueInfoProto, type_name};
 use std::{collections::HashMap, path::Path};
-use tensor::Tensor;
+use tensor::ConstantTensor;
 
 /// Oldest and newest version of the standard operators whose meaning is known here.
 const OPSETS: std::ops::RangeInclusive<i64> = 7..=24;
@@ -47,7 +47,7 @@ pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported
     if !unknown.is_empty() {
         return Err(unknown);
     }
-    let mut reader = Reader::new(graph, opset, folder, 1).map_err(one)?;
+    let mut reader = GraphReader::new(graph, opset, folder, 1).map_err(one)?;
     let mut two_rows = TwoRows::of(graph, opset, folder);
     for (number, node) in graph.node.iter().enumerate() {
         let about = |problem: String| one(format!("{}: {problem}", node::title(number, node)));
@@ -126,7 +126,7 @@ fn unknown_operators(graph: &GraphProto) -> Vec<String> {
 }
 
 /// A graph that is being followed.
-struct Reader {
+struct GraphReader {
     opset: i64,
     builder: Builder,
     /// What is known of each name.
@@ -137,20 +137,20 @@ struct Reader {
     stacked: Vec<(String, usize, usize)>,
     is_single: bool,
     /// States that are no inputs of the graph.
-    recurrences: Vec<Recurrence>,
+    recurrences: Vec<RecurrentState>,
     /// What is compared with thresholds is rounded as it was there.
     has_trees: bool,
     /// Outputs that operators have beside those that are read here, with what they are.
     beside: HashMap<String, String>,
 }
 
-impl Reader {
+impl GraphReader {
     /// For so many rows, where the first dimension of an input is free.
     fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>, batch: usize) -> std::result::Result<Self, String> {
         let mut values = HashMap::new();
         for proto in &graph.initializer {
-            let tensor =
-                Tensor::read(proto, folder).map_err(|problem| format!("initializer `{}`: {problem}", proto.name))?;
+            let tensor = ConstantTensor::read(proto, folder)
+                .map_err(|problem| format!("initializer `{}`: {problem}", proto.name))?;
             values.insert(proto.name.clone(), Value::Constant(tensor));
         }
         // older files list their initializers among the inputs
@@ -186,7 +186,7 @@ impl Reader {
             let count: usize = shape.iter().product();
             let columns = (first..first + count).map(|column| [source as u32, column as u32]).collect();
             let value = builder.columns(columns)?;
-            if values.insert(name.clone(), Value::Row(Row { shape, value, is_single })).is_some() {
+            if values.insert(name.clone(), Value::Row(RowTensor { shape, value, is_single })).is_some() {
                 return Err(format!("input `{name}` is there twice, expected names that are unique"));
             }
             first += count;

@@ -1,10 +1,10 @@
 //! Nodes and what goes between them.
 
 use super::{
-    Reader,
+    GraphReader,
     proto::NodeProto,
     shape::{broadcast_places, places, strides},
-    tensor::{Data, Tensor},
+    tensor::{ConstantTensor, Data},
 };
 use crate::import::builder::Builder;
 use metafmu_runtime::{
@@ -16,14 +16,14 @@ use metafmu_runtime::{
 #[derive(Clone, Debug)]
 pub enum Value {
     /// The same for all rows.
-    Constant(Tensor),
+    Constant(ConstantTensor),
     /// Follows from the inputs.
-    Row(Row),
+    Row(RowTensor),
 }
 
 /// A tensor of which each row of the inputs has its own; the batch has the size 1.
 #[derive(Clone, Debug)]
-pub struct Row {
+pub struct RowTensor {
     pub shape: Vec<usize>,
     /// Number of the value that has its elements.
     pub value: usize,
@@ -38,7 +38,7 @@ impl Value {
         }
     }
 
-    pub fn constant(&self) -> Option<&Tensor> {
+    pub fn constant(&self) -> Option<&ConstantTensor> {
         match self {
             Self::Constant(tensor) => Some(tensor),
             Self::Row(_) => None,
@@ -68,17 +68,17 @@ pub fn title(number: usize, node: &NodeProto) -> String {
 }
 
 /// A constant as a value of the graph: a network of weights that are zero.
-pub fn constant_row(builder: &mut Builder, tensor: &Tensor) -> Result<Row, String> {
+pub fn constant_row(builder: &mut Builder, tensor: &ConstantTensor) -> Result<RowTensor, String> {
     let values = tensor.data.doubles();
     if values.is_empty() {
         return Err("a constant without elements".into());
     }
     let first = builder.columns(vec![[0, 0]])?;
     let value = builder.affine(first, vec![0.0; values.len()].into(), values.into())?;
-    Ok(Row { shape: tensor.shape.clone(), value, is_single: matches!(tensor.data, Data::Single(_)) })
+    Ok(RowTensor { shape: tensor.shape.clone(), value, is_single: matches!(tensor.data, Data::Single(_)) })
 }
 
-impl Reader {
+impl GraphReader {
     /// The value of the node's input, if it has that one.
     pub fn given(&self, node: &NodeProto, place: usize) -> Result<Option<&Value>, String> {
         match node.input.get(place).map(String::as_str) {
@@ -102,7 +102,7 @@ impl Reader {
     }
 
     /// The value of the node's input, which must follow from the inputs of the graph.
-    pub fn row(&self, node: &NodeProto, place: usize) -> Result<Row, String> {
+    pub fn row(&self, node: &NodeProto, place: usize) -> Result<RowTensor, String> {
         match self.input(node, place)? {
             Value::Row(row) => Ok(row),
             Value::Constant(_) => Err(format!("input {place} is a constant, expected what follows from the inputs")),
@@ -110,7 +110,7 @@ impl Reader {
     }
 
     /// The value of which a row's numbers are chosen.
-    fn chosen_from(&self, row: &Row) -> usize {
+    fn chosen_from(&self, row: &RowTensor) -> usize {
         let mut value = row.value;
         while let Some(Step::Columns { columns }) = value.checked_sub(1).map(|step| &self.builder.steps()[step])
             && columns.iter().all(|[of, _]| *of == columns[0][0])
@@ -121,17 +121,17 @@ impl Reader {
     }
 
     /// Whether a row is nothing but inputs of the graph.
-    pub fn is_input(&self, row: &Row) -> bool {
+    pub fn is_input(&self, row: &RowTensor) -> bool {
         self.chosen_from(row) == 0
     }
 
     /// A row in single precision, rounded as it was there unless it is already.
-    pub fn rounded(&mut self, row: Row) -> Result<Row, String> {
+    pub fn rounded(&mut self, row: RowTensor) -> Result<RowTensor, String> {
         let from = self.chosen_from(&row).checked_sub(1).map(|step| &self.builder.steps()[step]);
         if let Some(Step::Elementwise { function: Elementwise::Single, .. }) = from {
             return Ok(row);
         }
-        Ok(Row { value: self.builder.elementwise(row.value, Elementwise::Single, Vec::new())?, ..row })
+        Ok(RowTensor { value: self.builder.elementwise(row.value, Elementwise::Single, Vec::new())?, ..row })
     }
 
     /// A model of one row of features for each of the rows: the last dimension has the features.
@@ -139,7 +139,7 @@ impl Reader {
         &mut self,
         node: &NodeProto,
         outputs: usize,
-        mut make: impl FnMut(&mut Self, &Row) -> Result<Value, String>,
+        mut make: impl FnMut(&mut Self, &RowTensor) -> Result<Value, String>,
     ) -> Result<Value, String> {
         let row = self.row(node, 0)?;
         let width = row.shape.last().copied().unwrap_or(1);
@@ -157,11 +157,11 @@ impl Reader {
             let Value::Row(made) = make(self, &part)? else { return Err("what it gives is constant".into()) };
             columns.extend((0..outputs).map(|column| [made.value as u32, column as u32]));
         }
-        Ok(Value::Row(Row { shape: vec![rows, outputs], value: self.builder.columns(columns)?, ..row }))
+        Ok(Value::Row(RowTensor { shape: vec![rows, outputs], value: self.builder.columns(columns)?, ..row }))
     }
 
     /// The value of the node's input, which must be a constant.
-    pub fn constant(&self, node: &NodeProto, place: usize) -> Result<Option<Tensor>, String> {
+    pub fn constant(&self, node: &NodeProto, place: usize) -> Result<Option<ConstantTensor>, String> {
         match self.given(node, place)? {
             None => Ok(None),
             Some(Value::Constant(tensor)) => Ok(Some(tensor.clone())),
@@ -186,20 +186,20 @@ impl Reader {
     /// Elements of a value in another order, or some of them, as a tensor of this shape.
     pub fn pick(&mut self, value: &Value, places: &[usize], shape: Vec<usize>) -> Result<Value, String> {
         match value {
-            Value::Constant(tensor) => Ok(Value::Constant(Tensor { shape, data: tensor.data.picked(places) })),
+            Value::Constant(tensor) => Ok(Value::Constant(ConstantTensor { shape, data: tensor.data.picked(places) })),
             Value::Row(row) => Ok(Value::Row(self.picked(row, places, shape)?)),
         }
     }
 
     /// Elements of what follows from the inputs.
-    pub fn picked(&mut self, row: &Row, places: &[usize], shape: Vec<usize>) -> Result<Row, String> {
+    pub fn picked(&mut self, row: &RowTensor, places: &[usize], shape: Vec<usize>) -> Result<RowTensor, String> {
         let is_whole = places.len() == self.builder.width(row.value)
             && places.iter().enumerate().all(|(index, place)| index == *place);
         let value = match is_whole {
             true => row.value,
             false => self.builder.columns(places.iter().map(|place| [row.value as u32, *place as u32]).collect())?,
         };
-        Ok(Row { shape, value, is_single: row.is_single })
+        Ok(RowTensor { shape, value, is_single: row.is_single })
     }
 
     /// The same elements in another shape.
@@ -251,18 +251,24 @@ impl Reader {
                 if values.iter().any(|value| !value.is_finite()) {
                     return Err("a constant becomes a number that is not finite".into());
                 }
-                Ok(Value::Constant(Tensor::like(&tensor.data, tensor.shape.clone(), values)))
+                Ok(Value::Constant(ConstantTensor::like(&tensor.data, tensor.shape.clone(), values)))
             }
             Value::Row(row) => {
                 let value = self.builder.elementwise(row.value, function, parameters)?;
-                Ok(Value::Row(Row { value, ..row.clone() }))
+                Ok(Value::Row(RowTensor { value, ..row.clone() }))
             }
         }
     }
 
     /// `W x + b` of a row, as a row of `shape`.
-    pub fn affine(&mut self, row: &Row, weight: Numbers, bias: Numbers, shape: Vec<usize>) -> Result<Value, String> {
+    pub fn affine(
+        &mut self,
+        row: &RowTensor,
+        weight: Numbers,
+        bias: Numbers,
+        shape: Vec<usize>,
+    ) -> Result<Value, String> {
         let value = self.builder.affine(row.value, weight, bias)?;
-        Ok(Value::Row(Row { shape, value, is_single: row.is_single }))
+        Ok(Value::Row(RowTensor { shape, value, is_single: row.is_single }))
     }
 }

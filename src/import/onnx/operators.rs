@@ -10,12 +10,12 @@ mod shapes;
 mod windows;
 
 use super::{
-    Builder, Reader,
+    Builder, GraphReader,
     attributes::Attributes,
-    node::{Row, Value, constant_row, is_standard, operator},
+    node::{RowTensor, Value, constant_row, is_standard, operator},
     proto::{DOUBLE, FLOAT, INT32, INT64, NodeProto, type_name},
     shape::{axis, broadcast, broadcast_places, places, strides},
-    tensor::{Data, MAX_ELEMENTS, Tensor, within_limits},
+    tensor::{ConstantTensor, Data, MAX_ELEMENTS, within_limits},
     trees::refuse_transform,
 };
 use metafmu_runtime::{
@@ -171,7 +171,7 @@ pub use recurrent::RECURRENT;
 
 type Made = Result<Value, String>;
 
-impl Reader {
+impl GraphReader {
     /// Computes what a node gives.
     pub fn node(&mut self, node: &NodeProto) -> Result<(), String> {
         let made = match node.domain.as_str() {
@@ -218,7 +218,10 @@ impl Reader {
             "Shape" => return self.shape(node),
             "Size" => {
                 let count = self.input(node, 0)?.shape().iter().product::<usize>();
-                return Ok(Value::Constant(Tensor { shape: Vec::new(), data: Data::Integer(vec![count as i64]) }));
+                return Ok(Value::Constant(ConstantTensor {
+                    shape: Vec::new(),
+                    data: Data::Integer(vec![count as i64]),
+                }));
             }
             "Range" => return self.range(node),
             "Flatten" => return self.flatten(node),

@@ -17,7 +17,7 @@ const MAX_DIMENSIONS: usize = 16;
 
 /// A constant tensor.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Tensor {
+pub struct ConstantTensor {
     /// Its dimensions; of a single number there are none.
     pub shape: Vec<usize>,
     /// Its numbers, row by row.
@@ -64,7 +64,7 @@ impl Data {
     }
 }
 
-impl Tensor {
+impl ConstantTensor {
     /// Whole numbers in one dimension.
     pub fn of_integers(values: Vec<i64>) -> Self {
         Self { shape: vec![values.len()], data: Data::Integer(values) }

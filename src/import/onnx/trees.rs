@@ -1,9 +1,9 @@
 //! `ai.onnx.ml.TreeEnsembleRegressor`: decision trees, random forests, gradient boosting.
 
 use super::{
-    Reader,
+    GraphReader,
     attributes::Attributes,
-    node::{Row, Value},
+    node::{RowTensor, Value},
     proto::NodeProto,
 };
 use metafmu_runtime::graph::{Elementwise, Forest, LEAF, Node, Step, Tree};
@@ -15,16 +15,16 @@ const MAX_NODES: usize = 1 << 24;
 const MAX_NODES_OF_ROWS: usize = 1 << 21;
 
 /// A node as the file has it.
-struct Given {
+struct TreeNode {
     column: usize,
     threshold: f64,
-    comparison: Comparison,
+    comparison: BranchMode,
     below: [i64; 2],
 }
 
 /// Which branch is taken.
 #[derive(Clone, Copy, PartialEq)]
-enum Comparison {
+enum BranchMode {
     Leaf,
     /// The first one if the input is at most the threshold.
     AtMost,
@@ -36,7 +36,7 @@ enum Comparison {
     AtLeast,
 }
 
-impl Reader {
+impl GraphReader {
     pub fn tree_ensemble(&mut self, node: &NodeProto) -> Result<Value, String> {
         let attributes = Attributes::of(node);
         let shape = self.row(node, 0)?.shape;
@@ -75,7 +75,7 @@ impl Reader {
             let row = if row.is_single { reader.rounded(row.clone())? } else { row.clone() };
             let step = Step::Forest { of: row.value, forest: forest.clone(), outputs };
             let value = reader.builder.add(step, outputs)?;
-            let value = Value::Row(Row { shape: vec![1, outputs], value, is_single: row.is_single });
+            let value = Value::Row(RowTensor { shape: vec![1, outputs], value, is_single: row.is_single });
             match base.as_slice() {
                 [] => Ok(value),
                 base => reader.mapped(&value, Elementwise::Linear, [&vec![1.0; outputs], base].concat()),
@@ -95,7 +95,7 @@ pub fn refuse_transform(attributes: Attributes) -> Result<(), String> {
 type Key = (i64, i64);
 
 /// The nodes by tree and number, and the trees with their first nodes.
-fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, Given>, Vec<Key>), String> {
+fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, TreeNode>, Vec<Key>), String> {
     let integers = |name: &str| attributes.integers(name).unwrap_or_default();
     let (trees, ids) = (integers("nodes_treeids"), integers("nodes_nodeids"));
     let (first, second) = (integers("nodes_truenodeids"), integers("nodes_falsenodeids"));
@@ -113,11 +113,11 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, G
     for place in 0..count {
         let key = (trees[place], ids[place]);
         let comparison = match modes[place].as_str() {
-            "LEAF" => Comparison::Leaf,
-            "BRANCH_LEQ" => Comparison::AtMost,
-            "BRANCH_LT" => Comparison::Less,
-            "BRANCH_GT" => Comparison::More,
-            "BRANCH_GTE" => Comparison::AtLeast,
+            "LEAF" => BranchMode::Leaf,
+            "BRANCH_LEQ" => BranchMode::AtMost,
+            "BRANCH_LT" => BranchMode::Less,
+            "BRANCH_GT" => BranchMode::More,
+            "BRANCH_GTE" => BranchMode::AtLeast,
             other => {
                 return Err(format!(
                     "a node of mode {other}, expected LEAF, BRANCH_LEQ, BRANCH_LT, BRANCH_GT or BRANCH_GTE"
@@ -125,7 +125,7 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, G
             }
         };
         let column = usize::try_from(features[place]).unwrap_or(usize::MAX);
-        if comparison != Comparison::Leaf && column >= columns {
+        if comparison != BranchMode::Leaf && column >= columns {
             return Err(format!("node {} of tree {} looks at feature {}, of {columns}", key.1, key.0, features[place]));
         }
         // the largest number that is less than the threshold, in the precision of the inputs
@@ -134,10 +134,10 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, G
             false => threshold.next_down(),
         };
         let threshold = match comparison {
-            Comparison::Less | Comparison::AtLeast => less(thresholds.values[place]),
+            BranchMode::Less | BranchMode::AtLeast => less(thresholds.values[place]),
             _ => thresholds.values[place],
         };
-        let given = Given { column, threshold, comparison, below: [first[place], second[place]] };
+        let given = TreeNode { column, threshold, comparison, below: [first[place], second[place]] };
         if nodes.insert(key, given).is_some() {
             return Err(format!("two nodes {} of tree {}", key.1, key.0));
         }
@@ -174,7 +174,7 @@ fn leaves(attributes: Attributes, outputs: usize) -> Result<HashMap<Key, Vec<(us
 }
 
 fn forest(
-    nodes: &HashMap<Key, Given>,
+    nodes: &HashMap<Key, TreeNode>,
     roots: &[Key],
     leaves: &HashMap<Key, Vec<(usize, f64)>>,
     (outputs, scale): (usize, f64),
@@ -198,7 +198,7 @@ fn forest(
                 if let Some((above, side)) = above {
                     forest.nodes[above].below[side] = place as u32;
                 }
-                if given.comparison == Comparison::Leaf {
+                if given.comparison == BranchMode::Leaf {
                     let added = leaves.get(&(root.0, id)).into_iter().flatten();
                     let number: f64 = added.filter(|(to, _)| *to == output).map(|(_, weight)| weight).sum();
                     forest.nodes.push(Node { column: LEAF, number: scale * number, below: [0; 2] });
@@ -206,7 +206,7 @@ fn forest(
                 }
                 forest.nodes.push(Node { column: given.column as u32, number: given.threshold, below: [0; 2] });
                 let [mut first, mut second] = given.below;
-                if matches!(given.comparison, Comparison::More | Comparison::AtLeast) {
+                if matches!(given.comparison, BranchMode::More | BranchMode::AtLeast) {
                     std::mem::swap(&mut first, &mut second);
                 }
                 waiting.push((second, Some((place, 1))));

@@ -50,7 +50,7 @@ pub(super) struct LabelledRun {
 }
 
 /// Where the values of a surrogate are in a table.
-struct Columns {
+struct PredictionColumns {
     /// Of each input; none for those that keep their start value.
     inputs: Vec<Option<usize>>,
     /// Of a surrogate with states.
@@ -63,13 +63,13 @@ pub(super) struct Reader<'a> {
     surrogate: &'a Surrogate,
     stop: &'a AtomicBool,
     table: Table,
-    columns: Columns,
+    columns: PredictionColumns,
     labels: runs::RunLabels,
-    current: Option<Current>,
+    current: Option<PredictionRun>,
 }
 
 /// The run that is being read.
-struct Current {
+struct PredictionRun {
     label: String,
     constants: Vec<f64>,
     times: Vec<f64>,
@@ -88,7 +88,7 @@ impl<'a> Reader<'a> {
         tell: impl Fn(&str),
     ) -> Result<Self> {
         let table = Table::open(path)?;
-        let columns = Columns::find(surrogate, &table, tell)?;
+        let columns = PredictionColumns::find(surrogate, &table, tell)?;
         Ok(Self { surrogate, stop, table, columns, labels: runs::RunLabels::default(), current: None })
     }
 
@@ -153,7 +153,7 @@ impl<'a> Reader<'a> {
         let mut runs = Vec::new();
         for _ in 0..BATCH {
             if !self.table.next_row()? {
-                runs.extend(self.current.take().map(Current::finish));
+                runs.extend(self.current.take().map(PredictionRun::finish));
                 return Ok((runs, true));
             }
             runs.extend(self.read_row()?);
@@ -175,11 +175,11 @@ impl<'a> Reader<'a> {
             return Err(table.mistake(&format!("column `{RUN}`: is empty, expected the run's label")));
         }
         // without labels, a run ends where the time goes back
-        let goes_on = |run: &Current| if columns.run.is_some() { run.label == label } else { time >= run.last() };
+        let goes_on = |run: &PredictionRun| if columns.run.is_some() { run.label == label } else { time >= run.last() };
         let Some(run) = current.as_mut().filter(|run| goes_on(run)) else {
             labels.begin(table, &label)?;
-            let begun = Current { label, constants, times: vec![time], inputs };
-            return Ok(current.replace(begun).map(Current::finish));
+            let begun = PredictionRun { label, constants, times: vec![time], inputs };
+            return Ok(current.replace(begun).map(PredictionRun::finish));
         };
         check_time(table, &label, run.last(), time)?;
         let names = surrogate.inputs().iter().filter(|input| input.role != Role::Input);
@@ -195,7 +195,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-impl Current {
+impl PredictionRun {
     /// Time of the row before.
     fn last(&self) -> f64 {
         self.times.last().copied().unwrap_or(f64::NEG_INFINITY)
@@ -208,7 +208,7 @@ impl Current {
     }
 }
 
-impl Columns {
+impl PredictionColumns {
     fn find(surrogate: &Surrogate, table: &Table, tell: impl Fn(&str)) -> Result<Self> {
         let names: Vec<&str> = table.columns().iter().map(|column| column.name.as_str()).collect();
         let position = |name: &str| names.iter().position(|other| *other == name);

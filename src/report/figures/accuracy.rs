@@ -1,6 +1,8 @@
 //! Label against prediction, and how errors are distributed.
 
-use super::{Axis, Block, Chart, Evaluated, Figure, Ink, Section, Series, Shape, left_out, output, paragraph, shown};
+use super::{
+    Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, left_out, output, paragraph, shown,
+};
 use crate::report::numbers::{CELLS, Density, Histogram};
 use rayon::prelude::*;
 
@@ -11,11 +13,12 @@ pub fn section(evaluated: &Evaluated) -> Section {
          perfect surrogate is on the diagonal."
     ))];
     let outputs: Vec<usize> = shown(evaluated).collect();
-    blocks
-        .push(Block::Figures(outputs.par_iter().map(|&output| density_figure(evaluated, output, "density")).collect()));
-    blocks.push(Block::Html("<h3>Distribution of the errors</h3>".into()));
+    blocks.push(ReportBlock::Figures(
+        outputs.par_iter().map(|&output| density_figure(evaluated, output, "density")).collect(),
+    ));
+    blocks.push(ReportBlock::Html("<h3>Distribution of the errors</h3>".into()));
     blocks.push(paragraph("How often which error occurs, on a logarithmic scale: the outer bins hold single rows."));
-    blocks.push(Block::Figures(outputs.par_iter().map(|&output| histogram_figure(evaluated, output)).collect()));
+    blocks.push(ReportBlock::Figures(outputs.par_iter().map(|&output| histogram_figure(evaluated, output)).collect()));
     blocks.extend(left_out(evaluated));
     Section { id: "accuracy", title: "Label against prediction".into(), blocks }
 }
@@ -44,8 +47,8 @@ pub fn density_figure(evaluated: &Evaluated, column: usize, prefix: &str) -> Fig
         x: Axis::exact(&format!("{name}, label"), unit, low, high),
         y: Axis::exact(&format!("{name}, prediction"), unit, low, high),
         series: vec![
-            Series::silent(Ink::Grey, Shape::Line(vec![[low, low], [high, high]])),
-            Series::silent(Ink::Blue, Shape::Cells(cells)),
+            ChartSeries::silent(Ink::Grey, Shape::Line(vec![[low, low], [high, high]])),
+            ChartSeries::silent(Ink::Blue, Shape::Cells(cells)),
         ],
     };
     let most = counts.iter().max().unwrap_or(&0);
@@ -68,10 +71,11 @@ fn histogram_figure(evaluated: &Evaluated, column: usize) -> Figure {
     let mut y = Axis::log("rows", "", [1.0, most]);
     y.low = floor;
     let rms = evaluated.accuracy.outputs[column].mse.sqrt();
-    let mut series = vec![Series::named("test rows", Ink::Sky, Shape::Bars(bars))];
+    let mut series = vec![ChartSeries::named("test rows", Ink::Sky, Shape::Bars(bars))];
     for (index, sign) in [-1.0, 1.0].into_iter().enumerate() {
         let line = Shape::Line(vec![[sign * rms, floor], [sign * rms, y.high]]);
-        series.push(Series { name: (index == 0).then(|| "± RMS error".into()), ink: Ink::Vermilion, shape: line });
+        series
+            .push(ChartSeries { name: (index == 0).then(|| "± RMS error".into()), ink: Ink::Vermilion, shape: line });
     }
     let chart = Chart { x: Axis::exact(&format!("error of {name}"), unit, -reach, reach), y, series };
     Figure::new(&format!("histogram-{name}"), format!("{name}: distribution of the errors."), chart)

@@ -1,7 +1,7 @@
 //! Two surrogates of one source side by side, for instance S_fixed, which has a network for each instant, and S_full.
 
 use super::{
-    Block, Evaluated, Material, Section, accuracy::density_figure, case, code, escape, left_out, number, output,
+    Evaluated, Material, ReportBlock, Section, accuracy::density_figure, case, code, escape, left_out, number, output,
     paragraph, r2, responses::response, shown, table, unit,
 };
 
@@ -53,7 +53,7 @@ pub fn section(material: &Material) -> Option<Section> {
                 figure
             })
         };
-        [Block::Html(format!("<h3>{title}</h3>")), Block::Figures(shown(own).flat_map(pair).collect())]
+        [ReportBlock::Html(format!("<h3>{title}</h3>")), ReportBlock::Figures(shown(own).flat_map(pair).collect())]
     };
     blocks.extend(pairs("Prediction against label", &|evaluated, column, side| {
         density_figure(evaluated, column, &format!("beside-{side}"))

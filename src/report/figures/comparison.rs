@@ -1,7 +1,9 @@
 //! The network beside simpler models: accuracy against cost.
 
-use super::{Axis, Block, Chart, Figure, Ink, Section, Series, Shape, code, escape, number, paragraph, r2, table};
-use crate::baseline::{Comparison, ModelRow, Status};
+use super::{
+    Axis, Chart, ChartSeries, Figure, Ink, ReportBlock, Section, Shape, code, escape, number, paragraph, r2, table,
+};
+use crate::baseline::{Comparison, ModelRow, ModelStatus};
 
 pub fn section(comparison: &Comparison) -> Section {
     let Comparison { test_runs, test_rows, models, .. } = comparison;
@@ -30,12 +32,12 @@ pub fn section(comparison: &Comparison) -> Section {
             scatter(models, name, unit, cost)?,
         ))
     });
-    blocks.push(Block::Figures(figures.collect()));
+    blocks.push(ReportBlock::Figures(figures.collect()));
     blocks.extend(scores(models));
     Section { id: "comparison", title: "Beside simpler models".into(), blocks }
 }
 
-fn overview(models: &[ModelRow]) -> Block {
+fn overview(models: &[ModelRow]) -> ReportBlock {
     let headings = ["model", "1 - R²", "prediction", "fit", "memory", "rows", "FMU", "note"];
     let rows = models.iter().enumerate().map(|(index, row)| {
         let ModelRow {
@@ -51,10 +53,10 @@ fn overview(models: &[ModelRow]) -> Block {
         } = row;
         let or_none = |value: Option<String>| value.unwrap_or("-".into());
         let status = match status {
-            Status::Fine => "",
-            Status::Failed => "failed",
-            Status::TooSlow => "too slow",
-            Status::Stopped => "stopped",
+            ModelStatus::Fine => "",
+            ModelStatus::Failed => "failed",
+            ModelStatus::TooSlow => "too slow",
+            ModelStatus::Stopped => "stopped",
         };
         let separator = if status.is_empty() || note.is_empty() { "" } else { ": " };
         vec![
@@ -72,7 +74,7 @@ fn overview(models: &[ModelRow]) -> Block {
 }
 
 /// R² of each output.
-fn scores(models: &[ModelRow]) -> Option<Block> {
+fn scores(models: &[ModelRow]) -> Option<ReportBlock> {
     let outputs: Vec<&String> = models.iter().find(|row| !row.outputs.is_empty())?.outputs.keys().collect();
     let headings: Vec<String> =
         std::iter::once("R² of".into()).chain(outputs.iter().map(|output| escape(output))).collect();
@@ -100,7 +102,7 @@ fn scatter(models: &[ModelRow], name: &str, unit: &str, cost: impl Fn(&ModelRow)
     // models are numbers on plates, which need room
     let around = |axis: usize| places.iter().flat_map(move |(_, place)| [0.5 * place[axis], 2.0 * place[axis]]);
     let (x, y) = (Axis::log(name, unit, around(0)), Axis::log("1 - R²", "", around(1)));
-    Some(Chart { x, y, series: vec![Series::silent(Ink::Blue, Shape::Numbered(places))] })
+    Some(Chart { x, y, series: vec![ChartSeries::silent(Ink::Blue, Shape::Numbered(places))] })
 }
 
 #[cfg(test)]
@@ -125,9 +127,9 @@ mod tests {
                 .collect(),
         };
         let models = vec![
-            row("network", Status::Fine, Some(0.999)),
-            row("ridge", Status::Fine, Some(-0.5)),
-            row("svr", Status::TooSlow, None),
+            row("network", ModelStatus::Fine, Some(0.999)),
+            row("ridge", ModelStatus::Fine, Some(-0.5)),
+            row("svr", ModelStatus::TooSlow, None),
         ];
         let section =
             section(&Comparison { name: "s".into(), content_digest: None, test_runs: 2, test_rows: 100, models });
@@ -135,8 +137,8 @@ mod tests {
             .blocks
             .iter()
             .map(|block| match block {
-                Block::Html(html) => html.clone(),
-                Block::Figures(figures) => figures.iter().map(|figure| figure.draw().unwrap().svg).collect(),
+                ReportBlock::Html(html) => html.clone(),
+                ReportBlock::Figures(figures) => figures.iter().map(|figure| figure.draw().unwrap().svg).collect(),
             })
             .collect();
         for piece in [

@@ -1,8 +1,8 @@
 //! How often the truth is within the surrogate's error bound.
 
 use super::{
-    Axis, Block, Chart, Evaluated, Figure, Ink, Section, Series, Shape, code, left_out, number, output, paragraph,
-    percent, shown, table, unit,
+    Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, code, left_out, number, output,
+    paragraph, percent, shown, table, unit,
 };
 use crate::report::numbers::Binned;
 use metafmu_runtime::Bounds;
@@ -37,7 +37,7 @@ pub fn section(evaluated: &Evaluated) -> Option<Section> {
         .iter()
         .zip(&coverages)
         .map(|(&column, coverage)| over_time(evaluated, column, stated, &coverage.over_time));
-    let mut blocks = vec![paragraph(&text), table(&headings, rows), Block::Figures(figures.collect())];
+    let mut blocks = vec![paragraph(&text), table(&headings, rows), ReportBlock::Figures(figures.collect())];
     blocks.extend(left_out(evaluated));
     Some(Section { id: "coverage", title: "Error bounds".into(), blocks })
 }
@@ -75,8 +75,8 @@ fn over_time(evaluated: &Evaluated, column: usize, stated: f64, Binned { at, wit
         x: Axis::exact("time", "s", at[0], at[at.len() - 1]),
         y: Axis::exact(&format!("rows of {name} within"), "%", (100.0 * lowest - 2.0).clamp(0.0, 90.0), 101.0),
         series: vec![
-            Series::named("within the bound", Ink::Blue, Shape::Line(line)),
-            Series::named("expected", Ink::Vermilion, Shape::Line(expected)),
+            ChartSeries::named("within the bound", Ink::Blue, Shape::Line(line)),
+            ChartSeries::named("expected", Ink::Vermilion, Shape::Line(expected)),
         ],
     };
     Figure::new(

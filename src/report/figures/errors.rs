@@ -1,8 +1,8 @@
 //! Where errors are: over time, over each parameter, and in the parameters' ranges.
 
 use super::{
-    Axis, Block, Chart, Evaluated, Figure, Ink, Section, Series, Shape, left_out, lines, output, paragraph, parameter,
-    shown,
+    Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, left_out, lines, output, paragraph,
+    parameter, shown,
 };
 use crate::report::numbers::{Binned, evenly};
 use rayon::prelude::*;
@@ -18,17 +18,17 @@ pub fn section(evaluated: &Evaluated) -> Section {
     let outputs: Vec<usize> = shown(evaluated).collect();
     let over_time = outputs.par_iter().map(|&output| over_time_figure(evaluated, output)).collect();
     let mut blocks = vec![
-        Block::Html("<h3>Over time</h3>".into()),
+        ReportBlock::Html("<h3>Over time</h3>".into()),
         paragraph(
             "Root mean square and largest error of all test runs at each instant, or over a few instants where there are many.",
         ),
-        Block::Figures(over_time),
-        Block::Html("<h3>Over each parameter</h3>".into()),
+        ReportBlock::Figures(over_time),
+        ReportBlock::Html("<h3>Over each parameter</h3>".into()),
         paragraph(
             "Root mean square error of the test runs in slices of a parameter's range, relative to the outputs' ranges.",
         ),
-        Block::Figures(over_parameters(evaluated)),
-        Block::Html("<h3>Where the worst runs lie</h3>".into()),
+        ReportBlock::Figures(over_parameters(evaluated)),
+        ReportBlock::Html("<h3>Where the worst runs lie</h3>".into()),
     ];
     blocks.extend(worst_runs(evaluated));
     blocks.extend(left_out(evaluated));
@@ -43,8 +43,8 @@ fn over_time_figure(evaluated: &Evaluated, column: usize) -> Figure {
         x: Axis::exact("time", "s", at[0], at[at.len() - 1]),
         y: Axis::log(&format!("error of {name}"), unit, rms.iter().chain(&largest).copied()),
         series: vec![
-            Series::named("largest", Ink::Vermilion, line(&largest)),
-            Series::named("root mean square", Ink::Blue, line(&rms)),
+            ChartSeries::named("largest", Ink::Vermilion, line(&largest)),
+            ChartSeries::named("root mean square", Ink::Blue, line(&rms)),
         ],
     };
     Figure::new(&format!("error-time-{name}"), format!("{name}: error over time."), chart)
@@ -98,7 +98,7 @@ fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id
 }
 
 /// All runs and the worst twentieth of them, over pairs of parameters.
-fn worst_runs(evaluated: &Evaluated) -> Vec<Block> {
+fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
     let order = evaluated.runs_by_error();
     let (good, bad) = order.split_at(order.len() - (order.len() / 20).max(1));
     let good: Vec<usize> = evenly(good.len(), RUNS).into_iter().map(|index| good[index]).collect();
@@ -114,8 +114,8 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<Block> {
     let chart = |x: Axis, y: Axis, place: &dyn Fn(usize) -> [f64; 2]| {
         let points = |runs: &[usize]| runs.iter().map(|&run| place(run)).collect::<Vec<_>>();
         let series = vec![
-            Series::named("other test runs", Ink::Grey, Shape::Circles(points(&good))),
-            Series::named("worst runs", Ink::Vermilion, Shape::Triangles(points(&bad_shown))),
+            ChartSeries::named("other test runs", Ink::Grey, Shape::Circles(points(&good))),
+            ChartSeries::named("worst runs", Ink::Vermilion, Shape::Triangles(points(&bad_shown))),
         ];
         Chart { x, y, series }
     };
@@ -141,5 +141,5 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<Block> {
         let chart = chart(axis(a), axis(b), &|run| [value(run, a), value(run, b)]);
         Figure::new(&format!("worst-{a_name}-{b_name}"), format!("Runs over {a_name} and {b_name}."), chart)
     }));
-    vec![paragraph(&text), Block::Figures(figures)]
+    vec![paragraph(&text), ReportBlock::Figures(figures)]
 }

@@ -13,9 +13,9 @@ mod summary;
 mod training;
 
 use super::{
-    Block, Evaluated, Figure, Material, Section,
+    Evaluated, Figure, Material, ReportBlock, Section,
     axis::Axis,
-    chart::{Chart, INKS, Ink, Series, Shape},
+    chart::{Chart, ChartSeries, INKS, Ink, Shape},
 };
 use crate::html::{escape, number};
 pub use beside::Beside;
@@ -76,10 +76,10 @@ fn shown(evaluated: &Evaluated) -> std::ops::Range<usize> {
 }
 
 /// What is left out because there are too many outputs.
-fn left_out(evaluated: &Evaluated) -> Option<Block> {
+fn left_out(evaluated: &Evaluated) -> Option<ReportBlock> {
     let count = evaluated.outputs();
     (count > OUTPUTS)
-        .then(|| Block::Html(format!("<p class=\"note\">Shown are the first {OUTPUTS} of {count} outputs.</p>")))
+        .then(|| ReportBlock::Html(format!("<p class=\"note\">Shown are the first {OUTPUTS} of {count} outputs.</p>")))
 }
 
 /// A run and its parameters: `test run 3 with L = 0.12 m, c = 0.05`.
@@ -94,13 +94,13 @@ fn case(evaluated: &Evaluated, run: usize) -> String {
 }
 
 /// Lines of equal rank: name and points of each.
-fn lines(of: impl IntoIterator<Item = (String, Vec<[f64; 2]>)>) -> Vec<Series> {
+fn lines(of: impl IntoIterator<Item = (String, Vec<[f64; 2]>)>) -> Vec<ChartSeries> {
     let inks = INKS.iter().cycle();
-    of.into_iter().zip(inks).map(|((name, points), &ink)| Series::named(name, ink, Shape::Line(points))).collect()
+    of.into_iter().zip(inks).map(|((name, points), &ink)| ChartSeries::named(name, ink, Shape::Line(points))).collect()
 }
 
 /// A table with a heading for each column; cells are HTML.
-fn table(headings: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Block {
+fn table(headings: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> ReportBlock {
     let heading: String = headings.iter().map(|heading| format!("<th>{heading}</th>")).collect();
     // on a phone cells are below each other, each beside its heading
     let row = |cells: Vec<String>| {
@@ -109,11 +109,11 @@ fn table(headings: &[&str], rows: impl IntoIterator<Item = Vec<String>>) -> Bloc
         format!("<tr>{}</tr>\n", cells.collect::<String>())
     };
     let rows: String = rows.into_iter().map(row).collect();
-    Block::Html(format!("<table class=\"wide\">\n<tr>{heading}</tr>\n{rows}</table>"))
+    ReportBlock::Html(format!("<table class=\"wide\">\n<tr>{heading}</tr>\n{rows}</table>"))
 }
 
-fn paragraph(text: &str) -> Block {
-    Block::Html(format!("<p>{}</p>", escape(text)))
+fn paragraph(text: &str) -> ReportBlock {
+    ReportBlock::Html(format!("<p>{}</p>", escape(text)))
 }
 
 fn code(name: &str) -> String {

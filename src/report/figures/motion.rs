@@ -1,10 +1,10 @@
 //! The motion itself: phase plots and paths of points.
 
 use super::{
-    Axis, Block, Chart, Evaluated, Figure, Ink, Material, Section, Series, Shape, case, output, paragraph,
+    Axis, Chart, ChartSeries, Evaluated, Figure, Ink, Material, ReportBlock, Section, Shape, case, output, paragraph,
     responses::curves,
 };
-use crate::source::Point;
+use crate::source::MovingPoint;
 
 /// Charts of one kind at the most.
 const CHARTS: usize = 8;
@@ -18,16 +18,16 @@ pub fn section(material: &Material) -> Option<Section> {
     if !pairs.is_empty() {
         let shown = pairs.iter().take(CHARTS / 2);
         let figures = shown.flat_map(|&pair| runs.map(|(what, run)| phase(evaluated, what, run, pair))).collect();
-        blocks.push(Block::Html("<h3>Phase plots</h3>".into()));
+        blocks.push(ReportBlock::Html("<h3>Phase plots</h3>".into()));
         blocks.push(paragraph("A quantity and its rate, in the median case and in the worst one."));
-        blocks.push(Block::Figures(figures));
+        blocks.push(ReportBlock::Figures(figures));
     }
     if !material.points.is_empty() {
         let shown = material.points.iter().take(CHARTS / 2);
         let figures = shown.flat_map(|point| runs.map(|(what, run)| path(evaluated, what, run, point))).collect();
-        blocks.push(Block::Html("<h3>Paths of points</h3>".into()));
+        blocks.push(ReportBlock::Html("<h3>Paths of points</h3>".into()));
         blocks.push(paragraph("Both axes have the same scale. x points to the right, y upwards."));
-        blocks.push(Block::Figures(figures));
+        blocks.push(ReportBlock::Figures(figures));
     }
     (!blocks.is_empty()).then(|| Section { id: "motion", title: "Motion".into(), blocks })
 }
@@ -70,10 +70,10 @@ fn phase(evaluated: &Evaluated, what: &str, run: usize, (quantity, rate): (usize
     Figure::new(&format!("phase-{what}-{name}"), caption, chart)
 }
 
-fn path(evaluated: &Evaluated, what: &str, run: usize, point: &Point) -> Figure {
+fn path(evaluated: &Evaluated, what: &str, run: usize, point: &MovingPoint) -> Figure {
     let parameters = &evaluated.test.runs[run].parameters;
     let columns: Vec<Vec<_>> = (0..evaluated.outputs()).map(|column| evaluated.rows(run, column).collect()).collect();
-    let places = |value: fn(&super::super::numbers::Row) -> f64| {
+    let places = |value: fn(&super::super::numbers::TestRow) -> f64| {
         let row = |index: usize| columns.iter().map(|column| value(&column[index])).collect::<Vec<f64>>();
         (0..columns[0].len()).map(|index| point.position(parameters, &row(index))).collect::<Vec<_>>()
     };
@@ -88,8 +88,8 @@ fn plane(curves: [Vec<[f64; 2]>; 2], names: [&str; 2], units: [&str; 2]) -> Char
     let (x, y) = (Axis::linear(names[0], units[0], values(0)), Axis::linear(names[1], units[1], values(1)));
     let [truth, prediction] = curves;
     let series = vec![
-        Series::named("truth", Ink::Black, Shape::Line(truth)),
-        Series::named("prediction", Ink::Vermilion, Shape::Line(prediction)),
+        ChartSeries::named("truth", Ink::Black, Shape::Line(truth)),
+        ChartSeries::named("prediction", Ink::Vermilion, Shape::Line(prediction)),
     ];
     Chart { x, y, series }
 }

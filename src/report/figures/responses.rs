@@ -1,8 +1,8 @@
 //! Time responses: truth and prediction of single runs.
 
 use super::{
-    Axis, Block, Chart, Evaluated, Figure, INKS, Ink, Section, Series, Shape, case, escape, left_out, number, output,
-    paragraph, shown,
+    Axis, Chart, ChartSeries, Evaluated, Figure, INKS, Ink, ReportBlock, Section, Shape, case, escape, left_out,
+    number, output, paragraph, shown,
 };
 
 /// Runs in one chart.
@@ -15,22 +15,23 @@ pub fn section(evaluated: &Evaluated) -> Section {
     let mut blocks = Vec::new();
     for (what, id, run) in [("Median", "median", median), ("Worst", "worst", worst)] {
         let error = 100.0 * evaluated.run_errors()[run];
-        blocks.push(Block::Html(format!("<h3>{what} case</h3>")));
+        blocks.push(ReportBlock::Html(format!("<h3>{what} case</h3>")));
         blocks.push(paragraph(&format!(
             "{what} of all test runs by the root mean square error relative to the outputs' ranges, {} %: {}.",
             number(error),
             case(evaluated, run)
         )));
-        blocks.push(Block::Figures(shown(evaluated).map(|output| response(evaluated, run, output, id)).collect()));
+        blocks
+            .push(ReportBlock::Figures(shown(evaluated).map(|output| response(evaluated, run, output, id)).collect()));
     }
     let cases = cases(&order);
     let names: String = cases.iter().map(|&run| format!("<li>{}</li>", escape(&case(evaluated, run)))).collect();
-    blocks.push(Block::Html("<h3>Several cases</h3>".into()));
+    blocks.push(ReportBlock::Html("<h3>Several cases</h3>".into()));
     blocks.push(paragraph(
         "From the run with the smallest error to that with the largest one. Broad grey lines are the truth.",
     ));
-    blocks.push(Block::Html(format!("<ol>{names}</ol>")));
-    blocks.push(Block::Figures(shown(evaluated).map(|output| several(evaluated, &cases, output)).collect()));
+    blocks.push(ReportBlock::Html(format!("<ol>{names}</ol>")));
+    blocks.push(ReportBlock::Figures(shown(evaluated).map(|output| several(evaluated, &cases, output)).collect()));
     blocks.extend(left_out(evaluated));
     Section { id: "responses", title: "Time response".into(), blocks }
 }
@@ -49,10 +50,10 @@ pub fn response(evaluated: &Evaluated, run: usize, column: usize, prefix: &str) 
     let band = prediction.iter().map(|&[t, y]| evaluated.bound(column, t).map(|bound| [t, y - bound, y + bound]));
     if let Some(band) = band.collect::<Option<Vec<[f64; 3]>>>() {
         values.extend(band.iter().flat_map(|&[_, low, high]| [low, high]));
-        series.push(Series::named("error bound", Ink::Sky, Shape::Band(band)));
+        series.push(ChartSeries::named("error bound", Ink::Sky, Shape::Band(band)));
     }
-    series.push(Series::named("truth", Ink::Black, Shape::Line(truth)));
-    series.push(Series::named("prediction", Ink::Vermilion, Shape::Line(prediction)));
+    series.push(ChartSeries::named("truth", Ink::Black, Shape::Line(truth)));
+    series.push(ChartSeries::named("prediction", Ink::Vermilion, Shape::Line(prediction)));
     let chart = Chart { x: time_axis(evaluated, run), y: Axis::linear(name, unit, values), series };
     let caption = format!("{name}: RMS error {} {unit}", number(evaluated.rms(run, column)));
     Figure::new(&format!("{prefix}-{name}"), format!("{}.", caption.trim_end()), chart)
@@ -66,8 +67,8 @@ fn several(evaluated: &Evaluated, cases: &[usize], column: usize) -> Figure {
         let (truth, prediction) = curves(evaluated, run, column);
         values.extend(truth.iter().chain(&prediction).map(|point| point[1]));
         let first = (case == 0).then(|| "truth".to_owned());
-        truths.push(Series { name: first, ink: Ink::Grey, shape: Shape::Broad(truth) });
-        predictions.push(Series::named(format!("case {}", case + 1), ink, Shape::Line(prediction)));
+        truths.push(ChartSeries { name: first, ink: Ink::Grey, shape: Shape::Broad(truth) });
+        predictions.push(ChartSeries::named(format!("case {}", case + 1), ink, Shape::Line(prediction)));
     }
     let series = truths.into_iter().chain(predictions).collect();
     let chart = Chart { x: time_axis(evaluated, cases[0]), y: Axis::linear(name, unit, values), series };

@@ -1,7 +1,7 @@
 //! How strongly each parameter acts on each output.
 
 use super::{
-    Axis, Block, Chart, Evaluated, Figure, Section, code, escape, left_out, lines, number, output, paragraph,
+    Axis, Chart, Evaluated, Figure, ReportBlock, Section, code, escape, left_out, lines, number, output, paragraph,
     parameter, shown, table, unit,
 };
 use crate::report::numbers::{SENSITIVITY_RUNS, Sensitivity};
@@ -24,7 +24,7 @@ pub fn section(evaluated: &Evaluated) -> Section {
     }
     let mut blocks = vec![paragraph(&text), overview(evaluated, &sensitivities)];
     let outputs = shown(evaluated).zip(&sensitivities);
-    blocks.push(Block::Figures(
+    blocks.push(ReportBlock::Figures(
         outputs.flat_map(|(output, sensitivity)| over_time(evaluated, output, sensitivity)).collect(),
     ));
     blocks.extend(left_out(evaluated));
@@ -32,7 +32,7 @@ pub fn section(evaluated: &Evaluated) -> Section {
 }
 
 /// A row an output, a column a parameter; shares of the row's sum as bars.
-fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> Block {
+fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> ReportBlock {
     let names = evaluated.test.parameters.iter().map(|variable| escape(&variable.name));
     let headings: Vec<String> = ["output", "unit"].map(String::from).into_iter().chain(names).collect();
     let row = |(column, sensitivity): (usize, &Sensitivity)| {

@@ -1,6 +1,6 @@
 //! What the surrogate is, how accurate it is, and where it comes from.
 
-use super::{Block, Material, Section, code, escape, number, paragraph, percent, r2, table, unit};
+use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, r2, table, unit};
 use crate::{
     evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts},
     html,
@@ -95,7 +95,7 @@ fn both(error: f64, share: Option<f64>) -> String {
 fn roll_outs(
     found @ RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite], .. }: &RollOuts,
     test_runs: usize,
-) -> [Block; 2] {
+) -> [ReportBlock; 2] {
     let chaos = found.describe_chaos(test_runs).map_or(String::new(), |chaos| format!(" {chaos}."));
     let headings = ["after", "relative RMS error, median", "90 % of the runs", "start off by 1e-9, median", "90 %"];
     let rows = horizons.iter().map(|Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] }| {
@@ -187,6 +187,6 @@ pub fn provenance(material: &Material) -> Section {
     let rows: String = rows
         .map(|(name, value)| format!("<tr><td>{}</td><td class=\"long\">{}</td></tr>\n", escape(&name), escape(&value)))
         .collect();
-    let blocks = vec![Block::Html(format!("<table>\n{rows}</table>"))];
+    let blocks = vec![ReportBlock::Html(format!("<table>\n{rows}</table>"))];
     Section { id: "provenance", title: "Provenance".into(), blocks }
 }

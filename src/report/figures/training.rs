@@ -1,6 +1,6 @@
 //! How the training went.
 
-use super::{Axis, Block, Chart, Figure, Ink, Material, Section, Series, Shape, paragraph};
+use super::{Axis, Chart, ChartSeries, Figure, Ink, Material, ReportBlock, Section, Shape, paragraph};
 use crate::training::EpochRecord;
 use metafmu_runtime::Model;
 
@@ -18,15 +18,15 @@ pub fn section(material: &Material) -> Option<Section> {
         x: epochs.clone(),
         y: losses,
         series: vec![
-            Series::named("training rows", Ink::Blue, Shape::Line(line(|epoch| epoch.train_loss))),
-            Series::named("held-out rows", Ink::Vermilion, Shape::Line(line(|epoch| epoch.validation_loss))),
-            Series::named("best epoch", Ink::Black, Shape::Triangles(vec![place])),
+            ChartSeries::named("training rows", Ink::Blue, Shape::Line(line(|epoch| epoch.train_loss))),
+            ChartSeries::named("held-out rows", Ink::Vermilion, Shape::Line(line(|epoch| epoch.validation_loss))),
+            ChartSeries::named("best epoch", Ink::Black, Shape::Triangles(vec![place])),
         ],
     };
     let rate = Chart {
         x: epochs,
         y: Axis::linear("learning rate", "", history.iter().map(|epoch| epoch.learning_rate).chain([0.0])),
-        series: vec![Series::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
+        series: vec![ChartSeries::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
     };
     let text = match material.evaluated.surrogate.model() {
         // without networks there are no epochs, and no history
@@ -46,5 +46,9 @@ pub fn section(material: &Material) -> Option<Section> {
         Figure::new("training-loss", "Loss on training rows and held-out rows.", loss),
         Figure::new("training-rate", "Learning rate at the end of each epoch.", rate),
     ];
-    Some(Section { id: "training", title: "Training".into(), blocks: vec![paragraph(&text), Block::Figures(figures)] })
+    Some(Section {
+        id: "training",
+        title: "Training".into(),
+        blocks: vec![paragraph(&text), ReportBlock::Figures(figures)],
+    })
 }

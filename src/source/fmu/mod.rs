@@ -41,7 +41,7 @@ const BATCH: usize = 64;
 const RETRIES: usize = 1;
 
 /// A run's outputs, row by row, or why it failed.
-pub type Outcome = std::result::Result<Vec<f64>, String>;
+pub type FmuOutcome = std::result::Result<Vec<f64>, String>;
 
 /// An FMU and what its runs are.
 #[derive(Clone, Debug)]
@@ -178,9 +178,9 @@ impl FmuModel {
         workers: Workers<'_>,
         failure: &(dyn Fn(&[f64], &str) -> Result<()> + Sync),
         done: impl Fn() + Sync,
-    ) -> Result<Vec<Outcome>> {
+    ) -> Result<Vec<FmuOutcome>> {
         let kept = |point: &Vec<f64>| Some(journal?.get(point)?.to_vec());
-        let mut outcomes: Vec<Option<Outcome>> = points.iter().map(|point| kept(point).map(Ok)).collect();
+        let mut outcomes: Vec<Option<FmuOutcome>> = points.iter().map(|point| kept(point).map(Ok)).collect();
         let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
         (missing.len()..points.len()).for_each(|_| done());
         if !missing.is_empty() {
@@ -223,7 +223,7 @@ struct Campaign<'a> {
 }
 
 impl Campaign<'_> {
-    fn run(&self) -> Result<Vec<(usize, Outcome)>> {
+    fn run(&self) -> Result<Vec<(usize, FmuOutcome)>> {
         let threads = rayon::current_num_threads().min(self.missing.len());
         let results: Vec<Result<Vec<_>>> = std::thread::scope(|scope| {
             let threads: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.work())).collect();
@@ -241,7 +241,7 @@ impl Campaign<'_> {
     }
 
     /// Makes one run after the other with a process of its own.
-    fn work(&self) -> Result<Vec<(usize, Outcome)>> {
+    fn work(&self) -> Result<Vec<(usize, FmuOutcome)>> {
         let (mut outcomes, mut worker) = (Vec::new(), None);
         while !self.workers.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {
             let Some(&index) = self.missing.get(self.next.fetch_add(1, Ordering::Relaxed)) else { break };
@@ -259,7 +259,7 @@ impl Campaign<'_> {
     }
 
     /// One run, with retries; none if the program is to stop.
-    fn attempt(&self, point: &[f64], worker: &mut Option<Worker<SamplingReply>>) -> Result<Option<Outcome>> {
+    fn attempt(&self, point: &[f64], worker: &mut Option<Worker<SamplingReply>>) -> Result<Option<FmuOutcome>> {
         let mut reason = String::new();
         for _ in 0..=self.model.retries {
             let begin = Instant::now();

@@ -72,7 +72,7 @@ impl Motions {
 }
 
 /// The columns of a table that has motions.
-struct Columns {
+struct MotionColumns {
     /// Coordinates, then rates.
     states: Vec<SourceVariable>,
     /// The column of each rate that the table has.
@@ -90,7 +90,7 @@ impl Recorded {
     pub(super) fn with_motions(mut self, study: &Study) -> Result<Self> {
         let mut table = Table::open(&self.path)?;
         let there = |name: &str| study.source.columns.get(name).map_or(name, String::as_str).to_owned();
-        let columns = Columns::new(study, &table, &there)?;
+        let columns = MotionColumns::new(study, &table, &there)?;
         self.outputs = columns.outputs(study)?;
         let rates = columns.rates.iter().flatten().map(|name| there(name));
         self.names.outputs = study.states.keys().map(|name| there(name)).chain(rates).collect();
@@ -121,7 +121,7 @@ impl Recorded {
     }
 }
 
-impl Columns {
+impl MotionColumns {
     fn new(study: &Study, table: &Table, there: &impl Fn(&str) -> String) -> Result<Self> {
         let unit_there =
             |name: &str| Ok::<_, Error>(table.columns()[table.column(&there(name))?].unit().map(str::to_owned));

@@ -1,7 +1,7 @@
 //! Rows on their way into runs, and what a run must be: rows in the order of time from zero to the end, in one place, of
 //! parameters that no other run has.
 
-use super::{super::list, Driven, Recorded};
+use super::{super::list, Recorded, RecordedInput};
 use crate::{
     Error, Result,
     dataset::Run,
@@ -135,7 +135,7 @@ impl<'a> Runs<'a> {
         let inputs = self.recorded.inputs.len();
         for (index, &column) in values.iter().enumerate() {
             let value = table.number(column)?;
-            if let Some(&Driven { min, max, .. }) = self.recorded.inputs.get(index)
+            if let Some(&RecordedInput { min, max, .. }) = self.recorded.inputs.get(index)
                 && !(min..=max).contains(&value)
             {
                 let name = &self.recorded.names.inputs[index];

@@ -1,8 +1,8 @@
 //! Sizes and weights of a model of samples.
 
 use super::{
-    Part, array, double,
-    functions::{Cost, Term, width, write_network},
+    ModelSources, array, double,
+    functions::{AddedNetwork, Cost, width, write_network},
     graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
     operations::Operations,
@@ -26,7 +26,7 @@ const NAMES: [&str; 10] = [
     "model_weights",
 ];
 
-pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
+pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> ModelSources {
     let [parameters, driven, outputs] = discrete.counts;
     let [past_outputs, past_inputs] = discrete.history;
     let network = network(discrete);
@@ -40,7 +40,7 @@ pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> Part {
         ..Operations::default()
     };
     let numbers = discrete.numbers();
-    Part {
+    ModelSources {
         header: "discrete.h",
         defines: Vec::new(),
         names: [&ACTIVATIONS[..], &NAMES, &graph.names].concat(),
@@ -96,16 +96,16 @@ fn operations(discrete: &Discrete, network: &Cost, samples: f64) -> f64 {
 }
 
 /// The network, which adds to all outputs.
-fn network(discrete: &Discrete) -> Option<Term<'_>> {
+fn network(discrete: &Discrete) -> Option<AddedNetwork<'_>> {
     let Some(Map::Network(network)) = &discrete.map else { return None };
-    Some(Term {
+    Some(AddedNetwork {
         columns: (0..discrete.width()).map(|of| NetworkColumn { of, kind: ColumnKind::Plain }).collect(),
         outputs: (0..discrete.numbers()).collect(),
         network,
     })
 }
 
-fn data(discrete: &Discrete, network: Option<&Term>) -> String {
+fn data(discrete: &Discrete, network: Option<&AddedNetwork>) -> String {
     let mut text = format!("\nconst double model_sample_time = {};\n", double(discrete.step));
     // C has no empty arrays
     let padded = |values: &[f64]| if values.is_empty() { vec![0.0] } else { values.to_vec() };

@@ -10,7 +10,7 @@ use metafmu_runtime::{
 use std::sync::Arc;
 
 /// A value in the C code: a number that is known, or the name of a variable.
-enum Value {
+enum CodeValue {
     Known(f64),
     Named(String),
 }
@@ -26,7 +26,7 @@ pub fn template(efforts: &Efforts) -> String {
     }
     let (tables, mut count) = (tables(efforts), [0; 2]);
     for (index, formula) in efforts.formulas().iter().enumerate() {
-        let value = formula.walk(|step: Applied<Value>| written(step, (efforts, &tables), &mut text, &mut count));
+        let value = formula.walk(|step: Applied<CodeValue>| written(step, (efforts, &tables), &mut text, &mut count));
         push(&mut text, format_args!("    e[{index}] = {};\n", value.text()));
     }
     text + "}\n"
@@ -135,7 +135,7 @@ pub fn operations(formula: &Formula) -> [usize; 2] {
 /// Multiplications and additions of a table for each argument and number of a node: its six derivatives at two or four nodes, and the weights.
 const LOOKUP_OPERATIONS: usize = 36;
 
-impl Value {
+impl CodeValue {
     fn text(&self) -> String {
         match self {
             Self::Known(value) => format!("OF(constant)({})", real(*value)),
@@ -146,44 +146,44 @@ impl Value {
 
 /// Writes a step, and returns its value.
 fn written(
-    step: Applied<Value>,
+    step: Applied<CodeValue>,
     (efforts, tables): (&Efforts, &[&Arc<LookupTable>]),
     text: &mut String,
     [count, arguments]: &mut [usize; 2],
-) -> Value {
-    let call = |name: &str, of: &[&Value]| {
+) -> CodeValue {
+    let call = |name: &str, of: &[&CodeValue]| {
         let of: Vec<String> = of.iter().map(|value| value.text()).collect();
         format!("OF({name})({})", of.join(", "))
     };
-    let scaled = |x: &Value, by: String| format!("OF(scaled)({}, {by})", x.text());
+    let scaled = |x: &CodeValue, by: String| format!("OF(scaled)({}, {by})", x.text());
     let code = match step {
-        Applied::Constant(value) => return Value::Known(value),
+        Applied::Constant(value) => return CodeValue::Known(value),
         Applied::Column(column) => {
-            return Value::Named(match efforts.column(column) {
+            return CodeValue::Named(match efforts.column(column) {
                 EffortColumn::Parameter(parameter) => format!("p[{parameter}]"),
                 EffortColumn::Input(input) => format!("u[{input}]"),
                 EffortColumn::Position(position) => format!("r[{position}]"),
                 EffortColumn::Rate(position) => format!("rates[{position}]"),
             });
         }
-        Applied::Negate(Value::Known(x)) => return Value::Known(-x),
+        Applied::Negate(CodeValue::Known(x)) => return CodeValue::Known(-x),
         Applied::Negate(x) => scaled(x, real(-1.0)),
-        Applied::Call(function, Value::Known(x)) => return Value::Known(function.value(*x)),
+        Applied::Call(function, CodeValue::Known(x)) => return CodeValue::Known(function.value(*x)),
         Applied::Call(function, x) => call(function.name(), &[x]),
-        Applied::Combine(combination, Value::Known(a), Value::Known(b)) => {
-            return Value::Known(combination.value(*a, *b));
+        Applied::Combine(combination, CodeValue::Known(a), CodeValue::Known(b)) => {
+            return CodeValue::Known(combination.value(*a, *b));
         }
         Applied::Combine(combination, a, b) => match (combination, a, b) {
             (Combination::Add, a, b) => call("sum", &[a, b]),
             (Combination::Subtract, a, b) => call("difference", &[a, b]),
-            (Combination::Multiply, Value::Known(by), x) | (Combination::Multiply, x, Value::Known(by)) => {
+            (Combination::Multiply, CodeValue::Known(by), x) | (Combination::Multiply, x, CodeValue::Known(by)) => {
                 scaled(x, real(*by))
             }
             (Combination::Multiply, a, b) => call("product", &[a, b]),
-            (Combination::Divide, x, Value::Known(by)) => scaled(x, format!("R(1.0) / {}", divisor(*by))),
+            (Combination::Divide, x, CodeValue::Known(by)) => scaled(x, format!("R(1.0) / {}", divisor(*by))),
             (Combination::Divide, a, b) => call("quotient", &[a, b]),
-            (Combination::Power, x, Value::Known(0.5)) => call(ElementaryFunction::Sqrt.name(), &[x]),
-            (Combination::Power, x, Value::Known(power)) if Combination::is_product(*power) => {
+            (Combination::Power, x, CodeValue::Known(0.5)) => call(ElementaryFunction::Sqrt.name(), &[x]),
+            (Combination::Power, x, CodeValue::Known(power)) if Combination::is_product(*power) => {
                 (1..*power as u32).fold(x.text(), |power, _| format!("OF(product)({power}, {})", x.text()))
             }
             (Combination::Power, a, b) => call("power", &[a, b]),
@@ -191,15 +191,15 @@ fn written(
             (Combination::Maximum, a, b) => call("maximum", &[a, b]),
         },
         Applied::Lookup(table, at) => {
-            for value in at.iter().filter(|value| matches!(value, Value::Named(_))) {
+            for value in at.iter().filter(|value| matches!(value, CodeValue::Named(_))) {
                 push(text, format_args!("    arguments[{arguments}] = {};\n", value.text()));
                 *arguments += 1;
             }
-            let [first, last] = [&at[0], &at[at.len() - 1]].map(Value::text);
+            let [first, last] = [&at[0], &at[at.len() - 1]].map(CodeValue::text);
             format!("OF(lookup)(&model_tables[{}], {first}, {last})", position(tables, table))
         }
     };
     push(text, format_args!("    const NUMBER t{count} = {code};\n"));
     *count += 1;
-    Value::Named(format!("t{}", *count - 1))
+    CodeValue::Named(format!("t{}", *count - 1))
 }

@@ -15,24 +15,24 @@ use metafmu_runtime::{
 /// A dictionary as the C code has it.
 pub(super) struct Laid {
     pub outputs: usize,
-    pub columns: Vec<Column>,
-    pub products: Vec<Product>,
+    pub columns: Vec<FactorColumn>,
+    pub products: Vec<ProductTerm>,
 }
 
-pub(super) struct Column {
+pub(super) struct FactorColumn {
     pub factor: Factor,
     /// Multiples or powers that are computed: 1 to this.
     pub orders: usize,
 }
 
-pub(super) struct Product {
+pub(super) struct ProductTerm {
     /// Column and atom.
     pub factors: Vec<(usize, usize)>,
     /// Output and coefficient.
     pub coefficients: Vec<(usize, f64)>,
 }
 
-impl Column {
+impl FactorColumn {
     fn atoms(&self) -> usize {
         if self.factor == Factor::Angle { 2 * self.orders } else { self.orders }
     }
@@ -42,9 +42,9 @@ impl Laid {
     pub fn out(dictionary: &Dictionary) -> Self {
         let terms: Vec<dictionary::Term> = dictionary.terms().collect();
         let orders = |column: usize| terms.iter().map(|term| term.exponents[column].unsigned_abs()).max();
-        let column = |(index, factor)| Column { factor, orders: orders(index).unwrap_or(0).into() };
-        let columns: Vec<Column> = dictionary.factors().enumerate().map(column).collect();
-        let first = |column: usize| columns[..column].iter().map(Column::atoms).sum::<usize>();
+        let column = |(index, factor)| FactorColumn { factor, orders: orders(index).unwrap_or(0).into() };
+        let columns: Vec<FactorColumn> = dictionary.factors().enumerate().map(column).collect();
+        let first = |column: usize| columns[..column].iter().map(FactorColumn::atoms).sum::<usize>();
         let product = |term: &dictionary::Term| {
             let present = term.exponents.iter().copied().enumerate().filter(|(_, exponent)| *exponent != 0);
             let factor = |(column, exponent): (usize, i16)| {
@@ -56,7 +56,7 @@ impl Laid {
                 (column, first(column) + within)
             };
             let coefficients = term.coefficients.iter().copied().enumerate().filter(|(_, value)| *value != 0.0);
-            Product { factors: present.map(factor).collect(), coefficients: coefficients.collect() }
+            ProductTerm { factors: present.map(factor).collect(), coefficients: coefficients.collect() }
         };
         let products = terms.iter().map(product).collect();
         Self { outputs: dictionary.outputs(), products, columns }
@@ -64,7 +64,7 @@ impl Laid {
 
     /// Functions of the columns.
     pub fn atoms(&self) -> usize {
-        self.columns.iter().map(Column::atoms).sum()
+        self.columns.iter().map(FactorColumn::atoms).sum()
     }
 
     /// Columns of which a sine and a cosine are computed.
@@ -75,12 +75,12 @@ impl Laid {
     /// Multiplications, additions and divisions of an evaluation with derivatives with respect to so many columns, the first ones; the
     /// formula is in `motion.c`.
     pub fn operations(&self, derivatives: usize) -> usize {
-        let of_column = |Column { factor, orders }: &Column| match factor {
+        let of_column = |FactorColumn { factor, orders }: &FactorColumn| match factor {
             _ if *orders == 0 => 0,
             Factor::Angle => 8 * orders,
             Factor::Power { .. } => 3 * orders + 2,
         };
-        let of_product = |Product { factors, coefficients }: &Product| {
+        let of_product = |ProductTerm { factors, coefficients }: &ProductTerm| {
             let derived = factors.iter().filter(|(column, _)| *column < derivatives).count();
             let (f, c) = (factors.len(), coefficients.len());
             f + 2 * c + derived * (f.saturating_sub(1) + 2 * c)
@@ -89,7 +89,7 @@ impl Laid {
     }
 
     pub fn write(&self, text: &mut String, name: &str) {
-        let columns = self.columns.iter().map(|Column { factor, orders }| match factor {
+        let columns = self.columns.iter().map(|FactorColumn { factor, orders }| match factor {
             Factor::Angle => format!("true, 0.0, 0.0, {orders}"),
             Factor::Power { middle, half } => format!("false, {}, {}, {orders}", real(*middle), real(half.recip())),
         });
@@ -97,7 +97,7 @@ impl Laid {
         let products = self
             .products
             .iter()
-            .map(|Product { factors, coefficients }| format!("{}, {}", factors.len(), coefficients.len()));
+            .map(|ProductTerm { factors, coefficients }| format!("{}, {}", factors.len(), coefficients.len()));
         table(text, &format!("static const Product {name}_products"), products, "0, 0");
         let factors = self.products.iter().flat_map(|product| &product.factors);
         let factors = factors.map(|(column, atom)| format!("{column}, {atom}"));
@@ -117,14 +117,14 @@ impl Laid {
 }
 
 /// A network that adds to functions of some columns.
-pub(super) struct Term<'a> {
+pub(super) struct AddedNetwork<'a> {
     pub columns: Vec<NetworkColumn>,
     /// Which functions.
     pub outputs: Vec<usize>,
     pub network: &'a ScaledNetwork,
 }
 
-impl<'a> From<&'a NetworkTerm> for Term<'a> {
+impl<'a> From<&'a NetworkTerm> for AddedNetwork<'a> {
     fn from(term: &'a NetworkTerm) -> Self {
         Self { columns: term.columns().into(), outputs: term.outputs().into(), network: term.network() }
     }
@@ -143,8 +143,8 @@ pub(super) struct Cost {
 
 impl Cost {
     /// With derivatives with respect to so many columns; the formula is in `motion.c`.
-    pub fn of(term: Option<&Term>, derivatives: usize) -> Self {
-        let Some(Term { columns, outputs, network }) = term else { return Self::default() };
+    pub fn of(term: Option<&AddedNetwork>, derivatives: usize) -> Self {
+        let Some(AddedNetwork { columns, outputs, network }) = term else { return Self::default() };
         let d = derivatives;
         let layers = &network.layers;
         let active = layers.iter().filter(|layer| layer.activation != Activation::Identity);
@@ -159,7 +159,7 @@ impl Cost {
 }
 
 /// Numbers of the widest layer of some networks, in whole blocks, one at least.
-pub(super) fn width<'a>(terms: impl IntoIterator<Item = &'a Term<'a>>) -> usize {
+pub(super) fn width<'a>(terms: impl IntoIterator<Item = &'a AddedNetwork<'a>>) -> usize {
     let layers = terms.into_iter().flat_map(|term| &term.network.layers);
     layers.map(|layer| padded(layer.outputs.max(layer.inputs))).max().unwrap_or(1)
 }
@@ -171,8 +171,8 @@ pub(super) fn remark(arithmetic: f64, sines: f64, activations: f64, file: &str) 
 }
 
 /// A network that adds to functions; without layers if there is none.
-pub(super) fn write_network(text: &mut String, name: &str, term: Option<&Term>) {
-    let Some(Term { columns, outputs, network }) = term else {
+pub(super) fn write_network(text: &mut String, name: &str, term: Option<&AddedNetwork>) {
+    let Some(AddedNetwork { columns, outputs, network }) = term else {
         push(text, format_args!("\nconst NetworkTerm model_{name}_network = {{0, NULL, 0, NULL, 0, NULL}};\n"));
         return;
     };
@@ -222,7 +222,7 @@ mod tests {
     fn operations_of_a_network_with_derivatives_are_those_of_a_count_by_hand() {
         let crane = example::crane_with_networks();
         let Model::Motion(motion) = crane.model() else { panic!("the crane moves") };
-        let cost = Cost::of(motion.dynamics.law().network().map(Term::from).as_ref(), 2);
+        let cost = Cost::of(motion.dynamics.law().network().map(AddedNetwork::from).as_ref(), 2);
         // four columns, two of an angle; layers of 4 to 9 to 6 to 6 in blocks of 16, of which the last is linear; six outputs
         let expected = 4 * (2 + 2) + 2 * 3 * (4 + 9 + 6) * 16 + 2 * 32 + 6 * (3 + 2 * 2);
         assert_eq!((cost.operations, cost.angles, cost.activations), (expected, 2, 32));

@@ -13,7 +13,7 @@ use metafmu_runtime::{
 };
 
 /// A step as `graph.h` has it; what it does not need is zero.
-struct Row {
+struct StepRow {
     kind: &'static str,
     function: usize,
     operation: usize,
@@ -74,7 +74,7 @@ fn steps(graph: &Graph) -> MapPart {
         let count = widths[number + 1];
         let row = row(step, number, (&begins, &widths), &mut data, (&mut nodes, &mut trees));
         operations = of_step(step, (row.width, count)).times(1.0, operations);
-        let Row {
+        let StepRow {
             kind,
             function,
             operation,
@@ -124,9 +124,9 @@ fn row(
     (begins, widths): (&[usize], &[usize]),
     data: &mut String,
     (nodes, trees): (&mut Vec<Node>, &mut Vec<Tree>),
-) -> Row {
+) -> StepRow {
     let none = || String::from("NULL");
-    let row = |kind, of: usize| Row {
+    let row = |kind, of: usize| StepRow {
         kind,
         function: 0,
         operation: 0,
@@ -146,7 +146,7 @@ fn row(
         name
     };
     match step {
-        Step::Affine { of, weight, bias } => Row {
+        Step::Affine { of, weight, bias } => StepRow {
             numbers: numbers("weights", &in_blocks(&weight.iter().collect::<Vec<f64>>(), widths[*of])),
             more: numbers("bias", &bias.iter().collect::<Vec<f64>>()),
             ..row("STEP_AFFINE", *of)
@@ -158,7 +158,7 @@ fn row(
             let (count, each) = (function.parameters(), if is_each { widths[*of] } else { 1 });
             let mut both = parameters.clone();
             both.resize(each * 2.max(count), 0.0);
-            Row {
+            StepRow {
                 function: place.expect("all of them are listed"),
                 numbers: numbers("parameters", &both),
                 parameter_step: usize::from(is_each),
@@ -168,25 +168,25 @@ fn row(
         Step::Combine { of: [a, b], operation } => {
             let place = Operation::ALL.iter().position(|known| known == operation);
             let operation = place.expect("all of them are listed");
-            Row { operation, of: [begins[*a], begins[*b], 0], ..row("STEP_COMBINE", *a) }
+            StepRow { operation, of: [begins[*a], begins[*b], 0], ..row("STEP_COMBINE", *a) }
         }
         Step::Select { of: [condition, a, b] } => {
-            Row { of: [begins[*condition], begins[*a], begins[*b]], ..row("STEP_SELECT", *a) }
+            StepRow { of: [begins[*condition], begins[*a], begins[*b]], ..row("STEP_SELECT", *a) }
         }
         Step::Columns { columns } => {
             let places: Vec<String> =
                 columns.iter().map(|[of, column]| (begins[*of as usize] + *column as usize).to_string()).collect();
             let name = format!("places_{number}");
             push(data, format_args!("\nstatic const size_t {name}[] = {{{}}};\n", places.join(", ")));
-            Row { places: name, ..row("STEP_COLUMNS", 0) }
+            StepRow { places: name, ..row("STEP_COLUMNS", 0) }
         }
         Step::Standardise { of, epsilon } => {
-            Row { more: numbers("epsilon", &[*epsilon]), ..row("STEP_STANDARDISE", *of) }
+            StepRow { more: numbers("epsilon", &[*epsilon]), ..row("STEP_STANDARDISE", *of) }
         }
         Step::Softmax { of } => row("STEP_SOFTMAX", *of),
         Step::Distances { of, centres, lengths } => {
             let per_length: Vec<f64> = lengths.iter().map(|length| 1.0 / length).collect();
-            Row {
+            StepRow {
                 numbers: numbers("centres", centres),
                 more: numbers("per_length", &per_length),
                 ..row("STEP_DISTANCES", *of)
@@ -200,7 +200,7 @@ fn row(
             };
             nodes.extend(forest.nodes.iter().map(moved));
             trees.extend(forest.trees.iter().map(|tree| Tree { root: tree.root + first_node, ..*tree }));
-            Row { trees: [first_tree, forest.trees.len()], ..row("STEP_FOREST", *of) }
+            StepRow { trees: [first_tree, forest.trees.len()], ..row("STEP_FOREST", *of) }
         }
         Step::Products { of, products } => {
             let name = format!("degrees_{number}");
@@ -210,7 +210,7 @@ fn row(
                 push(data, format_args!("    {},\n", term.join(", ")));
             }
             data.push_str("};\n");
-            Row { degrees: name, orders: products.orders(), ..row("STEP_PRODUCTS", *of) }
+            StepRow { degrees: name, orders: products.orders(), ..row("STEP_PRODUCTS", *of) }
         }
     }
 }

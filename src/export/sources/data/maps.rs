@@ -1,6 +1,6 @@
 //! Models without states: what makes columns of the inputs, and instants.
 
-use super::{Part, array, double, operations::Operations, push};
+use super::{ModelSources, array, double, operations::Operations, push};
 use metafmu_runtime::{Encoder, Encoding, Input, Surrogate};
 
 /// What is generated of a network or a regression, or of several networks.
@@ -24,7 +24,7 @@ pub(super) struct MapPart {
 const NAMES: [&str; 4] = ["map_adjoint", "map_along_curve", "map_evaluate", "model_turns"];
 
 /// The model of one map, or of a network for each of some instants.
-pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> Part {
+pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> ModelSources {
     let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs().len());
     let features = Encoder::of(inputs).width();
     let is_timed = !instants.is_empty();
@@ -46,7 +46,7 @@ pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> Part {
     }
     let operations = operations(inputs, outputs, instants.len(), map.operations);
     let has_instants = u8::from(is_timed).to_string();
-    Part {
+    ModelSources {
         header: "maps.h",
         defines: [
             vec![("MAP_HEADER", format!("\"{}\"", map.header)), ("MODEL_HAS_INSTANTS", has_instants)],

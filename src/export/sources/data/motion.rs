@@ -1,9 +1,9 @@
 //! Dictionaries, windings and shown outputs of equations of motion.
 
 use super::{
-    Part, array,
+    ModelSources, array,
     efforts::{arguments, operations, write_tables},
-    functions::{Cost, Laid, Term, remark, width, write_network},
+    functions::{Cost, Laid, AddedNetwork, remark, width, write_network},
     network::{ACTIVATIONS, BLOCK_SIZE},
     push, states,
 };
@@ -25,7 +25,7 @@ const NAMES: [&str; 13] = [
     "model_windings",
 ];
 
-pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
+pub fn part(surrogate: &Surrogate, motion: &Motion) -> ModelSources {
     let (dynamics, efforts) = (&motion.dynamics, motion.dynamics.efforts());
     let (law, positions) = (Laid::out(dynamics.law().dictionary()), Laid::out(motion.positions.dictionary()));
     let (n, m) = (dynamics.coordinates(), dynamics.inputs());
@@ -37,7 +37,7 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
     let calls: usize = efforts.formulas().iter().map(|formula| operations(formula)[1]).sum();
     let stages = |count: usize| states::stages(sub_steps, motion.integration) * count as f64;
     let atoms = [&law, &positions, &reactions].map(Laid::atoms).into_iter().fold(1, usize::max);
-    Part {
+    ModelSources {
         header: "motion.h",
         defines: Vec::new(),
         names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
@@ -74,9 +74,9 @@ pub fn part(surrogate: &Surrogate, motion: &Motion) -> Part {
 }
 
 /// Those of the law, the positions and the forces.
-fn networks(motion: &Motion) -> [Option<Term<'_>>; 3] {
+fn networks(motion: &Motion) -> [Option<AddedNetwork<'_>>; 3] {
     let dynamics = &motion.dynamics;
-    [dynamics.law().network(), motion.positions.network(), dynamics.forces()].map(|term| term.map(Term::from))
+    [dynamics.law().network(), motion.positions.network(), dynamics.forces()].map(|term| term.map(AddedNetwork::from))
 }
 
 /// The functions of the reactions, or of none.
@@ -90,7 +90,7 @@ fn data(
     surrogate: &Surrogate,
     motion: &Motion,
     dictionaries: [(&str, &Laid); 3],
-    networks: &[Option<Term>; 3],
+    networks: &[Option<AddedNetwork>; 3],
 ) -> String {
     let mut text = states::data(surrogate, motion.integration);
     dictionaries.iter().for_each(|(name, dictionary)| dictionary.write(&mut text, name));

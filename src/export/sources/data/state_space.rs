@@ -1,8 +1,8 @@
 //! Functions and results of a state space.
 
 use super::{
-    Part,
-    functions::{Cost, Laid, Term, width, write_network},
+    ModelSources,
+    functions::{AddedNetwork, Cost, Laid, width, write_network},
     graph::BesideGraph,
     network::{ACTIVATIONS, BLOCK_SIZE},
     operations::Operations,
@@ -16,7 +16,7 @@ use metafmu_runtime::{
 
 const NAMES: [&str; 3] = ["model_functions", "model_functions_network", "model_given"];
 
-pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
+pub fn part(surrogate: &Surrogate, space: &StateSpace) -> ModelSources {
     let [parameters, driven, states] = space.counts;
     let functions = Laid::out(&space.functions);
     let network = network(space);
@@ -37,7 +37,7 @@ pub fn part(surrogate: &Surrogate, space: &StateSpace) -> Part {
         let of_step = of_stage.times(states::stages(sub_steps, space.integration), Operations::default());
         Operations { arithmetic, ..of_step }.remark("A step of model_time_step takes", "state_space.c has")
     };
-    Part {
+    ModelSources {
         header: "state_space.h",
         defines: Vec::new(),
         names: [&ACTIVATIONS[..], &states::NAMES, &NAMES, &graph.names].concat(),
@@ -68,7 +68,7 @@ fn stage(space: &StateSpace, functions: &Laid, network: &Cost) -> usize {
 }
 
 /// The network, whose columns are those of the functions, an angle being two of them, its sine and cosine.
-fn network(space: &StateSpace) -> Option<Term<'_>> {
+fn network(space: &StateSpace) -> Option<AddedNetwork<'_>> {
     let columns = |(of, factor): (usize, Factor)| {
         let kinds: &[ColumnKind] = match factor {
             Factor::Angle => &[ColumnKind::Sine, ColumnKind::Cosine],
@@ -77,14 +77,14 @@ fn network(space: &StateSpace) -> Option<Term<'_>> {
         kinds.iter().map(move |&kind| NetworkColumn { of, kind })
     };
     let Some(Map::Network(network)) = &space.map else { return None };
-    Some(Term {
+    Some(AddedNetwork {
         columns: space.functions.factors().enumerate().flat_map(columns).collect(),
         outputs: (0..space.functions.outputs()).collect(),
         network,
     })
 }
 
-fn data(surrogate: &Surrogate, space: &StateSpace, functions: &Laid, network: Option<&Term>) -> String {
+fn data(surrogate: &Surrogate, space: &StateSpace, functions: &Laid, network: Option<&AddedNetwork>) -> String {
     let mut text = states::data(surrogate, space.integration);
     functions.write(&mut text, "functions");
     write_network(&mut text, "functions", network);

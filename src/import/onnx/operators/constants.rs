@@ -2,7 +2,7 @@
 
 use super::*;
 
-impl Reader {
+impl GraphReader {
     pub(super) fn cast(&mut self, node: &NodeProto) -> Made {
         let to = Attributes::of(node).integer("to").unwrap_or_default() as i32;
         self.cast_to(node, to, &type_name(to))
@@ -10,10 +10,9 @@ impl Reader {
 
     pub(super) fn cast_like(&mut self, node: &NodeProto) -> Made {
         let (to, name) = match self.input(node, 1)? {
-            Value::Constant(Tensor { data: Data::Integer(_), .. }) => (INT64, "whole numbers or truth values"),
-            Value::Constant(Tensor { data: Data::Single(_), .. }) | Value::Row(Row { is_single: true, .. }) => {
-                (FLOAT, "")
-            }
+            Value::Constant(ConstantTensor { data: Data::Integer(_), .. }) => (INT64, "whole numbers or truth values"),
+            Value::Constant(ConstantTensor { data: Data::Single(_), .. })
+            | Value::Row(RowTensor { is_single: true, .. }) => (FLOAT, ""),
             _ => (DOUBLE, ""),
         };
         self.cast_to(node, to, name)
@@ -23,7 +22,7 @@ impl Reader {
         let value = self.input(node, 0)?;
         let refused = || Err(format!("a cast to {name}, expected float or double"));
         match value {
-            Value::Constant(Tensor { shape, data }) => {
+            Value::Constant(ConstantTensor { shape, data }) => {
                 let values = data.doubles();
                 let data = match to {
                     FLOAT => Data::Single(values.iter().map(|value| *value as f32).collect()),
@@ -31,7 +30,7 @@ impl Reader {
                     INT32 | INT64 => Data::Integer(values.iter().map(|value| *value as i64).collect()),
                     _ => return refused(),
                 };
-                Ok(Value::Constant(Tensor { shape, data }))
+                Ok(Value::Constant(ConstantTensor { shape, data }))
             }
             Value::Row(mut row) => {
                 let is_single = match to {
@@ -42,7 +41,7 @@ impl Reader {
                 if is_single && !row.is_single && self.has_trees {
                     row.value = self.builder.elementwise(row.value, Elementwise::Single, Vec::new())?;
                 }
-                Ok(Value::Row(Row { is_single, ..row }))
+                Ok(Value::Row(RowTensor { is_single, ..row }))
             }
         }
     }
@@ -52,11 +51,11 @@ impl Reader {
         let shape = lengths(shape.integers()?)?;
         let count = within_limits(&shape)?;
         let value = Attributes::of(node).tensor("value").transpose()?;
-        let value = value.unwrap_or(Tensor { shape: vec![1], data: Data::Single(vec![0.0]) });
+        let value = value.unwrap_or(ConstantTensor { shape: vec![1], data: Data::Single(vec![0.0]) });
         if value.data.len() != 1 {
             return Err(format!("attribute `value` has {} elements, expected 1", value.data.len()));
         }
-        Ok(Value::Constant(Tensor { shape, data: value.data.picked(&vec![0; count]) }))
+        Ok(Value::Constant(ConstantTensor { shape, data: value.data.picked(&vec![0; count]) }))
     }
 
     pub(super) fn shape(&mut self, node: &NodeProto) -> Made {
@@ -69,7 +68,7 @@ impl Reader {
         };
         let (start, end) = (place("start", 0), place("end", rank));
         let dims = value.shape().get(start..end).unwrap_or_default();
-        Ok(Value::Constant(Tensor::of_integers(dims.iter().map(|dim| *dim as i64).collect())))
+        Ok(Value::Constant(ConstantTensor::of_integers(dims.iter().map(|dim| *dim as i64).collect())))
     }
 
     pub(super) fn range(&mut self, node: &NodeProto) -> Made {
@@ -87,7 +86,7 @@ impl Reader {
         let count = usize::try_from(count).unwrap_or(usize::MAX);
         within_limits(&[count])?;
         let values = (0..count).map(|index| start.wrapping_add(step.wrapping_mul(index as i64))).collect();
-        Ok(Value::Constant(Tensor::of_integers(values)))
+        Ok(Value::Constant(ConstantTensor::of_integers(values)))
     }
 }
 
@@ -96,15 +95,18 @@ pub(super) fn constant(attributes: Attributes) -> Made {
         return tensor.map(Value::Constant);
     }
     if let Some(value) = attributes.integer("value_int") {
-        return Ok(Value::Constant(Tensor { shape: Vec::new(), data: Data::Integer(vec![value]) }));
+        return Ok(Value::Constant(ConstantTensor { shape: Vec::new(), data: Data::Integer(vec![value]) }));
     }
     if let Some(values) = attributes.integers("value_ints") {
-        return Ok(Value::Constant(Tensor::of_integers(values.to_vec())));
+        return Ok(Value::Constant(ConstantTensor::of_integers(values.to_vec())));
     }
     let floats = attributes.numbers("value_floats")?.values;
     let (shape, values) = match floats.is_empty() {
         true => (Vec::new(), vec![attributes.float("value_float", f64::NAN).map_err(|_| "no value of a known kind")?]),
         false => (vec![floats.len()], floats),
     };
-    Ok(Value::Constant(Tensor { shape, data: Data::Single(values.iter().map(|value| *value as f32).collect()) }))
+    Ok(Value::Constant(ConstantTensor {
+        shape,
+        data: Data::Single(values.iter().map(|value| *value as f32).collect()),
+    }))
 }

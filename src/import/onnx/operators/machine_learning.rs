@@ -2,7 +2,7 @@
 
 use super::*;
 
-impl Reader {
+impl GraphReader {
     /// What is replaced must be NaN, which never reaches an FMU: then nothing is.
     pub(super) fn imputer(&mut self, node: &NodeProto) -> Made {
         match Attributes::of(node).number("replaced_value_float") {
@@ -122,7 +122,7 @@ impl Reader {
                 }
                 other => return Err(format!("kernel {other}, expected LINEAR, POLY, RBF or SIGMOID")),
             };
-            let kernels = Row { shape: vec![1, supports], value: kernels, is_single: row.is_single };
+            let kernels = RowTensor { shape: vec![1, supports], value: kernels, is_single: row.is_single };
             reader.affine(&kernels, coefficients.clone(), bias.clone(), vec![1, 1])
         })
     }

@@ -4,9 +4,9 @@ use super::*;
 
 const IN_TRAINING: &str = "a network in training, expected one for inference: export it after `eval()`";
 
-impl Reader {
+impl GraphReader {
     pub(super) fn dropout(&mut self, node: &NodeProto) -> Made {
-        let is_not_zero = |tensor: Tensor| tensor.data.doubles().iter().any(|number| *number != 0.0);
+        let is_not_zero = |tensor: ConstantTensor| tensor.data.doubles().iter().any(|number| *number != 0.0);
         let drops = self.constant(node, 1)?.is_none_or(is_not_zero);
         if drops && self.constant(node, 2)?.is_some_and(is_not_zero) {
             return Err(IN_TRAINING.into());
@@ -86,7 +86,8 @@ impl Reader {
                 count if count == groups => [groups, 1],
                 count => return Err(format!("input {place} has {count} elements, expected {channels}")),
             };
-            let tensor = Value::Constant(Tensor { shape: [&dims[..], &vec![1; rest.len()]].concat(), ..tensor });
+            let tensor =
+                Value::Constant(ConstantTensor { shape: [&dims[..], &vec![1; rest.len()]].concat(), ..tensor });
             normal = self.combined(operation, &normal, &tensor)?;
         }
         self.reshaped(&normal, shape)
@@ -134,7 +135,7 @@ impl Reader {
         }
         if groups == 1 {
             let made = make(self, row.value, width)?;
-            return Ok(Value::Row(Row { value: made, ..row.clone() }));
+            return Ok(Value::Row(RowTensor { value: made, ..row.clone() }));
         }
         let mut columns = Vec::new();
         for group in 0..groups {
@@ -143,7 +144,7 @@ impl Reader {
             let made = make(self, part, width)?;
             columns.extend((0..width).map(|column| [made as u32, column as u32]));
         }
-        Ok(Value::Row(Row { value: self.builder.columns(columns)?, ..row.clone() }))
+        Ok(Value::Row(RowTensor { value: self.builder.columns(columns)?, ..row.clone() }))
     }
 
     /// The axis of a softmax, and whether those after it belong to it as well.
@@ -239,9 +240,9 @@ impl Reader {
     fn mean(&mut self, value: &Value, kept: Vec<usize>, each: usize) -> Made {
         match value {
             // whole numbers are added up before they are divided
-            Value::Constant(Tensor { data: Data::Integer(_), .. }) => {
+            Value::Constant(ConstantTensor { data: Data::Integer(_), .. }) => {
                 let sum = self.sum(value, kept, 1.0)?;
-                let count = Tensor { shape: Vec::new(), data: Data::Integer(vec![each as i64]) };
+                let count = ConstantTensor { shape: Vec::new(), data: Data::Integer(vec![each as i64]) };
                 self.combined(Operation::Divide, &sum, &Value::Constant(count))
             }
             _ => self.sum(value, kept, 1.0 / each as f64),
@@ -264,7 +265,7 @@ impl Reader {
                 let numbers = tensor.data.doubles();
                 let rows = weight.chunks_exact(width);
                 let sums = rows.map(|row| row.iter().zip(&numbers).map(|(weight, number)| weight * number).sum());
-                Ok(Value::Constant(Tensor::like(&tensor.data, kept, sums.collect())))
+                Ok(Value::Constant(ConstantTensor::like(&tensor.data, kept, sums.collect())))
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use super::*;
 
-impl Reader {
+impl GraphReader {
     pub(super) fn many(&mut self, node: &NodeProto, operation: Operation) -> Made {
         let mut result = self.input(node, 0)?;
         for place in 1..node.input.len() {
@@ -23,14 +23,14 @@ impl Reader {
                 if values.iter().any(|value| !value.is_finite()) {
                     return Err("a constant becomes a number that is not finite".into());
                 }
-                Ok(Value::Constant(Tensor::like(&a.data, shape, values)))
+                Ok(Value::Constant(ConstantTensor::like(&a.data, shape, values)))
             }
             (Value::Row(_), Value::Constant(b)) => self.with_constant(operation, &a, &b.data.doubles(), false),
             (Value::Constant(a), Value::Row(_)) => self.with_constant(operation, &b, &a.data.doubles(), true),
             (Value::Row(a), Value::Row(b)) => {
                 let width = self.builder.width(a.value);
                 let value = self.builder.add(Step::Combine { of: [a.value, b.value], operation }, width)?;
-                Ok(Value::Row(Row { shape, value, is_single: a.is_single }))
+                Ok(Value::Row(RowTensor { shape, value, is_single: a.is_single }))
             }
         }
     }
@@ -162,7 +162,7 @@ impl Reader {
             let pairs = a.data.doubles().into_iter().zip(b.data.doubles());
             let chosen = condition.data.doubles().into_iter().zip(pairs);
             let values = chosen.map(|(condition, (a, b))| if condition > 0.0 { a } else { b }).collect();
-            return Ok(Value::Constant(Tensor::like(&a.data, shape, values)));
+            return Ok(Value::Constant(ConstantTensor::like(&a.data, shape, values)));
         }
         let mut rows = Vec::new();
         for value in [condition, a, b] {
@@ -173,12 +173,12 @@ impl Reader {
         }
         let width = self.builder.width(rows[0].value);
         let value = self.builder.add(Step::Select { of: [rows[0].value, rows[1].value, rows[2].value] }, width)?;
-        Ok(Value::Row(Row { shape, value, is_single: rows[1].is_single }))
+        Ok(Value::Row(RowTensor { shape, value, is_single: rows[1].is_single }))
     }
 
     /// Of whole numbers that are known.
     pub(super) fn remainder(&mut self, node: &NodeProto) -> Made {
-        let number = |place: usize| -> Result<Tensor, String> {
+        let number = |place: usize| -> Result<ConstantTensor, String> {
             self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))
         };
         let (a, b) = (number(0)?, number(1)?);
@@ -191,7 +191,7 @@ impl Reader {
         let is_other = |rest: i64, b: i64| !of_first && rest != 0 && (rest < 0) != (b < 0);
         let values = pairs.map(|(a, b)| a.checked_rem(b).map(|rest| if is_other(rest, b) { rest + b } else { rest }));
         let values: Option<Vec<i64>> = values.collect();
-        Ok(Value::Constant(Tensor { shape, data: Data::Integer(values.ok_or("a division by 0")?) }))
+        Ok(Value::Constant(ConstantTensor { shape, data: Data::Integer(values.ok_or("a division by 0")?) }))
     }
 
     pub(super) fn prelu(&mut self, node: &NodeProto) -> Made {

@@ -5,7 +5,7 @@ use super::*;
 /// Vectors that may be multiplied with a matrix one by one.
 const VECTORS: usize = 256;
 
-impl Reader {
+impl GraphReader {
     pub(super) fn gemm(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         let (alpha, beta) = (attributes.float("alpha", 1.0)?, attributes.float("beta", 1.0)?);
@@ -77,7 +77,7 @@ impl Reader {
                     let (first, second) = begins(element);
                     (0..inner).map(|k| x[first + k] * y[second + k * columns]).sum()
                 };
-                return Ok(Value::Constant(Tensor::like(&a.data, shape, (0..count).map(sum).collect())));
+                return Ok(Value::Constant(ConstantTensor::like(&a.data, shape, (0..count).map(sum).collect())));
             }
             (Value::Row(row), Value::Constant(constant)) | (Value::Constant(constant), Value::Row(row)) => {
                 (row, constant)

@@ -4,16 +4,16 @@
 //! graph, it is a state of the model, which begins with the constant that the graph has for it.
 
 use super::*;
-use crate::import::Recurrence;
+use crate::import::RecurrentState;
 
 /// Standard operators that have a state.
 pub const RECURRENT: [&str; 3] = ["GRU", "LSTM", "RNN"];
 
 /// Functions one after the other, with their parameters.
-type Functions = Vec<(Elementwise, Vec<f64>)>;
+type FunctionChain = Vec<(Elementwise, Vec<f64>)>;
 
 /// A cell that is being read: one row of samples, and the numbers of its weights in the order of ONNX.
-struct Cell {
+struct RecurrentCell {
     hidden: usize,
     /// Value and width of the sample.
     sample: usize,
@@ -23,13 +23,13 @@ struct Cell {
     recurrence: Vec<f64>,
     bias: [Vec<f64>; 2],
     peepholes: Option<Vec<f64>>,
-    activations: Vec<Functions>,
+    activations: Vec<FunctionChain>,
     /// Whether the batch stands before the sequence.
     batch_first: bool,
     is_single: bool,
 }
 
-impl Reader {
+impl GraphReader {
     /// `Y`, `Y_h` and, of an LSTM, `Y_c`.
     pub(super) fn recurrent(&mut self, node: &NodeProto) -> Result<Vec<Value>, String> {
         let (gates, defaults): (usize, &[&str]) = match node.op_type.as_str() {
@@ -57,7 +57,7 @@ impl Reader {
             }
         };
         self.goes_on(before, after);
-        let row = |value: usize, shape: Vec<usize>| Value::Row(Row { shape, value, is_single: cell.is_single });
+        let row = |value: usize, shape: Vec<usize>| Value::Row(RowTensor { shape, value, is_single: cell.is_single });
         let last = vec![1, 1, cell.hidden];
         let mut made = vec![row(after, vec![1, 1, 1, cell.hidden]), row(after, last.clone())];
         made.extend(memory.map(|memory| row(memory, last)));
@@ -65,7 +65,7 @@ impl Reader {
     }
 
     /// Checks a node and takes its weights.
-    fn cell(&mut self, node: &NodeProto, gates: usize, defaults: &[&str]) -> Result<Cell, String> {
+    fn cell(&mut self, node: &NodeProto, gates: usize, defaults: &[&str]) -> Result<RecurrentCell, String> {
         let attributes = Attributes::of(node);
         let direction = attributes.text("direction").unwrap_or("forward".into());
         if direction != "forward" {
@@ -106,7 +106,7 @@ impl Reader {
         }
         let rows = gates.checked_mul(hidden).filter(|rows| *rows > 0).ok_or("no hidden numbers")?;
         weights_within_limits(rows, inputs + hidden)?;
-        let numbers = |tensor: Option<Tensor>, what: &str, shape: &[usize]| match tensor {
+        let numbers = |tensor: Option<ConstantTensor>, what: &str, shape: &[usize]| match tensor {
             Some(tensor) if tensor.shape != shape => {
                 Err(format!("{what} has the shape {:?}, expected {shape:?}", tensor.shape))
             }
@@ -115,7 +115,7 @@ impl Reader {
         };
         let bias = numbers(bias, "B", &[1, 2 * rows])?.unwrap_or_else(|| vec![0.0; 2 * rows]);
         let peepholes = if gates == 4 { numbers(peepholes, "P", &[1, 3 * hidden])? } else { None };
-        Ok(Cell {
+        Ok(RecurrentCell {
             hidden,
             sample: sample.value,
             inputs,
@@ -130,7 +130,7 @@ impl Reader {
     }
 
     /// What the cell was before: an input of the graph, or a state of the model.
-    fn before(&mut self, node: &NodeProto, place: usize, what: &str, cell: &Cell) -> Result<Before, String> {
+    fn before(&mut self, node: &NodeProto, place: usize, what: &str, cell: &RecurrentCell) -> Result<Before, String> {
         let given = self.given(node, place)?.cloned();
         if let Some(value) = &given {
             let count: usize = value.shape().iter().product();
@@ -153,18 +153,23 @@ impl Reader {
         let columns = (first..first + cell.hidden).map(|column| [0, column as u32]).collect();
         let value = self.builder.columns(columns)?;
         let made = node.output.iter().find(|name| !name.is_empty()).map_or("", String::as_str);
-        let state = Recurrence { name: format!("{made}.{what}"), first, next: value, start };
+        let state = RecurrentState { name: format!("{made}.{what}"), first, next: value, start };
         Ok(Before { value, state: Some(state) })
     }
 
     /// Notes what a state of the model becomes.
     fn goes_on(&mut self, before: Before, next: usize) {
-        self.recurrences.extend(before.state.map(|state| Recurrence { next, ..state }));
+        self.recurrences.extend(before.state.map(|state| RecurrentState { next, ..state }));
     }
 
     /// `W x + R h + Wb + Rb` of some gates, of values that are the sample and what the hidden numbers are multiplied as.
-    fn gate_sums(&mut self, cell: &Cell, of: &[usize; 2], gates: std::ops::Range<usize>) -> Result<usize, String> {
-        let Cell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
+    fn gate_sums(
+        &mut self,
+        cell: &RecurrentCell,
+        of: &[usize; 2],
+        gates: std::ops::Range<usize>,
+    ) -> Result<usize, String> {
+        let RecurrentCell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
         let rows = gates.start * hidden..gates.end * hidden;
         let both = self.joined(of)?;
         let row = |row: usize| {
@@ -185,17 +190,17 @@ impl Reader {
     }
 
     /// The part of a value that belongs to a gate.
-    fn gate(&mut self, cell: &Cell, of: usize, gate: usize) -> Result<usize, String> {
+    fn gate(&mut self, cell: &RecurrentCell, of: usize, gate: usize) -> Result<usize, String> {
         let columns = gate * cell.hidden..(gate + 1) * cell.hidden;
         self.builder.columns(columns.map(|column| [of as u32, column as u32]).collect())
     }
 
-    fn activated(&mut self, cell: &Cell, which: usize, of: usize) -> Result<usize, String> {
+    fn activated(&mut self, cell: &RecurrentCell, which: usize, of: usize) -> Result<usize, String> {
         let mut functions = cell.activations[which].iter();
         functions.try_fold(of, |of, (function, parameters)| self.builder.elementwise(of, *function, parameters.clone()))
     }
 
-    fn both(&mut self, cell: &Cell, operation: Operation, of: [usize; 2]) -> Result<usize, String> {
+    fn both(&mut self, cell: &RecurrentCell, operation: Operation, of: [usize; 2]) -> Result<usize, String> {
         self.builder.add(Step::Combine { of, operation }, cell.hidden)
     }
 
@@ -205,7 +210,7 @@ impl Reader {
     }
 
     /// What is added to a gate's sum for what the memory is, if there are peepholes.
-    fn peep(&mut self, cell: &Cell, gate: usize, [sum, memory]: [usize; 2]) -> Result<usize, String> {
+    fn peep(&mut self, cell: &RecurrentCell, gate: usize, [sum, memory]: [usize; 2]) -> Result<usize, String> {
         let Some(peepholes) = &cell.peepholes else { return Ok(sum) };
         let factors = peepholes[gate * cell.hidden..][..cell.hidden].iter().copied();
         let parameters = factors.chain(std::iter::repeat_n(0.0, cell.hidden)).collect();
@@ -214,7 +219,12 @@ impl Reader {
     }
 
     /// The hidden numbers and the memory after the sample; gates are input, output, forget, cell.
-    fn lstm(&mut self, cell: &Cell, [before, memory]: [usize; 2], coupled: bool) -> Result<[usize; 2], String> {
+    fn lstm(
+        &mut self,
+        cell: &RecurrentCell,
+        [before, memory]: [usize; 2],
+        coupled: bool,
+    ) -> Result<[usize; 2], String> {
         let sums = self.gate_sums(cell, &[cell.sample, before], 0..4)?;
         let mut gated = |gate: usize| -> Result<usize, String> { self.gate(cell, sums, gate) };
         let [input, output, forget, candidate] = [gated(0)?, gated(1)?, gated(2)?, gated(3)?];
@@ -238,12 +248,12 @@ impl Reader {
     }
 
     /// The hidden numbers after the sample; gates are update, reset, hidden.
-    fn gru(&mut self, cell: &Cell, before: usize, linear_first: bool) -> Result<usize, String> {
+    fn gru(&mut self, cell: &RecurrentCell, before: usize, linear_first: bool) -> Result<usize, String> {
         let sums = self.gate_sums(cell, &[cell.sample, before], 0..2)?;
         let gates = self.activated(cell, 0, sums)?;
         let (update, reset) = (self.gate(cell, gates, 0)?, self.gate(cell, gates, 1)?);
         let sum = if linear_first {
-            let Cell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
+            let RecurrentCell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
             let first = 2 * hidden;
             let (weight, bias) = (recurrence[first * hidden..].to_vec(), of_hidden[first..].to_vec());
             let linear = self.builder.affine(before, weight.into(), bias.into())?;
@@ -268,11 +278,11 @@ struct Before {
     /// The value that has its numbers.
     value: usize,
     /// If it is no input of the graph; what it becomes is not known yet.
-    state: Option<Recurrence>,
+    state: Option<RecurrentState>,
 }
 
 /// The functions of a cell.
-fn activations(attributes: Attributes, defaults: &[&str]) -> Result<Vec<Functions>, String> {
+fn activations(attributes: Attributes, defaults: &[&str]) -> Result<Vec<FunctionChain>, String> {
     let mut names = attributes.texts("activations");
     if names.is_empty() {
         names = defaults.iter().map(|name| (*name).to_owned()).collect();

@@ -2,7 +2,7 @@
 
 use super::*;
 
-impl Reader {
+impl GraphReader {
     pub(super) fn flatten(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         let shape = value.shape();
@@ -138,11 +138,11 @@ impl Reader {
             [number as u32, place as u32]
         };
         let mut found = places(&shape, place);
-        let constants: Option<Vec<&Tensor>> = values.iter().map(Value::constant).collect();
+        let constants: Option<Vec<&ConstantTensor>> = values.iter().map(Value::constant).collect();
         if let Some(tensors) = constants {
             let all: Vec<Vec<f64>> = tensors.iter().map(|tensor| tensor.data.doubles()).collect();
             let values = found.iter().map(|[number, place]| all[*number as usize][*place as usize]).collect();
-            return Ok(Value::Constant(Tensor::like(&tensors[0].data, shape, values)));
+            return Ok(Value::Constant(ConstantTensor::like(&tensors[0].data, shape, values)));
         }
         let mut rows = Vec::new();
         for value in values {
@@ -153,7 +153,7 @@ impl Reader {
         }
         found.iter_mut().for_each(|[number, _]| *number = rows[*number as usize].value as u32);
         let is_single = rows.iter().all(|row| row.is_single);
-        Ok(Value::Row(Row { shape, value: self.builder.columns(found)?, is_single }))
+        Ok(Value::Row(RowTensor { shape, value: self.builder.columns(found)?, is_single }))
     }
 
     pub(super) fn slice(&mut self, node: &NodeProto) -> Made {

@@ -71,7 +71,7 @@ impl Window {
     }
 }
 
-impl Reader {
+impl GraphReader {
     pub(super) fn convolution(&mut self, node: &NodeProto) -> Made {
         let value = self.maps(node)?;
         let weight = self.constant(node, 1)?.ok_or("input 1 is missing")?;
@@ -95,7 +95,7 @@ impl Reader {
                 return Err(format!("a bias of {} numbers, expected {made}", bias.data.len()));
             }
             Some(bias) => of_data(bias.data),
-            None => of_data(Tensor::like(&weight.data, vec![*made], vec![0.0; *made]).data),
+            None => of_data(ConstantTensor::like(&weight.data, vec![*made], vec![0.0; *made]).data),
         };
         let window = Window::new(node, shape, kernel)?;
         let (numbers, size) = (weight.data.doubles(), kernel.iter().product::<usize>());
@@ -271,7 +271,7 @@ impl Reader {
                     None => attributes.float("value", 0.0)?,
                 };
                 let like = value.constant().map_or(Data::Double(Vec::new()), |tensor| tensor.data.picked(&[]));
-                let constant = Value::Constant(Tensor::like(&like, vec![1], vec![constant]));
+                let constant = Value::Constant(ConstantTensor::like(&like, vec![1], vec![constant]));
                 let flat = self.reshaped(&value, vec![count])?;
                 let all = self.concatenated(&[flat, constant], 0)?;
                 self.pick(&all, &found, padded)
