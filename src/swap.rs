@@ -71,7 +71,7 @@ pub struct RecordedRows {
     pub values: Vec<Vec<f64>>,
 }
 
-/// How much a system changes by a surrogate in the place of a component's source.
+/// Change of a system by a surrogate in place of a component's source.
 #[derive(Clone, Debug, Serialize)]
 pub struct SwapComparison {
     /// Name of the system.

@@ -16,7 +16,7 @@ use std::{
 /// Exit code of a worker that was too slow.
 pub const TOO_SLOW: i32 = 3;
 
-/// What is to be fitted and where it is to be evaluated.
+/// Task of a worker: the model to fit and the rows to evaluate it at.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitTask {
     /// The model.

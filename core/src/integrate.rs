@@ -17,7 +17,7 @@ use ode_solvers::{
 /// On the undamped pendulum over 2 s the largest error at any row is 2e-11 against a fixed-step solution.
 pub const TOLERANCE: f64 = 1e-13;
 
-/// How far an integration came.
+/// Result of an integration.
 #[derive(Clone, Debug)]
 pub struct IntegrationResult<State> {
     /// The states at the first times, all of them if nothing failed and the problem did not stop.

@@ -244,7 +244,7 @@ pub struct Followed {
     pub output: usize,
 }
 
-/// Where an output comes from.
+/// Source of an output.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum OutputSource {
     /// A column that the model gives.
@@ -253,7 +253,7 @@ pub enum OutputSource {
     State(usize),
 }
 
-/// Where a column of a model comes from.
+/// Source of a column of a model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ColumnSource {
     /// An input of the FMU, by its position among those that are variables.

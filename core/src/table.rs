@@ -53,7 +53,7 @@ pub struct Table {
     rows: FormatReader,
 }
 
-/// How a table is written.
+/// Reader of a table in its format.
 #[derive(Debug)]
 enum FormatReader {
     Csv(Box<Csv>),

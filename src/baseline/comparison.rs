@@ -46,7 +46,7 @@ pub struct ModelRow {
     pub outputs: IndexMap<String, ModelAccuracy>,
 }
 
-/// Whether there are figures of a model.
+/// Status of a model in a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ModelStatus {

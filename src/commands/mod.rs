@@ -102,7 +102,7 @@ fn run(command: Command) -> Result<CommandOutcome> {
     }
 }
 
-/// How a command that did its work ended.
+/// Outcome of a command that did its work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandOutcome {
     /// Nothing to complain about.

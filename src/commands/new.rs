@@ -75,7 +75,7 @@ impl From<String> for Proposal {
     }
 }
 
-/// What a study is called, and the folder of its file.
+/// Name of a study, and the folder of its file.
 struct StudyTarget<'a> {
     name: &'a str,
     folder: &'a Path,

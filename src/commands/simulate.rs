@@ -52,7 +52,7 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     Ok(CommandOutcome::Fine)
 }
 
-/// Where the rows go: numbers as the shortest decimals that read back as the same doubles.
+/// Output of the rows: numbers as the shortest decimals that read back as the same doubles.
 struct RowOutput<'a, 'b> {
     csv: Option<&'a mut dyn Write>,
     path: &'b Path,

@@ -58,7 +58,7 @@ struct Terminal {
     shown: Mutex<ProgressBarState>,
 }
 
-/// The bar of the work at hand.
+/// Progress bar of the current work.
 struct ProgressBarState {
     bar: Option<ProgressBar>,
     on_terminal: bool,

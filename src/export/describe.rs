@@ -131,7 +131,7 @@ fn variable(
     }
 }
 
-/// What a description says of a variable beside its name and value reference.
+/// A variable in a description, without its name and value reference.
 struct DescribedVariable {
     description: String,
     what: (Causality, Variability, Option<Initial>),

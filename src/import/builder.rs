@@ -536,7 +536,7 @@ fn network(inputs: usize, steps: &[Step]) -> Option<ScaledNetwork> {
     columns.iter().all(is_scaling).then_some(ScaledNetwork { scaling, layers })
 }
 
-/// What linear functions make of an input column: `(x - mean) factor + offset`.
+/// Linear transform of an input column: `(x - mean) factor + offset`.
 #[derive(Clone, Copy, Debug)]
 struct ColumnTransform {
     mean: f64,

@@ -46,7 +46,7 @@ pub struct Imported {
     pub producer: String,
 }
 
-/// Numbers that a model keeps from one sample to the next, although they are no columns of it.
+/// Hidden state: numbers that a model keeps from one sample to the next and that are not columns of it.
 #[derive(Clone, Debug)]
 pub struct RecurrentState {
     /// What it is in the model.

@@ -78,7 +78,7 @@ fn evolution(interface: &ModelInterface, recurrences: &[RecurrentState]) -> Resu
     Ok(evolution)
 }
 
-/// What is known of the variables of a model with states.
+/// A model with states and the roles of its variables.
 struct StatefulModel<'a> {
     path: &'a Path,
     interface: &'a ModelInterface,

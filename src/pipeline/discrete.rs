@@ -134,7 +134,7 @@ fn error(accuracy: &Accuracy) -> f64 {
     accuracy.outputs.values().map(OutputMetrics::relative_error).fold(0.0, f64::max)
 }
 
-/// What came of a way to learn.
+/// Result of one way to learn a discrete-time model.
 struct LearnedDiscrete {
     model: Discrete,
     /// Of the network, one training after the other.
@@ -146,7 +146,7 @@ struct LearnedDiscrete {
 /// Means and standard deviations.
 type ColumnMoments = (Vec<f64>, Vec<f64>);
 
-/// The runs, and what is known of their columns.
+/// Samples of a discrete-time model: the runs and their columns.
 struct DiscreteSamples<'a> {
     /// Number of parameters, of inputs and of outputs.
     counts: [usize; 3],

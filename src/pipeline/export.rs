@@ -18,7 +18,7 @@ use metafmu_runtime::Surrogate;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 
-/// What to export; by default what the study says, with every library that is embedded in this one.
+/// Choices of an export; by default those of the study, with every embedded library.
 #[derive(Clone, Debug, Default)]
 pub struct ExportRequest {
     /// Versions of FMI.
@@ -31,7 +31,7 @@ pub struct ExportRequest {
     pub sources: bool,
 }
 
-/// The FMUs to write.
+/// Plan of an export: the FMUs to write.
 #[derive(Debug)]
 pub struct ExportPlan {
     choice: FmiChoice,
@@ -244,7 +244,7 @@ fn write_of_project(
     Ok(written)
 }
 
-/// Where FMUs are written, and what they say about themselves.
+/// Target of an export: the folder, and what the FMUs say about themselves.
 struct ExportTarget<'a> {
     folder: &'a Path,
     name: &'a str,

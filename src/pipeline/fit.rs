@@ -128,7 +128,7 @@ pub fn fit(
     Ok((surrogate, fit))
 }
 
-/// Rows by what they are for.
+/// Split of the rows by their use.
 #[derive(Clone, Copy)]
 struct RowSplit<'a> {
     /// They measure the accuracy.

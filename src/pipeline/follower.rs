@@ -195,7 +195,7 @@ impl Observer for Follower<'_> {
     }
 }
 
-/// Rows per second and the seconds left at this speed, in words.
+/// Speed of a training: rows per second, and the remaining seconds at this speed, as text.
 struct TrainingSpeed {
     /// Epochs that this process has done, and those that are left.
     done: f64,

@@ -59,7 +59,7 @@ pub enum Event<'a> {
     Warning(Arguments<'a>),
 }
 
-/// Is told what happens; from any thread.
+/// Observer of a pipeline; called from any thread.
 pub trait PipelineObserver: Sync {
     /// Something happens.
     fn event(&self, event: Event<'_>);

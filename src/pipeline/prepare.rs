@@ -14,7 +14,7 @@ use crate::{
 use metafmu_runtime::{ScaledNetwork, Scaling, Surrogate};
 use std::sync::Arc;
 
-/// What a training begins with.
+/// Data and network that a training starts from.
 pub struct PreparedTraining {
     pub scaling: Scaling,
     pub network: Network,

@@ -21,7 +21,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What was written.
+/// A report that was written.
 #[derive(Debug, Serialize)]
 pub struct WrittenReport {
     /// The page.

@@ -34,7 +34,7 @@ use std::{
 /// Time between two checkpoints of a trial; at a rung's end there is always one.
 const CHECKPOINT_EVERY: Duration = Duration::from_secs(10);
 
-/// How far a trial came: `trial-NNNN.json`.
+/// Progress of a trial: `trial-NNNN.json`.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TrialRecord {
     trial: usize,
@@ -68,7 +68,7 @@ impl TrialRecord {
     }
 }
 
-/// How far a trial came.
+/// Status of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrialStatus {
@@ -84,7 +84,7 @@ pub enum TrialStatus {
     Failed,
 }
 
-/// One trial.
+/// A trial of a search.
 struct SearchTrial {
     values: Vec<toml::Value>,
     study: Result<Study>,

@@ -65,7 +65,7 @@ struct Path {
     failure: Option<StepError>,
 }
 
-/// What solvers are compared with.
+/// Reference that solvers are compared with.
 struct SolverReference {
     path: Path,
     /// Largest change up to each row by a start that is off by [`OFF`], at least that.
@@ -140,7 +140,7 @@ pub(super) fn choose(
     Ok((surrogate, record))
 }
 
-/// Compares integrations.
+/// Comparison of integrations.
 struct IntegrationComparison<'a> {
     surrogate: &'a Surrogate,
     evaluator: Evaluator,

@@ -95,14 +95,14 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
     Ok(Trained { surrogate, history: learned.history, record })
 }
 
-/// What the columns of the functions are: parameters, inputs and states.
+/// Columns of the functions: parameters, inputs and states.
 struct StateSpaceColumns {
     counts: [usize; 3],
     ranges: Vec<[f64; 2]>,
     factors: Vec<Factor>,
 }
 
-/// What came of each way to learn.
+/// Results of all ways to learn a state-space model.
 struct LearnedStateSpace {
     candidates: Vec<(Candidate, Dictionary, Option<ScaledNetwork>)>,
     records: Vec<Candidate>,

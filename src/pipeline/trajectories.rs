@@ -198,7 +198,7 @@ fn wider([min, max]: [f64; 2]) -> [f64; 2] {
     [-largest, largest]
 }
 
-/// What the columns of the functions are.
+/// Factors of the columns of the functions.
 struct ColumnFactors {
     parameters: Vec<Factor>,
     inputs: Vec<Factor>,

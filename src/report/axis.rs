@@ -16,7 +16,7 @@ pub struct Axis {
     pub high: f64,
 }
 
-/// How values become places.
+/// Scale of an axis: the map from values to positions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AxisScale {
     /// Evenly.

@@ -27,7 +27,7 @@ pub struct Chart {
     pub series: Vec<ChartSeries>,
 }
 
-/// Something that is drawn, in one ink.
+/// Series of a chart, drawn in one ink.
 #[derive(Clone, Debug)]
 pub struct ChartSeries {
     /// Name in the legend; none if it has no place there.

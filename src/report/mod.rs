@@ -47,7 +47,7 @@ pub struct Section {
     blocks: Vec<ReportBlock>,
 }
 
-/// What a section is made of.
+/// Block of a section.
 #[derive(Debug)]
 enum ReportBlock {
     /// A piece of HTML.

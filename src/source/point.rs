@@ -10,7 +10,7 @@ pub struct MovingPoint {
     rule: PointRule,
 }
 
-/// How a point's place follows from a row.
+/// Rule for the position of a point in a row.
 #[derive(Clone, Debug)]
 enum PointRule {
     /// Two outputs are its coordinates.

@@ -58,7 +58,7 @@ pub struct Recorded {
     motions: Option<Box<Motions>>,
 }
 
-/// An input.
+/// An input of recorded runs.
 #[derive(Clone, Copy, Debug)]
 struct RecordedInput {
     min: f64,
@@ -67,7 +67,7 @@ struct RecordedInput {
     start: f64,
 }
 
-/// What columns are called in the tables.
+/// Names of the columns in the tables.
 #[derive(Clone, Debug)]
 struct ColumnNames {
     run: String,

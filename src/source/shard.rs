@@ -81,7 +81,7 @@ impl Shard {
     }
 }
 
-/// The first line of a file.
+/// Header of a shard: the first line of its file.
 #[derive(Debug, Serialize, Deserialize)]
 struct ShardHeader {
     /// Version of the program.

@@ -49,7 +49,7 @@ pub struct Simulation {
     source: String,
 }
 
-/// Who simulates.
+/// Model that is simulated.
 #[derive(Clone, Debug)]
 enum SimulationModel {
     /// This program.
@@ -58,7 +58,7 @@ enum SimulationModel {
     Fmu(Box<FmuModel>),
 }
 
-/// A run, or why it failed.
+/// A run, or the reason of its failure.
 pub type RunOutcome = std::result::Result<Run, String>;
 
 impl Simulation {
@@ -369,7 +369,7 @@ struct SimulatedEquations {
     driven: Option<Driven>,
 }
 
-/// What solves the equations.
+/// Solver of the equations.
 #[derive(Clone, Debug)]
 enum EquationSolver {
     System(&'static System),

@@ -21,7 +21,7 @@ pub struct Equations<'a> {
 /// Configurations at which it is looked for what a column changes.
 const COMPARED: usize = 12;
 
-/// Asked at a state with inputs: shape `[columns]` to `[functions]`.
+/// Function of a state with inputs: shape `[columns]` to `[functions]`.
 type StateFunction<'f> = dyn Fn(&[f64]) -> Result<Vec<f64>, String> + Sync + 'f;
 
 impl<'a> Equations<'a> {

@@ -16,7 +16,7 @@ use metafmu_runtime::{Dynamics, Efforts, dictionary::Factor};
 use nalgebra::DVector;
 use std::f64::consts::TAU;
 
-/// Coordinates, then parameters.
+/// Point of a region: coordinates, then parameters.
 pub(super) type RegionPoint = Vec<f64>;
 
 /// A length that is one: less is rounding, in m.
@@ -25,7 +25,7 @@ const SHORTEST: f64 = 1e-9;
 /// Distances from the start, in rad, at which forces are compared with those a turn later.
 const SHIFTS: [f64; 3] = [0.0, 0.11, -0.23];
 
-/// A mechanism whose equations are asked for in a region.
+/// A mechanism whose equations are evaluated in a region.
 pub(super) struct MechanismRegion<'a> {
     mechanism: &'a Mechanism,
     region: &'a Region,
@@ -47,7 +47,8 @@ pub(super) struct MechanismRegion<'a> {
 pub(super) struct Label {
     /// In the order of [`Dynamics`], then the positions.
     pub(super) functions: Vec<f64>,
-    /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not [known](MechanismRegion::known).
+    /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not
+    /// [known](MechanismRegion::known).
     pub(super) gradients: Vec<f64>,
     /// Of forces of joints and springs.
     pub(super) reactions: Forces,

@@ -106,8 +106,8 @@ pub struct FittedReactions {
     pub reactions: Reactions,
     /// Highest harmonic of the angles, and highest power of the others.
     pub order: [usize; 2],
-    /// Largest error of any function at configurations that were held out, as that of [`FittedEquations`]; functions of the same part of a force
-    /// are taken together.
+    /// Largest error of any function at configurations that were held out, as that of [`FittedEquations`]; functions of
+    /// the same part of a force are taken together.
     pub error: f64,
 }
 

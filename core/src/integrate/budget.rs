@@ -37,7 +37,7 @@ pub struct Budget<'a> {
     end: Cell<Option<StopCause>>,
 }
 
-/// Why a run is given up.
+/// Cause that stops a run.
 #[derive(Clone, Copy, Debug)]
 enum StopCause {
     Stopped,

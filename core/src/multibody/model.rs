@@ -55,7 +55,7 @@ pub struct Prescribed {
     pub owner: String,
 }
 
-/// Something that acts on the mechanism while it runs.
+/// Input that acts on the mechanism while it runs.
 #[derive(Clone, Debug)]
 pub struct MultibodyInput {
     /// Its name in the description.

@@ -12,7 +12,7 @@ use metafmu_runtime::Precision;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-/// What decides the runs.
+/// Content of the digest that decides the runs.
 #[derive(Serialize)]
 struct DigestedSamples<'a> {
     seed: u64,
@@ -27,14 +27,14 @@ struct DigestedSamples<'a> {
     motion: Option<DigestedMotion<'a>>,
 }
 
-/// What a surrogate with states has beside the others.
+/// States and inputs in the digest, of a surrogate with states.
 #[derive(Serialize)]
 struct DigestedMotion<'a> {
     states: &'a IndexMap<String, StateOptions>,
     inputs: IndexMap<&'a str, DigestedInput<'a>>,
 }
 
-/// Of an input: a recording counts by its content, not by its name.
+/// An input in the digest: a recording counts by its content, not by its name.
 #[derive(Serialize)]
 struct DigestedInput<'a> {
     min: Option<f64>,
@@ -48,7 +48,7 @@ struct DigestedInput<'a> {
     recording: Option<&'a str>,
 }
 
-/// Of the source: files count by their content, not by their names.
+/// The source in the digest: files count by their content, not by their names.
 #[derive(Serialize)]
 struct DigestedSource<'a> {
     system: &'a Option<String>,
@@ -73,7 +73,7 @@ struct Parameter<'a> {
     variability: Option<ParameterVariability>,
 }
 
-/// Of the sampling: a list's points count, not the name of its file.
+/// The sampling in the digest: a list's points count, not the name of its file.
 #[derive(Serialize)]
 struct DigestedPlan<'a> {
     method: Option<super::Method>,
@@ -86,7 +86,7 @@ struct DigestedPlan<'a> {
     train_stop: Option<f64>,
 }
 
-/// What decides the surrogate.
+/// Content of the digest that decides the surrogate.
 #[derive(Serialize)]
 struct DigestedTraining<'a> {
     name: &'a str,
@@ -106,7 +106,7 @@ struct DigestedTraining<'a> {
     samples: String,
 }
 
-/// What decides a baseline that is exported.
+/// Content of the digest that decides an exported baseline.
 #[derive(Serialize)]
 struct DigestedBaseline<'a> {
     kind: BaselineKind,

@@ -31,7 +31,8 @@ pub(super) struct Header {
     pub(super) activation: Activation,
     /// For training and for validation.
     pub(super) rows: [usize; 2],
-    /// [`TrainingRows::digest`](super::TrainingRows::digest) of both, as text: JSON's numbers are not that long everywhere.
+    /// [`TrainingRows::digest`](super::TrainingRows::digest) of both, as text: JSON's numbers are not that long
+    /// everywhere.
     pub(super) digests: [String; 2],
     /// Of the optimizer.
     pub(super) steps: u64,
@@ -43,7 +44,7 @@ pub(super) struct Header {
 /// In place of a digest.
 pub(super) const NO_DIGEST: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 
-/// What is there in all formats.
+/// Format of a checkpoint: the key that all versions have.
 #[derive(Deserialize)]
 struct CheckpointFormat {
     format: u32,

@@ -127,7 +127,7 @@ pub fn solve(
     Some((layers, solved.iter().map(|nodes| nodes.error).fold(0.0, f64::max)))
 }
 
-/// The functions of a group: rows of their own columns, which are values and, if they are known, derivatives.
+/// Regression of the functions of a group: rows of their own columns, which are values and, if known, derivatives.
 struct GroupRegression {
     columns: usize,
     outputs: usize,

@@ -5,7 +5,7 @@ use crate::{Error, Result, diagnostics::Place, files};
 use serde::Deserialize;
 use std::{fs::File, io::BufReader, path::Path};
 
-/// A row of the table.
+/// An epoch as a row of the table.
 #[derive(Deserialize)]
 struct EpochRow {
     epoch: usize,

@@ -34,7 +34,7 @@ const INPUTS: [&str; 14] = [
 /// Fewer runs than this may have the numbers 0, 1 or 1, 2 for another reason than to be counted.
 const COUNTED: usize = 3;
 
-/// What is known of a column.
+/// Profile of a column.
 pub(super) struct ColumnProfile {
     /// Name in the table.
     pub(super) title: String,
@@ -53,7 +53,7 @@ pub(super) struct ColumnProfile {
     pub(super) is_text: bool,
 }
 
-/// Runs as they pass by.
+/// Profile of the runs of a table.
 #[derive(Default)]
 pub(super) struct RunsProfile {
     pub(super) count: usize,

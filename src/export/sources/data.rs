@@ -79,7 +79,7 @@ const NO_VALUES: &str = "0, NULL";
 
 const NOTICE: &str = "/* Generated. */\n";
 
-/// What is generated of one kind of model.
+/// Sources that are generated for one kind of model.
 struct ModelSources {
     /// Header of the model.
     header: &'static str,

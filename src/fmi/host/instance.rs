@@ -28,7 +28,7 @@ pub struct FmuInstance<'fmu> {
     _callbacks: Option<Box<fmi2::Callbacks>>,
 }
 
-/// How a step ended.
+/// Result of a step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StepResult {
     /// At its end.

@@ -35,7 +35,7 @@ pub struct Exchange<'a> {
     position: RunPosition,
 }
 
-/// What is the same all along a run.
+/// Model of a run: what is constant over it.
 #[derive(Clone, Copy, Debug)]
 struct IntegratedModel<'a> {
     instance: &'a FmuInstance<'a>,
@@ -46,7 +46,7 @@ struct IntegratedModel<'a> {
     completes_steps: bool,
 }
 
-/// Where a run is. With a state of the FMU it is all that is needed to go on from there.
+/// Position of a run. With a state of the FMU it is all that is needed to continue from there.
 #[derive(Clone, Debug)]
 pub struct RunPosition {
     time: f64,
@@ -295,7 +295,7 @@ struct SolutionPoint {
     indicators: Vec<f64>,
 }
 
-/// The last accepted step and what came of it.
+/// The last accepted step and its result.
 struct AcceptedSteps {
     before: SolutionPoint,
     now: SolutionPoint,
@@ -460,7 +460,7 @@ fn reason(error: &IntegrationError) -> String {
     in_words(error) + more
 }
 
-/// What `ode_solvers` takes over and drops.
+/// Problem that `ode_solvers` takes over and drops.
 struct OdeProblem<'a> {
     stretch: &'a ContinuousStretch<'a>,
     steps: Option<&'a RefCell<AcceptedSteps>>,

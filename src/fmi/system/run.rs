@@ -4,7 +4,7 @@ use crate::fmi::host::InterfaceKind;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// What a run of a system is.
+/// Run of a system: its components, connections and recorded variables.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SystemRun {
     /// The components, in the order in which they step.
@@ -40,7 +40,7 @@ pub struct ComponentRun {
     pub start_values: Vec<(String, f64)>,
 }
 
-/// What a component of a run is.
+/// Model of a component in a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum ComponentModel {
     /// An FMU.

@@ -12,7 +12,7 @@ use crate::{
 };
 use std::path::{Path, PathBuf};
 
-/// What a component is made of.
+/// Source of a component.
 #[derive(Debug)]
 pub enum ComponentSource {
     /// An FMU.

@@ -11,7 +11,7 @@ use std::{
     sync::mpsc::Receiver,
 };
 
-/// What a run of an FMU is.
+/// Task of a process that samples an FMU.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SamplingTask {
     /// The FMU, for messages.
@@ -56,7 +56,7 @@ pub struct DrivenRuns {
     pub derivatives: bool,
 }
 
-/// What became of a request.
+/// Reply to a request.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum SamplingReply {
     /// The FMU is loaded.

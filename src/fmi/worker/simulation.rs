@@ -19,7 +19,7 @@ const TOGETHER: usize = 1 << 13;
 /// Or until the first of them is so old.
 const PROMPT: Duration = Duration::from_millis(100);
 
-/// What to run.
+/// Task of a process that simulates an FMU.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SimulationTask {
     /// The FMU, for messages.
@@ -28,7 +28,7 @@ pub struct SimulationTask {
     options: SimulationOptions,
 }
 
-/// What becomes of the run.
+/// Reply of the process during the run.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) enum SimulationReply {
     /// The instance exists, and these variables are recorded.

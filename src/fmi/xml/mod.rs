@@ -48,7 +48,7 @@ pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
     }
 }
 
-/// Something wrong in a modelDescription.xml.
+/// A problem in a modelDescription.xml.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct XmlProblem {
     /// Line in the file, counted from 1.

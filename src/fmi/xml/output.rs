@@ -81,7 +81,7 @@ pub fn experiment_attributes(experiment: &DefaultExperiment) -> XmlAttributes {
     attributes
 }
 
-/// The text so far and the depth of the next element.
+/// Writer of XML: the text so far and the depth of the next element.
 pub struct XmlWriter {
     text: String,
     depth: usize,

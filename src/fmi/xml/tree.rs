@@ -110,7 +110,7 @@ fn forbidden(found: char) -> String {
     format!("not well-formed XML: the character U+{:04X} is not allowed", u32::from(found))
 }
 
-/// Turns growing byte positions into line numbers, reading the text once.
+/// Counter that turns growing byte positions into line numbers, reading the text once.
 struct LineCounter<'a> {
     text: &'a [u8],
     position: usize,

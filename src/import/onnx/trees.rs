@@ -22,7 +22,7 @@ struct TreeNode {
     below: [i64; 2],
 }
 
-/// Which branch is taken.
+/// Mode of a node: the test that chooses the branch.
 #[derive(Clone, Copy, PartialEq)]
 enum BranchMode {
     Leaf,

@@ -49,7 +49,7 @@ pub(super) struct LabelledRun {
     pub(super) run: Run,
 }
 
-/// Where the values of a surrogate are in a table.
+/// Columns of a table with the values of a surrogate.
 struct PredictionColumns {
     /// Of each input; none for those that keep their start value.
     inputs: Vec<Option<usize>>,

@@ -40,7 +40,7 @@ const BATCH: usize = 64;
 /// `source.retries` unless given.
 const RETRIES: usize = 1;
 
-/// A run's outputs, row by row, or why it failed.
+/// Outputs of a run of an FMU, row by row, or the reason of its failure.
 pub type FmuOutcome = std::result::Result<Vec<f64>, String>;
 
 /// An FMU and what its runs are.

@@ -144,7 +144,7 @@ fn simplest<T>(candidates: Vec<T>, of: impl Fn(&T) -> (usize, f64)) -> Option<T>
     good.min_by(|a, b| of(a).0.cmp(&of(b).0).then(of(a).1.total_cmp(&of(b).1)))
 }
 
-/// The weak equations of motions, reduced to as many as there are coefficients.
+/// Weak form of the equations of motion, reduced to one equation for each coefficient.
 struct WeakEquations<'a> {
     basis: &'a Basis,
     coordinates: usize,

@@ -3,7 +3,7 @@
 use super::super::trajectory::Trajectory;
 use metafmu_runtime::{Dynamics, StatePoint, dictionary::Dictionary};
 
-/// What gives accelerations.
+/// Model of the accelerations.
 #[derive(Clone, Debug)]
 pub enum AccelerationModel {
     /// Equations of motion.

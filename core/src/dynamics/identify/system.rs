@@ -17,7 +17,7 @@ use metafmu_runtime::{
 use nalgebra::DMatrix;
 use std::collections::HashMap;
 
-/// What a function is in the equations.
+/// Part of the equations that a function belongs to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum EquationPart {
     /// `M_ij`, the row at least as large as the column.

@@ -29,7 +29,8 @@ pub(crate) trait ActivationVisitor {
     /// What it computes.
     type Output;
 
-    /// Does the work with the function `F`. To be marked `#[inline(always)]`, as [`SimdKernel::run`](super::SimdKernel::run).
+    /// Does the work with the function `F`. To be marked `#[inline(always)]`, as
+    /// [`SimdKernel::run`](super::SimdKernel::run).
     fn visit<L: SimdLanes, F: ActivationFunction>(self) -> Self::Output;
 }
 

@@ -7,8 +7,8 @@ pub(crate) use crate::network::layout::WIDTH;
 
 /// Numbers in single precision, and what one instruction (or a few) for each register does to them.
 ///
-/// Code for registers is only to be reached through [`InstructionSet::run`](super::InstructionSet::run), which has made sure that the processor
-/// has the instructions.
+/// Code for registers is only to be reached through [`InstructionSet::run`](super::InstructionSet::run), which has made
+/// sure that the processor has the instructions.
 pub(crate) trait SimdLanes: Copy {
     /// How many numbers.
     const COUNT: usize;

@@ -8,7 +8,7 @@ use crate::{
 
 const EPSILON: f32 = 1e-8;
 
-/// One step's factors.
+/// Factors of one elementwise step.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ElementwiseStep {
     rule: Optimizer,

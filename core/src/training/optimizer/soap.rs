@@ -41,7 +41,7 @@ pub(super) struct Soap {
     out_of_basis: Vec<(usize, usize)>,
 }
 
-/// All matrices `[m, n]`.
+/// Matrices of SOAP for a layer, all `[m, n]`.
 struct SoapLayer {
     index: usize,
     shape: LayerShape,
