@@ -2,7 +2,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use metafmu::{import::onnx, interface::{Mapping, OutputSource, ColumnSource}};
+use metafmu::{import::onnx, interface::{ColumnSource, Mapping, OutputSource}};
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(imported) = onnx::read(bytes, None) else { return };
