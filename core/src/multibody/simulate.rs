@@ -77,7 +77,13 @@ pub fn simulate_from(
 const SHORTEST: f64 = 1e-12;
 
 /// The sample at a time; on the way no table is stepped over.
-fn over_bends(kind: FormulationKind, model: &Model, from: &Sample, t: f64, budget: &Budget) -> Result<Sample, String> {
+fn over_bends(
+    kind: FormulationKind,
+    model: &MultibodyModel,
+    from: &Sample,
+    t: f64,
+    budget: &Budget,
+) -> Result<Sample, String> {
     let (mut from, least) = (from.clone(), SHORTEST * (t - from.t));
     let mut h = t - from.t;
     while from.t < t {

@@ -3,7 +3,7 @@
 use super::{
     ModelSources, array,
     efforts::{arguments, operations, write_tables},
-    functions::{Cost, Laid, AddedNetwork, remark, width, write_network},
+    functions::{AddedNetwork, Cost, Laid, remark, width, write_network},
     network::{ACTIVATIONS, BLOCK_SIZE},
     push, states,
 };
