@@ -5,7 +5,7 @@ import subprocess
 import numpy as np
 import pytest
 import tomllib
-from conftest import METAFMU, ROOT, fmu_of, metafmu
+from conftest import METAFMU, ROOT, compiled_from_sources, fmu_of, metafmu
 from fmpy import simulate_fmu
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline, RectBivariateSpline
@@ -64,3 +64,36 @@ def test_the_swap_of_the_example_runs(shaft):
         (shaft / f"tables.{kind}").write_text(MECHANISM.with_suffix(f".{kind}").read_text())
     swapped = metafmu("swap", "tables.ssd", "--component", "shaft", "--with", fmu_of(shaft / "out", "shaft", 2), "--step-size", "0.01", cwd=shaft)
     assert "difference" in swapped.stdout, swapped.stdout
+
+
+SPIKE = """[inputs]
+torque = { min = -1, max = 1 }
+[tables.spike]
+x = [0.5, 0.502, 0.504]
+values = [0, 500, 0]
+[bodies.rotor]
+mass = 1
+inertia = 1
+[joints]
+shaft = { type = "revolute", between = ["ground", "rotor"] }
+[actuators]
+motor = { coordinate = "shaft.angle", effort = "torque + spike(shaft.angle)" }
+[initial]
+shaft.angular_velocity = 1
+[outputs]
+speed = { measure = "shaft.angular_velocity" }
+"""
+
+
+def test_no_step_goes_over_a_narrow_part_of_a_table(tmp_path, monkeypatch):
+    (tmp_path / "spike.toml").write_text(SPIKE)
+    metafmu("new", "rotor", "--mechanism", "spike.toml", "--structure", "dynamics", cwd=tmp_path)
+    metafmu("build", "rotor.toml", "--out", "out", "--sources", cwd=tmp_path)
+    packed = fmu_of(tmp_path / "out", "rotor", 2)
+    # the spike gives 500 * 0.002 J, whatever the speed
+    exact = np.sqrt(1.0 + 2.0 * 500.0 * 0.002)
+    start = {"shaft.angle_start": 0.0, "shaft.angular_velocity_start": 1.0, "torque": 0.0}
+    for fmu in [packed, compiled_from_sources(packed, monkeypatch)]:
+        for step in [0.01, 0.1, 1.0]:
+            found = simulate_fmu(fmu, fmi_type="CoSimulation", start_values=start, stop_time=1.0, output_interval=step, output=["speed"])
+            assert abs(found["speed"][-1] - exact) < 1e-6, (step, found["speed"][-1])

@@ -501,6 +501,9 @@ impl<'a> MultibodyBuilder<'a> {
                     Measure::Velocity(coordinate) => Ok(Slot::Velocity(coordinate)),
                     _ => Err(format!("`{name}` is neither a position nor a velocity")),
                 }),
+                None if self.tables.contains_key(name) => {
+                    Err(format!("`{name}` is a table, expected its arguments, as in `{name}(time)`"))
+                }
                 None => {
                     let parameters = self.description.parameters.keys().map(String::as_str);
                     let inputs = self.description.inputs.keys().map(String::as_str).filter(|_| of_state);

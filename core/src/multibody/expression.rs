@@ -87,7 +87,8 @@ impl Expression {
                 })?;
                 if table.arguments() != *arguments {
                     let expected = table.arguments();
-                    return Err(format!("`{self}`: {arguments} arguments of the table `{name}`, expected {expected}"));
+                    let found = if *arguments == 1 { "1 argument".into() } else { format!("{arguments} arguments") };
+                    return Err(format!("`{self}`: {found} of the table `{name}`, expected {expected}"));
                 }
                 Ok(FormulaStep::Lookup(Arc::clone(table)))
             }
@@ -360,7 +361,7 @@ mod tests {
             |text: &str| Expression::parse(text).unwrap().formula(&tables).map(|formula| formula.value(|_| 0.5));
         assert_eq!(value("-cam(a) + map(a, cam(0))"), Ok(-2.0 + 4.0));
         assert_eq!(value("cam(1, 2)").unwrap_err(), "`cam(1, 2)`: 2 arguments of the table `cam`, expected 1");
-        assert!(value("map(1)").unwrap_err().contains("1 arguments of the table `map`, expected 2"));
+        assert!(value("map(1)").unwrap_err().contains("1 argument of the table `map`, expected 2"));
     }
 
     fn at(text: &str, t: f64) -> Jet {

@@ -65,7 +65,31 @@ fn table(options: &TableOptions) -> Result<LookupTable, (&'static str, String)> 
         ExtrapolationKind::Linear => Extrapolation::Linear,
         ExtrapolationKind::Periodic => Extrapolation::Periodic,
     };
-    LookupTable::new(axes, numbers, interpolation, extrapolation).map_err(|error| wrong(error.to_string()))
+    if extrapolation == Extrapolation::Periodic {
+        close(&mut numbers, [x.len(), y.as_ref().map_or(1, Vec::len)]).map_err(wrong)?;
+    }
+    let table = LookupTable::new(axes, numbers, interpolation, extrapolation);
+    // all else is checked above
+    table.map_err(|_| wrong("too large or too close together for a spline".into()))
+}
+
+/// Makes values at the ends of both arguments equal, if they are but for rounding; `values` has shape `[rows, columns]`.
+fn close(values: &mut [f64], [rows, columns]: [usize; 2]) -> Result<(), String> {
+    /// Relative to the largest value.
+    const ROUNDING: f64 = 1e-9;
+    let least = ROUNDING * values.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    let of_x = (0..columns).map(|column| (column, (rows - 1) * columns + column, "x"));
+    let of_y = (0..rows).map(|row| (row * columns, row * columns + columns - 1, "y"));
+    for (first, last, axis) in of_x.chain(of_y) {
+        let [begin, end] = [values[first], values[last]];
+        if (begin - end).abs() > least {
+            return Err(format!(
+                "{begin} at the first and {end} at the last `{axis}`, expected the same in a periodic table"
+            ));
+        }
+        values[last] = begin;
+    }
+    Ok(())
 }
 
 fn check_knots(knots: &[f64]) -> Result<(), String> {

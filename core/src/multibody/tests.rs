@@ -424,3 +424,20 @@ fn a_bead_passes_the_pivot_of_its_arm_with_independent_coordinates_only() {
         }
     }
 }
+
+#[test]
+fn no_step_goes_over_a_pulse_in_a_table_of_time() {
+    let text = r#"
+        tables.pulse = { x = [0.5, 0.51, 0.52], values = [0, 100, 0] }
+        bodies.rotor = { mass = 1, inertia = 2 }
+        joints.shaft = { type = "revolute", between = ["ground", "rotor"] }
+        actuators.motor = { coordinate = "shaft.angle", effort = "pulse(time)" }
+        outputs.speed = { measure = "shaft.angular_velocity" }
+    "#;
+    for mechanism in both_formulations(text) {
+        for rows in [2, 3, 200] {
+            let speeds = mechanism.simulate(&[], &grid(2.0, rows), 1e-12, &Budget::default()).unwrap();
+            assert!((speeds[speeds.len() - 1] - 0.5).abs() < 1e-9, "{rows}: {speeds:?}");
+        }
+    }
+}

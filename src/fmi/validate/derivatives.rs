@@ -115,7 +115,7 @@ fn differences(
 struct FiniteDifference {
     value: f64,
     error: f64,
-    /// What changes the output by less than its last digit, and half of what slopes above and below differ by at every step.
+    /// What changes the output by less than its last digit, and half of what slopes above and below differ by at this and shorter steps.
     unseen: f64,
     /// Of the known variable.
     magnitude: f64,
@@ -148,18 +148,19 @@ fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVa
     let rounding = line.windows(3).map(bend).fold(0.0, f64::max);
     let last_digit = f64::EPSILON * line.iter().fold(0.0, |largest: f64, output| largest.max(output.abs()));
     let mut values = [0.0; STEPS.len()];
-    // where the slopes above and below differ at every step there is a kink, and both are right
-    let mut kink = f64::INFINITY;
-    for (value, step) in values.iter_mut().zip(STEPS) {
+    // where the slopes above and below differ at this step and every shorter one there is a kink, and both are right
+    let (mut kink, mut kinks) = (f64::INFINITY, [0.0; STEPS.len()]);
+    for ((value, kink_there), step) in values.iter_mut().zip(&mut kinks).zip(STEPS) {
         let step = step * magnitude;
         let (above, below) = (center + step, center - step);
         let (high, low) = (at(above)?, at(below)?);
         *value = (high - low) / (above - below);
         kink = kink.min((high - 2.0 * line[3] + low).abs() / step);
+        *kink_there = kink;
     }
     at(center)?;
     let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
-    let differences = values.windows(3).zip(&STEPS[1..]).map(|(of, step)| {
+    let differences = values.windows(3).zip(kinks[1..].iter().zip(&STEPS[1..])).map(|(of, (kink, step))| {
         let error = disagreement(of).max(rounding / (step * magnitude));
         FiniteDifference { value: of[1], error, unseen: last_digit / (step * magnitude) + 0.5 * kink, magnitude }
     });

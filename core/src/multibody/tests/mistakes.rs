@@ -86,7 +86,7 @@ fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
         (
             "[initial]",
             "[tables.cam]\nx = [0, 1]\nvalues = [1, 2]\nextrapolation = \"periodic\"\n[initial]",
-            "tables.cam.values: a periodic lookup table, element 1: its ends differ",
+            "tables.cam.values: 1 at the first and 2 at the last `x`, expected the same in a periodic table",
         ),
         (
             "[initial]",
@@ -98,6 +98,16 @@ fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
             "[initial]",
             "[actuators.motor]\ncoordinate = \"pivot.angle\"\neffort = \"cam(time)\"\n[initial]",
             "actuators.motor.effort: `cam(time)`: no function or table `cam`, expected one of sin",
+        ),
+        (
+            "[initial]",
+            "[tables.cam]\nx = [0, 1]\nvalues = [1, 2]\n[actuators.motor]\ncoordinate = \"pivot.angle\"\neffort = \"2*cam\"\n[initial]",
+            "`2*cam`: `cam` is a table, expected its arguments, as in `cam(time)`",
+        ),
+        (
+            "[initial]",
+            "[tables.cam]\nx = [0, 1e-300]\nvalues = [0, 1e300]\ninterpolation = \"cubic\"\n[initial]",
+            "tables.cam.values: too large or too close together for a spline",
         ),
         (
             "[initial]",
