@@ -5,7 +5,7 @@
 //! ```standalone_crate
 //! use metafmu::{
 //!     fmi::Fmu,
-//!     pipeline::{Control, Project, Silent, build, export::{ExportOptions, Plan}, serve_workers},
+//!     pipeline::{Control, Project, Silent, build, export::{ExportPlan, ExportRequest}, serve_workers},
 //! };
 //! use std::sync::atomic::AtomicBool;
 //!
@@ -31,7 +31,7 @@
 //! #   let results = folder.path().join("out");
 //!     // sample, train, compare, evaluate, export, validate, report
 //!     let project = Project::open(&study, Some(&results), control)?;
-//!     let built = build(&project, &Plan::new(&project, &ExportOptions::default())?, false)?;
+//!     let built = build(&project, &ExportPlan::new(&project, &ExportRequest::default())?, false)?;
 //!     assert!(built.verdict.accepted, "{}", built.verdict.text());
 //!
 //!     let (written, validation) = &built.fmus[0];
