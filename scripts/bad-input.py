@@ -340,6 +340,8 @@ SECTIONS = {
     "Mechanisms": {
         "an expression that ends early": mechanism('mass = "m"', 'mass = "m*"'),
         "an expression of something unknown": mechanism('mass = "m"', 'mass = "n"'),
+        "a table whose knots do not ascend": mechanism("[initial]", "[tables.cam]\nx = [0, 2, 1]\nvalues = [1, 2, 3]\n[initial]"),
+        "a table with too few values": mechanism("[initial]", "[tables.cam]\nx = [0, 1]\nvalues = [1]\n[initial]"),
         "a negative mass": mechanism('mass = "m"', 'mass = "-m"'),
         "a vector of three components": mechanism('[0, "-g"]', '[0, 0, "-g"]'),
         "a point of three components": mechanism('[0, "L"]', '[0, "L", 0]'),
