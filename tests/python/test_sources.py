@@ -34,8 +34,9 @@ def test_fmpy_compiles_the_sources(pendulum, tmp_path, monkeypatch, version):
             np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("model", ["polynomial", "decision-tree", "svr"])
-def test_simpler_models_are_compiled_too(pendulum, tmp_path, monkeypatch, model):
+# thousands of kernels cancel in part, and C adds them in another order than the library: what rounding is of the range
+@pytest.mark.parametrize("model, rounding", [("polynomial", 0.0), ("decision-tree", 0.0), ("svr", 1e-13)])
+def test_simpler_models_are_compiled_too(pendulum, tmp_path, monkeypatch, model, rounding):
     folder = shutil.copytree(pendulum.folder, tmp_path / "out")
     metafmu("export", "examples/single-pendulum.toml", "--out", folder, "--sources", "--fmi", 2, "--model", model)
     packed = str(folder / f"single-pendulum-{model}.fmu")
@@ -46,7 +47,8 @@ def test_simpler_models_are_compiled_too(pendulum, tmp_path, monkeypatch, model)
     )
     assert np.ptp(expected["theta"]) > 0.1
     for name in expected.dtype.names:
-        np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=1e-12)
+        limit = 1e-12 + rounding * np.ptp(expected[name].astype(float))
+        np.testing.assert_allclose(found[name].astype(float), expected[name].astype(float), rtol=1e-12, atol=limit)
 
 
 # thousands of kernels cancel in part
