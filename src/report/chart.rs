@@ -38,7 +38,7 @@ pub struct ChartSeries {
     pub shape: Shape,
 }
 
-/// What a [`ChartSeries`] draws, in the axes' units.
+/// Points and lines of a [`ChartSeries`], in the axes' units.
 #[derive(Clone, Debug)]
 pub enum Shape {
     /// A line through points; a point that is not finite is a gap.

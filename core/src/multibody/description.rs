@@ -163,7 +163,7 @@ pub struct TableOptions {
     pub y: Option<Vec<f64>>,
     /// A value for each knot; with `y` a list for each `x`, of a value for each `y`.
     pub values: Vec<TableValues>,
-    /// How values between the knots follow.
+    /// Interpolation between the knots.
     #[serde(default)]
     pub interpolation: InterpolationKind,
     /// Values beyond the first and the last knot.
@@ -171,7 +171,7 @@ pub struct TableOptions {
     pub extrapolation: ExtrapolationKind,
 }
 
-/// What stands at a knot of the first argument.
+/// Values at a knot of the first argument.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum TableValues {
@@ -181,7 +181,7 @@ pub enum TableValues {
     Row(Vec<f64>),
 }
 
-/// How values between knots follow.
+/// Interpolation between knots.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum InterpolationKind {

@@ -127,7 +127,7 @@ pub fn solve(
     Some((layers, solved.iter().map(|nodes| nodes.error).fold(0.0, f64::max)))
 }
 
-/// Regression of the functions of a group: rows of their own columns, which are values and, if known, derivatives.
+/// Least-squares problem of a group of functions. Its rows are values and, if known, derivatives in the columns of the group.
 struct GroupRegression {
     columns: usize,
     outputs: usize,

@@ -391,7 +391,7 @@ pub(crate) fn flat_mut<T, const WIDTH: usize>(lanes: &mut [Lanes<T, WIDTH>]) -> 
     unsafe { std::slice::from_raw_parts_mut(lanes.as_mut_ptr().cast(), lanes.len() * WIDTH) }
 }
 
-/// What is compiled for each instruction set.
+/// Computation that is compiled for each instruction set.
 pub(crate) trait Compute {
     /// To be marked `#[inline(always)]`.
     fn run<const SIMD: u8>(self);

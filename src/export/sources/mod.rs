@@ -52,7 +52,7 @@ const NETWORK: [(&str, &str); 2] = [("network.c", include_str!("network.c")), ("
 /// Of formulas that are differentiated.
 const JETS: [(&str, &str); 1] = [("jets.h", include_str!("jets.h"))];
 
-/// Of baselines and third-party functions.
+/// Files of baselines and third-party functions.
 const GRAPH: [(&str, &str); 3] = [
     ("graph.c", include_str!("graph.c")),
     ("graph.h", include_str!("graph.h")),

@@ -115,7 +115,7 @@ fn differences(
 struct FiniteDifference {
     value: f64,
     error: f64,
-    /// What changes the output by less than its last digit, and half of what slopes above and below differ by at this and shorter steps.
+    /// Slope that the last digit of the output hides, plus half the difference of the slopes above and below at this and shorter steps.
     unseen: f64,
     /// Of the known variable.
     magnitude: f64,

@@ -8,7 +8,7 @@ use crate::{
 use serde::de::{Deserialize, Error as _, IntoDeserializer};
 use serde_json::{Error, Map, Value};
 
-/// What a value of a field is read as.
+/// Type that a field is read as.
 pub(super) trait Read: Sized {
     fn read(value: Value) -> Result<Self, Error>;
 }

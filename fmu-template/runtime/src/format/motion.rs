@@ -93,7 +93,7 @@ impl Motion {
 /// Formulas of efforts, and what their columns are.
 fn of_efforts(efforts: &Efforts) -> Vec<Tensor> {
     let (mut steps, mut constants) = (Vec::new(), Vec::new());
-    let mut tables: Vec<&Arc<LookupTable>> = Vec::new();
+    let tables = efforts.tables();
     for step in efforts.formulas().iter().flat_map(Formula::steps) {
         steps.extend(match step {
             FormulaStep::Constant(value) => {
@@ -104,11 +104,7 @@ fn of_efforts(efforts: &Efforts) -> Vec<Tensor> {
             FormulaStep::Call(function) => [2, *function as u32],
             FormulaStep::Negate => [3, 0],
             FormulaStep::Lookup(table) => {
-                let position = tables.iter().position(|known| *known == table).unwrap_or_else(|| {
-                    tables.push(table);
-                    tables.len() - 1
-                });
-                [4, position as u32]
+                [4, tables.iter().position(|known| *known == table).unwrap_or_default() as u32]
             }
             FormulaStep::Combine(combination) => [FIRST_COMBINATION + *combination as u32, 0],
         });

@@ -3,7 +3,7 @@
 use super::{expect_finite, expect_shape, jet::Number};
 use crate::FormatError;
 
-/// How values between knots follow.
+/// Interpolation between knots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Interpolation {
     /// On straight lines; bilinear in two dimensions.
@@ -46,7 +46,7 @@ pub struct LookupTable {
     interpolation: Interpolation,
     extrapolation: Extrapolation,
     nodes: Vec<f64>,
-    /// Of each axis the knots at which the slope changes much.
+    /// Knots where the slope changes much, by axis.
     bends: Vec<Vec<Bend>>,
 }
 
@@ -207,7 +207,7 @@ impl LookupTable {
         self.interpolation == Interpolation::Cubic || self.extrapolation == Extrapolation::Linear
     }
 
-    /// How many numbers a node has: the value, and with slopes its derivative along `x`, along `y`, and the mixed one.
+    /// Number of values in a node: the value itself, and with slopes its derivative along `x`, along `y`, and the mixed one.
     pub fn numbers_of_node(&self) -> usize {
         if self.has_slopes() { 1 << self.axes.len() } else { 1 }
     }

@@ -28,7 +28,7 @@ impl Register {
         self.0 as usize
     }
 
-    /// The one so many places behind.
+    /// Register `count` places later.
     pub(crate) fn plus(self, count: usize) -> Self {
         Self::input(self.index() + count)
     }

@@ -2,9 +2,10 @@
 
 use crate::{
     FormatError,
-    formula::Formula,
+    formula::{Formula, FormulaStep, LookupTable},
     map::{expect_finite, expect_shape},
 };
+use std::sync::Arc;
 
 /// Forces, torques and prescribed accelerations as formulas of parameters, inputs, positions and their rates.
 ///
@@ -105,6 +106,19 @@ impl Efforts {
     /// A formula for each effort.
     pub fn formulas(&self) -> &[Formula] {
         &self.formulas
+    }
+
+    /// Lookup tables in the formulas, each once.
+    pub fn tables(&self) -> Vec<&Arc<LookupTable>> {
+        let mut tables: Vec<&Arc<LookupTable>> = Vec::new();
+        for step in self.formulas.iter().flat_map(Formula::steps) {
+            if let FormulaStep::Lookup(table) = step
+                && !tables.contains(&table)
+            {
+                tables.push(table);
+            }
+        }
+        tables
     }
 
     /// What a column of the formulas is.

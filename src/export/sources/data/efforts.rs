@@ -24,7 +24,7 @@ pub fn template(efforts: &Efforts) -> String {
     for name in ["p", "u", "r", "rates", "e", "arguments"] {
         push(&mut text, format_args!("    (void){name};\n"));
     }
-    let (tables, mut count) = (tables(efforts), [0; 2]);
+    let (tables, mut count) = (efforts.tables(), [0; 2]);
     for (index, formula) in efforts.formulas().iter().enumerate() {
         let value = formula.walk(|step: Applied<CodeValue>| written(step, (efforts, &tables), &mut text, &mut count));
         push(&mut text, format_args!("    e[{index}] = {};\n", value.text()));
@@ -34,7 +34,7 @@ pub fn template(efforts: &Efforts) -> String {
 
 /// Axis and position of the table of each argument that is no constant, in the order in which the efforts are computed.
 pub fn arguments(efforts: &Efforts) -> Vec<(usize, usize)> {
-    let (tables, mut arguments) = (tables(efforts), Vec::new());
+    let (tables, mut arguments) = (efforts.tables(), Vec::new());
     for formula in efforts.formulas() {
         let varies = |step: Applied<bool>| match step {
             Applied::Constant(_) => false,
@@ -59,7 +59,7 @@ fn position(tables: &[&Arc<LookupTable>], table: &Arc<LookupTable>) -> usize {
 /// `model_tables`: those of the formulas, each once; `model_arguments`: what is looked up there.
 pub fn write_tables(text: &mut String, efforts: &Efforts) {
     let mut entries = String::new();
-    for (index, table) in tables(efforts).into_iter().enumerate() {
+    for (index, table) in efforts.tables().into_iter().enumerate() {
         let name = |what: &str| format!("table_{index}_{what}");
         let mut axes = Vec::new();
         for (axis, knots) in ["x", "y"].into_iter().zip(table.axes()) {
@@ -105,18 +105,6 @@ pub fn write_tables(text: &mut String, efforts: &Efforts) {
     let listed = arguments.iter().map(|(axis, table)| format!("    {{&model_tables[{table}], {axis}}},\n"));
     let listed = if arguments.is_empty() { "    {NULL, 0},\n".into() } else { listed.collect::<String>() };
     push(text, format_args!("\nconst Argument model_arguments[] = {{\n{listed}}};\n"));
-}
-
-fn tables(efforts: &Efforts) -> Vec<&Arc<LookupTable>> {
-    let mut tables: Vec<&Arc<LookupTable>> = Vec::new();
-    for step in efforts.formulas().iter().flat_map(Formula::steps) {
-        if let FormulaStep::Lookup(table) = step
-            && !tables.contains(&table)
-        {
-            tables.push(table);
-        }
-    }
-    tables
 }
 
 /// Operations of a formula, and calls of functions.

@@ -47,7 +47,7 @@ impl OtherStep {
         }
     }
 
-    /// How many numbers an evaluation computes, of which the first `width` are the value.
+    /// Number of values that an evaluation computes; the first `width` are those of the step.
     pub(super) fn numbers(&self, width: usize) -> usize {
         if let Self::Products { products, .. } = self { products.numbers() } else { width }
     }

@@ -6,7 +6,7 @@ use crate::{
     map::tape::{Register, TapeBuilder},
 };
 
-/// What a [`NetworkTerm`] adds, on a tape.
+/// Outputs of a [`NetworkTerm`] on a tape.
 pub(crate) struct WrittenNetwork {
     /// Function that each output adds to.
     functions: Vec<usize>,
@@ -43,8 +43,8 @@ struct Nodes {
 type Columns = Vec<(usize, Register)>;
 
 impl NetworkTerm {
-    /// Writes the outputs at `x`, and derivatives with respect to so many first columns of outputs that add to the first functions, of
-    /// which so many are `differentiated`.
+    /// Writes the outputs at `x`, and their derivatives with respect to the first columns, `first` in number. Outputs that add to none of
+    /// the first `differentiated` functions have no derivatives.
     pub(crate) fn write(
         &self,
         x: &[Register],

@@ -4,7 +4,7 @@ use super::{Known, LANES, Operation, Register, Tape, TapeBuilder};
 use crate::{
     Activation,
     map::jet::Number,
-    simd::{Compute, Simd},
+    simd::{Compute, Real, Simd},
 };
 
 /// Operation of a layer. Blocks have so many lanes, of [`LANES`] registers each.
@@ -145,9 +145,8 @@ fn has_tanh(function: Activation) -> bool {
     matches!(function, Activation::Tanh | Activation::Sigmoid | Activation::Silu | Activation::Gelu)
 }
 
-/// `√(2/π)`
-const GELU_LINEAR: f64 = 0.797_884_560_802_865_4;
-const GELU_CUBIC: f64 = 0.044715 * GELU_LINEAR;
+const GELU_LINEAR: f64 = <f64 as Real>::GELU_LINEAR;
+const GELU_CUBIC: f64 = <f64 as Real>::GELU_CUBIC;
 
 /// Replaces arguments by those of the hyperbolic tangent, and keeps them in place of slopes.
 #[inline(never)]
