@@ -84,7 +84,7 @@ unsafe extern "C" fn fmi2Instantiate(
         Ok((InstanceKind { version: Version::Fmi2, interface, event_mode: false }, token, resources))
     };
     // SAFETY: the host's promise
-    unsafe { instantiate("fmi2Instantiate", instanceName, logger, None, arguments) }
+    unsafe { instantiate("fmi2Instantiate", instanceName, logger, None, &arguments) }
 }
 
 #[unsafe(no_mangle)]

@@ -54,7 +54,7 @@ unsafe extern "C" fn fmi3InstantiateModelExchange(
     let kind = InstanceKind { version: Version::Fmi3, interface: Interface::ModelExchange, event_mode: true };
     // SAFETY: the host's promise
     unsafe {
-        instantiate("fmi3InstantiateModelExchange", instanceName, logger, None, || {
+        instantiate("fmi3InstantiateModelExchange", instanceName, logger, None, &|| {
             arguments(kind, instantiationToken, resourcePath)
         })
     }
@@ -92,9 +92,9 @@ unsafe extern "C" fn fmi3InstantiateCoSimulation(
         match required {
             Ok(required) => {
                 let updates = updates.map(|updates| (updates, required));
-                instantiate(NAME, instanceName, logger, updates, || arguments(kind, instantiationToken, resourcePath))
+                instantiate(NAME, instanceName, logger, updates, &|| arguments(kind, instantiationToken, resourcePath))
             }
-            Err(refusal) => instantiate(NAME, instanceName, logger, None, || Err(refusal.into())),
+            Err(refusal) => instantiate(NAME, instanceName, logger, None, &|| Err(refusal.clone().into())),
         }
     }
 }
@@ -115,7 +115,7 @@ unsafe extern "C" fn fmi3InstantiateScheduledExecution(
     let logger = Logger::fmi3(logMessage, instanceEnvironment, loggingOn != 0);
     // SAFETY: the host's promise
     unsafe {
-        instantiate("fmi3InstantiateScheduledExecution", instanceName, logger, None, || {
+        instantiate("fmi3InstantiateScheduledExecution", instanceName, logger, None, &|| {
             Err(InstantiationError::ScheduledExecution)
         })
     }
