@@ -1,4 +1,5 @@
 #include "activation.h"
+#include "clones.h"
 #include <stdint.h>
 #include <string.h>
 
@@ -28,7 +29,7 @@ static const Real GELU_LINEAR = R(0.7978845608028654);  /* sqrt(2 / pi) */
 static const Real GELU_CUBIC = R(0.03567740813630013); /* 0.044715 sqrt(2 / pi) */
 
 /* 2^k of the integer k in the low bits of ROUND + k: they become the exponent. */
-static inline Real two_to_the(Real shifted)
+static INLINED Real two_to_the(Real shifted)
 {
     Bits bits;
     Real power;
@@ -42,7 +43,7 @@ static inline Real two_to_the(Real shifted)
  * exp(2 x) - 1 for 0 <= x <= EXP_HALF_MAX: 2 x = k ln 2 + r with |r| <= ln(2) / 2, a Taylor polynomial in r, scaled by
  * 2^k. The first omitted term is below 1e-18 of the sum, in single precision below 1e-9. To be inlined, or the loops around it become no SIMD code.
  */
-static inline Real exp_minus_one(Real x)
+static INLINED Real exp_minus_one(Real x)
 {
     const Real shifted = x * (R(2.0) * R(1.4426950408889634)) + ROUND;
     const Real k = shifted - ROUND;
@@ -74,7 +75,7 @@ static inline Real exp_minus_one(Real x)
  * x - k pi for the integer k nearest to x / pi; sign becomes 1, or -1 where k is odd. The sine of x is sign times that of
  * the result.
  */
-static inline Real reduced(Real x, Real *sign)
+static INLINED Real reduced(Real x, Real *sign)
 {
     const Real shifted = x * R(0.3183098861837907) + ROUND;
     const Real k = shifted - ROUND;
@@ -91,7 +92,7 @@ static inline Real reduced(Real x, Real *sign)
 }
 
 /* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-18, in single precision below 1e-9. */
-static inline Real sine_of_reduced(Real r)
+static INLINED Real sine_of_reduced(Real r)
 {
     const Real square = r * r;
 #ifdef METAFMU_SINGLE
@@ -112,7 +113,7 @@ static inline Real sine_of_reduced(Real r)
 }
 
 /* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-17, in single precision below 7e-9. */
-static inline Real cosine_of_reduced(Real r)
+static INLINED Real cosine_of_reduced(Real r)
 {
     const Real square = r * r;
 #ifdef METAFMU_SINGLE
@@ -133,7 +134,7 @@ static inline Real cosine_of_reduced(Real r)
 }
 
 /* Magnitudes, limited; in a loop of its own, since compilers make a branch of the limit otherwise. NaN stays NaN. */
-static void limit_magnitudes(const Real x[BLOCK], Real limit, Real magnitude[BLOCK])
+static INLINED void limit_magnitudes(const Real x[BLOCK], Real limit, Real magnitude[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         const Real absolute = MATH(fabs)(x[i]);
@@ -142,7 +143,7 @@ static void limit_magnitudes(const Real x[BLOCK], Real limit, Real magnitude[BLO
 }
 
 /* With e = exp(2 |x|) - 1, tanh |x| = e / (e + 2), which loses nothing near zero. Absolute error below 3e-16, in single precision 2e-7. */
-static void tanh_block(Real x[BLOCK])
+static INLINED void tanh_block(Real x[BLOCK])
 {
     Real magnitude[BLOCK];
     limit_magnitudes(x, TANH_ONE, magnitude);
@@ -154,7 +155,7 @@ static void tanh_block(Real x[BLOCK])
 }
 
 /* 1 / (1 + exp(-x)) = (1 + tanh(x / 2)) / 2 */
-static void sigmoid_block(Real x[BLOCK])
+static INLINED void sigmoid_block(Real x[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         x[i] *= R(0.5);
@@ -165,7 +166,7 @@ static void sigmoid_block(Real x[BLOCK])
     }
 }
 
-static void relu_block(Real x[BLOCK])
+static INLINED void relu_block(Real x[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         x[i] = x[i] < NEGLIGIBLE ? R(0.0) : x[i];
@@ -173,12 +174,12 @@ static void relu_block(Real x[BLOCK])
 }
 
 /* u of gelu(x) = x (1 + tanh u) / 2 */
-static inline Real gelu_argument(Real x)
+static INLINED Real gelu_argument(Real x)
 {
     return x * (x * x * GELU_CUBIC + GELU_LINEAR);
 }
 
-static void gelu_block(Real x[BLOCK])
+static INLINED void gelu_block(Real x[BLOCK])
 {
     Real y[BLOCK];
     for (size_t i = 0; i < BLOCK; i++) {
@@ -191,7 +192,7 @@ static void gelu_block(Real x[BLOCK])
 }
 
 /* x / (1 + exp(-x)) */
-static void silu_block(Real x[BLOCK])
+static INLINED void silu_block(Real x[BLOCK])
 {
     Real y[BLOCK];
     memcpy(y, x, sizeof y);
@@ -202,7 +203,7 @@ static void silu_block(Real x[BLOCK])
 }
 
 /* Absolute error below 3e-16, in single precision 2e-7, for |x| up to 8192, beyond which it grows with x. */
-static void sine_block(Real x[BLOCK])
+static INLINED void sine_block(Real x[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         Real sign;
@@ -212,7 +213,7 @@ static void sine_block(Real x[BLOCK])
 }
 
 /* The slope is 4 (e + 1) / (e + 2)^2: unlike 1 - tanh^2 x it keeps its digits where tanh saturates. */
-static void tanh_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void tanh_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     Real magnitude[BLOCK];
     limit_magnitudes(x, EXP_HALF_MAX, magnitude);
@@ -224,7 +225,7 @@ static void tanh_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
     }
 }
 
-static void sigmoid_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void sigmoid_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         x[i] *= R(0.5);
@@ -238,7 +239,7 @@ static void sigmoid_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOC
 }
 
 /* The slope is zero at the kink. */
-static void relu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void relu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         slope[i] = x[i] > R(0.0) ? R(1.0) : R(0.0);
@@ -248,7 +249,7 @@ static void relu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 }
 
 /* From the derivatives of tanh u. */
-static void gelu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void gelu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     Real y[BLOCK];
     for (size_t i = 0; i < BLOCK; i++) {
@@ -269,7 +270,7 @@ static void gelu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 }
 
 /* From the derivatives of the sigmoid. */
-static void silu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void silu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     Real y[BLOCK];
     memcpy(y, x, sizeof y);
@@ -282,7 +283,7 @@ static void silu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
     }
 }
 
-static void sine_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void sine_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         Real sign;
@@ -293,7 +294,7 @@ static void sine_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
     }
 }
 
-static void identity_series(Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void identity_series(Real slope[BLOCK], Real curvature[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
         slope[i] = R(1.0);
@@ -301,7 +302,7 @@ static void identity_series(Real slope[BLOCK], Real curvature[BLOCK])
     }
 }
 
-void activate(Activation activation, Real x[BLOCK])
+CLONED void activate(Activation activation, Real x[BLOCK])
 {
     switch (activation) {
     case ACTIVATION_TANH:
@@ -327,7 +328,7 @@ void activate(Activation activation, Real x[BLOCK])
     }
 }
 
-void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+CLONED void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     switch (activation) {
     case ACTIVATION_TANH:
@@ -354,7 +355,7 @@ void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Re
     }
 }
 
-void real_activate(Activation activation, Real x[], Real *slopes, size_t count)
+CLONED void real_activate(Activation activation, Real x[], Real *slopes, size_t count)
 {
     for (size_t block = 0; block < count; block += BLOCK) {
         if (slopes == NULL) {

@@ -8,12 +8,13 @@
 #include <stddef.h>
 
 #include "activation.h"
+#include "clones.h"
 
 /* Columns that are added to a block of rows at a time: few enough for the registers of any processor. */
 enum { GROUP = 4 };
 
 /* y += W x for one block of rows. */
-static inline void add_block(const Real *restrict weights, size_t columns, const Real *restrict x, Real *restrict y)
+static INLINED void add_block(const Real *restrict weights, size_t columns, const Real *restrict x, Real *restrict y)
 {
     size_t column = 0;
     for (; column + GROUP <= columns; column += GROUP) {

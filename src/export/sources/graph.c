@@ -16,6 +16,7 @@
 #include "activation.h"
 #include "blocks.h"
 #include "evaluator.h"
+#include <string.h>
 
 /* A function's value with its first and second derivative. */
 typedef struct {
@@ -147,7 +148,7 @@ static Jet jet_through(Jet a, Series f)
 }
 
 /* How many of some numbers are in the block that begins at one of them. */
-static size_t in_block(size_t count, size_t first)
+static INLINED size_t in_block(size_t count, size_t first)
 {
     return count - first < BLOCK ? count - first : BLOCK;
 }
@@ -163,17 +164,15 @@ static bool is_in_blocks(Function function)
 
 static void real_activations(const GraphStep *step, const Real x[], Real y[])
 {
-    for (size_t first = 0; first < step->count; first += BLOCK) {
-        const size_t count = in_block(step->count, first);
-        Real rest[BLOCK] = {R(0.0)};
-        Real *values = count == BLOCK ? &y[first] : rest;
-        for (size_t i = 0; i < count; i++) {
-            values[i] = x[first + i];
-        }
+    const size_t rest = step->count % BLOCK;
+    const size_t whole = step->count - rest;
+    memcpy(y, x, whole * sizeof *y);
+    real_activate((Activation)step->function, y, NULL, whole);
+    if (rest > 0) {
+        Real values[BLOCK] = {R(0.0)};
+        memcpy(values, x + whole, rest * sizeof *y);
         activate((Activation)step->function, values);
-        for (size_t i = 0; i < count && count < BLOCK; i++) {
-            y[first + i] = rest[i];
-        }
+        memcpy(y + whole, values, rest * sizeof *y);
     }
 }
 
@@ -194,12 +193,12 @@ static void jet_activations(const GraphStep *step, const Jet x[], Jet y[])
     }
 }
 
-static void real_add_block(const Real *weights, size_t columns, const Real x[], Real y[BLOCK])
+static INLINED void real_add_block(const Real *weights, size_t columns, const Real x[], Real y[BLOCK])
 {
     add_block(weights, columns, x, y);
 }
 
-static void jet_add_block(const Real *weights, size_t columns, const Jet x[], Jet y[BLOCK])
+static INLINED void jet_add_block(const Real *weights, size_t columns, const Jet x[], Jet y[BLOCK])
 {
     for (size_t k = 0; k < columns; k++) {
         for (size_t i = 0; i < BLOCK; i++) {

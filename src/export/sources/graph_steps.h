@@ -37,13 +37,24 @@ static NUMBER OF(combined)(Combination operation, NUMBER a, NUMBER b)
     }
 }
 
+/* Residual connections: loops of a constant length first, which become SIMD code at -O2 already. */
+static CLONED void OF(add)(size_t count, const NUMBER *a, const NUMBER *b, NUMBER *restrict y)
+{
+    size_t i = 0;
+    for (; i + BLOCK <= count; i += BLOCK) {
+        for (size_t k = 0; k < BLOCK; k++) {
+            y[i + k] = OF(sum)(a[i + k], b[i + k]);
+        }
+    }
+    for (; i < count; i++) {
+        y[i] = OF(sum)(a[i], b[i]);
+    }
+}
+
 static void OF(combine)(const GraphStep *step, const NUMBER a[], const NUMBER b[], NUMBER y[])
 {
-    /* residual connections: a loop without a decision for each number */
     if (step->operation == COMBINE_ADD) {
-        for (size_t i = 0; i < step->count; i++) {
-            y[i] = OF(sum)(a[i], b[i]);
-        }
+        OF(add)(step->count, a, b, y);
         return;
     }
     for (size_t i = 0; i < step->count; i++) {
@@ -102,29 +113,39 @@ static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
     }
 }
 
+/* The product of x and a row of W, whose numbers are so many places apart; in groups of columns as in blocks.h. */
+static INLINED NUMBER OF(row_by)(const Real *row, size_t apart, size_t columns, const NUMBER *x)
+{
+    NUMBER sum = OF(constant)(R(0.0));
+    size_t k = 0;
+    for (; k + GROUP <= columns; k += GROUP) {
+        const Real *w = row + k * apart;
+        const NUMBER a = OF(sum)(OF(scaled)(x[k], w[0]), OF(scaled)(x[k + 1], w[apart]));
+        const NUMBER b = OF(sum)(OF(scaled)(x[k + 2], w[2 * apart]), OF(scaled)(x[k + 3], w[3 * apart]));
+        sum = OF(sum)(sum, OF(sum)(a, b));
+    }
+    for (; k < columns; k++) {
+        sum = OF(sum)(sum, OF(scaled)(x[k], row[k * apart]));
+    }
+    return sum;
+}
+
 /* Rows of W are in blocks; the last one may have fewer. */
-static void OF(affine)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+static CLONED void OF(affine)(const GraphStep *step, const NUMBER *restrict x, NUMBER *restrict y)
 {
     const Real *weights = step->numbers;
-    for (size_t first = 0; first < step->count; first += BLOCK) {
-        const size_t rows = in_block(step->count, first);
-        NUMBER sums[BLOCK];
+    const Real *bias = step->more;
+    const size_t rest = step->count % BLOCK;
+    const size_t whole = step->count - rest;
+    for (size_t first = 0; first < whole; first += BLOCK) {
         for (size_t i = 0; i < BLOCK; i++) {
-            sums[i] = OF(constant)(i < rows ? step->more[first + i] : R(0.0));
+            y[first + i] = OF(constant)(bias[first + i]);
         }
-        if (rows == BLOCK) {
-            OF(add_block)(weights, step->width, x, sums);
-        } else {
-            for (size_t k = 0; k < step->width; k++) {
-                for (size_t i = 0; i < rows; i++) {
-                    sums[i] = OF(sum)(sums[i], OF(scaled)(x[k], weights[k * rows + i]));
-                }
-            }
-        }
-        for (size_t i = 0; i < rows; i++) {
-            y[first + i] = sums[i];
-        }
-        weights += rows * step->width;
+        OF(add_block)(weights + first * step->width, step->width, x, y + first);
+    }
+    weights += whole * step->width;
+    for (size_t row = 0; row < rest; row++) {
+        y[whole + row] = OF(sum)(OF(constant)(bias[whole + row]), OF(row_by)(weights + row, rest, step->width, x));
     }
 }
 

@@ -6,6 +6,7 @@
 #ifndef JETS_H
 #define JETS_H
 
+#include "clones.h"
 #include "real.h"
 
 /* A value with its first and second derivative. */
@@ -23,32 +24,32 @@ typedef struct {
 
 /* ---- Real numbers ---- */
 
-static inline Real real_constant(Real value)
+static INLINED Real real_constant(Real value)
 {
     return value;
 }
 
-static inline Real real_value(Real a)
+static INLINED Real real_value(Real a)
 {
     return a;
 }
 
-static inline Real real_sum(Real a, Real b)
+static INLINED Real real_sum(Real a, Real b)
 {
     return a + b;
 }
 
-static inline Real real_difference(Real a, Real b)
+static INLINED Real real_difference(Real a, Real b)
 {
     return a - b;
 }
 
-static inline Real real_product(Real a, Real b)
+static INLINED Real real_product(Real a, Real b)
 {
     return a * b;
 }
 
-static inline Real real_scaled(Real a, Real by)
+static INLINED Real real_scaled(Real a, Real by)
 {
     return by * a;
 }
@@ -76,33 +77,33 @@ static inline Real real_hyperbolic_tangent(Real a)
 
 /* ---- Jets ---- */
 
-static inline Jet jet_constant(Real value)
+static INLINED Jet jet_constant(Real value)
 {
     return (Jet){value, R(0.0), R(0.0)};
 }
 
-static inline Real jet_value(Jet a)
+static INLINED Real jet_value(Jet a)
 {
     return a.value;
 }
 
-static inline Jet jet_sum(Jet a, Jet b)
+static INLINED Jet jet_sum(Jet a, Jet b)
 {
     return (Jet){a.value + b.value, a.first + b.first, a.second + b.second};
 }
 
-static inline Jet jet_difference(Jet a, Jet b)
+static INLINED Jet jet_difference(Jet a, Jet b)
 {
     return (Jet){a.value - b.value, a.first - b.first, a.second - b.second};
 }
 
-static inline Jet jet_product(Jet a, Jet b)
+static INLINED Jet jet_product(Jet a, Jet b)
 {
     return (Jet){a.value * b.value, a.first * b.value + a.value * b.first,
                  a.second * b.value + R(2.0) * (a.first * b.first) + a.value * b.second};
 }
 
-static inline Jet jet_scaled(Jet a, Real by)
+static INLINED Jet jet_scaled(Jet a, Real by)
 {
     return (Jet){by * a.value, by * a.first, by * a.second};
 }
@@ -137,28 +138,28 @@ static inline Jet jet_hyperbolic_tangent(Jet a)
 
 /* ---- Jets of jets ---- */
 
-static inline Nested nested_constant(Real value)
+static INLINED Nested nested_constant(Real value)
 {
     return (Nested){jet_constant(value), jet_constant(R(0.0)), jet_constant(R(0.0))};
 }
 
-static inline Real nested_value(Nested a)
+static INLINED Real nested_value(Nested a)
 {
     return a.value.value;
 }
 
-static inline Nested nested_sum(Nested a, Nested b)
+static INLINED Nested nested_sum(Nested a, Nested b)
 {
     return (Nested){jet_sum(a.value, b.value), jet_sum(a.first, b.first), jet_sum(a.second, b.second)};
 }
 
-static inline Nested nested_difference(Nested a, Nested b)
+static INLINED Nested nested_difference(Nested a, Nested b)
 {
     return (Nested){jet_difference(a.value, b.value), jet_difference(a.first, b.first),
                     jet_difference(a.second, b.second)};
 }
 
-static inline Nested nested_product(Nested a, Nested b)
+static INLINED Nested nested_product(Nested a, Nested b)
 {
     const Jet first = jet_sum(jet_product(a.first, b.value), jet_product(a.value, b.first));
     const Jet mixed = jet_scaled(jet_product(a.first, b.first), R(2.0));
@@ -166,7 +167,7 @@ static inline Nested nested_product(Nested a, Nested b)
     return (Nested){jet_product(a.value, b.value), first, second};
 }
 
-static inline Nested nested_scaled(Nested a, Real by)
+static INLINED Nested nested_scaled(Nested a, Real by)
 {
     return (Nested){jet_scaled(a.value, by), jet_scaled(a.first, by), jet_scaled(a.second, by)};
 }

@@ -38,10 +38,11 @@ const COMMON: [(&str, &str); 6] = [
 ];
 
 /// Of networks and of functions that networks add to.
-const ACTIVATION: [(&str, &str); 3] = [
+const ACTIVATION: [(&str, &str); 4] = [
     ("activation.c", include_str!("activation.c")),
     ("activation.h", include_str!("activation.h")),
     ("blocks.h", include_str!("blocks.h")),
+    ("clones.h", include_str!("clones.h")),
 ];
 
 /// Of models without states.

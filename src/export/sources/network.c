@@ -10,14 +10,14 @@
 #include "blocks.h"
 #include "evaluator.h"
 
-static void fill(Real *values, size_t count, Real value)
+static INLINED void fill(Real *values, size_t count, Real value)
 {
     for (size_t i = 0; i < count; i++) {
         values[i] = value;
     }
 }
 
-static void standardise(const Network *network, const Real columns[MAP_COLUMNS], Real z[WIDTH])
+static INLINED void standardise(const Network *network, const Real columns[MAP_COLUMNS], Real z[WIDTH])
 {
     fill(z, WIDTH, R(0.0));
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
@@ -25,7 +25,7 @@ static void standardise(const Network *network, const Real columns[MAP_COLUMNS],
     }
 }
 
-static void standardise_rates(const Network *network, const Real rates[MAP_COLUMNS], Real z[WIDTH])
+static INLINED void standardise_rates(const Network *network, const Real rates[MAP_COLUMNS], Real z[WIDTH])
 {
     fill(z, WIDTH, R(0.0));
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
@@ -33,7 +33,7 @@ static void standardise_rates(const Network *network, const Real rates[MAP_COLUM
     }
 }
 
-static void rescale(const Network *network, Real derivative[OUTPUT_COUNT])
+static INLINED void rescale(const Network *network, Real derivative[OUTPUT_COUNT])
 {
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
         derivative[i] *= network->output_scaling[i].scale;
@@ -41,7 +41,7 @@ static void rescale(const Network *network, Real derivative[OUTPUT_COUNT])
 }
 
 /* y = W x + b */
-static void affine(const Layer *layer, const Real *restrict x, Real *restrict y)
+static INLINED void affine(const Layer *layer, const Real *restrict x, Real *restrict y)
 {
     for (size_t block = 0; block < layer->blocks; block++) {
         for (size_t row = 0; row < BLOCK; row++) {
@@ -52,7 +52,7 @@ static void affine(const Layer *layer, const Real *restrict x, Real *restrict y)
 }
 
 /* y = W x */
-static void linear(const Layer *layer, const Real *restrict x, Real *restrict y)
+static INLINED void linear(const Layer *layer, const Real *restrict x, Real *restrict y)
 {
     fill(y, layer->blocks * BLOCK, R(0.0));
     for (size_t block = 0; block < layer->blocks; block++) {
@@ -61,7 +61,7 @@ static void linear(const Layer *layer, const Real *restrict x, Real *restrict y)
 }
 
 /* The sum of a block, by halves: one number after the other would wait for each addition. */
-static Real sum_of(Real sums[BLOCK])
+static INLINED Real sum_of(Real sums[BLOCK])
 {
     for (size_t half = BLOCK / 2; half > 0; half /= 2) {
         for (size_t i = 0; i < half; i++) {
@@ -71,7 +71,7 @@ static Real sum_of(Real sums[BLOCK])
     return sums[0];
 }
 
-static Real dot(const Real *restrict a, const Real *restrict b, size_t count)
+static INLINED Real dot(const Real *restrict a, const Real *restrict b, size_t count)
 {
     Real sums[BLOCK] = {R(0.0)};
     for (size_t start = 0; start < count; start += BLOCK) {
@@ -83,7 +83,7 @@ static Real dot(const Real *restrict a, const Real *restrict b, size_t count)
 }
 
 /* x = W^T y */
-static void transposed(const Layer *layer, const Real *restrict y, Real *restrict x)
+static INLINED void transposed(const Layer *layer, const Real *restrict y, Real *restrict x)
 {
     fill(x, WIDTH, R(0.0));
     for (size_t block = 0; block < layer->blocks; block++) {
@@ -95,14 +95,14 @@ static void transposed(const Layer *layer, const Real *restrict y, Real *restric
 }
 
 /* W x of the last layer */
-static void last_linear(const Network *network, const Real x[WIDTH], Real y[OUTPUT_COUNT])
+static INLINED void last_linear(const Network *network, const Real x[WIDTH], Real y[OUTPUT_COUNT])
 {
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
         y[row] = dot(network->last_weights + row * LAST_COLUMNS, x, LAST_COLUMNS);
     }
 }
 
-static void last_affine(const Network *network, const Real x[WIDTH], Real y[OUTPUT_COUNT])
+static INLINED void last_affine(const Network *network, const Real x[WIDTH], Real y[OUTPUT_COUNT])
 {
     last_linear(network, x, y);
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
@@ -110,7 +110,7 @@ static void last_affine(const Network *network, const Real x[WIDTH], Real y[OUTP
     }
 }
 
-static void last_transposed(const Network *network, const Real y[OUTPUT_COUNT], Real *restrict x)
+static INLINED void last_transposed(const Network *network, const Real y[OUTPUT_COUNT], Real *restrict x)
 {
     fill(x, WIDTH, R(0.0));
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
@@ -122,7 +122,7 @@ static void last_transposed(const Network *network, const Real y[OUTPUT_COUNT], 
 }
 
 /* y becomes the activation of y; its first and second derivatives go to slope and curvature. */
-static void activate_last(Activation activation, Real y[OUTPUT_COUNT], Real slope[OUTPUT_COUNT],
+static INLINED void activate_last(Activation activation, Real y[OUTPUT_COUNT], Real slope[OUTPUT_COUNT],
                           Real curvature[OUTPUT_COUNT])
 {
     for (size_t start = 0; start < OUTPUT_COUNT; start += BLOCK) {
@@ -142,7 +142,7 @@ static void activate_last(Activation activation, Real y[OUTPUT_COUNT], Real slop
     }
 }
 
-void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT])
+CLONED void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT])
 {
     const Network *network = &model_networks[map];
     Real *current = scratch->value[0];
@@ -151,9 +151,7 @@ void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMN
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];
         affine(layer, current, next);
-        for (size_t block = 0; block < layer->blocks; block++) {
-            activate(layer->activation, next + block * BLOCK);
-        }
+        real_activate(layer->activation, next, NULL, layer->blocks * BLOCK);
         Real *const before = current;
         current = next;
         next = before;
@@ -169,7 +167,7 @@ void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMN
     }
 }
 
-void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+CLONED void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
                      const Real rates[MAP_COLUMNS], const Real *second_rates, Real first_derivative[OUTPUT_COUNT],
                      Real *second_derivative)
 {
@@ -230,7 +228,7 @@ void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COL
     }
 }
 
-void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
+CLONED void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
                  const Real weights[OUTPUT_COUNT], Real gradient[MAP_COLUMNS])
 {
     const Network *network = &model_networks[map];

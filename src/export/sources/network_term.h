@@ -4,7 +4,7 @@
  */
 
 /* y = W x, and the bias if it counts. */
-static void OF(multiply)(const TermLayer *layer, const NUMBER *x, NUMBER *y, bool biased)
+static CLONED void OF(multiply)(const TermLayer *layer, const NUMBER *x, NUMBER *y, bool biased)
 {
     for (size_t block = 0; block < layer->rows; block += BLOCK) {
         const Real *weights = layer->weights + block * layer->inputs;
