@@ -421,6 +421,11 @@ impl TapeBuilder {
         self.add_product(c, a, factor)
     }
 
+    /// Sum of numbers times factors.
+    pub(crate) fn weighted(&mut self, terms: &[(Register, f64)]) -> Register {
+        terms.iter().fold(self.zero, |sum, (of, factor)| self.add_scaled(sum, *of, *factor))
+    }
+
     /// `c - a b`
     pub(crate) fn subtract_product(&mut self, c: Register, a: Register, b: Register) -> Register {
         let minus_a = self.negative(a);

@@ -197,16 +197,14 @@ impl Dynamics {
             // inertia and potential do not act on what is prescribed
             if !self.prescribed[i] {
                 let of_potential = slope(potential, i, &mut tape);
-                side = tape.subtract_product(side, of_potential, one);
+                side = tape.add_scaled(side, of_potential, -1.0);
                 for (j, k) in (0..n).flat_map(|j| (0..=j).map(move |k| (j, k))) {
-                    // both orders of a pair
-                    let mut factor = zero;
-                    for (j, k) in [(j, k), (k, j)].into_iter().take(if j == k { 1 } else { 2 }) {
-                        factor = tape.add_product(factor, slopes[entry(i, j) * n + k], one);
-                        factor = tape.add_scaled(factor, slopes[entry(j, k) * n + i], -0.5);
+                    let factor = tape.weighted(&of_velocities([i, j, k], |a, b, c| slopes[entry(a, b) * n + c]));
+                    if !tape.is_zero(factor) {
+                        let minus_v = tape.negative(v[j]);
+                        let velocities = tape.product(minus_v, v[k]);
+                        side = tape.add_product(side, factor, velocities);
                     }
-                    let velocities = tape.product(v[j], v[k]);
-                    side = tape.subtract_product(side, factor, velocities);
                 }
             }
             sides.push(side);
@@ -484,20 +482,36 @@ fn entry(i: usize, j: usize) -> usize {
     row * (row + 1) / 2 + column
 }
 
+/// Slopes of `M` and their weights whose sum is the factor of `v_j v_k` in `h_i`, from the slope of `M_ab` along `c`. Each slope occurs once.
+fn of_velocities([i, j, k]: [usize; 3], slope: impl Fn(usize, usize, usize) -> Register) -> Vec<(Register, f64)> {
+    let mut terms: Vec<(Register, f64)> = Vec::with_capacity(4);
+    // both orders of a pair
+    for (j, k) in [(j, k), (k, j)].into_iter().take(if j == k { 1 } else { 2 }) {
+        for (of, weight) in [(slope(i, j, k), 1.0), (slope(j, k, i), -0.5)] {
+            match terms.iter_mut().find(|(known, _)| *known == of) {
+                Some((_, sum)) => *sum += weight,
+                None => terms.push((of, weight)),
+            }
+        }
+    }
+    terms
+}
+
 /// Writes `x` in place of `b` with `M x = b`, by the factors `M = L D L^T`; NaN where a pivot is not positive.
 fn solve(tape: &mut TapeBuilder, n: usize, mass: impl Fn(usize, usize) -> Register, x: &mut [Register]) {
     let zero = tape.zero;
-    // L below the diagonal, L D above, 1 / D on it
+    // -L below the diagonal, L D above, 1 / D on it
     let mut factors = vec![zero; n * n];
     for i in 0..n {
         for j in 0..=i {
             let mut value = mass(i, j);
             for k in 0..j {
-                value = tape.subtract_product(value, factors[i * n + k], factors[k * n + j]);
+                value = tape.add_product(value, factors[i * n + k], factors[k * n + j]);
             }
             if j < i {
                 factors[j * n + i] = value;
-                factors[i * n + j] = tape.product(value, factors[j * n + j]);
+                let minus = tape.negative(factors[j * n + j]);
+                factors[i * n + j] = tape.product(value, minus);
             } else {
                 factors[i * n + i] = tape.reciprocal(value);
             }
@@ -505,13 +519,13 @@ fn solve(tape: &mut TapeBuilder, n: usize, mass: impl Fn(usize, usize) -> Regist
     }
     for i in 0..n {
         for j in 0..i {
-            x[i] = tape.subtract_product(x[i], factors[i * n + j], x[j]);
+            x[i] = tape.add_product(x[i], factors[i * n + j], x[j]);
         }
     }
     for i in (0..n).rev() {
         x[i] = tape.product(x[i], factors[i * n + i]);
         for j in i + 1..n {
-            x[i] = tape.subtract_product(x[i], factors[j * n + i], x[j]);
+            x[i] = tape.add_product(x[i], factors[j * n + i], x[j]);
         }
     }
 }
