@@ -135,6 +135,9 @@ const SHORTEST: f64 = 1e-14;
 /// Error of a step, relative to the tolerance, below which the next one may be longer: `0.9^5` is 0.59.
 const LEAST_SPARE: f64 = 0.5;
 
+/// States whose rates are added up at once.
+const LANES: usize = 4;
+
 /// Stages of the error-controlled method. The last one is the first of the next step.
 const STAGES: usize = 7;
 
@@ -190,7 +193,7 @@ pub(super) struct Solver {
     before: Vec<f64>,
     /// Columns at a stage, and the rates of the states at each stage.
     stage: Vec<f64>,
-    rates: Vec<f64>,
+    rates: Vec<[f64; LANES]>,
     /// Tables with the axes of their arguments, and the arguments at each stage.
     tables: Vec<(Arc<LookupTable>, usize)>,
     arguments: Vec<f64>,
@@ -214,7 +217,7 @@ impl Solver {
             scales,
             before: vec![0.0; states],
             stage: vec![0.0; columns],
-            rates: vec![0.0; STAGES * states],
+            rates: vec![[0.0; LANES]; STAGES * states.div_ceil(LANES)],
             arguments: vec![0.0; STAGES * tables.len()],
             tables,
         }
@@ -259,13 +262,14 @@ impl Solver {
         if steps > MAX_SOLVER_STEPS {
             return Err(StepError::TooManySteps);
         }
-        let h = size / steps;
+        let (h, lanes) = (size / steps, self.lanes());
         for step in 0..steps as u32 {
             let since = f64::from(step) * h;
             self.begin(point);
             self.stages(&CLASSICAL, 0, point, (since, h), drive, &mut respond);
-            for (k, state) in point[self.states.clone()].iter_mut().enumerate() {
-                *state += h * weighted(CLASSICAL.result, &self.rates[k..], self.before.len());
+            for (lane, states) in point[self.states.clone()].chunks_mut(LANES).enumerate() {
+                let sums = weighted(CLASSICAL.result, &self.rates[lane..], lanes);
+                states.iter_mut().zip(sums).for_each(|(state, sum)| *state += h * sum);
             }
             self.expect_plausible(&point[self.states.clone()], since + h)?;
         }
@@ -289,7 +293,7 @@ impl Solver {
         self.begin(point);
         // arguments of tables are not known
         match derivatives.filter(|_| self.tables.is_empty()) {
-            Some(known) => self.rates[..known.len()].copy_from_slice(known),
+            Some(known) => self.rates.as_flattened_mut()[..known.len()].copy_from_slice(known),
             None => self.first_stage(point, drive, &mut respond),
         }
         // what is left by rounding is no step
@@ -312,7 +316,8 @@ impl Solver {
             if error <= 1.0 {
                 // the last stage is the end of the step
                 point[self.states.clone()].copy_from_slice(&self.stage[self.states.clone()]);
-                self.rates.copy_within((STAGES - 1) * self.before.len().., 0);
+                let last = (STAGES - 1) * self.lanes();
+                self.rates.copy_within(last.., 0);
                 self.arguments.copy_within((STAGES - 1) * self.tables.len().., 0);
                 since += h;
                 self.expect_plausible(&point[self.states.clone()], since)?;
@@ -335,6 +340,11 @@ impl Solver {
         Ok(steps)
     }
 
+    /// Number of lanes of the states.
+    fn lanes(&self) -> usize {
+        self.before.len().div_ceil(LANES)
+    }
+
     /// Share of a step with which no table is stepped over.
     fn share_of_step(&self) -> f64 {
         let mut share = 1.0f64;
@@ -351,10 +361,13 @@ impl Solver {
     /// Largest estimate of the error of a step of size `h` in any state, relative to its scale.
     fn error(&self, states: &[f64], h: f64) -> f64 {
         let mut largest = 0.0f64;
-        for ((k, state), scale) in states.iter().enumerate().zip(&self.scales) {
-            let error = (h * weighted(&DORMAND_PRINCE_ERROR, &self.rates[k..], states.len())).abs() / scale.of(*state);
-            // a maximum would leave out what is not a number
-            largest = if error > largest || error.is_nan() { error } else { largest };
+        for (lane, (states, scales)) in states.chunks(LANES).zip(self.scales.chunks(LANES)).enumerate() {
+            let sums = weighted(&DORMAND_PRINCE_ERROR, &self.rates[lane..], self.lanes());
+            for ((state, scale), sum) in states.iter().zip(scales).zip(sums) {
+                let error = (h * sum).abs() / scale.of(*state);
+                // a maximum would leave out what is not a number
+                largest = if error > largest || error.is_nan() { error } else { largest };
+            }
         }
         largest
     }
@@ -392,8 +405,9 @@ impl Solver {
         drive: Drive,
         respond: &mut impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) {
+        let lanes = self.lanes();
         let Self { inputs, ranges, states, stage, rates, tables, arguments, .. } = self;
-        let (count, tables) = (states.len(), tables.len());
+        let tables = tables.len();
         for (index, (time, weights)) in tableau.stages.iter().enumerate().skip(first) {
             let later = since + time * h;
             for (column, range) in inputs.clone().zip(&*ranges) {
@@ -401,10 +415,13 @@ impl Solver {
                 let value = without_rounding(value, *range);
                 stage[column] = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
             }
-            for (k, column) in states.clone().enumerate() {
-                stage[column] = point[column] + h * weighted(weights, &rates[k..], count);
+            let both = stage[states.clone()].chunks_mut(LANES).zip(point[states.clone()].chunks(LANES));
+            for (lane, (to, from)) in both.enumerate() {
+                let sums = weighted(weights, &rates[lane..], lanes);
+                to.iter_mut().zip(from).zip(sums).for_each(|((to, from), sum)| *to = from + h * sum);
             }
-            respond(stage, &mut rates[index * count..][..count], &mut arguments[index * tables..][..tables]);
+            let rates = &mut rates[index * lanes..][..lanes];
+            respond(stage, &mut rates.as_flattened_mut()[..states.len()], &mut arguments[index * tables..][..tables]);
         }
     }
 }
@@ -422,12 +439,12 @@ fn without_rounding(value: f64, [min, max]: [f64; 2]) -> f64 {
     }
 }
 
-/// Sum over the stages of one state's rates, which are so far apart.
+/// Sums over the stages of the rates of some states, which are so far apart.
 #[inline]
-fn weighted(weights: &[f64], rates: &[f64], apart: usize) -> f64 {
-    let mut sum = 0.0;
-    for (weight, rate) in weights.iter().zip(rates.iter().step_by(apart)) {
-        sum += weight * rate;
+fn weighted(weights: &[f64], rates: &[[f64; LANES]], apart: usize) -> [f64; LANES] {
+    let mut sums = [0.0; LANES];
+    for (weight, rates) in weights.iter().zip(rates.iter().step_by(apart)) {
+        sums.iter_mut().zip(rates).for_each(|(sum, rate)| *sum += weight * rate);
     }
-    sum
+    sums
 }
