@@ -47,6 +47,8 @@ pub(crate) struct Tape {
     weights: Vec<[f64; LANES]>,
     of_held: Part,
     of_others: Part,
+    /// Operations of results that are rarely wanted, without angles and layers.
+    rest: Part,
 }
 
 /// Argument of a table.
@@ -154,61 +156,70 @@ impl Tape {
         to.iter_mut().zip(&self.arguments).for_each(|(to, argument)| *to = work.get(argument.of));
     }
 
-    /// Computes all registers from the inputs. Does not allocate.
+    /// Computes the registers from the inputs, but not those of the rest. Does not allocate.
     pub(crate) fn run<T: Number>(&self, work: &mut TapeWork<T>) {
+        let TapeWork { registers, at, is_known } = work;
+        let held = &registers[self.held.clone()];
+        if !(*is_known && at == held) {
+            at.copy_from_slice(held);
+            *is_known = true;
+            self.run_part(&self.of_held, registers);
+        }
+        self.run_part(&self.of_others, registers);
+    }
+
+    /// Computes the rest after a [`run`](Self::run).
+    pub(crate) fn run_rest<T: Number>(&self, work: &mut TapeWork<T>) {
+        self.run_part(&self.rest, &mut work.registers);
+    }
+
+    fn run_part<T: Number>(&self, part: &Part, registers: &mut [T]) {
         // series are compiled once, and FMUs stay small
         let simd = if T::DEPTH < 1 { Simd::detect() } else { Simd::Portable };
-        simd.run(Run { tape: self, work });
+        simd.run(RunPart { tape: self, part, registers });
     }
 }
 
-struct Run<'a, T> {
+struct RunPart<'a, T> {
     tape: &'a Tape,
-    work: &'a mut TapeWork<T>,
+    part: &'a Part,
+    registers: &'a mut [T],
 }
 
-impl<T: Number> Compute for Run<'_, T> {
+impl<T: Number> Compute for RunPart<'_, T> {
     #[inline(always)]
     fn run<const SIMD: u8>(self) {
-        let Self { tape, work: TapeWork { registers, at, is_known } } = self;
-        let held = &registers[tape.held.clone()];
-        let is_new = !(*is_known && at == held);
-        if is_new {
-            at.copy_from_slice(held);
-            *is_known = true;
+        let Self { tape, part, registers } = self;
+        for &Angle { of, first, count } in &part.angles {
+            let angle = registers[of.index()];
+            let block = &mut registers[first.index()..][..2 * count as usize];
+            let (cosines, sines) = block.split_at_mut(count as usize);
+            harmonics(angle, cosines, sines);
         }
-        for part in [&tape.of_held, &tape.of_others].into_iter().skip(usize::from(!is_new)) {
-            for &Angle { of, first, count } in &part.angles {
-                let angle = registers[of.index()];
-                let block = &mut registers[first.index()..][..2 * count as usize];
-                let (cosines, sines) = block.split_at_mut(count as usize);
-                harmonics(angle, cosines, sines);
-            }
-            for operation in &part.operations {
-                match *operation {
-                    Operation::Product { a, b, c, to } => {
-                        let [a, b, c] = [a, b, c].map(|register| registers[register.index()]);
-                        registers[to.index()] = c.add_product::<SIMD>(a, b);
-                    }
-                    Operation::Products { a, b, count, c, to } => {
-                        let [a, b] = [a, b].map(|register| &registers[register.index()..][..count as usize]);
-                        registers[to.index()] = add_products::<T, SIMD>(registers[c.index()], a, b);
-                    }
-                    Operation::Reciprocal { of, to } => {
-                        let value = registers[of.index()];
-                        let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
-                        registers[to.index()] = value.recip();
-                    }
-                    Operation::Call { .. }
-                    | Operation::Quotient { .. }
-                    | Operation::Power { .. }
-                    | Operation::Smaller { .. }
-                    | Operation::Lookup { .. } => {
-                        operation.run_rare(registers, &self.tape.tables);
-                    }
-                    Operation::Lanes { first, count } => {
-                        tape.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
-                    }
+        for operation in &part.operations {
+            match *operation {
+                Operation::Product { a, b, c, to } => {
+                    let [a, b, c] = [a, b, c].map(|register| registers[register.index()]);
+                    registers[to.index()] = c.add_product::<SIMD>(a, b);
+                }
+                Operation::Products { a, b, count, c, to } => {
+                    let [a, b] = [a, b].map(|register| &registers[register.index()..][..count as usize]);
+                    registers[to.index()] = add_products::<T, SIMD>(registers[c.index()], a, b);
+                }
+                Operation::Reciprocal { of, to } => {
+                    let value = registers[of.index()];
+                    let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
+                    registers[to.index()] = value.recip();
+                }
+                Operation::Call { .. }
+                | Operation::Quotient { .. }
+                | Operation::Power { .. }
+                | Operation::Smaller { .. }
+                | Operation::Lookup { .. } => {
+                    operation.run_rare(registers, &tape.tables);
+                }
+                Operation::Lanes { first, count } => {
+                    tape.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
                 }
             }
         }
@@ -216,6 +227,20 @@ impl<T: Number> Compute for Run<'_, T> {
 }
 
 impl Operation {
+    /// Result, and the first ones and numbers of the registers that it follows from. None of layers.
+    fn registers(&self) -> Option<(Register, [(Register, u32); 3])> {
+        Some(match *self {
+            Self::Product { a, b, c, to } => (to, [(a, 1), (b, 1), (c, 1)]),
+            Self::Products { a, b, count, c, to } => (to, [(a, count), (b, count), (c, 1)]),
+            Self::Reciprocal { of, to } | Self::Call { of, to, .. } => (to, [(of, 1); 3]),
+            Self::Quotient { a, b, to }
+            | Self::Power { a, b, to }
+            | Self::Smaller { a, b, to }
+            | Self::Lookup { at: [a, b], to, .. } => (to, [(a, 1), (b, 1), (b, 1)]),
+            Self::Lanes { .. } => return None,
+        })
+    }
+
     /// Runs an operation of a formula: kept out of the loop over the common operations.
     #[inline(never)]
     fn run_rare<T: Number>(&self, registers: &mut [T], tables: &[Arc<LookupTable>]) {
@@ -337,6 +362,33 @@ impl TapeBuilder {
 
     pub(crate) fn finish(self) -> Tape {
         Tape { registers: self.known.len(), ..self.tape }
+    }
+
+    /// The tape whose [`run`](Tape::run) computes these registers. Operations that none of them follows from are the rest.
+    pub(crate) fn finish_for(mut self, wanted: &[Register]) -> Tape {
+        let mut is_needed = vec![false; self.known.len()];
+        let arguments = self.tape.arguments.iter().map(|argument| &argument.of);
+        wanted.iter().chain(arguments).for_each(|register| is_needed[register.index()] = true);
+        let (mut needed, mut rest, mut is_layer) = (Vec::new(), Vec::new(), false);
+        for operation in self.tape.of_others.operations.drain(..).rev() {
+            let registers = operation.registers();
+            // layers, and what comes before them, are computed in any case
+            is_layer |= registers.is_none();
+            match registers {
+                Some((to, _)) if !is_layer && !is_needed[to.index()] => rest.push(operation),
+                _ => {
+                    for (first, count) in registers.into_iter().flat_map(|(_, from)| from) {
+                        is_needed[first.index()..][..count as usize].fill(true);
+                    }
+                    needed.push(operation);
+                }
+            }
+        }
+        needed.reverse();
+        rest.reverse();
+        self.tape.of_others.operations = needed;
+        self.tape.rest.operations = rest;
+        self.finish()
     }
 
     fn reserve(&mut self, known: Known) -> Register {

@@ -60,19 +60,10 @@ struct Written {
 /// Working memory of one evaluation at a time.
 #[derive(Clone, Debug)]
 pub struct DynamicsScratch {
-    plain: Work<f64>,
-    series: Work<Jet>,
+    plain: TapeWork<f64>,
+    series: TapeWork<Jet>,
     /// `(q, p, v, u)` with their derivatives.
     columns: Vec<Jet>,
-}
-
-/// What the evaluation in one kind of numbers needs.
-#[derive(Clone, Debug)]
-pub(super) struct Work<T> {
-    /// The first inputs are `(q, p, v, u)`.
-    tape: TapeWork<T>,
-    /// The result.
-    pub(super) accelerations: Vec<T>,
 }
 
 /// A state with parameters and inputs.
@@ -221,7 +212,8 @@ impl Dynamics {
         for (&i, found) in free.iter().zip(found) {
             sides[i] = found;
         }
-        self.written = Written { energies, efforts, accelerations: sides, tape: tape.finish() };
+        let tape = tape.finish_for(&[efforts.as_slice(), &sides].concat());
+        self.written = Written { energies, efforts, accelerations: sides, tape };
         self
     }
 
@@ -334,8 +326,8 @@ impl Dynamics {
         DynamicsScratch { plain: self.work(), series: self.work(), columns }
     }
 
-    pub(super) fn work<T: Number>(&self) -> Work<T> {
-        Work { tape: self.written.tape.work(), accelerations: vec![T::from(0.0); self.coordinates] }
+    pub(super) fn work<T: Number>(&self) -> TapeWork<T> {
+        self.written.tape.work()
     }
 
     /// `vd`, shape `[n]`. NaN where the mass matrix is not positive definite. Does not allocate.
@@ -346,7 +338,7 @@ impl Dynamics {
         self.check(point, accelerations);
         let Point { q, v, u, p } = point;
         self.solve([q, p, v, u], &mut scratch.plain);
-        accelerations.copy_from_slice(&scratch.plain.accelerations);
+        accelerations.iter_mut().zip(self.found(&scratch.plain)).for_each(|(to, found)| *to = found);
     }
 
     /// The efforts `e` at a state.
@@ -372,7 +364,7 @@ impl Dynamics {
             *to = Jet { value, first, second: 0.0 };
         }
         self.solve([&*columns], series);
-        derivative.iter_mut().zip(&series.accelerations).for_each(|(to, from)| *to = from.first);
+        derivative.iter_mut().zip(self.found(series)).for_each(|(to, found)| *to = found.first);
     }
 
     /// `v^T M v / 2 + V`, in J. Does not allocate.
@@ -382,7 +374,7 @@ impl Dynamics {
     pub fn energy(&self, point: Point, scratch: &mut DynamicsScratch) -> f64 {
         let Point { q, v, u, p } = point;
         self.solve([q, p, v, u], &mut scratch.plain);
-        let [kinetic, potential] = self.energies(|k| v[k], &scratch.plain);
+        let [kinetic, potential] = self.energies(|k| v[k], &mut scratch.plain);
         kinetic + potential
     }
 
@@ -392,24 +384,25 @@ impl Dynamics {
     }
 
     /// These arguments, once the equations were solved.
-    pub(super) fn write_arguments(&self, work: &Work<f64>, to: &mut [f64]) {
-        self.written.tape.write_arguments(&work.tape, to);
+    pub(super) fn write_arguments(&self, work: &TapeWork<f64>, to: &mut [f64]) {
+        self.written.tape.write_arguments(work, to);
     }
 
     /// `(q, p)` with which the equations were solved.
-    pub(super) fn configuration<'a, T: Number>(&self, work: &'a Work<T>) -> &'a [T] {
-        &work.tape.inputs()[..self.coordinates + self.parameters()]
+    pub(super) fn configuration<'a, T: Number>(&self, work: &'a TapeWork<T>) -> &'a [T] {
+        &work.inputs()[..self.coordinates + self.parameters()]
     }
 
     /// An effort, once the equations were solved.
-    pub(super) fn effort<T: Number>(&self, index: usize, work: &Work<T>) -> T {
-        work.tape.get(self.written.efforts[index])
+    pub(super) fn effort<T: Number>(&self, index: usize, work: &TapeWork<T>) -> T {
+        work.get(self.written.efforts[index])
     }
 
     /// `v^T M v / 2` and `V`, once the equations were solved.
-    pub(super) fn energies<T: Number>(&self, v: impl Fn(usize) -> T, work: &Work<T>) -> [T; 2] {
+    pub(super) fn energies<T: Number>(&self, v: impl Fn(usize) -> T, work: &mut TapeWork<T>) -> [T; 2] {
         let n = self.coordinates;
-        let function = |index: usize| work.tape.get(self.written.energies[index]);
+        self.written.tape.run_rest(work);
+        let function = |index: usize| work.get(self.written.energies[index]);
         let mut kinetic = T::from(0.0);
         for i in 0..n {
             for j in 0..n {
@@ -463,16 +456,23 @@ impl Dynamics {
         assert_eq!([u.len(), p.len()], [self.inputs(), self.parameters()], "number of inputs and parameters");
     }
 
-    /// `M^-1 (-h - dV/dq + F - D v + B e)` at `(q, p, v, u)`.
-    pub(super) fn solve<T: Number, const PARTS: usize>(&self, columns: [&[T]; PARTS], work: &mut Work<T>) {
-        let Work { tape, accelerations } = work;
-        let Written { tape: equations, accelerations: found, .. } = &self.written;
+    /// Solves the equations at `(q, p, v, u)`.
+    pub(super) fn solve<T: Number, const PARTS: usize>(&self, columns: [&[T]; PARTS], work: &mut TapeWork<T>) {
         // the end of a step is where outputs are wanted and the next step begins
-        if !tape.set_inputs(columns) {
-            return;
+        if work.set_inputs(columns) {
+            self.written.tape.run(work);
         }
-        equations.run(tape);
-        accelerations.iter_mut().zip(found).for_each(|(to, register)| *to = tape.get(*register));
+    }
+
+    /// `vd = M^-1 (-h - dV/dq + F - D v + B e)`, once the equations were solved.
+    fn found<T: Number>(&self, work: &TapeWork<T>) -> impl Iterator<Item = T> {
+        self.written.accelerations.iter().map(|register| work.get(*register))
+    }
+
+    /// Writes `(v, vd)`, once the equations were solved.
+    pub(super) fn write_rates<T: Number>(&self, v: &[T], work: &TapeWork<T>, to: &mut [T]) {
+        let rates = v.iter().copied().chain(self.found(work));
+        to.iter_mut().zip(rates).for_each(|(to, rate)| *to = rate);
     }
 }
 

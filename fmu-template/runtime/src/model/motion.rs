@@ -15,7 +15,7 @@
 
 use super::{
     adjoint::ByDirections,
-    dynamics::{Dynamics, Work},
+    dynamics::Dynamics,
     expect_roles,
     reactions::{Reactions, ReactionsWork},
     solver::{CommunicationStep, Drive, Integration, Scale, Solver, StepError},
@@ -77,7 +77,7 @@ pub(crate) struct MotionScratch {
 struct Parts<T> {
     columns: Vec<T>,
     results: Vec<T>,
-    equations: Work<T>,
+    equations: TapeWork<T>,
     /// Columns of the positions along the motion, what they are and their working memory.
     along: Vec<Jet<T>>,
     positions: Vec<Jet<T>>,
@@ -256,7 +256,9 @@ impl PreparedMotion {
         let Parts { columns, results, equations, along, positions, of_positions, reactions } = parts;
         let n = layout.coordinates;
         let (q, v) = columns[layout.states()..].split_at(n);
-        let a = &equations.accelerations;
+        let (outputs, rates) = results.split_at_mut(self.motion.outputs.len());
+        self.motion.dynamics.write_rates(v, equations, rates);
+        let a = &rates[n..];
         for (k, column) in along.iter_mut().enumerate() {
             *column = match k.checked_sub(n) {
                 None => Jet { value: q[k], first: v[k], second: a[k] },
@@ -275,24 +277,26 @@ impl PreparedMotion {
         if let Some((reactions, work)) = &mut reactions {
             reactions.compute(self.motion.dynamics.configuration(equations), work);
         }
+        let is_energy = |shown: &Shown| matches!(shown, Shown::KineticEnergy | Shown::PotentialEnergy);
+        let [kinetic, potential] = match self.motion.outputs.iter().any(is_energy) {
+            true => self.motion.dynamics.energies(|k| v[k], equations),
+            false => [T::from(0.0); 2],
+        };
         let effort = |index: usize| self.motion.dynamics.effort(index, equations);
         let reaction = |index: usize| {
             let known = reactions.as_ref().map(|(reactions, work)| reactions.value(index, [v, a], effort, work));
             known.unwrap_or_else(|| T::from(f64::NAN))
         };
-        let (outputs, rates) = results.split_at_mut(self.motion.outputs.len());
         for (to, shown) in outputs.iter_mut().zip(&self.motion.outputs) {
             *to = match *shown {
                 Shown::Position(position) => positions[position].value,
                 Shown::Velocity(position) => positions[position].first,
                 Shown::Acceleration(position) => positions[position].second,
-                Shown::KineticEnergy => self.motion.dynamics.energies(|k| v[k], equations)[0],
-                Shown::PotentialEnergy => self.motion.dynamics.energies(|k| v[k], equations)[1],
+                Shown::KineticEnergy => kinetic,
+                Shown::PotentialEnergy => potential,
                 Shown::Reaction(index) => reaction(index),
             };
         }
-        rates[..n].copy_from_slice(v);
-        rates[n..].copy_from_slice(a);
     }
 
     /// Integrates the states at the end of `point`, as [`Solver::advance`] does.
@@ -310,14 +314,13 @@ impl PreparedMotion {
         let n = self.motion.dynamics.coordinates();
         solver.advance(point, self.motion.integration, step, drive, |columns, rates, arguments| {
             self.accelerate(columns, &mut plain.equations);
-            rates[..n].copy_from_slice(&columns[columns.len() - n..]);
-            rates[n..].copy_from_slice(&plain.equations.accelerations);
+            self.motion.dynamics.write_rates(&columns[columns.len() - n..], &plain.equations, rates);
             self.motion.dynamics.write_arguments(&plain.equations, arguments);
         })
     }
 
     /// The accelerations at the columns.
-    fn accelerate<T: Number>(&self, columns: &[T], equations: &mut Work<T>) {
+    fn accelerate<T: Number>(&self, columns: &[T], equations: &mut TapeWork<T>) {
         let layout = self.motion.layout();
         let (q, v) = columns[layout.states()..].split_at(layout.coordinates);
         let u = &columns[layout.inputs()..layout.states()];
