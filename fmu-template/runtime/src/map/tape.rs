@@ -47,7 +47,7 @@ pub(crate) struct Tape {
     weights: Vec<[f64; LANES]>,
     of_held: Part,
     of_others: Part,
-    /// Operations of results that are rarely wanted, without angles and layers.
+    /// Operations of results that are rarely needed, without angles and layers.
     rest: Part,
 }
 
@@ -196,11 +196,23 @@ impl<T: Number> Compute for RunPart<'_, T> {
             let (cosines, sines) = block.split_at_mut(count as usize);
             harmonics(angle, cosines, sines);
         }
-        for operation in &part.operations {
+        let mut operations = part.operations.as_slice();
+        while let [operation, after @ ..] = operations {
+            operations = after;
             match *operation {
                 Operation::Product { a, b, c, to } => {
-                    let [a, b, c] = [a, b, c].map(|register| registers[register.index()]);
-                    registers[to.index()] = c.add_product::<SIMD>(a, b);
+                    let product = |sum: T, a: Register, b: Register, registers: &[T]| {
+                        sum.add_product::<SIMD>(registers[a.index()], registers[b.index()])
+                    };
+                    let (mut sum, mut last) = (product(registers[c.index()], a, b, registers), to);
+                    registers[to.index()] = sum;
+                    // consecutive products: a sum that continues need not wait until it is stored
+                    while let [Operation::Product { a, b, c, to }, after @ ..] = operations {
+                        operations = after;
+                        let before = if *c == last { sum } else { registers[c.index()] };
+                        (sum, last) = (product(before, *a, *b, registers), *to);
+                        registers[to.index()] = sum;
+                    }
                 }
                 Operation::Products { a, b, count, c, to } => {
                     let [a, b] = [a, b].map(|register| &registers[register.index()..][..count as usize]);
