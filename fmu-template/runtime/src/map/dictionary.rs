@@ -249,16 +249,28 @@ enum WrittenColumn {
 impl WrittenDictionary<'_> {
     /// Writes an output.
     pub(crate) fn value(&self, output: usize, tape: &mut TapeBuilder) -> Register {
-        self.sum(output, None, tape)
+        self.add(tape.zero, output, None, 1.0, tape)
     }
 
     /// Writes the derivative of an output with respect to a column.
     pub(crate) fn slope(&self, output: usize, column: usize, tape: &mut TapeBuilder) -> Register {
-        self.sum(output, Some(column), tape)
+        self.add_slope(tape.zero, output, column, 1.0, tape)
+    }
+
+    /// Writes a number plus the derivative of an output with respect to a column times a factor.
+    pub(crate) fn add_slope(
+        &self,
+        to: Register,
+        output: usize,
+        column: usize,
+        factor: f64,
+        tape: &mut TapeBuilder,
+    ) -> Register {
+        self.add(to, output, Some(column), factor, tape)
     }
 
     /// Terms whose factors that are not held are the same have one coefficient.
-    fn sum(&self, output: usize, along: Option<usize>, tape: &mut TapeBuilder) -> Register {
+    fn add(&self, to: Register, output: usize, along: Option<usize>, factor: f64, tape: &mut TapeBuilder) -> Register {
         let Dictionary { products, factors, coefficients, .. } = self.dictionary;
         let mut sums: BTreeMap<Register, Register> = BTreeMap::new();
         for product in products {
@@ -268,7 +280,7 @@ impl WrittenDictionary<'_> {
             if along.is_some_and(|along| factors.iter().all(|(column, _)| *column != along)) {
                 continue;
             }
-            let mut coefficient = *coefficient;
+            let mut coefficient = factor * coefficient;
             let (mut of_held, mut of_others) = (tape.one, tape.one);
             for &(column, atom) in factors {
                 let mut exponent = self.dictionary.columns[column].exponent(atom);
@@ -283,7 +295,7 @@ impl WrittenDictionary<'_> {
             let sum = sums.entry(of_others).or_insert(tape.zero);
             *sum = tape.add_scaled(*sum, of_held, coefficient);
         }
-        tape.sum(tape.zero, sums.into_iter().collect())
+        tape.sum(to, sums.into_iter().collect())
     }
 }
 

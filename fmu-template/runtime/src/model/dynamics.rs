@@ -187,15 +187,20 @@ impl Dynamics {
             }
             // inertia and potential do not act on what is prescribed
             if !self.prescribed[i] {
-                let of_potential = slope(potential, i, &mut tape);
-                side = tape.add_scaled(side, of_potential, -1.0);
+                side = law.add_slope(side, potential, i, -1.0, &mut tape);
+                let of_network = added(&network, zero, potential, Some(i), &mut tape);
+                side = tape.add_scaled(side, of_network, -1.0);
                 for (j, k) in (0..n).flat_map(|j| (0..=j).map(move |k| (j, k))) {
-                    let factor = tape.weighted(&of_velocities([i, j, k], |a, b, c| slopes[entry(a, b) * n + c]));
-                    if !tape.is_zero(factor) {
-                        let minus_v = tape.negative(v[j]);
-                        let velocities = tape.product(minus_v, v[k]);
-                        side = tape.add_product(side, factor, velocities);
-                    }
+                    let mut terms = of_velocities([i, j, k], |a, b, c| slopes[entry(a, b) * n + c]);
+                    terms.retain(|(of, weight)| !tape.is_zero(*of) && *weight != 0.0);
+                    let (factor, weight) = match terms[..] {
+                        [] => continue,
+                        [term] => term,
+                        _ => (tape.weighted(&terms), 1.0),
+                    };
+                    let weighted_v = tape.add_scaled(zero, v[j], -weight);
+                    let velocities = tape.product(weighted_v, v[k]);
+                    side = tape.add_product(side, factor, velocities);
                 }
             }
             sides.push(side);
