@@ -362,7 +362,7 @@ mod tests {
             let mut work = tape.work::<Jet<Jet>>();
             let nested = |value: f64, first: f64| Jet { value: Jet { value, first, second: 0.5 }, ..Jet::from(first) };
             for x in [[0.7, 1.3], [0.7, 0.2], [0.3, 0.9]] {
-                work.set_inputs([&[nested(x[0], 0.9), nested(x[1], -0.4)]]);
+                work.set_inputs([nested(x[0], 0.9), nested(x[1], -0.4)].into_iter());
                 tape.run(&mut work);
                 let expected = formula.evaluate(|k| nested(x[k], [0.9, -0.4][k]));
                 let numbers = |jet: Jet<Jet>| {

@@ -117,16 +117,12 @@ impl<T: Number> TapeWork<T> {
         &mut self.registers
     }
 
-    /// Sets the first inputs, part by part. Returns false if all registers are those of these inputs already.
-    pub(crate) fn set_inputs<const PARTS: usize>(&mut self, parts: [&[T]; PARTS]) -> bool {
-        let (mut changes, mut rest) = (!self.is_known, self.registers.as_mut_slice());
-        for part in parts {
-            let (registers, others) = rest.split_at_mut(part.len());
-            for (to, from) in registers.iter_mut().zip(part) {
-                changes |= *to != *from;
-                *to = *from;
-            }
-            rest = others;
+    /// Sets the first inputs. Returns false if all registers are those of these inputs already.
+    pub(crate) fn set_inputs(&mut self, inputs: impl Iterator<Item = T>) -> bool {
+        let mut changes = !self.is_known;
+        for (to, from) in self.registers.iter_mut().zip(inputs) {
+            changes |= *to != from;
+            *to = from;
         }
         changes
     }

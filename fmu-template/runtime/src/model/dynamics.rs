@@ -341,8 +341,7 @@ impl Dynamics {
     /// If a slice has the wrong length or the scratch belongs to other equations.
     pub fn accelerations(&self, point: Point, accelerations: &mut [f64], scratch: &mut DynamicsScratch) {
         self.check(point, accelerations);
-        let Point { q, v, u, p } = point;
-        self.solve([q, p, v, u], &mut scratch.plain);
+        self.solve(Self::columns(point), &mut scratch.plain);
         accelerations.iter_mut().zip(self.found(&scratch.plain)).for_each(|(to, found)| *to = found);
     }
 
@@ -363,12 +362,11 @@ impl Dynamics {
         self.check(point, derivative);
         self.check(direction, derivative);
         let DynamicsScratch { series, columns, .. } = scratch;
-        let [values, rates] =
-            [point, direction].map(|Point { q, v, u, p }| q.iter().chain(p).chain(v).chain(u).copied());
+        let [values, rates] = [point, direction].map(Self::columns);
         for (to, (value, first)) in columns.iter_mut().zip(values.zip(rates)) {
             *to = Jet { value, first, second: 0.0 };
         }
-        self.solve([&*columns], series);
+        self.solve(columns.iter().copied(), series);
         derivative.iter_mut().zip(self.found(series)).for_each(|(to, found)| *to = found.first);
     }
 
@@ -377,9 +375,8 @@ impl Dynamics {
     /// # Panics
     /// As [`Dynamics::accelerations`].
     pub fn energy(&self, point: Point, scratch: &mut DynamicsScratch) -> f64 {
-        let Point { q, v, u, p } = point;
-        self.solve([q, p, v, u], &mut scratch.plain);
-        let [kinetic, potential] = self.energies(|k| v[k], &mut scratch.plain);
+        self.solve(Self::columns(point), &mut scratch.plain);
+        let [kinetic, potential] = self.energies(|k| point.v[k], &mut scratch.plain);
         kinetic + potential
     }
 
@@ -461,8 +458,13 @@ impl Dynamics {
         assert_eq!([u.len(), p.len()], [self.inputs(), self.parameters()], "number of inputs and parameters");
     }
 
+    /// `(q, p, v, u)`
+    fn columns(Point { q, v, u, p }: Point<'_>) -> impl Iterator<Item = f64> {
+        q.iter().chain(p).chain(v).chain(u).copied()
+    }
+
     /// Solves the equations at `(q, p, v, u)`.
-    pub(super) fn solve<T: Number, const PARTS: usize>(&self, columns: [&[T]; PARTS], work: &mut TapeWork<T>) {
+    pub(super) fn solve<T: Number>(&self, columns: impl Iterator<Item = T>, work: &mut TapeWork<T>) {
         // the end of a step is where outputs are wanted and the next step begins
         if work.set_inputs(columns) {
             self.written.tape.run(work);

@@ -180,12 +180,17 @@ impl Motion {
 pub(crate) struct PreparedMotion {
     motion: Motion,
     positions: PreparedLaw,
+    /// Columns `(q, p, v, u)` of the equations.
+    inputs: Vec<usize>,
 }
 
 impl PreparedMotion {
     pub(crate) fn new(motion: Motion) -> Self {
         let held = motion.dynamics.coordinates()..motion.dynamics.coordinates() + motion.dynamics.parameters();
-        Self { positions: motion.positions.prepared(0, held), motion }
+        let (layout, n) = (motion.layout(), motion.dynamics.coordinates());
+        let (q, v) = (layout.states()..layout.states() + n, layout.states() + n..layout.columns());
+        let inputs = q.chain(0..layout.parameters).chain(v).chain(layout.inputs()..layout.states()).collect();
+        Self { positions: motion.positions.prepared(0, held), inputs, motion }
     }
 
     /// Another integration of the states.
@@ -321,10 +326,8 @@ impl PreparedMotion {
 
     /// The accelerations at the columns.
     fn accelerate<T: Number>(&self, columns: &[T], equations: &mut TapeWork<T>) {
-        let layout = self.motion.layout();
-        let (q, v) = columns[layout.states()..].split_at(layout.coordinates);
-        let u = &columns[layout.inputs()..layout.states()];
-        self.motion.dynamics.solve([q, &columns[..layout.parameters], v, u], equations);
+        let inputs = self.inputs.iter().map(|column| columns[*column]);
+        self.motion.dynamics.solve(inputs, equations);
     }
 }
 
