@@ -326,10 +326,6 @@ pub(super) fn dictionary(tensors: &mut Views, name: &str, factors: &[Factor]) ->
     let coefficients = elements(view.data(), f64::from_le_bytes);
     // chunks of no length are not allowed
     let rows = |index: usize, width: usize| index * width..(index + 1) * width;
-    let term = |index| Term {
-        exponents: exponents[rows(index, factors.len())].to_vec(),
-        coefficients: coefficients[rows(index, functions)].to_vec(),
-    };
-    let terms: Vec<Term> = (0..shape[0]).map(term).collect();
-    Dictionary::new(factors, functions, &terms)
+    let term = |index| (&exponents[rows(index, factors.len())], &coefficients[rows(index, functions)]);
+    Dictionary::from_rows(factors, functions, (0..shape[0]).map(term))
 }

@@ -80,9 +80,20 @@ impl Dictionary {
     /// # Errors
     /// [`FormatError`] if a term has not an exponent for each column and a coefficient for each output, or a number is not finite.
     pub fn new(factors: &[Factor], outputs: usize, terms: &[Term]) -> Result<Self, FormatError> {
+        let rows = terms.iter().map(|term| (term.exponents.as_slice(), term.coefficients.as_slice()));
+        Self::from_rows(factors, outputs, rows)
+    }
+
+    /// The same from the exponents and coefficients of each term.
+    pub(crate) fn from_rows<'a>(
+        factors: &[Factor],
+        outputs: usize,
+        terms: impl Iterator<Item = (&'a [i16], &'a [f64])> + Clone,
+    ) -> Result<Self, FormatError> {
+        let count = terms.size_hint().0;
         let mut columns: Vec<Column> = Vec::with_capacity(factors.len());
         for (index, factor) in factors.iter().enumerate() {
-            let largest = terms.iter().filter_map(|term| term.exponents.get(index)).map(|e| e.unsigned_abs());
+            let largest = terms.clone().filter_map(|(exponents, _)| exponents.get(index)).map(|e| e.unsigned_abs());
             let largest = usize::from(largest.max().unwrap_or(0));
             let first = columns.last().map_or(0, |column| column.atoms.end);
             let atoms = if *factor == Factor::Angle { 2 * largest } else { largest };
@@ -96,15 +107,15 @@ impl Dictionary {
             atoms: columns.last().map_or(0, |column| column.atoms.end),
             columns,
             outputs,
-            products: Vec::new(),
-            factors: Vec::new(),
-            coefficients: Vec::new(),
+            products: Vec::with_capacity(count),
+            factors: Vec::with_capacity(2 * count),
+            coefficients: Vec::with_capacity(2 * count),
         };
-        for term in terms {
-            expect_shape("exponents", &[term.exponents.len()], &[factors.len()])?;
-            expect_shape("coefficients", &[term.coefficients.len()], &[outputs])?;
-            expect_finite("coefficients", term.coefficients.iter().copied())?;
-            dictionary.add(term)?;
+        for (exponents, coefficients) in terms {
+            expect_shape("exponents", &[exponents.len()], &[factors.len()])?;
+            expect_shape("coefficients", &[coefficients.len()], &[outputs])?;
+            expect_finite("coefficients", coefficients.iter().copied())?;
+            dictionary.add(exponents, coefficients)?;
         }
         Ok(dictionary)
     }
@@ -114,9 +125,9 @@ impl Dictionary {
         self.coefficients.iter().all(|(of, _)| *of != output)
     }
 
-    fn add(&mut self, term: &Term) -> Result<(), FormatError> {
+    fn add(&mut self, exponents: &[i16], coefficients: &[f64]) -> Result<(), FormatError> {
         let begin = (self.factors.len(), self.coefficients.len());
-        for (index, (&exponent, column)) in term.exponents.iter().zip(&self.columns).enumerate() {
+        for (index, (&exponent, column)) in exponents.iter().zip(&self.columns).enumerate() {
             let order = usize::from(exponent.unsigned_abs());
             let within = match column.factor {
                 _ if exponent == 0 => continue,
@@ -128,7 +139,7 @@ impl Dictionary {
             };
             self.factors.push((index, column.atoms.start + within));
         }
-        let present = term.coefficients.iter().copied().enumerate().filter(|(_, coefficient)| *coefficient != 0.0);
+        let present = coefficients.iter().copied().enumerate().filter(|(_, coefficient)| *coefficient != 0.0);
         self.coefficients.extend(present);
         if self.coefficients.len() == begin.1 {
             self.factors.truncate(begin.0);
