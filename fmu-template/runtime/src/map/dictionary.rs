@@ -11,10 +11,10 @@
 
 use super::{
     expect_finite, expect_shape,
-    tape::{Register, TapeBuilder},
+    tape::{Register, SumTerm, TapeBuilder},
 };
 use crate::FormatError;
-use std::{collections::BTreeMap, ops::Range};
+use std::ops::Range;
 
 /// What a column contributes to the products.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -283,7 +283,7 @@ impl WrittenDictionary<'_> {
     /// Terms whose factors that are not held are the same have one coefficient.
     fn add(&self, to: Register, output: usize, along: Option<usize>, factor: f64, tape: &mut TapeBuilder) -> Register {
         let Dictionary { products, factors, coefficients, .. } = self.dictionary;
-        let mut sums: BTreeMap<Register, Register> = BTreeMap::new();
+        let mut terms: Vec<SumTerm> = Vec::new();
         for product in products {
             let coefficients = &coefficients[product.coefficients.clone()];
             let factors = &factors[product.factors.clone()];
@@ -303,10 +303,21 @@ impl WrittenDictionary<'_> {
                 let product = if tape.varies(factor) { &mut of_others } else { &mut of_held };
                 *product = tape.product(*product, factor);
             }
-            let sum = sums.entry(of_others).or_insert(tape.zero);
-            *sum = tape.add_scaled(*sum, of_held, coefficient);
+            let place = terms.binary_search_by_key(&of_others, |term| term.of).unwrap_or_else(|place| {
+                terms.insert(place, SumTerm { of: of_others, constant: 0.0, held: tape.zero });
+                place
+            });
+            let SumTerm { constant, held, .. } = &mut terms[place];
+            if of_held == tape.one {
+                *constant += coefficient;
+                continue;
+            }
+            if tape.is_zero(*held) {
+                *held = tape.constant(std::mem::take(constant));
+            }
+            *held = tape.add_scaled(*held, of_held, coefficient);
         }
-        tape.sum(to, sums.into_iter().collect())
+        tape.sum(to, &terms)
     }
 }
 

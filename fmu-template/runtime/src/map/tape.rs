@@ -327,6 +327,14 @@ impl Hasher for QuickHasher {
     }
 }
 
+/// A number in a sum. Its weight is the sum of a constant and a number that is held or constant.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SumTerm {
+    pub(crate) of: Register,
+    pub(crate) constant: f64,
+    pub(crate) held: Register,
+}
+
 /// When a number is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Known {
@@ -336,6 +344,8 @@ enum Known {
     WithInputs,
 }
 
+/// Room for registers that most equations do with.
+const WRITTEN: usize = 256;
 /// Shortest sum that is not computed term by term.
 const LONG: usize = 8;
 /// Zeros with which two runs of numbers become one.
@@ -359,10 +369,12 @@ impl TapeBuilder {
         let mut builder = Self {
             zero: Register(0),
             one: Register(0),
-            known: (0..inputs).map(known).collect(),
-            written: HashMap::default(),
+            known: Vec::with_capacity(inputs + WRITTEN),
+            written: HashMap::with_capacity_and_hasher(WRITTEN, Quick::default()),
             tape: Tape { held: held.clone(), ..Tape::default() },
         };
+        builder.known.extend((0..inputs).map(known));
+        builder.tape.constants.reserve(WRITTEN);
         builder.zero = builder.constant(0.0);
         builder.one = builder.constant(1.0);
         builder
@@ -601,29 +613,23 @@ impl TapeBuilder {
         block
     }
 
-    /// Sum of some numbers times weights that are held or constant, and `c`.
-    pub(crate) fn sum(&mut self, mut c: Register, terms: Vec<(Register, Register)>) -> Register {
-        // without the code of sorting: most terms come in order
-        let mut sorted: Vec<(Register, Register)> = Vec::with_capacity(terms.len());
-        for term in terms {
-            if !self.is_zero(term.0) && !self.is_zero(term.1) {
-                let place = sorted.iter().rposition(|before| *before <= term).map_or(0, |last| last + 1);
-                sorted.insert(place, term);
-            }
-        }
-        let mut rest = sorted.as_slice();
-        while let Some((first, _)) = rest.first() {
-            let gaps = rest.windows(2).take_while(|pair| pair[1].0.0 - pair[0].0.0 <= LARGEST_GAP + 1).count();
+    /// Sum of some numbers times their weights, in the order of the numbers, and `c`.
+    pub(crate) fn sum(&mut self, mut c: Register, terms: &[SumTerm]) -> Register {
+        let mut rest = terms;
+        while let Some(SumTerm { of: first, .. }) = rest.first() {
+            let gaps = rest.windows(2).take_while(|pair| pair[1].of.0 - pair[0].of.0 <= LARGEST_GAP + 1).count();
             let (run, others) = rest.split_at(gaps + 1);
             rest = others;
             if run.len() < LONG {
-                for (number, weight) in run {
-                    c = self.add_product(c, *number, *weight);
+                for term in run {
+                    let weight = self.add_scaled(term.held, self.one, term.constant);
+                    c = self.add_product(c, term.of, weight);
                 }
                 continue;
             }
             let weights = self.weights(run);
-            let known = self.follows(&run.iter().map(|(number, _)| *number).chain([c]).collect::<Vec<_>>());
+            let known =
+                if run.iter().any(|term| self.varies(term.of)) { Known::WithInputs } else { self.follows(&[c]) };
             let to = self.reserve(known);
             let count = weights.len() as u32;
             self.part(known).operations.push(Operation::Products { a: *first, b: weights[0], count, c, to });
@@ -633,23 +639,30 @@ impl TapeBuilder {
     }
 
     /// The weights of a run of numbers one after the other, zero where there is no number.
-    fn weights(&mut self, run: &[(Register, Register)]) -> Vec<Register> {
+    fn weights(&mut self, run: &[SumTerm]) -> Vec<Register> {
         let (zero, one) = (self.zero, self.one);
-        let mut numbers = run.iter().peekable();
-        let mut block = Vec::new();
-        let (first, last) = (run[0].0.0, run[run.len() - 1].0.0);
-        for number in first..=last {
-            let weight = numbers.next_if(|(of, _)| of.0 == number).map_or(zero, |(_, weight)| *weight);
-            let known = self.known[weight.index()];
-            let to = self.reserve(known);
-            match known {
-                Known::Always(value) => self.tape.constants.push((to, value)),
-                _ => {
-                    self.part(known).operations.push(Operation::Product { a: weight, b: one, c: zero, to });
-                }
+        let mut terms = run.iter().peekable();
+        let (first, last) = (run[0].of.0, run[run.len() - 1].of.0);
+        // registers of weights that are held, before the block
+        let term = |of: u32| terms.next_if(|term| term.of.0 == of).copied();
+        let weights = (first..=last).map(term).map(|term| match term {
+            Some(SumTerm { constant, held, .. }) if !self.is_zero(held) => Err(self.add_scaled(held, one, constant)),
+            term => Ok(term.map_or(0.0, |term| term.constant)),
+        });
+        let weights: Vec<Result<f64, Register>> = weights.collect();
+        let of_block = weights.into_iter().map(|weight| match weight {
+            Ok(value) => {
+                let to = self.reserve(Known::Always(value));
+                self.tape.constants.push((to, value));
+                to
             }
-            block.push(to);
-        }
-        block
+            Err(weight) => {
+                let known = self.known[weight.index()];
+                let to = self.reserve(known);
+                self.part(known).operations.push(Operation::Product { a: weight, b: one, c: zero, to });
+                to
+            }
+        });
+        of_block.collect()
     }
 }
