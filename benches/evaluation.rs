@@ -4,8 +4,8 @@
 //! measurements, one of either in turn.
 
 use metafmu_runtime::{
-    Activation, Evaluator, Map, Model, Numbers, Precision, Surrogate, example,
-    graph::{Elementwise, Graph, Operation, Step},
+    Activation, Evaluator, Graph, Numbers, Precision, Surrogate, example,
+    graph::{Elementwise, Operation, Step},
 };
 use std::{hint::black_box, time::Instant};
 
@@ -95,6 +95,6 @@ fn residual(chain: &Surrogate, precision: Precision) -> Surrogate {
         }
         before = steps.len();
     }
-    let map = Map::Graph(Graph { inputs: network.layers[0].inputs, steps });
-    Surrogate::new(chain.metadata().clone(), Model::Response(map)).expect("the layers fit")
+    let graph = Graph { inputs: network.layers[0].inputs, steps };
+    Surrogate::new(chain.metadata().clone(), graph).expect("the layers fit")
 }

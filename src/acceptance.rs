@@ -342,7 +342,7 @@ mod tests {
     fn an_angle_that_winds_up_is_judged_by_its_error_in_radians() {
         let mut metadata = example::surrogate().metadata().clone();
         (metadata.outputs[0].min, metadata.outputs[0].max) = (0.0, 4000.0);
-        let surrogate = Surrogate::new(metadata, example::surrogate().model().clone()).unwrap();
+        let surrogate = Surrogate::new(metadata, example::surrogate().program().clone()).unwrap();
         let of = |rms: f64, largest: f64, accept: &str| {
             let angle = OutputMetrics { max_abs_error: largest, ..metrics(Some(0.999985), rms * rms) };
             let measured = accuracy(angle, metrics(Some(1.0), 0.0));
@@ -389,7 +389,7 @@ mod tests {
     fn a_few_chaotic_runs_do_not_reject_an_angle_that_is_right_in_the_others() {
         let mut metadata = example::surrogate().metadata().clone();
         (metadata.outputs[0].min, metadata.outputs[0].max) = (0.0, 40.0);
-        let surrogate = Surrogate::new(metadata, example::surrogate().model().clone()).unwrap();
+        let surrogate = Surrogate::new(metadata, example::surrogate().program().clone()).unwrap();
         let angle = |largest| OutputMetrics { max_abs_error: largest, ..metrics(Some(0.9), 2.0) };
         let of = |regular: Option<OutputMetrics>| {
             let regular = regular.map(|regular| ("angle".to_owned(), regular));

@@ -11,20 +11,19 @@ use crate::{
     variable::SourceVariable,
 };
 use metafmu_runtime::{
-    Bounds, Encoding, Input, Map, Metadata, Model, Output, OutputArray, Precision, Provenance, Role, State, Surrogate,
-    Variability,
-    graph::{Graph, Step},
+    Bounds, Encoding, Graph, Input, Metadata, Output, OutputArray, Precision, Program, Provenance, Role, State,
+    Surrogate, Variability, graph::Step,
 };
 use std::path::Path;
 
 /// Puts a trained model and what is known about its columns together.
 ///
-/// The model's columns are encoded parameters then time in, outputs out.
+/// The graph's columns are encoded parameters then time in, outputs out.
 ///
 /// # Errors
 /// [`Error::Surrogate`] if the parts do not fit each other.
-pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, model: Model) -> Result<Surrogate> {
-    finish(metadata(study, dataset, train_rows), model)
+pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, graph: Graph) -> Result<Surrogate> {
+    finish(metadata(study, dataset, train_rows), graph.into())
 }
 
 /// The same of a fitted baseline, which has a name, a description and a digest of its own.
@@ -47,10 +46,10 @@ pub fn assemble_baseline(
     metadata.description = format!("{}{space}(baseline model: {name}{constant})", study.description);
     metadata.precision = Precision::Double;
     metadata.provenance.study_digest = study.baseline_digest(kind);
-    finish(metadata, Model::Response(Map::Graph(graph)))
+    finish(metadata, graph.into())
 }
 
-/// The same of a model with states, whose outputs have the ranges of the dataset's. `ranges`: of each state the range in which the
+/// The same of a program with states, whose outputs have the ranges of the dataset's. `ranges`: of each state the range in which the
 /// equations were learned, if not every number is as good.
 ///
 /// # Errors
@@ -59,7 +58,7 @@ pub fn assemble_with_states(
     study: &Study,
     (dataset, rows): (&Dataset, usize),
     (driven, ranges): (&Driven, &[Option<[f64; 2]>]),
-    model: Model,
+    program: Program,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, rows);
     let parameters = study.parameters.len();
@@ -93,10 +92,10 @@ pub fn assemble_with_states(
     let states = driven.states().iter().zip(ranges).zip(usual);
     metadata.states = states.map(|((state, range), usual)| of_state(own_name(state), range, range.or(usual))).collect();
     metadata.stop_time = Some(study.time.stop);
-    finish(metadata, model)
+    finish(metadata, program)
 }
 
-/// The same of a model that goes on from sample to sample; `drives`: the value of each input before the start, and the range that is wanted,
+/// The same of a program that goes on from sample to sample; `drives`: the value of each input before the start, and the range that is wanted,
 /// infinite where the one of the dataset counts.
 ///
 /// # Errors
@@ -105,7 +104,7 @@ pub fn assemble_discrete(
     study: &Study,
     (dataset, rows): (&Dataset, usize),
     drives: &[(f64, [f64; 2])],
-    model: Model,
+    program: Program,
 ) -> Result<Surrogate> {
     let mut metadata = metadata(study, dataset, rows);
     // the time is no input
@@ -143,13 +142,13 @@ pub fn assemble_discrete(
         metadata.inputs.push(variable(&of, Role::Start, (output.min, output.max), start));
     }
     // of a single past sample the inputs before the start do not count
-    let past_starts = if let Model::Discrete(discrete) = &model { discrete.past_starts() } else { 0 };
-    for (of, input) in of_inputs.iter().zip(&driven).take(past_starts) {
+    let counts = program.sampling().is_some_and(|sampling| sampling.history[1] > 1);
+    for (of, input) in of_inputs.iter().zip(&driven).filter(|_| counts) {
         metadata.inputs.push(variable(of, Role::Start, (input.min, input.max), input.start));
     }
     metadata.inputs.extend(driven);
     metadata.stop_time = Some(study.time.stop);
-    finish(metadata, model)
+    finish(metadata, program)
 }
 
 /// Unit of the derivative of what has a unit.
@@ -174,8 +173,8 @@ fn of_state(
     State { name, unit, rate_unit, description, range, nominal }
 }
 
-fn finish(metadata: Metadata, model: Model) -> Result<Surrogate> {
-    seal(Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })?)
+fn finish(metadata: Metadata, program: Program) -> Result<Surrogate> {
+    seal(Surrogate::new(metadata, program).map_err(|source| Error::Surrogate { source })?)
 }
 
 fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
@@ -298,7 +297,7 @@ pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
     };
     let may_change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
     // what has states follows every change
-    let change = (may_change && !surrogate.goes_on()).then(|| {
+    let change = (may_change && !surrogate.program().goes_on()).then(|| {
         "constant in each training run: after a change outputs are as if it had been so from the start".into()
     });
     let more: Vec<String> = values.into_iter().chain(change).collect();

@@ -1,7 +1,7 @@
 //! Rows and closed forms for the tests of all baselines.
 
 use crate::{Fitted, StandardizedRows};
-use metafmu_runtime::{Map, Scaling, graph::Step};
+use metafmu_runtime::{Scaling, graph::Step};
 use nalgebra::{DMatrix, DVector};
 
 /// Two parameters, the time, two outputs that are smooth and not linear.
@@ -51,13 +51,12 @@ pub fn least_squares(rows: &StandardizedRows, output: usize, alpha: f64) -> Vec<
 /// Standardised outputs of a formula at a row.
 pub fn formula_at(fitted: &Fitted, rows: &StandardizedRows, row: usize) -> Vec<f64> {
     let Fitted::Formula(graph) = fitted else { panic!("no formula") };
-    let map = Map::Graph(graph.clone());
-    map.check(rows.inputs, rows.outputs).unwrap();
+    graph.check(rows.inputs, rows.outputs).unwrap();
     let scaling = &rows.scaling;
     let x: Vec<f64> = (0..rows.inputs)
         .map(|i| scaling.input_mean[i] + scaling.input_scale[i] * rows.x[row * rows.inputs + i])
         .collect();
-    let y = map.evaluate(&[x], rows.outputs).remove(0);
+    let y = graph.evaluate(&[x]).remove(0);
     y.iter().enumerate().map(|(o, y)| (y - scaling.output_mean[o]) / scaling.output_scale[o]).collect()
 }
 

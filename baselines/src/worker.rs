@@ -5,7 +5,7 @@
 //! predictions. All numbers are little-endian doubles.
 
 use crate::{BaselineKind, Baselines, Fitted, StandardizedRows, model};
-use metafmu_runtime::{Map, Scaling};
+use metafmu_runtime::Scaling;
 use serde::{Deserialize, Serialize};
 use std::{
     io::{BufRead, BufReader, Read, Write},
@@ -144,9 +144,8 @@ impl FitTask {
         let StandardizedRows { inputs, outputs, scaling, .. } = &self.rows;
         match fitted {
             Fitted::Formula(graph) => {
-                let map = Map::Graph(graph.clone());
-                map.check(*inputs, *outputs).map_err(|error| error.to_string())?;
-                Ok(map.evaluate(&self.test.chunks(*inputs).collect::<Vec<_>>(), *outputs).concat())
+                graph.check(*inputs, *outputs).map_err(|error| error.to_string())?;
+                Ok(graph.evaluate(&self.test.chunks(*inputs).collect::<Vec<_>>()).concat())
             }
             Fitted::Library(model) => {
                 let columns = scaling.input_mean.iter().zip(&scaling.input_scale).cycle();

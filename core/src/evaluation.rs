@@ -11,7 +11,7 @@ use crate::{
 };
 pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Model, Scratch, Surrogate};
+use metafmu_runtime::{Evaluator, Scratch, Surrogate};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
 pub use roll_outs::{CHAOTIC, Horizon, OFF, RollOuts, constraint_residual};
@@ -112,7 +112,7 @@ impl Accuracy {
 
     /// The same from [`predict_all`]'s predictions.
     pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
-        let roll_outs = surrogate.goes_on().then(|| RollOuts::of(surrogate, test, predictions));
+        let roll_outs = surrogate.program().goes_on().then(|| RollOuts::of(surrogate, test, predictions));
         let chaotic = roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
         let of_runs = |runs: &[usize]| -> IndexMap<String, OutputMetrics> {
             let names = surrogate.outputs().iter().map(|output| output.name.clone());
@@ -182,7 +182,7 @@ impl Accuracy {
 /// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
 /// being linear between two rows; what cannot be computed is not a number.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
-    if surrogate.goes_on() {
+    if surrogate.program().goes_on() {
         return RollOut::along(surrogate, evaluator, run).predictions();
     }
     let mut scratch = evaluator.scratch();
@@ -204,9 +204,9 @@ pub fn predict_all(surrogate: &Surrogate, test: &Dataset) -> Vec<Vec<f64>> {
 /// Index of the first row of a run that a surrogate predicts. A discrete-time one is given the rows before the start, or else the outputs
 /// of the first row, which it begins with.
 pub fn first_predicted(surrogate: &Surrogate, run: &Run) -> usize {
-    match surrogate.model() {
-        Model::Discrete(_) => run.times.partition_point(|time| *time < 0.0).max(1).min(run.times.len()),
-        _ => 0,
+    match surrogate.program().sampling() {
+        Some(_) => run.times.partition_point(|time| *time < 0.0).max(1).min(run.times.len()),
+        None => 0,
     }
 }
 

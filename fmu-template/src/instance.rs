@@ -6,9 +6,7 @@ use crate::{
     state::{Interface, Row, State, Version},
     status::{Refusal, Status, Warning},
 };
-use metafmu_runtime::{
-    Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Model, Role, Scratch, Surrogate,
-};
+use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Role, Scratch, Surrogate};
 use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
 use variables::Variables;
 
@@ -118,10 +116,10 @@ impl Instance {
         if token != expected {
             return Err(LoadError::Token { path, found: token.to_owned(), expected });
         }
-        if let (Model::Discrete(_), Interface::ModelExchange) = (surrogate.model(), kind.interface) {
+        let is_smooth = surrogate.program().sampling().is_none();
+        if !is_smooth && kind.interface == Interface::ModelExchange {
             return Err(LoadError::OnlyCoSimulation);
         }
-        let is_smooth = !matches!(surrogate.model(), Model::Discrete(_));
         let evaluator = Evaluator::new(&surrogate);
         let metadata = surrogate.metadata();
         let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
@@ -152,7 +150,7 @@ impl Instance {
             nominals: metadata.states.iter().map(|state| state.nominal).collect(),
             before: now.clone(),
             now,
-            integration: surrogate.model().integration(),
+            integration: surrogate.program().integration(),
             since: 0.0,
             is_smooth,
             warned: vec![false; values.len()],
@@ -451,7 +449,7 @@ impl Instance {
         if self.stale {
             self.update_point();
             self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
-            // a map is finite at every finite point
+            // without states it is finite at every finite point
             if self.goes_on() && self.results.iter().any(|value| !value.is_finite()) {
                 return Err(self.not_computable());
             }

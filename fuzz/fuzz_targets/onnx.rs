@@ -1,4 +1,4 @@
-//! Whatever the bytes of an ONNX file, reading it ends with columns or with sentences, and the map between all columns can be evaluated.
+//! Whatever the bytes of an ONNX file, reading it ends with columns or with messages, and the graph between all columns can be evaluated.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
@@ -12,6 +12,6 @@ fuzz_target!(|bytes: &[u8]| {
         outputs: (0..imported.outputs.len()).map(OutputSource::Column).collect(),
         states: Vec::new(),
     };
-    let Ok(map) = imported.into_map(&mapping, inputs) else { return };
-    map.check(inputs, mapping.outputs.len()).expect("a graph that was read is a valid one");
+    let Ok(graph) = imported.into_graph(&mapping, inputs) else { return };
+    graph.check(inputs, mapping.outputs.len()).expect("a graph that was read is a valid one");
 });

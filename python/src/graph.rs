@@ -6,7 +6,7 @@ use metafmu::{
     interface::ModelInterface,
 };
 use metafmu_runtime::{
-    Activation, Layer, Map, Model, Numbers, ScaledNetwork,
+    Activation, Layer, Numbers, ScaledNetwork,
     graph::{Elementwise, Forest, LEAF, Node, Operation, Step, Tree},
 };
 use pyo3::{prelude::*, types::PyByteArray};
@@ -125,9 +125,8 @@ impl PyGraph {
 
     /// The network of a surrogate, as steps: that of a regressor of ours in a pipeline.
     fn network(&mut self, of: usize, surrogate: &PySurrogate) -> PyResult<usize> {
-        let Model::Response(Map::Network(ScaledNetwork { scaling, layers })) = surrogate.surrogate.model() else {
-            return Err(refused("no network"));
-        };
+        let network = surrogate.surrogate.network();
+        let ScaledNetwork { scaling, layers } = network.ok_or_else(|| refused("no network"))?;
         let builder = self.of(&[of])?;
         lengths("columns", builder.width(of), scaling.input_mean.len())?;
         let made = (|| {
@@ -136,8 +135,8 @@ impl PyGraph {
             let factors: Vec<f64> = scaling.input_scale.iter().map(|scale| 1.0 / scale).collect();
             value = builder.elementwise(value, Elementwise::Linear, linear(&factors, &vec![0.0; factors.len()]))?;
             for Layer { weight, bias, activation, .. } in layers {
-                value = builder.affine(value, weight.clone(), bias.clone())?;
-                value = builder.elementwise(value, Elementwise::Activation(*activation), Vec::new())?;
+                value = builder.affine(value, weight, bias)?;
+                value = builder.elementwise(value, Elementwise::Activation(activation), Vec::new())?;
             }
             builder.elementwise(value, Elementwise::Linear, linear(&scaling.output_scale, &scaling.output_mean))
         })();
@@ -182,7 +181,7 @@ impl PyGraph {
 
     fn standardise(&mut self, of: usize, epsilon: f64) -> PyResult<usize> {
         let builder = self.of(&[of])?;
-        let made = builder.add(Step::Standardise { of, epsilon }, builder.width(of));
+        let made = builder.add(Step::Normalize { of, epsilon }, builder.width(of));
         self.made(made)
     }
 
@@ -240,9 +239,8 @@ impl PyGraph {
         self.check_columns(&columns)?;
         let builder = self.of(&[])?.clone();
         let points = rows(Some(x), builder.width(0)).unwrap_or_default();
-        let outputs = columns.len();
-        let map = builder.finish(columns).map_err(refused)?;
-        Ok(PyByteArray::new(py, &bytes(&map.evaluate(&points, outputs).concat())))
+        let graph = builder.finish(columns).map_err(refused)?;
+        Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).concat())))
     }
 
     /// Ends with these numbers as the outputs of a model, whose columns have names: `named` has those of the inputs and of the outputs.
@@ -283,9 +281,9 @@ impl PyGraph {
         let variables = interface.variables().count();
         let builder = self.taken(&columns, [variables, interface.outputs.len()])?;
         let rows = rows(data, variables);
-        let map = builder.finish(columns).map_err(refused)?;
+        let graph = builder.finish(columns).map_err(refused)?;
         let about = About { path: Path::new(&interface.name), content, is_single: single, producer };
-        let made = shared(|| import::of_map(map, about, &interface, rows));
+        let made = shared(|| import::of_graph(graph, about, &interface, rows));
         made.map(PySurrogate::new).map_err(refused)
     }
 }

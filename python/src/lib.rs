@@ -129,7 +129,7 @@ impl PySurrogate {
 
     /// Refuses a surrogate with states: rows do not say what was before.
     fn stateless(&self) -> PyResult<()> {
-        if !self.surrogate.goes_on() {
+        if !self.surrogate.program().goes_on() {
             return Ok(());
         }
         let name = &self.surrogate.metadata().name;
@@ -140,7 +140,7 @@ impl PySurrogate {
 
     /// Refuses a surrogate without states: there is nothing to begin with.
     fn stateful(&self) -> PyResult<()> {
-        if self.surrogate.goes_on() {
+        if self.surrogate.program().goes_on() {
             return Ok(());
         }
         let name = &self.surrogate.metadata().name;
@@ -264,12 +264,12 @@ fn onnx_evaluate<'py>(
     x: &[u8],
 ) -> PyResult<Bound<'py, PyByteArray>> {
     let evaluated = detached(py, || {
-        let Imported { inputs, outputs, builder, columns, recurrences, .. } =
+        let Imported { inputs, builder, columns, recurrences, .. } =
             onnx::read(model, folder.as_deref()).map_err(|problems| problems.join("\n"))?;
         let mut points = rows(Some(x), inputs.len()).unwrap_or_default();
         let starts: Vec<f64> = recurrences.into_iter().flat_map(|state| state.start).collect();
         points.iter_mut().for_each(|point| point.extend(&starts));
-        Ok(builder.finish(columns)?.evaluate(&points, outputs.len()).concat())
+        Ok(builder.finish(columns)?.evaluate(&points).concat())
     });
     evaluated.map(|values| PyByteArray::new(py, &bytes(&values))).map_err(|problem: String| refused(problem))
 }

@@ -5,7 +5,6 @@ the network in numpy, from the model file alone.
 """
 
 import argparse
-import json
 import re
 import subprocess
 import tempfile
@@ -15,10 +14,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from common import METAFMU, ROOT
-from safetensors import safe_open
-from scipy.special import expit, ndtr
-
-ACTIVATIONS = {"tanh": np.tanh, "sigmoid": expit, "silu": lambda x: x * expit(x), "gelu": lambda x: x * ndtr(x), "relu": lambda x: np.maximum(x, 0), "sine": np.sin, "identity": lambda x: x}
+from model_file import evaluate, load
 
 
 def main() -> None:
@@ -33,17 +29,17 @@ def main() -> None:
         name = tomllib.loads(study.read_text())["name"]
         if not (model := options.out / name / f"{name}.safetensors").is_file():
             parser.error(f"{model} is missing: expected a study that was built (metafmu build {study}), or --out with the folder of its results")
-        metadata, predict = network(model)
+        metadata, tensors = load(model)
         if "bounds" not in metadata:
             parser.error(f"{study} was built without [bounds]")
         outputs, half_widths = metadata["outputs"], metadata["bounds"]["half_widths"]
-        shares = [coverage(study, seed, options.runs, metadata, predict) for seed in options.seeds]
+        shares = [coverage(study, seed, options.runs, metadata, tensors) for seed in options.seeds]
         for output, half_width, *within in zip(outputs, half_widths, *shares):
             found = "  ".join(f"{100 * share:.2f}" for share in within)
             print(f"{name:16} {output['name']:10} {half_width:.3e}    {found}")
 
 
-def coverage(study: Path, seed: int, runs: int, metadata: dict, predict) -> np.ndarray:
+def coverage(study: Path, seed: int, runs: int, metadata: dict, tensors: dict) -> np.ndarray:
     text = re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study.read_text())
     text = re.sub(r"(?m)^test_runs = \d+", f"test_runs = {runs}", text)
     # training runs are not needed here, but a study has some
@@ -59,24 +55,9 @@ def coverage(study: Path, seed: int, runs: int, metadata: dict, predict) -> np.n
             fresh.unlink()
         table = pd.read_csv(Path(folder) / "test.csv")
     inputs = table[[column["name"] for column in metadata["inputs"]]].to_numpy()
-    errors = np.abs(predict(inputs) - table[[column["name"] for column in metadata["outputs"]]].to_numpy())
+    predictions = evaluate(tensors, encoded(inputs, metadata["inputs"]))
+    errors = np.abs(predictions - table[[column["name"] for column in metadata["outputs"]]].to_numpy())
     return np.mean(errors <= metadata["bounds"]["half_widths"], axis=0)
-
-
-def network(path: Path):
-    """What the model file says of itself, and its predictions as a function of rows."""
-    with safe_open(path, "numpy") as file:
-        metadata = json.loads(file.metadata()["metafmu"])
-        tensors = {key: file.get_tensor(key).astype(np.float64) for key in file.keys()}
-
-    def predict(inputs: np.ndarray) -> np.ndarray:
-        z = (encoded(inputs, metadata["inputs"]) - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
-        for layer, activation in enumerate(metadata["model"]["outputs"]["activations"]):
-            z = z @ tensors[f"outputs.layers.{layer}.weight"].T + tensors[f"outputs.layers.{layer}.bias"]
-            z = ACTIVATIONS[activation](z)
-        return tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * z
-
-    return metadata, predict
 
 
 def encoded(rows: np.ndarray, inputs: list) -> np.ndarray:

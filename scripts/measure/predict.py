@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from common import METAFMU
-from safetensors import safe_open
+from model_file import load, network
 
 # rows at a time: small enough for the cache
 BLOCK = 4096
@@ -25,15 +25,11 @@ BLOCK = 4096
 
 class Network:
     def __init__(self, path):
-        with safe_open(path, "numpy") as file:
-            [text] = file.metadata().values()
-            tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
-        description = json.loads(text)
+        description, tensors = load(path)
         self.inputs, self.outputs = description["inputs"], [output["name"] for output in description["outputs"]]
-        self.scaling = [tensors[f"outputs.{name}"] for name in ("input_mean", "input_scale", "output_mean", "output_scale")]
-        self.layers = []
-        while (name := f"outputs.layers.{len(self.layers)}") + ".weight" in tensors:
-            self.layers.append((tensors[f"{name}.weight"].T.copy(), tensors[f"{name}.bias"]))
+        inputs, layers, outputs = network(tensors)
+        self.scaling = [*inputs, *outputs]
+        self.layers = [(weight.T.copy(), bias) for weight, bias in layers]
 
     def by_numpy(self, x):
         mean, scale, output_mean, output_scale = self.scaling

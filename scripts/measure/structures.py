@@ -27,7 +27,7 @@ import numpy as np
 from common import ROOT
 from fmpy import extract, read_model_description
 from fmpy.fmi2 import FMU2Slave
-from safetensors import safe_open
+from model_file import evaluate, load
 
 OUTPUTS = ["theta", "thetad", "thetadd"]
 PARAMETERS = ["L", "c", "thetad0"]
@@ -75,34 +75,10 @@ def metafmu(*arguments):
     return now.ru_utime + now.ru_stime - usage.ru_utime - usage.ru_stime, time.monotonic() - began
 
 
-def load(path):
-    with safe_open(path, "numpy") as file:
-        tensors = {name: file.get_tensor(name).astype(float) for name in file.keys()}
-        return tensors, json.loads(file.metadata()["metafmu"])["model"]["outputs"]["activations"]
-
-
-def network(tensors, activations, inputs):
-    """Outputs at [..., columns], the tensors of one network or, with the instant in front, of all."""
-    column = (lambda name: tensors[name][..., None, :]) if "instants" in tensors else (lambda name: tensors[name])
-    values = (inputs - column("outputs.input_mean")) / column("outputs.input_scale")
-    functions = {"tanh": np.tanh, "relu": lambda x: np.maximum(x, 0), "identity": lambda x: x}
-    for layer, activation in enumerate(activations):
-        values = values @ np.swapaxes(tensors[f"outputs.layers.{layer}.weight"], -1, -2) + column(f"outputs.layers.{layer}.bias")
-        values = functions[activation](values)
-    return column("outputs.output_mean") + column("outputs.output_scale") * values
-
-
-def predict(model, parameters, times):
+def predict(tensors, parameters, times):
     """[runs, times, outputs]"""
-    tensors, activation = model
-    if "instants" not in tensors:
-        rows = [np.column_stack([np.tile(run, (len(times), 1)), times]) for run in parameters]
-        return np.stack([network(tensors, activation, inputs) for inputs in rows])
-    instants = tensors["instants"]
-    values = network(tensors, activation, parameters).swapaxes(0, 1)
-    left = np.clip(np.searchsorted(instants, times, "right") - 1, 0, len(instants) - 2)
-    weight = ((times - instants[left]) / np.diff(instants)[left])[:, None]
-    return (1 - weight) * values[:, left] + weight * values[:, left + 1]
+    rows = np.column_stack([np.repeat(parameters, len(times), axis=0), np.tile(times, len(parameters))])
+    return evaluate(tensors, rows).reshape(len(parameters), len(times), -1)
 
 
 def truth(path):
@@ -167,7 +143,7 @@ class Result:
         metafmu("export", path, "--out", folder)
         self.size, self.fmu_size = ((folder / f"single-pendulum.{kind}").stat().st_size for kind in ("safetensors", "fmu"))
         self.step, self.instantiation = speed(folder / "single-pendulum.fmu")
-        self.model = load(folder / "single-pendulum.safetensors")
+        _, self.model = load(folder / "single-pendulum.safetensors")
         parameters, times, expected = unseen
         found = predict(self.model, parameters, times)
         on = (found[:, ::FINER], expected[:, ::FINER])

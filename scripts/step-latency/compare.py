@@ -16,9 +16,10 @@ import numpy as np
 import onnx
 import onnxruntime
 from onnx import TensorProto, helper, numpy_helper
-from safetensors.numpy import load_file
 
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE.parent / "measure"))
+from model_file import load, network
 WORK = Path("target/step-latency")
 METAFMU = Path("target/release/metafmu")
 # the parameters step.c sets, at the end of its run
@@ -48,14 +49,12 @@ def unpack(fmu, folder):
 
 def layers_of(model):
     """Weights, inputs by outputs, and biases, with the scaling of inputs and outputs folded in."""
-    tensors = load_file(model)
-    layers = []
-    while (name := f"outputs.layers.{len(layers)}") + ".weight" in tensors:
-        layers.append([tensors[f"{name}.weight"].astype(float).T, tensors[f"{name}.bias"].astype(float)])
+    (input_mean, input_scale), layers, (output_mean, output_scale) = network(load(model)[1])
+    layers = [[weight.T, bias] for weight, bias in layers]
     first, last = layers[0], layers[-1]
-    first[0] = first[0] / tensors["outputs.input_scale"][:, None]
-    first[1] = first[1] - tensors["outputs.input_mean"] @ first[0]
-    last[0], last[1] = last[0] * tensors["outputs.output_scale"], last[1] * tensors["outputs.output_scale"] + tensors["outputs.output_mean"]
+    first[0] = first[0] / input_scale[:, None]
+    first[1] = first[1] - input_mean @ first[0]
+    last[0], last[1] = last[0] * output_scale, last[1] * output_scale + output_mean
     return layers
 
 

@@ -12,9 +12,10 @@ use crate::{
     study::ExportOptions,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, Discrete, Encoding, Input, Integration, Layer, Map, Model, Motion, Output, Precision, Role, State,
-    StateSpace, Surrogate, Variability,
-    graph::{Elementwise, Forest, Graph, Step},
+    Bounds, BuiltIn, Clock, Encoding, Graph, Input, Integration, Layer, Motion, Output, Precision, Program, Role,
+    Sampling, State, Surrogate, Variability,
+    dictionary::Dictionary,
+    graph::{Elementwise, Forest, Step},
     law::NetworkTerm,
 };
 
@@ -46,14 +47,14 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
         &mut page,
         &format!(
             "<p>This FMU is {} that stands in for a simulation model. {}{}.</p>",
-            what(surrogate.model()),
-            match surrogate.model() {
-                Model::Motion(_) | Model::StateSpace(_) if !surrogate.states().is_empty() =>
+            what(surrogate.program()),
+            match surrogate.program().clock {
+                Clock::Continuous(_) =>
                     "It integrates its states, driven by its inputs; any communication step size will do",
-                Model::Discrete(_) =>
+                Clock::Sampled(_) =>
                     "It goes on from sample to sample, driven by its inputs; between samples outputs are linear in time, and any \
                      communication step size will do",
-                _ => {
+                Clock::Static => {
                     "It computes its outputs directly from its inputs, parameters and the time, any step size will do"
                 }
             },
@@ -79,7 +80,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
 /// What holds of values that were constant in each run of the training.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
     let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
-    if !surrogate.goes_on() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
+    if !surrogate.program().goes_on() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
         ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
          training they were constant"
     } else {
@@ -87,15 +88,18 @@ fn unchanged(surrogate: &Surrogate) -> &'static str {
     }
 }
 
-/// The kind of model.
-fn what(model: &Model) -> &'static str {
-    match model {
-        Model::Response(Map::Network(_)) | Model::PerInstant { .. } => "a neural network",
-        Model::Response(Map::Graph(graph)) => of_baseline(graph).map_or("a model of another tool", |(what, _)| what),
-        Model::Motion(_) => "equations of motion with learned functions of the configuration",
-        Model::StateSpace(_) => "learned derivatives of states",
-        Model::Discrete(discrete) if discrete.hidden.is_empty() => "a model of recorded inputs and outputs",
-        Model::Discrete(_) => "a model with a memory",
+/// What it is, in words.
+fn what(program: &Program) -> &'static str {
+    match &program.clock {
+        Clock::Static if program.graph.is_network() || program.graph.instants().is_some() => "a neural network",
+        Clock::Static if program.graph.dictionary().is_some() => "learned functions of its inputs",
+        Clock::Static => of_baseline(&program.graph).map_or("a model of another tool", |(what, _)| what),
+        Clock::Continuous(_) if program.motion().is_some() => {
+            "equations of motion with learned functions of the configuration"
+        }
+        Clock::Continuous(_) => "learned derivatives of states",
+        Clock::Sampled(sampling) if sampling.hidden.is_empty() => "a model of recorded inputs and outputs",
+        Clock::Sampled(_) => "a model with a memory",
     }
 }
 
@@ -271,16 +275,26 @@ fn domain(surrogate: &Surrogate, page: &mut String) {
 /// What the outputs are computed with.
 fn model(surrogate: &Surrogate) -> String {
     let metadata = surrogate.metadata();
-    let (count, layers) = match surrogate.model() {
-        Model::Response(Map::Network(network)) => (1, &network.layers),
-        Model::PerInstant { networks, .. } => (networks.len(), &networks[0].layers),
-        Model::Response(Map::Graph(graph)) => {
-            let size = of_baseline(graph).map(|(_, size)| format!("{size}, computed in double precision"));
-            return size.unwrap_or_else(|| size_of_graph(graph));
+    let Program { graph, clock } = surrogate.program();
+    let (count, network) = match (clock, graph.instants()) {
+        (Clock::Continuous(integration), _) => {
+            let size = match surrogate.program().motion() {
+                Some(motion) => size_of_motion(motion, *integration),
+                None => {
+                    let functions = size_of_functions(graph, &format!("of {} states, ", surrogate.states().len()));
+                    format!("{functions}; {}", integrated(*integration))
+                }
+            };
+            return size + &accuracy_of_solver(metadata.solver_error);
         }
-        Model::Motion(motion) => return size_of_motion(motion) + &accuracy_of_solver(metadata.solver_error),
-        Model::StateSpace(space) => return size_of_state_space(space) + &accuracy_of_solver(metadata.solver_error),
-        Model::Discrete(discrete) => return size_of_discrete(discrete),
+        (Clock::Static, _) if graph.dictionary().is_some() => return size_of_functions(graph, ""),
+        (Clock::Sampled(sampling), _) => return size_of_samples(graph, sampling),
+        (Clock::Static, Some((instants, functions))) => (instants.len(), functions[0].network()),
+        (Clock::Static, None) => (1, graph.network()),
+    };
+    let Some(network) = network else {
+        let size = of_baseline(graph).map(|(_, size)| format!("{size}, computed in double precision"));
+        return size.unwrap_or_else(|| size_of_graph(graph));
     };
     let precision = match metadata.precision {
         Precision::Double => "double precision",
@@ -291,7 +305,7 @@ fn model(surrogate: &Surrogate) -> String {
     } else {
         String::new()
     };
-    format!("network, {}{each}, computed in {precision}", nodes(layers))
+    format!("network, {}{each}, computed in {precision}", nodes(&network.layers))
 }
 
 /// Kind and size of a baseline, from steps that only baselines have: a mean is subtracted first, kernels are Gaussian.
@@ -332,27 +346,29 @@ fn size_of_graph(graph: &Graph) -> String {
     format!("graph of {} steps with {weights} weights, computed in double precision", graph.steps.len())
 }
 
-/// What derivatives and outputs are computed with, and how the states are integrated.
-fn size_of_state_space(space: &StateSpace) -> String {
-    let StateSpace { counts: [.., states], functions, map, integration, .. } = space;
-    let products = match functions.products() {
+/// What functions `of` states, of inputs and parameters are computed with.
+fn size_of_functions(graph: &Graph, of: &str) -> String {
+    let products = match graph.dictionary().map_or(0, Dictionary::products) {
         0 => None,
         count => Some(format!("{count} products of sines, cosines and powers")),
     };
-    let given: Vec<String> = products.into_iter().chain(map.iter().map(of_map)).collect();
-    format!(
-        "{} functions of {states} states, of inputs and parameters: {}; {}",
-        functions.outputs(),
-        given.join(", and "),
-        integrated(*integration),
-    )
+    let called = graph.called();
+    let functions = graph.dictionary().map(Dictionary::outputs).or(called.map(outputs)).unwrap_or_default();
+    let given: Vec<String> = products.into_iter().chain(called.map(of_function)).collect();
+    format!("{functions} functions {of}of inputs and parameters: {}", given.join(", and "))
+}
+
+/// Number of outputs of a checked graph.
+fn outputs(graph: &Graph) -> usize {
+    graph.widths().ok().and_then(|widths| widths.last().copied()).unwrap_or_default()
 }
 
 /// What the next outputs are computed from, and with what.
-fn size_of_discrete(discrete: &Discrete) -> String {
-    let Discrete { hidden, history: [outputs, inputs], step, weights, map, .. } = discrete;
-    let linear = (!weights.is_empty() || map.is_none()).then(|| "a linear function".into());
-    let given: Vec<String> = linear.into_iter().chain(map.iter().map(of_map)).collect();
+fn size_of_samples(graph: &Graph, sampling: &Sampling) -> String {
+    let Sampling { hidden, history: [outputs, inputs], step, .. } = sampling;
+    let is_linear = graph.steps.iter().any(|step| matches!(step, Step::Affine { .. }));
+    let linear = is_linear.then(|| "a linear function".into());
+    let given: Vec<String> = linear.into_iter().chain(graph.called().map(of_function)).collect();
     let hidden = match hidden.len() {
         0 => String::new(),
         count => format!(" and of {count} hidden states"),
@@ -364,17 +380,17 @@ fn size_of_discrete(discrete: &Discrete) -> String {
     )
 }
 
-/// A map beside other functions.
-fn of_map(map: &Map) -> String {
-    match map {
-        Map::Network(network) => format!("a network, {}", nodes(&network.layers)),
-        Map::Graph(graph) => format!("a {}", size_of_graph(graph)),
+/// A function beside others.
+fn of_function(function: &Graph) -> String {
+    match function.network() {
+        Some(network) => format!("a network, {}", nodes(&network.layers)),
+        None => format!("a {}", size_of_graph(function)),
     }
 }
 
 /// How large the functions in equations of motion are, and how they are integrated.
-fn size_of_motion(motion: &Motion) -> String {
-    let Motion { dynamics, positions, reactions, integration, .. } = motion;
+fn size_of_motion(motion: &Motion, integration: Integration) -> String {
+    let Motion { dynamics, positions, reactions, .. } = motion;
     let network = |what: &str, term: Option<&NetworkTerm>| {
         term.map_or(String::new(), |term| format!(", a network for {what}, {}", nodes(&term.network().layers)))
     };
@@ -392,7 +408,7 @@ fn size_of_motion(motion: &Motion) -> String {
         dynamics.law().dictionary().products(),
         positions.dictionary().products(),
         networks.concat(),
-        integrated(*integration),
+        integrated(integration),
     )
 }
 

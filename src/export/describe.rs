@@ -12,8 +12,8 @@ use crate::{
     surrogate::input_description,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, DomainPolicy, Encoding, Given, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Model,
-    Output, OutputArray, Quantity, Role, Shown, State, StateSpace, Surrogate, Variable,
+    Bounds, BuiltIn, Clock, DomainPolicy, Encoding, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output,
+    OutputArray, Ports, Quantity, Role, Shown, State, Surrogate, Variable, graph::Step,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -31,7 +31,7 @@ impl ModelDescription {
         let Metadata { name, description, .. } = surrogate.metadata();
         let table: Vec<(u32, &Variable)> = table(surrogate, fmi_version).collect();
         let v3 = fmi_version == FmiVersion::V3;
-        let is_discrete = matches!(surrogate.model(), Model::Discrete(_));
+        let is_discrete = surrogate.program().sampling().is_some();
         // between the steps of the solver
         let updates = v3 && !surrogate.states().is_empty();
         let interface = InterfaceCapabilities {
@@ -262,7 +262,7 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> DescribedVariable {
 
 /// What descriptions of built-in variables depend on.
 pub(super) fn known(surrogate: &Surrogate) -> Known {
-    let fed_back = matches!(surrogate.model(), Model::Discrete(discrete) if discrete.support.is_some());
+    let fed_back = surrogate.program().sampling().is_some_and(|sampling| sampling.support.is_some());
     Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some(), fed_back }
 }
 
@@ -311,7 +311,7 @@ fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
 
 /// What is said of a solver that does not control its error.
 fn of_fixed_steps(surrogate: &Surrogate) -> String {
-    match (surrogate.model().integration(), surrogate.metadata().solver_error) {
+    match (surrogate.program().integration(), surrogate.metadata().solver_error) {
         (Some(Integration::Fixed { step }), Some(error)) => {
             format!(" (solver: fixed steps of {step} s, in the domain as a start off by {error:.1e} at most)")
         }
@@ -324,7 +324,7 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     DefaultExperiment {
         start: Some(time.map_or(0.0, |time| time.min)),
         stop: time.map(|time| time.max).or(surrogate.metadata().stop_time),
-        tolerance: surrogate.model().integration().and_then(Integration::tolerance),
+        tolerance: surrogate.program().integration().and_then(Integration::tolerance),
         step_size: Some(surrogate.metadata().time_step),
     }
 }
@@ -352,17 +352,17 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     let later = [driven.as_slice(), &states].concat();
     // what does not follow at once from an input is not said to: hosts would see algebraic loops
     let known = |position: usize| -> Vec<usize> {
-        let motion = match surrogate.model() {
-            Model::Motion(motion) => motion,
-            Model::StateSpace(space) => {
-                return known_in_state_space(space, table[position].1.quantity, surrogate, &states, &later);
+        let motion = match (&surrogate.program().clock, surrogate.program().motion()) {
+            (Clock::Continuous(_), Some(motion)) => motion,
+            (Clock::Continuous(_), None) => {
+                return known_of_rates(table[position].1.quantity, surrogate, &states, &later);
             }
             // what is remembered is no variable, and an input counts from the next sample on
-            Model::Discrete(_) => match table[position].1.quantity {
+            (Clock::Sampled(_), _) => match table[position].1.quantity {
                 Quantity::Output(_) | Quantity::Array(_) => return Vec::new(),
                 _ => return later.clone(),
             },
-            Model::Response(_) | Model::PerInstant { .. } => return later.clone(),
+            (Clock::Static, _) => return later.clone(),
         };
         let follows_inputs = |output: &usize| match motion.outputs[*output] {
             Shown::Acceleration(_) => true,
@@ -409,19 +409,23 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     }
 }
 
-/// What a result of a state space is computed from while the simulation runs: a state by itself, all states, or all states and what
+/// What an output or a derivative is computed from while the simulation runs: a state by itself, all states, or all states and what
 /// drives them.
-fn known_in_state_space(
-    space: &StateSpace,
-    quantity: Quantity,
-    surrogate: &Surrogate,
-    states: &[usize],
-    all: &[usize],
-) -> Vec<usize> {
-    let of_result = |result: usize| match space.results[result] {
-        Given::State(state) => vec![states[state]],
-        Given::Function(function) if space.is_driven(function) => all.to_vec(),
-        Given::Function(_) => states.to_vec(),
+fn known_of_rates(quantity: Quantity, surrogate: &Surrogate, states: &[usize], all: &[usize]) -> Vec<usize> {
+    let graph = &surrogate.program().graph;
+    let Ports { parameters, inputs, .. } = surrogate.ports();
+    let driven = graph.dependent_on(&(parameters..parameters + inputs));
+    let of_result = |result: usize| {
+        let place = match graph.steps.last() {
+            Some(Step::Columns { columns }) => columns[result].map(|place| place as usize),
+            _ => [graph.steps.len(), result],
+        };
+        match place {
+            [0, column] if column >= parameters + inputs => vec![states[column - parameters - inputs]],
+            [value, index] if driven[value][index] => all.to_vec(),
+            [0, _] => Vec::new(),
+            _ => states.to_vec(),
+        }
     };
     match quantity {
         Quantity::Output(output) => of_result(output),
@@ -501,7 +505,7 @@ mod tests {
         let mut metadata = surrogate.metadata().clone();
         metadata.inputs[2].role = Role::Input;
         metadata.inputs[2].name = "force".into();
-        let surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
+        let surrogate = Surrogate::new(metadata, surrogate.program().clone()).unwrap();
         let independent = |version| {
             let description = ModelDescription::of_surrogate(&surrogate, version);
             description.variables.into_iter().find(|v| v.causality == Causality::Independent)

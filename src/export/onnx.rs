@@ -12,8 +12,8 @@ use crate::{
     },
 };
 use metafmu_runtime::{
-    Activation, Encoding, Input, Map, Model, Precision, ScaledNetwork, Scaling, Surrogate,
-    graph::{Elementwise, Forest, Graph, LEAF, Operation, Products, Step},
+    Activation, Clock, Encoding, Graph, Input, Precision, Program, Surrogate,
+    graph::{Elementwise, Forest, LEAF, Operation, Products, Step},
 };
 use prost::Message;
 use std::f64::consts::{PI, TAU};
@@ -25,18 +25,20 @@ const MACHINE_LEARNING: &str = "ai.onnx.ml";
 /// The bytes of the ONNX model; the same surrogate always gives the same.
 ///
 /// # Errors
-/// [`Error::NoOnnx`] if the surrogate has states, a memory or a network for each instant.
+/// [`Error::NoOnnx`] if the surrogate has states, a memory, a network for each instant, or sums of products.
 pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
-    let Model::Response(map) = surrogate.model() else {
+    let Program { graph, clock: Clock::Static } = surrogate.program() else {
         return Err(Error::NoOnnx);
     };
-    let is_single = surrogate.metadata().precision == Precision::Single && matches!(map, Map::Network(_));
+    let has_nodes =
+        |step: &Step| !matches!(step, Step::Interpolate { .. } | Step::Dictionary { .. } | Step::Motion { .. });
+    if !graph.steps.iter().all(has_nodes) {
+        return Err(Error::NoOnnx);
+    }
+    let is_single = surrogate.metadata().precision == Precision::Single && graph.is_network();
     let mut writer = OnnxWriter { is_single, nodes: Vec::new(), constants: Vec::new() };
     let columns = writer.columns(surrogate.inputs());
-    let outputs = match map {
-        Map::Network(network) => writer.network(network, columns),
-        Map::Graph(graph) => writer.graph(graph, columns),
-    };
+    let outputs = writer.graph(graph, columns);
     writer.add("Identity", &[&outputs], Vec::new(), "outputs");
     Ok(writer.model(surrogate).encode_to_vec())
 }
@@ -166,26 +168,6 @@ impl OnnxWriter {
             }
         }
         self.joined(&parts)
-    }
-
-    fn standardised(&mut self, x: &str, Scaling { input_mean, input_scale, .. }: &Scaling) -> String {
-        if input_mean.iter().all(|mean| *mean == 0.0) && input_scale.iter().all(|scale| *scale == 1.0) {
-            return x.into();
-        }
-        let (mean, scale) =
-            (self.reals(&[input_mean.len()], input_mean), self.reals(&[input_scale.len()], input_scale));
-        let difference = self.of("Sub", &[x, &mean]);
-        self.of("Div", &[&difference, &scale])
-    }
-
-    fn network(&mut self, network: &ScaledNetwork, columns: String) -> String {
-        let mut x = self.standardised(&columns, &network.scaling);
-        for layer in &network.layers {
-            let (weight, bias): (Vec<f64>, Vec<f64>) = (layer.weight.iter().collect(), layer.bias.iter().collect());
-            x = self.affine(&x, &weight, &bias);
-            x = self.activation(layer.activation, x);
-        }
-        self.linear(&x, &network.scaling.output_scale, &network.scaling.output_mean)
     }
 
     fn activation(&mut self, activation: Activation, x: String) -> String {
@@ -340,7 +322,16 @@ impl OnnxWriter {
                 }
                 self.joined(&parts)
             }
-            Step::Standardise { of, epsilon } => {
+            Step::Standardize { of, mean, scale } => {
+                if mean.iter().all(|mean| *mean == 0.0) && scale.iter().all(|scale| *scale == 1.0) {
+                    return values[*of].clone();
+                }
+                let (mean, scale) = (self.reals(&[mean.len()], mean), self.reals(&[scale.len()], scale));
+                let difference = self.of("Sub", &[&values[*of], &mean]);
+                self.of("Div", &[&difference, &scale])
+            }
+            Step::Rescale { of, mean, scale } => self.linear(&values[*of], scale, mean),
+            Step::Normalize { of, epsilon } => {
                 let mean = self.with("ReduceMean", &[&values[*of]], vec![integers("axes", vec![1])]);
                 let difference = self.of("Sub", &[&values[*of], &mean]);
                 let square = self.of("Mul", &[&difference, &difference]);
@@ -353,6 +344,10 @@ impl OnnxWriter {
             Step::Distances { of, centres, lengths } => self.distances(&values[*of], centres, lengths),
             Step::Forest { of, forest, outputs } => self.forest(forest, &values[*of], *outputs),
             Step::Products { of, products } => self.products(products, &values[*of]),
+            Step::Call { of, function } => self.graph(function, values[*of].clone()),
+            Step::Interpolate { .. } | Step::Dictionary { .. } | Step::Motion { .. } => {
+                unreachable!("a program without a clock and instants has none")
+            }
         }
     }
 

@@ -62,7 +62,7 @@ struct PackageEntry {
 ///
 /// # Errors
 /// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
-/// the same place.
+/// the same place, [`Error::NoSources`].
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let Contents { version, about, binaries, accuracy, figures, sources } = contents;
     let identifier = model_identifier(&surrogate.metadata().name);
@@ -81,6 +81,9 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
         file(MODEL_FILE, model),
     ];
     entries.extend(LICENSES.map(|(name, text)| file(&format!("documentation/licenses/{name}"), text.into())));
+    if *sources && !sources::cover(surrogate.program()) {
+        return Err(Error::NoSources);
+    }
     if *sources {
         let sources = sources::files(surrogate, &identifier, *version);
         entries.extend(sources.into_iter().map(|(name, bytes)| file(&name, bytes)));

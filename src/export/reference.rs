@@ -46,7 +46,7 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     let inputs = surrogate.inputs();
     let time_step = surrogate.metadata().time_step;
     let time = surrogate.time_column().map(|column| &inputs[column]);
-    let without_time = if surrogate.goes_on() { MAX_STEPS * time_step } else { time_step };
+    let without_time = if surrogate.program().goes_on() { MAX_STEPS * time_step } else { time_step };
     let (start, stop) = time.map_or((0.0, without_time), |time| (time.min, time.max));
     let stride = ((stop - start) / time_step / MAX_STEPS).ceil().max(1.0);
     let step = stride * time_step;
@@ -81,7 +81,7 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     let times: Vec<f64> = (0..=steps).map(|row| start + row as f64 * step).collect();
     let rows = rows(surrogate, &evaluator, &point, (&times, step));
     options.stop_time = times[rows.len() - 1];
-    if let Some(Integration::Fixed { .. }) = surrogate.model().integration() {
+    if let Some(Integration::Fixed { .. }) = surrogate.program().integration() {
         let exact = evaluator.with_integration(Integration::ErrorControlled { tolerance: EXACT, longest: step });
         let exact = self::rows(surrogate, &exact, &point, (&times, step));
         for (column, output) in surrogate.outputs().iter().enumerate() {

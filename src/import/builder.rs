@@ -1,7 +1,7 @@
 //! Steps of a graph put together, and made fewer: what is a feed-forward network becomes one, which the FMU evaluates faster.
 
 use metafmu_runtime::{
-    Activation, Layer, Map, Numbers, ScaledNetwork, Scaling,
+    Activation, Layer, Numbers, ScaledNetwork, Scaling,
     graph::{Elementwise, Graph, MAX_VALUES, Step},
 };
 
@@ -111,11 +111,11 @@ impl Builder {
         Self { widths: [vec![inputs], widths].concat(), steps: all, numbers: numbers + inputs, weights }
     }
 
-    /// The map from the input columns to some numbers of some values.
+    /// The graph from the input columns to some numbers of some values.
     ///
     /// # Errors
     /// As [`Builder::add`].
-    pub fn finish(mut self, outputs: Vec<[u32; 2]>) -> Result<Map, String> {
+    pub fn finish(mut self, outputs: Vec<[u32; 2]>) -> Result<Graph, String> {
         self.columns(outputs)?;
         let inputs = self.widths[0];
         let mut steps = self.steps;
@@ -124,8 +124,8 @@ impl Builder {
             steps = fewer;
         }
         Ok(match network(inputs, &steps) {
-            Some(network) => Map::Network(network),
-            None => Map::Graph(Graph { inputs, steps }),
+            Some(network) => Graph::from(&network),
+            None => Graph { inputs, steps },
         })
     }
 }
@@ -352,11 +352,17 @@ fn rename(step: &mut Step, renamed: impl Fn(usize) -> usize) {
     match step {
         Step::Affine { of, .. }
         | Step::Elementwise { of, .. }
-        | Step::Standardise { of, .. }
+        | Step::Standardize { of, .. }
+        | Step::Rescale { of, .. }
+        | Step::Normalize { of, .. }
         | Step::Softmax { of }
         | Step::Distances { of, .. }
         | Step::Forest { of, .. }
-        | Step::Products { of, .. } => *of = renamed(*of),
+        | Step::Products { of, .. }
+        | Step::Call { of, .. }
+        | Step::Interpolate { of, .. }
+        | Step::Dictionary { of, .. }
+        | Step::Motion { of, .. } => *of = renamed(*of),
         Step::Combine { of, .. } => *of = of.map(renamed),
         Step::Select { of } => *of = of.map(renamed),
         Step::Columns { columns } => {

@@ -18,7 +18,7 @@ use crate::{
 };
 use builder::Builder;
 use metafmu_runtime::{
-    Encoding, Evaluator, Input, Map, Metadata, Model, Output, Precision, Provenance, Role, Surrogate, Variability,
+    Encoding, Evaluator, Graph, Input, Metadata, Output, Precision, Provenance, Role, Surrogate, Variability,
     graph::{Elementwise, Step},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -60,28 +60,28 @@ pub struct RecurrentState {
 }
 
 impl Imported {
-    /// The model as a map between variables.
+    /// The model as a graph of variables.
     ///
     /// # Errors
     /// A sentence, if it becomes too large.
-    pub fn into_map(self, mapping: &Mapping, variables: usize) -> std::result::Result<Map, String> {
+    pub fn into_graph(self, mapping: &Mapping, variables: usize) -> std::result::Result<Graph, String> {
         let column = |shown: &OutputSource| match shown {
             OutputSource::Column(column) => Some(self.columns[*column]),
             // there are no states
             OutputSource::State(_) => None,
         };
         let columns = mapping.outputs.iter().filter_map(column).collect();
-        into_map(self.builder, &mapping.inputs, variables, columns)
+        into_graph(self.builder, &mapping.inputs, variables, columns)
     }
 }
 
-/// The map from `width` columns, of which `sources` are the input columns of a graph, to numbers of its values.
-fn into_map(
+/// The graph from `width` columns, of which `sources` are the input columns of a graph, to numbers of its values.
+fn into_graph(
     mut builder: Builder,
     sources: &[ColumnSource],
     width: usize,
     mut columns: Vec<[u32; 2]>,
-) -> std::result::Result<Map, String> {
+) -> std::result::Result<Graph, String> {
     let in_order = sources.len() == width
         && sources.iter().enumerate().all(|(column, source)| *source == ColumnSource::Input(column));
     if !in_order {
@@ -90,11 +90,12 @@ fn into_map(
         columns.iter_mut().for_each(|[of, _]| *of += further);
     }
     let outputs = columns.len();
-    let map = builder.finish(columns)?;
+    let graph = builder.finish(columns)?;
     // products of finite weights may not be finite
-    map.check(width, outputs)
+    graph
+        .check(width, outputs)
         .map_err(|problem| format!("constants of the graph, taken together, are no numbers: {problem}"))?;
-    Ok(map)
+    Ok(graph)
 }
 
 /// A graph of variables, of which its columns are some, and others are constants; and how many values it has more. A constant is 0 times some
@@ -157,16 +158,21 @@ pub fn surrogate(
     let inputs = inputs(interface, rows.as_deref())?;
     let (is_single, producer) = (imported.is_single, imported.producer.clone());
     let refused = |problem: String| Error::Import { path: path.to_owned(), problems: vec![problem] };
-    let map = imported.into_map(&mapping, inputs.len()).map_err(refused)?;
+    let graph = imported.into_graph(&mapping, inputs.len()).map_err(refused)?;
     let about = About { path, content: bytes, is_single, producer: &producer };
-    of_map(map, about, interface, rows)
+    of_graph(graph, about, interface, rows)
 }
 
-/// The same of a map, whose columns are the inputs of the interface that are variables, and its outputs.
+/// The same of a graph, whose columns are the inputs of the interface that are variables, and its outputs.
 ///
 /// # Errors
 /// As [`surrogate()`].
-pub fn of_map(map: Map, about: About, interface: &ModelInterface, rows: Option<Vec<Vec<f64>>>) -> Result<Surrogate> {
+pub fn of_graph(
+    graph: Graph,
+    about: About,
+    interface: &ModelInterface,
+    rows: Option<Vec<Vec<f64>>>,
+) -> Result<Surrogate> {
     let message = "belongs to models in files: ONNX, .npz, .safetensors";
     let has_states = !interface.states.is_empty();
     interface.refuse(if has_states { Problems::one("states", message) } else { Problems::default() })?;
@@ -179,23 +185,21 @@ pub fn of_map(map: Map, about: About, interface: &ModelInterface, rows: Option<V
         cover::start_among(rows, cover, &mut inputs, is_free);
     }
     let ranges: Vec<[f64; 2]> = inputs.iter().map(|input| [input.min, input.max]).collect();
-    let is_single = about.is_single && map.fits_single(&ranges);
+    let is_single = about.is_single && graph.fits_single(&ranges);
     let metadata = Metadata {
         precision: if is_single { Precision::Single } else { Precision::Double },
         stop_time: (!has_time).then_some(interface.time.stop),
         cover,
         ..metadata(about, interface, inputs, rows.as_ref().map_or(0, Vec::len))
     };
-    let made =
-        |metadata, map| Surrogate::new(metadata, Model::Response(map)).map_err(|source| Error::Surrogate { source });
-    let surrogate = made(metadata, map)?;
+    let made = |metadata| Surrogate::new(metadata, graph.clone()).map_err(|source| Error::Surrogate { source });
+    let surrogate = made(metadata)?;
     let ranges = match rows {
         Some(rows) => output_ranges(&surrogate, rows.into_iter()),
         None => output_ranges(&surrogate, points(surrogate.inputs())),
     };
     let ranges = ranges.map_err(|problem| Error::Import { path: about.path.to_owned(), problems: vec![problem] })?;
-    let Model::Response(map) = surrogate.model().clone() else { unreachable!("it was made so") };
-    surrogate::seal(made(with_ranges(surrogate.metadata(), &ranges), map)?)
+    surrogate::seal(made(with_ranges(surrogate.metadata(), &ranges))?)
 }
 
 fn with_ranges(metadata: &Metadata, ranges: &[[f64; 2]]) -> Metadata {

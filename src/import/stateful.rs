@@ -3,8 +3,9 @@
 use super::*;
 use crate::interface::{Evolution, Followed, NO_SAMPLE_TIME};
 use metafmu_runtime::{
-    CommunicationStep, Discrete, Domain, Drive, Given, Integration, State, StateSpace,
+    Clock, CommunicationStep, Domain, Drive, Integration, Program, Sampling, State,
     dictionary::{Dictionary, Factor},
+    graph::Given,
 };
 
 /// Simulations from which ranges of outputs and the step of the solver are found, and steps of each at most.
@@ -44,11 +45,11 @@ pub(super) fn surrogate(
     let ranges = ranges(&known.simulated(&surrogate, rows.as_deref()), surrogate.outputs());
     let ranges = ranges.map_err(|problem| known.refused(problem))?;
     let metadata = with_ranges(surrogate.metadata(), &ranges);
-    surrogate::seal(made(metadata, surrogate.model().clone())?)
+    surrogate::seal(made(metadata, surrogate.program().clone())?)
 }
 
-fn made(metadata: Metadata, model: Model) -> Result<Surrogate> {
-    Surrogate::new(metadata, model).map_err(|source| Error::Surrogate { source })
+fn made(metadata: Metadata, program: Program) -> Result<Surrogate> {
+    Surrogate::new(metadata, program).map_err(|source| Error::Surrogate { source })
 }
 
 /// How the states go on; what does not go together is refused.
@@ -279,26 +280,22 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
         SampleNumber::Kept(index, place) => [recurrences[index].next as u32, place as u32],
     };
     let width = numbers.len() + driven.len() + parameters.len();
-    let map = into_map(builder, &sources, width, numbers.iter().map(next).collect());
-    let map = map.map_err(|problem| known.refused(problem))?;
+    let graph = into_graph(builder, &sources, width, numbers.iter().map(next).collect());
+    let graph = graph.map_err(|problem| known.refused(problem))?;
     let step = interface.time.sample.unwrap_or(metadata.time_step);
-    let model = Model::Discrete(Box::new(Discrete {
-        counts: [parameters.len(), driven.len(), outputs],
-        hidden: numbers[outputs..].iter().map(start).collect(),
-        history: [1, 1],
-        step,
-        weights: Vec::new(),
-        constants: vec![0.0; numbers.len()],
-        map: Some(map),
-        support: None,
-    }));
+    let sampling =
+        Sampling { hidden: numbers[outputs..].iter().map(start).collect(), history: [1, 1], step, support: None };
+    let program = Program {
+        graph: Graph::of_samples(width, Vec::new(), vec![0.0; numbers.len()], Some(graph)),
+        clock: Clock::Sampled(Box::new(sampling)),
+    };
     let with_starts = |starts: &[f64]| {
         let of_output = |(output, start): (&Output, &f64)| {
             let Output { name, unit, .. } = output;
             start_input(name, &format!("{name} at the start"), unit, [*start; 3])
         };
         let starts = metadata.outputs.iter().zip(starts).map(of_output).collect();
-        made(Metadata { inputs: known.inputs(starts), ..metadata.clone() }, model.clone())
+        made(Metadata { inputs: known.inputs(starts), ..metadata.clone() }, program.clone())
     };
     let mut starts: Vec<f64> = numbers[..outputs].iter().map(start).collect();
     let surrogate = with_starts(&starts)?;
@@ -360,11 +357,12 @@ fn continuous(
         });
     }
     results.extend(mapping.states.iter().map(|state| function(state.output)));
-    let functions_count = functions.len();
-    let map = into_map(imported.builder, &sources, p + d + count, functions);
-    let map = map.map_err(|problem| known.refused(problem))?;
-    let plain = vec![Factor::Power { middle: 0.0, half: 1.0 }; p + d + count];
-    let nothing = Dictionary::new(&plain, functions_count, &[]).map_err(|source| Error::Surrogate { source })?;
+    let (columns, count_of_functions) = (p + d + count, functions.len());
+    let graph = into_graph(imported.builder, &sources, columns, functions);
+    let graph = graph.map_err(|problem| known.refused(problem))?;
+    let plain = vec![Factor::Power { middle: 0.0, half: 1.0 }; columns];
+    let nothing = Dictionary::new(&plain, count_of_functions, &[]).map_err(|source| Error::Surrogate { source })?;
+    let graph = Graph::of_rates(&nothing, Some(graph), count, &results);
     let (mut states, mut starts) = (Vec::new(), Vec::new());
     for state in &mapping.states {
         let options = &interface.states[state.of];
@@ -387,9 +385,7 @@ fn continuous(
     }
     let metadata = Metadata { inputs: known.inputs(starts), states, ..metadata };
     let assemble = |integration: Integration| {
-        let (functions, map, results) = (nothing.clone(), Some(map.clone()), results.clone());
-        let space = StateSpace { counts: [p, d, count], functions, map, results, integration };
-        made(metadata.clone(), Model::StateSpace(Box::new(space)))
+        made(metadata.clone(), Program { graph: graph.clone(), clock: Clock::Continuous(integration) })
     };
     if let Some(step) = interface.time.solver_step {
         return assemble(Integration::Fixed { step });

@@ -1,7 +1,7 @@
 use super::{builder::Builder, *};
 use metafmu_runtime::{
     Activation, example,
-    graph::{Elementwise, Graph, Operation},
+    graph::{Elementwise, Operation},
 };
 
 const LINEAR: Elementwise = Elementwise::Linear;
@@ -12,8 +12,8 @@ fn numbers(count: usize, seed: u64) -> Vec<f64> {
     (0..count).map(|_| random.random::<f64>() - 0.5).collect()
 }
 
-fn outputs(map: Map, point: &[f64; 3]) -> Vec<f64> {
-    let surrogate = Surrogate::new(example::surrogate().metadata().clone(), Model::Response(map)).unwrap();
+fn outputs(graph: Graph, point: &[f64; 3]) -> Vec<f64> {
+    let surrogate = Surrogate::new(example::surrogate().metadata().clone(), graph).unwrap();
     let evaluator = Evaluator::new(&surrogate);
     let mut outputs = vec![0.0; 2];
     evaluator.evaluate(point, &mut outputs, &mut evaluator.scratch());
@@ -21,7 +21,7 @@ fn outputs(map: Map, point: &[f64; 3]) -> Vec<f64> {
 }
 
 /// The same steps as they are, and made fewer.
-fn both(build: impl Fn(&mut Builder) -> usize) -> (Graph, Map) {
+fn both(build: impl Fn(&mut Builder) -> usize) -> [Graph; 2] {
     let columns = |value: usize| vec![[value as u32, 0], [value as u32, 1]];
     let mut builder = Builder::new(3);
     let value = build(&mut builder);
@@ -30,7 +30,7 @@ fn both(build: impl Fn(&mut Builder) -> usize) -> (Graph, Map) {
     build(&mut plain);
     assert_eq!(format!("{plain:?}"), steps);
     let graph = plain.unsimplified(columns(value));
-    (graph, builder.finish(columns(value)).unwrap())
+    [graph, builder.finish(columns(value)).unwrap()]
 }
 
 fn affine(builder: &mut Builder, of: usize, outputs: usize, seed: u64) -> usize {
@@ -38,10 +38,10 @@ fn affine(builder: &mut Builder, of: usize, outputs: usize, seed: u64) -> usize 
     builder.affine(of, numbers(outputs * width, seed).into(), numbers(outputs, seed + 1).into()).unwrap()
 }
 
-fn check(what: &str, (graph, map): (Graph, Map), is_network: bool) {
-    assert_eq!(matches!(map, Map::Network(_)), is_network, "{what}: {map:?}");
+fn check(what: &str, [plain, graph]: [Graph; 2], is_network: bool) {
+    assert_eq!(graph.is_network(), is_network, "{what}: {graph:?}");
     for point in [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0]] {
-        let (expected, found) = (outputs(Map::Graph(graph.clone()), &point), outputs(map.clone(), &point));
+        let (expected, found) = (outputs(plain.clone(), &point), outputs(graph.clone(), &point));
         for (found, expected) in found.iter().zip(&expected) {
             assert!((found - expected).abs() < 1e-13 * expected.abs().max(1.0), "{what}: {found} {expected}");
         }
@@ -112,7 +112,7 @@ fn fewer_steps_give_the_same() {
         let sum = builder.add(Step::Combine { of: [tanh, 0], operation: Operation::Add }, width).unwrap();
         affine(builder, sum, 2, 5)
     });
-    assert!(matches!(&residual.1, Map::Graph(graph) if graph.steps.len() == 4), "{:?}", residual.1);
+    assert!(residual[1].steps.len() == 4, "{:?}", residual[1]);
     check("a residual", residual, false);
     let shared = both(|builder| {
         let scaled = builder.elementwise(0, LINEAR, each(3, 1)).unwrap();
@@ -164,14 +164,14 @@ fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
         let zero = builder.elementwise(inputs, LINEAR, vec![0.0, 0.0]).unwrap();
         builder.add(Step::Combine { of: [network, zero], operation: Operation::Add }, 2).unwrap()
     });
-    for (what, (_, map), is_network) in
+    for (what, [_, graph], is_network) in
         [("plain", plain, true), ("chosen", chosen, true), ("column by column", two, true), ("two uses", beside, false)]
     {
-        assert_eq!(matches!(map, Map::Network(_)), is_network, "{what}: {map:?}");
+        assert_eq!(graph.is_network(), is_network, "{what}: {graph:?}");
         for offset in [-0.2, -0.0625, 0.1, 0.15] {
             let point = [mean + offset, mean - offset, mean];
             let expected = [(point[0] - mean) * factor + 0.75, (point[1] - mean) * factor];
-            for (found, expected) in outputs(map.clone(), &point).into_iter().zip(expected) {
+            for (found, expected) in outputs(graph.clone(), &point).into_iter().zip(expected) {
                 assert!((found - expected).abs() < 1e-15, "{what}: {found} {expected}");
             }
         }

@@ -18,7 +18,7 @@ use crate::{
     surrogate,
     training::{self, EpochRecord, Recurrence, StopReason, TrainingRows},
 };
-use metafmu_runtime::{Discrete, Layer, Map, Model, ScaledNetwork, Scaling, Support, Surrogate, Transition};
+use metafmu_runtime::{Clock, Graph, Layer, Program, Sampling, ScaledNetwork, Scaling, Support, Surrogate, Transition};
 use nalgebra::DMatrix;
 use std::{sync::atomic::Ordering, time::Instant};
 
@@ -54,10 +54,11 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             break;
         };
         let ranges = drives.iter().map(|(_, range)| *range);
-        let support = support(study, dataset, one.model.past_starts() > 0, ranges);
-        let model = Model::Discrete(Box::new(Discrete { support: Some(support), ..one.model.clone() }));
+        let support = Some(support(study, dataset, one.past[1] > 1, ranges));
+        let sampling = Sampling { hidden: Vec::new(), history: one.past, step: samples.step, support };
+        let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
         let rows = samples.rows();
-        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, model)?;
+        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, program)?;
         let error = error(&Accuracy::of(&surrogate, &validation));
         let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
         let was_interrupted = one.stopped == StopReason::Interrupted;
@@ -84,7 +85,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
-        method: Some(MethodRecord::Discrete(DiscreteRecord { candidates, exported: name, history: one.model.history })),
+        method: Some(MethodRecord::Discrete(DiscreteRecord { candidates, exported: name, history: one.past })),
     };
     project.finish(format_args!(
         "learned from {} samples in {:.1} s: {}",
@@ -136,7 +137,9 @@ fn error(accuracy: &Accuracy) -> f64 {
 
 /// Result of one way to learn a discrete-time model.
 struct LearnedDiscrete {
-    model: Discrete,
+    graph: Graph,
+    /// Number of past samples of the outputs and of the inputs that count.
+    past: [usize; 2],
     /// Of the network, one training after the other.
     history: Vec<EpochRecord>,
     best_epoch: usize,
@@ -197,18 +200,25 @@ impl<'a> DiscreteSamples<'a> {
         let linear = solve(&seen).ok_or_else(|| {
             study.refusal("discrete", "the samples do not determine the linear part: more runs or a shorter history")
         })?;
-        let solved = |model| LearnedDiscrete { model, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
+        let solved = |graph, past| LearnedDiscrete {
+            graph,
+            past,
+            history: Vec::new(),
+            best_epoch: 0,
+            stopped: StopReason::Solved,
+        };
         let gains = gains(&seen, &linear);
         let width = linear.nrows() - 1;
         let network = || Network::new(width, self.counts[2], &study.network, study.seed);
         match kind {
-            DiscreteModel::Linear => Ok(solved(self.model(history, &linear, None))),
+            DiscreteModel::Linear => Ok(solved(self.graph(history, &linear, None), history)),
             DiscreteModel::Window => {
                 let rest = |regressors: &Regressors| plain(regressors, &linear, &gains);
                 let outcome = follow(project, network()?, &rest(&seen)?, &rest(&unseen)?, &study.training)?;
                 let layers = outcome.network.to_layers();
                 Ok(LearnedDiscrete {
-                    model: self.model(history, &linear, Some((&gains, layers))),
+                    graph: self.graph(history, &linear, Some((&gains, layers))),
+                    past: history,
                     history: outcome.history,
                     best_epoch: outcome.best_epoch,
                     stopped: outcome.reason,
@@ -216,7 +226,7 @@ impl<'a> DiscreteSamples<'a> {
             }
             DiscreteModel::Feedback => {
                 let mut network = network()?;
-                let mut learned = solved(self.model(history, &linear, None));
+                let mut learned = solved(self.graph(history, &linear, None), history);
                 let shortest = |regressors: &Regressors| regressors.lengths.iter().copied().min().unwrap_or(1);
                 let longest = options.stretch.min(shortest(&seen));
                 let mut stretches = vec![longest.div_ceil(SHORTER), longest];
@@ -237,7 +247,8 @@ impl<'a> DiscreteSamples<'a> {
                     };
                     let best = learned.history.len() + outcome.best_epoch;
                     learned = LearnedDiscrete {
-                        model: self.model(history, &linear, Some((&gains, outcome.network.to_layers()))),
+                        graph: self.graph(history, &linear, Some((&gains, outcome.network.to_layers()))),
+                        past: history,
                         history: training::joined([learned.history.as_slice(), &outcome.history]),
                         best_epoch: best,
                         stopped: outcome.reason,
@@ -282,8 +293,8 @@ impl<'a> DiscreteSamples<'a> {
         found
     }
 
-    /// The model in the units of the table.
-    fn model(&self, history: [usize; 2], linear: &DMatrix<f64>, network: Option<(&[f64], Vec<Layer>)>) -> Discrete {
+    /// The next sample from those before, in the units of the table.
+    fn graph(&self, history: [usize; 2], linear: &DMatrix<f64>, network: Option<(&[f64], Vec<Layer>)>) -> Graph {
         let [parameters, inputs, outputs] = &self.scales;
         let repeated = |of: fn(&ColumnMoments) -> &Vec<f64>| -> Vec<f64> {
             let past_outputs = (0..history[0]).flat_map(|_| of(outputs).iter().copied());
@@ -291,6 +302,7 @@ impl<'a> DiscreteSamples<'a> {
             past_outputs.chain(past_inputs).chain(of(parameters).iter().copied()).collect()
         };
         let (means, scales) = (repeated(|(means, _)| means), repeated(|(_, scales)| scales));
+        let columns = means.len();
         let mut weights = Vec::new();
         let mut constants = Vec::new();
         for output in 0..self.counts[2] {
@@ -305,10 +317,9 @@ impl<'a> DiscreteSamples<'a> {
             let output_scale = outputs.1.iter().zip(gains).map(|(scale, gain)| scale * gain).collect();
             let output_mean = vec![0.0; self.counts[2]];
             let scaling = Scaling { input_mean: means, input_scale: scales, output_mean, output_scale };
-            Map::Network(ScaledNetwork { scaling, layers })
+            Graph::from(&ScaledNetwork { scaling, layers })
         });
-        let (counts, hidden, step, map) = (self.counts, Vec::new(), self.step, network);
-        Discrete { counts, hidden, history, step, weights, constants, map, support: None }
+        Graph::of_samples(columns, weights, constants, network)
     }
 }
 

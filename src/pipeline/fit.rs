@@ -13,7 +13,7 @@ use crate::{
     study::{NetworkOptions, TimeStructure, TrainingOptions},
     training::{self, EpochRecord, Observer, Outcome, Progress, StopReason, TrainingRows},
 };
-use metafmu_runtime::{Map, ScaledNetwork, Scaling, Surrogate};
+use metafmu_runtime::{Graph, ScaledNetwork, Scaling, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::{ops::ControlFlow, path::Path, sync::atomic::Ordering};
@@ -97,9 +97,9 @@ pub fn fit(
     let training = Training { inputs: &inputs, outputs, options, control };
     let order = sampling::permutation(inputs.len(), sampling::random(options.seed, Stream::Validation));
     let parts = RowSplit::of(&order, &options.training, options.measure);
-    let (map, outcome) = training.of(parts, None)?;
+    let (network, outcome) = training.of(parts, None)?;
     let outcome = outcome.completed()?;
-    let map = Map::Network(map);
+    let graph = Graph::from(&network);
     let is_measured = options.measure && !control.stop.load(Ordering::Relaxed);
     let predictions = match is_measured && parts.judging.is_empty() && inputs.len() > 1 {
         true => training.cross_validated(&order)?,
@@ -108,7 +108,7 @@ pub fn fit(
     let content: Vec<u8> = inputs.iter().chain(outputs).flatten().flat_map(|value| value.to_le_bytes()).collect();
     let about = About { path, content: &content, is_single: false, producer: "" };
     let (points, labels) = (chosen(&inputs, parts.judging), chosen(outputs, parts.judging));
-    let surrogate = import::of_map(map, about, interface, Some(inputs))?;
+    let surrogate = import::of_graph(graph, about, interface, Some(inputs))?;
     let accuracy = match predictions {
         Some(found) => Some(Accuracy::of_row_predictions(&surrogate, TestRows::CrossValidated, &found, outputs)),
         None if !is_measured || points.is_empty() => None,
@@ -208,7 +208,7 @@ impl Training<'_> {
                 order.iter().enumerate().partition(|(place, _)| place % folds == fold);
             let [judging, rest] = [judging, rest].map(|rows| rows.into_iter().map(|(_, row)| *row).collect::<Vec<_>>());
             let (network, _) = self.of(RowSplit::of(&rest, &self.options.training, false), Some(fold))?;
-            Ok(judging.iter().copied().zip(network.evaluate(&chosen(self.inputs, &judging))).collect())
+            Ok(judging.iter().copied().zip(Graph::from(&network).evaluate(&chosen(self.inputs, &judging))).collect())
         };
         // of few rows a step is too short for several threads
         let alone = |fold| match rayon::ThreadPoolBuilder::new().num_threads(1).build() {

@@ -458,7 +458,7 @@ fn check(
     let of_inputs = import::columns(&table, interface)?;
     let of_outputs = outputs.iter().map(|output| table.column(&output.name)).collect::<Result<Vec<usize>>>()?;
     import::check_units(&table, of_outputs.iter().copied().zip(outputs.iter().map(|output| output.unit.as_str())))?;
-    let mut along = if surrogate.goes_on() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
+    let mut along = if surrogate.program().goes_on() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
     let evaluator = Evaluator::new(surrogate);
     let (mut scratch, mut found) = (evaluator.scratch(), vec![0.0; outputs.len()]);
     let mut largest = vec![(0.0f64, 0u64); outputs.len()];

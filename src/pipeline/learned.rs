@@ -13,7 +13,7 @@ use crate::{
     study::{DynamicsOptions, Study},
     training::{self, Outcome, Tangents, TrainingRows, drawn},
 };
-use metafmu_runtime::{ScaledNetwork, Scaling};
+use metafmu_runtime::{Graph, ScaledNetwork, Scaling};
 use std::sync::atomic::Ordering;
 
 /// `sampling.states` of an FMU, and of a mechanism, unless given.
@@ -109,7 +109,7 @@ pub(super) fn draw(
 
 /// Root mean square error of a network, of the worst output, relative to its scale.
 pub(super) fn error(network: &ScaledNetwork, examples: &Examples) -> f64 {
-    let found = network.evaluate(&examples.inputs);
+    let found = Graph::from(network).evaluate(&examples.inputs);
     let of = |(output, scale): (usize, &f64)| {
         let rows = found.iter().zip(&examples.outputs);
         let squares: f64 = rows.map(|(found, exact)| (found[output] - exact[output]).powi(2)).sum();

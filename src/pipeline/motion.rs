@@ -14,7 +14,7 @@ use crate::{
     source::{Source, driven::Driven},
     surrogate,
 };
-use metafmu_runtime::{Integration, Model, Motion, Surrogate};
+use metafmu_runtime::{Integration, Motion, Program, Surrogate};
 use std::time::Instant;
 
 /// Tolerance of the roll-outs that show how large velocities become.
@@ -100,7 +100,6 @@ fn assemble(
         windings: fitted.windings.clone(),
         reactions: fitted.reactions.as_ref().map(|fitted| fitted.reactions.clone()),
         outputs: fitted.outputs.clone(),
-        integration,
     };
     let ranges = project.study.states.iter().enumerate().map(|(column, (name, options))| {
         // the torque of a spring on a joint is another one a turn later
@@ -109,6 +108,6 @@ fn assemble(
         is_limited.then_some([options.min, options.max])
     });
     let ranges: Vec<Option<[f64; 2]>> = ranges.chain(velocities.iter().copied().map(Some)).collect();
-    let model = Model::Motion(Box::new(motion));
-    surrogate::assemble_with_states(&project.study, (dataset, *rows), (driven, &ranges), model)
+    let program = Program::of_motion(motion, integration);
+    surrogate::assemble_with_states(&project.study, (dataset, *rows), (driven, &ranges), program)
 }

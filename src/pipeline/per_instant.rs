@@ -18,7 +18,7 @@ use crate::{
     surrogate,
     training::{self, EpochRecord, Observer, Outcome, StopReason, TrainingRows},
 };
-use metafmu_runtime::{Model, ScaledNetwork};
+use metafmu_runtime::{Graph, ScaledNetwork};
 use std::{
     ops::ControlFlow,
     sync::atomic::{AtomicUsize, Ordering},
@@ -86,9 +86,11 @@ pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Train
         scaling: prepared.scaling,
         layers: outcome.network.to_layers(),
     };
-    let networks = prepared.into_iter().zip(outcomes).map(scaled).collect();
-    let model = Model::PerInstant { instants: instants.to_vec(), networks };
-    let surrogate = surrogate::assemble(&project.study, dataset, record.train_rows, model)?;
+    let networks: Vec<ScaledNetwork> = prepared.into_iter().zip(outcomes).map(scaled).collect();
+    // the time is the last column
+    let others = networks[0].scaling.input_mean.len();
+    let graph = Graph::of_instants(others + 1, others, instants.to_vec(), &networks);
+    let surrogate = surrogate::assemble(&project.study, dataset, record.train_rows, graph)?;
     Ok(Trained { surrogate, history, record })
 }
 

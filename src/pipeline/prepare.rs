@@ -29,7 +29,14 @@ pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Su
     let (planned, added) = dataset.runs.split_at(dataset.runs.len() - added);
     let (mut training, validation) = split(planned, &study.training, study.seed);
     training.extend(added);
-    of_rows(study, dataset, &training, &validation, RowLayout::new(study.encoder()), start.and_then(Surrogate::network))
+    of_rows(
+        study,
+        dataset,
+        &training,
+        &validation,
+        RowLayout::new(study.encoder()),
+        start.and_then(Surrogate::network).as_ref(),
+    )
 }
 
 /// The same for the network of each instant: the times of the runs, which are those of every run.

@@ -133,9 +133,9 @@ pub(super) fn choose(
         }
         None => measure.record(measure.chosen(largest, wanted), wanted),
     };
-    let model = reference.model().clone().with_integration(record.integration());
+    let program = reference.program().clone().with_integration(record.integration());
     let metadata = Metadata { solver_error: Some(record.error), ..reference.metadata().clone() };
-    let surrogate = Surrogate::new(metadata, model);
+    let surrogate = Surrogate::new(metadata, program);
     let surrogate = surrogate::seal(surrogate.map_err(|source| crate::Error::Surrogate { source })?)?;
     Ok((surrogate, record))
 }

@@ -18,8 +18,9 @@ use crate::{
     training::{EpochRecord, Outcome, StopReason},
 };
 use metafmu_runtime::{
-    Encoder, Encoding, Given, Integration, Map, Model, ScaledNetwork, StateSpace,
+    Clock, Encoder, Encoding, Graph, Integration, Program, ScaledNetwork,
     dictionary::{Dictionary, Factor},
+    graph::Given,
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::{f64::consts::TAU, time::Instant};
@@ -51,15 +52,11 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
         })
         .collect();
     let assemble = |integration: Integration| {
-        let space = StateSpace {
-            counts: space.counts,
-            functions: dictionary.clone(),
-            map: network.clone().map(Map::Network),
-            results: given.clone(),
-            integration,
-        };
-        let model = Model::StateSpace(Box::new(space));
-        surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), model)
+        let graph = Graph::of_rates(&dictionary, network.as_ref().map(Graph::from), space.counts[2], &given);
+        // an FMU without states is asked for its outputs
+        let clock = if space.counts[2] > 0 { Clock::Continuous(integration) } else { Clock::Static };
+        let program = Program { graph, clock };
+        surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), program)
     };
     // what is a velocity is not known
     let of_states: Vec<_> = study.states.values().map(|state| Some([state.min, state.max])).collect();
@@ -239,7 +236,7 @@ impl StateSpaceColumns {
     fn error(&self, dictionary: &Dictionary, network: Option<&ScaledNetwork>, unseen: &EquationSamples) -> f64 {
         let mut rest = residuals(dictionary, unseen);
         if let Some(network) = network {
-            for (rest, found) in rest.iter_mut().zip(network.evaluate(&self.columns(unseen))) {
+            for (rest, found) in rest.iter_mut().zip(Graph::from(network).evaluate(&self.columns(unseen))) {
                 rest.iter_mut().zip(found).for_each(|(rest, found)| *rest -= found);
             }
         }

@@ -20,7 +20,7 @@ use crate::{
     surrogate,
     training::{self, write_history},
 };
-use metafmu_runtime::{Map, Model, Output, ScaledNetwork, Surrogate};
+use metafmu_runtime::{Graph, Output, ScaledNetwork, Surrogate};
 use std::sync::atomic::Ordering;
 
 /// The verdict on a surrogate by the runs that were held out of its training: the test runs must not be used here.
@@ -124,8 +124,8 @@ fn train(
         record.validation_runs
     ));
     let network = per_instant::without_constants(&outcome.network, &training_rows);
-    let model = Model::Response(Map::Network(ScaledNetwork { scaling, layers: network.to_layers() }));
-    let surrogate = surrogate::assemble(study, dataset, record.train_rows, model)?;
+    let graph = Graph::from(&ScaledNetwork { scaling, layers: network.to_layers() });
+    let surrogate = surrogate::assemble(study, dataset, record.train_rows, graph)?;
     Ok(Trained { surrogate, history: outcome.history, record })
 }
 

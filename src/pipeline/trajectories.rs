@@ -22,8 +22,9 @@ use crate::{
     training::StopReason,
 };
 use metafmu_runtime::{
-    FormatError, Given, Integration, Model, Motion, Shown, StateSpace,
+    Clock, FormatError, Graph, Integration, Motion, Program, Shown,
     dictionary::{Dictionary, Factor},
+    graph::Given,
 };
 use std::time::Instant;
 
@@ -72,7 +73,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         return Err(study.refusal("source.table", refused.join("; ")));
     };
     let model = |integration| {
-        columns.model(study, driven, &identified.law, integration).map_err(|source| Error::Surrogate { source })
+        columns.program(study, driven, &identified.law, integration).map_err(|source| Error::Surrogate { source })
     };
     let n = study.states.len();
     let is_limited = columns.is_limited(&identified.law);
@@ -254,14 +255,14 @@ impl ColumnFactors {
         (0..count).map(|k| functions.terms().any(|term| term.exponents[first + k] != 0)).collect()
     }
 
-    /// The surrogate's model, whose outputs are states.
-    fn model(
+    /// The surrogate's program, whose outputs are states.
+    fn program(
         &self,
         study: &Study,
         driven: &Driven,
         law: &AccelerationModel,
         integration: Integration,
-    ) -> std::result::Result<Model, FormatError> {
+    ) -> std::result::Result<Program, FormatError> {
         let n = self.coordinates.len();
         let state = |name: &String| driven.states().iter().position(|state| state.name == *name);
         let shown = study.outputs.keys().filter_map(state);
@@ -269,25 +270,21 @@ impl ColumnFactors {
             AccelerationModel::Motion(dynamics) => {
                 let outputs =
                     shown.map(|state| if state < n { Shown::Position(state) } else { Shown::Velocity(state - n) });
-                Model::Motion(Box::new(Motion {
+                let motion = Motion {
                     dynamics: dynamics.as_ref().clone(),
                     positions: Dictionary::new(&self.of_motion(), n, &[])?.into(),
                     // the positions are the coordinates
                     windings: (0..n * n).map(|index| f64::from(u8::from(index / n == index % n))).collect(),
                     reactions: None,
                     outputs: outputs.collect(),
-                    integration,
-                }))
+                };
+                Program::of_motion(motion, integration)
             }
             AccelerationModel::Functions(functions) => {
                 let derivatives = (0..n).map(|k| Given::State(n + k)).chain((0..n).map(Given::Function));
-                Model::StateSpace(Box::new(StateSpace {
-                    counts: [self.parameters.len(), self.inputs.len(), 2 * n],
-                    functions: functions.as_ref().clone(),
-                    map: None,
-                    results: shown.map(Given::State).chain(derivatives).collect(),
-                    integration,
-                }))
+                let results: Vec<Given> = shown.map(Given::State).chain(derivatives).collect();
+                let graph = Graph::of_rates(functions, None, 2 * n, &results);
+                Program { graph, clock: Clock::Continuous(integration) }
             }
         })
     }

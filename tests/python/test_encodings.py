@@ -3,15 +3,18 @@
 import json
 import re
 import shutil
+import sys
 from zipfile import ZipFile
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import ALL_EPOCHS, ANY, changed, compiled_from_sources, fmu_of, metafmu
+from conftest import ALL_EPOCHS, ANY, ROOT, changed, compiled_from_sources, fmu_of, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
-from safetensors import safe_open
+
+sys.path.insert(0, str(ROOT / "scripts" / "measure"))
+from model_file import evaluate, load
 
 OUTPUTS = ["thetad", "thetadd"]
 MASSES = [0.3, 0.1, 1.0]
@@ -57,29 +60,14 @@ def built(study, request):
     return folder
 
 
-def predicted(folder, mass, others, time):
+def predicted(folder, mass, others, times):
     """Outputs computed by numpy from the model file; others are L, c, thetad0, theta0."""
-    with safe_open(folder / "study.safetensors", "numpy") as file:
-        metadata = json.loads(file.metadata()["metafmu"])
-        tensors = {key: file.get_tensor(key).astype(float) for key in file.keys()}
+    metadata, tensors = load(folder / "study.safetensors")
     length, damping, thetad0, theta0 = others
     assert [column["name"] for column in metadata["inputs"]] == ["L", "c", "thetad0", "m", "theta0", "time"]
     angle = theta0 + np.pi
     row = [length, damping, thetad0, *(mass == np.array(MASSES)), np.sin(angle), np.cos(angle)]
-    instants = tensors.pop("instants", None)
-    if instants is None:
-        return network(tensors, np.array([*row, time]))
-    networks = [{key: tensor[index] for key, tensor in tensors.items()} for index in range(len(instants))]
-    at_instants = np.array([network(one, np.array(row)) for one in networks])
-    return [np.interp(time, instants, column) for column in at_instants.T]
-
-
-def network(tensors, row):
-    z = (row - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
-    for layer in range(3):
-        z = tensors[f"outputs.layers.{layer}.weight"] @ z + tensors[f"outputs.layers.{layer}.bias"]
-        z = np.tanh(z) if layer < 2 else z
-    return tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * z
+    return evaluate(tensors, np.array([[*row, time] for time in times]))
 
 
 def test_only_listed_values_are_sampled(built):
@@ -104,7 +92,7 @@ def test_fmpy_computes_what_numpy_reads_from_the_file(built, version):
                 str(fmu), start_values=start_values, output=[*OUTPUTS, "in_domain"], stop_time=0.5, output_interval=0.02
             )
             assert result["in_domain"].all()
-            expected = np.array([predicted(built, mass, others, time) for time in result["time"]])
+            expected = predicted(built, mass, others, result["time"])
             for column, output in enumerate(OUTPUTS):
                 np.testing.assert_allclose(result[output], expected[:, column], rtol=1e-9, atol=1e-9)
 

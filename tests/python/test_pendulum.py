@@ -1,15 +1,16 @@
 """The single pendulum's FMU in fmpy, against metafmu's own host and against scipy."""
 
-import json
+import sys
 
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CASES, OUTPUTS, PARAMETERS, metafmu, reference, simulate_with_fmpy
+from conftest import CASES, OUTPUTS, PARAMETERS, ROOT, metafmu, reference, simulate_with_fmpy
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
-from safetensors import safe_open
-from safetensors.numpy import load_file
+
+sys.path.insert(0, str(ROOT / "scripts" / "measure"))
+from model_file import evaluate, load
 
 
 def test_fmpy_finds_no_problem(pendulum):
@@ -103,22 +104,11 @@ def test_pandas_opens_the_tables_and_the_data_is_the_pendulum(pendulum):
 
 
 def test_numpy_reads_the_model_file_and_computes_the_same_outputs(pendulum):
-    path = pendulum.folder / "single-pendulum.safetensors"
-    tensors = load_file(path)
-    with safe_open(path, "numpy") as file:
-        metadata = json.loads(file.metadata()["metafmu"])
+    metadata, tensors = load(pendulum.folder / "single-pendulum.safetensors")
     assert [variable["name"] for variable in metadata["inputs"]] == ["L", "c", "thetad0", "time"]
     case = CASES[0]
     result = simulate_with_fmpy(pendulum, *case)
-    inputs = np.column_stack([np.tile(case, (201, 1)), result["time"]])
-    hidden = (inputs - tensors["outputs.input_mean"]) / tensors["outputs.input_scale"]
-    layers = sum(name.endswith(".weight") for name in tensors)
-    for layer in range(layers):
-        weight, bias = (tensors[f"outputs.layers.{layer}.{part}"].astype(float) for part in ("weight", "bias"))
-        hidden = hidden @ weight.T + bias
-        if layer + 1 < layers:
-            hidden = np.tanh(hidden)
-    outputs = tensors["outputs.output_mean"] + tensors["outputs.output_scale"] * hidden
+    outputs = evaluate(tensors, np.column_stack([np.tile(case, (201, 1)), result["time"]]))
     for column, output in enumerate(OUTPUTS):
         np.testing.assert_allclose(result[output], outputs[:, column], rtol=1e-11, atol=1e-11)
 

@@ -256,7 +256,7 @@ def test_the_sources_compute_what_the_library_does(built, name, driver, starts, 
     assert validate_fmu(packed) == []
     unpacked = compiled_from_sources(packed, monkeypatch)
     text = (unpacked / "sources" / "model_data.h").read_text()
-    assert "state_space.c has the formula" in text
+    assert "states.c has the formula" in text
     signal = np.array([(0.0, 0.5), (1.0, -0.9), (2.0, 0.7)], dtype=[("time", float), (driver, float)])
     # by equal steps, by steps with a tolerance, and by a solver of fmpy whose steps do not depend on rounding
     for interface, tolerance in [("CoSimulation", None), ("CoSimulation", 1e-8), ("ModelExchange", None)]:

@@ -115,6 +115,11 @@ pub enum Error {
          \"response\""
     )]
     NoOnnx,
+    /// C sources of a program that has none.
+    #[error(
+        "there is no C code for a model file that combines equations of motion, or networks for instants, with other steps"
+    )]
+    NoSources,
     /// A model of another tool that cannot be imported.
     #[error("{}", problems.iter().map(|problem| format!("{}: {problem}", path.display())).collect::<Vec<_>>().join("\n"))]
     Import {

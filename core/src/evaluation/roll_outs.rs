@@ -6,7 +6,7 @@ use crate::{
     dynamics::Assembly,
 };
 use metafmu_runtime::{
-    CommunicationStep, Drive, Dynamics, Evaluator, Integration, Model, Scratch, Shown, StepError, Surrogate,
+    CommunicationStep, Drive, Dynamics, Evaluator, Integration, Scratch, Shown, StepError, Surrogate,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -82,7 +82,7 @@ impl RollOuts {
         let first = |run: &Run| first_predicted(surrogate, run);
         let pairs = || test.runs.par_iter().zip(predictions);
         let exact = |run: &Run| tight(RollOut::along(surrogate, &evaluator, run)).predictions();
-        let is_controlled = surrogate.model().integration().and_then(Integration::tolerance).is_some();
+        let is_controlled = surrogate.program().integration().and_then(Integration::tolerance).is_some();
         let exact: Option<Vec<_>> = is_controlled.then(|| test.runs.par_iter().map(exact).collect());
         let exact = exact.as_deref().unwrap_or(predictions);
         let off: Vec<Vec<f64>> = test.runs.par_iter().map(|run| predict_off(surrogate, &evaluator, run)).collect();
@@ -132,7 +132,7 @@ impl RollOuts {
 const TIGHT: f64 = 1e-2;
 
 fn tight(roll_out: RollOut<'_>) -> RollOut<'_> {
-    let tolerance = roll_out.surrogate.model().integration().and_then(Integration::tolerance);
+    let tolerance = roll_out.surrogate.program().integration().and_then(Integration::tolerance);
     let tolerance = tolerance.map(|tolerance| (TIGHT * tolerance).max(1e-13));
     RollOut { tolerance, ..roll_out }
 }
@@ -196,7 +196,7 @@ fn divergence(run: &Run, found: &[f64], first: usize, ranges: &[f64]) -> f64 {
 
 /// Change of the energy along the test runs without their inputs.
 fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) -> Option<f64> {
-    let Model::Motion(motion) = surrogate.model() else { return None };
+    let motion = surrogate.program().motion()?;
     let dynamics = &motion.dynamics;
     if !dynamics.is_conservative() {
         return None;
@@ -221,7 +221,7 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
 /// How far positions are from those of the mechanism it was learned from, at the coordinates that the test runs' roll-outs come to: see
 /// [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the largest number.
 pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Dataset) -> Option<f64> {
-    let Model::Motion(motion) = surrogate.model() else { return None };
+    let motion = surrogate.program().motion()?;
     if !motion.outputs.iter().any(|shown| matches!(shown, Shown::Position(_))) {
         return None;
     }

@@ -342,7 +342,7 @@ mod tests {
             let mut cover = whole.clone();
             change(&mut cover);
             let metadata = Metadata { cover: Some(cover), ..surrogate.metadata().clone() };
-            let error = Surrogate::new(metadata, surrogate.model().clone()).unwrap_err().to_string();
+            let error = Surrogate::new(metadata, surrogate.program().clone()).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");
         }
     }

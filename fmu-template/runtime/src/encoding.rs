@@ -1,7 +1,7 @@
 //! How the inputs' values become the columns of the network.
 
 use crate::{Encoding, FormatError, Input, Role};
-use std::f64::consts::TAU;
+use std::{f64::consts::TAU, ops::Range};
 
 impl Input {
     /// The values of a nominal input.
@@ -75,7 +75,12 @@ pub struct Encoder {
 enum Encoded {
     Plain,
     Nominal(Vec<f64>),
-    Periodic { min: f64, period: f64 },
+    Periodic {
+        min: f64,
+        period: f64,
+    },
+    /// No column: what states begin with does not count later.
+    Start,
 }
 
 impl Encoder {
@@ -93,6 +98,12 @@ impl Encoder {
     /// For the inputs of a surrogate.
     pub fn of(inputs: &[Input]) -> Self {
         Self::new(inputs.iter().map(|input| (&input.encoding, input.min, input.max)))
+    }
+
+    /// For values that are columns themselves, but for some that are no columns.
+    pub(crate) fn without(starts: Range<usize>, inputs: usize) -> Self {
+        let encoded = |input| if starts.contains(&input) { Encoded::Start } else { Encoded::Plain };
+        Self { inputs: (0..inputs).map(encoded).collect(), width: inputs - starts.len() }
     }
 
     /// Number of columns.
@@ -124,6 +135,7 @@ impl Encoder {
                 let (sine, cosine) = (TAU * (turns - turns.floor())).sin_cos();
                 columns.copy_from_slice(&[sine, cosine]);
             }
+            Encoded::Start => {}
         });
     }
 
@@ -138,6 +150,7 @@ impl Encoder {
             begin = own.end;
             match encoded {
                 Encoded::Plain => (first[own.start], second[own.start]) = (rate, acceleration),
+                Encoded::Start => {}
                 Encoded::Nominal(_) => {
                     first[own.clone()].fill(0.0);
                     second[own].fill(0.0);
@@ -160,7 +173,7 @@ impl Encoder {
         for (encoded, by_input) in self.inputs.iter().zip(by_inputs) {
             *by_input = match encoded {
                 Encoded::Plain => by_columns[begin],
-                Encoded::Nominal(_) => 0.0,
+                Encoded::Nominal(_) | Encoded::Start => 0.0,
                 Encoded::Periodic { period, .. } => {
                     let (sine, cosine) = (columns[begin], columns[begin + 1]);
                     TAU / period * (cosine * by_columns[begin] - sine * by_columns[begin + 1])
@@ -171,7 +184,7 @@ impl Encoder {
     }
 
     /// The first column of an input.
-    pub(crate) fn first_column(&self, input: usize) -> usize {
+    pub fn first_column(&self, input: usize) -> usize {
         self.inputs[..input].iter().map(Encoded::width).sum()
     }
 
@@ -189,6 +202,7 @@ impl Encoder {
 impl Encoded {
     fn width(&self) -> usize {
         match self {
+            Self::Start => 0,
             Self::Plain => 1,
             Self::Nominal(values) => values.len(),
             Self::Periodic { .. } => 2,

@@ -3,7 +3,7 @@
 use safetensors::SafeTensorError;
 
 /// Version of the layout described in this module.
-pub const FORMAT: u32 = 4;
+pub const FORMAT: u32 = 5;
 
 pub(crate) const METADATA_KEY: &str = "metafmu";
 
@@ -23,7 +23,7 @@ pub enum FormatError {
     /// Written by an older program.
     #[error(
         "model file format {found}, expected {FORMAT}: an older metafmu wrote it; make it again with this one, by \
-         `metafmu build STUDY`"
+         `metafmu build STUDY`, or `metafmu import MODEL`"
     )]
     OldVersion {
         /// Format in the file.
@@ -95,9 +95,9 @@ pub enum FormatError {
         /// How many there may be.
         limit: usize,
     },
-    /// No word about the structure of the model.
-    #[error("metadata entry `{METADATA_KEY}`: the field `model` is missing")]
-    NoModel,
+    /// No word about the clock of the program.
+    #[error("metadata entry `{METADATA_KEY}`: the field `clock` is missing")]
+    NoClock,
     /// A kind of output that this version does not know.
     #[error("tensor `{name}`, element {index}: {found} is not known")]
     Unknown {
@@ -124,15 +124,15 @@ pub enum FormatError {
         /// Operands of the step, or the one value at the end.
         expected: usize,
     },
-    /// A structure with a map that it cannot have.
-    #[error("a motion has dictionaries, and only a motion")]
-    MotionMap,
-    /// A state space of another map.
-    #[error("a state space has a dictionary, and a network or a graph beside it")]
-    StateSpaceMap,
-    /// A discrete model whose map is of another kind, or the other way around.
-    #[error("a discrete model has a linear part, a network or a graph beside one, and no other map")]
-    DiscreteMap,
+    /// A function that a step calls has such a step itself.
+    #[error("`{name}` has a step that calls a function, or equations: expected none in a function that is called")]
+    NestedFunction {
+        /// The function.
+        name: String,
+    },
+    /// Variables of a program with a state in another order.
+    #[error("the inputs of a program with a state are not parameters, values at the start and inputs, in this order")]
+    Order,
     /// Support with a descending range, or with less than one sample.
     #[error("the support of the training has a range that does not ascend, or a number of samples below 1")]
     Support,
@@ -150,9 +150,12 @@ pub enum FormatError {
         /// What stands there.
         found: f64,
     },
-    /// One model for each instant that is no network.
-    #[error("a map for each instant that is not a network")]
-    PerInstantMap,
+    /// A graph that must be a network.
+    #[error("`{name}` is not a network: layers of standardized columns, one after the other, with rescaled outputs")]
+    NoNetwork {
+        /// The graph.
+        name: String,
+    },
     /// No inputs or no outputs.
     #[error("the list of {what} is empty")]
     NoVariables {
@@ -207,9 +210,6 @@ pub enum FormatError {
         /// How many.
         count: usize,
     },
-    /// A series in time without a time column.
-    #[error("a network for each instant, but no input is the time")]
-    NoTime,
     /// A series in time of nothing.
     #[error("a network for each instant, but no input beside the time")]
     OnlyTime,
@@ -248,22 +248,20 @@ pub enum FormatError {
         source: Box<FormatError>,
     },
     /// Networks of different sizes.
-    #[error("instant {instant}: layers of sizes {found:?}, expected {expected:?} as at the first instant")]
+    #[error("instant {instant}: values of lengths {found:?}, expected {expected:?} as at the first instant")]
     LayerSizes {
         /// Counted from 0.
         instant: usize,
-        /// Its layers' sizes.
+        /// Lengths of its columns and of the values that its steps make.
         found: Vec<usize>,
         /// Those of the first instant.
         expected: Vec<usize>,
     },
-    /// Networks of different activations.
-    #[error("instant {instant}: layer {layer} has another activation than at the first instant")]
-    LayerActivation {
+    /// Networks of different steps.
+    #[error("instant {instant}: steps of other kinds than at the first instant")]
+    StepKinds {
         /// Counted from 0.
         instant: usize,
-        /// Counted from 0.
-        layer: usize,
     },
     /// An index that points at nothing.
     #[error("tensor `{name}`, element {index}: {found}, expected less than {limit}")]

@@ -1,12 +1,12 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
 use crate::{
-    Activation, Bounds, Cover, Discrete, Dynamics, Efforts, Encoder, Encoding, Given, Input, Integration, Layer, Map,
-    Metadata, Model, Motion, Output, OutputArray, Precision, Provenance, Reactions, Role, ScaledNetwork, Scaling,
-    Shown, State, StateSpace, Support, Surrogate, Transition, Variability,
+    Activation, Bounds, Clock, Cover, Dynamics, Efforts, Encoder, Encoding, Graph, Input, Integration, Layer, Metadata,
+    Motion, Output, OutputArray, Precision, Program, Provenance, Reactions, Role, Sampling, ScaledNetwork, Scaling,
+    Shown, State, Support, Surrogate, Transition, Variability,
     dictionary::{Dictionary, Factor, Term},
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
-    graph::{Elementwise, Graph, Operation, Step},
+    graph::{Elementwise, Given, Operation, Step},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
 use std::sync::Arc;
@@ -20,7 +20,7 @@ pub fn surrogate() -> Surrogate {
 pub fn with_cover(surrogate: &Surrogate) -> Surrogate {
     let cover = Cover { columns: vec![0, 1], radius: 0.25, centres: vec![0.25, 0.25, 0.75, 0.75] };
     let metadata = Metadata { cover: Some(cover), ..surrogate.metadata().clone() };
-    Surrogate::new(metadata, surrogate.model().clone()).expect("its inputs are no constants")
+    Surrogate::new(metadata, surrogate.program().clone()).expect("its inputs are no constants")
 }
 
 /// The same variables with hidden layers of the given sizes.
@@ -67,8 +67,7 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         output_scale: vec![0.8, 6.0],
     };
     let layers = layers(&[&[3], hidden, &[2]].concat(), activation, &mut uniform_sequence());
-    Surrogate::new(metadata, Model::Response(Map::Network(ScaledNetwork { scaling, layers })))
-        .expect("the example is valid")
+    Surrogate::new(metadata, Graph::from(&ScaledNetwork { scaling, layers })).expect("the example is valid")
 }
 
 fn variable(name: &str, role: Role, unit: &str, [min, max, start]: [f64; 3]) -> Input {
@@ -106,8 +105,8 @@ pub fn per_instant(hidden: &[usize], activation: Activation, precision: Precisio
         },
         layers: layers(&[&[2], hidden, &[2]].concat(), activation, &mut uniform),
     };
-    let networks = instants.iter().map(network).collect();
-    Surrogate::new(metadata, Model::PerInstant { instants, networks }).expect("the example is valid")
+    let networks: Vec<ScaledNetwork> = instants.iter().map(network).collect();
+    Surrogate::new(metadata, Graph::of_instants(3, 2, instants, &networks)).expect("the example is valid")
 }
 
 /// Layers of these sizes, inputs first; the last one is linear.
@@ -128,7 +127,7 @@ pub fn with_input() -> Surrogate {
     let surrogate = surrogate();
     let mut metadata = surrogate.metadata().clone();
     metadata.inputs[1].role = Role::Input;
-    Surrogate::new(metadata, surrogate.model().clone()).expect("the example is valid")
+    Surrogate::new(metadata, surrogate.program().clone()).expect("the example is valid")
 }
 
 /// A surrogate of either structure with encoded inputs: `length` is one of 0.1, 0.14 and 0.2, and `speed` is periodic.
@@ -151,17 +150,17 @@ pub fn encoded(surrogate: &Surrogate) -> Surrogate {
         network.layers = layers(&sizes, network.layers[0].activation, &mut uniform);
         network
     };
-    let model = match surrogate.model() {
-        Model::Response(Map::Network(network)) => Model::Response(Map::Network(encode(network))),
-        Model::PerInstant { instants, networks } => {
-            Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(encode).collect() }
+    let graph = match (surrogate.network(), surrogate.program().graph.instants()) {
+        (Some(network), _) => Graph::from(&encode(&network)),
+        (None, Some((instants, functions))) => {
+            let networks: Vec<_> =
+                functions.iter().filter_map(Graph::network).map(|network| encode(&network)).collect();
+            Graph::of_instants(6, 5, instants.to_vec(), &networks)
         }
-        Model::Response(Map::Graph(_)) | Model::Motion(_) | Model::StateSpace(_) | Model::Discrete(_) => {
-            panic!("the examples are networks")
-        }
+        (None, None) => panic!("the examples are networks"),
     };
     debug_assert_eq!(Encoder::of(&metadata.inputs).width(), 6);
-    Surrogate::new(metadata, model).expect("the example is valid")
+    Surrogate::new(metadata, graph).expect("the example is valid")
 }
 
 /// [`surrogate`] with outputs `x` and `y` in metres, and arrays of them: `position` is `[x, y]` and `swapped` `[y, x]`.
@@ -177,7 +176,7 @@ pub fn with_arrays() -> Surrogate {
         outputs: outputs.map(String::from).into(),
     };
     metadata.arrays = vec![array("position", ["x", "y"]), array("swapped", ["y", "x"])];
-    Surrogate::new(metadata, surrogate.model().clone()).expect("the example is valid")
+    Surrogate::new(metadata, surrogate.program().clone()).expect("the example is valid")
 }
 
 /// [`with_arrays`] with the error bounds 0.125 and 0.25.
@@ -282,15 +281,21 @@ pub fn crane() -> Surrogate {
             Shown::KineticEnergy,
             Shown::PotentialEnergy,
         ],
-        integration: Integration::Fixed { step: 0.005 },
     };
-    Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
+    let program = Program::of_motion(motion, Integration::Fixed { step: 0.005 });
+    Surrogate::new(metadata, program).expect("the example is valid")
+}
+
+/// The same with other equations.
+fn with_motion(like: &Surrogate, metadata: Metadata, motion: Motion) -> Surrogate {
+    let integration = like.program().integration().expect("it has states");
+    Surrogate::new(metadata, Program::of_motion(motion, integration)).expect("the example is valid")
 }
 
 /// The same with another integration of its states.
 pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate {
-    let model = surrogate.model().clone().with_integration(integration);
-    Surrogate::new(surrogate.metadata().clone(), model).expect("the integration is valid")
+    let program = surrogate.program().clone().with_integration(integration);
+    Surrogate::new(surrogate.metadata().clone(), program).expect("the integration is valid")
 }
 
 /// [`crane`] with efforts: friction of the trolley, `force - 0.3 tanh(20 v)`, wind against the load's horizontal motion as a torque on the
@@ -301,7 +306,7 @@ pub fn crane_with_efforts() -> Surrogate {
     use FormulaStep::{Call, Column, Combine, Constant, Lookup, Negate};
     let [held, smooth, periodic] = lookup_tables().map(Lookup);
     let crane = crane();
-    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    let motion = crane.program().motion().expect("the crane moves");
     let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
     // columns: l, force; theta, the load's x, x; their rates
     let friction = [
@@ -387,8 +392,8 @@ pub fn crane_with_efforts() -> Surrogate {
     let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
     let law = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
     let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
-    let motion = Motion { dynamics, ..(**motion).clone() };
-    Surrogate::new(crane.metadata().clone(), Model::Motion(Box::new(motion))).expect("the example is valid")
+    let motion = Motion { dynamics, ..motion.clone() };
+    with_motion(&crane, crane.metadata().clone(), motion)
 }
 
 /// Tables of one argument with straight lines, of two arguments with a spline, and a spline that repeats itself.
@@ -412,16 +417,16 @@ fn lookup_tables() -> [Arc<LookupTable>; 3] {
 
 /// A crane whose trolley has a prescribed acceleration, its input less 0.3 of its velocity.
 pub fn with_prescribed_trolley(crane: &Surrogate) -> Surrogate {
-    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    let motion = crane.program().motion().expect("the crane moves");
     let dynamics = motion.dynamics.clone().with_prescribed(&[0]).expect("the example is valid");
-    let motion = Motion { dynamics, ..(**motion).clone() };
-    Surrogate::new(crane.metadata().clone(), Model::Motion(Box::new(motion))).expect("the example is valid")
+    let motion = Motion { dynamics, ..motion.clone() };
+    with_motion(crane, crane.metadata().clone(), motion)
 }
 
 /// [`crane`] with two more outputs: the vertical force of the rope on the load, and a force with made-up numbers that has all parts.
 pub fn crane_with_reactions() -> Surrogate {
     let crane = crane();
-    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    let motion = crane.program().motion().expect("the crane moves");
     // A; C_00, C_10, C_11; D; F; B
     let each = Reactions::functions_of_each(2, 1);
     let term = |exponents: [i16; 3], values: &[(usize, f64)]| {
@@ -442,15 +447,15 @@ pub fn crane_with_reactions() -> Surrogate {
     let mut metadata = crane.metadata().clone();
     metadata.outputs.extend(["rope.fy", "belt"].map(|name| shown(name, "N", 20.0)));
     let outputs = motion.outputs.iter().copied().chain([Shown::Reaction(0), Shown::Reaction(1)]).collect();
-    let motion = Motion { reactions: Some(reactions), outputs, ..(**motion).clone() };
-    Surrogate::new(metadata, Model::Motion(Box::new(motion))).expect("the example is valid")
+    let motion = Motion { reactions: Some(reactions), outputs, ..motion.clone() };
+    with_motion(&crane, metadata, motion)
 }
 
 /// [`crane`] with networks of made-up numbers that add to the mass matrix, the potential, the damping and the force's effect, to a
 /// position, and to the forces, which depend on everything.
 pub fn crane_with_networks() -> Surrogate {
     let crane = crane();
-    let Model::Motion(motion) = crane.model() else { unreachable!("the crane moves") };
+    let motion = crane.program().motion().expect("the crane moves");
     let mut uniform = uniform_sequence();
     let mut term = |columns: &[(usize, ColumnKind)], outputs: &[usize], activation| {
         let mut layer = |inputs: usize, outputs: usize, activation| {
@@ -483,9 +488,9 @@ pub fn crane_with_networks() -> Surrogate {
     let motion = Motion {
         dynamics: dynamics.expect("the example is valid"),
         positions: Law::new(positions, Some(of_positions)).expect("the example is valid"),
-        ..(**motion).clone()
+        ..motion.clone()
     };
-    Surrogate::new(crane.metadata().clone(), Model::Motion(Box::new(motion))).expect("the example is valid")
+    with_motion(&crane, crane.metadata().clone(), motion)
 }
 
 /// Van der Pol's oscillator with a force, `xdd = mu (1 - x^2) xd - x + force`, exact unless a network from `(mu, force, x, v)`
@@ -516,14 +521,11 @@ pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
     let term = |exponents: [i16; 4], value: f64| Term { exponents: exponents.to_vec(), coefficients: vec![value] };
     // of mu, force, x, v
     let terms = [term([1, 0, 0, 1], 1.0), term([1, 0, 2, 1], -1.0), term([0, 0, 1, 0], -1.0), term([0, 1, 0, 0], 1.0)];
-    let space = StateSpace {
-        counts: [1, 1, 2],
-        functions: Dictionary::new(&[plain; 4], 1, &terms).expect("the example is valid"),
-        map: network.map(Map::Network),
-        results: vec![Given::State(0), Given::State(1), Given::Function(0)],
-        integration: Integration::Fixed { step: 0.005 },
-    };
-    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).expect("the example is valid")
+    let dictionary = Dictionary::new(&[plain; 4], 1, &terms).expect("the example is valid");
+    let results = [Given::State(0), Given::State(1), Given::Function(0)];
+    let graph = Graph::of_rates(&dictionary, network.as_ref().map(Graph::from), 2, &results);
+    let clock = Clock::Continuous(Integration::Fixed { step: 0.005 });
+    Surrogate::new(metadata, Program { graph, clock }).expect("the example is valid")
 }
 
 /// A network for [`oscillator`] with made-up numbers.
@@ -568,23 +570,18 @@ pub fn recorded() -> Surrogate {
         output_mean: vec![0.0],
         output_scale: vec![0.05],
     };
-    let discrete = Discrete {
-        counts: [1, 1, 1],
-        hidden: Vec::new(),
-        history: [2, 3],
-        step: 0.1,
-        weights: vec![1.2, -0.5, 0.1, 0.05, -0.02, 0.03],
-        constants: vec![0.01],
-        map: Some(Map::Network(ScaledNetwork { scaling, layers })),
-        support: None,
-    };
-    Surrogate::new(metadata, Model::Discrete(Box::new(discrete))).expect("the example is valid")
+    let weights = vec![1.2, -0.5, 0.1, 0.05, -0.02, 0.03];
+    let graph = Graph::of_samples(6, weights, vec![0.01], Some(Graph::from(&ScaledNetwork { scaling, layers })));
+    let sampling = Sampling { hidden: Vec::new(), history: [2, 3], step: 0.1, support: None };
+    let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
+    Surrogate::new(metadata, program).expect("the example is valid")
 }
 
 /// [`recorded`] with the support of a training: positions that stay below 0.5 m.
 pub fn supported() -> Surrogate {
     let recorded = recorded();
-    let Model::Discrete(discrete) = recorded.model() else { unreachable!("it is discrete") };
+    let Program { graph, clock } = recorded.program().clone();
+    let Clock::Sampled(sampling) = clock else { unreachable!("it has samples") };
     let transition = |k: u32| {
         let [now, next] = [k, k + 1].map(|k| 0.5 * (f64::from(k) / 10.0).sin());
         let transition =
@@ -592,8 +589,8 @@ pub fn supported() -> Surrogate {
         transition.features().collect()
     };
     let support = Some(Support::of((0..200).map(transition), 10.0));
-    let discrete = Discrete { support, ..discrete.as_ref().clone() };
-    Surrogate::new(recorded.metadata().clone(), Model::Discrete(Box::new(discrete))).expect("the example is valid")
+    let clock = Clock::Sampled(Box::new(Sampling { support, ..*sampling }));
+    Surrogate::new(recorded.metadata().clone(), Program { graph, clock }).expect("the example is valid")
 }
 
 /// A recurrent cell with made-up numbers, 0.1 s from sample to sample: a mass is a parameter, a force the input, a position the output, and two
@@ -624,23 +621,15 @@ pub fn cell() -> Surrogate {
         Step::Combine { of: [2, 6], operation: Operation::Multiply },
         Step::Combine { of: [4, 7], operation: Operation::Add },
     ];
-    let cell = Discrete {
-        counts: [1, 1, 1],
-        hidden: vec![0.1, -0.2],
-        history: [1, 1],
-        step: 0.1,
-        weights: Vec::new(),
-        constants: vec![0.0; 3],
-        map: Some(Map::Graph(Graph { inputs: 5, steps })),
-        support: None,
-    };
-    Surrogate::new(metadata, Model::Discrete(Box::new(cell))).expect("the example is valid")
+    let graph = Graph::of_samples(5, Vec::new(), vec![0.0; 3], Some(Graph { inputs: 5, steps }));
+    let sampling = Sampling { hidden: vec![0.1, -0.2], history: [1, 1], step: 0.1, support: None };
+    let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
+    Surrogate::new(metadata, program).expect("the example is valid")
 }
 
 /// [`oscillator`] by a graph.
 pub fn oscillator_by_graph() -> Surrogate {
     let oscillator = oscillator(None);
-    let Model::StateSpace(space) = oscillator.model() else { unreachable!("it has states") };
     let columns = |columns: &[u32]| Step::Columns { columns: columns.iter().map(|column| [0, *column]).collect() };
     let steps = vec![
         columns(&[2]),
@@ -654,10 +643,9 @@ pub fn oscillator_by_graph() -> Surrogate {
         Step::Combine { of: [7, 8], operation: Operation::Add },
     ];
     let plain = Factor::Power { middle: 0.0, half: 1.0 };
-    let space = StateSpace {
-        functions: Dictionary::new(&[plain; 4], 1, &[]).expect("the example is valid"),
-        map: Some(Map::Graph(Graph { inputs: 4, steps })),
-        ..space.as_ref().clone()
-    };
-    Surrogate::new(oscillator.metadata().clone(), Model::StateSpace(Box::new(space))).expect("the example is valid")
+    let nothing = Dictionary::new(&[plain; 4], 1, &[]).expect("the example is valid");
+    let results = [Given::State(0), Given::State(1), Given::Function(0)];
+    let graph = Graph::of_rates(&nothing, Some(Graph { inputs: 4, steps }), 2, &results);
+    let program = Program { graph, ..oscillator.program().clone() };
+    Surrogate::new(oscillator.metadata().clone(), program).expect("the example is valid")
 }

@@ -1,12 +1,12 @@
 //! What the metafmu tool and every FMU it writes share.
 //!
-//! - [`Surrogate`]: the variables and the model of a surrogate, as the model file has them.
-//! - [`Map`]: a pure function from columns to outputs: a network, or a sequence of steps such as a polynomial or a forest.
-//! - [`Model`]: maps together with time, and equations with states.
+//! - [`Surrogate`]: the variables and the program of a surrogate, as the model file has them.
+//! - [`Program`]: a [`Graph`], which is a sequence of steps (a network, a polynomial, equations), and a [`Clock`], which says when it is
+//!   evaluated: whenever outputs are wanted, for the derivatives of states, or at samples.
 //! - [`Variables`]: the variables of its FMU in the order of their value references.
 //! - [`format`](mod@format): the model file itself, a safetensors container; its layout is specified there.
-//! - [`Evaluator`]: the model prepared for evaluation, with exact derivatives.
-//! - [`Encoding`]: how an input's value becomes columns of the model.
+//! - [`Evaluator`]: the program prepared for evaluation, with exact derivatives.
+//! - [`Encoding`]: how an input's value becomes columns of the graph.
 //! - [`Domain`]: where the surrogate was trained: ranges, and a [`Cover`] of the data in them.
 //!
 //! ```
@@ -24,19 +24,25 @@
 //! ```
 
 mod bounds;
+mod check;
 mod cover;
 mod description;
 mod domain;
 mod encoding;
+mod equations;
 mod error;
 #[cfg(feature = "example")]
 pub mod example;
 pub mod format;
-mod map;
+pub mod graph;
 mod metadata;
-mod model;
+mod network;
+mod numbers;
+mod program;
 mod simd;
 mod surrogate;
+mod task;
+mod tensors;
 mod variables;
 
 pub use bounds::Bounds;
@@ -44,14 +50,20 @@ pub use cover::Cover;
 pub use description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Variability};
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::Encoder;
-pub use error::FormatError;
-pub use map::{Activation, Layer, Map, Numbers, ScaledNetwork, Scaling, dictionary, formula, graph, jet::Jet, law};
-pub use metadata::Metadata;
-pub use model::{
-    CommunicationStep, Discrete, Drive, EffortColumn, Efforts, Evaluator, Given, Integration,
-    MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Model, Motion, Reactions, Scale, Scratch, Shown, StateSpace,
-    StepError, Support, Transition,
+pub use equations::{
+    EffortColumn, Efforts, Motion, Reactions, Shown, dictionary,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
+    formula, law,
+    tape::listing,
+};
+pub use error::FormatError;
+pub use graph::Graph;
+pub use metadata::Metadata;
+pub use network::{Layer, Numbers, ScaledNetwork, Scaling};
+pub use numbers::{activation::Activation, jet::Jet};
+pub use program::{
+    Clock, CommunicationStep, Drive, Evaluator, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Ports,
+    Program, Sampling, Scale, Scratch, StepError, Support, Transition,
 };
 pub use surrogate::Surrogate;
 pub use variables::{BuiltIn, Known, Quantity, Variable, Variables};

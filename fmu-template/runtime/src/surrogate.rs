@@ -1,9 +1,8 @@
-//! The surrogate as data: variables, model, provenance.
+//! The surrogate as data: variables, program, provenance.
 
 use crate::{
-    Bounds, Domain, Evaluator, FormatError, Input, Metadata, Output, OutputArray, Role, State,
-    map::{Map, ScaledNetwork},
-    model::Model,
+    Bounds, Clock, Domain, Evaluator, FormatError, Input, Metadata, Output, OutputArray, Ports, Program, Role,
+    ScaledNetwork, State,
     variables::{Variable, Variables},
 };
 use sha2::{Digest, Sha256};
@@ -12,14 +11,14 @@ use std::{
     fmt::Write,
 };
 
-/// A model with everything needed to use it: which variable each column is, in what unit, and over what range it was
+/// A program with everything needed to use it: which variable each column is, in what unit, and over what range it was
 /// trained.
 ///
 /// A value of this type has been validated: shapes fit, every number is finite, names are unique, ranges are not empty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surrogate {
     metadata: Metadata,
-    model: Model,
+    program: Program,
     /// Output columns of each array, in the order of its elements; made from the metadata.
     array_columns: Vec<Vec<usize>>,
     /// Made from the metadata.
@@ -34,12 +33,13 @@ impl Surrogate {
     ///
     /// # Errors
     /// The first [`FormatError`] that says how the parts do not fit each other.
-    pub fn new(metadata: Metadata, model: Model) -> Result<Self, FormatError> {
+    pub fn new(metadata: Metadata, program: impl Into<Program>) -> Result<Self, FormatError> {
+        let program = program.into();
         validate_metadata(&metadata)?;
         let array_columns = array_columns(&metadata)?;
-        model.check(&metadata)?;
+        program.check(&metadata)?;
         let variables = Variables::of(&metadata);
-        Ok(Self { metadata, model, array_columns, variables })
+        Ok(Self { metadata, program, array_columns, variables })
     }
 
     /// Name, variables, provenance.
@@ -82,26 +82,19 @@ impl Surrogate {
         self.inputs().iter().position(|input| input.role == Role::Time)
     }
 
-    /// Whether outputs follow from what was before: whether it has states, or a memory.
-    pub fn goes_on(&self) -> bool {
-        !matches!(self.model, Model::Response(_) | Model::PerInstant { .. })
+    /// What computes the outputs.
+    pub fn program(&self) -> &Program {
+        &self.program
     }
 
-    /// What computes the outputs.
-    pub fn model(&self) -> &Model {
-        &self.model
+    /// Number of variables by role.
+    pub fn ports(&self) -> Ports {
+        Ports::of(&self.metadata)
     }
 
     /// The network, if it is a single one.
-    pub fn network(&self) -> Option<&ScaledNetwork> {
-        match &self.model {
-            Model::Response(Map::Network(network)) => Some(network),
-            Model::Response(Map::Graph(_))
-            | Model::PerInstant { .. }
-            | Model::Motion(_)
-            | Model::StateSpace(_)
-            | Model::Discrete(_) => None,
-        }
+    pub fn network(&self) -> Option<ScaledNetwork> {
+        if self.program.clock == Clock::Static { self.program.graph.network() } else { None }
     }
 
     /// The variables of its FMU, in the order of their value references.
@@ -163,7 +156,7 @@ impl Surrogate {
     /// [`FormatError::BoundCount`] or [`FormatError::Bound`] if the bounds do not fit the outputs.
     pub fn with_bounds(mut self, bounds: Bounds) -> Result<Self, FormatError> {
         self.metadata.bounds = Some(bounds);
-        Self::new(self.metadata, self.model)
+        Self::new(self.metadata, self.program)
     }
 
     /// The same surrogate with another content digest.
@@ -172,14 +165,14 @@ impl Surrogate {
     /// [`FormatError::Digest`] if it is not 64 hexadecimal digits.
     pub fn with_content_digest(mut self, digest: String) -> Result<Self, FormatError> {
         self.metadata.provenance.content_digest = digest;
-        Self::new(self.metadata, self.model)
+        Self::new(self.metadata, self.program)
     }
 }
 
 impl Evaluator {
     /// Lays out the weights and chooses the instruction set.
     pub fn new(surrogate: &Surrogate) -> Self {
-        Self::of(&surrogate.metadata, &surrogate.model)
+        Self::of(&surrogate.metadata, &surrogate.program)
     }
 }
 
@@ -189,10 +182,8 @@ impl Domain {
         let ranges = Self::new(surrogate.inputs(), surrogate.states());
         let cover = surrogate.metadata.cover.iter();
         let domain = cover.fold(ranges, |ranges, cover| ranges.near(cover, surrogate.inputs()));
-        match &surrogate.model {
-            Model::Discrete(discrete) => discrete.distance_column().into_iter().fold(domain, Self::with_distance),
-            _ => domain,
-        }
+        let distance = surrogate.program.sampling().and_then(|sampling| sampling.distance_column(&surrogate.ports()));
+        distance.into_iter().fold(domain, Self::with_distance)
     }
 }
 

@@ -1,4 +1,4 @@
-//! The continuous states: set and read by a solver around the FMU, or integrated by the one inside it; and the memory of a discrete model.
+//! The continuous states: set and read by a solver around the FMU, or integrated by the one inside it; and the memory of samples.
 
 use super::Instance;
 use crate::{

@@ -14,7 +14,7 @@ use crate::{
         worker,
     },
 };
-use metafmu_runtime::{Map, Model, Surrogate, graph::Step};
+use metafmu_runtime::{Surrogate, graph::Step};
 use std::path::Path;
 
 /// Checks an FMU as [`fmi::validate()`] does, and the surrogate and the reference result inside if it is one of ours.
@@ -91,11 +91,8 @@ impl Checks for SurrogateChecks {
 }
 
 fn is_piecewise_constant(surrogate: &Surrogate) -> bool {
-    match surrogate.model() {
-        // near a threshold differences are no derivatives
-        Model::Response(Map::Graph(graph)) => graph.steps.iter().any(|step| matches!(step, Step::Forest { .. })),
-        _ => false,
-    }
+    // near a threshold differences are no derivatives
+    surrogate.program().graph.steps.iter().any(|step| matches!(step, Step::Forest { .. }))
 }
 
 #[cfg(test)]

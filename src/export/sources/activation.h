@@ -27,10 +27,7 @@ void activate(Activation activation, Real x[BLOCK]);
 /* x becomes the activation of x; its first and second derivative go to slope and curvature. */
 void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK]);
 
-/*
- * x becomes the activation of x, and unless the pointer is null, their slopes go there: so many numbers, in whole
- * blocks. As the template jet_activation.h does of jets.
- */
+/* The same of whole blocks, with slopes unless the pointer is null; jet_activation.h does it for jets. */
 void real_activate(Activation activation, Real x[], Real *slopes, size_t count);
 
 #endif

@@ -1,37 +1,27 @@
 /*
- * Products of a matrix whose rows are in blocks of BLOCK with a vector: of each block column by column, so that no sum waits
- * for another.
+ * A template, without a guard: products of a matrix whose rows are in blocks of BLOCK with a vector, of each block column
+ * by column, so that no sum waits for another. Before it is included, NUMBER is the type of numbers and OF(name) the name
+ * of a function of them.
  */
-#ifndef BLOCKS_H
-#define BLOCKS_H
 
-#include <stddef.h>
-
-#include "activation.h"
 #include "clones.h"
 
-/* Columns that are added to a block of rows at a time: few enough for the registers of any processor. */
-enum { GROUP = 4 };
-
-/* y += W x for one block of rows. */
-static INLINED void add_block(const Real *restrict weights, size_t columns, const Real *restrict x, Real *restrict y)
+/* y += W x for a block of rows, a few columns at a time: few enough for the registers of any processor. */
+static INLINED void OF(add_block)(const Real *restrict w, size_t columns, const NUMBER *restrict x, NUMBER *restrict y)
 {
     size_t column = 0;
-    for (; column + GROUP <= columns; column += GROUP) {
-        const Real *w = weights + column * BLOCK;
-        const Real a = x[column];
-        const Real b = x[column + 1];
-        const Real c = x[column + 2];
-        const Real d = x[column + 3];
+    for (; column + 4 <= columns; column += 4, w += 4 * BLOCK) {
         for (size_t row = 0; row < BLOCK; row++) {
-            y[row] += (w[row] * a + w[BLOCK + row] * b) + (w[2 * BLOCK + row] * c + w[3 * BLOCK + row] * d);
+            const NUMBER a = OF(scaled)(x[column], w[row]);
+            const NUMBER b = OF(scaled)(x[column + 1], w[BLOCK + row]);
+            const NUMBER c = OF(scaled)(x[column + 2], w[2 * BLOCK + row]);
+            const NUMBER d = OF(scaled)(x[column + 3], w[3 * BLOCK + row]);
+            y[row] = OF(sum)(y[row], OF(sum)(OF(sum)(a, b), OF(sum)(c, d)));
         }
     }
-    for (; column < columns; column++) {
+    for (; column < columns; column++, w += BLOCK) {
         for (size_t row = 0; row < BLOCK; row++) {
-            y[row] += weights[column * BLOCK + row] * x[column];
+            y[row] = OF(sum)(y[row], OF(scaled)(x[column], w[row]));
         }
     }
 }
-
-#endif

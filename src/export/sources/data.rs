@@ -1,14 +1,12 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    BuiltIn, Cover, Encoding, Evaluator, Input, Map, Metadata, Model, Motion, Quantity, Role, ScaledNetwork, State,
-    Surrogate, Variability, Variable, graph::Graph,
+    BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role, ScaledNetwork, State,
+    Surrogate, Variability, Variable,
 };
 use std::fmt::Write;
 
 mod discrete;
-mod efforts;
-mod functions;
 mod graph;
 mod maps;
 mod motion;
@@ -16,6 +14,8 @@ mod network;
 mod operations;
 mod state_space;
 mod states;
+mod tables;
+mod tape;
 
 /// External names of the C code that all models have, but the FMI functions.
 const EXTERNAL_NAMES: &[&str] = &[
@@ -97,38 +97,30 @@ struct ModelSources {
 
 impl ModelSources {
     fn of(surrogate: &Surrogate) -> Self {
-        match surrogate.model() {
-            Model::Response(Map::Network(network)) => {
-                maps::part(surrogate, &[], network::map(surrogate, std::slice::from_ref(network)))
-            }
-            Model::Response(Map::Graph(graph)) => maps::part(surrogate, &[], graph::map(graph)),
-            Model::PerInstant { instants, networks } => {
-                maps::part(surrogate, instants, network::map(surrogate, networks))
-            }
-            Model::Motion(motion) => motion::part(surrogate, motion),
-            Model::StateSpace(space) => state_space::part(surrogate, space),
-            Model::Discrete(discrete) => discrete::part(surrogate, discrete),
+        let Program { graph, clock } = surrogate.program();
+        match (clock, surrogate.program().motion()) {
+            (Clock::Static, _) => match networks(graph) {
+                Some((instants, networks)) => maps::part(surrogate, instants, network::map(surrogate, &networks)),
+                None => maps::part(surrogate, &[], graph::map(graph)),
+            },
+            (Clock::Continuous(integration), Some(motion)) => motion::part(surrogate, motion, *integration),
+            (Clock::Continuous(integration), None) => state_space::part(surrogate, *integration),
+            (Clock::Sampled(sampling), _) => discrete::part(surrogate, sampling),
         }
     }
 }
 
-/// `model_efforts.h`
-pub(super) fn efforts(motion: &Motion) -> String {
-    efforts::template(motion.dynamics.efforts())
+/// A network, without instants, or the networks for some instants: they have a C file of their own.
+fn networks(graph: &Graph) -> Option<(&[f64], Vec<ScaledNetwork>)> {
+    match graph.instants() {
+        Some((instants, functions)) => Some((instants, functions.iter().filter_map(Graph::network).collect())),
+        None => graph.network().map(|network| (&[][..], vec![network])),
+    }
 }
 
-/// The graph in a model, if there is one.
-pub(super) fn graph_of(model: &Model) -> Option<&Graph> {
-    let map = match model {
-        Model::Response(map) => Some(map),
-        Model::StateSpace(space) => space.map.as_ref(),
-        Model::Discrete(discrete) => discrete.map.as_ref(),
-        Model::PerInstant { .. } | Model::Motion(_) => None,
-    };
-    match map {
-        Some(Map::Graph(graph)) => Some(graph),
-        _ => None,
-    }
+/// Whether `graph.c` computes it.
+pub(super) fn has_graph(program: &Program) -> bool {
+    program.motion().is_none() && (program.goes_on() || networks(&program.graph).is_none())
 }
 
 /// `model_data.h`
@@ -165,20 +157,13 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         ("MODEL_HEADER", format!("\"{header}\"")),
         ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
         ("MODEL_HAS_STATES", u8::from(states > 0).to_string()),
-        (
-            "MODEL_HAS_EQUATIONS",
-            u8::from(matches!(surrogate.model(), Model::Motion(_) | Model::StateSpace(_))).to_string(),
-        ),
-        (
-            "MODEL_HAS_MAPS",
-            u8::from(matches!(surrogate.model(), Model::Response(_) | Model::PerInstant { .. })).to_string(),
-        ),
+        ("MODEL_HAS_EQUATIONS", u8::from(surrogate.program().integration().is_some()).to_string()),
+        ("MODEL_HAS_MAPS", u8::from(!surrogate.program().goes_on()).to_string()),
         ("MODEL_HAS_COVER", u8::from(surrogate.metadata().cover.is_some()).to_string()),
         (
             "MODEL_HAS_SUPPORT",
-            u8::from(matches!(surrogate.model(), Model::Discrete(of) if of.support.is_some())).to_string(),
+            u8::from(surrogate.program().sampling().is_some_and(|of| of.support.is_some())).to_string(),
         ),
-        ("MODEL_HAS_GRAPH", u8::from(graph_of(surrogate.model()).is_some()).to_string()),
     ];
     text.push('\n');
     for (name, value) in of_all.into_iter().chain(defines) {
@@ -220,19 +205,18 @@ pub fn source(surrogate: &Surrogate) -> String {
         doubles(&mut text, "const float model_centres", &centres);
     }
     let data = ModelSources::of(surrogate).data;
-    let formulas = if let Model::Motion(motion) = surrogate.model() { efforts(motion) } else { String::new() };
-    if let Some(reason) = refusal_of_single(surrogate, &[data.as_str(), &formulas]) {
+    if let Some(reason) = refusal_of_single(surrogate, &data) {
         push(&mut text, format_args!("\n#ifdef METAFMU_SINGLE\n#error \"{reason}\"\n#endif\n"));
     }
     text + &data
 }
 
 /// Why the model cannot be computed in single precision, if that is so; `data` are its definitions.
-fn refusal_of_single(surrogate: &Surrogate, data: &[&str]) -> Option<String> {
+fn refusal_of_single(surrogate: &Surrogate, data: &str) -> Option<String> {
     let is_beyond = |value: f64| value.is_finite() && (value as f32).is_infinite();
     let of_inputs = surrogate.inputs().iter().flat_map(|input| [input.start, input.min, input.max]);
     let of_states = surrogate.states().iter().flat_map(|state| state.range.unwrap_or_default());
-    if data.iter().any(|text| text.contains(BEYOND_SINGLE.trim_end())) || of_inputs.chain(of_states).any(is_beyond) {
+    if data.contains(BEYOND_SINGLE.trim_end()) || of_inputs.chain(of_states).any(is_beyond) {
         return Some("METAFMU_SINGLE: the model has numbers, or ranges, that single precision has not".into());
     }
     let rounding = 0.5 * f64::from(f32::EPSILON) * largest_sum(surrogate);
@@ -249,37 +233,27 @@ const ROUNDING_IN_SINGLE: f64 = 0.01;
 
 /// The largest sum of magnitudes of the terms of an output of the model or of one of its networks, relative to its standard deviation.
 fn largest_sum(surrogate: &Surrogate) -> f64 {
-    let networks: Vec<&ScaledNetwork> = match surrogate.model() {
-        Model::Response(Map::Network(network)) => {
-            return of_outputs(surrogate, scaled(network), network::sums(network));
+    let program = surrogate.program();
+    if !program.goes_on() {
+        return match networks(&program.graph) {
+            Some((_, networks)) => {
+                let of_network = |network| of_outputs(surrogate, scaled(network), network::sums(network));
+                networks.iter().map(of_network).fold(0.0, f64::max)
+            }
+            None => {
+                let sums = graph::sums(&program.graph);
+                let (means, scales) = (vec![0.0; sums.len()], vec![1.0; sums.len()]);
+                of_outputs(surrogate, (&means, &scales), sums)
+            }
+        };
+    }
+    let largest = |network: &ScaledNetwork| network::sums(network).into_iter().fold(0.0, f64::max);
+    match program.motion() {
+        Some(motion) => {
+            let terms = [motion.dynamics.law().network(), motion.positions.network(), motion.dynamics.forces()];
+            terms.into_iter().flatten().map(|term| largest(term.network())).fold(0.0, f64::max)
         }
-        Model::Response(Map::Graph(graph)) => {
-            let sums = graph::sums(graph);
-            let (means, scales) = (vec![0.0; sums.len()], vec![1.0; sums.len()]);
-            return of_outputs(surrogate, (&means, &scales), sums);
-        }
-        Model::PerInstant { networks, .. } => {
-            let sums = networks.iter().map(|network| of_outputs(surrogate, scaled(network), network::sums(network)));
-            return sums.fold(0.0, f64::max);
-        }
-        Model::Motion(motion) => {
-            [motion.dynamics.law().network(), motion.positions.network(), motion.dynamics.forces()]
-                .into_iter()
-                .flatten()
-                .map(|term| term.network())
-                .collect()
-        }
-        Model::StateSpace(space) => added(&space.map).into_iter().collect(),
-        Model::Discrete(discrete) => added(&discrete.map).into_iter().collect(),
-    };
-    networks.into_iter().flat_map(network::sums).fold(0.0, f64::max)
-}
-
-/// The network beside a model's other functions, if there is one.
-fn added(map: &Option<Map>) -> Option<&ScaledNetwork> {
-    match map {
-        Some(Map::Network(network)) => Some(network),
-        _ => None,
+        None => program.graph.called().and_then(Graph::network).map_or(0.0, |network| largest(&network)),
     }
 }
 

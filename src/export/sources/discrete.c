@@ -1,33 +1,17 @@
 /*
  * How long a step takes at worst, in multiplications, additions and divisions:
  *
- *     K (N + G + o (2 c + 2) + 5 m + 5 + 8 f) + 8
+ *     K (G + 5 m + 5 + 8 f) + 8
  *
- * with o numbers of a sample, m inputs, c columns of z, or 0 if W is zero, and K = ceil(size of the step /
- * model_sample_time) samples. A graph takes what graph.c says, in G; the network takes, in N,
- *
- *     2 for a column,
- *     2 i o for a layer of i inputs and o nodes, rounded up to whole blocks of 16, besides activations: at most 50
- *       operations of activation.c for a node,
- *     3 for an output.
- *
- * and 8 for each of f features that are compared with the support of the training. model_data.h has the number for a step
- * of model_time_step. Numbers that are remembered are moved by one sample, which takes as long as there are numbers.
+ * with m inputs, K = ceil(size of the step / model_sample_time) samples, f features that are compared with the support of
+ * the training, and G for the graph: graph.c says what it takes. model_data.h has the number for a step of
+ * model_time_step. Numbers that are remembered are moved by one sample, which takes as long as there are numbers.
  * Outputs between two samples take three operations each when a host asks for them.
  */
 #include "evaluator.h"
-#include "jets.h"
 #include <float.h>
 #include <math.h>
 #include <string.h>
-
-#if !MODEL_HAS_GRAPH
-#define NUMBER Real
-#define OF(name) real_##name
-#include "network_term.h"
-#undef NUMBER
-#undef OF
-#endif
 
 /* Part of a sample time by which a communication point may miss a sample. */
 static const double SAME = 1e-6;
@@ -143,29 +127,14 @@ static void take(const double *values, size_t count, Real *to)
 /* The next sample from what is remembered; whether it is finite. */
 static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 {
-    Real *z = scratch->regressors;
-    const size_t linear_columns = LINEAR_COLUMNS;
+    Real *z = scratch->graph;
     bool finite = true;
     take(point + MEMORY, FED_BACK, z);
     take(point + MEMORY_INPUTS, PAST_INPUTS, z + FED_BACK);
     take(point, PARAMETER_COUNT, z + FED_BACK + PAST_INPUTS);
-#if MODEL_HAS_GRAPH
-    memcpy(scratch->graph, z, REGRESSOR_COUNT * sizeof *z);
     real_graph(scratch->graph);
-    memcpy(scratch->added, scratch->graph + NUMBER_COUNT - SAMPLE_SIZE, sizeof scratch->added);
-#else
     for (size_t i = 0; i < SAMPLE_SIZE; i++) {
-        scratch->added[i] = R(0.0);
-    }
-    real_add_network(&model_samples_network, z, scratch->added, NULL, 0, scratch->network);
-#endif
-    for (size_t i = 0; i < SAMPLE_SIZE; i++) {
-        const Real *weights = model_weights + i * linear_columns;
-        Real linear = R(0.0);
-        for (size_t k = 0; k < linear_columns; k++) {
-            linear += weights[k] * z[k];
-        }
-        const Real next = model_constants[i] + linear + scratch->added[i];
+        const Real next = scratch->graph[NUMBER_COUNT - SAMPLE_SIZE + i];
         point[MEMORY_NEXT + i] = (double)next;
         finite = finite && MATH(fabs)(next) < REAL_HUGE;
     }

@@ -1,9 +1,9 @@
 /*
  * Outputs y and inputs u known by samples: the next sample of the outputs follows from past samples of both,
  *
- *     y[k + 1] = c + W z[k] + N(z[k]),    z[k] = (y[k], ..., y[k - n + 1], u[k], ..., u[k - m + 1], p)
+ *     y[k + 1] = f(z[k]),    z[k] = (y[k], ..., y[k - n + 1], u[k], ..., u[k - m + 1], p)
  *
- * with parameters p and a network or a graph of another tool (graph.c) N. The last numbers of y may be hidden: they are
+ * with parameters p and a graph f (graph.c). The last numbers of y may be hidden: they are
  * no outputs, and begin with numbers of the model. The inputs of a point are p, the starts of the outputs, the starts
  * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to the
  * first; averages of inputs and the distance from the support of the training (below), if it is known; the next y; the
@@ -14,12 +14,8 @@
 #ifndef DISCRETE_H
 #define DISCRETE_H
 
-#include "functions.h"
-#include "model.h"
-
-#if MODEL_HAS_GRAPH
 #include "graph.h"
-#endif
+#include "model.h"
 
 /* Where a point has what is remembered. */
 enum {
@@ -36,8 +32,6 @@ enum {
 enum { REGRESSOR_COUNT = FED_BACK + PAST_INPUTS + PARAMETER_COUNT };
 
 extern const double model_sample_time; /* s */
-extern const Real model_weights[];             /* W, row by row of LINEAR_COLUMNS, which are all or none */
-extern const Real model_constants[SAMPLE_SIZE]; /* c */
 extern const Real model_hidden[];              /* what is hidden, at the start */
 #if MODEL_HAS_SUPPORT
 /*
@@ -52,16 +46,10 @@ extern const Real model_support_ranges[FEATURE_COUNT * 2];
 extern const Real model_support_samples; /* M */
 extern const Real model_support_fading;  /* of a distance, from sample to sample */
 #endif
-extern const NetworkTerm model_samples_network;                    /* N */
 
 /* Working memory of one evaluation at a time. */
 typedef struct {
-    Real regressors[REGRESSOR_COUNT];
-    Real added[SAMPLE_SIZE]; /* by the network or the graph */
-    Real network[2 * NETWORK_WIDTH];
-#if MODEL_HAS_GRAPH
     Real graph[NUMBER_COUNT];
-#endif
     double before[MEMORY_COUNT];
 } Scratch;
 

@@ -54,6 +54,8 @@ static Component *new_component(const char *name, const fmi2CallbackFunctions *f
     const size_t length = name == NULL ? 0 : strlen(name);
     Component *component = allocate(1, sizeof(Component) + length + 1);
     if (component != NULL) {
+        /* not every host gives zeros */
+        memset(component, 0, sizeof *component);
         component->allocate = allocate;
         component->release = offered ? functions->freeMemory : free;
         component->logger = functions->logger;

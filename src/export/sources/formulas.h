@@ -1,6 +1,6 @@
 /*
- * Functions that formulas of efforts call, in real numbers and in jets. A jet that does not change has no derivative,
- * even where that of the function is infinite, as of the square root at zero.
+ * Functions of formulas of efforts, in real numbers and in jets. A jet that does not change has no derivative, even
+ * where that of the function is infinite, as of the square root at zero.
  */
 #ifndef FORMULAS_H
 #define FORMULAS_H
@@ -34,13 +34,41 @@ typedef struct {
 
 extern const LookupTable model_tables[];
 
-/* Argument of a table. */
+/* Argument of a table: a register of the equations. */
 typedef struct {
     const LookupTable *table;
     size_t axis;
+    size_t of;
 } Argument;
 
 extern const Argument model_arguments[];
+
+typedef enum {
+    FUNCTION_SIN,
+    FUNCTION_COS,
+    FUNCTION_TAN,
+    FUNCTION_ASIN,
+    FUNCTION_ACOS,
+    FUNCTION_ATAN,
+    FUNCTION_TANH,
+    FUNCTION_EXP,
+    FUNCTION_LN,
+    FUNCTION_SQRT,
+    FUNCTION_ABS,
+    FUNCTION_SIGN
+} Function;
+
+static inline Real sign(Real x)
+{
+    if (x > R(0.0)) {
+        return R(1.0);
+    }
+    return x < R(0.0) ? R(-1.0) : x;
+}
+
+/* In the order of their names. */
+static Real (*const FUNCTIONS[])(Real) = {MATH(sin),  MATH(cos), MATH(tan), MATH(asin), MATH(acos), MATH(atan),
+                                          MATH(tanh), MATH(exp), MATH(log), MATH(sqrt), MATH(fabs), sign};
 
 /* A function of a jet from its value, slope and curvature. */
 static inline Jet jet_chain(Jet a, Real value, Real slope, Real curvature)
@@ -52,158 +80,62 @@ static inline Jet jet_chain(Jet a, Real value, Real slope, Real curvature)
     return (Jet){value, first, bent + second};
 }
 
-static inline Real real_sin(Real a)
+static inline Real real_apply(Function function, Real a)
 {
-    return MATH(sin)(a);
+    return FUNCTIONS[function](a);
 }
 
-static inline Jet jet_sin(Jet a)
+static inline Jet jet_apply(Function function, Jet a)
 {
-    const Real value = MATH(sin)(a.value);
-    return jet_chain(a, value, MATH(cos)(a.value), -value);
-}
-
-static inline Real real_cos(Real a)
-{
-    return MATH(cos)(a);
-}
-
-static inline Jet jet_cos(Jet a)
-{
-    const Real value = MATH(cos)(a.value);
-    return jet_chain(a, value, -MATH(sin)(a.value), -value);
-}
-
-static inline Real real_tan(Real a)
-{
-    return MATH(tan)(a);
-}
-
-static inline Jet jet_tan(Jet a)
-{
-    const Real value = MATH(tan)(a.value);
-    const Real slope = R(1.0) + value * value;
-    return jet_chain(a, value, slope, R(2.0) * value * slope);
-}
-
-static inline Real real_asin(Real a)
-{
-    return MATH(asin)(a);
-}
-
-static inline Jet jet_asin(Jet a)
-{
-    const Real slope = R(1.0) / MATH(sqrt)(R(1.0) - a.value * a.value);
-    return jet_chain(a, MATH(asin)(a.value), slope, a.value * (slope * slope * slope));
-}
-
-static inline Real real_acos(Real a)
-{
-    return MATH(acos)(a);
-}
-
-static inline Jet jet_acos(Jet a)
-{
-    const Real slope = R(1.0) / MATH(sqrt)(R(1.0) - a.value * a.value);
-    return jet_chain(a, MATH(acos)(a.value), -slope, -a.value * (slope * slope * slope));
-}
-
-static inline Real real_atan(Real a)
-{
-    return MATH(atan)(a);
-}
-
-static inline Jet jet_atan(Jet a)
-{
-    const Real slope = R(1.0) / (R(1.0) + a.value * a.value);
-    return jet_chain(a, MATH(atan)(a.value), slope, R(-2.0) * a.value * slope * slope);
-}
-
-static inline Real real_tanh(Real a)
-{
-    return MATH(tanh)(a);
-}
-
-static inline Jet jet_tanh(Jet a)
-{
-    const Real value = MATH(tanh)(a.value);
-    const Real slope = R(1.0) - value * value;
-    return jet_chain(a, value, slope, R(-2.0) * value * slope);
-}
-
-static inline Real real_exp(Real a)
-{
-    return MATH(exp)(a);
-}
-
-static inline Jet jet_exp(Jet a)
-{
-    const Real value = MATH(exp)(a.value);
-    return jet_chain(a, value, value, value);
-}
-
-static inline Real real_ln(Real a)
-{
-    return MATH(log)(a);
-}
-
-static inline Jet jet_ln(Jet a)
-{
-    return jet_chain(a, MATH(log)(a.value), R(1.0) / a.value, R(-1.0) / (a.value * a.value));
-}
-
-static inline Real real_sqrt(Real a)
-{
-    return MATH(sqrt)(a);
-}
-
-static inline Jet jet_sqrt(Jet a)
-{
-    const Real value = MATH(sqrt)(a.value);
-    return jet_chain(a, value, R(0.5) / value, R(-0.25) / (a.value * value));
-}
-
-static inline Real real_abs(Real a)
-{
-    return MATH(fabs)(a);
-}
-
-static inline Jet jet_abs(Jet a)
-{
-    return jet_chain(a, MATH(fabs)(a.value), a.value < R(0.0) ? R(-1.0) : R(1.0), R(0.0));
-}
-
-static inline Real real_sign(Real a)
-{
-    if (a > R(0.0)) {
-        return R(1.0);
+    const Real x = a.value;
+    const Real y = FUNCTIONS[function](x);
+    Real slope = R(0.0);
+    Real curvature = R(0.0);
+    switch (function) {
+    case FUNCTION_SIN:
+        slope = MATH(cos)(x);
+        curvature = -y;
+        break;
+    case FUNCTION_COS:
+        slope = -MATH(sin)(x);
+        curvature = -y;
+        break;
+    case FUNCTION_TAN:
+        slope = R(1.0) + y * y;
+        curvature = R(2.0) * y * slope;
+        break;
+    case FUNCTION_ASIN:
+    case FUNCTION_ACOS:
+        slope = (function == FUNCTION_ASIN ? R(1.0) : R(-1.0)) / MATH(sqrt)(R(1.0) - x * x);
+        curvature = x * (slope * slope * slope);
+        break;
+    case FUNCTION_ATAN:
+        slope = R(1.0) / (R(1.0) + x * x);
+        curvature = R(-2.0) * x * slope * slope;
+        break;
+    case FUNCTION_TANH:
+        slope = R(1.0) - y * y;
+        curvature = R(-2.0) * y * slope;
+        break;
+    case FUNCTION_EXP:
+        slope = y;
+        curvature = y;
+        break;
+    case FUNCTION_LN:
+        slope = R(1.0) / x;
+        curvature = R(-1.0) / (x * x);
+        break;
+    case FUNCTION_SQRT:
+        slope = R(0.5) / y;
+        curvature = R(-0.25) / (x * y);
+        break;
+    case FUNCTION_ABS:
+        slope = x < R(0.0) ? R(-1.0) : R(1.0);
+        break;
+    case FUNCTION_SIGN:
+        break;
     }
-    return a < R(0.0) ? R(-1.0) : a;
-}
-
-static inline Jet jet_sign(Jet a)
-{
-    return jet_constant(real_sign(a.value));
-}
-
-static inline Real real_minimum(Real a, Real b)
-{
-    return b < a || isnan(b) ? b : a;
-}
-
-static inline Jet jet_minimum(Jet a, Jet b)
-{
-    return b.value < a.value || isnan(b.value) ? b : a;
-}
-
-static inline Real real_maximum(Real a, Real b)
-{
-    return b > a || isnan(b) ? b : a;
-}
-
-static inline Jet jet_maximum(Jet a, Jet b)
-{
-    return b.value > a.value || isnan(b.value) ? b : a;
+    return jet_chain(a, y, slope, curvature);
 }
 
 static inline Real real_quotient(Real a, Real b)
@@ -281,10 +213,13 @@ static inline size_t lookup_weights(const LookupTable *table, const Real *knots,
     return at;
 }
 
-/* The value of a table, and its derivatives along x, x x, y, x y and y y. A table of one argument is constant along y. */
-static inline void lookup_series(const LookupTable *table, Real x, Real y, Real series[6])
+/*
+ * The first so many of the value of a table and its derivatives along x, x x, y, x y and y y. A table of one argument is
+ * constant along y.
+ */
+static inline void lookup_series(const LookupTable *table, Real x, Real y, Real series[], size_t orders)
 {
-    static const size_t orders[6][2] = {{0, 0}, {1, 0}, {2, 0}, {0, 1}, {1, 1}, {0, 2}};
+    static const size_t of_orders[6][2] = {{0, 0}, {1, 0}, {2, 0}, {0, 1}, {1, 1}, {0, 2}};
     Real of_x[3][2][2];
     Real of_y[3][2][2] = {{{R(0.0)}}};
     of_y[0][0][0] = R(1.0);
@@ -294,14 +229,14 @@ static inline void lookup_series(const LookupTable *table, Real x, Real y, Real 
     const size_t of_axis = table->has_slopes ? 2 : 1;
     const size_t along_y = table->y_count > 0 ? 2 : 1;
     const size_t mixed = table->y_count > 0 ? of_axis : 1;
-    for (size_t which = 0; which < 6; which++) {
+    for (size_t which = 0; which < orders; which++) {
         Real sum = R(0.0);
         for (size_t i = 0; i < 2; i++) {
             for (size_t j = 0; j < along_y; j++) {
                 const Real *node = table->nodes + ((row + i) * rows + column + j) * of_axis * mixed;
                 for (size_t number = 0; number < of_axis * mixed; number++) {
                     const Real weight =
-                        of_x[orders[which][0]][i][number % 2] * of_y[orders[which][1]][j][number / 2];
+                        of_x[of_orders[which][0]][i][number % 2] * of_y[of_orders[which][1]][j][number / 2];
                     sum += weight * node[number];
                 }
             }
@@ -312,15 +247,15 @@ static inline void lookup_series(const LookupTable *table, Real x, Real y, Real 
 
 static inline Real real_lookup(const LookupTable *table, Real x, Real y)
 {
-    Real series[6];
-    lookup_series(table, x, y, series);
-    return series[0];
+    Real value;
+    lookup_series(table, x, y, &value, 1);
+    return value;
 }
 
 static inline Jet jet_lookup(const LookupTable *table, Jet x, Jet y)
 {
     Real series[6];
-    lookup_series(table, x.value, y.value, series);
+    lookup_series(table, x.value, y.value, series, 6);
     const Real first = series[1] * x.first + series[3] * y.first;
     const Real bent = series[2] * x.first * x.first + R(2.0) * series[4] * x.first * y.first + series[5] * y.first * y.first;
     return (Jet){series[0], first, bent + series[1] * x.second + series[3] * y.second};
@@ -343,7 +278,7 @@ static inline Jet jet_power(Jet a, Jet b)
     const int changes = MATH(fabs)(b.first) > R(0.0) || MATH(fabs)(b.second) > R(0.0);
     /* at zero a power vanishes whatever its exponent is */
     if (changes && !(MATH(fabs)(a.value) <= R(0.0) && b.value > R(0.0))) {
-        return jet_chain(jet_product(b, jet_ln(a)), value, value, value);
+        return jet_chain(jet_product(b, jet_apply(FUNCTION_LN, a)), value, value, value);
     }
     const Real p = b.value;
     const Real slope = real_term(p, a.value, p - R(1.0));

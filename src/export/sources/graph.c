@@ -4,17 +4,16 @@
  *     2 n m    for an affine step of n numbers that makes m,
  *     4 n m    for distances of n numbers from m centres,
  *     1        for each number that two are combined to,
- *     5 n + 4  for a standardised vector of n numbers, besides a power,
+ *     5 n + 4  for a normalized vector of n numbers, besides a power,
  *     3 n      for a softmax, besides n exponentials and comparisons,
- *     2        for each number of a line p x + q,
+ *     2        for each number of a line p x + q, and for each that is standardized or rescaled,
  *     3        for each number of a Gaussian function, besides an exponential,
  *     9 (d - 1) n + f    for products of Legendre polynomials of n numbers, with d > 0 the highest degree and f factors in all,
  *
- * an evaluation of its function for each number of another elementwise step, rounded up to whole blocks of 16 for those of
+ * what tape.h says for sums of products of powers, sines and cosines, an evaluation of its function for each number of another elementwise step, rounded up to whole blocks of 16 for those of
  * activation.c, and for a forest an addition for a tree, besides as many comparisons as it has levels of splits at worst.
  */
 #include "activation.h"
-#include "blocks.h"
 #include "evaluator.h"
 #include <string.h>
 
@@ -193,28 +192,27 @@ static void jet_activations(const GraphStep *step, const Jet x[], Jet y[])
     }
 }
 
-static INLINED void real_add_block(const Real *weights, size_t columns, const Real x[], Real y[BLOCK])
-{
-    add_block(weights, columns, x, y);
-}
-
-static INLINED void jet_add_block(const Real *weights, size_t columns, const Jet x[], Jet y[BLOCK])
-{
-    for (size_t k = 0; k < columns; k++) {
-        for (size_t i = 0; i < BLOCK; i++) {
-            y[i] = jet_sum(y[i], jet_scaled(x[k], weights[k * BLOCK + i]));
-        }
-    }
-}
+#define CALL(operation, registers) break /* there are no formulas */
 
 #define NUMBER Real
 #define OF(name) real_##name
+#if MODEL_HAS_DICTIONARY
+#include "tape_run.h"
+#else
+#include "blocks.h"
+#endif
 #include "graph_steps.h"
 #undef NUMBER
 #undef OF
 
 #define NUMBER Jet
 #define OF(name) jet_##name
+#if MODEL_HAS_DICTIONARY
+#include "jet_activation.h"
+#include "tape_run.h"
+#else
+#include "blocks.h"
+#endif
 #include "graph_steps.h"
 #undef NUMBER
 #undef OF

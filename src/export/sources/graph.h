@@ -1,5 +1,5 @@
 /*
- * A baseline or a third-party function: a sequence of steps, each of which makes numbers of those before it. All numbers are in one
+ * A function: a sequence of steps, each of which makes numbers of those before it. All numbers are in one
  * array: the columns first, then what each step makes; those of the last step are the outputs.
  */
 #ifndef GRAPH_H
@@ -8,17 +8,25 @@
 #include "jets.h"
 #include "model.h"
 
+#if MODEL_HAS_DICTIONARY
+#include "tape.h"
+extern const Tape model_functions; /* its registers are before the numbers that it makes; zero before the first run */
+#endif
+
 typedef enum {
     STEP_AFFINE,      /* y = W x + b */
     STEP_ELEMENTWISE, /* y_i = f(x_i) */
     STEP_COMBINE,     /* y_i = a_i op b_i */
     STEP_SELECT,      /* y_i = a_i where c_i > 0, else b_i */
     STEP_COLUMNS,     /* y_i is any number */
-    STEP_STANDARDISE, /* y_i = (x_i - mean of x) / square root of (variance of x + epsilon) */
+    STEP_STANDARDIZE, /* y_i = (x_i - mean_i) / scale_i */
+    STEP_RESCALE,     /* y_i = mean_i + scale_i x_i */
+    STEP_NORMALIZE,   /* y_i = (x_i - mean of x) / square root of (variance of x + epsilon) */
     STEP_SOFTMAX,     /* y_i = exp(x_i) / the sum over j of exp(x_j) */
     STEP_DISTANCES,   /* y_c = the sum over i of ((x_i - centre_ci) / length_i)^2 */
     STEP_FOREST,      /* sums of decision trees */
-    STEP_PRODUCTS     /* y_t = the product over i of P_degree_ti(x_i), with Legendre polynomials P_k */
+    STEP_PRODUCTS,    /* y_t = the product over i of P_degree_ti(x_i), with Legendre polynomials P_k */
+    STEP_DICTIONARY   /* sums of products of powers, sines and cosines of x_i */
 } StepKind;
 
 typedef enum { COMBINE_ADD, COMBINE_SUBTRACT, COMBINE_MULTIPLY, COMBINE_DIVIDE, COMBINE_MAXIMUM, COMBINE_MINIMUM } Combination;
@@ -61,10 +69,10 @@ typedef struct {
     size_t width; /* how many of them, of a kind */
     size_t to;    /* where those that it makes begin */
     size_t count; /* how many of them */
-    /* W in blocks of rows, centres, or parameters: one p and one q for all numbers, or all p and then all q */
+    /* W in blocks of rows, centres, means, or parameters: one p and one q for all numbers, or all p and then all q */
     const Real *numbers;
     size_t parameter_step; /* 0 if there is one for all, else 1 */
-    const Real *more;    /* b, one over the lengths, or epsilon */
+    const Real *more;    /* b, one over the lengths, scales or one over them, or epsilon */
     const size_t *places;  /* of the columns */
     size_t first_tree;
     size_t tree_count;

@@ -62,7 +62,21 @@ static void OF(combine)(const GraphStep *step, const NUMBER a[], const NUMBER b[
     }
 }
 
-static void OF(standardise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+static void OF(standardize)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    for (size_t i = 0; i < step->count; i++) {
+        y[i] = OF(scaled)(OF(difference)(x[i], OF(constant)(step->numbers[i])), step->more[i]);
+    }
+}
+
+static void OF(rescale)(const GraphStep *step, const NUMBER x[], NUMBER y[])
+{
+    for (size_t i = 0; i < step->count; i++) {
+        y[i] = OF(sum)(OF(constant)(step->numbers[i]), OF(scaled)(x[i], step->more[i]));
+    }
+}
+
+static void OF(normalize)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
     const Real share = R(1.0) / (Real)step->width;
     NUMBER mean = OF(constant)(R(0.0));
@@ -113,12 +127,12 @@ static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
     }
 }
 
-/* The product of x and a row of W, whose numbers are so many places apart; in groups of columns as in blocks.h. */
+/* The product of x and a row of W, whose numbers are so many places apart; four at a time as in blocks.h. */
 static INLINED NUMBER OF(row_by)(const Real *row, size_t apart, size_t columns, const NUMBER *x)
 {
     NUMBER sum = OF(constant)(R(0.0));
     size_t k = 0;
-    for (; k + GROUP <= columns; k += GROUP) {
+    for (; k + 4 <= columns; k += 4) {
         const Real *w = row + k * apart;
         const NUMBER a = OF(sum)(OF(scaled)(x[k], w[0]), OF(scaled)(x[k + 1], w[apart]));
         const NUMBER b = OF(sum)(OF(scaled)(x[k + 2], w[2 * apart]), OF(scaled)(x[k + 3], w[3 * apart]));
@@ -224,8 +238,14 @@ void OF(graph)(NUMBER numbers[NUMBER_COUNT])
                 y[i] = numbers[step->places[i]];
             }
             break;
-        case STEP_STANDARDISE:
-            OF(standardise)(step, x, y);
+        case STEP_STANDARDIZE:
+            OF(standardize)(step, x, y);
+            break;
+        case STEP_RESCALE:
+            OF(rescale)(step, x, y);
+            break;
+        case STEP_NORMALIZE:
+            OF(normalize)(step, x, y);
             break;
         case STEP_SOFTMAX:
             OF(softmax)(step, x, y);
@@ -238,6 +258,14 @@ void OF(graph)(NUMBER numbers[NUMBER_COUNT])
             break;
         case STEP_PRODUCTS:
             OF(products)(step, x, y);
+            break;
+        case STEP_DICTIONARY:
+#if MODEL_HAS_DICTIONARY
+            OF(run)(&model_functions, x, y - FUNCTION_REGISTERS);
+            for (size_t i = 0; i < step->count; i++) {
+                y[i] = y[(ptrdiff_t)model_functions.results[i] - FUNCTION_REGISTERS];
+            }
+#endif
             break;
         }
     }

@@ -3,57 +3,51 @@
  * OF(name) the name of a function of them.
  */
 
-/* The activation of x, and its derivative. */
-static void OF(activated)(Activation activation, NUMBER x, NUMBER *value, NUMBER *slope)
+/* x becomes the activation of x, and its derivative goes to the slope. */
+static void OF(activate_one)(Activation activation, NUMBER *x, NUMBER *slope)
 {
     const NUMBER one = OF(constant)(R(1.0));
-    NUMBER share = x;
-    *value = x;
-    *slope = one;
+    const bool is_positive = OF(value)(*x) > R(0.0);
+    NUMBER argument = OF(scaled)(*x, R(0.5));
+    NUMBER rate = one; /* twice that of the argument */
     switch (activation) {
     case ACTIVATION_IDENTITY:
-        break;
+        *slope = one;
+        return;
     case ACTIVATION_TANH:
-        *value = OF(hyperbolic_tangent)(x);
-        *slope = OF(difference)(one, OF(product)(*value, *value));
-        break;
-    case ACTIVATION_SIGMOID:
-        share = OF(scaled)(OF(sum)(OF(hyperbolic_tangent)(OF(scaled)(x, R(0.5))), one), R(0.5));
-        *value = share;
-        *slope = OF(product)(share, OF(difference)(one, share));
-        break;
-    case ACTIVATION_SILU:
-        share = OF(scaled)(OF(sum)(OF(hyperbolic_tangent)(OF(scaled)(x, R(0.5))), one), R(0.5));
-        *value = OF(product)(x, share);
-        *slope = OF(sum)(share, OF(product)(*value, OF(difference)(one, share)));
-        break;
+        *x = OF(hyperbolic_tangent)(*x);
+        *slope = OF(difference)(one, OF(product)(*x, *x));
+        return;
+    case ACTIVATION_SINE:
+        OF(sine_and_cosine)(*x, x, slope);
+        return;
+    case ACTIVATION_RELU:
+        *x = is_positive ? *x : OF(scaled)(*x, R(0.0));
+        *slope = OF(constant)(is_positive ? R(1.0) : R(0.0));
+        return;
     case ACTIVATION_GELU: {
         const Real linear = R(0.7978845608028654); /* sqrt(2 / pi) */
-        const NUMBER square = OF(product)(x, x);
-        const NUMBER of_x = OF(product)(x, OF(sum)(OF(constant)(linear), OF(scaled)(square, R(0.044715) * linear)));
-        const NUMBER rate = OF(sum)(OF(constant)(linear), OF(scaled)(square, R(3.0) * R(0.044715) * linear));
-        share = OF(scaled)(OF(sum)(OF(hyperbolic_tangent)(of_x), one), R(0.5));
-        *value = OF(product)(x, share);
-        const NUMBER rest = OF(product)(OF(product)(*value, OF(difference)(one, share)), rate);
-        *slope = OF(sum)(share, OF(scaled)(rest, R(2.0)));
+        const NUMBER square = OF(scaled)(OF(product)(*x, *x), R(0.044715));
+        argument = OF(scaled)(OF(product)(*x, OF(sum)(one, square)), linear);
+        rate = OF(scaled)(OF(sum)(one, OF(scaled)(square, R(3.0))), R(2.0) * linear);
         break;
     }
-    case ACTIVATION_SINE:
-        OF(sine_and_cosine)(x, value, slope);
-        break;
-    case ACTIVATION_RELU:
-        *value = OF(value)(x) > R(0.0) ? x : OF(scaled)(x, R(0.0));
-        *slope = OF(constant)(OF(value)(x) > R(0.0) ? R(1.0) : R(0.0));
-        break;
+    default:
+        break; /* of half of x */
     }
+    /* of s = (1 + tanh u) / 2 the derivative with respect to u is 2 s (1 - s) */
+    const NUMBER share = OF(scaled)(OF(sum)(OF(hyperbolic_tangent)(argument), one), R(0.5));
+    const NUMBER change = OF(product)(OF(product)(share, OF(difference)(one, share)), rate);
+    *slope = activation == ACTIVATION_SIGMOID ? change : OF(sum)(share, OF(product)(*x, change));
+    *x = activation == ACTIVATION_SIGMOID ? share : OF(product)(*x, share);
 }
 
-/* x becomes the activation of x, and unless the pointer is null, their slopes go there: so many numbers. */
+/* So many numbers become their activations, and unless the pointer is null, slopes go there. */
 static void OF(activate)(Activation activation, NUMBER *x, NUMBER *slopes, size_t count)
 {
     for (size_t i = 0; i < count; i++) {
         NUMBER slope;
-        OF(activated)(activation, x[i], &x[i], &slope);
+        OF(activate_one)(activation, &x[i], &slope);
         if (slopes != NULL) {
             slopes[i] = slope;
         }

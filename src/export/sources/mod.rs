@@ -17,7 +17,7 @@
 mod data;
 
 use crate::fmi::FmiVersion;
-use metafmu_runtime::{Map, Model, Surrogate};
+use metafmu_runtime::{Clock, Program, Surrogate, graph::Step};
 
 /// Folder of the archive that holds the files.
 pub const FOLDER: &str = "sources";
@@ -25,33 +25,26 @@ pub const FOLDER: &str = "sources";
 /// Generated files.
 const DATA_HEADER: &str = "model_data.h";
 const DATA: &str = "model_data.c";
-const EFFORTS: &str = "model_efforts.h";
 
 /// Name and content of the files that do not depend on the surrogate and the version.
-const COMMON: [(&str, &str); 6] = [
-    ("evaluator.h", include_str!("evaluator.h")),
-    ("instance.c", include_str!("instance.c")),
-    ("instance.h", include_str!("instance.h")),
-    ("model.h", include_str!("model.h")),
-    ("real.h", include_str!("real.h")),
-    ("README.txt", include_str!("README.txt")),
-];
-
-/// Of networks and of functions that networks add to.
-const ACTIVATION: [(&str, &str); 4] = [
+const COMMON: [(&str, &str); 11] = [
     ("activation.c", include_str!("activation.c")),
     ("activation.h", include_str!("activation.h")),
     ("blocks.h", include_str!("blocks.h")),
     ("clones.h", include_str!("clones.h")),
+    ("evaluator.h", include_str!("evaluator.h")),
+    ("instance.c", include_str!("instance.c")),
+    ("instance.h", include_str!("instance.h")),
+    ("jets.h", include_str!("jets.h")),
+    ("model.h", include_str!("model.h")),
+    ("real.h", include_str!("real.h")),
+    ("README.txt", include_str!("README.txt")),
 ];
 
 /// Of models without states.
 const MAPS: [(&str, &str); 2] = [("maps.c", include_str!("maps.c")), ("maps.h", include_str!("maps.h"))];
 
 const NETWORK: [(&str, &str); 2] = [("network.c", include_str!("network.c")), ("network.h", include_str!("network.h"))];
-
-/// Of formulas that are differentiated.
-const JETS: [(&str, &str); 1] = [("jets.h", include_str!("jets.h"))];
 
 /// Files of baselines and third-party functions.
 const GRAPH: [(&str, &str); 3] = [
@@ -60,19 +53,15 @@ const GRAPH: [(&str, &str); 3] = [
     ("graph_steps.h", include_str!("graph_steps.h")),
 ];
 
-/// Of models with functions that were learned.
-const FUNCTIONS: [(&str, &str); 3] = [
-    ("functions.h", include_str!("functions.h")),
+/// Of models of functions that are lists of operations.
+const TAPE: [(&str, &str); 3] = [
     ("jet_activation.h", include_str!("jet_activation.h")),
-    ("network_term.h", include_str!("network_term.h")),
+    ("tape.h", include_str!("tape.h")),
+    ("tape_run.h", include_str!("tape_run.h")),
 ];
 
 /// Of models with continuous states.
-const STATES: [(&str, &str); 3] = [
-    ("dictionary.h", include_str!("dictionary.h")),
-    ("states.c", include_str!("states.c")),
-    ("states.h", include_str!("states.h")),
-];
+const STATES: [(&str, &str); 2] = [("states.c", include_str!("states.c")), ("states.h", include_str!("states.h"))];
 
 const MOTION: [(&str, &str); 4] = [
     ("equations.h", include_str!("equations.h")),
@@ -81,11 +70,8 @@ const MOTION: [(&str, &str); 4] = [
     ("motion.h", include_str!("motion.h")),
 ];
 
-const STATE_SPACE: [(&str, &str); 3] = [
-    ("state_equations.h", include_str!("state_equations.h")),
-    ("state_space.c", include_str!("state_space.c")),
-    ("state_space.h", include_str!("state_space.h")),
-];
+const STATE_SPACE: [(&str, &str); 2] =
+    [("state_space.c", include_str!("state_space.c")), ("state_space.h", include_str!("state_space.h"))];
 
 const DISCRETE: [(&str, &str); 2] =
     [("discrete.c", include_str!("discrete.c")), ("discrete.h", include_str!("discrete.h"))];
@@ -98,6 +84,20 @@ const FMI3: [(&str, &str); 3] = [
     ("fmi3_absent.c", include_str!("fmi3_absent.c")),
 ];
 
+/// Whether there is C code for the program: equations of motion and networks for instants stand alone in it, and there is one dictionary at
+/// most, as in what this crate makes.
+pub fn cover(program: &Program) -> bool {
+    let steps = &program.graph.steps;
+    let count = |is_wanted: fn(&Step) -> bool| steps.iter().filter(|step| is_wanted(step)).count();
+    let alone = count(|step| matches!(step, Step::Motion { .. } | Step::Interpolate { .. }));
+    let has_clock = match steps.first() {
+        Some(Step::Motion { .. }) => program.integration().is_some(),
+        Some(Step::Interpolate { .. }) => !program.goes_on(),
+        _ => true,
+    };
+    has_clock && (alone == 0 || steps.len() == 1) && count(|step| matches!(step, Step::Dictionary { .. })) <= 1
+}
+
 /// Everything of the `sources/` folder: archive names with bytes, sorted; for FMI 3.0 with the build description. The
 /// same surrogate always gives the same bytes.
 ///
@@ -107,9 +107,6 @@ pub fn files(surrogate: &Surrogate, identifier: &str, version: FmiVersion) -> Ve
         fixed(surrogate, version).map(|(name, text)| (format!("{FOLDER}/{name}"), text.as_bytes().to_vec())).collect();
     files.push((format!("{FOLDER}/{DATA_HEADER}"), data::header(surrogate, identifier).into_bytes()));
     files.push((format!("{FOLDER}/{DATA}"), data::source(surrogate).into_bytes()));
-    if let Model::Motion(motion) = surrogate.model() {
-        files.push((format!("{FOLDER}/{EFFORTS}"), data::efforts(motion).into_bytes()));
-    }
     if version == FmiVersion::V3 {
         let description = build_description(&compiled(surrogate, version), identifier);
         files.push((format!("{FOLDER}/buildDescription.xml"), description.into_bytes()));
@@ -148,17 +145,16 @@ fn fixed(surrogate: &Surrogate, version: FmiVersion) -> impl Iterator<Item = (&'
         FmiVersion::V2 => &FMI2,
         FmiVersion::V3 => &FMI3,
     };
-    let model: &[&[_]] = match surrogate.model() {
-        Model::Response(Map::Network(_)) | Model::PerInstant { .. } => &[&ACTIVATION, &MAPS, &NETWORK],
-        Model::Response(Map::Graph(_)) => &[&ACTIVATION, &MAPS, &JETS, &GRAPH],
-        Model::Motion(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &MOTION],
-        Model::StateSpace(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &STATES, &STATE_SPACE],
-        Model::Discrete(_) => &[&ACTIVATION, &JETS, &FUNCTIONS, &DISCRETE],
+    let program = surrogate.program();
+    let model: &[&[_]] = match (&program.clock, program.motion()) {
+        (Clock::Static, _) if data::has_graph(program) => &[&MAPS, &GRAPH],
+        (Clock::Static, _) => &[&MAPS, &NETWORK],
+        (Clock::Continuous(_), Some(_)) => &[&TAPE, &STATES, &MOTION],
+        (Clock::Continuous(_), None) => &[&GRAPH, &STATES, &STATE_SPACE],
+        (Clock::Sampled(_), _) => &[&GRAPH, &DISCRETE],
     };
-    let beside: &[&[_]] = match surrogate.model() {
-        Model::StateSpace(_) | Model::Discrete(_) if data::graph_of(surrogate.model()).is_some() => &[&GRAPH],
-        _ => &[],
-    };
+    let has_dictionary = program.motion().is_none() && program.graph.dictionary().is_some();
+    let beside: &[&[_]] = if has_dictionary { &[&TAPE] } else { &[] };
     let files = model.iter().chain(beside).copied().flatten().copied();
     COMMON.into_iter().chain(files).chain(adapter.iter().copied())
 }

@@ -7,8 +7,12 @@
  *     2 i + 18     for an output, with the i nodes of the layer before, rounded up to whole blocks of 16, besides its
  *                  activation if it has one.
  */
-#include "blocks.h"
 #include "evaluator.h"
+#include "jets.h"
+
+#define NUMBER Real
+#define OF(name) real_##name
+#include "blocks.h"
 
 static INLINED void fill(Real *values, size_t count, Real value)
 {
@@ -47,7 +51,7 @@ static INLINED void affine(const Layer *layer, const Real *restrict x, Real *res
         for (size_t row = 0; row < BLOCK; row++) {
             y[block * BLOCK + row] = layer->bias[block * BLOCK + row];
         }
-        add_block(layer->weights + block * layer->inputs * BLOCK, layer->inputs, x, y + block * BLOCK);
+        real_add_block(layer->weights + block * layer->inputs * BLOCK, layer->inputs, x, y + block * BLOCK);
     }
 }
 
@@ -56,7 +60,7 @@ static INLINED void linear(const Layer *layer, const Real *restrict x, Real *res
 {
     fill(y, layer->blocks * BLOCK, R(0.0));
     for (size_t block = 0; block < layer->blocks; block++) {
-        add_block(layer->weights + block * layer->inputs * BLOCK, layer->inputs, x, y + block * BLOCK);
+        real_add_block(layer->weights + block * layer->inputs * BLOCK, layer->inputs, x, y + block * BLOCK);
     }
 }
 

@@ -10,12 +10,12 @@ use crate::{
     surrogate::seal,
 };
 use metafmu_runtime::{
-    Activation, BuiltIn, CommunicationStep, Discrete, Domain, Drive, Dynamics, Encoder, Evaluator, Given, Input,
-    Integration, Layer, Map, Metadata, Model, Motion, Precision, Quantity, Role, ScaledNetwork, Scaling, Shown,
-    StateSpace, StepError,
+    Activation, BuiltIn, Clock, CommunicationStep, Domain, Drive, Dynamics, Encoder, Evaluator, Graph, Input,
+    Integration, Layer, Metadata, Motion, Precision, Program, Quantity, Role, Sampling, ScaledNetwork, Scaling, Shown,
+    StepError,
     dictionary::{Dictionary, Factor, Term},
     example,
-    graph::{Elementwise, Forest, Graph, KernelMachine, LEAF, Node, Operation, Products, Step, Tree},
+    graph::{Elementwise, Forest, Given, KernelMachine, LEAF, Node, Operation, Products, Step, Tree},
 };
 use nalgebra::{Matrix2, SVector, Vector2};
 use std::{
@@ -160,10 +160,8 @@ fn points(surrogate: &Surrogate) -> Vec<Vec<f64>> {
         point[surrogate.time_column().unwrap()] = *instant;
         point
     };
-    let of_instants = match surrogate.model() {
-        Model::PerInstant { instants, .. } => instants.iter().map(at).collect(),
-        _ => Vec::new(),
-    };
+    let instants = surrogate.program().graph.instants();
+    let of_instants = instants.iter().flat_map(|(instants, _)| instants.iter().map(at)).collect();
     [(0..300).map(point).collect(), of_instants, far].concat()
 }
 
@@ -245,11 +243,15 @@ fn compare_networks(surrogate: &Surrogate, flags: &[&str]) {
     compare(surrogate, scales_of_networks(surrogate), flags);
 }
 
+/// The network, or those of all instants.
+fn networks(surrogate: &Surrogate) -> Vec<ScaledNetwork> {
+    let graph = &surrogate.program().graph;
+    let of_instants = graph.instants().map(|(_, functions)| functions.iter().filter_map(Graph::network).collect());
+    of_instants.unwrap_or_else(|| vec![graph.network().unwrap()])
+}
+
 fn scales_of_networks(surrogate: &Surrogate) -> [f64; 2] {
-    let networks = match surrogate.model() {
-        Model::PerInstant { networks, .. } => networks,
-        _ => std::slice::from_ref(surrogate.network().unwrap()),
-    };
+    let networks = networks(surrogate);
     // what is periodic or nominal has a scale of less than one
     let scalings = || networks.iter().map(|network| &network.scaling);
     let scale = scalings().flat_map(|scaling| &scaling.output_scale).copied().fold(1.0, f64::max);
@@ -311,26 +313,22 @@ fn the_outputs_and_derivatives_of_a_regression_are_those_of_the_evaluator() {
 
 /// The same with an activation after the last layers.
 fn bent(surrogate: &Surrogate, activation: Activation) -> Surrogate {
-    let bend = |network: &ScaledNetwork| {
-        let mut network = network.clone();
-        network.layers.last_mut().unwrap().activation = activation;
-        network
-    };
-    let model = match surrogate.model() {
-        Model::Response(Map::Network(network)) => Model::Response(Map::Network(bend(network))),
-        Model::PerInstant { instants, networks } => {
-            Model::PerInstant { instants: instants.clone(), networks: networks.iter().map(bend).collect() }
+    let mut networks = networks(surrogate);
+    networks.iter_mut().for_each(|network| network.layers.last_mut().unwrap().activation = activation);
+    let graph = match surrogate.program().graph.steps.as_slice() {
+        [Step::Interpolate { column, instants, .. }] => {
+            Graph::of_instants(surrogate.program().graph.inputs, *column, instants.clone(), &networks)
         }
-        _ => panic!("no networks"),
+        _ => Graph::from(&networks[0]),
     };
-    Surrogate::new(surrogate.metadata().clone(), model).unwrap()
+    Surrogate::new(surrogate.metadata().clone(), graph).unwrap()
 }
 
 /// More outputs than a block of rows has.
 fn twenty_outputs() -> Surrogate {
     let surrogate = example::with_network(&[24], Activation::Tanh);
     let mut metadata = surrogate.metadata().clone();
-    let mut network = surrogate.network().unwrap().clone();
+    let mut network = surrogate.network().unwrap();
     let last = network.layers.last_mut().unwrap();
     let weights = |count: usize, from: &metafmu_runtime::Numbers| -> Vec<f64> {
         (0..count).map(|index| from.get(index % from.len()) * (0.3 + index as f64 / count as f64)).collect()
@@ -342,13 +340,13 @@ fn twenty_outputs() -> Surrogate {
     network.scaling.output_scale = (1..=20).map(|index| 0.5 * f64::from(index)).collect();
     let output = |index| metafmu_runtime::Output { name: format!("y{index}"), ..metadata.outputs[0].clone() };
     metadata.outputs = (0..20).map(output).collect();
-    Surrogate::new(metadata, Model::Response(Map::Network(network))).unwrap()
+    Surrogate::new(metadata, Graph::from(&network)).unwrap()
 }
 
 /// A polynomial, a forest and kernels of the example's columns.
 fn regressions(example: &Surrogate) -> [Surrogate; 3] {
     let n = Encoder::of(example.inputs()).width();
-    let mut scaling = example.network().unwrap().scaling.clone();
+    let mut scaling = example.network().unwrap().scaling;
     if n == 3 {
         // ranges become -1 to 1
         scaling.input_scale = vec![0.05, 2.5, 1.0];
@@ -379,7 +377,7 @@ fn regressions(example: &Surrogate) -> [Surrogate; 3] {
         Graph::of_forest(&scaling, Forest { nodes, trees }),
         Graph::of_kernels(&scaling, &[machine(0.1, 7), machine(-2.0, 0)]),
     ]
-    .map(|graph| Surrogate::new(example.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap())
+    .map(|graph| Surrogate::new(example.metadata().clone(), graph).unwrap())
 }
 
 /// A graph with steps of all kinds, and all elementwise functions.
@@ -401,7 +399,7 @@ fn graph(example: &Surrogate) -> Surrogate {
         steps.push(Step::Combine { of: [sum, steps.len()], operation: Operation::Add });
         sum = steps.len();
     }
-    steps.push(Step::Standardise { of: sum, epsilon: 0.25 });
+    steps.push(Step::Normalize { of: sum, epsilon: 0.25 });
     let standard = steps.len();
     for operation in Operation::ALL {
         steps.push(Step::Combine { of: [steps.len(), 2], operation });
@@ -419,9 +417,24 @@ fn graph(example: &Surrogate) -> Surrogate {
     let products = steps.len() as u32;
     steps.push(Step::Columns { columns: vec![[products, 1], [distances, 0], [0, 0], [forest, 2]] });
     steps.push(Step::Select { of: [standard, steps.len(), 1] });
+    let scales = || vec![0.5, 2.0, 1.0, 1.5];
+    steps.push(Step::Standardize { of: steps.len(), mean: numbers(4, 0.8), scale: scales() });
+    steps.push(Step::Rescale { of: steps.len(), mean: numbers(4, 0.2), scale: scales() });
+    let function = Graph {
+        inputs: 4,
+        steps: vec![
+            Step::Affine { of: 0, weight: numbers(16, 0.6).into(), bias: numbers(4, 0.5).into() },
+            Step::Elementwise { of: 1, function: Elementwise::Activation(Activation::Tanh), parameters: Vec::new() },
+        ],
+    };
+    steps.push(Step::Call { of: steps.len(), function });
+    let factors = [Factor::Angle, Factor::Power { middle: 0.5, half: 2.0 }, Factor::Angle, Factor::Angle];
+    let term = |exponents: [i16; 4]| Term { exponents: exponents.to_vec(), coefficients: numbers(4, 0.9) };
+    let terms = [[2, 1, 0, 0], [0, 3, -1, 0], [1, 0, 0, -2], [0; 4]].map(term);
+    let dictionary = Dictionary::new(&factors, 4, &terms).unwrap();
+    steps.push(Step::Dictionary { of: steps.len(), dictionary });
     steps.push(Step::Affine { of: steps.len(), weight: numbers(8, 0.3).into(), bias: numbers(2, 0.5).into() });
-    let map = Map::Graph(Graph { inputs: n, steps });
-    Surrogate::new(example.metadata().clone(), Model::Response(map)).unwrap()
+    Surrogate::new(example.metadata().clone(), Graph { inputs: n, steps }).unwrap()
 }
 
 /// A polynomial of degree zero.
@@ -429,13 +442,13 @@ fn constant() -> Surrogate {
     let example = example::surrogate();
     let scaling = &example.network().unwrap().scaling;
     let graph = Graph::of_polynomial(scaling, Products { inputs: 3, degrees: vec![0; 3] }, &[0.5, -0.25]);
-    Surrogate::new(example.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap()
+    Surrogate::new(example.metadata().clone(), graph).unwrap()
 }
 
 fn no_tree() -> Surrogate {
     let example = example::surrogate();
     let graph = Graph::of_forest(&example.network().unwrap().scaling, Forest::default());
-    Surrogate::new(example.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap()
+    Surrogate::new(example.metadata().clone(), graph).unwrap()
 }
 
 #[test]
@@ -479,7 +492,7 @@ fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
 /// The crane without its force, whose outputs are energies only.
 fn pushed_by_nothing() -> Surrogate {
     let crane = example::crane();
-    let Model::Motion(motion) = crane.model() else { panic!("the crane moves") };
+    let motion = crane.program().motion().unwrap();
     let law = motion.dynamics.law().dictionary();
     let factors: Vec<_> = law.factors().collect();
     let mut terms: Vec<_> = law.terms().collect();
@@ -491,12 +504,12 @@ fn pushed_by_nothing() -> Surrogate {
         windings: Vec::new(),
         reactions: None,
         outputs: vec![Shown::PotentialEnergy, Shown::KineticEnergy],
-        integration: motion.integration,
     };
     let mut metadata = crane.metadata().clone();
     metadata.inputs.pop();
     metadata.outputs.drain(..5);
-    Surrogate::new(metadata, Model::Motion(Box::new(motion))).unwrap()
+    let integration = crane.program().integration().unwrap();
+    Surrogate::new(metadata, Program::of_motion(motion, integration)).unwrap()
 }
 
 #[test]
@@ -555,14 +568,14 @@ fn turning(activation: Activation) -> Surrogate {
         },
         layers: vec![layer(5, 9, activation), layer(9, 6, activation), layer(6, 2, Activation::Identity)],
     };
-    let space = StateSpace {
-        counts: [1, 1, 2],
-        functions: Dictionary::new(&[plain, plain, Factor::Angle, plain], 2, &terms).unwrap(),
-        map: Some(Map::Network(network)),
-        results: vec![Given::State(0), Given::Function(1), Given::State(1), Given::Function(0)],
-        integration: Integration::Fixed { step: 0.005 },
-    };
-    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
+    let dictionary = Dictionary::new(&[plain, plain, Factor::Angle, plain], 2, &terms).unwrap();
+    let results = [Given::State(0), Given::Function(1), Given::State(1), Given::Function(0)];
+    of_rates(metadata, Graph::of_rates(&dictionary, Some(Graph::from(&network)), 2, &results))
+}
+
+fn of_rates(metadata: Metadata, graph: Graph) -> Surrogate {
+    let clock = Clock::Continuous(Integration::Fixed { step: 0.005 });
+    Surrogate::new(metadata, Program { graph, clock }).unwrap()
 }
 
 /// A state that is its own derivative: no parameter, no input, no function.
@@ -572,14 +585,8 @@ fn left_alone() -> Surrogate {
     metadata.inputs = vec![metadata.inputs[1].clone()];
     metadata.states.truncate(1);
     let factors = [Factor::Power { middle: 0.0, half: 1.0 }];
-    let space = StateSpace {
-        counts: [0, 0, 1],
-        functions: Dictionary::new(&factors, 0, &[]).unwrap(),
-        map: None,
-        results: vec![Given::State(0), Given::State(0)],
-        integration: Integration::Fixed { step: 0.005 },
-    };
-    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
+    let dictionary = Dictionary::new(&factors, 1, &[]).unwrap();
+    of_rates(metadata, Graph::of_rates(&dictionary, None, 1, &[Given::State(0), Given::State(0)]))
 }
 
 /// Functions of a force and, if there is one, a parameter, without any state.
@@ -597,37 +604,35 @@ fn without_states(has_parameter: bool) -> Surrogate {
         coefficients: coefficients.to_vec(),
     };
     let terms = [term(1, [0.5, 0.25]), term(2, [0.0, -1.5])];
-    let space = StateSpace {
-        counts: [parameters, 1, 0],
-        functions: Dictionary::new(&factors, 2, &terms).unwrap(),
-        map: None,
-        results: vec![Given::Function(0), Given::Function(1)],
-        integration: Integration::Fixed { step: 0.005 },
-    };
-    Surrogate::new(metadata, Model::StateSpace(Box::new(space))).unwrap()
+    let dictionary = Dictionary::new(&factors, 2, &terms).unwrap();
+    let graph = Graph::of_rates(&dictionary, None, 0, &[Given::Function(0), Given::Function(1)]);
+    Surrogate::new(metadata, graph).unwrap()
 }
 
-/// A discrete model of the same inputs, or without their parameter.
-fn of_samples(change: impl FnOnce(&mut Metadata, &mut Discrete)) -> Surrogate {
+/// Samples of the same inputs, or without their parameter: so many past ones, weights of the linear function, its constants.
+fn of_samples(
+    history: [usize; 2],
+    weights: &[f64],
+    constants: &[f64],
+    change: impl FnOnce(&mut Metadata),
+) -> Surrogate {
     let recorded = example::recorded();
-    let Model::Discrete(discrete) = recorded.model() else { panic!("it is discrete") };
-    let (mut metadata, mut discrete) = (recorded.metadata().clone(), discrete.clone());
-    change(&mut metadata, &mut discrete);
-    Surrogate::new(metadata, Model::Discrete(discrete)).unwrap()
+    let mut metadata = recorded.metadata().clone();
+    change(&mut metadata);
+    let sampling = Sampling { history, ..recorded.program().sampling().unwrap().clone() };
+    let graph = Graph::of_samples(weights.len() / constants.len(), weights.to_vec(), constants.to_vec(), None);
+    Surrogate::new(metadata, Program { graph, clock: Clock::Sampled(Box::new(sampling)) }).unwrap()
 }
 
 /// Nothing is fed back, and there is no parameter and no network.
 fn window() -> Surrogate {
-    of_samples(|metadata, discrete| {
-        metadata.inputs.remove(0);
-        (discrete.counts, discrete.history) = ([0, 1, 1], [0, 4]);
-        (discrete.weights, discrete.map) = (vec![0.4, 0.3, -0.2, 0.1], None);
-    })
+    of_samples([0, 4], &[0.4, 0.3, -0.2, 0.1], &[0.01], |metadata| drop(metadata.inputs.remove(0)))
 }
 
 /// Two inputs and two outputs, of which one past sample each counts.
 fn two_by_two() -> Surrogate {
-    of_samples(|metadata, discrete| {
+    let weights = [0.9, 0.2, 0.1, -0.1, 0.02, -0.3, 0.8, 0.05, 0.2, -0.01];
+    of_samples([1, 1], &weights, &[0.01, -0.02], |metadata| {
         let again = |input: &Input, name: &str| Input { name: name.into(), ..input.clone() };
         let [position, driven] = [1, 3].map(|index| metadata.inputs[index].clone());
         // of a single past sample the inputs before the start do not count
@@ -635,24 +640,23 @@ fn two_by_two() -> Surrogate {
         metadata.inputs.push(again(&driven, "wind"));
         metadata.outputs.push(metadata.outputs[0].clone());
         metadata.outputs[1].name = "speed".into();
-        (discrete.counts, discrete.history) = ([1, 2, 2], [1, 1]);
-        discrete.weights = vec![0.9, 0.2, 0.1, -0.1, 0.02, -0.3, 0.8, 0.05, 0.2, -0.01];
-        (discrete.constants, discrete.map) = (vec![0.01, -0.02], None);
     })
 }
 
 /// Nothing drives it, and nothing is hidden.
 fn alone() -> Surrogate {
-    of_samples(|metadata, discrete| {
-        metadata.inputs.truncate(2);
-        (discrete.counts, discrete.history) = ([1, 0, 1], [2, 1]);
-        (discrete.weights, discrete.map) = (vec![1.2, -0.5, 0.1], None);
-    })
+    of_samples([2, 1], &[1.2, -0.5, 0.1], &[0.01], |metadata| metadata.inputs.truncate(2))
 }
 
 /// The one that diverges at its second sample.
 fn diverging() -> Surrogate {
-    of_samples(|_, discrete| discrete.weights[0] = 1e200)
+    let recorded = example::recorded();
+    let mut program = recorded.program().clone();
+    let Step::Affine { weight, .. } = &mut program.graph.steps[0] else { panic!("it has a linear part") };
+    let mut weights: Vec<f64> = weight.iter().collect();
+    weights[0] = 1e200;
+    *weight = weights.into();
+    Surrogate::new(recorded.metadata().clone(), program).unwrap()
 }
 
 /// Steps as `tests/steps.c` reads them, with what the evaluator says of each.
@@ -905,9 +909,9 @@ fn in_single_precision_what_has_no_meaning_is_no_program() {
     };
     let with = |change: &dyn Fn(&mut ScaledNetwork)| {
         let surrogate = example::with_network(&[24], Activation::Tanh);
-        let mut network = surrogate.network().unwrap().clone();
+        let mut network = surrogate.network().unwrap();
         change(&mut network);
-        Surrogate::new(surrogate.metadata().clone(), Model::Response(Map::Network(network))).unwrap()
+        Surrogate::new(surrogate.metadata().clone(), Graph::from(&network)).unwrap()
     };
     let cancelling = with(&|network| {
         let last = network.layers.last_mut().unwrap();
@@ -918,18 +922,18 @@ fn in_single_precision_what_has_no_meaning_is_no_program() {
     // which is not a matter of units
     let mut metadata = cancelling.metadata().clone();
     metadata.outputs.iter_mut().for_each(|output| (output.min, output.max) = (-1e6, 1e6));
-    let large = Surrogate::new(metadata.clone(), cancelling.model().clone()).unwrap();
+    let large = Surrogate::new(metadata.clone(), cancelling.program().clone()).unwrap();
     let folder = tempfile::tempdir().unwrap();
     write_sources(folder.path(), &large, FmiVersion::V2);
     compile(folder.path(), &["model_data.c"], &["-c", SINGLE], "data.o");
     metadata.inputs[0].max = 1e200;
-    let wide = Surrogate::new(metadata, cancelling.model().clone()).unwrap();
+    let wide = Surrogate::new(metadata, cancelling.program().clone()).unwrap();
     let [.., kernels] = regressions(&example::surrogate());
-    let Model::Response(Map::Graph(mut graph)) = kernels.model().clone() else { panic!("it is a graph") };
+    let mut graph = kernels.program().graph.clone();
     let affine = graph.steps.iter_mut().find(|step| matches!(step, Step::Affine { .. }));
     let Some(Step::Affine { weight, .. }) = affine else { panic!("it has kernels") };
     *weight = weight.iter().map(|weight| 1e8 * weight).collect::<Vec<f64>>().into();
-    let kernels = Surrogate::new(kernels.metadata().clone(), Model::Response(Map::Graph(graph))).unwrap();
+    let kernels = Surrogate::new(kernels.metadata().clone(), graph).unwrap();
     assert!(refused(&kernels).contains("the terms of a sum nearly cancel"));
     for huge in [
         with(&|network| network.scaling.output_mean[0] = 1e300),
@@ -1045,7 +1049,7 @@ fn in_c_and_rust(surrogate: &Surrogate) -> Vec<[Fmu; 2]> {
     let mut pairs = Vec::new();
     for version in [FmiVersion::V2, FmiVersion::V3] {
         let paths = [c_fmu(folder.path(), surrogate, version), rust_fmu(folder.path(), surrogate, version)];
-        let is_discrete = matches!(surrogate.model(), Model::Discrete(_));
+        let is_discrete = surrogate.program().sampling().is_some();
         let interfaces = [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange];
         for interface in interfaces.into_iter().filter(|kind| !is_discrete || *kind == InterfaceKind::CoSimulation) {
             pairs.push(paths.each_ref().map(|path| Fmu::open_for(path, interface).unwrap()));
@@ -1163,7 +1167,7 @@ fn said_in_a_run(instance: &FmuInstance, surrogate: &Surrogate, starts: &[f64]) 
     let seed: Vec<f64> = (0..knowns.len()).map(|k| 0.25 + k as f64).collect();
     let mut values = instance.directional_derivative(&unknowns, &knowns, &seed).unwrap();
     // outputs of samples have none, and a refusal ends the run
-    let orders: &[i32] = if matches!(surrogate.model(), Model::Discrete(_)) { &[] } else { &[1, 2] };
+    let orders: &[i32] = if surrogate.program().sampling().is_some() { &[] } else { &[1, 2] };
     for &order in orders {
         values.extend(instance.output_derivatives(&unknowns, &vec![order; unknowns.len()]).unwrap());
     }
@@ -1361,7 +1365,7 @@ fn error_bounds_are_read_as_in_the_library() {
     metadata.arrays.clear();
     let [polynomial, ..] = regressions(&example::surrogate());
     let per_instant = example::per_instant(&[16], Activation::Tanh, Precision::Double);
-    let with_bounds = |of: &Surrogate| Surrogate::new(metadata.clone(), of.model().clone()).unwrap();
+    let with_bounds = |of: &Surrogate| Surrogate::new(metadata.clone(), of.program().clone()).unwrap();
     for surrogate in [example::surrogate(), per_instant, polynomial].iter().map(with_bounds) {
         check_bounds(&surrogate);
     }
@@ -1571,16 +1575,16 @@ fn several_fmus_can_be_linked_into_one_library() {
 #[test]
 fn the_files_are_sorted_reproducible_and_listed() {
     let [polynomial, forest, kernel] = regressions(&example::surrogate());
-    for (surrogate, model) in [
-        (example::surrogate(), "network.c"),
-        (example::per_instant(&[20], Activation::Tanh, Precision::Double), "network.c"),
-        (polynomial, "graph.c"),
-        (forest, "graph.c"),
-        (kernel, "graph.c"),
-        (graph(&example::surrogate()), "graph.c"),
-        (example::crane(), "motion.c"),
-        (example::oscillator(None), "state_space.c"),
-        (example::recorded(), "discrete.c"),
+    for (surrogate, expected) in [
+        (example::surrogate(), vec!["network.c"]),
+        (example::per_instant(&[20], Activation::Tanh, Precision::Double), vec!["network.c"]),
+        (polynomial, vec!["graph.c"]),
+        (forest, vec!["graph.c"]),
+        (kernel, vec!["graph.c"]),
+        (graph(&example::surrogate()), vec!["graph.c"]),
+        (example::crane(), vec!["motion.c"]),
+        (example::oscillator(None), vec!["graph.c", "state_space.c"]),
+        (example::recorded(), vec!["discrete.c", "graph.c"]),
     ] {
         for version in [FmiVersion::V2, FmiVersion::V3] {
             let found = files(&surrogate, "example", version);
@@ -1592,7 +1596,8 @@ fn the_files_are_sorted_reproducible_and_listed() {
                 assert!(names.contains(&format!("{FOLDER}/{name}").as_str()), "{name}");
             }
             let models = ["network.c", "graph.c", "motion.c", "state_space.c", "discrete.c"];
-            assert_eq!(compiled.iter().filter(|name| models.contains(name)).collect::<Vec<_>>(), [&model]);
+            let models: Vec<&str> = compiled.iter().copied().filter(|name| models.contains(name)).collect();
+            assert_eq!(models, expected);
             assert_eq!(names.contains(&"sources/buildDescription.xml"), version == FmiVersion::V3);
         }
     }

@@ -205,7 +205,7 @@ fn of_step(step: &Step, values: &[Vec<u8>]) -> Vec<u8> {
             }
             found
         }
-        Step::Elementwise { of, .. } => values[*of].clone(),
+        Step::Elementwise { of, .. } | Step::Standardize { of, .. } | Step::Rescale { of, .. } => values[*of].clone(),
         Step::Combine { of: [a, b], .. } => values[*a].iter().zip(&values[*b]).map(|(a, b)| a | b).collect(),
         Step::Select { of: [condition, a, b] } => {
             let pairs = values[*a].iter().zip(&values[*b]).map(|(a, b)| a | b);
@@ -214,9 +214,12 @@ fn of_step(step: &Step, values: &[Vec<u8>]) -> Vec<u8> {
         Step::Columns { columns } => {
             columns.iter().map(|[of, column]| values[*of as usize][*column as usize]).collect()
         }
-        Step::Standardise { of, .. } | Step::Softmax { of } => vec![all(*of); values[*of].len()],
+        Step::Normalize { of, .. } | Step::Softmax { of } => vec![all(*of); values[*of].len()],
         Step::Distances { of, centres, lengths } => vec![all(*of); centres.len() / lengths.len()],
         Step::Forest { of, outputs, .. } => vec![all(*of); *outputs],
         Step::Products { of, products } => vec![all(*of); products.terms()],
+        Step::Call { .. } | Step::Interpolate { .. } | Step::Dictionary { .. } | Step::Motion { .. } => {
+            unreachable!("what is imported has none of these")
+        }
     }
 }

@@ -110,7 +110,7 @@ impl<'a> Reader<'a> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        if !self.surrogate.goes_on() {
+        if !self.surrogate.program().goes_on() {
             let points = self.next_points()?;
             return Ok((!points.is_empty()).then_some(Batch::Points(points)));
         }
@@ -213,7 +213,7 @@ impl PredictionColumns {
         let names: Vec<&str> = table.columns().iter().map(|column| column.name.as_str()).collect();
         let position = |name: &str| names.iter().position(|other| *other == name);
         let inputs: Vec<Option<usize>> = surrogate.inputs().iter().map(|input| position(&input.name)).collect();
-        let has_states = surrogate.goes_on();
+        let has_states = surrogate.program().goes_on();
         let time = if has_states { position(TIME) } else { None };
         let found = Self { inputs, time, run: position(RUN) };
 

@@ -1,7 +1,7 @@
 //! Speed of a surrogate beside that of its source.
 
 use crate::html::number;
-use metafmu_runtime::{Map, Model, Surrogate};
+use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
 
 /// Speed of a surrogate beside that of its source. Both are measured one after the other on one core, on the first test run.
@@ -26,12 +26,13 @@ impl Speed {
 
     /// Warning about a surrogate that is slower than its source, with what makes it slow.
     pub(in crate::pipeline) fn warning(&self, surrogate: &Surrogate) -> Option<String> {
-        let network = match surrogate.model() {
-            Model::Motion(motion) => motion.has_networks(),
-            Model::StateSpace(space) => matches!(space.map, Some(Map::Network(_))),
-            Model::Discrete(discrete) => matches!(discrete.map, Some(Map::Network(_))),
-            Model::Response(map) => matches!(map, Map::Network(_)),
-            Model::PerInstant { .. } => true,
+        let program = surrogate.program();
+        let network = match program.motion() {
+            Some(motion) => motion.has_networks(),
+            None => {
+                let graph = program.graph.called().unwrap_or(&program.graph);
+                graph.is_network() || graph.instants().is_some()
+            }
         };
         let advice = match (network, surrogate.states().is_empty()) {
             (true, false) => {

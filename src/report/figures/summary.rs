@@ -7,7 +7,7 @@ use crate::{
     study::NetworkOptions,
     surrogate::input_description,
 };
-use metafmu_runtime::{Map, Model, Output, Role, ScaledNetwork};
+use metafmu_runtime::{Clock, Graph, Output, Role, ScaledNetwork};
 
 pub fn summary(material: &Material) -> Section {
     let evaluated = material.evaluated;
@@ -18,7 +18,7 @@ pub fn summary(material: &Material) -> Section {
         blocks.push(paragraph(&format!("{}.", metadata.description.trim_end_matches('.'))));
     }
     let (from, learned) = match metadata.states.len() {
-        0 if evaluated.surrogate.goes_on() => {
+        0 if evaluated.surrogate.program().goes_on() => {
             let inputs = evaluated.test.inputs.len();
             let parameters = evaluated.test.parameters.len() - inputs - outputs.len();
             (format!("past outputs, past inputs ({inputs}) and parameters ({parameters})"), "samples")
@@ -28,7 +28,8 @@ pub fn summary(material: &Material) -> Section {
             let parameters = evaluated.test.parameters.len() - states;
             let from =
                 format!("{states} states, inputs ({}) and parameters ({parameters})", evaluated.test.inputs.len());
-            let of_states = matches!(evaluated.surrogate.model(), Model::StateSpace(_));
+            let program = evaluated.surrogate.program();
+            let of_states = program.integration().is_some() && program.motion().is_none();
             let learned = match (material.study.source.is_recorded(), of_states) {
                 (true, _) => "rows",
                 (_, true) => "states",
@@ -71,7 +72,7 @@ pub fn summary(material: &Material) -> Section {
         let kind = match input.role {
             Role::Time => "time",
             Role::Start => "value at the start",
-            Role::Input if evaluated.surrogate.goes_on() => "input",
+            Role::Input if evaluated.surrogate.program().goes_on() => "input",
             Role::Input | Role::Parameter(_) => "parameter",
         };
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input, evaluated.surrogate))
@@ -139,37 +140,41 @@ fn network(material: &Material) -> String {
         [] => "no hidden layer".into(),
         hidden => format!("hidden layers of {} {activation} nodes", hidden.join(", ")),
     };
-    match material.evaluated.surrogate.model() {
-        Model::Response(Map::Network(_)) => format!("A feed-forward network ({layers}) gives"),
-        Model::Response(Map::Graph(_)) => "A model of another tool gives".into(),
-        Model::Motion(motion) => {
-            let networks = if motion.has_networks() { ", feed-forward networks among them," } else { "" };
-            format!("Equations of motion with learned functions of the configuration{networks} give")
-        }
-        Model::StateSpace(space) => match &space.map {
-            Some(Map::Network(network)) if space.functions.products() == 0 => {
-                format!("States whose derivatives are those of a feed-forward network ({}) give", sizes(network))
-            }
-            Some(Map::Network(network)) => format!(
-                "States whose derivatives are sums of products and a feed-forward network ({}) give",
-                sizes(network)
-            ),
-            Some(_) => "States whose derivatives are those of a model of another tool give".into(),
-            None => "States whose derivatives are sums of products give".into(),
-        },
-        Model::Discrete(discrete) => match &discrete.map {
-            Some(Map::Network(network)) => {
-                format!("A linear model and a feed-forward network ({}), from sample to sample, give", sizes(network))
-            }
-            Some(_) => "A model of another tool, from sample to sample, gives".into(),
-            None => "A linear model, from sample to sample, gives".into(),
-        },
-        Model::PerInstant { instants, .. } => {
-            format!(
+    let program = material.evaluated.surrogate.program();
+    let graph = &program.graph;
+    let called = graph.called();
+    match &program.clock {
+        Clock::Static => match graph.instants() {
+            Some((instants, _)) => format!(
                 "A feed-forward network for each of {} instants ({layers}), interpolated in time, gives",
                 instants.len()
-            )
-        }
+            ),
+            None if graph.dictionary().is_some() => "Sums of products, and what networks add to them, give".into(),
+            None if graph.is_network() => format!("A feed-forward network ({layers}) gives"),
+            None => "A model of another tool gives".into(),
+        },
+        Clock::Continuous(_) => match (program.motion(), called, called.and_then(Graph::network)) {
+            (Some(motion), ..) => {
+                let networks = if motion.has_networks() { ", feed-forward networks among them," } else { "" };
+                format!("Equations of motion with learned functions of the configuration{networks} give")
+            }
+            (None, _, Some(network)) if graph.dictionary().is_none_or(|dictionary| dictionary.products() == 0) => {
+                format!("States whose derivatives are those of a feed-forward network ({}) give", sizes(&network))
+            }
+            (None, _, Some(network)) => format!(
+                "States whose derivatives are sums of products and a feed-forward network ({}) give",
+                sizes(&network)
+            ),
+            (None, Some(_), None) => "States whose derivatives are those of a model of another tool give".into(),
+            (None, None, None) => "States whose derivatives are sums of products give".into(),
+        },
+        Clock::Sampled(_) => match (called, called.and_then(Graph::network)) {
+            (_, Some(network)) => {
+                format!("A linear model and a feed-forward network ({}), from sample to sample, give", sizes(&network))
+            }
+            (Some(_), None) => "A model of another tool, from sample to sample, gives".into(),
+            (None, None) => "A linear model, from sample to sample, gives".into(),
+        },
     }
 }
 

@@ -2,7 +2,6 @@
 
 use super::{Axis, Chart, ChartSeries, Figure, Ink, Material, ReportBlock, Section, Shape, paragraph};
 use crate::training::EpochRecord;
-use metafmu_runtime::Model;
 
 pub fn section(material: &Material) -> Option<Section> {
     let history = material.history;
@@ -28,19 +27,16 @@ pub fn section(material: &Material) -> Option<Section> {
         y: Axis::linear("learning rate", "", history.iter().map(|epoch| epoch.learning_rate).chain([0.0])),
         series: vec![ChartSeries::silent(Ink::Blue, Shape::Line(line(|epoch| epoch.learning_rate)))],
     };
-    let text = match material.evaluated.surrogate.model() {
-        // without networks there are no epochs, and no history
-        Model::Response(_) | Model::StateSpace(_) | Model::Motion(_) | Model::Discrete(_) => format!(
+    let text = match material.evaluated.surrogate.program().graph.instants() {
+        None => format!(
             "Loss of the standardised outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out runs, \
              of {}.",
             best.epoch,
             history.len()
         ),
-        Model::PerInstant { .. } => {
-            "Loss of the standardised outputs, epoch by epoch, mean over the networks. Each network is that of \
-                                 its own best epoch on the held-out runs."
-                .into()
-        }
+        Some(_) => "Loss of the standardised outputs, epoch by epoch, mean over the networks. Each network is that of \
+                    its own best epoch on the held-out runs."
+            .into(),
     };
     let figures = vec![
         Figure::new("training-loss", "Loss on training rows and held-out rows.", loss),

@@ -1,8 +1,7 @@
 //! The description in a model file, read field by field: what serde derives for structures would be 100 kB of every FMU.
 
-use super::{MapHeader, ModelHeader};
 use crate::{
-    Activation, Bounds, Cover, Metadata,
+    Bounds, Cover, Metadata,
     description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Variability},
 };
 use serde::de::{Deserialize, Error as _, IntoDeserializer};
@@ -146,11 +145,9 @@ macro_rules! structures {
     )*};
 }
 
-words!(Activation, Precision, Variability, super::Structure, super::MapKind);
+words!(Precision, Variability, super::ClockKind);
 
 structures! {
-    ModelHeader { structure, outputs }
-    MapHeader { map; activations }
     Metadata {
         name, description, inputs, outputs, time_step, provenance;
         states, arrays, bounds, solver_error, cover, precision, stop_time

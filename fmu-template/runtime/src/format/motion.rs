@@ -1,21 +1,22 @@
 //! The tensors of equations of motion.
 
-use super::{Tensor, Views, bytes, elements, of_one, take, unstacked};
+use super::{Tensor, Views, bytes, elements, take};
 use crate::{
-    Activation, FormatError,
+    Efforts, FormatError, Graph, Integration, Motion, Reactions, Shown,
+    check::{expect_finite, expect_shape},
     dictionary::{Dictionary, Factor, Term},
+    equations::dynamics::Dynamics,
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
-    map::{expect_finite, expect_shape},
-    model::{Efforts, Integration, Motion, Reactions, Shown, dynamics::Dynamics},
 };
 use safetensors::Dtype;
 use std::sync::Arc;
 
 impl Motion {
-    /// Name, type, shape and content of each.
-    pub(super) fn tensors(&self) -> Vec<Tensor> {
-        let Self { dynamics, positions, windings, reactions, outputs, integration } = self;
+    /// Tensors whose names begin with this.
+    pub(crate) fn tensors(&self, prefix: &str) -> Vec<Tensor> {
+        let Self { dynamics, positions, windings, reactions, outputs } = self;
+        let name = |what: &str| format!("{prefix}{what}");
         let shown: Vec<u32> = outputs
             .iter()
             .flat_map(|shown| match *shown {
@@ -28,41 +29,41 @@ impl Motion {
             })
             .collect();
         let mut tensors = vec![
-            columns(dynamics.law().dictionary()),
-            double("positions.windings", &[positions.dictionary().outputs(), dynamics.coordinates()], windings),
-            ("outputs.shown".into(), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
+            columns(prefix, dynamics.law().dictionary()),
+            double(&name("positions.windings"), &[positions.dictionary().outputs(), dynamics.coordinates()], windings),
+            (name("outputs.shown"), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
         ];
-        tensors.extend(of_integration(*integration));
-        for (name, law) in [("law", dynamics.law()), ("positions", positions)] {
-            tensors.extend(of_dictionary(name, law.dictionary()));
-            tensors.extend(law.network().into_iter().flat_map(|network| of_network(name, network)));
+        for (what, law) in [("law.", dynamics.law()), ("positions.", positions)] {
+            tensors.extend(of_dictionary(&name(what), law.dictionary()));
+            tensors.extend(law.network().into_iter().flat_map(|network| of_network(&name(what), network)));
         }
-        tensors.extend(of_efforts(dynamics.efforts()));
+        tensors.extend(of_efforts(prefix, dynamics.efforts()));
         let prescribed =
             (0..).zip(dynamics.prescribed()).filter_map(|(row, is_prescribed)| is_prescribed.then_some(row));
         let prescribed: Vec<u32> = prescribed.collect();
         if !prescribed.is_empty() {
             let content = bytes(&prescribed, u32::to_le_bytes);
-            tensors.push(("law.prescribed".into(), Dtype::U32, vec![prescribed.len()], content));
+            tensors.push((name("law.prescribed"), Dtype::U32, vec![prescribed.len()], content));
         }
-        tensors.extend(dynamics.forces().into_iter().flat_map(|network| of_network("forces", network)));
-        tensors.extend(reactions.iter().flat_map(|reactions| of_dictionary("reactions", reactions.functions())));
+        tensors.extend(dynamics.forces().into_iter().flat_map(|network| of_network(&name("forces."), network)));
+        tensors
+            .extend(reactions.iter().flat_map(|reactions| of_dictionary(&name("reactions."), reactions.functions())));
         tensors
     }
 
-    pub(super) fn read(tensors: &mut Views) -> Result<Self, FormatError> {
-        let factors = factors(tensors)?;
-        let (windings, winding_shape) = doubles(tensors, "positions.windings", 2)?;
-        let integration = integration(tensors)?;
-        let law = law(tensors, "law", &factors)?;
-        let positions = self::law(tensors, "positions", &factors)?;
-        let forces = network(tensors, "forces")?;
+    pub(crate) fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
+        let name = |what: &str| format!("{prefix}{what}");
+        let factors = factors(tensors, prefix)?;
+        let (windings, winding_shape) = doubles(tensors, &name("positions.windings"), 2)?;
+        let law = law(tensors, &name("law."), &factors)?;
+        let positions = self::law(tensors, &name("positions."), &factors)?;
+        let forces = network(tensors, &name("forces."))?;
         let coordinates = winding_shape[1];
-        let efforts = efforts(tensors, factors.len().saturating_sub(coordinates), coordinates)?;
+        let efforts = efforts(tensors, prefix, factors.len().saturating_sub(coordinates), coordinates)?;
         let count = efforts.count();
-        expect_shape("positions.windings", &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
-        let shown = take(tensors, "outputs.shown", Dtype::U32, 2)?;
-        expect_shape("outputs.shown", &shown.shape()[1..], &[2])?;
+        expect_shape(&name("positions.windings"), &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
+        let shown = take(tensors, &name("outputs.shown"), Dtype::U32, 2)?;
+        expect_shape(&name("outputs.shown"), &shown.shape()[1..], &[2])?;
         let shown = elements(shown.data(), u32::from_le_bytes);
         let outputs = shown.as_chunks::<2>().0.iter().enumerate().map(|(index, &[kind, position])| {
             let position = position as usize;
@@ -73,25 +74,27 @@ impl Motion {
                 3 => Shown::KineticEnergy,
                 4 => Shown::PotentialEnergy,
                 5 => Shown::Reaction(position),
-                found => return Err(FormatError::Unknown { name: "outputs.shown".into(), index: 2 * index, found }),
+                found => return Err(FormatError::Unknown { name: name("outputs.shown"), index: 2 * index, found }),
             })
         });
         let outputs = outputs.collect::<Result<_, _>>()?;
-        let prescribed = match tensors.contains_key("law.prescribed") {
-            true => elements(take(tensors, "law.prescribed", Dtype::U32, 1)?.data(), u32::from_le_bytes),
+        let prescribed = match tensors.contains_key(&name("law.prescribed")) {
+            true => elements(take(tensors, &name("law.prescribed"), Dtype::U32, 1)?.data(), u32::from_le_bytes),
             false => Vec::new(),
         };
         let prescribed: Vec<usize> = prescribed.into_iter().map(|row| row as usize).collect();
         let dynamics = Dynamics::with_efforts(efforts, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
-        let has_reactions = tensors.keys().any(|name| name.starts_with("reactions."));
-        let reactions = has_reactions.then(|| dictionary(tensors, "reactions", &factors)).transpose()?;
+        let of_reactions = name("reactions.");
+        let has_reactions = tensors.keys().any(|name| name.starts_with(&of_reactions));
+        let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, &factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, count, functions)).transpose()?;
-        Ok(Self { dynamics, positions, windings, reactions, outputs, integration })
+        Ok(Self { dynamics, positions, windings, reactions, outputs })
     }
 }
 
 /// Formulas of efforts, and what their columns are.
-fn of_efforts(efforts: &Efforts) -> Vec<Tensor> {
+fn of_efforts(prefix: &str, efforts: &Efforts) -> Vec<Tensor> {
+    let name = |what: &str| format!("{prefix}efforts.{what}");
     let (mut steps, mut constants) = (Vec::new(), Vec::new());
     let tables = efforts.tables();
     for step in efforts.formulas().iter().flat_map(Formula::steps) {
@@ -110,17 +113,17 @@ fn of_efforts(efforts: &Efforts) -> Vec<Tensor> {
         });
     }
     let whole = |what: &str, shape: Vec<usize>, values: &[u32]| -> Tensor {
-        (format!("efforts.{what}"), Dtype::U32, shape, bytes(values, u32::to_le_bytes))
+        (name(what), Dtype::U32, shape, bytes(values, u32::to_le_bytes))
     };
     let [_, inputs, coordinates] = efforts.counts();
     let mut tensors = vec![
         whole("inputs", vec![1], &[inputs as u32]),
-        double("efforts.windings", &[efforts.positions(), coordinates], efforts.windings()),
+        double(&name("windings"), &[efforts.positions(), coordinates], efforts.windings()),
         whole("steps", vec![steps.len() / 2, 2], &steps),
-        double("efforts.constants", &[constants.len()], &constants),
+        double(&name("constants"), &[constants.len()], &constants),
     ];
     for (index, table) in tables.into_iter().enumerate() {
-        let name = |what: &str| format!("efforts.tables.{index}.{what}");
+        let name = |what: &str| name(&format!("tables.{index}.{what}"));
         let shape: Vec<usize> = table.axes().iter().map(Vec::len).collect();
         let kinds = [table.interpolation() as u32, table.extrapolation() as u32];
         let axes = AXES.iter().zip(table.axes()).map(|(axis, knots)| double(&name(axis), &[knots.len()], knots));
@@ -138,10 +141,13 @@ const FIRST_COMBINATION: u32 = 5;
 const AXES: [&str; 2] = ["x", "y"];
 
 /// The tables of the efforts.
-fn lookup_tables(tensors: &mut Views) -> Result<Vec<Arc<LookupTable>>, FormatError> {
+fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTable>>, FormatError> {
     let mut tables = Vec::new();
-    while tensors.contains_key(format!("efforts.tables.{}.values", tables.len()).as_str()) {
-        let name = |what: &str| format!("efforts.tables.{}.{what}", tables.len());
+    loop {
+        let name = |what: &str| format!("{prefix}efforts.tables.{}.{what}", tables.len());
+        if !tensors.contains_key(&name("values")) {
+            return Ok(tables);
+        }
         let mut axes = Vec::new();
         for axis in AXES.map(name) {
             if tensors.contains_key(axis.as_str()) {
@@ -158,20 +164,20 @@ fn lookup_tables(tensors: &mut Views) -> Result<Vec<Arc<LookupTable>>, FormatErr
         let extrapolation = Extrapolation::ALL.get(kinds[1] as usize).ok_or_else(|| unknown(1))?;
         tables.push(Arc::new(LookupTable::new(axes, values, *interpolation, *extrapolation)?));
     }
-    Ok(tables)
 }
 
 /// The inverse of [`of_efforts`].
-fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
-    let inputs = take(tensors, "efforts.inputs", Dtype::U32, 1)?;
-    expect_shape("efforts.inputs", inputs.shape(), &[1])?;
+fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
+    let name = |what: &str| format!("{prefix}efforts.{what}");
+    let inputs = take(tensors, &name("inputs"), Dtype::U32, 1)?;
+    expect_shape(&name("inputs"), inputs.shape(), &[1])?;
     let inputs = elements(inputs.data(), u32::from_le_bytes)[0] as usize;
-    let (windings, shape) = doubles(tensors, "efforts.windings", 2)?;
-    expect_shape("efforts.windings", &shape[1..], &[coordinates])?;
-    let (constants, _) = doubles(tensors, "efforts.constants", 1)?;
-    let tables = lookup_tables(tensors)?;
-    let steps = take(tensors, "efforts.steps", Dtype::U32, 2)?;
-    expect_shape("efforts.steps", &steps.shape()[1..], &[2])?;
+    let (windings, shape) = doubles(tensors, &name("windings"), 2)?;
+    expect_shape(&name("windings"), &shape[1..], &[coordinates])?;
+    let (constants, _) = doubles(tensors, &name("constants"), 1)?;
+    let tables = lookup_tables(tensors, prefix)?;
+    let steps = take(tensors, &name("steps"), Dtype::U32, 2)?;
+    expect_shape(&name("steps"), &steps.shape()[1..], &[2])?;
     let steps = elements(steps.data(), u32::from_le_bytes);
     let step = |(index, &[kind, argument]): (usize, &[u32; 2])| {
         let at = argument as usize;
@@ -184,7 +190,7 @@ fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result
             _ => Combination::ALL.get((kind - FIRST_COMBINATION) as usize).copied().map(FormulaStep::Combine),
         };
         let is_argument = kind <= 2 || kind == 4;
-        let (name, found) = ("efforts.steps".into(), if is_argument { argument } else { kind });
+        let (name, found) = (name("steps"), if is_argument { argument } else { kind });
         known.ok_or(FormatError::Unknown { name, index: 2 * index + usize::from(is_argument), found })
     };
     let steps = steps.as_chunks::<2>().0.iter().enumerate().map(step).collect::<Result<Vec<_>, _>>()?;
@@ -192,21 +198,17 @@ fn efforts(tensors: &mut Views, parameters: usize, coordinates: usize) -> Result
     Efforts::new([parameters, inputs, coordinates], windings, formulas)
 }
 
-/// A network that adds to functions: the tensors of a network, and what its columns, outputs and activations are.
-fn of_network(name: &str, term: &NetworkTerm) -> Vec<Tensor> {
+/// A network that adds to functions: its tensors, and what its columns and outputs are.
+fn of_network(prefix: &str, term: &NetworkTerm) -> Vec<Tensor> {
     let whole = |what: &str, shape: &[usize], values: &[u32]| -> Tensor {
-        (format!("{name}.network.{what}"), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
+        (format!("{prefix}network.{what}"), Dtype::U32, shape.into(), bytes(values, u32::to_le_bytes))
     };
     let kind = |kind: ColumnKind| KINDS.iter().position(|known| *known == kind).unwrap_or(0) as u32;
     let columns: Vec<u32> = term.columns().iter().flat_map(|column| [column.of as u32, kind(column.kind)]).collect();
     let outputs: Vec<u32> = term.outputs().iter().map(|output| *output as u32).collect();
-    let number = |activation| Activation::ALL.iter().position(|known| *known == activation).unwrap_or(0) as u32;
-    let layers = &term.network().layers;
-    let activations: Vec<u32> = layers.iter().map(|layer| number(layer.activation)).collect();
-    let mut tensors: Vec<Tensor> = of_one(term.network(), &format!("{name}.network."));
+    let mut tensors = Graph::from(term.network()).tensors(&format!("{prefix}network.graph."));
     tensors.push(whole("columns", &[columns.len() / 2, 2], &columns));
     tensors.push(whole("outputs", &[outputs.len()], &outputs));
-    tensors.push(whole("activations", &[layers.len()], &activations));
     tensors
 }
 
@@ -214,61 +216,66 @@ fn of_network(name: &str, term: &NetworkTerm) -> Vec<Tensor> {
 const KINDS: [ColumnKind; 3] = [ColumnKind::Plain, ColumnKind::Sine, ColumnKind::Cosine];
 
 /// The inverse of [`of_network`]; none if there are no such tensors.
-fn network(tensors: &mut Views, name: &str) -> Result<Option<NetworkTerm>, FormatError> {
-    let prefix = format!("{name}.network.");
-    if !tensors.keys().any(|name| name.starts_with(&prefix)) {
+fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, FormatError> {
+    let name = |what: &str| format!("{prefix}network.{what}");
+    let columns_name = name("columns");
+    if !tensors.contains_key(&columns_name) {
         return Ok(None);
     }
-    let mut whole = |what: &str, dimensions: usize| -> Result<(String, Vec<u32>, Vec<usize>), FormatError> {
-        let name = format!("{prefix}{what}");
-        let view = take(tensors, &name, Dtype::U32, dimensions)?;
-        Ok((name, elements(view.data(), u32::from_le_bytes), view.shape().to_vec()))
-    };
-    let (columns_name, columns, shape) = whole("columns", 2)?;
-    expect_shape(&columns_name, &shape[1..], &[2])?;
-    let (_, outputs, _) = whole("outputs", 1)?;
-    let (activations_name, activations, _) = whole("activations", 1)?;
-    let unknown = |name: &str, index: usize, found: u32| FormatError::Unknown { name: name.into(), index, found };
-    let columns = columns.as_chunks::<2>().0.iter().enumerate().map(|(index, &[of, kind])| {
-        let known = KINDS.get(kind as usize).ok_or_else(|| unknown(&columns_name, 2 * index + 1, kind))?;
-        Ok(NetworkColumn { of: of as usize, kind: *known })
+    let columns = take(tensors, &columns_name, Dtype::U32, 2)?;
+    expect_shape(&columns_name, &columns.shape()[1..], &[2])?;
+    let columns = elements(columns.data(), u32::from_le_bytes);
+    let columns = columns.as_chunks::<2>().0.iter().enumerate().map(|(index, &[of, found])| {
+        let unknown = || FormatError::Unknown { name: columns_name.clone(), index: 2 * index + 1, found };
+        let kind = KINDS.get(found as usize).ok_or_else(unknown)?;
+        Ok(NetworkColumn { of: of as usize, kind: *kind })
     });
-    let columns = columns.collect::<Result<Vec<_>, _>>()?;
-    let activations = activations.iter().enumerate().map(|(index, &number)| {
-        let known = Activation::ALL.get(number as usize);
-        known.copied().ok_or_else(|| unknown(&activations_name, index, number))
-    });
-    let activations = activations.collect::<Result<Vec<_>, _>>()?;
-    let network = unstacked(tensors, &prefix, &activations, None)?.remove(0);
+    let columns = columns.collect::<Result<Vec<_>, FormatError>>()?;
+    let outputs = elements(take(tensors, &name("outputs"), Dtype::U32, 1)?.data(), u32::from_le_bytes);
     let outputs = outputs.into_iter().map(|output| output as usize).collect();
+    let graph = Graph::read(tensors, &name("graph."), true)?;
+    graph.widths()?;
+    let network = graph.network().ok_or_else(|| FormatError::NoNetwork { name: name("graph") })?;
     NetworkTerm::new(columns, outputs, network).map(Some)
 }
 
-fn law(tensors: &mut Views, name: &str, factors: &[Factor]) -> Result<Law, FormatError> {
-    Law::new(dictionary(tensors, name, factors)?, network(tensors, name)?)
+fn law(tensors: &mut Views, prefix: &str, factors: &[Factor]) -> Result<Law, FormatError> {
+    Law::new(dictionary(tensors, prefix, factors)?, network(tensors, prefix)?)
 }
 
 pub(super) fn double(name: &str, shape: &[usize], values: &[f64]) -> Tensor {
     (name.into(), Dtype::F64, shape.into(), bytes(values, f64::to_le_bytes))
 }
 
+impl Dictionary {
+    /// Tensors whose names begin with this.
+    pub(crate) fn tensors(&self, prefix: &str) -> Vec<Tensor> {
+        [columns(prefix, self)].into_iter().chain(of_dictionary(prefix, self)).collect()
+    }
+
+    pub(crate) fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
+        let factors = factors(tensors, prefix)?;
+        dictionary(tensors, prefix, &factors)
+    }
+}
+
 /// What the columns of a dictionary contribute.
-pub(super) fn columns(dictionary: &Dictionary) -> Tensor {
+fn columns(prefix: &str, dictionary: &Dictionary) -> Tensor {
     let pair = |factor| match factor {
         Factor::Angle => [0.0, 0.0],
         Factor::Power { middle, half } => [middle, half],
     };
     let pairs: Vec<f64> = dictionary.factors().flat_map(pair).collect();
-    double("columns", &[pairs.len() / 2, 2], &pairs)
+    double(&format!("{prefix}columns"), &[pairs.len() / 2, 2], &pairs)
 }
 
-pub(super) fn of_dictionary(name: &str, dictionary: &Dictionary) -> [Tensor; 2] {
+fn of_dictionary(prefix: &str, dictionary: &Dictionary) -> [Tensor; 2] {
     let terms: Vec<Term> = dictionary.terms().collect();
     let exponents: Vec<i16> = terms.iter().flat_map(|term| term.exponents.iter().copied()).collect();
     let coefficients: Vec<f64> = terms.iter().flat_map(|term| term.coefficients.iter().copied()).collect();
     let shape = vec![terms.len(), dictionary.columns()];
-    let exponents = (format!("{name}.exponents"), Dtype::I16, shape, bytes(&exponents, i16::to_le_bytes));
-    [exponents, double(&format!("{name}.coefficients"), &[terms.len(), dictionary.outputs()], &coefficients)]
+    let exponents = (format!("{prefix}exponents"), Dtype::I16, shape, bytes(&exponents, i16::to_le_bytes));
+    [exponents, double(&format!("{prefix}coefficients"), &[terms.len(), dictionary.outputs()], &coefficients)]
 }
 
 /// Finite numbers and their shape.
@@ -305,9 +312,10 @@ pub(super) fn integration(tensors: &mut Views) -> Result<Integration, FormatErro
 }
 
 /// The inverse of [`columns`].
-pub(super) fn factors(tensors: &mut Views) -> Result<Vec<Factor>, FormatError> {
-    let (columns, shape) = doubles(tensors, "columns", 2)?;
-    expect_shape("columns", &shape[1..], &[2])?;
+fn factors(tensors: &mut Views, prefix: &str) -> Result<Vec<Factor>, FormatError> {
+    let name = format!("{prefix}columns");
+    let (columns, shape) = doubles(tensors, &name, 2)?;
+    expect_shape(&name, &shape[1..], &[2])?;
     let factor = |pair: &[f64; 2]| match *pair {
         // a half of zero is refused by the dictionary
         [middle, half] if pair.map(f64::to_bits) != [0; 2] => Factor::Power { middle, half },
@@ -316,10 +324,10 @@ pub(super) fn factors(tensors: &mut Views) -> Result<Vec<Factor>, FormatError> {
     Ok(columns.as_chunks::<2>().0.iter().map(factor).collect())
 }
 
-pub(super) fn dictionary(tensors: &mut Views, name: &str, factors: &[Factor]) -> Result<Dictionary, FormatError> {
-    let view = take(tensors, &format!("{name}.exponents"), Dtype::I16, 2)?;
+fn dictionary(tensors: &mut Views, prefix: &str, factors: &[Factor]) -> Result<Dictionary, FormatError> {
+    let (coefficients_name, exponents_name) = (format!("{prefix}coefficients"), format!("{prefix}exponents"));
+    let view = take(tensors, &exponents_name, Dtype::I16, 2)?;
     let (exponents, shape) = (elements(view.data(), i16::from_le_bytes), view.shape().to_vec());
-    let (coefficients_name, exponents_name) = (format!("{name}.coefficients"), format!("{name}.exponents"));
     let view = take(tensors, &coefficients_name, Dtype::F64, 2)?;
     expect_shape(&exponents_name, &shape, &[view.shape()[0], factors.len()])?;
     let functions = view.shape()[1];

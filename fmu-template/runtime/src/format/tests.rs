@@ -1,8 +1,10 @@
 use super::*;
 use crate::{
-    Bounds, BuiltIn, Encoding, Given, Integration, Precision, Quantity, Reactions, Role, Shown, Variability,
+    Activation, Bounds, BuiltIn, Encoding, Integration, Layer, Motion, Numbers, Precision, Quantity, Reactions, Role,
+    ScaledNetwork, Scaling, Shown, Variability,
     dictionary::{Dictionary, Factor},
     example,
+    graph::Step,
 };
 
 #[test]
@@ -51,7 +53,7 @@ fn encodings_that_make_no_sense_are_refused_by_name() {
     let refused = |change: &dyn Fn(&mut Metadata)| {
         let mut metadata = surrogate.metadata().clone();
         change(&mut metadata);
-        Surrogate::new(metadata, surrogate.model().clone()).unwrap_err().to_string()
+        Surrogate::new(metadata, surrogate.program().clone()).unwrap_err().to_string()
     };
     let values =
         |values: &'static [f64]| refused(&|metadata| metadata.inputs[0].encoding = Encoding::Nominal(values.into()));
@@ -68,7 +70,7 @@ fn encodings_that_make_no_sense_are_refused_by_name() {
     let time = refused(&|metadata| metadata.inputs[2].encoding = Encoding::Periodic);
     assert_eq!(time, sense("time", "the time is its own column"));
     // six columns, and with another encoding as many as are left
-    let columns = |found: &str, expected: &str| format!("tensor `input_mean` has shape {found}, expected {expected}");
+    let columns = |found: &str, expected: &str| format!("tensor `graph.inputs` has shape {found}, expected {expected}");
     assert_eq!(refused(&|metadata| metadata.inputs[1].encoding = Encoding::Plain), columns("[6]", "[5]"));
     let fewer = refused(&|metadata| {
         metadata.inputs[0].encoding = Encoding::Nominal(vec![0.1, 0.2]);
@@ -124,7 +126,7 @@ fn changed(change: impl FnOnce(&mut Metadata)) -> Result<Surrogate, FormatError>
     let surrogate = example::with_arrays();
     let mut metadata = surrogate.metadata().clone();
     change(&mut metadata);
-    Surrogate::new(metadata, surrogate.model().clone())
+    Surrogate::new(metadata, surrogate.program().clone())
 }
 
 #[test]
@@ -291,6 +293,15 @@ fn described(from: &str, to: &str) -> FormatError {
     rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..])
 }
 
+/// A file with another whole number at a place of a tensor.
+fn patched(mut bytes: Vec<u8>, tensor: &str, index: usize, number: u32) -> Vec<u8> {
+    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
+    let header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
+    let begin = 8 + length + header[tensor]["data_offsets"][0].as_u64().unwrap() as usize + 4 * index;
+    bytes[begin..begin + 4].copy_from_slice(&number.to_le_bytes());
+    bytes
+}
+
 fn rebuilt(header: &str, data: &[u8]) -> FormatError {
     let length = (header.len() as u64).to_le_bytes();
     Surrogate::from_bytes(&[&length, header.as_bytes(), data].concat()).unwrap_err()
@@ -300,9 +311,9 @@ fn rebuilt(header: &str, data: &[u8]) -> FormatError {
 fn assembled(change: impl Fn(&mut Metadata, &mut Scaling, &mut Vec<Layer>)) -> FormatError {
     let surrogate = example::surrogate();
     let mut metadata = surrogate.metadata().clone();
-    let ScaledNetwork { mut scaling, mut layers } = surrogate.network().unwrap().clone();
+    let ScaledNetwork { mut scaling, mut layers } = surrogate.network().unwrap();
     change(&mut metadata, &mut scaling, &mut layers);
-    Surrogate::new(metadata, Model::Response(Map::Network(ScaledNetwork { scaling, layers }))).unwrap_err()
+    Surrogate::new(metadata, Graph::from(&ScaledNetwork { scaling, layers })).unwrap_err()
 }
 
 #[test]
@@ -312,7 +323,7 @@ fn a_file_reads_back_as_the_same_surrogate_and_writes_the_same_bytes() {
     // numbers whose shortest decimals a careless reader gets wrong in the last bit
     metadata.outputs[0].min = -113.09733552923255;
     metadata.outputs[1].max = 9.869604401089358e22;
-    surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
+    surrogate = Surrogate::new(metadata, surrogate.program().clone()).unwrap();
     let bytes = surrogate.to_bytes().unwrap();
     let again = Surrogate::from_bytes(&bytes).unwrap();
     assert_eq!(again, surrogate);
@@ -341,17 +352,13 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
         (r#"\"time_step\":0.01"#, r#"\"time_step\":\"x\""#, "expected f64"),
         (r#"\"time_step\":0.01,"#, "", "missing field `time_step`"),
         (r#"\"time_step\""#, r#"\"colour\":1,\"time_step\""#, "unknown field `colour`"),
-        (r#"\"tanh\""#, r#"\"softmax\""#, "unknown variant `softmax`"),
-        (r#"\"format\":4"#, r#"\"format\":1"#, "format 1, expected 4: an older metafmu wrote it; make it again"),
-        (r#"\"format\":4"#, r#"\"format\":5"#, "format 5, expected 4: a newer metafmu wrote it; use that one"),
-        (r#"\"model\":"#, r#"\"module\":"#, "the field `model` is missing"),
-        (r#"\"response\""#, r#"\"impulse\""#, "unknown variant `impulse`"),
-        (r#"\"identity\"]"#, r#"\"identity\",\"tanh\"]"#, "tensor `outputs.layers.2.weight` is missing"),
-        (
-            r#"\"map\":\"network\",\"activations\":[\"tanh\",\"identity\"]"#,
-            r#"\"map\":\"graph\""#,
-            "`outputs.graph.steps` is missing",
-        ),
+        (r#"\"tunable\""#, r#"\"loose\""#, "unknown variant `loose`"),
+        (r#"\"format\":5"#, r#"\"format\":4"#, "format 4, expected 5: an older metafmu wrote it; make it again"),
+        (r#"\"format\":5"#, r#"\"format\":6"#, "format 6, expected 5: a newer metafmu wrote it; use that one"),
+        (r#"\"clock\":"#, r#"\"clocks\":"#, "the field `clock` is missing"),
+        (r#"\"static\""#, r#"\"impulse\""#, "unknown variant `impulse`"),
+        (r#"\"static\""#, r#"\"continuous\""#, "tensor `solver.step` is missing"),
+        (r#"\"static\""#, r#"\"sampled\""#, "tensor `samples.history` is missing"),
         (r#"{\"format\""#, r#"{{\"format\""#, "metadata entry"),
     ] {
         let message = described(from, to).to_string();
@@ -361,30 +368,31 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
 
 #[test]
 fn tensors_that_are_missing_unknown_or_of_the_wrong_kind_are_named() {
-    let missing = described("layers.1.bias", "layers.1.bius");
-    assert!(matches!(missing, FormatError::MissingTensor { name } if name == "outputs.layers.1.bias"));
-    // with one activation less, the last layer is not looked for
-    let unknown = described(r#"[\"tanh\",\"identity\"]"#, r#"[\"tanh\"]"#);
-    assert!(matches!(unknown, FormatError::UnknownTensor { name } if name == "outputs.layers.1.bias"));
-    let kind = described(r#""outputs.layers.0.bias":{"dtype":"F32""#, r#""outputs.layers.0.bias":{"dtype":"I32""#);
-    assert_eq!(kind.to_string(), "tensor `outputs.layers.0.bias` is of type I32, expected F32 or F64");
+    let missing = described("graph.3.bias", "graph.3.bius");
+    assert!(matches!(missing, FormatError::MissingTensor { name } if name == "graph.3.bias"));
+    // with a softmax in place of the last step, its tensors are not looked for
+    let unknown = Surrogate::from_bytes(&patched(good(), "graph.steps", 16, 5)).unwrap_err();
+    assert!(matches!(unknown, FormatError::UnknownTensor { name } if name == "graph.4.mean"));
+    let kind = described(r#""graph.1.bias":{"dtype":"F32""#, r#""graph.1.bias":{"dtype":"I32""#);
+    assert_eq!(kind.to_string(), "tensor `graph.1.bias` is of type I32, expected F32 or F64");
     let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[48]"#);
-    assert!(matches!(shape, FormatError::Shape { name, .. } if name == "outputs.layers.0.weight"));
+    assert!(matches!(shape, FormatError::Shape { name, .. } if name == "graph.1.weight"));
     let shape = described(r#""dtype":"F32","shape":[16,3]"#, r#""dtype":"F32","shape":[3,16]"#);
-    assert!(matches!(shape, FormatError::Shape { found, expected, .. } if found == [3, 16] && expected == [3, 3]));
+    assert!(matches!(shape, FormatError::Shape { found, expected, .. } if found == [3, 16] && expected == [16, 3]));
 }
 
 #[test]
 fn numbers_that_cannot_be_are_located() {
     let error = assembled(|_, _, layers| set(&mut layers[1].weight, 5, f32::NAN));
-    assert!(matches!(error, FormatError::NotFinite { name, index: 5, .. } if name == "layers.1.weight"));
+    assert!(matches!(error, FormatError::NotFinite { name, index: 5, .. } if name == "graph.3.weight"));
     let error = assembled(|_, scaling, _| scaling.output_mean[1] = f64::INFINITY);
-    assert!(matches!(error, FormatError::NotFinite { name, index: 1, .. } if name == "output_mean"));
+    assert!(matches!(error, FormatError::NotFinite { name, index: 1, .. } if name == "graph.4.mean"));
     let error = assembled(|_, scaling, _| scaling.input_scale[2] = 0.0);
-    assert!(matches!(error, FormatError::NotPositive { name, index: 2, .. } if name == "input_scale"));
+    assert!(matches!(error, FormatError::NotPositive { name, index: 2, .. } if name == "graph.0.scale"));
     let error = assembled(|_, scaling, _| scaling.input_mean.truncate(1));
-    assert!(matches!(error, FormatError::Shape { name, .. } if name == "input_mean"));
-    assert!(matches!(assembled(|_, _, layers| layers.clear()), FormatError::MissingTensor { .. }));
+    assert!(matches!(error, FormatError::Shape { name, .. } if name == "graph.inputs"));
+    let error = assembled(|_, _, layers| layers.clear());
+    assert!(matches!(error, FormatError::Shape { name, .. } if name == "graph.1.mean"));
 }
 
 #[test]
@@ -423,21 +431,20 @@ fn a_network_for_each_instant_is_a_file_whose_tensors_have_the_instant_in_front(
     let bytes = per_instant().to_bytes().unwrap();
     let file = SafeTensors::deserialize(&bytes).unwrap();
     for (name, shape) in [
-        ("instants", &[4][..]),
-        ("outputs.input_mean", &[4, 2]),
-        ("outputs.layers.0.weight", &[4, 5, 2]),
-        ("outputs.layers.1.bias", &[4, 3]),
-        ("outputs.layers.2.weight", &[4, 2, 3]),
-        ("outputs.output_scale", &[4, 2]),
+        ("graph.0.instants", &[4][..]),
+        ("graph.0.functions.0.steps", &[7, 4]),
+        ("graph.0.functions.0.0.mean", &[2]),
+        ("graph.0.functions.1.1.weight", &[5, 2]),
+        ("graph.0.functions.2.3.bias", &[3]),
+        ("graph.0.functions.3.5.weight", &[2, 3]),
+        ("graph.0.functions.3.6.scale", &[2]),
     ] {
         assert_eq!(file.tensor(name).unwrap().shape(), shape, "{name}");
     }
-    let Model::PerInstant { networks, .. } = per_instant().model().clone() else {
-        unreachable!("it has networks for instants")
-    };
-    let third: Vec<f32> =
-        elements(&file.tensor("outputs.layers.1.weight").unwrap().data()[2 * 60..][..60], f32::from_le_bytes);
-    assert_eq!(networks[2].layers[1].weight, third.into());
+    let surrogate = per_instant();
+    let (_, networks) = surrogate.program().graph.instants().unwrap();
+    let third: Vec<f32> = elements(file.tensor("graph.0.functions.2.3.weight").unwrap().data(), f32::from_le_bytes);
+    assert_eq!(networks[2].network().unwrap().layers[1].weight, third.into());
 }
 
 /// The error of such a file with a changed header.
@@ -451,63 +458,70 @@ fn per_instant_described(from: &str, to: &str) -> String {
 
 #[test]
 fn tensors_for_each_instant_that_are_missing_or_of_the_wrong_shape_are_named() {
-    let missing = per_instant_described("\"instants\":", "\"instance\":");
-    assert_eq!(missing, "tensor `instants` is missing");
-    let response = per_instant_described("per-instant", "response");
-    assert_eq!(response, "tensor `outputs.input_mean` has shape [4, 2], expected [4]");
-    let count = per_instant_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[2,10,2]"#);
-    assert_eq!(count, "tensor `outputs.layers.0.weight` has shape [2, 10, 2], expected [4, 10, 2]");
-    let dimensions = per_instant_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[20,2]"#);
-    assert_eq!(dimensions, "tensor `outputs.layers.0.weight` has shape [20, 2], expected [20, 2, 1]");
-    let turned = per_instant_described(r#""F32","shape":[4,5,2]"#, r#""F32","shape":[4,2,5]"#);
-    assert_eq!(turned, "instant 0: tensor `layers.0.weight` has shape [2, 5], expected [2, 2]");
-    assert_eq!(per_instant_described("layers.2.bias", "layers.2.bius"), "tensor `outputs.layers.2.bias` is missing");
+    let missing = per_instant_described("0.instants\":", "0.instance\":");
+    assert_eq!(missing, "tensor `graph.0.instants` is missing");
+    let of = r#""graph.0.functions.2.1.weight":{"dtype":"F32","shape":"#;
+    let changed = |shape: &str| per_instant_described(&format!("{of}[5,2]"), &format!("{of}{shape}"));
+    assert_eq!(changed("[10]"), "tensor `graph.0.functions.2.1.weight` has shape [10], expected [10, 1]");
+    assert_eq!(changed("[2,5]"), "tensor `graph.0.functions.2.1.weight` has shape [2, 5], expected [5, 2]");
+    let missing = per_instant_described("functions.2.1.bias", "functions.2.1.bius");
+    assert_eq!(missing, "tensor `graph.0.functions.2.1.bias` is missing");
+    let missing = per_instant_described("functions.3.steps", "functions.4.steps");
+    assert_eq!(missing, "tensor `graph.0.functions.3.steps` is missing");
 }
 
 #[test]
 fn networks_for_instants_that_make_no_sense_is_refused() {
     type Change<'a> = &'a dyn Fn(&mut Metadata, &mut Vec<f64>, &mut Vec<ScaledNetwork>);
-    let changes: [(&str, Change); 10] = [
-        ("no input is the time", &|metadata, _, _| {
-            (metadata.inputs[2].role, metadata.inputs[2].name) = (Role::Input, "load".into());
-        }),
+    let changes: [(&str, Change); 9] = [
         ("no input beside the time", &|metadata, _, _| drop(metadata.inputs.drain(..2))),
         ("1 instants, expected at least 2", &|_, instants, _| instants.truncate(1)),
-        ("tensor `instants`, element 2: NaN is not finite", &|_, instants, _| instants[2] = f64::NAN),
-        ("tensor `instants`, element 2: 0.5 is not above 0.5", &|_, instants, _| instants[2] = 0.5),
+        ("tensor `graph.0.instants`, element 2: NaN is not finite", &|_, instants, _| instants[2] = f64::NAN),
+        ("tensor `graph.0.instants`, element 2: 0.5 is not above 0.5", &|_, instants, _| instants[2] = 0.5),
         ("3 networks, expected 4, one for each instant", &|_, _, networks| networks.truncate(3)),
-        ("instant 3: tensor `output_scale`, element 1: 0 is not positive", &|_, _, networks| {
+        ("instant 3: tensor `graph.6.scale`, element 1: 0 is not positive", &|_, _, networks| {
             networks[3].scaling.output_scale[1] = 0.0;
         }),
-        ("instant 1: tensor `layers.0.bias`, element 4: NaN is not finite", &|_, _, networks| {
+        ("instant 1: tensor `graph.1.bias`, element 4: NaN is not finite", &|_, _, networks| {
             set(&mut networks[1].layers[0].bias, 4, f32::NAN);
         }),
-        ("instant 2: layers of sizes [2], expected [5, 3, 2] as at the first instant", &|_, _, networks| {
-            let (weight, bias) = (vec![0.0f32; 4].into(), vec![0.0f32; 2].into());
-            networks[2].layers = vec![Layer { inputs: 2, outputs: 2, weight, bias, activation: Activation::Identity }];
-        }),
-        ("instant 3: layer 1 has another activation than at the first instant", &|_, _, networks| {
-            networks[3].layers[1].activation = Activation::Relu;
+        (
+            "instant 2: values of lengths [2, 2, 2, 2], expected [2, 2, 5, 5, 3, 3, 2, 2] as at the first instant",
+            &|_, _, networks| {
+                let (weight, bias) = (vec![0.0f32; 4].into(), vec![0.0f32; 2].into());
+                networks[2].layers =
+                    vec![Layer { inputs: 2, outputs: 2, weight, bias, activation: Activation::Identity }];
+            },
+        ),
+        ("instant 3: steps of other kinds than at the first instant", &|_, _, networks| {
+            // as many numbers, but no activation between two layers
+            let activation = Activation::Identity;
+            networks[3].layers[1].activation = activation;
+            let (weight, bias) = (vec![0.0f32; 9].into(), vec![0.0f32; 3].into());
+            networks[3].layers.insert(2, Layer { inputs: 3, outputs: 3, weight, bias, activation });
         }),
     ];
     for (expected, change) in changes {
         let surrogate = per_instant();
         let mut metadata = surrogate.metadata().clone();
-        let Model::PerInstant { mut instants, mut networks } = surrogate.model().clone() else {
-            unreachable!("it has networks for instants")
-        };
+        let (instants, functions) = surrogate.program().graph.instants().unwrap();
+        let mut instants = instants.to_vec();
+        let mut networks = functions.iter().filter_map(Graph::network).collect();
         change(&mut metadata, &mut instants, &mut networks);
-        let message = Surrogate::new(metadata, Model::PerInstant { instants, networks }).unwrap_err().to_string();
+        let time = metadata.inputs.len() - 1;
+        let graph = Graph::of_instants(time + 1, time, instants, &networks);
+        let message = Surrogate::new(metadata, graph).unwrap_err().to_string();
         assert!(message.contains(expected), "{message}");
     }
 }
 
 /// The crane's model file with other tensors: what is wrong with it.
-fn crane_with(change: impl Fn(&mut Motion)) -> String {
+fn crane_with(change: impl Fn(&mut Motion, &mut Integration)) -> String {
     let surrogate = example::crane();
-    let Model::Motion(mut motion) = surrogate.model().clone() else { unreachable!("the crane moves") };
-    change(&mut motion);
-    let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Motion(motion));
+    let program = surrogate.program();
+    let (mut motion, mut integration) = (program.motion().unwrap().clone(), program.integration().unwrap());
+    change(&mut motion, &mut integration);
+    let surrogate = Surrogate::new(surrogate.metadata().clone(), Program::of_motion(motion, integration));
     surrogate.map_or_else(|error| error.to_string(), |_| "nothing".into())
 }
 
@@ -541,26 +555,35 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
     let bytes = example::crane_with_networks().to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
-    let tensors: Value = serde_json::from_str(header).unwrap();
-    // another whole number at a place of a tensor
     for (name, index, number, expected) in [
         ("law.network.columns", 0, 3, "tensor `network.columns`, element 0: 3, expected less than 3"),
-        ("law.network.columns", 1, 3, "tensor `law.network.columns`, element 1: 3 is not known"),
+        ("law.network.columns", 1, 3, "tensor `graph.0.law.network.columns`, element 1: 3 is not known"),
         ("law.network.outputs", 5, 12, "tensor `network.outputs`, element 5: 12, expected less than 12"),
-        ("positions.network.activations", 0, 7, "tensor `positions.network.activations`, element 0: 7 is not known"),
+        (
+            "positions.network.graph.steps",
+            4,
+            16,
+            "tensor `graph.0.positions.network.graph.steps`, element 4: 16 is not known",
+        ),
+        (
+            "positions.network.graph.steps",
+            4,
+            12,
+            "tensor `graph.0.positions.network.graph.steps`, element 4: 12 is not known",
+        ),
+        // a softmax in place of an activation
+        ("positions.network.graph.steps", 8, 5, "`graph.0.positions.network.graph` is not a network"),
         ("forces.network.columns", 10, 6, "tensor `network.columns`, element 5: 6, expected less than 6"),
         ("forces.network.outputs", 0, 2, "tensor `network.outputs`, element 0: 2, expected less than 2"),
     ] {
-        let begin = 8 + length + tensors[name]["data_offsets"][0].as_u64().unwrap() as usize + 4 * index;
-        let mut damaged = bytes.clone();
-        damaged[begin..begin + 4].copy_from_slice(&u32::to_le_bytes(number));
+        let damaged = patched(bytes.clone(), &format!("graph.0.{name}"), index, number);
         let found = Surrogate::from_bytes(&damaged).unwrap_err().to_string();
-        assert_eq!(found, expected);
+        assert!(found.starts_with(expected), "{found}");
     }
     for (from, to, expected) in [
-        ("forces.network.outputs", "forces.network.output", "tensor `forces.network.outputs` is missing"),
-        ("law.network.input_mean", "law.network.input_means", "tensor `law.network.input_mean` is missing"),
-        ("positions.network.layers.1.bias", "positions.network.layers.1.bia", "`positions.network.layers.1.bias`"),
+        ("forces.network.outputs", "forces.network.output", "tensor `graph.0.forces.network.outputs` is missing"),
+        ("law.network.graph.0.mean", "law.network.graph.0.means", "`graph.0.law.network.graph.0.mean` is missing"),
+        ("positions.network.graph.3.bias", "positions.network.graph.3.bia", "`graph.0.positions.network.graph.3.bias`"),
     ] {
         let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
         assert!(found.contains(expected), "{found}");
@@ -570,18 +593,16 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
 #[test]
 fn efforts_that_make_no_sense_are_refused() {
     let bytes = example::crane_with_efforts().to_bytes().unwrap();
-    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-    let header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
     for (tensor, element, value, expected) in [
         ("efforts.steps", 1, 77, "tensor `efforts.steps`, element 0: 77, expected less than 8"),
-        ("efforts.steps", 0, 12, "tensor `efforts.steps`, element 0: 12 is not known"),
-        ("efforts.steps", 3, 900, "tensor `efforts.steps`, element 3: 900 is not known"),
+        ("efforts.steps", 0, 12, "tensor `graph.0.efforts.steps`, element 0: 12 is not known"),
+        ("efforts.steps", 3, 900, "tensor `graph.0.efforts.steps`, element 3: 900 is not known"),
         ("efforts.steps", 0, 5, "formula, step 0: 0 values, expected 2"),
         // table 1 has two arguments
         ("efforts.steps", 0, 4, "formula, step 0: 0 values, expected 2"),
-        ("efforts.tables.1.kinds", 1, 3, "tensor `efforts.tables.1.kinds`, element 1: 3 is not known"),
+        ("efforts.tables.1.kinds", 1, 3, "tensor `graph.0.efforts.tables.1.kinds`, element 1: 3 is not known"),
         ("efforts.tables.1.kinds", 1, 2, "a periodic lookup table, element 4: its ends differ"),
-        ("efforts.inputs", 0, 2, "tensor `inputs` has shape [1, 4, 1, 0], expected [1, 4, 2, 0]"),
+        ("efforts.inputs", 0, 2, "tensor `graph.0.motion` has shape [7], expected [6]"),
         (
             "efforts.inputs",
             0,
@@ -589,9 +610,7 @@ fn efforts_that_make_no_sense_are_refused() {
             "tensor `efforts.inputs`, element 0: 4000000000, expected less than 65536",
         ),
     ] {
-        let mut damaged = bytes.clone();
-        let offset = header[tensor]["data_offsets"][0].as_u64().unwrap() as usize + 4 * element;
-        damaged[8 + length + offset..][..4].copy_from_slice(&u32::to_le_bytes(value));
+        let damaged = patched(bytes.clone(), &format!("graph.0.{tensor}"), element, value);
         let found = Surrogate::from_bytes(&damaged).unwrap_err().to_string();
         assert_eq!(found, expected, "{tensor} {element}");
     }
@@ -617,47 +636,43 @@ fn reactions_of_other_shapes_are_refused() {
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
     let found = rebuilt(&header.replacen("reactions.exponents", "reactions.exponent", 1), &bytes[8 + length..]);
-    assert_eq!(found.to_string(), "tensor `reactions.exponents` is missing");
+    assert_eq!(found.to_string(), "tensor `graph.0.reactions.exponents` is missing");
 }
 
 #[test]
 fn a_motion_that_makes_no_sense_is_refused() {
     for (expected, change) in [
-        ("nothing", &(|_: &mut Motion| {}) as &dyn Fn(&mut Motion)),
-        ("tensor `shown`, element 2: 7, expected less than 3", &|motion| motion.outputs[2] = Shown::Velocity(7)),
-        ("tensor `shown`, element 1: 0, expected less than 0", &|motion| motion.outputs[1] = Shown::Reaction(0)),
-        ("tensor `shown`, element 1: 2, expected less than 2", &|motion| {
+        ("nothing", &(|_: &mut Motion, _: &mut Integration| {}) as &dyn Fn(&mut Motion, &mut Integration)),
+        ("tensor `shown`, element 2: 7, expected less than 3", &|motion, _| motion.outputs[2] = Shown::Velocity(7)),
+        ("tensor `shown`, element 1: 0, expected less than 0", &|motion, _| motion.outputs[1] = Shown::Reaction(0)),
+        ("tensor `shown`, element 1: 2, expected less than 2", &|motion, _| {
             motion.reactions = Some(reactions(2, 1).unwrap());
             motion.outputs[1] = Shown::Reaction(2);
         }),
-        ("tensor `reactions` has shape [2, 0, 3], expected [2, 1, 3]", &|motion| {
+        ("tensor `reactions` has shape [2, 0, 3], expected [2, 1, 3]", &|motion, _| {
             motion.reactions = Some(reactions(2, 0).unwrap());
         }),
-        ("tensor `shown` has shape [6], expected [7]", &|motion| motion.outputs.truncate(6)),
-        ("tensor `windings` has shape [5], expected [6]", &|motion| motion.windings.truncate(5)),
-        ("tensor `windings`, element 1: NaN is not finite", &|motion| motion.windings[1] = f64::NAN),
-        ("time step 0 is not positive", &|motion| motion.integration = Integration::Fixed { step: 0.0 }),
-        ("the tolerance NaN of the solver is not positive", &|motion| {
-            motion.integration = Integration::ErrorControlled { tolerance: f64::NAN, longest: 0.1 };
+        ("tensor `graph.steps` has shape [10], expected [11]", &|motion, _| motion.outputs.truncate(6)),
+        ("tensor `windings` has shape [5], expected [6]", &|motion, _| motion.windings.truncate(5)),
+        ("tensor `windings`, element 1: NaN is not finite", &|motion, _| motion.windings[1] = f64::NAN),
+        ("time step 0 is not positive", &|_, integration| *integration = Integration::Fixed { step: 0.0 }),
+        ("the tolerance NaN of the solver is not positive", &|_, integration| {
+            *integration = Integration::ErrorControlled { tolerance: f64::NAN, longest: 0.1 };
         }),
     ] {
         let found = crane_with(change);
         assert!(found.starts_with(expected), "{found} instead of {expected}");
     }
-    let mut bytes = example::with_prescribed_trolley(&example::crane()).to_bytes().unwrap();
-    let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
-    let header: Value = serde_json::from_slice(&bytes[8..8 + length]).unwrap();
-    bytes[8 + length + header["law.prescribed"]["data_offsets"][0].as_u64().unwrap() as usize] = 2;
-    let found = Surrogate::from_bytes(&bytes).unwrap_err().to_string();
+    let bytes = example::with_prescribed_trolley(&example::crane()).to_bytes().unwrap();
+    let found = Surrogate::from_bytes(&patched(bytes, "graph.0.law.prescribed", 0, 2)).unwrap_err().to_string();
     assert_eq!(found, "tensor `prescribed`, element 0: 2, expected less than 2");
     let bytes = example::crane().to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
     assert!(!header.contains("prescribed"), "{header}");
     for (from, to, expected) in [
-        ("motion", "response", "a motion has dictionaries, and only a motion"),
-        ("positions.windings", "positions.winding", "tensor `positions.windings` is missing"),
-        ("\\\"map\\\":\\\"dictionary\\\"", "\\\"map\\\":\\\"graph\\\"", "a motion has dictionaries, and only a motion"),
+        ("continuous", "static", "tensor `solver.step` is not part of the format"),
+        ("positions.windings", "positions.winding", "tensor `graph.0.positions.windings` is missing"),
     ] {
         assert!(header.contains(from), "{from} is not in {header}");
         let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
@@ -666,7 +681,7 @@ fn a_motion_that_makes_no_sense_is_refused() {
 }
 
 #[test]
-fn a_state_space_survives_the_round_trip_with_and_without_a_network() {
+fn derivatives_of_states_survive_the_round_trip_with_and_without_a_network() {
     for network in [None, Some(example::residual_network())] {
         let surrogate = example::oscillator(network).sealed().unwrap();
         let bytes = surrogate.to_bytes().unwrap();
@@ -678,30 +693,50 @@ fn a_state_space_survives_the_round_trip_with_and_without_a_network() {
 }
 
 #[test]
-fn a_state_space_that_makes_no_sense_is_refused() {
-    for (expected, change) in [
-        ("nothing", &(|_: &mut StateSpace| {}) as &dyn Fn(&mut StateSpace)),
-        ("tensor `results.given`, element 2: 1, expected less than 1", &|space| space.results[2] = Given::Function(1)),
-        ("tensor `results.given`, element 0: 2, expected less than 2", &|space| space.results[0] = Given::State(2)),
-        ("tensor `results.given` has shape [2], expected [3]", &|space| space.results.truncate(2)),
-        ("tensor `inputs` has shape [1, 2, 1, 0], expected [2, 2, 1, 0]", &|space| space.counts[0] = 2),
-        ("time step 0 is not positive", &|space| space.integration = Integration::Fixed { step: 0.0 }),
-    ] {
+fn derivatives_of_states_that_make_no_sense_are_refused() {
+    type Change<'a> = &'a dyn Fn(&mut Metadata, &mut Graph, &mut Integration);
+    let results = |place: usize, column: [u32; 2]| {
+        move |_: &mut Metadata, graph: &mut Graph, _: &mut Integration| {
+            let Some(Step::Columns { columns }) = graph.steps.last_mut() else {
+                unreachable!("the results are picked")
+            };
+            columns[place] = column;
+        }
+    };
+    let changes: [(&str, Change); 9] = [
+        ("nothing", &|_, _, _| {}),
+        ("tensor `graph.3.columns`, element 2: 1, expected less than 1", &results(2, [3, 1])),
+        ("tensor `graph.3.columns`, element 0: 4, expected less than 4", &results(0, [0, 4])),
+        ("tensor `graph.steps` has shape [2], expected [3]", &|_, graph, _| {
+            graph.steps[3] = Step::Columns { columns: vec![[0, 2], [0, 3]] };
+        }),
+        ("tensor `graph.inputs` has shape [4], expected [5]", &|metadata, _, _| {
+            let more = crate::Input { name: "more".into(), ..metadata.inputs[0].clone() };
+            metadata.inputs.insert(1, more);
+        }),
+        ("tensor `inputs` has shape [1], expected [2]", &|metadata, _, _| drop(metadata.inputs.remove(1))),
+        ("the inputs of a program with a state are not parameters", &|metadata, _, _| metadata.inputs.swap(0, 1)),
+        ("the inputs of a program with a state are not parameters", &|metadata, _, _| metadata.inputs.swap(2, 3)),
+        ("time step 0 is not positive", &|_, _, integration| *integration = Integration::Fixed { step: 0.0 }),
+    ];
+    for (expected, change) in changes {
         let surrogate = example::oscillator(Some(example::residual_network()));
-        let Model::StateSpace(mut space) = surrogate.model().clone() else { unreachable!("it has states") };
-        change(&mut space);
-        let found = Surrogate::new(surrogate.metadata().clone(), Model::StateSpace(space));
+        let mut metadata = surrogate.metadata().clone();
+        let Program { mut graph, clock } = surrogate.program().clone();
+        let Clock::Continuous(mut integration) = clock else { unreachable!("it has states") };
+        change(&mut metadata, &mut graph, &mut integration);
+        let found = Surrogate::new(metadata, Program { graph, clock: Clock::Continuous(integration) });
         let found = found.map_or_else(|error| error.to_string(), |_| "nothing".into());
         assert!(found.starts_with(expected), "{found} instead of {expected}");
     }
 }
 
 #[test]
-fn models_of_samples_and_by_graphs_survive_the_round_trip() {
+fn programs_of_samples_and_by_graphs_survive_the_round_trip() {
     let recorded = example::recorded();
-    let Model::Discrete(mut discrete) = recorded.model().clone() else { unreachable!("it is discrete") };
-    discrete.map = None;
-    let linear = Surrogate::new(recorded.metadata().clone(), Model::Discrete(discrete)).unwrap();
+    let Program { mut graph, clock } = recorded.program().clone();
+    graph.steps.truncate(1);
+    let linear = Surrogate::new(recorded.metadata().clone(), Program { graph, clock }).unwrap();
     for surrogate in [recorded, linear, example::cell(), example::oscillator_by_graph()] {
         let surrogate = surrogate.sealed().unwrap();
         let bytes = surrogate.to_bytes().unwrap();
@@ -713,27 +748,38 @@ fn models_of_samples_and_by_graphs_survive_the_round_trip() {
 }
 
 #[test]
-fn a_discrete_model_that_makes_no_sense_is_refused() {
-    for (expected, change) in [
-        ("nothing", &(|_: &mut Discrete| {}) as &dyn Fn(&mut Discrete)),
-        ("tensor `inputs` has shape [1, 2, 1, 0], expected [0, 2, 1, 0]", &|discrete| discrete.counts[0] = 0),
-        ("tensor `inputs` has shape [1, 2, 1, 0], expected [1, 3, 2, 0]", &|discrete| discrete.counts[1] = 2),
-        ("tensor `outputs` has shape [2], expected [1]", &|discrete| discrete.counts[2] = 2),
-        ("the list of past inputs is empty", &|discrete| discrete.history[1] = 0),
-        ("tensor `linear.weights` has shape [6], expected [7]", &|discrete| discrete.history[0] = 3),
-        ("tensor `linear.constants` has shape [0], expected [1]", &|discrete| discrete.constants.clear()),
-        ("tensor `linear.weights`, element 1: NaN is not finite", &|discrete| discrete.weights[1] = f64::NAN),
-        ("time step 0 is not positive", &|discrete| discrete.step = 0.0),
-        ("tensor `linear.weights` has shape [6], expected [16]", &|discrete| discrete.hidden.push(0.0)),
-        ("tensor `hidden.start`, element 0: inf is not finite", &|discrete| {
-            (discrete.hidden, discrete.constants) = (vec![f64::INFINITY], vec![0.0; 2]);
-            discrete.weights.clear();
+fn samples_that_make_no_sense_are_refused() {
+    type Change<'a> = &'a dyn Fn(&mut Metadata, &mut Numbers, &mut Numbers, &mut Sampling);
+    let changes: [(&str, Change); 11] = [
+        ("nothing", &|_, _, _, _| {}),
+        ("tensor `graph.inputs` has shape [6], expected [5]", &|metadata, _, _, _| drop(metadata.inputs.remove(0))),
+        ("tensor `inputs` has shape [2], expected [3]", &|metadata, _, _, _| {
+            let more = crate::Input { name: "more".into(), ..metadata.inputs[3].clone() };
+            metadata.inputs.push(more);
         }),
-    ] {
+        ("the inputs of a program with a state are not parameters", &|metadata, _, _, _| metadata.inputs.swap(2, 3)),
+        ("the list of past inputs is empty", &|_, _, _, sampling| sampling.history[1] = 0),
+        ("tensor `graph.inputs` has shape [6], expected [7]", &|_, _, _, sampling| sampling.history[0] = 3),
+        ("tensor `graph.0.weight` has shape [6], expected [0]", &|_, _, constants, _| {
+            *constants = Vec::<f64>::new().into()
+        }),
+        ("tensor `graph.0.weight`, element 1: NaN is not finite", &|_, weights, _, _| {
+            *weights = vec![0.0, f64::NAN, 0.0, 0.0, 0.0, 0.0].into();
+        }),
+        ("time step 0 is not positive", &|_, _, _, sampling| sampling.step = 0.0),
+        ("tensor `graph.inputs` has shape [6], expected [8]", &|_, _, _, sampling| sampling.hidden.push(0.0)),
+        ("tensor `samples.hidden`, element 0: inf is not finite", &|_, _, _, sampling| {
+            sampling.hidden = vec![f64::INFINITY];
+        }),
+    ];
+    for (expected, change) in changes {
         let surrogate = example::recorded();
-        let Model::Discrete(mut discrete) = surrogate.model().clone() else { unreachable!("it is discrete") };
-        change(&mut discrete);
-        let found = Surrogate::new(surrogate.metadata().clone(), Model::Discrete(discrete));
+        let mut metadata = surrogate.metadata().clone();
+        let Program { mut graph, clock } = surrogate.program().clone();
+        let Clock::Sampled(mut sampling) = clock else { unreachable!("it has samples") };
+        let Step::Affine { weight, bias, .. } = &mut graph.steps[0] else { unreachable!("it has a linear part") };
+        change(&mut metadata, weight, bias, &mut sampling);
+        let found = Surrogate::new(metadata, Program { graph, clock: Clock::Sampled(sampling) });
         let found = found.map_or_else(|error| error.to_string(), |_| "nothing".into());
         assert!(found.starts_with(expected), "{found} instead of {expected}");
     }
@@ -741,15 +787,27 @@ fn a_discrete_model_that_makes_no_sense_is_refused() {
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
     for (from, to, expected) in [
-        ("sample.time", "sample.tim", "tensor `sample.time` is missing"),
-        (
-            "\\\"map\\\":\\\"network\\\"",
-            "\\\"map\\\":\\\"dictionary\\\"",
-            "a discrete model has a linear part, a network or a graph",
-        ),
+        ("samples.time", "samples.tim", "tensor `samples.time` is missing"),
+        ("sampled", "static", "tensor `samples.history` is not part of the format"),
+        ("sampled", "continuous", "tensor `solver.step` is missing"),
     ] {
         assert!(header.contains(from), "{from} is not in {header}");
         let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
         assert!(found.contains(expected), "{found}");
     }
+}
+
+#[test]
+fn functions_that_a_step_calls_have_no_such_steps() {
+    let bytes = example::recorded().to_bytes().unwrap();
+    for kind in 12..17 {
+        let found = Surrogate::from_bytes(&patched(bytes.clone(), "graph.1.function.steps", 0, kind)).unwrap_err();
+        let expected = format!("tensor `graph.1.function.steps`, element 0: {kind} is not known");
+        assert_eq!(found.to_string(), expected);
+    }
+    let of_instants = per_instant().to_bytes().unwrap();
+    let found = Surrogate::from_bytes(&patched(of_instants, "graph.0.functions.2.steps", 4, 12)).unwrap_err();
+    assert_eq!(found.to_string(), "tensor `graph.0.functions.2.steps`, element 4: 12 is not known");
+    let found = Surrogate::from_bytes(&patched(bytes, "graph.1.function.inputs", 0, 0)).unwrap_err();
+    assert_eq!(found.to_string(), "the list of inputs is empty");
 }

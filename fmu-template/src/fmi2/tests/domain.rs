@@ -229,7 +229,7 @@ fn without_a_time_of_its_own_the_surrogate_follows_every_change() {
     let surrogate = example::with_input();
     let mut metadata = surrogate.metadata().clone();
     (metadata.inputs[2].name, metadata.inputs[2].role) = ("load".into(), metadata.inputs[0].role);
-    let host = Host::of(&Surrogate::new(metadata, surrogate.model().clone()).unwrap());
+    let host = Host::of(&Surrogate::new(metadata, surrogate.program().clone()).unwrap());
     host.initialize(0.0);
     assert_eq!((host.step(0.0, 0.5), host.set(&[LENGTH, SPEED], &[0.12, 1.0])), (Status::Ok, Status::Ok));
     assert_eq!((host.in_domain(), host.messages().len()), (true, 0));

@@ -1,7 +1,7 @@
 //! A surrogate that goes on from sample to sample: [`example::recorded`].
 
 use super::*;
-use metafmu_runtime::Model;
+use metafmu_runtime::{Program, graph::Step};
 
 const STARTS: [u32; 2] = [1, 2];
 const FORCE: u32 = 3;
@@ -61,9 +61,10 @@ fn model_exchange_is_refused_with_a_sentence() {
 #[test]
 fn outputs_that_diverge_end_the_step_and_nothing_else() {
     let surrogate = example::recorded();
-    let Model::Discrete(mut discrete) = surrogate.model().clone() else { panic!("it is discrete") };
-    discrete.weights[0] = 1e200;
-    let surrogate = Surrogate::new(surrogate.metadata().clone(), Model::Discrete(discrete)).unwrap();
+    let Program { mut graph, clock } = surrogate.program().clone();
+    let Step::Affine { weight, .. } = &mut graph.steps[0] else { panic!("it has a linear part") };
+    *weight = [1e200].into_iter().chain(weight.iter().skip(1)).collect::<Vec<f64>>().into();
+    let surrogate = Surrogate::new(surrogate.metadata().clone(), Program { graph, clock }).unwrap();
     let host = Host::of(&surrogate);
     host.initialize(0.0);
     assert_eq!(host.step(0.0, SAMPLE), Status::Ok);

@@ -266,7 +266,7 @@ fn arrays_follow_the_time_that_is_added() {
     let surrogate = example::with_arrays();
     let mut metadata = surrogate.metadata().clone();
     (metadata.inputs[2].name, metadata.inputs[2].role) = ("load".into(), metadata.inputs[0].role);
-    let surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
+    let surrogate = Surrogate::new(metadata, surrogate.program().clone()).unwrap();
     let host = Host::of(&surrogate, Use::Steps);
     assert_eq!((host.enter(0.5), host.exit()), (Status::Ok, Status::Ok));
     let load = surrogate.inputs()[2].start;

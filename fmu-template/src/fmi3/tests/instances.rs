@@ -94,7 +94,7 @@ fn the_example_of_a_surrogate_without_time_has_a_time_all_the_same() {
     let surrogate = example::surrogate();
     let mut metadata = surrogate.metadata().clone();
     (metadata.inputs[2].name, metadata.inputs[2].role) = ("load".into(), metadata.inputs[0].role);
-    let surrogate = Surrogate::new(metadata, surrogate.model().clone()).unwrap();
+    let surrogate = Surrogate::new(metadata, surrogate.program().clone()).unwrap();
     let host = Host::of(&surrogate, Use::Steps);
     assert_eq!((host.enter(0.5), host.exit()), (Status::Ok, Status::Ok));
     assert_eq!(host.step(0.5, 9.0), Status::Ok);

@@ -1,118 +1,77 @@
 //! Sizes and weights of a model of samples.
 
-use super::{
-    ModelSources, array, double,
-    functions::{AddedNetwork, Cost, width, write_network},
-    graph::BesideGraph,
-    network::{ACTIVATIONS, BLOCK_SIZE},
-    operations::Operations,
-    real,
-};
-use metafmu_runtime::{
-    Discrete, Map, Surrogate,
-    law::{ColumnKind, NetworkColumn},
-};
+use super::{ModelSources, array, double, graph::GraphSources, operations::Operations, real};
+use metafmu_runtime::{Ports, Sampling, Surrogate};
 
-const NAMES: [&str; 10] = [
+const NAMES: [&str; 7] = [
     "model_advance",
-    "model_constants",
     "model_hidden",
     "model_sample_time",
-    "model_samples_network",
     "model_start",
     "model_support_fading",
     "model_support_ranges",
     "model_support_samples",
-    "model_weights",
 ];
 
-pub fn part(surrogate: &Surrogate, discrete: &Discrete) -> ModelSources {
-    let [parameters, driven, outputs] = discrete.counts;
-    let [past_outputs, past_inputs] = discrete.history;
-    let network = network(discrete);
-    let cost = Cost::of(network.as_ref(), 0);
-    let graph = BesideGraph::of(discrete.map.as_ref(), 0);
-    let samples = samples(surrogate, discrete);
-    let of_network = Operations {
-        arithmetic: operations(discrete, &cost, samples),
-        sines: 2.0 * samples * cost.angles as f64,
-        activations: samples * cost.activations as f64,
-        ..Operations::default()
-    };
-    let numbers = discrete.numbers();
+pub fn part(surrogate: &Surrogate, sampling: &Sampling) -> ModelSources {
+    let ports = surrogate.ports();
+    let Ports { parameters, starts, inputs, .. } = ports;
+    let [past_outputs, past_inputs] = sampling.history;
+    let graph = GraphSources::of(&surrogate.program().graph);
+    let samples = samples(surrogate, sampling);
+    let of_step = Operations { arithmetic: operations(sampling, &ports, samples), ..Operations::default() };
+    let (numbers, past_starts) = (sampling.numbers(&ports), sampling.past_starts(&ports));
     ModelSources {
         header: "discrete.h",
-        defines: Vec::new(),
-        names: [&ACTIVATIONS[..], &NAMES, &graph.names].concat(),
+        defines: graph.defines,
+        names: [&NAMES[..], &graph.names].concat(),
         sizes: [
             vec![
                 ("PARAMETER_COUNT", parameters, ""),
-                ("DRIVEN_COUNT", driven, "inputs that are neither parameter nor start"),
-                ("PAST_STARTS", discrete.past_starts(), "those whose value before the start counts"),
-                ("FIRST_DRIVEN", parameters + outputs + discrete.past_starts(), "the first of them"),
+                ("DRIVEN_COUNT", inputs, "inputs that are neither parameter nor start"),
+                ("PAST_STARTS", past_starts, "those whose value before the start counts"),
+                ("FIRST_DRIVEN", parameters + starts, "the first of them"),
                 ("SAMPLE_SIZE", numbers, "outputs, and what is hidden"),
                 (
                     "PAST_OUTPUTS",
                     past_outputs.max(1) * numbers,
                     "numbers that are remembered of outputs and of what is hidden",
                 ),
-                ("PAST_INPUTS", past_inputs * driven, "and of inputs"),
+                ("PAST_INPUTS", past_inputs * inputs, "and of inputs"),
                 ("FED_BACK", past_outputs * numbers, "of the former those that count"),
-                ("LINEAR_COLUMNS", if discrete.weights.is_empty() { 0 } else { discrete.width() }, "of W"),
-                (
-                    "MEAN_COUNT",
-                    discrete.support.as_ref().map_or(0, |_| discrete.past_starts()),
-                    "inputs that are averaged",
-                ),
-                ("FEATURE_COUNT", features(discrete), "of a transition from sample to sample"),
-                BLOCK_SIZE,
-                ("NETWORK_WIDTH", width(&network), "of the widest layer of the network"),
+                ("MEAN_COUNT", sampling.support.as_ref().map_or(0, |_| past_starts), "inputs that are averaged"),
+                ("FEATURE_COUNT", features(sampling), "of a transition from sample to sample"),
             ],
             graph.sizes,
         ]
         .concat(),
-        remark: (graph.operations.times(samples, of_network))
-            .remark("A step of model_time_step takes", "discrete.c has"),
-        data: data(discrete, network.as_ref()) + &graph.data,
+        remark: (graph.operations.times(samples, of_step))
+            .remark("A step of model_time_step takes", "discrete.c and graph.c have"),
+        data: data(sampling) + &graph.data,
     }
 }
 
 /// Number of features of a transition; none if the support of the training is not known.
-fn features(discrete: &Discrete) -> usize {
-    discrete.support.as_ref().map_or(0, |support| support.ranges.len())
+fn features(sampling: &Sampling) -> usize {
+    sampling.support.as_ref().map_or(0, |support| support.ranges.len())
 }
 
 /// Samples in the step that hosts are told.
-fn samples(surrogate: &Surrogate, discrete: &Discrete) -> f64 {
-    (surrogate.metadata().time_step / discrete.step).ceil().max(1.0)
+fn samples(surrogate: &Surrogate, sampling: &Sampling) -> f64 {
+    (surrogate.metadata().time_step / sampling.step).ceil().max(1.0)
 }
 
-/// Multiplications, additions and divisions of a step over so many samples; the formula is in `discrete.c`.
-fn operations(discrete: &Discrete, network: &Cost, samples: f64) -> f64 {
-    let columns = if discrete.weights.is_empty() { 0 } else { discrete.width() };
-    let support = 8 * features(discrete);
-    let sample = network.operations + discrete.numbers() * (2 * columns + 2) + 5 * discrete.counts[1] + 5 + support;
-    samples * sample as f64 + 8.0
+/// Multiplications, additions and divisions of a step over so many samples, besides the graph; the formula is in `discrete.c`.
+fn operations(sampling: &Sampling, ports: &Ports, samples: f64) -> f64 {
+    samples * (5 * ports.inputs + 5 + 8 * features(sampling)) as f64 + 8.0
 }
 
-/// The network, which adds to all outputs.
-fn network(discrete: &Discrete) -> Option<AddedNetwork<'_>> {
-    let Some(Map::Network(network)) = &discrete.map else { return None };
-    Some(AddedNetwork {
-        columns: (0..discrete.width()).map(|of| NetworkColumn { of, kind: ColumnKind::Plain }).collect(),
-        outputs: (0..discrete.numbers()).collect(),
-        network,
-    })
-}
-
-fn data(discrete: &Discrete, network: Option<&AddedNetwork>) -> String {
-    let mut text = format!("\nconst double model_sample_time = {};\n", double(discrete.step));
+fn data(sampling: &Sampling) -> String {
+    let mut text = format!("\nconst double model_sample_time = {};\n", double(sampling.step));
     // C has no empty arrays
-    let padded = |values: &[f64]| if values.is_empty() { vec![0.0] } else { values.to_vec() };
-    array(&mut text, "const Real model_weights", &padded(&discrete.weights));
-    array(&mut text, "const Real model_hidden", &padded(&discrete.hidden));
-    array(&mut text, "const Real model_constants", &discrete.constants);
-    if let Some(support) = &discrete.support {
+    let hidden = if sampling.hidden.is_empty() { vec![0.0] } else { sampling.hidden.clone() };
+    array(&mut text, "const Real model_hidden", &hidden);
+    if let Some(support) = &sampling.support {
         array(&mut text, "const Real model_support_ranges", support.ranges.as_flattened());
         text.push_str(&format!(
             "\nconst Real model_support_samples = {};\nconst Real model_support_fading = {};\n",
@@ -120,23 +79,22 @@ fn data(discrete: &Discrete, network: Option<&AddedNetwork>) -> String {
             real(support.fading()),
         ));
     }
-    write_network(&mut text, "samples", network);
     text
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::{Model, example};
+    use metafmu_runtime::example;
 
     #[test]
     fn operations_are_those_of_a_count_by_hand() {
         let recorded = example::recorded();
-        let Model::Discrete(discrete) = recorded.model() else { panic!("it is discrete") };
-        assert_eq!(samples(&recorded, discrete), 1.0);
-        // six columns, layers of 6 to 5 to 1, in blocks of 16, an output
-        let of_network = 6 * 2 + 2 * (6 + 5) * 16 + 3;
-        let cost = Cost::of(network(discrete).as_ref(), 0);
-        assert_eq!(operations(discrete, &cost, 3.0), f64::from(3 * (of_network + (2 * 6 + 2) + 5 + 5) + 8));
+        let sampling = recorded.program().sampling().unwrap();
+        assert_eq!(samples(&recorded, sampling), 1.0);
+        assert_eq!(operations(sampling, &recorded.ports(), 3.0), f64::from(3 * (5 + 5) + 8));
+        // the linear part, six columns, layers of 6 to 5 to 1, an output, a sum
+        let graph = GraphSources::of(&recorded.program().graph);
+        assert_eq!(graph.operations.arithmetic, f64::from(2 * 6 + 6 * 2 + 2 * (6 * 5 + 5) + 2 + 1));
     }
 }

@@ -6,10 +6,13 @@ use super::{
     network::{ACTIVATIONS, BLOCK, BLOCK_SIZE, padded},
     operations::Operations,
     push, real, table,
+    tape::{self, index_type},
 };
 use metafmu_runtime::{
-    Map,
+    dictionary::Dictionary,
     graph::{Elementwise, Graph, LEAF, Node, Operation, Step, Tree},
+    law::Law,
+    listing::Listing,
 };
 
 /// A step as `graph.h` has it; what it does not need is zero.
@@ -28,52 +31,91 @@ struct StepRow {
     orders: usize,
 }
 
-/// What is generated of a graph that is part of a model with a state; nothing if it has none.
+/// What is generated of a graph. The formulas are in `graph.c` and `graph_steps.h`.
 #[derive(Default)]
-pub(super) struct BesideGraph {
+pub(super) struct GraphSources {
+    pub defines: Vec<(&'static str, String)>,
     pub names: Vec<&'static str>,
     pub sizes: Vec<(&'static str, usize, &'static str)>,
     pub data: String,
     /// Of an evaluation.
     pub operations: Operations,
+    rows: Vec<String>,
+    nodes: Vec<Node>,
+    trees: Vec<Tree>,
+    /// Number of numbers that are laid out.
+    numbers: usize,
+    has_dictionary: bool,
 }
 
-impl BesideGraph {
-    /// Of the map of a model; so many results are added to others.
-    pub fn of(of: Option<&Map>, added: usize) -> Self {
-        let Some(Map::Graph(graph)) = of else { return Self::default() };
-        let MapPart { names, sizes, data, operations, .. } = steps(graph);
-        let added = Operations { arithmetic: added as f64, ..Operations::default() };
-        Self { names, sizes, data, operations: operations.times(1.0, added) }
-    }
-}
-
-/// A map that is a graph, with what activations need.
+/// A graph without states as a map.
 pub fn map(graph: &Graph) -> MapPart {
-    let part = steps(graph);
-    let (names, sizes) = ([&ACTIVATIONS[..], &part.names].concat(), [&[BLOCK_SIZE], &part.sizes[..]].concat());
-    MapPart { names, sizes, ..part }
+    let GraphSources { defines, names, sizes, data, operations, .. } = GraphSources::of(graph);
+    MapPart { header: "graph.h", defines, names, sizes, data, operations, formula: "graph.c and graph_steps.h have" }
 }
 
-/// The formulas are in `graph.c` and `graph_steps.h`.
-fn steps(graph: &Graph) -> MapPart {
-    let widths = graph.widths().expect("a surrogate's graph was checked");
-    // what a step notes stands before what it makes: the last numbers are the outputs
-    let noted = [0].into_iter().chain(graph.steps.iter().map(Step::noted));
-    let mut numbers = 0;
-    let begins: Vec<usize> = (widths.iter().zip(noted))
-        .map(|(width, noted)| {
-            numbers += noted + width;
-            numbers - width
-        })
-        .collect();
-    let (mut data, mut rows) = (String::new(), Vec::new());
-    let (mut nodes, mut trees): (Vec<Node>, Vec<Tree>) = (Vec::new(), Vec::new());
-    let mut operations = Operations::default();
-    for (number, step) in graph.steps.iter().enumerate() {
-        let count = widths[number + 1];
-        let row = row(step, number, (&begins, &widths), &mut data, (&mut nodes, &mut trees));
-        operations = of_step(step, (row.width, count)).times(1.0, operations);
+impl GraphSources {
+    pub fn of(graph: &Graph) -> Self {
+        let mut sources = Self { numbers: graph.inputs, ..Self::default() };
+        sources.lay(graph, 0);
+        let Self { rows, nodes, trees, data, sizes, numbers, .. } = &mut sources;
+        let of_node = |Node { column, number, below: [first, second] }: &Node| {
+            let column = if *column == LEAF { "NO_COLUMN".into() } else { column.to_string() };
+            format!("{column}, {}, {{{first}, {second}}}", real(*number))
+        };
+        table(data, "const GraphNode model_graph_nodes", nodes.iter().map(of_node), "NO_COLUMN, 0.0, {0, 0}");
+        let of_tree = |Tree { root, output }: &Tree| format!("{root}, {output}");
+        table(data, "const GraphTree model_graph_trees", trees.iter().map(of_tree), "0, 0");
+        sizes.extend([
+            BLOCK_SIZE,
+            ("STEP_COUNT", rows.len(), ""),
+            ("NUMBER_COUNT", *numbers, "of the columns and of all steps"),
+        ]);
+        table(data, "const GraphStep model_steps", rows.drain(..), "");
+        sources.names.extend(ACTIVATIONS);
+        sources.names.extend(["jet_graph", "model_graph_nodes", "model_graph_trees", "model_steps", "real_graph"]);
+        sources.defines.push(("MODEL_HAS_DICTIONARY", u8::from(sources.has_dictionary).to_string()));
+        sources
+    }
+
+    /// Lays out the steps of a graph whose columns begin somewhere; the result is where its outputs do.
+    fn lay(&mut self, graph: &Graph, columns: usize) -> usize {
+        let widths = graph.widths().expect("a surrogate's graph was checked");
+        let mut begins = vec![columns];
+        for (number, step) in graph.steps.iter().enumerate() {
+            // a graph that is called is part of this one
+            if let Step::Call { of, function } = step {
+                begins.push(self.lay(function, begins[*of]));
+                continue;
+            }
+            // what a step notes stands before what it makes: the last numbers are the outputs
+            let noted = match step {
+                Step::Dictionary { dictionary, .. } => self.add_tape(&listing(dictionary)),
+                _ => step.noted(),
+            };
+            let begin = self.numbers + noted;
+            self.numbers = begin + widths[number + 1];
+            begins.push(begin);
+            self.add(step, (&begins, &widths));
+        }
+        begins[graph.steps.len()]
+    }
+
+    /// The number of its registers.
+    fn add_tape(&mut self, listing: &Listing) -> usize {
+        tape::write(&mut self.data, "functions", listing);
+        self.has_dictionary = true;
+        self.defines.push(index_type(&[listing]));
+        self.names.push("model_functions");
+        self.sizes.push(("FUNCTION_REGISTERS", listing.registers, "of the tape"));
+        listing.registers
+    }
+
+    fn add(&mut self, step: &Step, (begins, widths): (&[usize], &[usize])) {
+        let number = begins.len() - 1;
+        let (begin, count) = (begins[number], widths[number]);
+        let row = row(step, self.rows.len(), (begins, widths), &mut self.data, (&mut self.nodes, &mut self.trees));
+        self.operations = of_step(step, (row.width, count)).times(1.0, self.operations);
         let StepRow {
             kind,
             function,
@@ -88,33 +130,12 @@ fn steps(graph: &Graph) -> MapPart {
             degrees,
             orders,
         } = row;
-        rows.push(format!(
-            "{kind}, (Function){function}, (Combination){operation}, {{{a}, {b}, {c}}}, {width}, {}, {count}, {numbers}, {parameter_step}, \
-             {more}, {places}, {}, {}, {degrees}, {orders}",
-            begins[number + 1],
+        self.rows.push(format!(
+            "{kind}, (Function){function}, (Combination){operation}, {{{a}, {b}, {c}}}, {width}, {begin}, {count}, {numbers}, \
+             {parameter_step}, {more}, {places}, {}, {}, {degrees}, {orders}",
             trees[0],
             trees[1]
         ));
-    }
-    let of_node = |Node { column, number, below: [first, second] }: &Node| {
-        let column = if *column == LEAF { "NO_COLUMN".into() } else { column.to_string() };
-        format!("{column}, {}, {{{first}, {second}}}", real(*number))
-    };
-    table(&mut data, "const GraphNode model_graph_nodes", nodes.iter().map(of_node), "NO_COLUMN, 0.0, {0, 0}");
-    let of_tree = |Tree { root, output }: &Tree| format!("{root}, {output}");
-    table(&mut data, "const GraphTree model_graph_trees", trees.iter().map(of_tree), "0, 0");
-    table(&mut data, "const GraphStep model_steps", rows.into_iter(), "");
-    MapPart {
-        header: "graph.h",
-        defines: Vec::new(),
-        names: vec!["jet_graph", "model_graph_nodes", "model_graph_trees", "model_steps", "real_graph"],
-        sizes: vec![
-            ("STEP_COUNT", graph.steps.len(), ""),
-            ("NUMBER_COUNT", numbers, "of the columns and of all steps"),
-        ],
-        data,
-        operations,
-        formula: "graph.c and graph_steps.h have",
     }
 }
 
@@ -180,8 +201,19 @@ fn row(
             push(data, format_args!("\nstatic const size_t {name}[] = {{{}}};\n", places.join(", ")));
             StepRow { places: name, ..row("STEP_COLUMNS", 0) }
         }
-        Step::Standardise { of, epsilon } => {
-            StepRow { more: numbers("epsilon", &[*epsilon]), ..row("STEP_STANDARDISE", *of) }
+        Step::Standardize { of, mean, scale } => {
+            let per_scale: Vec<f64> = scale.iter().map(|scale| 1.0 / scale).collect();
+            StepRow {
+                numbers: numbers("mean", mean),
+                more: numbers("per_scale", &per_scale),
+                ..row("STEP_STANDARDIZE", *of)
+            }
+        }
+        Step::Rescale { of, mean, scale } => {
+            StepRow { numbers: numbers("mean", mean), more: numbers("scale", scale), ..row("STEP_RESCALE", *of) }
+        }
+        Step::Normalize { of, epsilon } => {
+            StepRow { more: numbers("epsilon", &[*epsilon]), ..row("STEP_NORMALIZE", *of) }
         }
         Step::Softmax { of } => row("STEP_SOFTMAX", *of),
         Step::Distances { of, centres, lengths } => {
@@ -211,6 +243,10 @@ fn row(
             }
             data.push_str("};\n");
             StepRow { degrees: name, orders: products.orders(), ..row("STEP_PRODUCTS", *of) }
+        }
+        Step::Dictionary { of, .. } => row("STEP_DICTIONARY", *of),
+        Step::Call { .. } | Step::Interpolate { .. } | Step::Motion { .. } => {
+            unreachable!("graphs that are called are laid out step by step, others have sources of their own")
         }
     }
 }
@@ -250,6 +286,11 @@ pub(super) fn sums(graph: &Graph) -> Vec<f64> {
     }
 }
 
+/// A dictionary as a tape of which nothing is held.
+fn listing(dictionary: &Dictionary) -> Listing {
+    Law::from(dictionary.clone()).listing(0..0)
+}
+
 /// The counts that `graph.c` states.
 fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
     let (n, m) = (width as f64, count as f64);
@@ -268,7 +309,8 @@ fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
         Step::Combine { .. } => Operations { arithmetic: m, ..none },
         Step::Select { .. } => Operations { comparisons: m, ..none },
         Step::Columns { .. } => none,
-        Step::Standardise { .. } => Operations { arithmetic: 5.0 * n + 4.0, activations: 1.0, ..none },
+        Step::Standardize { .. } | Step::Rescale { .. } => Operations { arithmetic: 2.0 * m, ..none },
+        Step::Normalize { .. } => Operations { arithmetic: 5.0 * n + 4.0, activations: 1.0, ..none },
         Step::Softmax { .. } => Operations { arithmetic: 3.0 * n, exponentials: n, comparisons: n, ..none },
         Step::Forest { forest, .. } => {
             let mut levels = vec![0.0f64; forest.nodes.len()];
@@ -284,5 +326,10 @@ fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
             let polynomials = 9 * products.orders().saturating_sub(2) * products.inputs;
             Operations { arithmetic: (polynomials + factors) as f64, ..none }
         }
+        Step::Dictionary { dictionary, .. } => {
+            let [held, others, _] = tape::operations(&listing(dictionary));
+            held.times(1.0, others)
+        }
+        Step::Call { .. } | Step::Interpolate { .. } | Step::Motion { .. } => none,
     }
 }

@@ -30,7 +30,8 @@ pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> ModelSourc
     let is_timed = !instants.is_empty();
     let mut names = [&map.names[..], &NAMES].concat();
     let mut sizes = vec![
-        ("FEATURE_COUNT", features, "columns that the inputs become"),
+        // compilers warn of sine and cosine beyond an array of one
+        ("FEATURE_COUNT", features.max(2), "columns that the inputs become, or two"),
         ("MAP_COLUMNS", features - usize::from(is_timed), "of them those of a map"),
     ];
     let mut data = turns(inputs);
@@ -97,13 +98,14 @@ fn turns(inputs: &[Input]) -> String {
 mod tests {
     use super::*;
     use crate::export::sources::data::network;
-    use metafmu_runtime::{Activation, Model, Precision, example};
+    use metafmu_runtime::{Activation, Graph, Precision, example};
 
     #[test]
     fn operations_are_those_of_a_count_by_hand() {
         let surrogate = example::encoded(&example::per_instant(&[5, 20], Activation::Tanh, Precision::Double));
-        let Model::PerInstant { instants, networks } = surrogate.model() else { panic!("it has instants") };
-        let of_map = network::map(&surrogate, networks).operations;
+        let (instants, functions) = surrogate.program().graph.instants().unwrap();
+        let networks: Vec<_> = functions.iter().filter_map(Graph::network).collect();
+        let of_map = network::map(&surrogate, &networks).operations;
         // one of three values, sine and cosine; layers of 5 to 5 to 20 to 2, in blocks of 16; two outputs
         let one = 5 * 2 + 2 * (5 * 16 + 5 * 32) + 2 * (2 * 32 + 18);
         let expected = Operations { arithmetic: f64::from(one), activations: 48.0, ..Operations::default() };

@@ -12,6 +12,8 @@ pub(super) struct Operations {
     /// Exponential functions.
     pub exponentials: f64,
     pub comparisons: f64,
+    /// Other functions of the C library.
+    pub functions: f64,
     /// Activations of a network's nodes.
     pub activations: f64,
 }
@@ -25,6 +27,7 @@ impl Operations {
             sines: sum(self.sines, others.sines),
             exponentials: sum(self.exponentials, others.exponentials),
             comparisons: sum(self.comparisons, others.comparisons),
+            functions: sum(self.functions, others.functions),
             activations: sum(self.activations, others.activations),
         }
     }
@@ -37,6 +40,7 @@ impl Operations {
             (self.sines, "sines and cosines"),
             (self.exponentials, "exponentials"),
             (self.comparisons, "comparisons"),
+            (self.functions, "other functions of the C library"),
             (self.activations, "activations of a network's nodes, by activation.c"),
         ] {
             if count > 0.0 {

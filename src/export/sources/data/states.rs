@@ -1,6 +1,6 @@
 //! What all models with continuous states have: the solver.
 
-use super::{double, table};
+use super::{double, operations::Operations, table};
 use metafmu_runtime::{Integration, Scale, Surrogate};
 
 /// External names.
@@ -26,7 +26,7 @@ pub(super) fn data(surrogate: &Surrogate, integration: Integration) -> String {
         double(integration.longest()),
         double(tolerance)
     );
-    let scales = surrogate.model().scales(surrogate.states()).into_iter().map(|scale| {
+    let scales = surrogate.program().scales(surrogate.states()).into_iter().map(|scale| {
         let Scale { nominal, is_relative, limit } = scale;
         format!("{}, {is_relative}, {}", double(nominal), double(limit))
     });
@@ -35,26 +35,59 @@ pub(super) fn data(surrogate: &Surrogate, integration: Integration) -> String {
     text
 }
 
-/// Steps of the solver in the step that hosts are told.
-pub(super) fn sub_steps(surrogate: &Surrogate, integration: Integration) -> f64 {
-    integration.parts(surrogate.metadata().time_step)
+/// What is said of a step, from the operations of what follows from parameters alone, and of a stage.
+pub(super) fn remark(
+    surrogate: &Surrogate,
+    integration: Integration,
+    [held, stage, _]: [Operations; 3],
+    states: usize,
+    driven: usize,
+) -> String {
+    let sub_steps = integration.parts(surrogate.metadata().time_step);
+    let of_stages = stage.times(stages(sub_steps, integration), held);
+    let arithmetic = held.arithmetic + operations(sub_steps, integration, stage.arithmetic, states, driven);
+    Operations { arithmetic, ..of_stages }.remark("A step of model_time_step takes", "states.c has")
 }
 
 /// Evaluations of the equations in so many steps, none of which is repeated.
-pub(super) fn stages(sub_steps: f64, integration: Integration) -> f64 {
+fn stages(sub_steps: f64, integration: Integration) -> f64 {
     match integration {
         Integration::ErrorControlled { .. } => 6.0 * sub_steps + 1.0,
         Integration::Fixed { .. } => 4.0 * sub_steps,
     }
 }
 
-/// Multiplications, additions and divisions of so many steps with stages of so many; the formula is in `motion.c` and `state_space.c`.
-pub(super) fn operations(sub_steps: f64, integration: Integration, stage: usize, states: usize, driven: usize) -> f64 {
-    let (stage, states, driven) = (stage as f64, states as f64, driven as f64);
+/// Multiplications, additions and divisions of so many steps with stages of so many; the formula is in `states.c`.
+fn operations(sub_steps: f64, integration: Integration, stage: f64, states: usize, driven: usize) -> f64 {
+    let (states, driven) = (states as f64, driven as f64);
     match integration {
         Integration::ErrorControlled { .. } => {
             sub_steps * (6.0 * stage + 86.0 * states + 30.0 * driven + 24.0) + stage + 2.0 * states + 5.0 * driven + 3.0
         }
         Integration::Fixed { .. } => sub_steps * (4.0 * stage + 30.0 * states + 20.0 * driven + 9.0) + 3.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::tape, *};
+    use metafmu_runtime::example;
+
+    #[test]
+    fn operations_are_those_of_a_count_by_hand() {
+        let oscillator = example::oscillator(None);
+        let dictionary = oscillator.program().graph.dictionary().unwrap();
+        let law = metafmu_runtime::law::Law::from(dictionary.clone());
+        // -mu x^2 v + mu v - x + force: -mu once; x^2, x^2 v, and the force begins a sum of three more terms
+        let found = tape::operations(&law.listing(0..1)).map(|of| of.arithmetic);
+        assert_eq!(found, [2.0, 2.0 * (1 + 1 + 3) as f64, 0.0]);
+        // two steps of four stages, two states, an input
+        let fixed = Integration::Fixed { step: 0.005 };
+        assert_eq!(operations(2.0, fixed, 100.0, 2, 1), f64::from(2 * (400 + 60 + 20 + 9) + 3));
+        // of a state: six stages with one to six weights, 2 + ... + 12 and 2 each; seven weights of the error and 4; six of the result and 2
+        let of_state = 42 + 12 + 14 + 4 + 12 + 2;
+        let expected = 2 * (600 + 4 * of_state + 30 + 24) + 100 + 8 + 5 + 3;
+        let controlled = Integration::ErrorControlled { tolerance: 1e-9, longest: 0.005 };
+        assert_eq!(operations(2.0, controlled, 100.0, 4, 1), f64::from(expected));
     }
 }

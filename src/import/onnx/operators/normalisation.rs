@@ -53,8 +53,8 @@ impl GraphReader {
         let epsilon = attributes.float("epsilon", 1e-5)?;
         let value = self.input(node, 0)?;
         let at = axis(attributes.integer("axis").unwrap_or(-1), value.shape().len())?;
-        let normal = self
-            .in_groups(&value, at, |reader, of, width| reader.builder.add(Step::Standardise { of, epsilon }, width))?;
+        let normal =
+            self.in_groups(&value, at, |reader, of, width| reader.builder.add(Step::Normalize { of, epsilon }, width))?;
         self.scaled(node, normal)
     }
 
@@ -77,7 +77,7 @@ impl GraphReader {
         let each = channels / groups;
         let grouped = self.reshaped(&value, [&[*rows, groups, each], rest].concat())?;
         let mut normal = self
-            .in_groups(&grouped, 2, |reader, of, width| reader.builder.add(Step::Standardise { of, epsilon }, width))?;
+            .in_groups(&grouped, 2, |reader, of, width| reader.builder.add(Step::Normalize { of, epsilon }, width))?;
         // before version 21 a group has one of each
         for (place, operation) in [(1, Operation::Multiply), (2, Operation::Add)] {
             let tensor = self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))?;

@@ -1,0 +1,202 @@
+//! Networks on a tape: values and derivatives of every order follow from the operations there.
+
+use super::{ColumnKind, NetworkTerm};
+use crate::{
+    Activation, Layer, Scaling,
+    equations::tape::{Register, TapeBuilder},
+};
+
+/// Outputs of a [`NetworkTerm`] on a tape.
+pub(crate) struct WrittenNetwork {
+    /// Function that each output adds to.
+    functions: Vec<usize>,
+    /// Outputs, each with its derivatives with respect to the first columns, which are zero where they are not wanted.
+    outputs: Vec<Vec<Register>>,
+}
+
+impl WrittenNetwork {
+    /// The value of a function with what outputs add to it; with a column, the derivative with respect to it.
+    pub(crate) fn added(
+        &self,
+        mut to: Register,
+        function: usize,
+        column: Option<usize>,
+        tape: &mut TapeBuilder,
+    ) -> Register {
+        for (_, orders) in self.functions.iter().zip(&self.outputs).filter(|(own, _)| **own == function) {
+            to = tape.add_product(to, orders[column.map_or(0, |column| 1 + column)], tape.one);
+        }
+        to
+    }
+}
+
+/// Nodes of a layer.
+struct Nodes {
+    /// Positions in the layer.
+    nodes: Vec<usize>,
+    values: Register,
+    /// Derivatives with respect to each of the first columns, unless they are zero.
+    tangents: Vec<Option<Register>>,
+}
+
+/// Columns of a layer by their positions, with the registers of their values.
+type Columns = Vec<(usize, Register)>;
+
+impl NetworkTerm {
+    /// Writes the outputs at `x`, and their derivatives with respect to the first columns, `first` in number. Outputs that add to none of
+    /// the first `differentiated` functions have no derivatives.
+    pub(crate) fn write(
+        &self,
+        x: &[Register],
+        first: usize,
+        differentiated: usize,
+        tape: &mut TapeBuilder,
+    ) -> WrittenNetwork {
+        let Scaling { output_mean, output_scale, .. } = &self.network.scaling;
+        let layers = self.network.layers.as_slice();
+        // the coefficients of an activation in the last layer are those of the identity
+        let (hidden, last) = match layers {
+            [hidden @ .., last] if last.activation == Activation::Identity && !hidden.is_empty() => {
+                (hidden, Some(last))
+            }
+            _ => (layers, None),
+        };
+        let coefficient = |output: usize, node: usize| match last {
+            Some(last) => last.weight.get(output * last.inputs + node),
+            None => f64::from(u8::from(output == node)),
+        };
+        let (columns, tangents) = self.standardized(x, first, tape);
+        let mut parts = Vec::new();
+        let groups = if hidden.len() == 1 {
+            groups(&hidden[0], self.outputs.len(), &coefficient)
+        } else {
+            let [nodes, columns, outputs] = [hidden[0].outputs, hidden[0].inputs, self.outputs.len()];
+            vec![Group {
+                nodes: (0..nodes).collect(),
+                columns: (0..columns).collect(),
+                outputs: (0..outputs).collect(),
+            }]
+        };
+        for Group { nodes, columns: of, outputs } in groups {
+            let own = |columns: &Columns| -> Columns {
+                columns.iter().copied().filter(|(column, _)| of.contains(column)).collect()
+            };
+            let is_differentiated = outputs.iter().any(|output| self.outputs[*output] < differentiated);
+            let tangents: Vec<Columns> = tangents.iter().filter(|_| is_differentiated).map(own).collect();
+            parts.push(Nodes::new(&hidden[0], nodes, &own(&columns), &tangents, tape));
+        }
+        for layer in &hidden[1..] {
+            let before = parts.remove(0);
+            let all = |block: Register| -> Columns { (0..layer.inputs).map(|k| (k, block.plus(k))).collect() };
+            let tangents: Vec<Columns> = before.tangents.iter().map(|block| block.map_or(Vec::new(), all)).collect();
+            parts.push(Nodes::new(layer, (0..layer.outputs).collect(), &all(before.values), &tangents, tape));
+        }
+        // what is held is added up apart
+        let (varying, held): (Vec<Nodes>, Vec<Nodes>) = parts.into_iter().partition(|part| tape.varies(part.values));
+        let parts: Vec<Nodes> = held.into_iter().chain(varying).collect();
+        let mut outputs = Vec::new();
+        for (output, function) in self.outputs.iter().enumerate() {
+            let scale = output_scale[output];
+            let weights =
+                |part: &Nodes| -> Vec<f64> { part.nodes.iter().map(|node| coefficient(output, *node)).collect() };
+            let sum = |of: &dyn Fn(&Nodes) -> Option<Register>, constant: f64, tape: &mut TapeBuilder| {
+                let mut sum = tape.constant(constant);
+                for part in &parts {
+                    let (weights, block) = (weights(part), of(part));
+                    if let Some(block) = block.filter(|_| weights.iter().any(|weight| *weight != 0.0)) {
+                        let more = tape.dot(&weights, block, tape.zero);
+                        sum = tape.add_scaled(sum, more, scale);
+                    }
+                }
+                sum
+            };
+            let bias = last.map_or(0.0, |last| last.bias.get(output));
+            let mut orders = vec![sum(&|part| Some(part.values), output_mean[output] + scale * bias, tape)];
+            for k in 0..first {
+                let of = |part: &Nodes| part.tangents.get(k).copied().flatten();
+                orders.push(if *function < differentiated { sum(&of, 0.0, tape) } else { tape.zero });
+            }
+            outputs.push(orders);
+        }
+        WrittenNetwork { functions: self.outputs.clone(), outputs }
+    }
+
+    /// Standardised columns, those that are held first, and for each of the first columns the derivatives that are not zero.
+    fn standardized(&self, x: &[Register], first: usize, tape: &mut TapeBuilder) -> (Columns, Vec<Columns>) {
+        let Scaling { input_mean, input_scale, .. } = &self.network.scaling;
+        let (mut held, mut varying, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
+        for (index, column) in self.columns.iter().enumerate() {
+            let (of, scale) = (x[column.of], input_scale[index].recip());
+            let (value, slope, factor) = match column.kind {
+                ColumnKind::Plain => (of, tape.one, scale),
+                kind => {
+                    let angle = tape.harmonics(of, 1);
+                    let is_sine = kind == ColumnKind::Sine;
+                    if is_sine { (angle[1], angle[0], scale) } else { (angle[0], angle[1], -scale) }
+                }
+            };
+            let mean = tape.constant(-input_mean[index]);
+            let value = tape.add_product(mean, value, tape.one);
+            let columns = if tape.varies(of) { &mut varying } else { &mut held };
+            columns.push((index, (value, scale)));
+            if column.of < first {
+                slopes.push((index, (slope, factor)));
+            }
+        }
+        let mut in_block = |columns: Vec<(usize, (Register, f64))>| -> Columns {
+            let (indices, numbers): (Vec<usize>, Vec<(Register, f64)>) = columns.into_iter().unzip();
+            if indices.is_empty() {
+                return Vec::new();
+            }
+            let block = tape.scaled(&numbers);
+            indices.into_iter().enumerate().map(|(at, index)| (index, block.plus(at))).collect()
+        };
+        let columns = [in_block(held), in_block(varying)].concat();
+        let slopes = in_block(slopes);
+        let along = |k: usize| slopes.iter().copied().filter(|(index, _)| self.columns[*index].of == k).collect();
+        (columns, (0..first).map(along).collect())
+    }
+}
+
+impl Nodes {
+    /// Writes nodes of a layer from those columns that they have, and their derivatives from those of the columns.
+    fn new(layer: &Layer, nodes: Vec<usize>, of: &Columns, tangents: &[Columns], tape: &mut TapeBuilder) -> Self {
+        let product = |columns: &Columns, mut sum: Option<Register>, tape: &mut TapeBuilder| {
+            for run in columns.chunk_by(|(_, a), (_, b)| a.plus(1) == *b) {
+                let weight = |row: usize, k: usize| layer.weight.get(nodes[row] * layer.inputs + run[k].0);
+                sum = Some(tape.matrix([nodes.len(), run.len()], weight, run[0].1, sum));
+            }
+            sum
+        };
+        let bias = tape.constants(nodes.iter().map(|node| layer.bias.get(*node)));
+        let argument = product(of, Some(bias), tape).unwrap_or(bias);
+        let [values, slopes] = tape.activation(layer.activation, argument, nodes.len());
+        let tangents = tangents.iter().map(|columns| {
+            let tangent = product(columns, None, tape)?;
+            Some(tape.products(tangent, slopes, nodes.len()))
+        });
+        let tangents = tangents.collect();
+        Self { nodes, values, tangents }
+    }
+}
+
+/// Nodes that have the same columns and add to the same outputs: random features have few of them.
+struct Group {
+    nodes: Vec<usize>,
+    columns: Vec<usize>,
+    outputs: Vec<usize>,
+}
+
+fn groups(hidden: &Layer, outputs: usize, coefficient: &dyn Fn(usize, usize) -> f64) -> Vec<Group> {
+    let mut groups: Vec<Group> = Vec::new();
+    for node in 0..hidden.outputs {
+        let has = |column: &usize| hidden.weight.get(node * hidden.inputs + column) != 0.0;
+        let columns: Vec<usize> = (0..hidden.inputs).filter(has).collect();
+        let outputs: Vec<usize> = (0..outputs).filter(|output| coefficient(*output, node) != 0.0).collect();
+        match groups.iter_mut().find(|group| group.columns == columns && group.outputs == outputs) {
+            Some(group) => group.nodes.push(node),
+            None => groups.push(Group { nodes: vec![node], columns, outputs }),
+        }
+    }
+    groups
+}

@@ -1,0 +1,543 @@
+//! Lookup tables: functions of one or two variables by linear interpolation or cubic splines.
+
+use crate::FormatError;
+use crate::{
+    check::{expect_finite, expect_shape},
+    numbers::jet::Number,
+};
+
+/// Interpolation between knots.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interpolation {
+    /// On straight lines; bilinear in two dimensions.
+    Linear,
+    /// On a spline with continuous second derivatives. Its ends are those of *not-a-knot* splines (de Boor: *A Practical Guide to Splines*,
+    /// chapter 4): the third derivative is continuous at the second and at the last but one knot.
+    Cubic,
+}
+
+/// Values beyond the first and the last knot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Extrapolation {
+    /// The value at the end.
+    Hold,
+    /// The tangent at the end.
+    Linear,
+    /// The table repeats itself, and the values at both ends are equal.
+    Periodic,
+}
+
+impl Interpolation {
+    /// All of them, in the order of their numbers in the model file.
+    pub const ALL: [Self; 2] = [Self::Linear, Self::Cubic];
+}
+
+impl Extrapolation {
+    /// All of them, in the order of their numbers in the model file.
+    pub const ALL: [Self; 3] = [Self::Hold, Self::Linear, Self::Periodic];
+}
+
+/// A function that takes given values at the knots of a grid.
+///
+/// With the knots `x_i` around `x`, `h = x_(i+1) - x_i` and `w = (x - x_i) / h` it is `(1 - w) f_i + w f_(i+1)` or, with slopes `s_i`, the cubic
+/// Hermite polynomial `(1 + 2w)(1 - w)² f_i + w (1 - w)² h s_i + w² (3 - 2w) f_(i+1) - w² (1 - w) h s_(i+1)`; in two dimensions the
+/// tensor product of both. Derivatives are exact. At a kink they are those towards larger arguments.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LookupTable {
+    axes: Vec<Vec<f64>>,
+    values: Vec<f64>,
+    interpolation: Interpolation,
+    extrapolation: Extrapolation,
+    nodes: Vec<f64>,
+    /// Knots where the slope changes much, by axis.
+    bends: Vec<Vec<Bend>>,
+}
+
+/// A knot at which the slope of a table changes much.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bend {
+    /// The knot.
+    pub at: f64,
+    /// Length of the shorter interval beside it.
+    pub width: f64,
+}
+
+/// Change of the slope at a [`Bend`], times the shorter interval beside it and relative to the range of the values, at least.
+const BENT: f64 = 1e-3;
+
+/// Numbers of a node: the value, for a spline also its slope, in two dimensions slopes along `x`, along `y` and the mixed derivative.
+type Weights<T> = [[T; 2]; 2];
+
+impl LookupTable {
+    /// A table of values, shape `[x]` or `[x, y]`, at the knots of one or two axes.
+    ///
+    /// # Errors
+    /// [`FormatError`] if there are not one or two axes of two or more ascending knots, numbers are not finite, the values have another shape, or a
+    /// periodic table has other values at its end.
+    pub fn new(
+        axes: Vec<Vec<f64>>,
+        values: Vec<f64>,
+        interpolation: Interpolation,
+        extrapolation: Extrapolation,
+    ) -> Result<Self, FormatError> {
+        expect_shape("lookup.axes", &[axes.len()], &[axes.len().clamp(1, 2)])?;
+        for axis in &axes {
+            expect_shape("lookup.knots", &[axis.len()], &[axis.len().max(2)])?;
+            expect_finite("lookup.knots", axis.iter().copied())?;
+            if let Some(index) = axis.windows(2).position(|pair| pair[0] >= pair[1]) {
+                let (before, found) = (axis[index], axis[index + 1]);
+                return Err(FormatError::NotAscending { name: "lookup.knots".into(), index: index + 1, before, found });
+            }
+        }
+        expect_shape("lookup.values", &[values.len()], &[axes.iter().map(Vec::len).product()])?;
+        expect_finite("lookup.values", values.iter().copied())?;
+        let (nodes, bends) = (Vec::new(), Vec::new());
+        let mut table = Self { axes, values, interpolation, extrapolation, nodes, bends };
+        if let Some(index) = table.first_open_end() {
+            return Err(FormatError::OpenPeriod { index });
+        }
+        table.nodes = table.with_slopes();
+        expect_finite("lookup.values", table.nodes.iter().copied())?;
+        table.bends = (0..table.axes.len()).map(|axis| table.find_bends(axis)).collect();
+        Ok(table)
+    }
+
+    /// Knots of an axis at which the slope changes much, in their order. Features between them are so narrow that a solver may step over them.
+    pub fn bends(&self, axis: usize) -> &[Bend] {
+        &self.bends[axis]
+    }
+
+    /// Length of the repeated part of an axis; none if the table is not periodic.
+    pub fn period(&self, axis: usize) -> Option<f64> {
+        let knots = &self.axes[axis];
+        (self.extrapolation == Extrapolation::Periodic).then(|| knots[knots.len() - 1] - knots[0])
+    }
+
+    /// Share of a solver's step, from 0 to 1, with which it misses nothing: over a bend an argument may move by no more than the bend's width.
+    /// `start` is the argument at the beginning of the step, `lowest` and `highest` are those on the way.
+    pub fn share_of_step(&self, axis: usize, start: f64, [lowest, highest]: [f64; 2]) -> f64 {
+        let moved = highest - lowest;
+        let bends = &self.bends[axis];
+        let first = self.axes[axis][0];
+        // the period in which the movement begins, and the next one
+        let shifts = match self.period(axis) {
+            Some(period) => {
+                let turned = ((lowest - first) / period).floor() * period;
+                [turned, turned + period]
+            }
+            None => [0.0, f64::NAN],
+        };
+        let mut share = 1.0f64;
+        for shift in shifts.into_iter().filter(|shift| shift.is_finite()) {
+            let passed = bends.partition_point(|bend| bend.at + shift < lowest);
+            for bend in bends[passed..].iter().take_while(|bend| bend.at + shift <= highest) {
+                // up to the bend in few steps, and over it in short ones
+                let distance = 0.9 * (bend.at + shift - start).abs();
+                share = share.min(bend.width.max(distance) / moved);
+            }
+        }
+        share
+    }
+
+    fn find_bends(&self, axis: usize) -> Vec<Bend> {
+        let knots = &self.axes[axis];
+        let range = |values: &[f64]| {
+            let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(*y), b.max(*y)]);
+            ends[1] - ends[0]
+        };
+        let least = BENT * range(&self.values);
+        let lines = self.lines(axis);
+        let last = knots.len() - 1;
+        let chord =
+            |line: &[usize], k: usize| (self.values[line[k + 1]] - self.values[line[k]]) / (knots[k + 1] - knots[k]);
+        let beyond = |line: &[usize], is_end: bool| match self.extrapolation {
+            Extrapolation::Hold => 0.0,
+            Extrapolation::Linear => chord(line, if is_end { last - 1 } else { 0 }),
+            Extrapolation::Periodic => chord(line, if is_end { 0 } else { last - 1 }),
+        };
+        let bend = |(k, at): (usize, &f64)| {
+            let before = if k > 0 { knots[k] - knots[k - 1] } else { f64::INFINITY };
+            let after = if k < last { knots[k + 1] - knots[k] } else { f64::INFINITY };
+            let width = before.min(after);
+            let change = |line: &Vec<usize>| {
+                let before = if k > 0 { chord(line, k - 1) } else { beyond(line, false) };
+                let after = if k < last { chord(line, k) } else { beyond(line, true) };
+                (after - before).abs() * width
+            };
+            let largest = lines.iter().map(change).fold(0.0, f64::max);
+            (largest > least).then_some(Bend { at: *at, width })
+        };
+        knots.iter().enumerate().filter_map(bend).collect()
+    }
+
+    /// Knots of each axis.
+    pub fn axes(&self) -> &[Vec<f64>] {
+        &self.axes
+    }
+
+    /// Number of arguments: one or two.
+    pub fn arguments(&self) -> usize {
+        self.axes.len()
+    }
+
+    /// Values at the knots, shape `[x]` or `[x, y]`.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Values and slopes at the knots: shape `[x, y, numbers]`, with [so many numbers](Self::numbers_of_node) of a knot.
+    pub fn nodes(&self) -> &[f64] {
+        &self.nodes
+    }
+
+    /// Interpolation between knots.
+    pub fn interpolation(&self) -> Interpolation {
+        self.interpolation
+    }
+
+    /// Values beyond the ends.
+    pub fn extrapolation(&self) -> Extrapolation {
+        self.extrapolation
+    }
+
+    /// Returns true if the first derivative is continuous everywhere.
+    pub fn is_smooth(&self) -> bool {
+        self.interpolation == Interpolation::Cubic && self.extrapolation != Extrapolation::Hold
+    }
+
+    /// Returns true if nodes have slopes: those of splines, and those at the ends of tables that go on along their tangents.
+    pub fn has_slopes(&self) -> bool {
+        self.interpolation == Interpolation::Cubic || self.extrapolation == Extrapolation::Linear
+    }
+
+    /// Number of values in a node: the value itself, and with slopes its derivative along `x`, along `y`, and the mixed one.
+    pub fn numbers_of_node(&self) -> usize {
+        if self.has_slopes() { 1 << self.axes.len() } else { 1 }
+    }
+
+    /// Position of the first value at an end that differs from that at the start, in a periodic table.
+    fn first_open_end(&self) -> Option<usize> {
+        if self.extrapolation != Extrapolation::Periodic {
+            return None;
+        }
+        let lines = (0..self.axes.len()).flat_map(|axis| self.lines(axis));
+        let open = lines.filter(|line| self.values[line[0]] != self.values[line[line.len() - 1]]);
+        open.map(|line| line[line.len() - 1]).min()
+    }
+
+    /// Positions of the values along an axis, line by line.
+    fn lines(&self, axis: usize) -> Vec<Vec<usize>> {
+        let columns = self.axes.get(1).map_or(1, Vec::len);
+        let rows = self.axes[0].len();
+        match axis {
+            0 => (0..columns).map(|column| (0..rows).map(|row| row * columns + column).collect()).collect(),
+            _ => (0..rows).map(|row| (0..columns).map(|column| row * columns + column).collect()).collect(),
+        }
+    }
+
+    fn with_slopes(&self) -> Vec<f64> {
+        if !self.has_slopes() {
+            return self.values.clone();
+        }
+        let slopes_of = |knots: &[f64], values: &[f64]| match self.interpolation {
+            Interpolation::Linear => end_slopes(knots, values),
+            Interpolation::Cubic => spline_slopes(knots, values, self.extrapolation == Extrapolation::Periodic),
+        };
+        // value, then slope along x; after them those of both along y
+        let mut derivatives = vec![self.values.clone()];
+        for (axis, knots) in self.axes.iter().enumerate() {
+            let lines = self.lines(axis);
+            let along = |values: &Vec<f64>| {
+                let mut slopes = vec![0.0; values.len()];
+                for line in &lines {
+                    let of_line: Vec<f64> = line.iter().map(|position| values[*position]).collect();
+                    line.iter().zip(slopes_of(knots, &of_line)).for_each(|(position, slope)| slopes[*position] = slope);
+                }
+                slopes
+            };
+            let slopes: Vec<Vec<f64>> = derivatives.iter().map(along).collect();
+            derivatives.extend(slopes);
+        }
+        let of_node = |position: usize| derivatives.iter().map(move |numbers| numbers[position]);
+        (0..self.values.len()).flat_map(of_node).collect()
+    }
+
+    /// Value at one or two arguments.
+    ///
+    /// # Panics
+    /// If there are fewer arguments than axes.
+    pub(crate) fn at<T: Number>(&self, x: &[T]) -> T {
+        let (row, along_x) = self.weights(0, x[0]);
+        let (column, along_y) = match self.axes.len() {
+            1 => (0, [[T::from(1.0), T::from(0.0)], [T::from(0.0); 2]]),
+            _ => self.weights(1, x[1]),
+        };
+        let (columns, numbers) = (self.axes.get(1).map_or(1, Vec::len), self.numbers_of_node());
+        let mut sum = T::from(0.0);
+        for (i, of_x) in along_x.iter().enumerate() {
+            for (j, of_y) in along_y.iter().enumerate().take(self.axes.len()) {
+                let node = &self.nodes[((row + i) * columns + column + j) * numbers..][..numbers];
+                for (which, number) in node.iter().enumerate() {
+                    sum = sum + (of_x[which % 2] * of_y[which / 2]).scaled(*number);
+                }
+            }
+        }
+        sum
+    }
+
+    /// First of the two knots around an argument, and the weights of value and slope at both.
+    fn weights<T: Number>(&self, axis: usize, x: T) -> (usize, Weights<T>) {
+        let knots = &self.axes[axis];
+        let last = knots.len() - 1;
+        let [start, end] = [knots[0], knots[last]];
+        let (one, zero) = (T::from(1.0), T::from(0.0));
+        let x = match self.extrapolation {
+            Extrapolation::Periodic => x - T::from(((x.value() - start) / (end - start)).floor() * (end - start)),
+            Extrapolation::Hold | Extrapolation::Linear => x,
+        };
+        let at = knots.partition_point(|knot| *knot <= x.value()).clamp(1, last) - 1;
+        let (left, h) = (knots[at], knots[at + 1] - knots[at]);
+        let is_beyond = x.value() < start || x.value() > end;
+        if is_beyond && self.extrapolation != Extrapolation::Periodic {
+            let is_first = x.value() < start;
+            // from the end on: farther away, differences of values would lose their digits
+            let along = match self.extrapolation {
+                Extrapolation::Hold => zero,
+                _ => x - T::from(if is_first { start } else { end }),
+            };
+            return (at, if is_first { [[one, along], [zero; 2]] } else { [[zero; 2], [one, along]] });
+        }
+        let w = (x - T::from(left)).scaled(h.recip());
+        let rest = one - w;
+        match self.interpolation {
+            Interpolation::Linear => (at, [[rest, zero], [w, zero]]),
+            Interpolation::Cubic => {
+                let [of_first, of_second] = [(w, rest), (rest, w)].map(|(from, to)| {
+                    let square = to * to;
+                    [square * (one + from.scaled(2.0)), square * from.scaled(h)]
+                });
+                (at, [of_first, [of_second[0], of_second[1].scaled(-1.0)]])
+            }
+        }
+    }
+}
+
+/// Slopes of straight lines at the first and the last knot; zero at all others, where they are not used.
+fn end_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
+    let last = x.len() - 1;
+    let slope = |k: usize| (y[k + 1] - y[k]) / (x[k + 1] - x[k]);
+    let mut slopes = vec![0.0; x.len()];
+    (slopes[0], slopes[last]) = (slope(0), slope(last - 1));
+    slopes
+}
+
+/// Slopes of a cubic spline at its knots.
+fn spline_slopes(x: &[f64], y: &[f64], is_periodic: bool) -> Vec<f64> {
+    let h: Vec<f64> = x.windows(2).map(|pair| pair[1] - pair[0]).collect();
+    let chord: Vec<f64> = y.windows(2).zip(&h).map(|(pair, h)| (pair[1] - pair[0]) / h).collect();
+    let n = x.len();
+    // continuous second derivatives at a knot between two intervals
+    let inner = |before: usize, after: usize| {
+        let [a, b] = [h[before], h[after]];
+        ([b, 2.0 * (a + b), a], 3.0 * (b * chord[before] + a * chord[after]))
+    };
+    match (n, is_periodic) {
+        (2, _) => vec![chord[0]; 2],
+        // a parabola
+        (3, false) => {
+            let curvature = (chord[1] - chord[0]) / (h[0] + h[1]);
+            vec![chord[0] - curvature * h[0], chord[0] + curvature * h[0], chord[1] + curvature * h[1]]
+        }
+        (_, false) => {
+            let end = |h: [f64; 2], chord: [f64; 2]| {
+                let both = h[0] + h[1];
+                (both, ((h[0] + 2.0 * both) * h[1] * chord[0] + h[0] * h[0] * chord[1]) / both)
+            };
+            let (second, side) = end([h[0], h[1]], [chord[0], chord[1]]);
+            let mut rows = vec![([0.0, h[1], second], side)];
+            rows.extend((1..n - 1).map(|knot| inner(knot - 1, knot)));
+            let (last_but_one, side) = end([h[n - 2], h[n - 3]], [chord[n - 2], chord[n - 3]]);
+            rows.push(([last_but_one, h[n - 3], 0.0], side));
+            tridiagonal(&rows)
+        }
+        // the slope at the start is that at the end: the others follow from it linearly
+        (_, true) => {
+            let others: Vec<([f64; 3], f64)> = (1..n - 1).map(|knot| inner(knot - 1, knot)).collect();
+            let with = |start: f64, scale: f64| {
+                let mut rows: Vec<([f64; 3], f64)> = others.iter().map(|(row, side)| (*row, scale * side)).collect();
+                let last = rows.len() - 1;
+                rows[0].1 -= rows[0].0[0] * start;
+                rows[last].1 -= rows[last].0[2] * start;
+                tridiagonal(&rows)
+            };
+            let ([before, own, after], side) = inner(n - 2, 0);
+            let (fixed, by_start) = (with(0.0, 1.0), with(1.0, 0.0));
+            let last = fixed.len() - 1;
+            let known = before * fixed[last] + after * fixed[0];
+            let start = (side - known) / (own + before * by_start[last] + after * by_start[0]);
+            let inner_slopes = fixed.iter().zip(&by_start).map(|(fixed, by_start)| fixed + start * by_start);
+            [start].into_iter().chain(inner_slopes).chain([start]).collect()
+        }
+    }
+}
+
+/// Solution of equations with three diagonals, row by row those before, on and after the diagonal, and the right side.
+fn tridiagonal(rows: &[([f64; 3], f64)]) -> Vec<f64> {
+    let mut reduced: Vec<[f64; 2]> = Vec::with_capacity(rows.len());
+    for ([before, own, after], side) in rows {
+        let [factor, known] = reduced.last().copied().unwrap_or_default();
+        let pivot = own - before * factor;
+        reduced.push([after / pivot, (side - before * known) / pivot]);
+    }
+    let mut solution = vec![0.0; rows.len()];
+    let mut after = 0.0;
+    for (to, [factor, known]) in solution.iter_mut().zip(reduced).rev() {
+        after = known - factor * after;
+        *to = after;
+    }
+    solution
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Jet;
+
+    fn table(axes: &[&[f64]], values: &[f64], how: (Interpolation, Extrapolation)) -> LookupTable {
+        LookupTable::new(axes.iter().map(|axis| axis.to_vec()).collect(), values.to_vec(), how.0, how.1).unwrap()
+    }
+
+    const X: [f64; 5] = [-1.0, 0.0, 0.5, 2.0, 3.0];
+    const Y: [f64; 4] = [0.0, 1.0, 1.5, 4.0];
+
+    #[test]
+    fn cubics_are_exact_with_both_ends_free() {
+        let cubic = |x: f64| 1.0 - x + 0.5 * x * x + 0.25 * x * x * x;
+        let slope = |x: f64| -1.0 + x + 0.75 * x * x;
+        let found = table(&[&X], &X.map(cubic), (Interpolation::Cubic, Extrapolation::Linear));
+        for x in [-1.0, -0.7, 0.0, 0.4, 0.5, 1.7, 2.9, 3.0] {
+            let jet = found.at(&[Jet { value: x, first: 2.0, second: 0.0 }]);
+            let expected = [cubic(x), 2.0 * slope(x), 4.0 * (1.0 + 1.5 * x)];
+            for (found, expected) in [jet.value, jet.first, jet.second].into_iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-12, "{x}: {jet:?} {expected}");
+            }
+        }
+        for (x, end) in [(-1.5, -1.0), (4.0, 3.0)] {
+            let jet = found.at(&[Jet { value: x, first: 1.0, second: 0.0 }]);
+            let expected = cubic(end) + slope(end) * (x - end);
+            assert!((jet.value - expected).abs() < 1e-12 && (jet.first - slope(end)).abs() < 1e-12, "{jet:?}");
+            assert!(jet.second.abs() < 1e-12, "{jet:?}");
+        }
+        let surface = |x: f64, y: f64| cubic(x) * cubic(0.5 * y);
+        let values: Vec<f64> = X.iter().flat_map(|x| Y.map(|y| surface(*x, y))).collect();
+        let found = table(&[&X, &Y], &values, (Interpolation::Cubic, Extrapolation::Hold));
+        for (x, y) in [(0.3, 0.2), (-0.9, 3.9), (2.9, 1.2), (-1.0, 4.0)] {
+            let jet =
+                found.at(&[Jet { value: x, first: 1.0, second: 0.0 }, Jet { value: y, first: -2.0, second: 0.5 }]);
+            let along = |h: f64| surface(x + h, y - 2.0 * h + 0.25 * h * h);
+            assert!((jet.value - surface(x, y)).abs() < 1e-12, "{jet:?}");
+            assert!((jet.first - (along(1e-5) - along(-1e-5)) / 2e-5).abs() < 1e-7, "{jet:?}");
+            assert!((jet.second - (along(1e-4) - 2.0 * along(0.0) + along(-1e-4)) / 1e-8).abs() < 1e-5, "{jet:?}");
+        }
+        assert_eq!(found.at(&[-7.0, 9.0]), values[3]);
+        assert_eq!(found.at(&[Jet { value: 9.0, first: 1.0, second: 1.0 }, Jet::from(4.0)]).first, 0.0);
+    }
+
+    #[test]
+    fn few_knots_make_a_line_or_a_parabola() {
+        let line = table(&[&[1.0, 3.0]], &[2.0, 8.0], (Interpolation::Cubic, Extrapolation::Linear));
+        let parabola = table(&[&[0.0, 1.0, 3.0]], &[1.0, 2.0, 10.0], (Interpolation::Cubic, Extrapolation::Linear));
+        for x in [1.0, 1.5, 3.0, 5.0] {
+            assert!((line.at(&[x]) - (3.0 * x - 1.0)).abs() < 1e-14);
+            assert!((parabola.at(&[x / 2.0]) - (1.0 + x * x / 4.0)).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn linear_tables_are_polygons() {
+        let found = table(&[&X], &[1.0, 3.0, 2.0, 2.0, 0.0], (Interpolation::Linear, Extrapolation::Linear));
+        for (x, expected) in [(-2.0, -1.0), (-0.5, 2.0), (0.0, 3.0), (0.25, 2.5), (1.0, 2.0), (3.0, 0.0), (3.5, -1.0)] {
+            assert_eq!(found.at(&[x]), expected, "{x}");
+        }
+        // towards larger arguments
+        assert_eq!(found.at(&[Jet { value: 0.0, first: 1.0, second: 0.0 }]).first, -2.0);
+        let held = table(&[&X, &[0.0, 2.0]], &[0.0; 10], (Interpolation::Linear, Extrapolation::Hold));
+        assert_eq!(held.at(&[9.0, f64::INFINITY]), 0.0);
+        let plane: Vec<f64> = X.iter().flat_map(|x| Y.map(|y| 2.0 * x - y + 1.0)).collect();
+        let plane = table(&[&X, &Y], &plane, (Interpolation::Linear, Extrapolation::Linear));
+        for (x, y) in [(0.3, 0.7), (-4.0, 0.5), (2.5, 9.0), (5.0, -3.0)] {
+            assert!((plane.at(&[x, y]) - (2.0 * x - y + 1.0)).abs() < 1e-13, "{x} {y}");
+        }
+        let flat = table(&[&[0.0, 1.0, 1.01]], &[1.0, 5.3, 5.3], (Interpolation::Linear, Extrapolation::Linear));
+        assert_eq!(flat.at(&[1e13]), 5.3);
+    }
+
+    #[test]
+    fn periodic_splines_repeat_and_are_smooth_at_the_ends() {
+        let knots: Vec<f64> = (0..=12).map(|k| 0.5 + f64::from(k)).collect();
+        let turn = std::f64::consts::TAU / 12.0;
+        let mut values: Vec<f64> = knots.iter().map(|x| (turn * x).sin()).collect();
+        values[12] = values[0];
+        for (count, bound) in [(12, 1e-3), (2, f64::INFINITY), (1, f64::INFINITY)] {
+            let every: Vec<usize> = (0..=count).map(|k| k * 12 / count).collect();
+            let (x, y): (Vec<f64>, Vec<f64>) = every.iter().map(|k| (knots[*k], values[*k])).unzip();
+            let found = table(&[&x], &y, (Interpolation::Cubic, Extrapolation::Periodic));
+            let jet = |x: f64| found.at(&[Jet { value: x, first: 1.0, second: 0.0 }]);
+            for x in [-30.2, -0.1, 0.5, 3.3, 12.4, 100.7] {
+                assert!((jet(x).value - (turn * x).sin()).abs() < bound, "{count} {x}");
+                assert!((jet(x).value - jet(x + 12.0).value).abs() < 1e-12, "{count} {x}");
+            }
+            let [before, after] = [12.5 - 1e-9, 12.5 + 1e-9].map(jet);
+            assert!((before.first - after.first).abs() < 1e-7, "{count}: {before:?} {after:?}");
+            assert!((before.second - after.second).abs() < 1e-7, "{count}: {before:?} {after:?}");
+        }
+    }
+
+    #[test]
+    fn bends_are_where_a_step_would_miss_something() {
+        let spike = table(
+            &[&[0.0, 0.5, 0.51, 0.52, 1.0, 2.0]],
+            &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
+            (Interpolation::Linear, Extrapolation::Hold),
+        );
+        let at: Vec<f64> = spike.bends(0).iter().map(|bend| bend.at).collect();
+        assert_eq!(at, [0.5, 0.51, 0.52]);
+        // not over it, from far away, over it, from close by, and in short steps
+        for (from, to, expected) in
+            [(0.0, 0.4, 1.0), (0.0, 2.0, 0.225), (2.0, 0.0, 0.666), (0.49, 0.59, 0.1), (0.5, 0.508, 1.0)]
+        {
+            let share = spike.share_of_step(0, from, [f64::min(from, to), f64::max(from, to)]);
+            assert!((share - expected).abs() < 1e-12, "{from} {to}: {share}");
+        }
+        let smooth: Vec<f64> = (0..=1000).map(|k| f64::from(k) / 100.0).collect();
+        let values: Vec<f64> = smooth.iter().map(|x| x.sin()).collect();
+        let smooth = table(&[&smooth], &values, (Interpolation::Linear, Extrapolation::Linear));
+        assert_eq!(smooth.bends(0), []);
+        let cam =
+            table(&[&[0.0, 0.1, 0.2, 6.0]], &[0.0, 1.0, 0.0, 0.0], (Interpolation::Cubic, Extrapolation::Periodic));
+        assert!((cam.share_of_step(0, 5.0, [5.0, 7.0]) - 0.45).abs() < 1e-12);
+        assert_eq!(cam.share_of_step(0, 13.0, [13.0, 16.0]), 1.0);
+    }
+
+    #[test]
+    fn nan_stays_nan() {
+        for how in Interpolation::ALL.into_iter().flat_map(|first| Extrapolation::ALL.map(|second| (first, second))) {
+            let found = table(&[&[0.0, 1.0, 2.0]], &[1.0, 2.0, 1.0], how);
+            assert!(found.at(&[f64::NAN]).is_nan(), "{how:?}");
+        }
+    }
+
+    #[test]
+    fn wrong_tables_are_refused() {
+        let refused = |axes: &[&[f64]], values: &[f64], extrapolation| {
+            let axes = axes.iter().map(|axis| axis.to_vec()).collect();
+            LookupTable::new(axes, values.to_vec(), Interpolation::Cubic, extrapolation).unwrap_err().to_string()
+        };
+        assert!(refused(&[], &[], Extrapolation::Hold).contains("shape"));
+        assert!(refused(&[&[1.0]], &[1.0], Extrapolation::Hold).contains("shape"));
+        assert!(refused(&[&[1.0, 1.0]], &[1.0; 2], Extrapolation::Hold).contains("is not above"));
+        assert!(refused(&[&[1.0, f64::NAN]], &[1.0; 2], Extrapolation::Hold).contains("not finite"));
+        assert!(refused(&[&[1.0, 2.0]], &[1.0; 3], Extrapolation::Hold).contains("shape"));
+        assert!(refused(&[&[1.0, 2.0]], &[1.0, 2.0], Extrapolation::Periodic).contains("ends"));
+    }
+}

@@ -1,0 +1,15 @@
+//! Equations: functions of some columns, written as tapes, and equations of motion that are made of them.
+
+pub mod dictionary;
+pub(crate) mod dynamics;
+pub(crate) mod efforts;
+pub mod formula;
+pub mod law;
+pub(crate) mod lookup;
+pub(crate) mod motion;
+pub(crate) mod reactions;
+pub(crate) mod tape;
+
+pub use efforts::{EffortColumn, Efforts};
+pub use motion::{Motion, Shown};
+pub use reactions::Reactions;

@@ -1,0 +1,672 @@
+//! Equations as a list of multiplications, additions and functions. What is zero everywhere is no part of it, what occurs twice is computed
+//! once, and what follows from held inputs alone is computed when they have changed.
+
+mod lanes;
+pub mod listing;
+
+use super::lookup::LookupTable;
+use crate::{
+    numbers::{elementary::ElementaryFunction, jet::Number},
+    simd::{Compute, Simd},
+};
+use lanes::LaneOperation;
+use std::{
+    collections::HashMap,
+    hash::{BuildHasherDefault, Hasher},
+    ops::Range,
+    sync::Arc,
+};
+
+/// Place of a number in the working memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub(crate) struct Register(u32);
+
+impl Register {
+    /// That of an input.
+    pub(crate) fn input(index: usize) -> Self {
+        // no model has so many columns
+        Self(index as u32)
+    }
+
+    fn index(self) -> usize {
+        self.0 as usize
+    }
+
+    /// Register `count` places later.
+    pub(crate) fn plus(self, count: usize) -> Self {
+        Self::input(self.index() + count)
+    }
+}
+
+/// The list. Made by a [`TapeBuilder`].
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Tape {
+    held: Range<usize>,
+    registers: usize,
+    constants: Vec<(Register, f64)>,
+    tables: Vec<Arc<LookupTable>>,
+    /// Arguments of tables that a run computes.
+    arguments: Vec<Argument>,
+    /// Weights of layers.
+    weights: Vec<[f64; LANES]>,
+    of_held: Part,
+    of_others: Part,
+    /// Operations of results that are rarely needed, without angles and layers.
+    rest: Part,
+}
+
+/// Argument of a table.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Argument {
+    table: usize,
+    axis: usize,
+    of: Register,
+}
+
+/// Sines and cosines, and after them all else.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Part {
+    angles: Vec<Angle>,
+    operations: Vec<Operation>,
+    lanes: Vec<LaneOperation>,
+}
+
+/// Cosines of 1, 2, ... times an angle, and after them as many sines.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Angle {
+    of: Register,
+    first: Register,
+    count: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Operation {
+    /// `to = a b + c`
+    Product { a: Register, b: Register, c: Register, to: Register },
+    /// `to = sum over i of a_i b_i + c`, with numbers that stand one after the other.
+    Products { a: Register, b: Register, count: u32, c: Register, to: Register },
+    /// `to = 1 / of`, NaN where `of` is not positive.
+    Reciprocal { of: Register, to: Register },
+    /// `to = f(of)`
+    Call { function: ElementaryFunction, of: Register, to: Register },
+    /// `to = a / b`
+    Quotient { a: Register, b: Register, to: Register },
+    /// `to = a^b`
+    Power { a: Register, b: Register, to: Register },
+    /// The smaller one of both.
+    Smaller { a: Register, b: Register, to: Register },
+    /// A table, by its position, at one or two numbers.
+    Lookup { table: u32, at: [Register; 2], to: Register },
+    /// Some operations of layers one after the other.
+    Lanes { first: u32, count: u32 },
+}
+
+/// Working memory of a [`Tape`].
+#[derive(Clone, Debug)]
+pub(crate) struct TapeWork<T> {
+    registers: Vec<T>,
+    /// The held inputs with which what follows from them was computed, if it was.
+    at: Vec<T>,
+    is_known: bool,
+}
+
+impl<T: Number> TapeWork<T> {
+    /// The inputs, and behind them all else.
+    pub(crate) fn inputs(&self) -> &[T] {
+        &self.registers
+    }
+
+    /// The inputs, to be filled in.
+    pub(crate) fn inputs_mut(&mut self) -> &mut [T] {
+        &mut self.registers
+    }
+
+    /// Sets the first inputs. Returns false if all registers are those of these inputs already.
+    pub(crate) fn set_inputs(&mut self, inputs: impl Iterator<Item = T>) -> bool {
+        let mut changes = !self.is_known;
+        for (to, from) in self.registers.iter_mut().zip(inputs) {
+            changes |= *to != from;
+            *to = from;
+        }
+        changes
+    }
+
+    pub(crate) fn get(&self, register: Register) -> T {
+        self.registers[register.index()]
+    }
+}
+
+impl Tape {
+    #[inline(never)]
+    pub(crate) fn work<T: Number>(&self) -> TapeWork<T> {
+        let mut registers = vec![T::from(0.0); self.registers];
+        for (register, value) in &self.constants {
+            registers[register.index()] = T::from(*value);
+        }
+        TapeWork { registers, at: vec![T::from(0.0); self.held.len()], is_known: false }
+    }
+
+    /// The tables whose arguments change with inputs that are not held, and which axis each argument belongs to.
+    pub(crate) fn arguments(&self) -> Vec<(Arc<LookupTable>, usize)> {
+        self.arguments.iter().map(|argument| (Arc::clone(&self.tables[argument.table]), argument.axis)).collect()
+    }
+
+    /// Writes these arguments as they were in the last run.
+    pub(crate) fn write_arguments(&self, work: &TapeWork<f64>, to: &mut [f64]) {
+        to.iter_mut().zip(&self.arguments).for_each(|(to, argument)| *to = work.get(argument.of));
+    }
+
+    /// Computes the registers from the inputs, but not those of the rest. Does not allocate.
+    pub(crate) fn run<T: Number>(&self, work: &mut TapeWork<T>) {
+        let TapeWork { registers, at, is_known } = work;
+        let held = &registers[self.held.clone()];
+        if !(*is_known && at == held) {
+            at.copy_from_slice(held);
+            *is_known = true;
+            self.run_part(&self.of_held, registers);
+        }
+        self.run_part(&self.of_others, registers);
+    }
+
+    /// Computes the rest after a [`run`](Self::run).
+    pub(crate) fn run_rest<T: Number>(&self, work: &mut TapeWork<T>) {
+        self.run_part(&self.rest, &mut work.registers);
+    }
+
+    fn run_part<T: Number>(&self, part: &Part, registers: &mut [T]) {
+        // series are compiled once, and FMUs stay small
+        let simd = if T::DEPTH < 1 { Simd::detect() } else { Simd::Portable };
+        simd.run(RunPart { tape: self, part, registers });
+    }
+}
+
+struct RunPart<'a, T> {
+    tape: &'a Tape,
+    part: &'a Part,
+    registers: &'a mut [T],
+}
+
+impl<T: Number> Compute for RunPart<'_, T> {
+    #[inline(always)]
+    fn run<const SIMD: u8>(self) {
+        let Self { tape, part, registers } = self;
+        for &Angle { of, first, count } in &part.angles {
+            let angle = registers[of.index()];
+            let block = &mut registers[first.index()..][..2 * count as usize];
+            let (cosines, sines) = block.split_at_mut(count as usize);
+            harmonics(angle, cosines, sines);
+        }
+        let mut operations = part.operations.as_slice();
+        while let [operation, after @ ..] = operations {
+            operations = after;
+            match *operation {
+                Operation::Product { a, b, c, to } => {
+                    let product = |sum: T, a: Register, b: Register, registers: &[T]| {
+                        sum.add_product::<SIMD>(registers[a.index()], registers[b.index()])
+                    };
+                    let (mut sum, mut last) = (product(registers[c.index()], a, b, registers), to);
+                    registers[to.index()] = sum;
+                    // consecutive products: a sum that continues need not wait until it is stored
+                    while let [Operation::Product { a, b, c, to }, after @ ..] = operations {
+                        operations = after;
+                        let before = if *c == last { sum } else { registers[c.index()] };
+                        (sum, last) = (product(before, *a, *b, registers), *to);
+                        registers[to.index()] = sum;
+                    }
+                }
+                Operation::Products { a, b, count, c, to } => {
+                    let [a, b] = [a, b].map(|register| &registers[register.index()..][..count as usize]);
+                    registers[to.index()] = add_products::<T, SIMD>(registers[c.index()], a, b);
+                }
+                Operation::Reciprocal { of, to } => {
+                    let value = registers[of.index()];
+                    let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
+                    registers[to.index()] = value.recip();
+                }
+                Operation::Call { .. }
+                | Operation::Quotient { .. }
+                | Operation::Power { .. }
+                | Operation::Smaller { .. }
+                | Operation::Lookup { .. } => {
+                    operation.run_rare(registers, &tape.tables);
+                }
+                Operation::Lanes { first, count } => {
+                    tape.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
+                }
+            }
+        }
+    }
+}
+
+impl Operation {
+    /// Result, and the first ones and numbers of the registers that it follows from. None of layers.
+    fn registers(&self) -> Option<(Register, [(Register, u32); 3])> {
+        Some(match *self {
+            Self::Product { a, b, c, to } => (to, [(a, 1), (b, 1), (c, 1)]),
+            Self::Products { a, b, count, c, to } => (to, [(a, count), (b, count), (c, 1)]),
+            Self::Reciprocal { of, to } | Self::Call { of, to, .. } => (to, [(of, 1); 3]),
+            Self::Quotient { a, b, to }
+            | Self::Power { a, b, to }
+            | Self::Smaller { a, b, to }
+            | Self::Lookup { at: [a, b], to, .. } => (to, [(a, 1), (b, 1), (b, 1)]),
+            Self::Lanes { .. } => return None,
+        })
+    }
+
+    /// Runs an operation of a formula: kept out of the loop over the common operations.
+    #[inline(never)]
+    fn run_rare<T: Number>(&self, registers: &mut [T], tables: &[Arc<LookupTable>]) {
+        let get = |register: Register| registers[register.index()];
+        let (value, to) = match *self {
+            Self::Call { function, of, to } => (get(of).apply(function), to),
+            Self::Quotient { a, b, to } => (get(a).divided_by(get(b)), to),
+            Self::Power { a, b, to } => (get(a).power(get(b)), to),
+            Self::Smaller { a, b, to } => (get(a).smaller(get(b)), to),
+            Self::Lookup { table, at, to } => (tables[table as usize].at(&at.map(get)), to),
+            Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } | Self::Lanes { .. } => return,
+        };
+        registers[to.index()] = value;
+    }
+}
+
+/// By doubling, so that few wait for one another, and few rounding errors add up.
+#[inline(always)]
+fn harmonics<T: Number>(angle: T, cosines: &mut [T], sines: &mut [T]) {
+    (sines[0], cosines[0]) = angle.sin_cos();
+    let mut known = 1;
+    while known < cosines.len() {
+        let count = known.min(cosines.len() - known);
+        let ((c, next_c), (s, next_s)) = (cosines.split_at_mut(known), sines.split_at_mut(known));
+        let (last_c, last_s) = (c[known - 1], s[known - 1]);
+        for k in 0..count {
+            next_c[k] = c[k] * last_c - s[k] * last_s;
+            next_s[k] = s[k] * last_c + c[k] * last_s;
+        }
+        known += count;
+    }
+}
+
+/// Numbers that are added up at once.
+const LANES: usize = 8;
+
+#[inline(always)]
+fn add_products<T: Number, const SIMD: u8>(mut sum: T, a: &[T], b: &[T]) -> T {
+    let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());
+    for (a, b) in a_rest.iter().zip(b_rest) {
+        sum = sum.add_product::<SIMD>(*a, *b);
+    }
+    let mut sums = [T::from(0.0); LANES];
+    for (a, b) in a.iter().zip(b) {
+        for lane in 0..LANES {
+            sums[lane] = sums[lane].add_product::<SIMD>(a[lane], b[lane]);
+        }
+    }
+    let [a, b, c, d, e, f, g, h] = sums;
+    sum + (((a + e) + (b + f)) + ((c + g) + (d + h)))
+}
+
+/// Registers and bits of numbers from a checked file are no place for an attack, and there are many when an FMU is instantiated.
+type Quick = BuildHasherDefault<QuickHasher>;
+
+#[derive(Debug, Default)]
+struct QuickHasher(u64);
+
+impl Hasher for QuickHasher {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for chunk in bytes.chunks(8) {
+            let mut word = [0; 8];
+            word[..chunk.len()].copy_from_slice(chunk);
+            self.write_u64(u64::from_le_bytes(word));
+        }
+    }
+
+    fn write_u64(&mut self, word: u64) {
+        // the odd number next to 2^64 over the golden ratio
+        self.0 = (self.0.rotate_left(29) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 ^= self.0 >> 32;
+    }
+}
+
+/// A number in a sum. Its weight is the sum of a constant and a number that is held or constant.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SumTerm {
+    pub(crate) of: Register,
+    pub(crate) constant: f64,
+    pub(crate) held: Register,
+}
+
+/// When a number is known.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Known {
+    Always(f64),
+    /// With the held inputs.
+    Held,
+    WithInputs,
+}
+
+/// Room for registers that most equations do with.
+const WRITTEN: usize = 256;
+/// Shortest sum that is not computed term by term.
+const LONG: usize = 8;
+/// Zeros with which two runs of numbers become one.
+const LARGEST_GAP: u32 = 3;
+
+/// Writes a [`Tape`].
+#[derive(Debug)]
+pub(crate) struct TapeBuilder {
+    pub(crate) zero: Register,
+    pub(crate) one: Register,
+    known: Vec<Known>,
+    /// Registers of constants, products and calls; a constant and a call have no register where a product has its summand.
+    written: HashMap<[u32; 3], Register, Quick>,
+    tape: Tape,
+}
+
+impl TapeBuilder {
+    /// With so many inputs, some of which are held.
+    pub(crate) fn new(inputs: usize, held: Range<usize>) -> Self {
+        let known = |input| if held.contains(&input) { Known::Held } else { Known::WithInputs };
+        let mut builder = Self {
+            zero: Register(0),
+            one: Register(0),
+            known: Vec::with_capacity(inputs + WRITTEN),
+            written: HashMap::with_capacity_and_hasher(WRITTEN, Quick::default()),
+            tape: Tape { held: held.clone(), ..Tape::default() },
+        };
+        builder.known.extend((0..inputs).map(known));
+        builder.tape.constants.reserve(WRITTEN);
+        builder.zero = builder.constant(0.0);
+        builder.one = builder.constant(1.0);
+        builder
+    }
+
+    pub(crate) fn finish(self) -> Tape {
+        Tape { registers: self.known.len(), ..self.tape }
+    }
+
+    /// The tape whose [`run`](Tape::run) computes these registers. Operations that none of them follows from are the rest.
+    pub(crate) fn finish_for(mut self, wanted: &[Register]) -> Tape {
+        let mut is_needed = vec![false; self.known.len()];
+        let arguments = self.tape.arguments.iter().map(|argument| &argument.of);
+        wanted.iter().chain(arguments).for_each(|register| is_needed[register.index()] = true);
+        let (mut needed, mut rest, mut is_layer) = (Vec::new(), Vec::new(), false);
+        for operation in self.tape.of_others.operations.drain(..).rev() {
+            let registers = operation.registers();
+            // layers, and what comes before them, are computed in any case
+            is_layer |= registers.is_none();
+            match registers {
+                Some((to, _)) if !is_layer && !is_needed[to.index()] => rest.push(operation),
+                _ => {
+                    for (first, count) in registers.into_iter().flat_map(|(_, from)| from) {
+                        is_needed[first.index()..][..count as usize].fill(true);
+                    }
+                    needed.push(operation);
+                }
+            }
+        }
+        needed.reverse();
+        rest.reverse();
+        self.tape.of_others.operations = needed;
+        self.tape.rest.operations = rest;
+        self.finish()
+    }
+
+    fn reserve(&mut self, known: Known) -> Register {
+        self.known.push(known);
+        Register::input(self.known.len() - 1)
+    }
+
+    fn part(&mut self, known: Known) -> &mut Part {
+        match known {
+            Known::Held => &mut self.tape.of_held,
+            Known::Always(_) | Known::WithInputs => &mut self.tape.of_others,
+        }
+    }
+
+    /// When what follows from some numbers is known.
+    fn follows(&self, from: &[Register]) -> Known {
+        let known = |register: &Register| self.known[register.index()];
+        match from.iter().any(|register| known(register) == Known::WithInputs) {
+            true => Known::WithInputs,
+            false => Known::Held,
+        }
+    }
+
+    /// The value of a constant.
+    pub(crate) fn value(&self, register: Register) -> Option<f64> {
+        match self.known[register.index()] {
+            Known::Always(value) => Some(value),
+            Known::Held | Known::WithInputs => None,
+        }
+    }
+
+    /// Returns true if a number changes with inputs that are not held.
+    pub(crate) fn varies(&self, register: Register) -> bool {
+        self.known[register.index()] == Known::WithInputs
+    }
+
+    pub(crate) fn is_zero(&self, register: Register) -> bool {
+        self.value(register) == Some(0.0)
+    }
+
+    #[inline(never)]
+    pub(crate) fn constant(&mut self, value: f64) -> Register {
+        let bits = value.to_bits();
+        let key = [bits as u32, (bits >> 32) as u32, u32::MAX];
+        if let Some(known) = self.written.get(&key) {
+            return *known;
+        }
+        let register = self.reserve(Known::Always(value));
+        self.written.insert(key, register);
+        self.tape.constants.push((register, value));
+        register
+    }
+
+    /// `a b + c`
+    #[inline(never)]
+    pub(crate) fn add_product(&mut self, c: Register, a: Register, b: Register) -> Register {
+        let (a, b) = (a.min(b), a.max(b));
+        match [a, b, c].map(|register| self.value(register)) {
+            [Some(0.0), _, _] | [_, Some(0.0), _] => return c,
+            [Some(1.0), _, Some(0.0)] => return b,
+            [_, Some(1.0), Some(0.0)] => return a,
+            [Some(a), Some(b), Some(c)] => return self.constant(a * b + c),
+            _ => {}
+        }
+        if let Some(known) = self.written.get(&[a.0, b.0, c.0]) {
+            return *known;
+        }
+        let known = self.follows(&[a, b, c]);
+        let to = self.reserve(known);
+        self.written.insert([a.0, b.0, c.0], to);
+        self.part(known).operations.push(Operation::Product { a, b, c, to });
+        to
+    }
+
+    pub(crate) fn product(&mut self, a: Register, b: Register) -> Register {
+        self.add_product(self.zero, a, b)
+    }
+
+    /// `c + factor a`
+    pub(crate) fn add_scaled(&mut self, c: Register, a: Register, factor: f64) -> Register {
+        let factor = self.constant(factor);
+        self.add_product(c, a, factor)
+    }
+
+    /// Sum of numbers times factors.
+    pub(crate) fn weighted(&mut self, terms: &[(Register, f64)]) -> Register {
+        terms.iter().fold(self.zero, |sum, (of, factor)| self.add_scaled(sum, *of, *factor))
+    }
+
+    /// `c - a b`
+    pub(crate) fn subtract_product(&mut self, c: Register, a: Register, b: Register) -> Register {
+        let minus_a = self.negative(a);
+        self.add_product(c, minus_a, b)
+    }
+
+    pub(crate) fn negative(&mut self, a: Register) -> Register {
+        let minus_one = self.constant(-1.0);
+        self.product(a, minus_one)
+    }
+
+    /// `1 / a`, NaN where `a` is not positive.
+    pub(crate) fn reciprocal(&mut self, of: Register) -> Register {
+        let known = self.follows(&[of]);
+        let to = self.reserve(known);
+        self.part(known).operations.push(Operation::Reciprocal { of, to });
+        to
+    }
+
+    /// A function of a number.
+    #[inline(never)]
+    pub(crate) fn call(&mut self, function: ElementaryFunction, of: Register) -> Register {
+        if let Some(value) = self.value(of) {
+            return self.constant(function.value(value));
+        }
+        let key = [function as u32, of.0, u32::MAX - 1];
+        if let Some(known) = self.written.get(&key) {
+            return *known;
+        }
+        let known = self.follows(&[of]);
+        let to = self.reserve(known);
+        self.written.insert(key, to);
+        self.part(known).operations.push(Operation::Call { function, of, to });
+        to
+    }
+
+    /// `a / b`
+    pub(crate) fn quotient(&mut self, a: Register, b: Register) -> Register {
+        match [a, b].map(|register| self.value(register)) {
+            [Some(a), Some(b)] => self.constant(a / b),
+            [_, Some(b)] => {
+                let inverse = self.constant(b.recip());
+                self.product(a, inverse)
+            }
+            _ => {
+                let known = self.follows(&[a, b]);
+                let to = self.reserve(known);
+                self.part(known).operations.push(Operation::Quotient { a, b, to });
+                to
+            }
+        }
+    }
+
+    /// `a^b`
+    pub(crate) fn power(&mut self, a: Register, b: Register) -> Register {
+        match [a, b].map(|register| self.value(register)) {
+            [Some(a), Some(b)] => self.constant(a.powf(b)),
+            _ => {
+                let known = self.follows(&[a, b]);
+                let to = self.reserve(known);
+                self.part(known).operations.push(Operation::Power { a, b, to });
+                to
+            }
+        }
+    }
+
+    /// The smaller one of two numbers.
+    pub(crate) fn smaller(&mut self, a: Register, b: Register) -> Register {
+        if let [Some(a), Some(b)] = [a, b].map(|register| self.value(register)) {
+            return self.constant(a.smaller(b));
+        }
+        let known = self.follows(&[a, b]);
+        let to = self.reserve(known);
+        self.part(known).operations.push(Operation::Smaller { a, b, to });
+        to
+    }
+
+    /// A table at one or two numbers.
+    pub(crate) fn lookup(&mut self, table: &Arc<LookupTable>, at: &[Register]) -> Register {
+        let values: Option<Vec<f64>> = at.iter().map(|register| self.value(*register)).collect();
+        if let Some(values) = values {
+            return self.constant(table.at(&values));
+        }
+        let tables = &mut self.tape.tables;
+        let position = tables.iter().position(|known| known == table).unwrap_or_else(|| {
+            tables.push(Arc::clone(table));
+            tables.len() - 1
+        });
+        let known = self.follows(at);
+        let to = self.reserve(known);
+        let arguments = at.iter().enumerate().filter(|(_, of)| self.varies(**of));
+        let arguments: Vec<Argument> =
+            arguments.map(|(axis, of)| Argument { table: position, axis, of: *of }).collect();
+        self.tape.arguments.extend(arguments);
+        let at = [at[0], at[at.len() - 1]];
+        self.part(known).operations.push(Operation::Lookup { table: position as u32, at, to });
+        to
+    }
+
+    /// Cosines of 1, 2, ... times an angle, so many of them, and after them the sines.
+    pub(crate) fn harmonics(&mut self, of: Register, count: usize) -> Vec<Register> {
+        let known = self.follows(&[of]);
+        if let Some(same) = self.part(known).angles.iter().find(|angle| angle.of == of && angle.count as usize >= count)
+        {
+            let at = |first: usize| (0..count).map(move |k| first + k);
+            let (cosines, sines) = (same.first.index(), same.first.index() + same.count as usize);
+            return at(cosines).chain(at(sines)).map(Register::input).collect();
+        }
+        let block: Vec<Register> = (0..2 * count).map(|_| self.reserve(known)).collect();
+        if let Some(&first) = block.first() {
+            self.part(known).angles.push(Angle { of, first, count: count as u32 });
+        }
+        block
+    }
+
+    /// Sum of some numbers times their weights, in the order of the numbers, and `c`.
+    pub(crate) fn sum(&mut self, mut c: Register, terms: &[SumTerm]) -> Register {
+        let mut rest = terms;
+        while let Some(SumTerm { of: first, .. }) = rest.first() {
+            let gaps = rest.windows(2).take_while(|pair| pair[1].of.0 - pair[0].of.0 <= LARGEST_GAP + 1).count();
+            let (run, others) = rest.split_at(gaps + 1);
+            rest = others;
+            if run.len() < LONG {
+                for term in run {
+                    let weight = self.add_scaled(term.held, self.one, term.constant);
+                    c = self.add_product(c, term.of, weight);
+                }
+                continue;
+            }
+            let weights = self.weights(run);
+            let known =
+                if run.iter().any(|term| self.varies(term.of)) { Known::WithInputs } else { self.follows(&[c]) };
+            let to = self.reserve(known);
+            let count = weights.len() as u32;
+            self.part(known).operations.push(Operation::Products { a: *first, b: weights[0], count, c, to });
+            c = to;
+        }
+        c
+    }
+
+    /// The weights of a run of numbers one after the other, zero where there is no number.
+    fn weights(&mut self, run: &[SumTerm]) -> Vec<Register> {
+        let (zero, one) = (self.zero, self.one);
+        let mut terms = run.iter().peekable();
+        let (first, last) = (run[0].of.0, run[run.len() - 1].of.0);
+        // registers of weights that are held, before the block
+        let term = |of: u32| terms.next_if(|term| term.of.0 == of).copied();
+        let weights = (first..=last).map(term).map(|term| match term {
+            Some(SumTerm { constant, held, .. }) if !self.is_zero(held) => Err(self.add_scaled(held, one, constant)),
+            term => Ok(term.map_or(0.0, |term| term.constant)),
+        });
+        let weights: Vec<Result<f64, Register>> = weights.collect();
+        let of_block = weights.into_iter().map(|weight| match weight {
+            Ok(value) => {
+                let to = self.reserve(Known::Always(value));
+                self.tape.constants.push((to, value));
+                to
+            }
+            Err(weight) => {
+                let known = self.known[weight.index()];
+                let to = self.reserve(known);
+                self.part(known).operations.push(Operation::Product { a: weight, b: one, c: zero, to });
+                to
+            }
+        });
+        of_block.collect()
+    }
+}

@@ -1,0 +1,166 @@
+//! Equations as data, for generators of code: the operations of a tape, in the order in which they run.
+
+use super::{Argument, LaneOperation, Operation, Part, Register, Tape};
+use crate::{
+    Activation,
+    formula::{ElementaryFunction, LookupTable},
+};
+use std::{ops::Range, sync::Arc};
+
+/// Numbers of a lane: blocks of layers are whole lanes.
+pub const LANES: usize = super::LANES;
+
+/// Operations that compute results from inputs, in a working memory of numbers, the registers. The inputs are the first registers, and
+/// after them are zero and one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Listing {
+    /// Number of inputs.
+    pub inputs: usize,
+    /// Inputs that change rarely.
+    pub held: Range<usize>,
+    /// Number of registers.
+    pub registers: usize,
+    /// Registers of constants, zero and one first, with their values.
+    pub constants: Vec<(u32, f64)>,
+    /// Lookup tables.
+    pub tables: Vec<Arc<LookupTable>>,
+    /// Table, axis and register of each argument of a table that changes with inputs that are not held.
+    pub arguments: Vec<(usize, usize, u32)>,
+    /// Weights of layers.
+    pub weights: Vec<[f64; LANES]>,
+    /// What follows from held inputs alone, all else that most results need, and what the rest needs besides.
+    pub instructions: [Vec<Instruction>; 3],
+    /// Registers of the results.
+    pub results: Vec<u32>,
+}
+
+/// An operation on the registers `a`, `b` and `c`, whose result begins at `to`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Instruction {
+    /// What is computed.
+    pub kind: InstructionKind,
+    /// First operand.
+    pub a: u32,
+    /// Second operand.
+    pub b: u32,
+    /// Third operand.
+    pub c: u32,
+    /// First register of the result.
+    pub to: u32,
+    /// Number of terms, multiples or lanes.
+    pub count: u32,
+    /// Position of the first weights, or of the table.
+    pub data: u32,
+}
+
+/// What an [`Instruction`] computes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InstructionKind {
+    /// Cosines of 1, 2, ... times the angle `a`, and after them as many sines.
+    Harmonics,
+    /// `a b + c`
+    Product,
+    /// `sum over i of a_i b_i + c`
+    Products,
+    /// `1 / a`, NaN where `a` is not positive.
+    Reciprocal,
+    /// `f(a)`
+    Call(ElementaryFunction),
+    /// `a / b`
+    Quotient,
+    /// `a^b`
+    Power,
+    /// The smaller one of `a` and `b`.
+    Smaller,
+    /// A table at `a` or, if it has two arguments, at `a` and `b`.
+    Lookup,
+    /// The block `W a + c`, with weights column by column of each lane; `b` is the number of columns. `c` may be the register of zero.
+    Matrix,
+    /// `w^T a + c` of a block `a`.
+    Dot,
+    /// The block `f(a_i)`, and after it the block of slopes `f'(a_i)`.
+    Activation(Activation),
+    /// The block `a_i b_i`.
+    LaneProducts,
+}
+
+impl Tape {
+    pub(crate) fn listing(&self, results: impl IntoIterator<Item = Register>) -> Listing {
+        let Self { held, registers, constants, tables, arguments, weights, of_held, of_others, rest } = self;
+        Listing {
+            inputs: constants[0].0.index(),
+            held: held.clone(),
+            registers: *registers,
+            constants: constants.iter().map(|(to, value)| (to.0, *value)).collect(),
+            tables: tables.clone(),
+            arguments: arguments.iter().map(|Argument { table, axis, of }| (*table, *axis, of.0)).collect(),
+            weights: weights.clone(),
+            instructions: [of_held, of_others, rest].map(|part| part.instructions(constants[0].0)),
+            results: results.into_iter().map(|register| register.0).collect(),
+        }
+    }
+}
+
+impl Part {
+    fn instructions(&self, zero: Register) -> Vec<Instruction> {
+        let angle = |angle: &super::Angle| Instruction {
+            count: angle.count,
+            ..Instruction::new(InstructionKind::Harmonics, [angle.of; 3], angle.first)
+        };
+        let operations = self.operations.iter().flat_map(|operation| match *operation {
+            Operation::Lanes { first, count } => {
+                self.lanes[first as usize..][..count as usize].iter().map(|lane| lane.instruction(zero)).collect()
+            }
+            _ => vec![operation.instruction()],
+        });
+        self.angles.iter().map(angle).chain(operations).collect()
+    }
+}
+
+impl Instruction {
+    fn new(kind: InstructionKind, [a, b, c]: [Register; 3], to: Register) -> Self {
+        Self { kind, a: a.0, b: b.0, c: c.0, to: to.0, count: 1, data: 0 }
+    }
+}
+
+impl Operation {
+    fn instruction(&self) -> Instruction {
+        use InstructionKind as Kind;
+        match *self {
+            Self::Product { a, b, c, to } => Instruction::new(Kind::Product, [a, b, c], to),
+            Self::Products { a, b, count, c, to } => {
+                Instruction { count, ..Instruction::new(Kind::Products, [a, b, c], to) }
+            }
+            Self::Reciprocal { of, to } => Instruction::new(Kind::Reciprocal, [of; 3], to),
+            Self::Call { function, of, to } => Instruction::new(Kind::Call(function), [of; 3], to),
+            Self::Quotient { a, b, to } => Instruction::new(Kind::Quotient, [a, b, b], to),
+            Self::Power { a, b, to } => Instruction::new(Kind::Power, [a, b, b], to),
+            Self::Smaller { a, b, to } => Instruction::new(Kind::Smaller, [a, b, b], to),
+            Self::Lookup { table, at: [a, b], to } => {
+                Instruction { data: table, ..Instruction::new(Kind::Lookup, [a, b, b], to) }
+            }
+            Self::Lanes { .. } => unreachable!("its operations are listed one by one"),
+        }
+    }
+}
+
+impl LaneOperation {
+    fn instruction(&self, zero: Register) -> Instruction {
+        use InstructionKind as Kind;
+        match *self {
+            Self::Matrix { weights, of, columns, c, to, lanes } => {
+                let instruction = Instruction::new(Kind::Matrix, [of, of, c.unwrap_or(zero)], to);
+                Instruction { b: columns, count: lanes, data: weights, ..instruction }
+            }
+            Self::Dot { weights, of, c, to, lanes } => {
+                Instruction { count: lanes, data: weights, ..Instruction::new(Kind::Dot, [of, of, c], to) }
+            }
+            Self::Activation { function, of, to, lanes } => {
+                Instruction { count: lanes, ..Instruction::new(Kind::Activation(function), [of; 3], to) }
+            }
+            Self::Products { a, b, to, lanes } => {
+                Instruction { count: lanes, ..Instruction::new(Kind::LaneProducts, [a, b, b], to) }
+            }
+        }
+    }
+}

@@ -1,0 +1,428 @@
+//! Sequences of steps, each of which makes a vector of those before it: what baselines fit, and functions of other tools.
+
+mod cell;
+mod composed;
+mod elementwise;
+mod evaluate;
+mod forest;
+mod learned;
+mod products;
+mod series;
+mod tensors;
+#[cfg(test)]
+mod tests;
+
+use crate::{
+    FormatError, Motion, Numbers, Precision,
+    check::{expect_finite, expect_positive, expect_shape},
+    dictionary::Dictionary,
+    network::{USUAL_SIZE, fits_single},
+    simd::Simd,
+    task::Task,
+};
+pub use composed::Given;
+pub use elementwise::Elementwise;
+use evaluate::check_instants;
+pub(crate) use evaluate::{GraphScratch, PreparedGraph};
+pub use forest::{Forest, LEAF, Node, Tree};
+pub use learned::KernelMachine;
+pub use products::Products;
+
+/// A function as a sequence of steps. Value 0 is the vector of the input columns, step `k` makes value `k + 1`, and the last
+/// value is the outputs. Derivatives are exact.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Graph {
+    /// Number of input columns.
+    pub inputs: usize,
+    /// At least one.
+    pub steps: Vec<Step>,
+}
+
+/// What makes a vector `y` of earlier ones, `x`. `of` is the number of the value that `x` is.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Step {
+    /// `y = W x + b`
+    Affine {
+        /// `x`
+        of: usize,
+        /// `W`, row by row: shape `[outputs, inputs]`.
+        weight: Numbers,
+        /// `b`: shape `[outputs]`.
+        bias: Numbers,
+    },
+    /// `y_i = f(x_i)`
+    Elementwise {
+        /// `x`
+        of: usize,
+        /// `f`
+        function: Elementwise,
+        /// What `f` depends on besides, [`Elementwise::parameters`] in number; or so many rows of one number for each `x_i`.
+        parameters: Vec<f64>,
+    },
+    /// `y_i = a_i op b_i`
+    Combine {
+        /// `a` and `b`, of one length.
+        of: [usize; 2],
+        /// `op`
+        operation: Operation,
+    },
+    /// `y_i = a_i` where `c_i > 0`, else `b_i`; what is not chosen may be infinite or not a number.
+    Select {
+        /// `c`, `a` and `b`, of one length.
+        of: [usize; 3],
+    },
+    /// `y_i` is a number of some value: parts of vectors, or several of them as one.
+    Columns {
+        /// For each `y_i` the number of a value, and the position in it.
+        columns: Vec<[u32; 2]>,
+    },
+    /// `y_i = (x_i - mean_i) / scale_i`. As the first step, of the input columns, it is computed in double precision.
+    Standardize {
+        /// `x`
+        of: usize,
+        /// One for each `x_i`.
+        mean: Vec<f64>,
+        /// One for each `x_i`, positive.
+        scale: Vec<f64>,
+    },
+    /// `y_i = mean_i + scale_i x_i`. As the last step it is computed in double precision.
+    Rescale {
+        /// `x`
+        of: usize,
+        /// One for each `x_i`.
+        mean: Vec<f64>,
+        /// One for each `x_i`, positive.
+        scale: Vec<f64>,
+    },
+    /// `y_i = (x_i - m) / √(v + ε)`, with the mean `m` and the variance `v` of all `x_i`.
+    Normalize {
+        /// `x`
+        of: usize,
+        /// `ε`, not negative.
+        epsilon: f64,
+    },
+    /// `y_i = exp(x_i) / sum_j exp(x_j)`
+    Softmax {
+        /// `x`
+        of: usize,
+    },
+    /// `y_c = sum_i ((x_i - centres[c, i]) / lengths[i])²`
+    Distances {
+        /// `x`
+        of: usize,
+        /// Shape `[outputs, inputs]`.
+        centres: Vec<f64>,
+        /// Length scale of each `x_i`, positive.
+        lengths: Vec<f64>,
+    },
+    /// Sums of decision trees: piecewise constant, so every derivative is 0.
+    Forest {
+        /// `x`
+        of: usize,
+        /// The trees.
+        forest: Forest,
+        /// Number of `y_i`.
+        outputs: usize,
+    },
+    /// Products of Legendre polynomials of `x_i`, one for each term.
+    Products {
+        /// `x`
+        of: usize,
+        /// The terms.
+        products: Products,
+    },
+    /// Another graph of `x`, which computes in the precision of the model.
+    Call {
+        /// `x`
+        of: usize,
+        /// The graph, without steps such as this one and those below.
+        function: Graph,
+    },
+    /// Networks of the `x_i` but one, `t`, between whose results `y` is interpolated: `y = (1 - w) y_k + w y_(k+1)` with
+    /// `w = (t - t_k) / (t_(k+1) - t_k)`. Before the first instant `t_k` and after the last one `y` does not depend on `t`.
+    Interpolate {
+        /// `x`
+        of: usize,
+        /// Position of `t` in `x`.
+        column: usize,
+        /// `t_0, ..., t_N`, ascending, at least two.
+        instants: Vec<f64>,
+        /// One for each instant, with layers of the same sizes; in the precision of the model.
+        functions: Vec<Graph>,
+    },
+    /// Sums of products of powers, sines and cosines of `x_i`, in double precision.
+    Dictionary {
+        /// `x`
+        of: usize,
+        /// The functions.
+        dictionary: Dictionary,
+    },
+    /// Equations of motion, in double precision.
+    Motion {
+        /// Parameters, inputs, coordinates and velocities.
+        of: usize,
+        /// The equations, and what is shown of the motion.
+        motion: Box<Motion>,
+    },
+}
+
+/// What makes one number of two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Operation {
+    /// `a + b`
+    Add,
+    /// `a - b`
+    Subtract,
+    /// `a b`
+    Multiply,
+    /// `a / b`
+    Divide,
+    /// The larger one; the first of equal ones counts for derivatives.
+    Maximum,
+    /// The smaller one, likewise.
+    Minimum,
+}
+
+impl Operation {
+    /// All of them, in the order of their codes in the model file.
+    pub const ALL: [Self; 6] = [Self::Add, Self::Subtract, Self::Multiply, Self::Divide, Self::Maximum, Self::Minimum];
+}
+
+/// How many numbers all values of a graph may have together: a file of a few megabytes must not ask for gigabytes of memory.
+pub const MAX_VALUES: usize = 1 << 22;
+
+impl Graph {
+    /// The outputs at each row of columns, in double precision.
+    ///
+    /// # Panics
+    /// If lengths do not fit.
+    pub fn evaluate(&self, rows: &[impl AsRef<[f64]>]) -> Vec<Vec<f64>> {
+        let (program, simd) = (PreparedGraph::new(self, Precision::Double), Simd::detect());
+        let mut scratch = program.scratch();
+        let width = self.widths().ok().and_then(|widths| widths.last().copied()).unwrap_or_default();
+        let at = |row: &[f64]| {
+            let mut outputs = vec![0.0; width];
+            program.perform(simd, row, Task::Outputs(&mut outputs), &mut scratch);
+            outputs
+        };
+        rows.iter().map(AsRef::as_ref).map(at).collect()
+    }
+
+    /// Lengths of all values: the inputs, and one of each step.
+    ///
+    /// # Errors
+    /// [`FormatError`] if a step is of a value that is not before it, or of lengths that do not fit.
+    pub fn widths(&self) -> Result<Vec<usize>, FormatError> {
+        if self.inputs == 0 {
+            return Err(FormatError::NoVariables { what: "inputs" });
+        }
+        let mut widths = vec![self.inputs];
+        for (number, step) in self.steps.iter().enumerate() {
+            widths.push(step.width(number, &widths)?);
+        }
+        let noted = self.steps.iter().map(Step::noted);
+        let numbers = widths.iter().copied().chain(noted).fold(0, usize::saturating_add);
+        if numbers > MAX_VALUES {
+            return Err(FormatError::TooLarge { found: numbers, limit: MAX_VALUES });
+        }
+        Ok(widths)
+    }
+
+    /// Returns true if single precision adds only rounding errors for inputs in these ranges. No input may be large compared with its
+    /// range, and no step may divide, select or compare: there rounding may make a large difference.
+    pub fn fits_single(&self, ranges: &[[f64; 2]]) -> bool {
+        /// Size of an input for each unit of its range.
+        const FAR: f64 = 16.0;
+        let size = |[min, max]: &[f64; 2]| min.abs().max(max.abs());
+        let Ok(widths) = self.widths() else { return false };
+        // standardized in double precision
+        let standardized: Option<Vec<f64>> = match self.steps.first() {
+            Some(Step::Standardize { mean, scale, .. }) => {
+                let relative = |((range, mean), scale): ((&[f64; 2], &f64), &f64)| {
+                    range.iter().map(|end| ((end - mean) / scale).abs()).fold(0.0, f64::max)
+                };
+                Some(ranges.iter().zip(mean).zip(scale).map(relative).collect())
+            }
+            _ => None,
+        };
+        let is_far = |range: &[f64; 2]| range[0] < range[1] && size(range) > FAR * (range[1] - range[0]);
+        if standardized.is_none() && ranges.iter().any(is_far) {
+            return false;
+        }
+        let sizes = |of: usize| match (of, &standardized) {
+            (0, _) => ranges.iter().map(size).collect(),
+            (1, Some(sizes)) => sizes.clone(),
+            _ => vec![USUAL_SIZE; widths[of]],
+        };
+        self.steps.iter().all(|step| match step {
+            Step::Affine { of, weight, bias } => fits_single(weight, bias, &sizes(*of)),
+            Step::Elementwise { function, .. } => function.is_smooth(),
+            Step::Combine { operation, .. } => *operation != Operation::Divide,
+            Step::Standardize { .. } | Step::Rescale { .. } => true,
+            Step::Columns { .. } | Step::Normalize { .. } | Step::Softmax { .. } => true,
+            Step::Select { .. } | Step::Distances { .. } | Step::Forest { .. } | Step::Products { .. } => false,
+            Step::Call { .. } | Step::Interpolate { .. } | Step::Dictionary { .. } | Step::Motion { .. } => false,
+        })
+    }
+
+    /// Makes sure that lengths fit so many columns and outputs, and that every number is finite.
+    ///
+    /// # Errors
+    /// The first [`FormatError`].
+    pub fn check(&self, columns: usize, outputs: usize) -> Result<(), FormatError> {
+        if self.steps.is_empty() {
+            return Err(FormatError::MissingTensor { name: "graph.steps".into() });
+        }
+        expect_shape("graph.inputs", &[self.inputs], &[columns])?;
+        let widths = self.widths()?;
+        expect_shape("graph.steps", &[widths[self.steps.len()]], &[outputs])
+    }
+}
+
+impl Step {
+    /// Indices of the operand values, repeated operands included.
+    pub fn values(&self) -> impl Iterator<Item = usize> + '_ {
+        let (few, columns): (&[usize], &[[u32; 2]]) = match self {
+            Self::Affine { of, .. }
+            | Self::Elementwise { of, .. }
+            | Self::Standardize { of, .. }
+            | Self::Rescale { of, .. }
+            | Self::Normalize { of, .. }
+            | Self::Softmax { of }
+            | Self::Distances { of, .. }
+            | Self::Forest { of, .. }
+            | Self::Products { of, .. }
+            | Self::Call { of, .. }
+            | Self::Interpolate { of, .. }
+            | Self::Dictionary { of, .. }
+            | Self::Motion { of, .. } => (std::slice::from_ref(of), &[]),
+            Self::Combine { of, .. } => (of, &[]),
+            Self::Select { of } => (of, &[]),
+            Self::Columns { columns } => (&[], columns),
+        };
+        few.iter().copied().chain(columns.iter().map(|[of, _]| *of as usize))
+    }
+
+    /// Whether it computes in a precision of its own.
+    pub(crate) fn is_nested(&self) -> bool {
+        matches!(self, Self::Call { .. } | Self::Interpolate { .. } | Self::Dictionary { .. } | Self::Motion { .. })
+    }
+
+    /// Number of numbers that an evaluation keeps beside those that the step makes.
+    pub fn noted(&self) -> usize {
+        let of_function = |function: &Graph| function.widths().map_or(0, |widths| widths.iter().sum());
+        match self {
+            Self::Products { products, .. } => products.polynomials(),
+            Self::Call { function, .. } => of_function(function),
+            Self::Interpolate { functions, .. } => functions.first().map_or(0, of_function),
+            _ => 0,
+        }
+    }
+
+    /// Length of what the step makes, of the values before it; every number of it is checked.
+    fn width(&self, number: usize, widths: &[usize]) -> Result<usize, FormatError> {
+        let name = |what: &str| format!("graph.{number}.{what}");
+        let width = |of: usize| match widths.get(of) {
+            Some(width) => Ok(*width),
+            None => Err(FormatError::Index {
+                name: "graph.steps".into(),
+                index: number,
+                found: of as u64,
+                limit: widths.len() as u64,
+            }),
+        };
+        match self {
+            Self::Affine { of, weight, bias } => {
+                expect_shape(&name("weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
+                expect_finite(&name("weight"), weight.iter())?;
+                expect_finite(&name("bias"), bias.iter())?;
+                not_empty(bias.len())
+            }
+            Self::Elementwise { of, function, parameters } => {
+                let (width, count) = (width(*of)?, function.parameters());
+                if parameters.len() != count {
+                    expect_shape(&name("parameters"), &[parameters.len()], &[count * width])?;
+                }
+                expect_finite(&name("parameters"), parameters.iter().copied())?;
+                Ok(width)
+            }
+            Self::Combine { of: [a, b], .. } => {
+                expect_shape(&format!("graph.{number}"), &[width(*b)?], &[width(*a)?])?;
+                width(*a)
+            }
+            Self::Select { of: [condition, a, b] } => {
+                expect_shape(&format!("graph.{number}"), &[width(*a)?], &[width(*condition)?])?;
+                expect_shape(&format!("graph.{number}"), &[width(*b)?], &[width(*condition)?])?;
+                width(*a)
+            }
+            Self::Columns { columns } => {
+                for (index, [of, column]) in columns.iter().enumerate() {
+                    let limit = width(*of as usize)?;
+                    if *column as usize >= limit {
+                        let (found, limit) = (u64::from(*column), limit as u64);
+                        return Err(FormatError::Index { name: name("columns"), index, found, limit });
+                    }
+                }
+                not_empty(columns.len())
+            }
+            Self::Standardize { of, mean, scale } | Self::Rescale { of, mean, scale } => {
+                let width = width(*of)?;
+                for (what, values) in [("mean", mean), ("scale", scale)] {
+                    expect_shape(&name(what), &[values.len()], &[width])?;
+                    expect_finite(&name(what), values.iter().copied())?;
+                }
+                expect_positive(&name("scale"), scale)?;
+                Ok(width)
+            }
+            Self::Normalize { of, epsilon } => {
+                expect_finite(&name("parameters"), [*epsilon].into_iter())?;
+                if *epsilon < 0.0 {
+                    return Err(FormatError::NotPositive { name: name("parameters"), index: 0, value: *epsilon });
+                }
+                width(*of)
+            }
+            Self::Softmax { of } => width(*of),
+            Self::Distances { of, centres, lengths } => {
+                let width = width(*of)?;
+                expect_shape(&name("lengths"), &[lengths.len()], &[width])?;
+                expect_finite(&name("lengths"), lengths.iter().copied())?;
+                expect_positive(&name("lengths"), lengths)?;
+                expect_finite(&name("centres"), centres.iter().copied())?;
+                expect_shape(&name("centres"), &[centres.len()], &[centres.len() / width * width])?;
+                not_empty(centres.len() / width)
+            }
+            Self::Forest { of, forest, outputs } => {
+                forest.check(width(*of)?, *outputs)?;
+                not_empty(*outputs)
+            }
+            Self::Products { of, products } => {
+                products.check(&name("degrees"), width(*of)?)?;
+                not_empty(products.terms())
+            }
+            Self::Call { of, function } => {
+                if function.steps.iter().any(Self::is_nested) {
+                    return Err(FormatError::NestedFunction { name: name("function") });
+                }
+                let outputs = function.widths()?.last().copied().unwrap_or_default();
+                function.check(width(*of)?, outputs)?;
+                not_empty(outputs)
+            }
+            Self::Interpolate { of, column, instants, functions } => {
+                check_instants(&name("instants"), (width(*of)?, *column), instants, functions)
+            }
+            Self::Dictionary { of, dictionary } => {
+                expect_shape(&name("functions"), &[dictionary.columns()], &[width(*of)?])?;
+                not_empty(dictionary.outputs())
+            }
+            Self::Motion { of, motion } => {
+                expect_shape(&name("motion"), &[motion.columns()], &[width(*of)?])?;
+                motion.check()?;
+                not_empty(motion.results())
+            }
+        }
+    }
+}
+
+fn not_empty(width: usize) -> Result<usize, FormatError> {
+    if width == 0 { Err(FormatError::NoVariables { what: "outputs" }) } else { Ok(width) }
+}

@@ -1,0 +1,5 @@
+//! Functions of numbers with their derivatives: activations, elementary functions, jets.
+
+pub(crate) mod activation;
+pub(crate) mod elementary;
+pub(crate) mod jet;

@@ -1,0 +1,115 @@
+//! Programs: a graph with a clock, which says when it is evaluated and what its results are.
+
+mod evaluator;
+mod ports;
+pub(crate) mod samples;
+mod solver;
+
+use crate::{
+    FormatError, Metadata, Motion, State,
+    dictionary::Factor,
+    graph::{Graph, Step},
+};
+pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
+pub use ports::Ports;
+pub use samples::{Sampling, Support, Transition};
+pub use solver::{CommunicationStep, Drive, Integration, MAX_SOLVER_STEPS, Scale, StepError};
+
+/// What computes a surrogate's outputs from a point: one value for each of its inputs, the time among them, and one for each of its
+/// states.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Program {
+    /// A function of the columns that [`Ports`] lists for the clock.
+    pub graph: Graph,
+    /// When it is evaluated.
+    pub clock: Clock,
+}
+
+/// When a graph is evaluated, and what its results are.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Clock {
+    /// Whenever outputs are wanted: they follow from the inputs at the same time.
+    Static,
+    /// Whenever outputs are wanted, or the states' derivatives, which are the results behind the outputs.
+    Continuous(Integration),
+    /// At samples: the results are the numbers of the next one.
+    Sampled(Box<Sampling>),
+}
+
+impl From<Graph> for Program {
+    fn from(graph: Graph) -> Self {
+        Self { graph, clock: Clock::Static }
+    }
+}
+
+impl Program {
+    /// Equations of motion.
+    pub fn of_motion(motion: Motion, integration: Integration) -> Self {
+        let step = |motion: Motion| Step::Motion { of: 0, motion: Box::new(motion) };
+        let graph = Graph { inputs: motion.columns(), steps: vec![step(motion)] };
+        Self { graph, clock: Clock::Continuous(integration) }
+    }
+
+    /// How continuous states are integrated; none without them.
+    pub fn integration(&self) -> Option<Integration> {
+        if let Clock::Continuous(integration) = self.clock { Some(integration) } else { None }
+    }
+
+    /// The same with another integration of continuous states, if it has any.
+    #[must_use]
+    pub fn with_integration(mut self, integration: Integration) -> Self {
+        if let Clock::Continuous(own) = &mut self.clock {
+            *own = integration;
+        }
+        self
+    }
+
+    /// Whether outputs follow from what was before: states, or samples.
+    pub fn goes_on(&self) -> bool {
+        self.clock != Clock::Static
+    }
+
+    /// The samples, if there are any.
+    pub fn sampling(&self) -> Option<&Sampling> {
+        if let Clock::Sampled(sampling) = &self.clock { Some(sampling) } else { None }
+    }
+
+    /// The equations of motion, if it is nothing else.
+    pub fn motion(&self) -> Option<&Motion> {
+        if let [Step::Motion { motion, .. }] = self.graph.steps.as_slice() { Some(motion) } else { None }
+    }
+
+    /// What the values of continuous states are measured by: those of the description, in order.
+    pub fn scales(&self, states: &[State]) -> Vec<Scale> {
+        let first = self.graph.inputs.saturating_sub(states.len());
+        let is_angle = |state: usize| self.is_angle(first + state);
+        states.iter().enumerate().map(|(index, state)| Scale::new(state, is_angle(index))).collect()
+    }
+
+    /// Whether whole turns of a column change nothing but it.
+    pub fn is_angle(&self, column: usize) -> bool {
+        self.graph.steps.iter().any(|step| match step {
+            // a coordinate without a range is an angle, or nothing depends on it
+            Step::Motion { .. } => true,
+            Step::Dictionary { of: 0, dictionary } => dictionary.factors().nth(column) == Some(Factor::Angle),
+            _ => false,
+        })
+    }
+
+    /// Makes sure that it fits the inputs, states and outputs of a description.
+    ///
+    /// # Errors
+    /// The first [`FormatError`].
+    pub(crate) fn check(&self, metadata: &Metadata) -> Result<(), FormatError> {
+        let ports = Ports::of(metadata);
+        let (columns, results) = match &self.clock {
+            Clock::Static => ports.expect_static(metadata)?,
+            Clock::Continuous(integration) => {
+                integration.check()?;
+                ports.expect_continuous(metadata)?
+            }
+            Clock::Sampled(sampling) => sampling.check(&ports, &metadata.inputs)?,
+        };
+        self.graph.check(columns, results)
+    }
+}

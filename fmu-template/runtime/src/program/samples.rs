@@ -1,0 +1,340 @@
+//! Programs that know inputs and outputs only: the next sample of the outputs follows from past samples of both.
+//!
+//! ```text
+//! y[k + 1] = f(z[k]),   z[k] = (y[k], ..., y[k - n + 1],  u[k], ..., u[k - m + 1],  p)
+//! ```
+//!
+//! Samples are `T` seconds apart. The columns of a point are, in this order,
+//!
+//! | columns | |
+//! |---|---|
+//! | `p` | parameters |
+//! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too; the latter if m > 1, as else they do not count |
+//! | `u` | inputs |
+//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages of the inputs and the distance from the [`Support`] of the training, if it is known; `y[k + 1]`; the time since sample k over `T` |
+//!
+//! and the results are the outputs. The last numbers of `y` may be hidden: they go on as the others do, begin with numbers of the program,
+//! and are no outputs. The rule for communication points between samples:
+//!
+//! - the program goes on at multiples of `T` since the start, whatever the communication steps are;
+//! - an input counts at the sample: what it is when the simulation goes on from there, or what its derivatives make of it at a sample
+//!   within a communication step;
+//! - between two samples the outputs are linear.
+//!
+//! A sample is at a communication point that is nearer to it than a millionth of `T`; such differences do not add up.
+
+use super::{
+    Ports,
+    solver::{Drive, MAX_SOLVER_STEPS, StepError, expect_step},
+};
+use crate::{
+    FormatError, Input,
+    check::{expect_finite, expect_shape},
+    task::Task,
+};
+use std::ops::Range;
+pub use support::{Support, Transition};
+
+/// What the next sample follows from, see the table above.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sampling {
+    /// What the hidden numbers of `y` are at the start.
+    pub hidden: Vec<f64>,
+    /// Number of past samples of the outputs, `n`, and of the inputs, `m`, that count.
+    pub history: [usize; 2],
+    /// Time between two samples, in seconds.
+    pub step: f64,
+    /// Ranges of the transitions in training, if they are known.
+    pub support: Option<Support>,
+}
+
+/// Part of a sample by which a communication point may miss it.
+const SAME: f64 = 1e-6;
+
+impl Sampling {
+    /// Number of columns of `z`.
+    pub fn width(&self, ports: &Ports) -> usize {
+        self.history[0] * self.numbers(ports) + self.history[1] * ports.inputs + ports.parameters
+    }
+
+    /// How many numbers a sample has: outputs, and what is hidden.
+    pub fn numbers(&self, ports: &Ports) -> usize {
+        ports.outputs + self.hidden.len()
+    }
+
+    /// Number of inputs whose value before the start counts.
+    pub fn past_starts(&self, ports: &Ports) -> usize {
+        if self.history[1] > 1 { ports.inputs } else { 0 }
+    }
+
+    /// Number of columns of the memory.
+    pub(super) fn memory(&self, ports: &Ports) -> usize {
+        let [past_outputs, past_inputs] = self.past(ports);
+        past_outputs + past_inputs + self.supported(ports) + self.numbers(ports) + 1
+    }
+
+    /// Number of values for the support: averages of inputs, and the distance.
+    fn supported(&self, ports: &Ports) -> usize {
+        if self.support.is_some() { self.past_starts(ports) + 1 } else { 0 }
+    }
+
+    /// Column of a point that has the distance from the support.
+    pub fn distance_column(&self, ports: &Ports) -> Option<usize> {
+        let [past_outputs, past_inputs] = self.past(ports);
+        self.support.as_ref().map(|_| ports.known() + past_outputs + past_inputs + self.supported(ports) - 1)
+    }
+
+    /// Number of features of a transition.
+    fn features(&self, ports: &Ports) -> usize {
+        3 * self.past_starts(ports) + 2 * ports.outputs
+    }
+
+    /// Numbers that the memory has of past outputs and inputs.
+    fn past(&self, ports: &Ports) -> [usize; 2] {
+        [self.history[0].max(1) * self.numbers(ports), self.history[1] * ports.inputs]
+    }
+
+    /// Makes sure that its numbers are valid and fit the ports; the result is the number of columns and of results of the graph.
+    ///
+    /// # Errors
+    /// The first [`FormatError`].
+    pub(super) fn check(&self, ports: &Ports, inputs: &[Input]) -> Result<(usize, usize), FormatError> {
+        if self.history[1] == 0 {
+            return Err(FormatError::NoVariables { what: "past inputs" });
+        }
+        ports.expect_order(inputs)?;
+        expect_shape("states", &[ports.states], &[0])?;
+        expect_shape("inputs", &[ports.starts], &[ports.outputs + self.past_starts(ports)])?;
+        expect_finite("samples.hidden", self.hidden.iter().copied())?;
+        if let Some(support) = &self.support {
+            support.check(self.features(ports))?;
+        }
+        expect_step(self.step)?;
+        Ok((self.width(ports), self.numbers(ports)))
+    }
+}
+
+/// A [`Sampling`] prepared for evaluation.
+#[derive(Clone, Debug)]
+pub(super) struct PreparedSampling {
+    sampling: Sampling,
+    ports: Ports,
+    /// Factor by which the distance from the support fades from sample to sample.
+    fading: f64,
+}
+
+/// Working memory of one evaluation at a time.
+#[derive(Clone, Debug)]
+pub(super) struct SamplesScratch {
+    /// `z`
+    columns: Vec<f64>,
+    /// The memory before a step.
+    before: Vec<f64>,
+}
+
+/// The parts of a memory.
+struct Memory<'a> {
+    outputs: &'a mut [f64],
+    inputs: &'a mut [f64],
+    /// Averages of the inputs, and the distance from the support.
+    support: &'a mut [f64],
+    next: &'a mut [f64],
+    phase: &'a mut f64,
+}
+
+impl PreparedSampling {
+    pub(super) fn new(sampling: Sampling, ports: Ports) -> Self {
+        let fading = sampling.support.as_ref().map_or(0.0, Support::fading);
+        Self { sampling, ports, fading }
+    }
+
+    pub(super) fn scratch(&self) -> SamplesScratch {
+        SamplesScratch {
+            columns: vec![0.0; self.sampling.width(&self.ports)],
+            before: vec![0.0; self.sampling.memory(&self.ports)],
+        }
+    }
+
+    /// Fills the memory with a past in which nothing moved: outputs and inputs have always been what the point has for the start.
+    pub(super) fn start(&self, point: &mut [f64]) {
+        let Ports { inputs, outputs, .. } = self.ports;
+        let (known, memory) = point.split_at_mut(self.ports.known());
+        let (of_outputs, of_inputs) = known[self.ports.start_columns()].split_at(outputs);
+        let memory = self.parts(memory);
+        for sample in memory.outputs.chunks_mut(self.sampling.numbers(&self.ports)).chain([memory.next]) {
+            let (shown, rest) = sample.split_at_mut(outputs);
+            shown.copy_from_slice(of_outputs);
+            rest.copy_from_slice(&self.sampling.hidden);
+        }
+        if let Some((distance, means)) = memory.support.split_last_mut() {
+            means.copy_from_slice(of_inputs);
+            *distance = 0.0;
+        }
+        // of a single sample it does not count: the first step takes what the inputs are then
+        match of_inputs {
+            [] => memory.inputs.fill(0.0),
+            _ => memory.inputs.chunks_mut(inputs).for_each(|sample| sample.copy_from_slice(of_inputs)),
+        }
+        *memory.phase = 0.0;
+    }
+
+    /// Makes the outputs at the last sample what was measured.
+    pub(super) fn correct(&self, point: &mut [f64], outputs: &[f64]) {
+        self.parts(&mut point[self.ports.known()..]).outputs[..outputs.len()].copy_from_slice(outputs);
+    }
+
+    fn parts<'a>(&self, memory: &'a mut [f64]) -> Memory<'a> {
+        let Self { sampling, ports, .. } = self;
+        let [past_outputs, past_inputs] = sampling.past(ports);
+        let (outputs, rest) = memory.split_at_mut(past_outputs);
+        let (inputs, rest) = rest.split_at_mut(past_inputs);
+        let (support, rest) = rest.split_at_mut(sampling.supported(ports));
+        let (next, phase) = rest.split_at_mut(sampling.numbers(ports));
+        Memory { outputs, inputs, support, next, phase: &mut phase[0] }
+    }
+
+    /// Columns of the outputs at sample `k` and at the next one, and the share of the latter in the outputs now.
+    fn around(&self, point: &[f64]) -> (Range<usize>, Range<usize>, f64) {
+        let outputs = self.ports.outputs;
+        let last = point.len() - 1;
+        let first = self.ports.known();
+        let next = last - self.sampling.numbers(&self.ports);
+        // a sample that was missed a little is that sample
+        let share = if point[last].abs() <= SAME { 0.0 } else { point[last].clamp(0.0, 1.0) };
+        (first..first + outputs, next..next + outputs, share)
+    }
+
+    /// Does a task at a point. Does not allocate. Outputs depend on the memory only.
+    pub(super) fn perform(&self, point: &[f64], task: Task) {
+        let (now, next, share) = self.around(point);
+        let blend = |from: &[f64], to: &mut [f64]| {
+            for ((to, now), next) in to.iter_mut().zip(&from[now.clone()]).zip(&from[next.clone()]) {
+                *to = now + share * (next - now);
+            }
+        };
+        match task {
+            Task::Outputs(results) => blend(point, results),
+            Task::Series { rates, first, second } => {
+                blend(rates[0], first);
+                match second {
+                    Some(second) if !rates[1].is_empty() => blend(rates[1], second),
+                    Some(second) => second.fill(0.0),
+                    None => {}
+                }
+            }
+            Task::Adjoint { weights, gradient } => {
+                gradient.fill(0.0);
+                for (output, weight) in weights.iter().enumerate() {
+                    gradient[now.start + output] = (1.0 - share) * weight;
+                    gradient[next.start + output] = share * weight;
+                }
+            }
+        }
+    }
+
+    /// Goes on by `size` seconds, see the rule above; `next` gives the next sample from `z`. Does not allocate.
+    ///
+    /// # Errors
+    /// A [`StepError`]; the memory is as before.
+    pub(super) fn advance(
+        &self,
+        point: &mut [f64],
+        size: f64,
+        drive: Drive,
+        scratch: &mut SamplesScratch,
+        next: impl FnMut(&[f64], &mut [f64]),
+    ) -> Result<(), StepError> {
+        let known = self.ports.known();
+        scratch.before.copy_from_slice(&point[known..]);
+        let result = self.samples(point, size, drive, &mut scratch.columns, next);
+        if result.is_err() {
+            point[known..].copy_from_slice(&scratch.before);
+        }
+        result
+    }
+
+    fn samples(
+        &self,
+        point: &mut [f64],
+        size: f64,
+        drive: Drive,
+        columns: &mut [f64],
+        mut next: impl FnMut(&[f64], &mut [f64]),
+    ) -> Result<(), StepError> {
+        let step = self.sampling.step;
+        let last = point.len() - 1;
+        let begin = point[last];
+        let end = begin + size / step;
+        if end - begin > MAX_SOLVER_STEPS {
+            return Err(StepError::TooManySteps);
+        }
+        let mut passed = 0.0;
+        // at a sample that the step does not just touch
+        while end - passed > SAME {
+            if point[last] <= SAME {
+                let since = ((passed - begin) * step).clamp(0.0, size);
+                self.take_inputs(point, since, drive);
+                self.gather(point, columns);
+                let memory = self.parts(&mut point[self.ports.known()..]);
+                next(columns, memory.next);
+                if !memory.next.iter().all(|value| value.is_finite()) {
+                    return Err(StepError::NotFinite { after: since + step });
+                }
+                self.compare(point);
+            }
+            if end - passed < 1.0 - SAME {
+                break;
+            }
+            passed += 1.0;
+            let memory = self.parts(&mut point[self.ports.known()..]);
+            memory.outputs.rotate_right(memory.next.len());
+            memory.outputs[..memory.next.len()].copy_from_slice(memory.next);
+            *memory.phase = 0.0;
+        }
+        point[last] = end - passed;
+        Ok(())
+    }
+
+    /// Puts the inputs, `since` seconds after the beginning of the step, into the memory.
+    fn take_inputs(&self, point: &mut [f64], since: f64, drive: Drive) {
+        let (known, memory) = point.split_at_mut(self.ports.known());
+        let past = self.parts(memory).inputs;
+        past.rotate_right(self.ports.inputs);
+        for (column, to) in self.ports.input_columns().zip(past) {
+            let value = known[column] + since * (drive.rates[0][column] + 0.5 * since * drive.rates[1][column]);
+            *to = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
+        }
+    }
+
+    /// Updates the distance of the transition to the next outputs from those of the training.
+    fn compare(&self, point: &mut [f64]) {
+        let Some(support) = &self.sampling.support else { return };
+        let outputs = self.ports.outputs;
+        let Memory { support: [means @ .., lasting], outputs: now, inputs, next, .. } =
+            self.parts(&mut point[self.ports.known()..])
+        else {
+            return;
+        };
+        support.average(means, inputs);
+        let count = means.len();
+        let past = if count > 0 { [&inputs[count..2 * count], &inputs[..count]] } else { [&[][..]; 2] };
+        let transition = Transition { means, inputs: past, outputs: [&now[..outputs], &next[..outputs]] };
+        *lasting = support.distance(&transition, *lasting, self.fading);
+    }
+
+    /// `z` from a point.
+    fn gather(&self, point: &mut [f64], columns: &mut [f64]) {
+        let (known, memory) = point.split_at_mut(self.ports.known());
+        let memory = self.parts(memory);
+        let past_outputs = self.sampling.history[0] * self.sampling.numbers(&self.ports);
+        let (of_outputs, rest) = columns.split_at_mut(past_outputs);
+        let (of_inputs, of_parameters) = rest.split_at_mut(memory.inputs.len());
+        of_outputs.copy_from_slice(&memory.outputs[..past_outputs]);
+        of_inputs.copy_from_slice(memory.inputs);
+        of_parameters.copy_from_slice(&known[..self.ports.parameters]);
+    }
+}
+
+mod support;
+#[cfg(test)]
+mod tests;

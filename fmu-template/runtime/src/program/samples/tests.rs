@@ -1,0 +1,208 @@
+use crate::{
+    CommunicationStep, Domain, Drive, Evaluator, Graph, Numbers, Program, StepError, Surrogate, example, graph::Step,
+};
+
+/// Mass, starts of output and force, force; then the memory.
+fn point(evaluator: &Evaluator, start: f64, force: f64) -> Vec<f64> {
+    let mut point = vec![1.5, start, 0.25, force];
+    point.resize(evaluator.columns(), 0.0);
+    evaluator.start(&mut point);
+    point
+}
+
+fn drive<'a>(rates: [&'a [f64]; 2]) -> Drive<'a> {
+    Drive { rates, clamp: None }
+}
+
+/// What [`example::recorded`] says, one number after the other: outputs at the samples for these forces.
+fn expected(start: f64, forces: &[f64]) -> Vec<f64> {
+    let surrogate = example::recorded();
+    let (weights, constants) = linear(&surrogate);
+    let network = surrogate.program().graph.called().expect("it has a network");
+    assert!(network.is_network());
+    let (mut y, mut u) = ([start; 2], [0.25; 3]);
+    let mut outputs = vec![start];
+    for force in forces {
+        u = [*force, u[0], u[1]];
+        let z = [y[0], y[1], u[0], u[1], u[2], 1.5];
+        let linear: f64 = weights.iter().zip(z).map(|(weight, z)| weight * z).sum();
+        let network = network.evaluate(&[z.to_vec()]);
+        y = [constants.get(0) + linear + network[0][0], y[0]];
+        outputs.push(y[0]);
+    }
+    outputs
+}
+
+/// Weights and constants of its linear part.
+fn linear(surrogate: &Surrogate) -> (Numbers, Numbers) {
+    match &surrogate.program().graph.steps[0] {
+        Step::Affine { weight, bias, .. } => (weight.clone(), bias.clone()),
+        other => panic!("{other:?}"),
+    }
+}
+
+fn output(evaluator: &Evaluator, point: &[f64]) -> f64 {
+    let mut results = [0.0];
+    evaluator.evaluate(point, &mut results, &mut evaluator.scratch());
+    results[0]
+}
+
+const FORCES: [f64; 6] = [1.0, -0.5, 0.7, 2.0, 0.0, -1.0];
+
+#[test]
+fn steps_of_a_sample_a_part_of_it_and_several_give_the_same_outputs_at_samples() {
+    let evaluator = Evaluator::new(&example::recorded());
+    let expected = expected(0.4, &FORCES);
+    assert!(expected.windows(2).all(|pair| (pair[0] - pair[1]).abs() > 1e-3), "{expected:?}");
+    let none = vec![0.0; evaluator.columns()];
+    // the sample time is 0.1 s; sums of these steps are not exactly multiples of it
+    for (parts, size) in [(1, 0.1), (2, 0.05), (3, 0.1 / 3.0), (10, 0.01)] {
+        let mut point = point(&evaluator, 0.4, 0.0);
+        let mut scratch = evaluator.scratch();
+        assert_eq!(output(&evaluator, &point), 0.4);
+        for (k, force) in FORCES.iter().enumerate() {
+            point[3] = *force;
+            for part in 1..=parts {
+                evaluator
+                    .advance(&mut point, CommunicationStep::of(size), drive([&none, &none]), &mut scratch)
+                    .unwrap();
+                // linear between samples; what the input is there does not count
+                point[3] = 100.0;
+                let share = f64::from(part) / f64::from(parts);
+                let line = expected[k] + share * (expected[k + 1] - expected[k]);
+                let found = output(&evaluator, &point);
+                assert!((found - line).abs() < 1e-12, "{parts} {k} {part}: {found} {line}");
+            }
+        }
+    }
+    // one step over all samples with an input that is held
+    let mut point = point(&evaluator, 0.4, 1.0);
+    let held = super::tests::expected(0.4, &[1.0; 6]);
+    evaluator.advance(&mut point, CommunicationStep::of(0.6), drive([&none, &none]), &mut evaluator.scratch()).unwrap();
+    assert!((output(&evaluator, &point) - held[6]).abs() < 1e-12);
+}
+
+#[test]
+fn inputs_follow_their_derivatives_at_samples_within_a_step_and_are_clamped() {
+    let surrogate = example::recorded();
+    let evaluator = Evaluator::new(&surrogate);
+    let (mut first, mut second) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.columns()]);
+    (first[3], second[3]) = (2.0, -8.0);
+    let domain = Domain::new(surrogate.inputs(), surrogate.states());
+    let at = |time: f64| -0.2 + 2.0 * time - 4.0 * time * time;
+    for clamp in [None, Some(&domain)] {
+        let mut point = point(&evaluator, 0.0, 0.0);
+        point[3] = -0.2;
+        let forces = [0.0, 0.1, 0.2, 0.3].map(|time| clamp.map_or(at(time), |domain| domain.clamp(3, at(time))));
+        let with = Drive { rates: [&first, &second], clamp };
+        evaluator.advance(&mut point, CommunicationStep::of(0.4), with, &mut evaluator.scratch()).unwrap();
+        let expected = expected(0.0, &forces);
+        assert!((output(&evaluator, &point) - expected[4]).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn steps_that_miss_samples_a_little_do_not_add_up() {
+    let evaluator = Evaluator::new(&example::recorded());
+    let none = vec![0.0; evaluator.columns()];
+    let mut scratch = evaluator.scratch();
+    let mut point = point(&evaluator, 0.4, 1.0);
+    // ten million samples late by a tenth of a millionth each are a whole sample: a hundred are a hundred thousandth of one
+    for _ in 0..100 {
+        evaluator
+            .advance(&mut point, CommunicationStep::of(0.1 * (1.0 + 1e-7)), drive([&none, &none]), &mut scratch)
+            .unwrap();
+    }
+    let phase = *point.last().unwrap();
+    assert!((phase - 1e-5).abs() < 1e-10, "{phase}");
+}
+
+#[test]
+fn derivatives_are_those_of_the_line_between_samples() {
+    let evaluator = Evaluator::new(&example::recorded());
+    let none = vec![0.0; evaluator.columns()];
+    let mut scratch = evaluator.scratch();
+    let mut point = point(&evaluator, 0.4, 1.0);
+    evaluator.advance(&mut point, CommunicationStep::of(0.125), drive([&none, &none]), &mut scratch).unwrap();
+    let direction: Vec<f64> =
+        (0..point.len()).map(|k| if k + 1 < point.len() { 1.0 + k as f64 } else { 0.0 }).collect();
+    let mut along = [0.0];
+    evaluator.directional(&point, &direction, &mut along, &mut scratch);
+    let moved: Vec<f64> = point.iter().zip(&direction).map(|(value, rate)| value + 1e-3 * rate).collect();
+    let slope = (output(&evaluator, &moved) - output(&evaluator, &point)) / 1e-3;
+    assert!((along[0] - slope).abs() < 1e-9, "{along:?} {slope}");
+    let mut gradient = vec![0.0; point.len()];
+    evaluator.adjoint(&point, &[2.0], &mut gradient, &mut scratch);
+    let backwards: f64 = gradient.iter().zip(&direction).map(|(gradient, along)| gradient * along).sum();
+    assert!((backwards - 2.0 * along[0]).abs() < 1e-12);
+}
+
+#[test]
+fn outputs_that_diverge_are_an_error_and_the_memory_stays() {
+    let surrogate = example::recorded();
+    let Program { mut graph, clock } = surrogate.program().clone();
+    let (weights, constants) = linear(&surrogate);
+    let weights: Vec<f64> = [1e200].into_iter().chain(weights.iter().skip(1)).collect();
+    graph.steps[0] = Step::Affine { of: 0, weight: weights.into(), bias: constants };
+    let surrogate = Surrogate::new(surrogate.metadata().clone(), Program { graph, clock }).unwrap();
+    let evaluator = Evaluator::new(&surrogate);
+    let none = vec![0.0; evaluator.columns()];
+    let mut point = point(&evaluator, 0.4, 1.0);
+    let before = point.clone();
+    let mut advance = |size| {
+        evaluator.advance(&mut point, CommunicationStep::of(size), drive([&none, &none]), &mut evaluator.scratch())
+    };
+    assert!(matches!(advance(1.0), Err(StepError::NotFinite { after }) if (after - 0.2).abs() < 1e-12));
+    assert!(matches!(advance(2e6), Err(StepError::TooManySteps)));
+    assert_eq!(point, before);
+}
+
+/// [`example::cell`], one number after the other.
+#[test]
+fn hidden_states_go_on_as_outputs_do() {
+    let surrogate = example::cell();
+    let graph: &Graph = surrogate.program().graph.called().expect("it has a graph");
+    let affine = |step: usize, x: &[f64; 5]| -> Vec<f64> {
+        let Step::Affine { weight, bias, .. } = &graph.steps[step] else { panic!("it is affine") };
+        let row = |output: usize| (0..5).map(|k| weight.get(5 * output + k) * x[k]).sum::<f64>() + bias.get(output);
+        (0..3).map(row).collect()
+    };
+    let evaluator = Evaluator::new(&surrogate);
+    let mut point = vec![1.5, 0.4, 0.0];
+    point.resize(evaluator.columns(), 0.0);
+    evaluator.start(&mut point);
+    let none = vec![0.0; evaluator.columns()];
+    let (mut s, mut scratch) = ([0.4, 0.1, -0.2], evaluator.scratch());
+    for force in FORCES.iter().cycle().take(50) {
+        point[2] = *force;
+        let x = [s[0], s[1], s[2], *force, 1.5];
+        let (gates, candidates) = (affine(0, &x), affine(2, &x));
+        let new = |k: usize| candidates[k].tanh();
+        s = std::array::from_fn(|k| new(k) + (s[k] - new(k)) / (1.0 + (-gates[k]).exp()));
+        evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none]), &mut scratch).unwrap();
+        let found = output(&evaluator, &point);
+        assert!((found - s[0]).abs() < 1e-13, "{found} {}", s[0]);
+    }
+    assert!((s[1] - 0.1).abs() > 0.1, "hidden states move");
+}
+
+#[test]
+fn an_output_that_leaves_its_range_in_training_leaves_the_domain_though_inputs_are_in_theirs() {
+    let surrogate = example::supported();
+    assert_eq!(Surrogate::from_bytes(&surrogate.to_bytes().unwrap()).unwrap(), surrogate);
+    let (evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
+    let mut scratch = evaluator.scratch();
+    let none = vec![0.0; evaluator.columns()];
+    let mut point = point(&evaluator, 0.4, 0.3);
+    assert!(domain.contains_point(&point, 0));
+    let mut advance = |point: &mut [f64]| {
+        evaluator.advance(point, CommunicationStep::of(0.1), drive([&none, &none]), &mut scratch).unwrap();
+    };
+    advance(&mut point);
+    assert!(domain.contains_point(&point, 0), "{point:?}");
+    // 2 m, where the training had 0.5 m at most
+    evaluator.correct(&mut point, &[2.0]);
+    advance(&mut point);
+    assert!(domain.is_in_ranges(&point) && !domain.contains_point(&point, 0));
+    assert!(domain.distance(&point, 0) > 0.5 && domain.distance_derivative(&point).is_none());
+}

@@ -1,0 +1,112 @@
+//! Tapes: lists of operations, and what they take.
+
+use super::{operations::Operations, push, real, table};
+use metafmu_runtime::listing::{Instruction, InstructionKind, LANES, Listing};
+
+/// `BLOCK` of models that run tapes.
+pub(super) const BLOCK_OF_TAPES: (&str, usize, &str) = ("BLOCK", LANES, "rows of a layer that are computed together");
+
+/// Type of positions of registers that all of these tapes have.
+pub(super) fn index_type(listings: &[&Listing]) -> (&'static str, String) {
+    let is_short = listings.iter().all(|listing| listing.registers <= usize::from(u16::MAX));
+    ("RegisterIndex", if is_short { "uint16_t" } else { "uint32_t" }.into())
+}
+
+/// Operations of a run: of what follows from held inputs, of all else, and of what is computed when it is wanted.
+pub(super) fn operations(listing: &Listing) -> [Operations; 3] {
+    let sum = |part: &Vec<Instruction>| {
+        part.iter().fold(Operations::default(), |sum, instruction| of_instruction(instruction, listing).times(1.0, sum))
+    };
+    listing.instructions.each_ref().map(sum)
+}
+
+/// The counts that `tape.h` states.
+fn of_instruction(Instruction { kind, b, count, data, .. }: &Instruction, listing: &Listing) -> Operations {
+    let (count, numbers, none) = (f64::from(*count), f64::from(*count) * LANES as f64, Operations::default());
+    match kind {
+        InstructionKind::Harmonics => Operations { arithmetic: 6.0 * (count - 1.0), sines: 2.0, ..none },
+        InstructionKind::Product | InstructionKind::Products => Operations { arithmetic: 2.0 * count, ..none },
+        InstructionKind::Reciprocal | InstructionKind::Quotient | InstructionKind::Smaller => {
+            Operations { arithmetic: 1.0, ..none }
+        }
+        InstructionKind::Call(_) | InstructionKind::Power => Operations { functions: 1.0, ..none },
+        InstructionKind::Lookup => {
+            let table = &listing.tables[*data as usize];
+            Operations { arithmetic: (table.arguments() * (6 * table.numbers_of_node() + 52)) as f64, ..none }
+        }
+        InstructionKind::Matrix => Operations { arithmetic: 2.0 * numbers * f64::from(*b), ..none },
+        InstructionKind::Dot => Operations { arithmetic: 2.0 * numbers, ..none },
+        InstructionKind::Activation(_) => Operations { activations: numbers, ..none },
+        InstructionKind::LaneProducts => Operations { arithmetic: numbers, ..none },
+    }
+}
+
+pub(super) fn write(text: &mut String, name: &str, listing: &Listing) {
+    let Listing { inputs, held, constants, weights, instructions, results, .. } = listing;
+    let rows = constants.iter().map(|(of, value)| format!("{of}, {}", real(*value)));
+    table(text, &format!("static const Constant {name}_constants"), rows, "");
+    push(text, format_args!("\nstatic const Real {name}_weights[] = {{\n"));
+    for block in if weights.is_empty() { &[[0.0; LANES]][..] } else { weights } {
+        push(text, format_args!("    {},\n", block.map(real).join(", ")));
+    }
+    text.push_str("};\n");
+    for (part, instructions) in ["held", "others", "rest"].into_iter().zip(instructions) {
+        let rows = instructions.iter().map(|instruction| row(instruction, listing));
+        table(text, &format!("static const Operation {name}_{part}"), rows, "TAPE_PRODUCT, 0, 0, 0, 0, 0, 0, 0");
+    }
+    let listed: Vec<String> = results.iter().map(u32::to_string).collect();
+    let listed = if results.is_empty() { "0".into() } else { listed.join(", ") };
+    push(text, format_args!("\nstatic const RegisterIndex {name}_results[] = {{{listed}}};\n"));
+    let (constants, [of_held, of_others, of_rest]) = (constants.len(), instructions.each_ref().map(Vec::len));
+    let (first, count) = (held.start, held.len());
+    push(
+        text,
+        format_args!(
+            "\nconst Tape model_{name} = {{\n    {inputs}, {first}, {count}, {constants}, {name}_constants, {name}_weights, \
+             {{{of_held}, {of_others}, {of_rest}}}, {{{name}_held, {name}_others, {name}_rest}}, {name}_results\n}};\n"
+        ),
+    );
+}
+
+fn row(instruction: &Instruction, listing: &Listing) -> String {
+    let Instruction { kind, a, mut b, c, to, count, data } = *instruction;
+    let (kind, function) = match kind {
+        InstructionKind::Harmonics => ("HARMONICS", "0".into()),
+        InstructionKind::Product => ("PRODUCT", "0".into()),
+        InstructionKind::Products => ("PRODUCTS", "0".into()),
+        InstructionKind::Reciprocal => ("RECIPROCAL", "0".into()),
+        InstructionKind::Call(function) => ("CALL", format!("FUNCTION_{}", function.name().to_uppercase())),
+        InstructionKind::Quotient => ("QUOTIENT", "0".into()),
+        InstructionKind::Power => ("POWER", "0".into()),
+        InstructionKind::Smaller => ("SMALLER", "0".into()),
+        InstructionKind::Lookup => ("LOOKUP", "0".into()),
+        InstructionKind::Matrix => ("MATRIX", "0".into()),
+        InstructionKind::Dot => ("DOT", "0".into()),
+        InstructionKind::Activation(activation) => {
+            let slopes = to + count * LANES as u32;
+            let is_factor = |of: &Instruction| of.kind == InstructionKind::LaneProducts && of.b == slopes;
+            b = listing.instructions.iter().flatten().any(is_factor).into();
+            ("ACTIVATION", super::network::activation(activation).into())
+        }
+        InstructionKind::LaneProducts => ("BLOCKS", "0".into()),
+    };
+    format!("TAPE_{kind}, {function}, {a}, {b}, {c}, {to}, {count}, {data}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metafmu_runtime::example;
+
+    #[test]
+    fn operations_are_those_of_a_count_by_hand() {
+        let crane = example::crane_with_networks();
+        let motion = crane.program().motion().unwrap();
+        // the rope's length, standardized, in the first layer of nine nodes, which are two blocks
+        let of_held = Operations { arithmetic: f64::from(2 * 2 + 2 * 16), ..Operations::default() };
+        // the sine, standardized, in the same layer, a block of nine columns and one of the output; mean and scale of the output, x + l sin
+        let arithmetic = f64::from(2 * 2 + 2 * 16 + 2 * 8 * 9 + 2 * 8 + 2 + 3 * 2);
+        let of_others = Operations { arithmetic, sines: 2.0, activations: 16.0 + 8.0, ..Operations::default() };
+        assert_eq!(operations(&motion.listing_of_positions()), [of_held, of_others, Operations::default()]);
+    }
+}
