@@ -14,7 +14,7 @@ const PAIRS: usize = 41;
 /// Evaluations of a measurement.
 const REPEATED: u32 = 2000;
 
-type Pass = fn(&Evaluator, &mut Work);
+type Pass = fn(&mut Evaluator, &mut Work);
 
 struct Work {
     point: Vec<f64>,
@@ -22,16 +22,15 @@ struct Work {
     outputs: Vec<f64>,
     weights: Vec<f64>,
     gradient: Vec<f64>,
-    scratch: metafmu_runtime::Scratch,
 }
 
 const PASSES: [(&str, Pass); 3] = [
-    ("outputs", |evaluator, work| evaluator.evaluate(&work.point, &mut work.outputs, &mut work.scratch)),
+    ("outputs", |evaluator, work| evaluator.evaluate(&work.point, &mut work.outputs)),
     ("directional derivative", |evaluator, work| {
-        evaluator.directional(&work.point, &work.direction, &mut work.outputs, &mut work.scratch);
+        evaluator.directional(&work.point, &work.direction, &mut work.outputs);
     }),
     ("adjoint derivative", |evaluator, work| {
-        evaluator.adjoint(&work.point, &work.weights, &mut work.gradient, &mut work.scratch);
+        evaluator.adjoint(&work.point, &work.weights, &mut work.gradient);
     }),
 ];
 
@@ -39,9 +38,10 @@ fn main() {
     println!("time over that of the chain, 6 x 64, tanh: minimum, median; the chain in ns");
     for precision in [Precision::Double, Precision::Single] {
         let chain = example::with_precision(&HIDDEN, Activation::Tanh, precision);
-        let [chain, residual] = [&chain, &residual(&chain, precision)].map(Evaluator::new);
+        let [mut chain, mut residual] = [&chain, &residual(&chain, precision)].map(Evaluator::new);
         for (name, pass) in PASSES {
-            let mut times: Vec<[f64; 2]> = (0..PAIRS).map(|_| [time(&chain, pass), time(&residual, pass)]).collect();
+            let mut both = || [time(&mut chain, pass), time(&mut residual, pass)];
+            let mut times: Vec<[f64; 2]> = (0..PAIRS).map(|_| both()).collect();
             let fastest = |of: usize| times.iter().map(|pair| pair[of]).fold(f64::INFINITY, f64::min);
             let [of_chain, of_residual] = [fastest(0), fastest(1)];
             times.sort_by(|a, b| (a[1] / a[0]).total_cmp(&(b[1] / b[0])));
@@ -57,7 +57,7 @@ fn main() {
 }
 
 /// Seconds of an evaluation.
-fn time(evaluator: &Evaluator, pass: Pass) -> f64 {
+fn time(evaluator: &mut Evaluator, pass: Pass) -> f64 {
     let numbers = |count: usize| (0..count).map(|i| 0.1 + 0.05 * i as f64).collect();
     let (columns, results) = (evaluator.columns(), evaluator.results());
     let mut work = Work {
@@ -66,7 +66,6 @@ fn time(evaluator: &Evaluator, pass: Pass) -> f64 {
         outputs: numbers(results),
         weights: numbers(results),
         gradient: numbers(columns),
-        scratch: evaluator.scratch(),
     };
     let begin = Instant::now();
     for repetition in 0..REPEATED {

@@ -11,7 +11,7 @@ use crate::{
 };
 pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Scratch, Surrogate};
+use metafmu_runtime::{Evaluator, Surrogate};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
 pub use roll_outs::{CHAOTIC, Horizon, OFF, RollOuts, constraint_residual};
@@ -141,12 +141,12 @@ impl Accuracy {
     /// error is its row, counted from 0, and its share is of the labels' range.
     pub fn of_rows(surrogate: &Surrogate, rows: TestRows, points: &[Vec<f64>], labels: &[Vec<f64>]) -> Self {
         let evaluator = Evaluator::new(surrogate);
-        let predict = |scratch: &mut Scratch, point: &Vec<f64>| {
+        let predict = |evaluator: &mut Evaluator, point: &Vec<f64>| {
             let mut outputs = vec![0.0; surrogate.outputs().len()];
-            evaluator.evaluate(point, &mut outputs, scratch);
+            evaluator.evaluate(point, &mut outputs);
             outputs
         };
-        let predictions: Vec<Vec<f64>> = points.par_iter().map_init(|| evaluator.scratch(), predict).collect();
+        let predictions: Vec<Vec<f64>> = points.par_iter().map_init(|| evaluator.clone(), predict).collect();
         Self::of_row_predictions(surrogate, rows, &predictions, labels)
     }
 
@@ -185,12 +185,11 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
     if surrogate.program().goes_on() {
         return RollOut::along(surrogate, evaluator, run).predictions();
     }
-    let mut scratch = evaluator.scratch();
     let width = surrogate.outputs().len();
     let mut predictions = vec![0.0; run.times.len() * width];
-    let mut point = InputPoint::of(run);
+    let (mut evaluator, mut point) = (evaluator.clone(), InputPoint::of(run));
     for (&time, outputs) in run.times.iter().zip(predictions.chunks_mut(width)) {
-        evaluator.evaluate(point.at(time), outputs, &mut scratch);
+        evaluator.evaluate(point.at(time), outputs);
     }
     predictions
 }
@@ -329,13 +328,12 @@ mod tests {
     #[test]
     fn rows_are_measured_as_runs_of_one_row_are() {
         let surrogate = example::surrogate();
-        let evaluator = Evaluator::new(&surrogate);
+        let mut evaluator = Evaluator::new(&surrogate);
         let points: Vec<Vec<f64>> = (0..9).map(|i| vec![0.1 + 0.01 * f64::from(i), 3.0, 0.2 * f64::from(i)]).collect();
-        let mut scratch = evaluator.scratch();
         let mut labels: Vec<Vec<f64>> = (points.iter())
             .map(|point| {
                 let mut outputs = vec![0.0; 2];
-                evaluator.evaluate(point, &mut outputs, &mut scratch);
+                evaluator.evaluate(point, &mut outputs);
                 outputs
             })
             .collect();

@@ -6,7 +6,7 @@ use crate::{
     state::{Interface, Row, State, Version},
     status::{Refusal, Status, Warning},
 };
-use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Role, Scratch, Surrogate};
+use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Role, Surrogate};
 use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
 use variables::Variables;
 
@@ -51,7 +51,6 @@ pub(crate) struct Instance {
     variables: Variables,
     domain: Domain,
     evaluator: Evaluator,
-    scratch: Scratch,
     time_column: Option<usize>,
     /// Columns that are continuous inputs.
     input_columns: Vec<usize>,
@@ -143,7 +142,6 @@ impl Instance {
             kind,
             variables: Variables::new(&surrogate, kind.version),
             domain: Domain::of(&surrogate),
-            scratch: evaluator.scratch(),
             evaluator,
             time_column: surrogate.time_column(),
             input_columns: (0..metadata.inputs.len()).filter(is_input).collect(),
@@ -448,7 +446,7 @@ impl Instance {
     fn update_results(&mut self) -> Result<(), Refusal> {
         if self.stale {
             self.update_point();
-            self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
+            self.evaluator.evaluate(&self.point, &mut self.results);
             // without states it is finite at every finite point
             if self.goes_on() && self.results.iter().any(|value| !value.is_finite()) {
                 return Err(self.not_computable());

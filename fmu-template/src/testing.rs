@@ -70,9 +70,9 @@ pub(crate) fn c_string(text: &str) -> std::ffi::CString {
 
 /// What the outputs must be.
 pub(crate) fn expected(length: f64, speed: f64, time: f64) -> [f64; 2] {
-    let evaluator = Evaluator::new(&example::surrogate());
+    let mut evaluator = Evaluator::new(&example::surrogate());
     let mut outputs = [0.0; 2];
-    evaluator.evaluate(&[length, speed, time], &mut outputs, &mut evaluator.scratch());
+    evaluator.evaluate(&[length, speed, time], &mut outputs);
     outputs
 }
 

@@ -7,12 +7,11 @@ use metafmu_runtime::{Evaluator, Surrogate};
 
 fuzz_target!(|bytes: &[u8]| {
     let Ok(surrogate) = Surrogate::from_bytes(bytes) else { return };
-    let evaluator = Evaluator::new(&surrogate);
-    let mut outputs = vec![0.0; surrogate.outputs().len()];
-    let (point, mut scratch) = (vec![0.5; surrogate.inputs().len()], evaluator.scratch());
-    evaluator.evaluate(&point, &mut outputs, &mut scratch);
-    evaluator.directional(&point, &point, &mut outputs, &mut scratch);
-    evaluator.adjoint(&point, &outputs, &mut point.clone(), &mut scratch);
+    let mut evaluator = Evaluator::new(&surrogate);
+    let (point, mut outputs) = (vec![0.5; evaluator.columns()], vec![0.0; evaluator.results()]);
+    evaluator.evaluate(&point, &mut outputs);
+    evaluator.directional(&point, &point, &mut outputs);
+    evaluator.adjoint(&point, &outputs, &mut point.clone());
 
     let written = surrogate.to_bytes().expect("what was read can be written");
     let again = Surrogate::from_bytes(&written).expect("what was written can be read");

@@ -71,7 +71,7 @@ impl PySurrogate {
         py: Python<'py>,
         x: &[u8],
         width: usize,
-        row: impl Fn(&[f64], &mut [f64], &mut metafmu_runtime::Scratch) + Sync,
+        row: impl Fn(&[f64], &mut [f64], &mut Evaluator) + Sync,
     ) -> PyResult<Bound<'py, PyByteArray>> {
         let evaluator = &self.evaluator;
         let columns = evaluator.columns();
@@ -83,8 +83,8 @@ impl PySurrogate {
         interruptible(py, |stop, _| {
             let pieces = values.par_chunks_mut(ROWS * width).zip(numbers.par_chunks(ROWS * columns));
             pieces.for_each_init(
-                || evaluator.scratch(),
-                |scratch, (values, points)| {
+                || evaluator.clone(),
+                |evaluator, (values, points)| {
                     if stop.load(Ordering::Relaxed) {
                         return;
                     }
@@ -92,7 +92,7 @@ impl PySurrogate {
                         // a comparison with what is no number has no answer
                         match point.iter().any(|number| number.is_nan()) {
                             true => values.fill(f64::NAN),
-                            false => row(point, values, scratch),
+                            false => row(point, values, evaluator),
                         }
                     }
                 },
@@ -148,8 +148,7 @@ impl PySurrogate {
     }
 
     fn predict<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
-        let evaluator = &self.evaluator;
-        self.rows(py, x, evaluator.results(), |point, values, scratch| evaluator.evaluate(point, values, scratch))
+        self.rows(py, x, self.evaluator.results(), |point, values, evaluator| evaluator.evaluate(point, values))
     }
 
     /// Of each row, how far it is from the domain of validity.
@@ -182,13 +181,12 @@ impl PySurrogate {
 
     /// Of each row, the derivatives of each output by each input, output by output.
     fn jacobian<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
-        let evaluator = &self.evaluator;
-        let (inputs, outputs) = (evaluator.columns(), evaluator.results());
-        self.rows(py, x, inputs * outputs, |point, values, scratch| {
+        let (inputs, outputs) = (self.evaluator.columns(), self.evaluator.results());
+        self.rows(py, x, inputs * outputs, |point, values, evaluator| {
             let (mut direction, mut column) = (vec![0.0; inputs], vec![0.0; outputs]);
             for input in 0..inputs {
                 direction[input] = 1.0;
-                evaluator.directional(point, &direction, &mut column, scratch);
+                evaluator.directional(point, &direction, &mut column);
                 direction[input] = 0.0;
                 values.iter_mut().skip(input).step_by(inputs).zip(&column).for_each(|(to, from)| *to = *from);
             }

@@ -107,7 +107,7 @@ const EXACT: f64 = 1e-10;
 
 /// Outputs at `times`, `step` apart, up to the last time point that can be computed; at least one row.
 fn rows(surrogate: &Surrogate, evaluator: &Evaluator, point: &[f64], (times, step): (&[f64], f64)) -> Vec<Vec<f64>> {
-    let (mut scratch, mut results) = (evaluator.scratch(), vec![0.0; evaluator.results()]);
+    let (mut evaluator, mut results) = (evaluator.clone(), vec![0.0; evaluator.results()]);
     let mut point = point.to_vec();
     evaluator.start(&mut point);
     let constant = vec![0.0; point.len()];
@@ -117,10 +117,10 @@ fn rows(surrogate: &Surrogate, evaluator: &Evaluator, point: &[f64], (times, ste
             point[column] = *now;
         }
         let drive = Drive { rates: [&constant, &constant], clamp: None };
-        if row > 0 && evaluator.advance(&mut point, CommunicationStep::of(step), drive, &mut scratch).is_err() {
+        if row > 0 && evaluator.advance(&mut point, CommunicationStep::of(step), drive).is_err() {
             break;
         }
-        evaluator.evaluate(&point, &mut results, &mut scratch);
+        evaluator.evaluate(&point, &mut results);
         rows.push(results[..surrogate.outputs().len()].to_vec());
     }
     rows

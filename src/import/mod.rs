@@ -393,12 +393,11 @@ fn output_ranges(
     surrogate: &Surrogate,
     points: impl Iterator<Item = Vec<f64>>,
 ) -> std::result::Result<Vec<[f64; 2]>, String> {
-    let evaluator = Evaluator::new(surrogate);
-    let mut scratch = evaluator.scratch();
+    let mut evaluator = Evaluator::new(surrogate);
     let mut values = vec![0.0; evaluator.results()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; values.len()];
     for point in points {
-        evaluator.evaluate(&point, &mut values, &mut scratch);
+        evaluator.evaluate(&point, &mut values);
         for ((range, value), output) in ranges.iter_mut().zip(&values).zip(surrogate.outputs()) {
             if !value.is_finite() {
                 let inputs = surrogate.inputs().iter().zip(&point).take(8);

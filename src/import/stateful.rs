@@ -142,14 +142,13 @@ impl<'a> StatefulModel<'a> {
         disturbance: f64,
     ) -> Vec<Vec<Option<Vec<f64>>>> {
         let metadata = surrogate.metadata();
-        let evaluator = Evaluator::new(surrogate);
+        let mut evaluator = Evaluator::new(surrogate);
         let domain = Domain::new(surrogate.inputs(), surrogate.states());
         let (first, step) = (surrogate.inputs().len() - self.driven.len(), metadata.time_step);
         let steps = (metadata.stop_time.unwrap_or(f64::INFINITY) / step).ceil().clamp(1.0, STEPS as f64) as usize;
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let mut draw = |min: f64, max: f64| min + random.random::<f64>() * (max - min);
         let constant = vec![0.0; evaluator.columns()];
-        let mut scratch = evaluator.scratch();
         let mut runs = Vec::new();
         for run in 0..if rows.is_some() || disturbance > 0.0 { 1 } else { RUNS } {
             let mut point: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
@@ -172,7 +171,7 @@ impl<'a> StatefulModel<'a> {
             let mut found = Vec::new();
             for row in 0..=count {
                 let mut results = vec![0.0; evaluator.results()];
-                evaluator.evaluate(&point, &mut results, &mut scratch);
+                evaluator.evaluate(&point, &mut results);
                 results.truncate(surrogate.outputs().len());
                 let is_finite = results.iter().all(|value| value.is_finite());
                 found.push(is_finite.then_some(results));
@@ -189,7 +188,7 @@ impl<'a> StatefulModel<'a> {
                     }
                 }
                 let drive = Drive { rates: [&constant, &constant], clamp: Some(&domain) };
-                if evaluator.advance(&mut point, CommunicationStep::of(step), drive, &mut scratch).is_err() {
+                if evaluator.advance(&mut point, CommunicationStep::of(step), drive).is_err() {
                     found.push(None);
                     break;
                 }
@@ -301,16 +300,16 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
     let surrogate = with_starts(&starts)?;
     // before the first sample an output that is no state is what the model gives for the start values
     let mut point: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
-    let evaluator = Evaluator::new(&surrogate);
+    let mut evaluator = Evaluator::new(&surrogate);
     point.resize(evaluator.columns(), 0.0);
     evaluator.start(&mut point);
-    let (constant, mut scratch) = (vec![0.0; point.len()], evaluator.scratch());
+    let constant = vec![0.0; point.len()];
     let drive = Drive { rates: [&constant, &constant], clamp: None };
-    if evaluator.advance(&mut point, CommunicationStep::of(step), drive, &mut scratch).is_err() {
+    if evaluator.advance(&mut point, CommunicationStep::of(step), drive).is_err() {
         return Err(known.refused("the outputs are not finite after the first sample from the start values".into()));
     }
     let mut given = vec![0.0; outputs];
-    evaluator.evaluate(&point, &mut given, &mut scratch);
+    evaluator.evaluate(&point, &mut given);
     for ((start, number), given) in starts.iter_mut().zip(&numbers).zip(given) {
         if let SampleNumber::Column(_) = number {
             *start = given;

@@ -14,9 +14,9 @@ fn numbers(count: usize, seed: u64) -> Vec<f64> {
 
 fn outputs(graph: Graph, point: &[f64; 3]) -> Vec<f64> {
     let surrogate = Surrogate::new(example::surrogate().metadata().clone(), graph).unwrap();
-    let evaluator = Evaluator::new(&surrogate);
+    let mut evaluator = Evaluator::new(&surrogate);
     let mut outputs = vec![0.0; 2];
-    evaluator.evaluate(point, &mut outputs, &mut evaluator.scratch());
+    evaluator.evaluate(point, &mut outputs);
     outputs
 }
 

@@ -109,8 +109,7 @@ fn stiffest(
     ends: &[[f64; 2]],
     combinations: impl Iterator<Item = Vec<bool>>,
 ) -> Vec<bool> {
-    let evaluator = Evaluator::new(surrogate);
-    let mut scratch = evaluator.scratch();
+    let mut evaluator = Evaluator::new(surrogate);
     let mut stiffness = |upper: &[bool]| {
         let mut point = vec![0.0; evaluator.columns()];
         point[..run.parameters.len()].copy_from_slice(&run.parameters);
@@ -123,7 +122,7 @@ fn stiffest(
         for state in 0..states {
             let (mut direction, mut derivative) = (vec![0.0; point.len()], vec![0.0; evaluator.results()]);
             direction[first + state] = 1.0;
-            evaluator.directional(&point, &direction, &mut derivative, &mut scratch);
+            evaluator.directional(&point, &direction, &mut derivative);
             jacobian.column_mut(state).copy_from_slice(&derivative[surrogate.outputs().len()..]);
         }
         // what cannot be computed is found by other checks

@@ -459,8 +459,7 @@ fn check(
     let of_outputs = outputs.iter().map(|output| table.column(&output.name)).collect::<Result<Vec<usize>>>()?;
     import::check_units(&table, of_outputs.iter().copied().zip(outputs.iter().map(|output| output.unit.as_str())))?;
     let mut along = if surrogate.program().goes_on() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
-    let evaluator = Evaluator::new(surrogate);
-    let (mut scratch, mut found) = (evaluator.scratch(), vec![0.0; outputs.len()]);
+    let (mut evaluator, mut found) = (Evaluator::new(surrogate), vec![0.0; outputs.len()]);
     let mut largest = vec![(0.0f64, 0u64); outputs.len()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; outputs.len()];
     let (mut row, mut compared) = (0, 0);
@@ -480,7 +479,7 @@ fn check(
             },
             None => {
                 let point = of_inputs.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?;
-                evaluator.evaluate(&point, &mut found, &mut scratch);
+                evaluator.evaluate(&point, &mut found);
             }
         }
         compared += 1;

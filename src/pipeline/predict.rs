@@ -310,9 +310,9 @@ impl<'a> Predictor<'a> {
         let times = self.surrogate.time_column();
         let times = times.map(|column| values.iter().skip(column).step_by(width).copied().collect());
         let mut answers = Answers::new(self, labels, times, values.len() / width);
-        let (mut results, mut scratch) = (vec![0.0; self.evaluator.results()], self.evaluator.scratch());
+        let (mut results, mut evaluator) = (vec![0.0; self.evaluator.results()], self.evaluator.clone());
         for point in values.chunks_exact(width) {
-            self.evaluator.evaluate(point, &mut results, &mut scratch);
+            evaluator.evaluate(point, &mut results);
             answers.push(self, point, &results);
         }
         answers

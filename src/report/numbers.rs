@@ -223,14 +223,14 @@ impl<'a> Evaluated<'a> {
         let evaluator = Evaluator::new(self.surrogate);
         let parameters = self.test.parameters.len();
         let of = |output: usize| {
-            let mut scratch = evaluator.scratch();
+            let mut evaluator = evaluator.clone();
             let (mut gradient, mut weights) = (vec![0.0; self.surrogate.inputs().len()], vec![0.0; self.outputs()]);
             weights[output] = 1.0;
             let mut over_time = vec![vec![0.0; instants.len()]; parameters];
             for &run in &runs {
                 let mut point = InputPoint::of(&self.test.runs[run]);
                 for (instant, &time) in instants.iter().enumerate() {
-                    evaluator.adjoint(point.at(time), &weights, &mut gradient, &mut scratch);
+                    evaluator.adjoint(point.at(time), &weights, &mut gradient);
                     for (sums, derivative) in over_time.iter_mut().zip(&gradient) {
                         sums[instant] += derivative.abs();
                     }
@@ -364,8 +364,7 @@ mod tests {
         let (surrogate, test) = testing::exact();
         let evaluated = Evaluated::new(&surrogate, &test);
         let sensitivities = evaluated.sensitivities();
-        let evaluator = Evaluator::new(&surrogate);
-        let mut scratch = evaluator.scratch();
+        let mut evaluator = Evaluator::new(&surrogate);
         for (parameter, input) in surrogate.inputs().iter().take(2).enumerate() {
             for (output, sensitivity) in sensitivities.iter().enumerate() {
                 let instant = sensitivity.times.len() / 2;
@@ -375,7 +374,7 @@ mod tests {
                         let mut inputs = InputPoint::of(run).at(sensitivity.times[instant]).to_vec();
                         inputs[parameter] += offset;
                         let mut outputs = [0.0; 2];
-                        evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+                        evaluator.evaluate(&inputs, &mut outputs);
                         outputs[output]
                     };
                     sum += ((value(1e-5) - value(-1e-5)) / 2e-5).abs();

@@ -5,9 +5,7 @@ use crate::{
     dataset::{Dataset, Run},
     dynamics::Assembly,
 };
-use metafmu_runtime::{
-    CommunicationStep, Drive, Dynamics, Evaluator, Integration, Scratch, Shown, StepError, Surrogate,
-};
+use metafmu_runtime::{CommunicationStep, Drive, Dynamics, Evaluator, Integration, Shown, StepError, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -249,7 +247,7 @@ pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Da
 pub struct RollOut<'a> {
     surrogate: &'a Surrogate,
     /// With the parameters of the run.
-    evaluator: &'a Evaluator,
+    evaluator: Evaluator,
     run: &'a Run,
     /// Number of inputs.
     inputs: usize,
@@ -259,7 +257,6 @@ pub struct RollOut<'a> {
     constant: Vec<f64>,
     /// Outputs and the states' derivatives.
     results: Vec<f64>,
-    scratch: Scratch,
     /// What the solver is to keep to, if not its own tolerance.
     tolerance: Option<f64>,
     /// Of the solver so far.
@@ -270,7 +267,7 @@ pub struct RollOut<'a> {
 
 impl<'a> RollOut<'a> {
     /// Begins at the start of a run, whose parameters are those of the surrogate and then the values of its states.
-    pub fn along(surrogate: &'a Surrogate, evaluator: &'a Evaluator, run: &'a Run) -> Self {
+    pub fn along(surrogate: &'a Surrogate, evaluator: &Evaluator, run: &'a Run) -> Self {
         let mut point = run.parameters.clone();
         point.resize(evaluator.columns(), 0.0);
         evaluator.start(&mut point);
@@ -283,8 +280,7 @@ impl<'a> RollOut<'a> {
             rates: zeros.clone(),
             constant: zeros,
             results: vec![0.0; evaluator.results()],
-            scratch: evaluator.scratch(),
-            evaluator,
+            evaluator: evaluator.clone(),
             tolerance: None,
             steps: 0,
             failure: None,
@@ -330,7 +326,7 @@ impl<'a> RollOut<'a> {
     /// computed.
     pub fn at(&mut self, row: usize) -> Option<(&[f64], &[f64])> {
         self.go_to(row)?;
-        self.evaluator.evaluate(&self.point, &mut self.results, &mut self.scratch);
+        self.evaluator.evaluate(&self.point, &mut self.results);
         Some((&self.point, &self.results))
     }
 
@@ -367,7 +363,7 @@ impl<'a> RollOut<'a> {
         }
         let drive = Drive { rates: [&self.rates, &self.constant], clamp: None };
         let step = CommunicationStep { tolerance: self.tolerance, ..CommunicationStep::of(size) };
-        match self.evaluator.advance(&mut self.point, step, drive, &mut self.scratch) {
+        match self.evaluator.advance(&mut self.point, step, drive) {
             Ok(steps) => self.steps += u64::from(steps),
             Err(failure) => {
                 self.failure = Some(failure);

@@ -14,11 +14,10 @@
 //! # let surrogate = metafmu_runtime::example::surrogate();
 //! # let bytes = surrogate.to_bytes()?;
 //! let surrogate = metafmu_runtime::Surrogate::from_bytes(&bytes)?;
-//! let evaluator = metafmu_runtime::Evaluator::new(&surrogate);
-//! let mut scratch = evaluator.scratch();
+//! let mut evaluator = metafmu_runtime::Evaluator::new(&surrogate);
 //! let mut outputs = vec![0.0; surrogate.outputs().len()];
 //! let inputs: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
-//! evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+//! evaluator.evaluate(&inputs, &mut outputs);
 //! # Ok(())
 //! # }
 //! ```
@@ -63,7 +62,7 @@ pub use network::{Layer, Numbers, ScaledNetwork, Scaling};
 pub use numbers::{activation::Activation, jet::Jet};
 pub use program::{
     Clock, CommunicationStep, Drive, Evaluator, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Ports,
-    Program, Sampling, Scale, Scratch, StepError, Support, Transition,
+    Program, Sampling, Scale, StepError, Support, Transition,
 };
 pub use surrogate::Surrogate;
 pub use variables::{BuiltIn, Known, Quantity, Variable, Variables};

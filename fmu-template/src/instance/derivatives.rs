@@ -34,7 +34,7 @@ impl Instance {
         self.update_point();
         self.zero_clamped(0);
         let [derivative, _] = &mut self.sensitivities;
-        self.evaluator.directional(&self.point, &self.columns[0], derivative, &mut self.scratch);
+        self.evaluator.directional(&self.point, &self.columns[0], derivative);
         for (result, unknown) in sensitivity.iter_mut().zip(self.variables.unknowns(unknowns)) {
             *result = match unknown {
                 Unknown::Result(index) => self.sensitivities[0][index],
@@ -77,7 +77,7 @@ impl Instance {
         knowns.iter().try_for_each(|&known| self.known(known).map(|_| ()))?;
         self.update_point();
         let [gradient, direct] = &mut self.columns;
-        self.evaluator.adjoint(&self.point, &self.sensitivities[0], gradient, &mut self.scratch);
+        self.evaluator.adjoint(&self.point, &self.sensitivities[0], gradient);
         gradient.iter_mut().zip(direct).for_each(|(gradient, direct)| *gradient += *direct);
         self.zero_clamped(0);
         if let Some((column, slope)) = self.domain.distance_derivative(&self.now.values) {
@@ -118,7 +118,7 @@ impl Instance {
         self.zero_clamped(1);
         let [first, second] = &self.columns;
         let [once, twice] = &mut self.sensitivities;
-        self.evaluator.along_curve(&self.point, [first, second], [once, twice], &mut self.scratch);
+        self.evaluator.along_curve(&self.point, [first, second], [once, twice]);
         let mut places = values.iter_mut();
         for (reference, &order) in references.iter().zip(orders) {
             let order = index_of_order(order)?;
@@ -152,7 +152,7 @@ impl Instance {
         }
         let (inputs, outputs) = (self.metadata.inputs.len(), self.metadata.outputs.len());
         let ([rates, bends], [derivative, _]) = (&mut self.columns, &mut self.sensitivities);
-        self.evaluator.directional(&self.point, rates, derivative, &mut self.scratch);
+        self.evaluator.directional(&self.point, rates, derivative);
         bends[inputs..].copy_from_slice(&derivative[outputs..]);
     }
 

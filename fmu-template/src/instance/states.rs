@@ -71,7 +71,7 @@ impl Instance {
             tolerance: Some(self.now.tolerance).filter(|tolerance| *tolerance > 0.0),
             derivatives: is_known.then(|| &self.results[self.metadata.outputs.len()..]),
         };
-        let made = self.evaluator.advance(&mut self.point, step, drive, &mut self.scratch);
+        let made = self.evaluator.advance(&mut self.point, step, drive);
         if let Err(error) = made {
             return Err(self.step_refused(error, size, refused));
         }

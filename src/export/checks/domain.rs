@@ -123,7 +123,7 @@ fn holds(instance: &FmuInstance, surrogate: &Surrogate, policy: DomainPolicy, po
     if inside[0] {
         return Ok(Some("in_domain is true".into()));
     }
-    let evaluator = Evaluator::new(surrogate);
+    let mut evaluator = Evaluator::new(surrogate);
     let mut used = vec![0.0; evaluator.columns()];
     used[..point.len()].copy_from_slice(point);
     evaluator.start(&mut used);
@@ -136,7 +136,7 @@ fn holds(instance: &FmuInstance, surrogate: &Surrogate, policy: DomainPolicy, po
         inputs.for_each(|(column, value)| *value = domain.clamp(column, *value));
     }
     let mut expected = vec![0.0; evaluator.results()];
-    evaluator.evaluate(&used, &mut expected, &mut evaluator.scratch());
+    evaluator.evaluate(&used, &mut expected);
     for (index, (output, expected)) in surrogate.outputs().iter().zip(expected).enumerate() {
         let mut found = [0.0];
         instance.get_real(&[reference(surrogate, Quantity::Output(index))], &mut found)?;

@@ -12,7 +12,7 @@ use crate::{
         },
     },
 };
-use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Role, Scratch, Surrogate, Variability};
+use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Role, Surrogate, Variability};
 
 /// Largest difference between the FMU and the surrogate, relative to the nominal value of the output.
 const TOLERANCE: f64 = 1e-12;
@@ -133,7 +133,7 @@ impl<'a> Oracle<'a> {
         let Self { experiment, surrogate, .. } = self;
         let mut values = point.to_vec();
         values.resize(self.evaluator.columns(), 0.0);
-        let mut comparison = PredictionComparison { oracle: self, scratch: self.evaluator.scratch(), point: values };
+        let mut comparison = PredictionComparison { oracle: self, evaluator: self.evaluator.clone(), point: values };
         let instance = self.fmu.instantiate("comparison", true)?;
         comparison.set(&instance, point, |_| true)?;
         instance.enter_initialization_mode(experiment.time(0), None)?;
@@ -174,7 +174,7 @@ impl<'a> Oracle<'a> {
 
 struct PredictionComparison<'a> {
     oracle: &'a Oracle<'a>,
-    scratch: Scratch,
+    evaluator: Evaluator,
     /// Values of the input columns now.
     point: Vec<f64>,
 }
@@ -189,21 +189,21 @@ impl PredictionComparison<'_> {
             }
         }
         // until the first step
-        self.oracle.evaluator.start(&mut self.point);
+        self.evaluator.start(&mut self.point);
         Ok(())
     }
 
     /// Advances the states as the FMU has done in a step, and compares; reports and returns false if they differ. A solver around the
     /// FMU is not repeated: the states are its.
     fn advances(&mut self, instance: &FmuInstance, size: f64, report: &mut Notes) -> Result<bool> {
-        let Oracle { fmu, surrogate, evaluator, states, .. } = self.oracle;
+        let Oracle { fmu, surrogate, states, .. } = self.oracle;
         let mut found = vec![0.0; states.len()];
         instance.get_real(states, &mut found)?;
         let first = surrogate.inputs().len();
         if fmu.interface() == InterfaceKind::CoSimulation {
             let constant = vec![0.0; self.point.len()];
             let drive = Drive { rates: [&constant, &constant], clamp: None };
-            let step = evaluator.advance(&mut self.point, CommunicationStep::of(size), drive, &mut self.scratch);
+            let step = self.evaluator.advance(&mut self.point, CommunicationStep::of(size), drive);
             for (index, state) in surrogate.states().iter().enumerate() {
                 let (found, expected) = (found[index], self.point[first + index]);
                 let scale = STATE_TOLERANCE * (state.nominal + expected.abs());
@@ -222,13 +222,13 @@ impl PredictionComparison<'_> {
 
     /// Compares the outputs now; reports and returns false if they are not those predicted.
     fn holds(&mut self, instance: &FmuInstance, time: f64, when: &str, report: &mut Notes) -> Result<bool> {
-        let Oracle { surrogate, evaluator, outputs, tolerances, .. } = self.oracle;
+        let Oracle { surrogate, outputs, tolerances, .. } = self.oracle;
         if let Some(column) = surrogate.time_column() {
             self.point[column] = time;
         }
-        let (mut found, mut expected) = (vec![0.0; outputs.len()], vec![0.0; evaluator.results()]);
+        let (mut found, mut expected) = (vec![0.0; outputs.len()], vec![0.0; self.evaluator.results()]);
         instance.get_real(outputs, &mut found)?;
-        evaluator.evaluate(&self.point, &mut expected, &mut self.scratch);
+        self.evaluator.evaluate(&self.point, &mut expected);
         for (index, tolerance) in tolerances.iter().enumerate() {
             let (found, expected) = (found[index], expected[index]);
             // written so that it does not hold for NaN

@@ -198,8 +198,7 @@ fn compare_at(points: Vec<Vec<f64>>, tolerance: f64, surrogate: &Surrogate, scal
     let rows = numbers(&text);
     assert_eq!(rows.len(), points.len());
 
-    let evaluator = Evaluator::new(surrogate);
-    let mut scratch = evaluator.scratch();
+    let mut evaluator = Evaluator::new(surrogate);
     let (columns, results) = (evaluator.columns(), evaluator.results());
     let direction: Vec<f64> = (0..columns).map(|i| 1.0 + 0.5 * i as f64).collect();
     let second_rates: Vec<f64> = (0..columns).map(|i| 0.25 - i as f64).collect();
@@ -207,10 +206,10 @@ fn compare_at(points: Vec<Vec<f64>>, tolerance: f64, surrogate: &Surrogate, scal
     let mut all_at = |point: &[f64]| {
         let [mut y, mut dy, mut first, mut second] = [(); 4].map(|()| vec![0.0; results]);
         let mut gradient = vec![0.0; columns];
-        evaluator.evaluate(point, &mut y, &mut scratch);
-        evaluator.directional(point, &direction, &mut dy, &mut scratch);
-        evaluator.along_curve(point, [&direction, &second_rates], [&mut first, &mut second], &mut scratch);
-        evaluator.adjoint(point, &weights, &mut gradient, &mut scratch);
+        evaluator.evaluate(point, &mut y);
+        evaluator.directional(point, &direction, &mut dy);
+        evaluator.along_curve(point, [&direction, &second_rates], [&mut first, &mut second]);
+        evaluator.adjoint(point, &weights, &mut gradient);
         [y, dy, first, second, gradient].concat()
     };
     const FEW: f64 = 4.0;
@@ -700,7 +699,7 @@ impl<'a> Steps<'a> {
         let drive = Drive { rates: [&of_columns[0], &of_columns[1]], clamp: clamp.then_some(&domain) };
         let tolerance = Some(tolerance).filter(|tolerance| *tolerance > 0.0);
         let step = CommunicationStep { tolerance, ..CommunicationStep::of(size) };
-        let (result, after) = match self.evaluator.advance(point, step, drive, &mut self.evaluator.scratch()) {
+        let (result, after) = match self.evaluator.advance(point, step, drive) {
             Ok(_) => (0.0, 0.0),
             Err(StepError::NotFinite { after }) => (1.0, after),
             Err(StepError::TooManySteps) => (2.0, 0.0),

@@ -5,9 +5,9 @@ use crate::export::testing::{changed_fmu, entry, fmu, fmu_described_as, fmu_of, 
 use metafmu_runtime::{Evaluator, example};
 
 fn predict(inputs: [f64; 3]) -> [f64; 2] {
-    let evaluator = Evaluator::new(&example::surrogate());
+    let mut evaluator = Evaluator::new(&example::surrogate());
     let mut outputs = [0.0; 2];
-    evaluator.evaluate(&inputs, &mut outputs, &mut evaluator.scratch());
+    evaluator.evaluate(&inputs, &mut outputs);
     outputs
 }
 

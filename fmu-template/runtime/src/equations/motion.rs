@@ -288,8 +288,7 @@ impl PreparedMotion {
 mod tests {
     use super::*;
     use crate::{
-        CommunicationStep, Domain, Drive, Efforts, Evaluator, Graph, Integration, Program, Scratch, StepError,
-        Surrogate,
+        CommunicationStep, Domain, Drive, Efforts, Evaluator, Graph, Integration, Program, StepError, Surrogate,
         equations::dynamics::Point,
         example,
         formula::{Combination, ElementaryFunction, Formula, FormulaStep},
@@ -298,15 +297,13 @@ mod tests {
     /// Rope, state at the start, force, state.
     const POINT: [f64; 10] = [1.4, 0.0, 0.3, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0];
 
-    fn evaluator() -> (Evaluator, Scratch) {
-        let evaluator = Evaluator::new(&example::crane());
-        let scratch = evaluator.scratch();
-        (evaluator, scratch)
+    fn evaluator() -> Evaluator {
+        Evaluator::new(&example::crane())
     }
 
-    fn results<const COUNT: usize>(evaluator: &Evaluator, point: &[f64]) -> [f64; COUNT] {
+    fn results<const COUNT: usize>(evaluator: &mut Evaluator, point: &[f64]) -> [f64; COUNT] {
         let mut results = [0.0; COUNT];
-        evaluator.evaluate(point, &mut results, &mut evaluator.scratch());
+        evaluator.evaluate(point, &mut results);
         results
     }
 
@@ -320,7 +317,7 @@ mod tests {
         let load = [x + l * sine, v + l * cosine * omega, a + l * cosine * alpha - l * sine * omega * omega];
         let [load_x, load_v, load_a] = load;
         let expected = [x, theta, load_x, load_v, load_a, kinetic, -9.81 * l * cosine, v, omega, a, alpha];
-        for (found, expected) in results::<11>(&evaluator().0, &POINT).iter().zip(expected) {
+        for (found, expected) in results::<11>(&mut evaluator(), &POINT).iter().zip(expected) {
             assert!((found - expected).abs() < 1e-13, "{found} {expected}");
         }
     }
@@ -342,7 +339,7 @@ mod tests {
         let determinant = 3.0 * l * l - l * l * cosine * cosine;
         let a = (l * l * side[0] - l * cosine * side[1]) / determinant;
         let alpha = (3.0 * side[1] - l * cosine * side[0]) / determinant;
-        let found = results::<11>(&Evaluator::new(&example::crane_with_efforts()), &POINT);
+        let found = results::<11>(&mut Evaluator::new(&example::crane_with_efforts()), &POINT);
         assert!((found[9] - a).abs() < 1e-12 && (found[10] - alpha).abs() < 1e-12, "{found:?} {a} {alpha}");
         let surrogate = example::crane_with_efforts();
         let motion = surrogate.program().motion().expect("the crane moves");
@@ -353,13 +350,12 @@ mod tests {
     #[test]
     fn reactions_are_those_of_newton_and_euler() {
         let surrogate = example::crane_with_reactions();
-        let evaluator = Evaluator::new(&surrogate);
-        let mut scratch = evaluator.scratch();
+        let mut evaluator = Evaluator::new(&surrogate);
         // the second rope is another one than that of the evaluation before
         for rope in [1.4, 1.9] {
             let (mut results, mut point) = ([0.0; 13], POINT);
             point[0] = rope;
-            evaluator.evaluate(&point, &mut results, &mut scratch);
+            evaluator.evaluate(&point, &mut results);
             let [l, .., force, x, theta, v, omega] = point;
             let (a, alpha, (sine, cosine)) = (results[11], results[12], theta.sin_cos());
             let rope = 9.81 + l * sine * alpha + l * cosine * omega * omega;
@@ -375,7 +371,7 @@ mod tests {
         // of jets, too
         let (mut along, mut direction) = ([0.0; 13], [0.0; 10]);
         direction[5] = 1.0;
-        evaluator.directional(&POINT, &direction, &mut along, &mut scratch);
+        evaluator.directional(&POINT, &direction, &mut along);
         let expected = 1.4 * 0.9f64.sin() * along[12];
         assert!((along[7] - expected).abs() < 1e-14, "{} {expected}", along[7]);
     }
@@ -383,11 +379,11 @@ mod tests {
     #[test]
     fn derivatives_are_those_of_finite_differences_with_and_without_networks() {
         for surrogate in [example::crane(), example::crane_with_networks(), example::crane_with_efforts()] {
-            check_derivatives::<11>(&Evaluator::new(&surrogate));
+            check_derivatives::<11>(&mut Evaluator::new(&surrogate));
         }
-        check_derivatives::<13>(&Evaluator::new(&example::crane_with_reactions()));
+        check_derivatives::<13>(&mut Evaluator::new(&example::crane_with_reactions()));
         for surrogate in [example::crane(), example::crane_with_networks()] {
-            check_derivatives::<11>(&Evaluator::new(&example::with_prescribed_trolley(&surrogate)));
+            check_derivatives::<11>(&mut Evaluator::new(&example::with_prescribed_trolley(&surrogate)));
         }
     }
 
@@ -397,7 +393,7 @@ mod tests {
         let [l, .., input, _, theta, v, omega] = POINT;
         let a = input - 0.3 * v;
         let alpha = -(9.81 * theta.sin() + a * theta.cos()) / l;
-        let found = results::<11>(&Evaluator::new(&surrogate), &POINT);
+        let found = results::<11>(&mut Evaluator::new(&surrogate), &POINT);
         assert_eq!(found[7..10], [v, omega, a]);
         assert!((found[10] - alpha).abs() < 1e-13, "{} {alpha}", found[10]);
         // energies are those of both bodies
@@ -407,13 +403,12 @@ mod tests {
         assert!(!motion.dynamics.is_conservative() && motion.dynamics.is_driven_by(0));
     }
 
-    fn check_derivatives<const COUNT: usize>(evaluator: &Evaluator) {
-        let mut scratch = evaluator.scratch();
+    fn check_derivatives<const COUNT: usize>(evaluator: &mut Evaluator) {
         let direction = [0.3, 1.0, 1.0, 1.0, 1.0, -0.7, 0.2, 0.5, -0.4, 1.1];
         let change = [0.1, 0.0, 0.0, 0.0, 0.0, 0.4, -0.3, 0.2, 0.6, -0.8];
         let (mut first, mut second, mut along) = ([0.0; COUNT], [0.0; COUNT], [0.0; COUNT]);
-        evaluator.directional(&POINT, &direction, &mut along, &mut scratch);
-        evaluator.along_curve(&POINT, [&direction, &change], [&mut first, &mut second], &mut scratch);
+        evaluator.directional(&POINT, &direction, &mut along);
+        evaluator.along_curve(&POINT, [&direction, &change], [&mut first, &mut second]);
         let at = |h: f64| {
             results::<COUNT>(
                 evaluator,
@@ -432,7 +427,7 @@ mod tests {
         }
         let weights: [f64; COUNT] = std::array::from_fn(|k| 0.3 + k as f64);
         let mut gradient = [0.0; 10];
-        evaluator.adjoint(&POINT, &weights, &mut gradient, &mut scratch);
+        evaluator.adjoint(&POINT, &weights, &mut gradient);
         let forwards: f64 = first.iter().zip(weights).map(|(first, weight)| first * weight).sum();
         let backwards: f64 = gradient.iter().zip(direction).map(|(gradient, along)| gradient * along).sum();
         assert!((forwards - backwards).abs() < 1e-11 * forwards.abs(), "{forwards} {backwards}");
@@ -485,13 +480,12 @@ mod tests {
 
     /// States after `count` steps of one tenth of a second, with a force that changes linearly.
     fn after(count: usize, integration: Integration) -> [f64; 10] {
-        let evaluator = Evaluator::new(&example::integrated(&example::crane(), integration));
-        let (mut scratch, mut point) = (evaluator.scratch(), POINT);
-        let mut rates = [0.0; 10];
+        let mut evaluator = Evaluator::new(&example::integrated(&example::crane(), integration));
+        let (mut point, mut rates) = (POINT, [0.0; 10]);
         rates[5] = -2.0;
         for _ in 0..count {
             let drive = Drive { rates: [&rates, &[0.0; 10]], clamp: None };
-            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive, &mut scratch).unwrap();
+            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive).unwrap();
             point[5] += 0.1 * rates[5];
         }
         point
@@ -512,18 +506,18 @@ mod tests {
 
     #[test]
     fn a_step_that_fails_leaves_the_states_and_says_why() {
-        let (evaluator, mut scratch) = evaluator();
+        let mut evaluator = evaluator();
         let mut point = POINT;
         let none = [0.0; 10];
         let drive = Drive { rates: [&none, &none], clamp: None };
-        let error = evaluator.advance(&mut point, CommunicationStep::of(1e9), drive, &mut scratch);
+        let error = evaluator.advance(&mut point, CommunicationStep::of(1e9), drive);
         assert_eq!((error, point), (Err(StepError::TooManySteps), POINT));
         let fixed = Integration::Fixed { step: 0.005 };
         for integration in [fixed, Integration::ErrorControlled { tolerance: 1e-6, longest: 0.005 }] {
-            let evaluator = evaluator.with_integration(integration);
+            let mut evaluator = evaluator.with_integration(integration);
             let mut advance = |mut point: [f64; 10]| {
                 let before = point;
-                let error = evaluator.advance(&mut point, CommunicationStep::of(0.1), drive, &mut scratch);
+                let error = evaluator.advance(&mut point, CommunicationStep::of(0.1), drive);
                 assert_eq!(point, before);
                 error
             };
@@ -564,25 +558,25 @@ mod tests {
         let program =
             Program::of_motion(Motion { dynamics, ..motion.clone() }, surrogate.program().integration().unwrap());
         let surrogate = Surrogate::new(surrogate.metadata().clone(), program).unwrap();
-        let evaluator = Evaluator::new(&surrogate);
-        let (mut scratch, none) = (evaluator.scratch(), [0.0; 10]);
+        let mut evaluator = Evaluator::new(&surrogate);
+        let none = [0.0; 10];
         for number in 0..1000 {
             let (mut point, mut rates) = (POINT, none);
             point[5] = 9.0 + 0.9 * (f64::from(number) * 0.618_033_988_749_894_9).fract();
             rates[5] = (10.0 - point[5]) / 0.02;
             let drive = Drive { rates: [&rates, &none], clamp: None };
-            evaluator.advance(&mut point, CommunicationStep::of(0.02), drive, &mut scratch).unwrap();
+            evaluator.advance(&mut point, CommunicationStep::of(0.02), drive).unwrap();
         }
         // and beyond it the formula has no value
         let (mut point, mut rates) = (POINT, none);
         rates[5] = 400.0;
         let drive = Drive { rates: [&rates, &none], clamp: None };
-        assert!(evaluator.advance(&mut point, CommunicationStep::of(0.02), drive, &mut scratch).is_err());
+        assert!(evaluator.advance(&mut point, CommunicationStep::of(0.02), drive).is_err());
     }
 
     #[test]
     fn inputs_are_clamped_at_every_stage() {
-        let (evaluator, mut scratch) = evaluator();
+        let mut evaluator = evaluator();
         let surrogate = example::crane();
         let domain = Domain::new(surrogate.inputs(), surrogate.states());
         let none = [0.0; 10];
@@ -590,7 +584,7 @@ mod tests {
             let (mut point, mut rates) = (POINT, none);
             (point[5], rates[5]) = (force, rate);
             let drive = Drive { rates: [&rates, &none], clamp: Some(&domain) };
-            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive, &mut scratch).unwrap();
+            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive).unwrap();
             [point[8], point[9]]
         };
         assert_eq!(states(10.0, 500.0), states(10.0, 0.0));

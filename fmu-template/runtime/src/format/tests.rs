@@ -231,10 +231,10 @@ fn error_bounds_that_make_no_sense_are_refused() {
 #[track_caller]
 fn read(bytes: &[u8]) -> bool {
     let Ok(surrogate) = Surrogate::from_bytes(bytes) else { return false };
-    let evaluator = crate::Evaluator::new(&surrogate);
+    let mut evaluator = crate::Evaluator::new(&surrogate);
     let inputs: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
     let mut outputs = vec![0.0; surrogate.outputs().len()];
-    evaluator.evaluate(&inputs, &mut outputs, &mut evaluator.scratch());
+    evaluator.evaluate(&inputs, &mut outputs);
     true
 }
 

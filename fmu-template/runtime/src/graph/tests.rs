@@ -51,9 +51,9 @@ fn surrogate(graph: Graph) -> Surrogate {
 }
 
 fn outputs(graph: &Graph, point: [f64; 3]) -> Vec<f64> {
-    let evaluator = Evaluator::new(&surrogate(graph.clone()));
+    let mut evaluator = Evaluator::new(&surrogate(graph.clone()));
     let mut outputs = vec![0.0; 2];
-    evaluator.evaluate(&point, &mut outputs, &mut evaluator.scratch());
+    evaluator.evaluate(&point, &mut outputs);
     outputs
 }
 
@@ -88,10 +88,9 @@ fn steps_are_their_textbook_formulas() {
 #[test]
 fn derivatives_are_those_of_differences() {
     let (point, rates, bends) = ([0.16, 1.1, 1.3], [0.3, -0.7, 0.5], [0.2, 0.1, -0.4]);
-    let evaluator = Evaluator::new(&surrogate(graph()));
-    let mut scratch = evaluator.scratch();
+    let mut evaluator = Evaluator::new(&surrogate(graph()));
     let (mut first, mut second) = ([0.0; 2], [0.0; 2]);
-    evaluator.along_curve(&point, [&rates, &bends], [&mut first, &mut second], &mut scratch);
+    evaluator.along_curve(&point, [&rates, &bends], [&mut first, &mut second]);
     let at = |t: f64| {
         let point = std::array::from_fn(|i| point[i] + rates[i] * t + 0.5 * bends[i] * t * t);
         outputs(&graph(), point)
@@ -106,28 +105,27 @@ fn derivatives_are_those_of_differences() {
     }
     let (mut gradient, mut directional) = ([0.0; 3], [0.0; 2]);
     let weights = [0.8, -1.7];
-    evaluator.adjoint(&point, &weights, &mut gradient, &mut scratch);
-    evaluator.directional(&point, &rates, &mut directional, &mut scratch);
+    evaluator.adjoint(&point, &weights, &mut gradient);
+    evaluator.directional(&point, &rates, &mut directional);
     let by_rows: f64 = gradient.iter().zip(rates).map(|(slope, rate)| slope * rate).sum();
     let by_columns: f64 = directional.iter().zip(weights).map(|(slope, weight)| slope * weight).sum();
     assert!((by_rows - by_columns).abs() < 1e-13, "{by_rows} {by_columns}");
 }
 
 /// `J^T weights` column by column, from directional derivatives.
-fn by_columns(evaluator: &Evaluator, point: &[f64], weights: &[f64]) -> Vec<f64> {
-    let mut scratch = evaluator.scratch();
+fn by_columns(evaluator: &mut Evaluator, point: &[f64], weights: &[f64]) -> Vec<f64> {
     let column = |column: usize| {
         let (mut direction, mut derivative) = (vec![0.0; point.len()], vec![0.0; weights.len()]);
         direction[column] = 1.0;
-        evaluator.directional(point, &direction, &mut derivative, &mut scratch);
+        evaluator.directional(point, &direction, &mut derivative);
         derivative.iter().zip(weights).map(|(slope, weight)| slope * weight).sum()
     };
     (0..point.len()).map(column).collect()
 }
 
-fn gradient(evaluator: &Evaluator, point: &[f64], weights: &[f64]) -> Vec<f64> {
+fn gradient(evaluator: &mut Evaluator, point: &[f64], weights: &[f64]) -> Vec<f64> {
     let mut gradient = vec![f64::NAN; point.len()];
-    evaluator.adjoint(point, weights, &mut gradient, &mut evaluator.scratch());
+    evaluator.adjoint(point, weights, &mut gradient);
     gradient
 }
 
@@ -154,8 +152,9 @@ fn adjoint_derivatives_are_those_of_each_column() {
         graphs.push(Graph { inputs: 3, steps });
     }
     for graph in graphs {
-        let evaluator = Evaluator::new(&surrogate(graph.clone()));
-        let (found, expected) = (gradient(&evaluator, &point, &weights), by_columns(&evaluator, &point, &weights));
+        let mut evaluator = Evaluator::new(&surrogate(graph.clone()));
+        let (found, expected) =
+            (gradient(&mut evaluator, &point, &weights), by_columns(&mut evaluator, &point, &weights));
         for (found, expected) in found.iter().zip(expected) {
             assert!((found - expected).abs() < 1e-13 * expected.abs().max(1.0), "{found} {expected}: {graph:?}");
         }
@@ -172,10 +171,10 @@ fn what_is_not_chosen_adds_nothing_to_an_adjoint_derivative() {
         Step::Combine { of: [2, 3], operation: Operation::Multiply },
         Step::Select { of: [1, 4, 1] },
     ];
-    let evaluator = Evaluator::new(&surrogate(Graph { inputs: 3, steps }));
+    let mut evaluator = Evaluator::new(&surrogate(Graph { inputs: 3, steps }));
     for point in [[-0.5, 1.1, 0.0], [0.0, -1.0, 0.0]] {
-        let found = gradient(&evaluator, &point, &[0.8, -1.7]);
-        let expected = by_columns(&evaluator, &point, &[0.8, -1.7]);
+        let found = gradient(&mut evaluator, &point, &[0.8, -1.7]);
+        let expected = by_columns(&mut evaluator, &point, &[0.8, -1.7]);
         assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-14), "{found:?} {expected:?}");
         assert!(found[0] == 0.8 && found[2] == 0.0);
     }
@@ -187,16 +186,16 @@ fn in_single_precision_it_is_the_same_but_for_rounding() {
     let double = surrogate(graph.clone());
     let metadata = Metadata { precision: Precision::Single, ..double.metadata().clone() };
     let single = Surrogate::new(metadata, graph).unwrap();
-    let [double, single] = [&double, &single].map(Evaluator::new);
+    let [mut double, mut single] = [&double, &single].map(Evaluator::new);
     let weights = [0.8, -1.7];
     for point in [[0.16, 1.1, 1.3], [-0.7, 0.2, 0.9], [0.0, 0.0, 0.0]] {
         let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
-        double.evaluate(&point, &mut expected, &mut double.scratch());
-        single.evaluate(&point, &mut found, &mut single.scratch());
-        let slopes = gradient(&double, &point, &weights);
+        double.evaluate(&point, &mut expected);
+        single.evaluate(&point, &mut found);
+        let slopes = gradient(&mut double, &point, &weights);
         let pairs = found.iter().zip(&expected).map(|(found, expected)| (*found, *expected));
-        let of_adjoint = gradient(&single, &point, &weights).into_iter().zip(slopes.clone());
-        let of_columns = by_columns(&single, &point, &weights).into_iter().zip(slopes);
+        let of_adjoint = gradient(&mut single, &point, &weights).into_iter().zip(slopes.clone());
+        let of_columns = by_columns(&mut single, &point, &weights).into_iter().zip(slopes);
         for (found, expected) in pairs.chain(of_adjoint).chain(of_columns) {
             assert!((found - expected).abs() < 4e-6 * expected.abs().max(1.0), "{found} {expected}");
         }
@@ -329,12 +328,11 @@ fn derivatives_of_steps_with_memory_of_their_own_are_those_of_differences() {
     let mut last = nested();
     last.steps.truncate(5);
     for graph in [nested(), last, moved()] {
-        let evaluator = Evaluator::new(&surrogate(graph.clone()));
-        let mut scratch = evaluator.scratch();
+        let mut evaluator = Evaluator::new(&surrogate(graph.clone()));
         let (point, rates, bends) = ([0.16, 1.1, 1.3], [0.3, -0.7, 0.5], [0.2, 0.1, -0.4]);
         let (mut first, mut second, mut along) = ([0.0; 2], [0.0; 2], [0.0; 2]);
-        evaluator.along_curve(&point, [&rates, &bends], [&mut first, &mut second], &mut scratch);
-        evaluator.directional(&point, &rates, &mut along, &mut scratch);
+        evaluator.along_curve(&point, [&rates, &bends], [&mut first, &mut second]);
+        evaluator.directional(&point, &rates, &mut along);
         assert_eq!(along, first);
         let at = |t: f64| {
             let point = std::array::from_fn(|i| point[i] + rates[i] * t + 0.5 * bends[i] * t * t);
@@ -350,7 +348,7 @@ fn derivatives_of_steps_with_memory_of_their_own_are_those_of_differences() {
             assert!((second[output] - bend).abs() < 1e-4 * bend.abs().max(1.0), "{} {bend}", second[output]);
         }
         let weights = [0.8, -1.7];
-        let found = gradient(&evaluator, &point, &weights);
+        let found = gradient(&mut evaluator, &point, &weights);
         for (column, found) in found.iter().enumerate() {
             let at = |t: f64| {
                 let point = std::array::from_fn(|i| point[i] + if i == column { t } else { 0.0 });
@@ -367,13 +365,13 @@ fn functions_that_are_called_compute_in_the_precision_of_the_model() {
     let double = surrogate(nested());
     let metadata = Metadata { precision: Precision::Single, ..double.metadata().clone() };
     let single = Surrogate::new(metadata, nested()).unwrap();
-    let [double, single] = [&double, &single].map(Evaluator::new);
+    let [mut double, mut single] = [&double, &single].map(Evaluator::new);
     let (point, weights) = ([0.16, 1.1, 1.3], [0.8, -1.7]);
     let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
-    double.evaluate(&point, &mut expected, &mut double.scratch());
-    single.evaluate(&point, &mut found, &mut single.scratch());
+    double.evaluate(&point, &mut expected);
+    single.evaluate(&point, &mut found);
     assert!(found != expected);
-    let slopes = gradient(&single, &point, &weights).into_iter().zip(gradient(&double, &point, &weights));
+    let slopes = gradient(&mut single, &point, &weights).into_iter().zip(gradient(&mut double, &point, &weights));
     for (found, expected) in found.into_iter().zip(expected).chain(slopes) {
         assert!((found - expected).abs() < 4e-6 * expected.abs().max(1.0), "{found} {expected}");
     }
@@ -449,8 +447,8 @@ fn graphs_with_steps_that_have_memory_of_their_own_are_read_as_they_were_written
                 let mut damaged = bytes.clone();
                 damaged[position] ^= change;
                 let Ok(surrogate) = Surrogate::from_bytes(&damaged) else { continue };
-                let evaluator = Evaluator::new(&surrogate);
-                evaluator.evaluate(&[0.16, 1.1, 1.3], &mut [0.0; 2], &mut evaluator.scratch());
+                let mut evaluator = Evaluator::new(&surrogate);
+                evaluator.evaluate(&[0.16, 1.1, 1.3], &mut [0.0; 2]);
             }
         }
     }

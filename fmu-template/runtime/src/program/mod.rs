@@ -10,7 +10,7 @@ use crate::{
     dictionary::Factor,
     graph::{Graph, Step},
 };
-pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER, Scratch};
+pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER};
 pub use ports::Ports;
 pub use samples::{Sampling, Support, Transition};
 pub use solver::{CommunicationStep, Drive, Integration, MAX_SOLVER_STEPS, Scale, StepError};

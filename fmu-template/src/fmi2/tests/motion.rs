@@ -44,7 +44,7 @@ fn derivatives(host: &Host) -> [f64; 4] {
 
 /// States after one step of the solver, from the state of [`stepping`].
 fn advanced(of: &Surrogate, force: f64, rates: [f64; 2], size: f64, tolerance: Option<f64>) -> [f64; 4] {
-    let evaluator = Evaluator::new(of);
+    let mut evaluator = Evaluator::new(of);
     let mut point = [1.5, 0.1, 0.5, -0.2, 0.3, force, 0.1, 0.5, -0.2, 0.3];
     let of_input = rates.map(|rate| {
         let mut rates = [0.0; 10];
@@ -53,7 +53,7 @@ fn advanced(of: &Surrogate, force: f64, rates: [f64; 2], size: f64, tolerance: O
     });
     let drive = Drive { rates: [&of_input[0], &of_input[1]], clamp: None };
     let step = CommunicationStep { tolerance, ..CommunicationStep::of(size) };
-    evaluator.advance(&mut point, step, drive, &mut evaluator.scratch()).unwrap();
+    evaluator.advance(&mut point, step, drive).unwrap();
     std::array::from_fn(|k| point[6 + k])
 }
 
@@ -130,10 +130,10 @@ fn a_solver_sets_states_and_reads_their_derivatives() {
     assert_eq!(nominals, [1.0; 4]);
     assert_eq!(unsafe { fmi2SetContinuousStates(host.c, [0.4, 0.9, -1.2, 2.0].as_ptr(), 4) }, Status::Ok);
     assert_eq!(host.set(&[FORCE], &[3.0]), Status::Ok);
-    let evaluator = Evaluator::new(&example::crane());
+    let mut evaluator = Evaluator::new(&example::crane());
     let mut results = [0.0; 11];
     let point = [1.5, 0.1, 0.5, -0.2, 0.3, 3.0, 0.4, 0.9, -1.2, 2.0];
-    evaluator.evaluate(&point, &mut results, &mut evaluator.scratch());
+    evaluator.evaluate(&point, &mut results);
     assert_eq!(derivatives(&host), results[7..]);
     assert_eq!(host.try_get(RATES), Ok(derivatives(&host)));
     assert_eq!(host.try_get(LOAD), Ok([results[2], results[3], results[4]]));

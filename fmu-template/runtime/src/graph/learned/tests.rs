@@ -152,11 +152,10 @@ fn derivatives_are_those_of_differences() {
     let coefficients: Vec<f64> = (0..432).map(|index| (0.7 * f64::from(index)).sin() / 50.0).collect();
     let full = Graph::of_polynomial(&scaling(), Products { inputs: 3, degrees }, &coefficients);
     for graph in [vec![linear_function(), polynomial(), full], kernels().to_vec()].concat() {
-        let evaluator = Evaluator::new(&surrogate(graph.clone()).unwrap());
-        let mut scratch = evaluator.scratch();
+        let mut evaluator = Evaluator::new(&surrogate(graph.clone()).unwrap());
         let (velocity, acceleration) = ([0.02, -0.7, 0.9], [0.1, 0.3, -0.5]);
         let (mut first, mut second) = (vec![0.0; 2], vec![0.0; 2]);
-        evaluator.along_curve(&POINT, [&velocity, &acceleration], [&mut first, &mut second], &mut scratch);
+        evaluator.along_curve(&POINT, [&velocity, &acceleration], [&mut first, &mut second]);
         let at = |s: f64| {
             let inputs: Vec<f64> = (0..3).map(|i| POINT[i] + s * velocity[i] + 0.5 * s * s * acceleration[i]).collect();
             outputs(&graph, &inputs)
@@ -169,7 +168,7 @@ fn derivatives_are_those_of_differences() {
             // J^T e_output along the direction is the directional derivative
             let (mut gradient, mut weights) = ([0.0; 3], [0.0; 2]);
             weights[output] = 1.0;
-            evaluator.adjoint(&POINT, &weights, &mut gradient, &mut scratch);
+            evaluator.adjoint(&POINT, &weights, &mut gradient);
             let along: f64 = gradient.iter().zip(velocity).map(|(slope, rate)| slope * rate).sum();
             assert!((along - first[output]).abs() < 1e-12);
         }
@@ -217,11 +216,11 @@ fn a_file_gives_every_kind_back_and_the_same_bytes_again() {
 #[test]
 fn a_surrogate_evaluates_as_its_graph_does() {
     for graph in all() {
-        let evaluator = Evaluator::new(&surrogate(graph.clone()).unwrap());
-        let (mut scratch, mut found) = (evaluator.scratch(), [0.0; 2]);
-        evaluator.evaluate(&POINT, &mut found, &mut scratch);
+        let mut evaluator = Evaluator::new(&surrogate(graph.clone()).unwrap());
+        let mut found = [0.0; 2];
+        evaluator.evaluate(&POINT, &mut found);
         assert_eq!(found, outputs(&graph, &POINT)[..]);
-        evaluator.directional(&POINT, &[0.0, 0.0, 1.0], &mut found, &mut scratch);
+        evaluator.directional(&POINT, &[0.0, 0.0, 1.0], &mut found);
         let is_forest = graph.steps.iter().any(|step| matches!(step, Step::Forest { .. }));
         assert_eq!(found == [0.0; 2], is_forest);
     }
@@ -237,9 +236,9 @@ fn columns_are_those_that_the_inputs_are_encoded_as() {
     let Input { min, max, .. } = like.inputs()[1];
     let angle = TAU * (1.1 - min) / (max - min);
     let expected = outputs(&graph, &[0.0, 1.0, 0.0, angle.sin(), angle.cos(), 1.3]);
-    let evaluator = Evaluator::new(&Surrogate::new(like.metadata().clone(), graph).unwrap());
+    let mut evaluator = Evaluator::new(&Surrogate::new(like.metadata().clone(), graph).unwrap());
     let mut found = [0.0; 2];
-    evaluator.evaluate(&[0.1, 1.1, 1.3], &mut found, &mut evaluator.scratch());
+    evaluator.evaluate(&[0.1, 1.1, 1.3], &mut found);
     assert!(found.iter().zip(&expected).all(|(found, expected)| (found - expected).abs() < 1e-12), "{found:?}");
     let refused = Surrogate::new(like.metadata().clone(), polynomial()).unwrap_err();
     assert!(refused.to_string().contains('6'), "{refused}");
@@ -254,8 +253,8 @@ fn no_damage_to_a_file_makes_reading_it_panic() {
                 let mut damaged = bytes.clone();
                 damaged[position] ^= change;
                 let Ok(surrogate) = Surrogate::from_bytes(&damaged) else { continue };
-                let evaluator = Evaluator::new(&surrogate);
-                evaluator.evaluate(&POINT, &mut [0.0; 2], &mut evaluator.scratch());
+                let mut evaluator = Evaluator::new(&surrogate);
+                evaluator.evaluate(&POINT, &mut [0.0; 2]);
             }
         }
     }

@@ -10,6 +10,10 @@ mod extended;
 
 const POINTS: [[f64; 3]; 3] = [[0.15, 0.3, 1.0], [0.1, 0.0, 0.0], [0.2, 5.0, 2.0]];
 
+fn set_simd(evaluator: &mut Evaluator, simd: Simd) {
+    Arc::get_mut(&mut evaluator.prepared).expect("it has no clone").simd = simd;
+}
+
 /// The textbook formulas, one scalar at a time.
 fn reference(surrogate: &Surrogate, inputs: &[f64]) -> Vec<f64> {
     let ScaledNetwork { scaling, layers } = surrogate.network().unwrap();
@@ -41,12 +45,12 @@ fn every_instruction_set_agrees_with_the_textbook_formula() {
         for hidden in [vec![], vec![1], vec![7, 33], vec![128, 128], vec![64, 64, 64]] {
             let surrogate = example::with_network(&hidden, activation);
             let mut evaluator = Evaluator::new(&surrogate);
-            let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
+            let mut outputs = [0.0; 2];
             for inputs in POINTS {
                 let expected = reference(&surrogate, &inputs);
                 for simd in Simd::available() {
-                    evaluator.simd = simd;
-                    evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+                    set_simd(&mut evaluator, simd);
+                    evaluator.evaluate(&inputs, &mut outputs);
                     for (found, expected) in outputs.iter().zip(&expected) {
                         let difference = (found - expected).abs();
                         assert!(difference < 1e-13, "{activation:?} {hidden:?} {simd:?}: {difference:e}");
@@ -60,14 +64,14 @@ fn every_instruction_set_agrees_with_the_textbook_formula() {
 #[test]
 fn an_evaluation_at_nan_leaves_nothing_behind() {
     for hidden in [vec![], vec![7], vec![7, 33]] {
-        let evaluator = Evaluator::new(&example::with_network(&hidden, Activation::Relu));
-        let (mut scratch, mut outputs, mut expected) = (evaluator.scratch(), [0.0; 2], [0.0; 2]);
-        evaluator.evaluate(&[0.15, 0.3, 1.0], &mut expected, &mut scratch);
+        let mut evaluator = Evaluator::new(&example::with_network(&hidden, Activation::Relu));
+        let (mut outputs, mut expected) = ([0.0; 2], [0.0; 2]);
+        evaluator.evaluate(&[0.15, 0.3, 1.0], &mut expected);
         for _ in 0..2 {
-            evaluator.evaluate(&[f64::NAN; 3], &mut outputs, &mut scratch);
+            evaluator.evaluate(&[f64::NAN; 3], &mut outputs);
             assert!(outputs[0].is_nan());
         }
-        evaluator.evaluate(&[0.15, 0.3, 1.0], &mut outputs, &mut scratch);
+        evaluator.evaluate(&[0.15, 0.3, 1.0], &mut outputs);
         assert_eq!(outputs, expected, "{hidden:?}");
     }
 }
@@ -76,11 +80,10 @@ fn an_evaluation_at_nan_leaves_nothing_behind() {
 fn every_evaluation_gives_the_same_bits_whichever_block_it_begins_with() {
     for precision in [Precision::Double, Precision::Single] {
         for hidden in [vec![7], vec![100, 33], vec![128, 128, 64]] {
-            let evaluator = Evaluator::new(&example::with_precision(&hidden, Activation::Tanh, precision));
-            let mut scratch = evaluator.scratch();
+            let mut evaluator = Evaluator::new(&example::with_precision(&hidden, Activation::Tanh, precision));
             let results = [(); 3].map(|()| {
                 let mut outputs = [0.0; 2];
-                evaluator.evaluate(&[0.15, 0.3, 1.0], &mut outputs, &mut scratch);
+                evaluator.evaluate(&[0.15, 0.3, 1.0], &mut outputs);
                 outputs.map(f64::to_bits)
             });
             assert!(results.iter().all(|result| *result == results[0]), "{precision:?} {hidden:?}: {results:?}");
@@ -91,10 +94,10 @@ fn every_evaluation_gives_the_same_bits_whichever_block_it_begins_with() {
 #[test]
 fn outputs_are_smooth_enough_to_be_differenced() {
     let surrogate = example::with_network(&[128, 128], Activation::Tanh);
-    let evaluator = Evaluator::new(&surrogate);
-    let (mut scratch, mut y) = (evaluator.scratch(), [0.0; 2]);
+    let mut evaluator = Evaluator::new(&surrogate);
+    let mut y = [0.0; 2];
     let mut at = |t: f64| {
-        evaluator.evaluate(&[0.15, 0.3, t], &mut y, &mut scratch);
+        evaluator.evaluate(&[0.15, 0.3, t], &mut y);
         y[0]
     };
     // central differences of two step sizes agree to their truncation error plus rounding: eps * |y| / h
@@ -231,20 +234,20 @@ fn derivatives_by_encoded_inputs_agree_with_differences_in_higher_precision() {
 fn encoded_inputs_give_the_textbook_formula_of_their_columns() {
     for precision in [Precision::Double, Precision::Single] {
         let surrogate = example::encoded(&example::with_precision(&[7, 33], Activation::Tanh, precision));
-        let evaluator = Evaluator::new(&surrogate);
-        let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
+        let mut evaluator = Evaluator::new(&surrogate);
+        let mut outputs = [0.0; 2];
         for (length, hot) in [(0.14, 0), (0.1, 1), (0.2, 2), (0.19, 2), (-5.0, 1)] {
             for speed in [0.0, 1.3, 5.0, -3.7] {
                 let angle = std::f64::consts::TAU * speed / 5.0;
                 let mut columns = [0.0, 0.0, 0.0, angle.sin(), angle.cos(), 0.6];
                 columns[hot] = 1.0;
                 let expected = reference(&surrogate, &columns);
-                evaluator.evaluate(&[length, speed, 0.6], &mut outputs, &mut scratch);
+                evaluator.evaluate(&[length, speed, 0.6], &mut outputs);
                 let tolerance = if precision == Precision::Single { 2e-5 } else { 1e-13 };
                 assert_close(&outputs, &expected, tolerance, "encoded");
             }
         }
-        evaluator.evaluate(&[f64::NAN, 0.0, 0.0], &mut outputs, &mut scratch);
+        evaluator.evaluate(&[f64::NAN, 0.0, 0.0], &mut outputs);
         assert!(outputs[0].is_nan());
     }
 }
@@ -259,20 +262,19 @@ fn activations(surrogate: &Surrogate) -> Vec<Activation> {
 fn check_derivatives(surrogate: &Surrogate, points: &[[f64; 3]]) {
     let rates: [&[f64]; 2] = [&[0.02, -1.3, 0.7], &[0.05, 0.9, -0.4]];
     let mut evaluator = Evaluator::new(surrogate);
-    let mut scratch = evaluator.scratch();
     for (inputs, simd) in points.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
         let what = format!("{:?} {inputs:?} {simd:?}", activations(surrogate));
-        evaluator.simd = simd;
+        set_simd(&mut evaluator, simd);
         let [first, second] = differences(surrogate, inputs, rates);
         let [mut directional, mut once, mut twice] = [[0.0; 2]; 3];
-        evaluator.directional(inputs, rates[0], &mut directional, &mut scratch);
+        evaluator.directional(inputs, rates[0], &mut directional);
         assert_close(&directional, &first, 1e-9, &what);
-        evaluator.along_curve(inputs, rates, [&mut once, &mut twice], &mut scratch);
+        evaluator.along_curve(inputs, rates, [&mut once, &mut twice]);
         assert_eq!(once, directional, "{what}");
         assert_close(&twice, &second, 1e-9, &what);
         let weights = [0.6, -0.03];
         let mut gradient = [0.0; 3];
-        evaluator.adjoint(inputs, &weights, &mut gradient, &mut scratch);
+        evaluator.adjoint(inputs, &weights, &mut gradient);
         let expected = [0, 1, 2].map(|column| {
             let mut unit = [0.0; 3];
             unit[column] = 1.0;
@@ -285,10 +287,10 @@ fn check_derivatives(surrogate: &Surrogate, points: &[[f64; 3]]) {
 
 /// Outputs and their slopes in time.
 fn at(surrogate: &Surrogate, time: f64) -> [[f64; 2]; 2] {
-    let evaluator = Evaluator::new(surrogate);
-    let (mut scratch, mut outputs, mut slopes) = (evaluator.scratch(), [0.0; 2], [0.0; 2]);
-    evaluator.evaluate(&[0.15, 0.3, time], &mut outputs, &mut scratch);
-    evaluator.directional(&[0.15, 0.3, time], &[0.0, 0.0, 1.0], &mut slopes, &mut scratch);
+    let mut evaluator = Evaluator::new(surrogate);
+    let (mut outputs, mut slopes) = ([0.0; 2], [0.0; 2]);
+    evaluator.evaluate(&[0.15, 0.3, time], &mut outputs);
+    evaluator.directional(&[0.15, 0.3, time], &[0.0, 0.0, 1.0], &mut slopes);
     [outputs, slopes]
 }
 
@@ -301,8 +303,8 @@ fn a_model_of_networks_for_instants_is_its_networks_at_the_instants_and_a_straig
         metadata.inputs.truncate(2);
         let of_network = |network: &Graph| {
             let alone = Surrogate::new(metadata.clone(), network.clone()).unwrap();
-            let (evaluator, mut outputs) = (Evaluator::new(&alone), [0.0; 2]);
-            evaluator.evaluate(&[0.15, 0.3], &mut outputs, &mut evaluator.scratch());
+            let (mut evaluator, mut outputs) = (Evaluator::new(&alone), [0.0; 2]);
+            evaluator.evaluate(&[0.15, 0.3], &mut outputs);
             outputs
         };
         let expected: Vec<[f64; 2]> = networks.iter().map(of_network).collect();
@@ -329,10 +331,10 @@ fn a_model_of_networks_for_instants_is_its_networks_at_the_instants_and_a_straig
 #[test]
 fn derivatives_keep_their_digits_where_every_neuron_saturates() {
     let surrogate = example::with_network(&[16], Activation::Tanh);
-    let evaluator = Evaluator::new(&surrogate);
+    let mut evaluator = Evaluator::new(&surrogate);
     let (inputs, direction) = ([3.0, 2.0, 1.0], [0.01, 0.0, 0.0]);
     let mut found = [0.0; 2];
-    evaluator.directional(&inputs, &direction, &mut found, &mut evaluator.scratch());
+    evaluator.directional(&inputs, &direction, &mut found);
     let [expected, _] = differences(&surrogate, &inputs, [&direction, &[0.0; 3]]);
     assert!(expected[0].abs() < 1e-3 && expected[0] != 0.0, "saturated: {expected:?}");
     assert_close(&found, &expected, 1e-9, "saturated");
@@ -341,11 +343,10 @@ fn derivatives_keep_their_digits_where_every_neuron_saturates() {
 #[test]
 fn single_precision_agrees_with_double_precision_to_its_own() {
     for (activation, hidden) in Activation::ALL.iter().flat_map(|&a| SHAPES.map(|shape| (a, shape))) {
-        let double = Evaluator::new(&example::with_network(hidden, activation));
+        let mut double = Evaluator::new(&example::with_network(hidden, activation));
         let mut single = Evaluator::new(&example::with_precision(hidden, activation, Precision::Single));
-        let (mut of_double, mut of_single) = (double.scratch(), single.scratch());
         for (inputs, simd) in POINTS.iter().flat_map(|point| Simd::available().into_iter().map(move |s| (point, s))) {
-            single.simd = simd;
+            set_simd(&mut single, simd);
             let (mut expected, mut found) = ([0.0; 2], [0.0; 2]);
             let scales = [0.8, 6.0]; // of the example's outputs
             let check = |expected: &[f64], found: &[f64], what: &str| {
@@ -354,16 +355,16 @@ fn single_precision_agrees_with_double_precision_to_its_own() {
                     assert!(error < 3e-6, "{activation:?} {hidden:?} {simd:?} {what}: {error:e}");
                 }
             };
-            double.evaluate(inputs, &mut expected, &mut of_double);
-            single.evaluate(inputs, &mut found, &mut of_single);
+            double.evaluate(inputs, &mut expected);
+            single.evaluate(inputs, &mut found);
             check(&expected, &found, "outputs");
             let direction = [0.03, 1.5, 0.6];
-            double.directional(inputs, &direction, &mut expected, &mut of_double);
-            single.directional(inputs, &direction, &mut found, &mut of_single);
+            double.directional(inputs, &direction, &mut expected);
+            single.directional(inputs, &direction, &mut found);
             check(&expected, &found, "derivative");
             let (mut expected, mut found) = ([0.0; 3], [0.0; 3]);
-            double.adjoint(inputs, &[1.25, 0.16], &mut expected, &mut of_double);
-            single.adjoint(inputs, &[1.25, 0.16], &mut found, &mut of_single);
+            double.adjoint(inputs, &[1.25, 0.16], &mut expected);
+            single.adjoint(inputs, &[1.25, 0.16], &mut found);
             for ((expected, found), scale) in expected.iter().zip(&found).zip(direction) {
                 assert!((expected - found).abs() * scale < 3e-6, "{activation:?} {hidden:?}: {expected} {found}");
             }
@@ -396,16 +397,16 @@ fn no_hidden_value_is_ever_denormal() {
             let mut network = surrogate.network().unwrap();
             network.scaling.input_mean.fill(0.0);
             surrogate = with(&surrogate, network);
-            let evaluator = Evaluator::new(&surrogate);
-            let (mut scratch, mut outputs) = (evaluator.scratch(), [0.0; 2]);
+            let mut evaluator = Evaluator::new(&surrogate);
+            let mut outputs = [0.0; 2];
             for inputs in [[0.15, 0.3, 1.0], [1e-300, -1e-305, 1e-310], [1e-20, 1e-25, -1e-30], [1e30, -1e30, 1e20]] {
-                evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+                evaluator.evaluate(&inputs, &mut outputs);
                 assert!(outputs.iter().all(|y| y.is_finite()));
                 let denormal = |x: f64| match precision {
                     Precision::Double => x.is_subnormal(),
                     Precision::Single => (x as f32).is_subnormal(),
                 };
-                let hidden: Vec<f64> = match &scratch.program {
+                let hidden: Vec<f64> = match &evaluator.work.graph {
                     GraphScratch::Double(scratch) => scratch.hidden().collect(),
                     GraphScratch::Single(scratch) => scratch.hidden().collect(),
                 };
@@ -435,16 +436,15 @@ fn each_layer_has_its_own_activation_and_doubles_keep_their_digits() {
     for last in Activation::ALL {
         let activations = [Activation::Sine, Activation::Silu, last];
         let surrogate = mixed(&[9, 33], &activations, Precision::Double);
-        let (mut evaluator, single) =
+        let (mut evaluator, mut single) =
             (Evaluator::new(&surrogate), Evaluator::new(&mixed(&[9, 33], &activations, Precision::Single)));
-        let (mut scratch, mut scratch_of_single) = (evaluator.scratch(), single.scratch());
         for inputs in POINTS {
             let expected = reference(&surrogate, &inputs);
             let (mut outputs, mut narrow) = ([0.0; 2], [0.0; 2]);
-            single.evaluate(&inputs, &mut narrow, &mut scratch_of_single);
+            single.evaluate(&inputs, &mut narrow);
             for simd in Simd::available() {
-                evaluator.simd = simd;
-                evaluator.evaluate(&inputs, &mut outputs, &mut scratch);
+                set_simd(&mut evaluator, simd);
+                evaluator.evaluate(&inputs, &mut outputs);
                 for ((found, narrow), expected) in outputs.iter().zip(narrow).zip(&expected) {
                     assert!((found - expected).abs() < 1e-13, "{last:?} {simd:?}: {found} {expected}");
                     assert!((narrow - expected).abs() < 1e-5, "{last:?} in single precision: {narrow} {expected}");
@@ -452,5 +452,23 @@ fn each_layer_has_its_own_activation_and_doubles_keep_their_digits() {
             }
         }
         check_derivatives(&surrogate, &POINTS);
+    }
+}
+
+#[test]
+fn a_clone_shares_the_weights_and_has_memory_of_its_own() {
+    for surrogate in [example::surrogate(), example::oscillator(Some(example::residual_network())), example::crane()] {
+        let mut one = Evaluator::new(&surrogate);
+        let mut other = one.clone();
+        assert!(Arc::ptr_eq(&one.prepared, &other.prepared));
+        let [near, far] = [0.1, 0.2].map(|value| vec![value; one.columns()]);
+        let at = |evaluator: &mut Evaluator, point: &[f64]| {
+            let mut results = vec![0.0; evaluator.results()];
+            evaluator.evaluate(point, &mut results);
+            results
+        };
+        let expected = at(&mut one, &near);
+        assert_ne!(at(&mut other, &far), expected);
+        assert_eq!(at(&mut one, &near), expected);
     }
 }

@@ -41,9 +41,9 @@ fn linear(surrogate: &Surrogate) -> (Numbers, Numbers) {
     }
 }
 
-fn output(evaluator: &Evaluator, point: &[f64]) -> f64 {
+fn output(evaluator: &mut Evaluator, point: &[f64]) -> f64 {
     let mut results = [0.0];
-    evaluator.evaluate(point, &mut results, &mut evaluator.scratch());
+    evaluator.evaluate(point, &mut results);
     results[0]
 }
 
@@ -51,26 +51,23 @@ const FORCES: [f64; 6] = [1.0, -0.5, 0.7, 2.0, 0.0, -1.0];
 
 #[test]
 fn steps_of_a_sample_a_part_of_it_and_several_give_the_same_outputs_at_samples() {
-    let evaluator = Evaluator::new(&example::recorded());
+    let mut evaluator = Evaluator::new(&example::recorded());
     let expected = expected(0.4, &FORCES);
     assert!(expected.windows(2).all(|pair| (pair[0] - pair[1]).abs() > 1e-3), "{expected:?}");
     let none = vec![0.0; evaluator.columns()];
     // the sample time is 0.1 s; sums of these steps are not exactly multiples of it
     for (parts, size) in [(1, 0.1), (2, 0.05), (3, 0.1 / 3.0), (10, 0.01)] {
         let mut point = point(&evaluator, 0.4, 0.0);
-        let mut scratch = evaluator.scratch();
-        assert_eq!(output(&evaluator, &point), 0.4);
+        assert_eq!(output(&mut evaluator, &point), 0.4);
         for (k, force) in FORCES.iter().enumerate() {
             point[3] = *force;
             for part in 1..=parts {
-                evaluator
-                    .advance(&mut point, CommunicationStep::of(size), drive([&none, &none]), &mut scratch)
-                    .unwrap();
+                evaluator.advance(&mut point, CommunicationStep::of(size), drive([&none, &none])).unwrap();
                 // linear between samples; what the input is there does not count
                 point[3] = 100.0;
                 let share = f64::from(part) / f64::from(parts);
                 let line = expected[k] + share * (expected[k + 1] - expected[k]);
-                let found = output(&evaluator, &point);
+                let found = output(&mut evaluator, &point);
                 assert!((found - line).abs() < 1e-12, "{parts} {k} {part}: {found} {line}");
             }
         }
@@ -78,14 +75,14 @@ fn steps_of_a_sample_a_part_of_it_and_several_give_the_same_outputs_at_samples()
     // one step over all samples with an input that is held
     let mut point = point(&evaluator, 0.4, 1.0);
     let held = super::tests::expected(0.4, &[1.0; 6]);
-    evaluator.advance(&mut point, CommunicationStep::of(0.6), drive([&none, &none]), &mut evaluator.scratch()).unwrap();
-    assert!((output(&evaluator, &point) - held[6]).abs() < 1e-12);
+    evaluator.advance(&mut point, CommunicationStep::of(0.6), drive([&none, &none])).unwrap();
+    assert!((output(&mut evaluator, &point) - held[6]).abs() < 1e-12);
 }
 
 #[test]
 fn inputs_follow_their_derivatives_at_samples_within_a_step_and_are_clamped() {
     let surrogate = example::recorded();
-    let evaluator = Evaluator::new(&surrogate);
+    let mut evaluator = Evaluator::new(&surrogate);
     let (mut first, mut second) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.columns()]);
     (first[3], second[3]) = (2.0, -8.0);
     let domain = Domain::new(surrogate.inputs(), surrogate.states());
@@ -95,23 +92,20 @@ fn inputs_follow_their_derivatives_at_samples_within_a_step_and_are_clamped() {
         point[3] = -0.2;
         let forces = [0.0, 0.1, 0.2, 0.3].map(|time| clamp.map_or(at(time), |domain| domain.clamp(3, at(time))));
         let with = Drive { rates: [&first, &second], clamp };
-        evaluator.advance(&mut point, CommunicationStep::of(0.4), with, &mut evaluator.scratch()).unwrap();
+        evaluator.advance(&mut point, CommunicationStep::of(0.4), with).unwrap();
         let expected = expected(0.0, &forces);
-        assert!((output(&evaluator, &point) - expected[4]).abs() < 1e-12);
+        assert!((output(&mut evaluator, &point) - expected[4]).abs() < 1e-12);
     }
 }
 
 #[test]
 fn steps_that_miss_samples_a_little_do_not_add_up() {
-    let evaluator = Evaluator::new(&example::recorded());
+    let mut evaluator = Evaluator::new(&example::recorded());
     let none = vec![0.0; evaluator.columns()];
-    let mut scratch = evaluator.scratch();
     let mut point = point(&evaluator, 0.4, 1.0);
     // ten million samples late by a tenth of a millionth each are a whole sample: a hundred are a hundred thousandth of one
     for _ in 0..100 {
-        evaluator
-            .advance(&mut point, CommunicationStep::of(0.1 * (1.0 + 1e-7)), drive([&none, &none]), &mut scratch)
-            .unwrap();
+        evaluator.advance(&mut point, CommunicationStep::of(0.1 * (1.0 + 1e-7)), drive([&none, &none])).unwrap();
     }
     let phase = *point.last().unwrap();
     assert!((phase - 1e-5).abs() < 1e-10, "{phase}");
@@ -119,20 +113,19 @@ fn steps_that_miss_samples_a_little_do_not_add_up() {
 
 #[test]
 fn derivatives_are_those_of_the_line_between_samples() {
-    let evaluator = Evaluator::new(&example::recorded());
+    let mut evaluator = Evaluator::new(&example::recorded());
     let none = vec![0.0; evaluator.columns()];
-    let mut scratch = evaluator.scratch();
     let mut point = point(&evaluator, 0.4, 1.0);
-    evaluator.advance(&mut point, CommunicationStep::of(0.125), drive([&none, &none]), &mut scratch).unwrap();
+    evaluator.advance(&mut point, CommunicationStep::of(0.125), drive([&none, &none])).unwrap();
     let direction: Vec<f64> =
         (0..point.len()).map(|k| if k + 1 < point.len() { 1.0 + k as f64 } else { 0.0 }).collect();
     let mut along = [0.0];
-    evaluator.directional(&point, &direction, &mut along, &mut scratch);
+    evaluator.directional(&point, &direction, &mut along);
     let moved: Vec<f64> = point.iter().zip(&direction).map(|(value, rate)| value + 1e-3 * rate).collect();
-    let slope = (output(&evaluator, &moved) - output(&evaluator, &point)) / 1e-3;
+    let slope = (output(&mut evaluator, &moved) - output(&mut evaluator, &point)) / 1e-3;
     assert!((along[0] - slope).abs() < 1e-9, "{along:?} {slope}");
     let mut gradient = vec![0.0; point.len()];
-    evaluator.adjoint(&point, &[2.0], &mut gradient, &mut scratch);
+    evaluator.adjoint(&point, &[2.0], &mut gradient);
     let backwards: f64 = gradient.iter().zip(&direction).map(|(gradient, along)| gradient * along).sum();
     assert!((backwards - 2.0 * along[0]).abs() < 1e-12);
 }
@@ -145,13 +138,11 @@ fn outputs_that_diverge_are_an_error_and_the_memory_stays() {
     let weights: Vec<f64> = [1e200].into_iter().chain(weights.iter().skip(1)).collect();
     graph.steps[0] = Step::Affine { of: 0, weight: weights.into(), bias: constants };
     let surrogate = Surrogate::new(surrogate.metadata().clone(), Program { graph, clock }).unwrap();
-    let evaluator = Evaluator::new(&surrogate);
+    let mut evaluator = Evaluator::new(&surrogate);
     let none = vec![0.0; evaluator.columns()];
     let mut point = point(&evaluator, 0.4, 1.0);
     let before = point.clone();
-    let mut advance = |size| {
-        evaluator.advance(&mut point, CommunicationStep::of(size), drive([&none, &none]), &mut evaluator.scratch())
-    };
+    let mut advance = |size| evaluator.advance(&mut point, CommunicationStep::of(size), drive([&none, &none]));
     assert!(matches!(advance(1.0), Err(StepError::NotFinite { after }) if (after - 0.2).abs() < 1e-12));
     assert!(matches!(advance(2e6), Err(StepError::TooManySteps)));
     assert_eq!(point, before);
@@ -167,20 +158,20 @@ fn hidden_states_go_on_as_outputs_do() {
         let row = |output: usize| (0..5).map(|k| weight.get(5 * output + k) * x[k]).sum::<f64>() + bias.get(output);
         (0..3).map(row).collect()
     };
-    let evaluator = Evaluator::new(&surrogate);
+    let mut evaluator = Evaluator::new(&surrogate);
     let mut point = vec![1.5, 0.4, 0.0];
     point.resize(evaluator.columns(), 0.0);
     evaluator.start(&mut point);
     let none = vec![0.0; evaluator.columns()];
-    let (mut s, mut scratch) = ([0.4, 0.1, -0.2], evaluator.scratch());
+    let mut s = [0.4, 0.1, -0.2];
     for force in FORCES.iter().cycle().take(50) {
         point[2] = *force;
         let x = [s[0], s[1], s[2], *force, 1.5];
         let (gates, candidates) = (affine(0, &x), affine(2, &x));
         let new = |k: usize| candidates[k].tanh();
         s = std::array::from_fn(|k| new(k) + (s[k] - new(k)) / (1.0 + (-gates[k]).exp()));
-        evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none]), &mut scratch).unwrap();
-        let found = output(&evaluator, &point);
+        evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
+        let found = output(&mut evaluator, &point);
         assert!((found - s[0]).abs() < 1e-13, "{found} {}", s[0]);
     }
     assert!((s[1] - 0.1).abs() > 0.1, "hidden states move");
@@ -190,19 +181,18 @@ fn hidden_states_go_on_as_outputs_do() {
 fn an_output_that_leaves_its_range_in_training_leaves_the_domain_though_inputs_are_in_theirs() {
     let surrogate = example::supported();
     assert_eq!(Surrogate::from_bytes(&surrogate.to_bytes().unwrap()).unwrap(), surrogate);
-    let (evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
-    let mut scratch = evaluator.scratch();
+    let (mut evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
     let none = vec![0.0; evaluator.columns()];
     let mut point = point(&evaluator, 0.4, 0.3);
     assert!(domain.contains_point(&point, 0));
-    let mut advance = |point: &mut [f64]| {
-        evaluator.advance(point, CommunicationStep::of(0.1), drive([&none, &none]), &mut scratch).unwrap();
+    let advance = |evaluator: &mut Evaluator, point: &mut [f64]| {
+        evaluator.advance(point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
     };
-    advance(&mut point);
+    advance(&mut evaluator, &mut point);
     assert!(domain.contains_point(&point, 0), "{point:?}");
     // 2 m, where the training had 0.5 m at most
     evaluator.correct(&mut point, &[2.0]);
-    advance(&mut point);
+    advance(&mut evaluator, &mut point);
     assert!(domain.is_in_ranges(&point) && !domain.contains_point(&point, 0));
     assert!(domain.distance(&point, 0) > 0.5 && domain.distance_derivative(&point).is_none());
 }

@@ -8,9 +8,9 @@ const POINT: [f64; 6] = [1.2, 0.0, 0.0, 0.3, 0.8, -0.5];
 #[test]
 fn results_are_the_equations() {
     for surrogate in [example::oscillator(None), example::oscillator_by_graph()] {
-        let evaluator = Evaluator::new(&surrogate);
-        let (mut scratch, mut results) = (evaluator.scratch(), [0.0; 3]);
-        evaluator.evaluate(&POINT, &mut results, &mut scratch);
+        let mut evaluator = Evaluator::new(&surrogate);
+        let mut results = [0.0; 3];
+        evaluator.evaluate(&POINT, &mut results);
         let [mu, _, _, u, x, v] = POINT;
         let expected = [x, v, mu * (1.0 - x * x) * v - x + u];
         assert!(results.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-14), "{results:?} {expected:?}");
@@ -21,16 +21,15 @@ fn results_are_the_equations() {
 fn derivatives_are_those_of_finite_differences_with_and_without_an_added_function() {
     let by_network = example::oscillator(Some(example::residual_network()));
     for surrogate in [example::oscillator(None), by_network, example::oscillator_by_graph()] {
-        let evaluator = Evaluator::new(&surrogate);
-        let mut scratch = evaluator.scratch();
+        let mut evaluator = Evaluator::new(&surrogate);
         let (direction, bend) = ([0.4, 1.0, 1.0, -0.7, 0.2, 0.9], [0.1, 0.0, 0.0, 0.3, -0.6, 0.2]);
         let (mut along, mut first, mut second) = ([0.0; 3], [0.0; 3], [0.0; 3]);
-        evaluator.directional(&POINT, &direction, &mut along, &mut scratch);
-        evaluator.along_curve(&POINT, [&direction, &bend], [&mut first, &mut second], &mut scratch);
+        evaluator.directional(&POINT, &direction, &mut along);
+        evaluator.along_curve(&POINT, [&direction, &bend], [&mut first, &mut second]);
         let mut at = |h: f64| {
             let point: [f64; 6] = std::array::from_fn(|k| POINT[k] + h * (direction[k] + 0.5 * h * bend[k]));
             let mut results = [0.0; 3];
-            evaluator.evaluate(&point, &mut results, &mut scratch);
+            evaluator.evaluate(&point, &mut results);
             results
         };
         let h = 1e-4;
@@ -42,7 +41,7 @@ fn derivatives_are_those_of_finite_differences_with_and_without_an_added_functio
             assert!((second[k] - bent).abs() < 1e-5, "{k}: {} {bent}", second[k]);
         }
         let (weights, mut gradient) = ([0.5, -1.0, 2.0], [0.0; 6]);
-        evaluator.adjoint(&POINT, &weights, &mut gradient, &mut scratch);
+        evaluator.adjoint(&POINT, &weights, &mut gradient);
         let forwards: f64 = weights.iter().zip(along).map(|(weight, along)| weight * along).sum();
         let backwards: f64 = gradient.iter().zip(direction).map(|(gradient, along)| gradient * along).sum();
         assert!((forwards - backwards).abs() < 1e-13);
@@ -55,10 +54,10 @@ fn both_methods_reach_the_same_state() {
     let by_network = example::oscillator(Some(example::residual_network()));
     for surrogate in [example::oscillator(None), by_network, example::oscillator_by_graph()] {
         let reach = |integration: Integration| {
-            let evaluator = Evaluator::new(&example::integrated(&surrogate, integration));
+            let mut evaluator = Evaluator::new(&example::integrated(&surrogate, integration));
             let mut point = POINT;
             let drive = Drive { rates: [&none, &none], clamp: None };
-            evaluator.advance(&mut point, CommunicationStep::of(1.5), drive, &mut evaluator.scratch()).unwrap();
+            evaluator.advance(&mut point, CommunicationStep::of(1.5), drive).unwrap();
             point
         };
         let fixed = reach(Integration::Fixed { step: 0.005 });
