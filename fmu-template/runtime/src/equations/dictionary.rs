@@ -129,6 +129,11 @@ impl Dictionary {
             let order = usize::from(exponent.unsigned_abs());
             let within = match column.factor {
                 _ if exponent == 0 => continue,
+                // its opposite, that of its derivative, must be an exponent as well
+                Factor::Angle if exponent == i16::MIN => {
+                    let limit = u64::from(i16::MIN.unsigned_abs());
+                    return Err(FormatError::Index { name: "exponents".into(), index, found: order as u64, limit });
+                }
                 Factor::Angle => 2 * (order - 1) + usize::from(exponent < 0),
                 Factor::Power { .. } if exponent < 0 => {
                     return Err(FormatError::NotPositive { name: "exponents".into(), index, value: exponent.into() });
@@ -515,6 +520,7 @@ mod tests {
             (factors, term(&[1], &[1.0])),
             (factors, term(&[1, 1], &[1.0, 2.0])),
             (factors, term(&[1, -1], &[1.0])),
+            (factors, term(&[i16::MIN, 1], &[1.0])),
             (factors, term(&[1, 1], &[f64::NAN])),
             ([Factor::Angle, Factor::Power { middle: 0.0, half: 0.0 }], term(&[1, 1], &[1.0])),
         ] {
