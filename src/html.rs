@@ -1,7 +1,6 @@
 //! Text for web pages.
 
 use crate::evaluation::Verdict;
-use metafmu_runtime::Activation;
 use std::fmt::Write;
 
 /// Text with the characters that mean something in HTML and SVG replaced.
@@ -24,19 +23,6 @@ pub fn number(value: f64) -> String {
         text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
     }
     text
-}
-
-/// An activation's name as people write it.
-pub fn activation(activation: Activation) -> &'static str {
-    match activation {
-        Activation::Tanh => "tanh",
-        Activation::Sigmoid => "sigmoid",
-        Activation::Relu => "ReLU",
-        Activation::Gelu => "GELU",
-        Activation::Silu => "SiLU",
-        Activation::Sine => "sine",
-        Activation::Identity => "linear",
-    }
 }
 
 /// R² as people read it: nine decimals, or a power of ten where it is as bad as can be.

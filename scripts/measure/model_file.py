@@ -15,8 +15,8 @@ ELEMENTWISE = {
     4: lambda x, p: x * expit(x),
     5: lambda x, p: np.sin(x),
     6: lambda x, p: x,
-    7: lambda x, p: p[0] * x + p[1],
-    25: lambda x, p: np.exp(-x / 2),
+    32: lambda x, p: p[0] * x + p[1],
+    50: lambda x, p: np.exp(-x / 2),
 }
 COMBINATIONS = [np.add, np.subtract, np.multiply, np.divide, np.maximum, np.minimum]
 LEAF = 2**32 - 1

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::{
     evaluation::{Accuracy, Horizon, KindCoverage, RollOuts, TestRows, Verdict},
-    html::{self, activation, escape, number},
+    html::{self, escape, number},
     report::Drawn,
     study::ExportOptions,
 };
@@ -441,7 +441,7 @@ fn nodes(layers: &[Layer]) -> String {
     let mut words: Vec<String> = Vec::new();
     for group in hidden.chunk_by(|layer, next| layer.activation == next.activation) {
         let sizes: Vec<String> = group.iter().map(|layer| layer.outputs.to_string()).collect();
-        words.push(format!("{} {} nodes", sizes.join(" + "), activation(group[0].activation)));
+        words.push(format!("{} {} nodes", sizes.join(" + "), group[0].activation.name()));
     }
     if words.is_empty() { "no hidden layer".into() } else { words.join(", ") }
 }

@@ -10,7 +10,7 @@
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `graph.inputs` | U32 | `[1]` | number of columns |
-//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Elementwise::ALL`](crate::graph::Elementwise::ALL), 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: normalized, 5: softmax, 6: distances, 7: forest, code: number of outputs, 8: one of two values, code: the value that says which, 9: products of Legendre polynomials, 10: standardized, 11: rescaled, 12: another graph, 13: between graphs, code: position of the time, 14: dictionary, 15: equations of motion |
+//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Activation::ALL`](crate::Activation::ALL), or from 32 on that of the others as [`Elementwise`](crate::graph::Elementwise) lists them, 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: normalized, 5: softmax, 6: distances, 7: forest, code: number of outputs, 8: one of two values, code: the value that says which, 9: products of Legendre polynomials, 10: standardized, 11: rescaled, 12: another graph, 13: between graphs, code: position of the time, 14: dictionary, 15: equations of motion |
 //! | `graph.K.weight`, `graph.K.bias` | F32 or F64 | `[outputs, inputs]`, `[outputs]` | of an affine step, as PyTorch's `Linear` |
 //! | `graph.K.parameters` | F64 | `[parameters]` or `[parameters * length]` | of an elementwise step; `ε` of a normalized one |
 //! | `graph.K.mean`, `graph.K.scale` | F64 | `[length]` | standardized: `(x - mean) / scale`, rescaled: `mean + scale * x` |

@@ -11,16 +11,6 @@
 #include "real.h"
 #include <stddef.h>
 
-typedef enum {
-    ACTIVATION_TANH,
-    ACTIVATION_SIGMOID,
-    ACTIVATION_RELU,
-    ACTIVATION_GELU,
-    ACTIVATION_SILU,
-    ACTIVATION_SINE,
-    ACTIVATION_IDENTITY
-} Activation;
-
 /* x becomes the activation of x. */
 void activate(Activation activation, Real x[BLOCK]);
 

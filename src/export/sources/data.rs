@@ -1,8 +1,8 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role, ScaledNetwork, State,
-    Surrogate, Variability, Variable,
+    Activation, BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role,
+    ScaledNetwork, State, Surrogate, Variability, Variable, graph::Elementwise,
 };
 use std::fmt::Write;
 
@@ -168,6 +168,10 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
     text.push('\n');
     for (name, value) in of_all.into_iter().chain(defines) {
         push(&mut text, format_args!("#define {name} {value}\n"));
+    }
+    enumeration(&mut text, "Activation", Activation::ALL.map(network::activation));
+    if has_graph(surrogate.program()) {
+        enumeration(&mut text, "Function", Elementwise::all().map(graph::function));
     }
     text.push_str("\nenum {\n");
     let mut sizes = common.into_iter().chain(of_cover).chain(sizes).peekable();
@@ -420,6 +424,24 @@ fn string(text: &str) -> String {
     }
     literal.push('"');
     literal
+}
+
+/// A type of constants, numbered from 0.
+fn enumeration(text: &mut String, name: &str, constants: impl IntoIterator<Item = String>) {
+    let constants: Vec<String> = constants.into_iter().map(|constant| format!("    {constant}")).collect();
+    push(text, format_args!("\ntypedef enum {{\n{}\n}} {name};\n", constants.join(",\n")));
+}
+
+/// The name of a constant, from the variant's name.
+fn enumerator(prefix: &str, variant: impl std::fmt::Debug) -> String {
+    let mut name = prefix.to_owned();
+    for letter in format!("{variant:?}").chars() {
+        if letter.is_uppercase() {
+            name.push('_');
+        }
+        name.push(letter.to_ascii_uppercase());
+    }
+    name
 }
 
 fn push(text: &mut String, arguments: std::fmt::Arguments) {

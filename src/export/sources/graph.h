@@ -31,39 +31,9 @@ typedef enum {
 
 typedef enum { COMBINE_ADD, COMBINE_SUBTRACT, COMBINE_MULTIPLY, COMBINE_DIVIDE, COMBINE_MAXIMUM, COMBINE_MINIMUM } Combination;
 
-/* The functions of a number x and its parameters p and q. */
-typedef enum {
-    FUNCTION_TANH,
-    FUNCTION_SIGMOID,
-    FUNCTION_RELU,
-    FUNCTION_GELU,
-    FUNCTION_SILU,
-    FUNCTION_SINE,
-    FUNCTION_IDENTITY,
-    FUNCTION_LINEAR, /* p x + q */
-    FUNCTION_COSINE,
-    FUNCTION_EXPONENTIAL,
-    FUNCTION_LOGARITHM,
-    FUNCTION_RECIPROCAL,
-    FUNCTION_POWER, /* x^p */
-    FUNCTION_ABSOLUTE,
-    FUNCTION_ERF,
-    FUNCTION_GELU_EXACT,
-    FUNCTION_LEAKY_RELU,       /* x if positive, else p x */
-    FUNCTION_ELU,              /* x if positive, else p (exp(x) - 1) */
-    FUNCTION_SOFTPLUS,         /* ln(1 + exp(x)) */
-    FUNCTION_SOFTSIGN,         /* x / (1 + |x|) */
-    FUNCTION_CLIP,             /* x, at least p and at most q */
-    FUNCTION_THRESHOLDED_RELU, /* x if above p, else 0 */
-    FUNCTION_ARCTANGENT,
-    FUNCTION_SINGLE,  /* x in single precision, of derivative 1 */
-    FUNCTION_POSITIVE, /* 1 if x is positive, else 0 */
-    FUNCTION_GAUSSIAN /* exp(-x / 2) */
-} Function;
-
 typedef struct {
     StepKind kind;
-    Function function;
+    Function function; /* of a number x and its parameters p and q */
     Combination operation;
     size_t of[3]; /* where the numbers that it takes begin */
     size_t width; /* how many of them, of a kind */

@@ -388,7 +388,7 @@ fn graph(example: &Surrogate) -> Surrogate {
     // of positive numbers, as logarithms and powers are
     steps.push(Step::Elementwise { of: 1, function: Elementwise::Softplus, parameters: Vec::new() });
     let mut sum = 2;
-    for function in Elementwise::ALL {
+    for function in Elementwise::all() {
         // of all alike, or of each its own
         let rows = if sum % 2 == 0 { 1 } else { 4 };
         let parameters = numbers(rows * function.parameters(), 0.9).iter().map(|number| 0.6 + 0.3 * number).collect();

@@ -3,7 +3,6 @@
 use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, r2, table, unit};
 use crate::{
     evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts},
-    html,
     study::NetworkOptions,
     surrogate::input_description,
 };
@@ -135,7 +134,7 @@ fn sizes(network: &ScaledNetwork) -> String {
 fn network(material: &Material) -> String {
     let NetworkOptions { hidden, activation, .. } = &material.study.network;
     let hidden: Vec<String> = hidden.iter().map(usize::to_string).collect();
-    let activation = html::activation(*activation);
+    let activation = activation.name();
     let layers = match hidden.as_slice() {
         [] => "no hidden layer".into(),
         hidden => format!("hidden layers of {} {activation} nodes", hidden.join(", ")),

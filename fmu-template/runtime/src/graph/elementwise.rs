@@ -48,15 +48,8 @@ pub enum Elementwise {
 }
 
 impl Elementwise {
-    /// All of them, in the order of their codes in the model file.
-    pub const ALL: [Self; 26] = [
-        Self::Activation(Activation::Tanh),
-        Self::Activation(Activation::Sigmoid),
-        Self::Activation(Activation::Relu),
-        Self::Activation(Activation::Gelu),
-        Self::Activation(Activation::Silu),
-        Self::Activation(Activation::Sine),
-        Self::Activation(Activation::Identity),
+    /// Those that are no activation.
+    const OTHERS: [Self; 19] = [
         Self::Linear,
         Self::Cosine,
         Self::Exponential,
@@ -77,6 +70,28 @@ impl Elementwise {
         Self::Positive,
         Self::Gaussian,
     ];
+
+    /// Code of the first one that is no activation.
+    const FIRST_OTHER: usize = 32;
+
+    /// All of them: activations first.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Activation::ALL.into_iter().map(Self::Activation).chain(Self::OTHERS)
+    }
+
+    /// The one of a code in the model file: position of an activation in [`Activation::ALL`], or 32 and more.
+    pub(super) fn of_code(code: usize) -> Option<Self> {
+        match code.checked_sub(Self::FIRST_OTHER) {
+            None => Activation::ALL.get(code).copied().map(Self::Activation),
+            Some(other) => Self::OTHERS.get(other).copied(),
+        }
+    }
+
+    pub(super) fn code(self) -> usize {
+        let is_self = |known: &Self| *known == self;
+        let other = || Self::FIRST_OTHER + Self::OTHERS.iter().position(is_self).unwrap_or_default();
+        Activation::ALL.into_iter().position(|activation| Self::Activation(activation) == self).unwrap_or_else(other)
+    }
 
     /// How many parameters it has, `p0` and `p1`.
     pub fn parameters(self) -> usize {

@@ -79,10 +79,7 @@ impl Step {
         let place = |found: Option<usize>| found.expect("all of them are listed") as u32;
         match self {
             Self::Affine { of, .. } => [AFFINE, 0, *of as u32, 0],
-            Self::Elementwise { of, function, .. } => {
-                let code = place(Elementwise::ALL.iter().position(|known| known == function));
-                [ELEMENTWISE, code, *of as u32, 0]
-            }
+            Self::Elementwise { of, function, .. } => [ELEMENTWISE, function.code() as u32, *of as u32, 0],
             Self::Combine { of: [a, b], operation } => {
                 let code = place(Operation::ALL.iter().position(|known| known == operation));
                 [COMBINE, code, *a as u32, *b as u32]
@@ -171,7 +168,7 @@ impl Step {
                 Ok(Self::Affine { of, weight, bias })
             }
             ELEMENTWISE => {
-                let function = *Elementwise::ALL.get(code as usize).ok_or_else(|| unknown(1))?;
+                let function = Elementwise::of_code(code as usize).ok_or_else(|| unknown(1))?;
                 let parameters = if function.parameters() > 0 { doubles("parameters")? } else { Vec::new() };
                 Ok(Self::Elementwise { of, function, parameters })
             }

@@ -140,7 +140,7 @@ fn adjoint_derivatives_are_those_of_each_column() {
         let squared = Step::Combine { of: [1, 1], operation };
         graphs.push(Graph { inputs: 3, steps: vec![columns([2, 0]), squared] });
     }
-    for function in Elementwise::ALL {
+    for function in Elementwise::all() {
         let parameters = [0.9, 1.2][..function.parameters()].to_vec();
         let of = |of| Step::Elementwise { of, function, parameters: parameters.clone() };
         // of what has one use, of what has another, and of columns
@@ -220,7 +220,7 @@ fn what_may_lose_digits_in_single_precision_stays_in_double() {
 
 #[test]
 fn every_elementwise_function_has_its_derivatives() {
-    for function in Elementwise::ALL.into_iter().filter(|function| *function != Elementwise::Single) {
+    for function in Elementwise::all().filter(|function| *function != Elementwise::Single) {
         for x in [-2.3f64, -0.4, 0.3, 0.9, 2.7] {
             let positive = matches!(function, Elementwise::Logarithm | Elementwise::Power);
             let (x, p) = (if positive { x.abs() } else { x }, [0.35, 1.2]);

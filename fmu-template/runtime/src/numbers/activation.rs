@@ -29,6 +29,19 @@ impl Activation {
     /// All of them.
     pub const ALL: [Self; 7] =
         [Self::Tanh, Self::Sigmoid, Self::Relu, Self::Gelu, Self::Silu, Self::Sine, Self::Identity];
+
+    /// Name for people.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Tanh => "tanh",
+            Self::Sigmoid => "sigmoid",
+            Self::Relu => "ReLU",
+            Self::Gelu => "GELU",
+            Self::Silu => "SiLU",
+            Self::Sine => "sine",
+            Self::Identity => "linear",
+        }
+    }
 }
 
 /// Implementation of an activation function.

@@ -1,7 +1,7 @@
 //! Numbers of a graph.
 
 use super::{
-    array,
+    array, enumerator,
     maps::MapPart,
     network::{ACTIVATIONS, BLOCK, BLOCK_SIZE, padded},
     operations::Operations,
@@ -18,7 +18,7 @@ use metafmu_runtime::{
 /// A step as `graph.h` has it; what it does not need is zero.
 struct StepRow {
     kind: &'static str,
-    function: usize,
+    function: String,
     operation: usize,
     of: [usize; 3],
     width: usize,
@@ -131,10 +131,9 @@ impl GraphSources {
             orders,
         } = row;
         self.rows.push(format!(
-            "{kind}, (Function){function}, (Combination){operation}, {{{a}, {b}, {c}}}, {width}, {begin}, {count}, {numbers}, \
+            "{kind}, {function}, (Combination){operation}, {{{a}, {b}, {c}}}, {width}, {begin}, {count}, {numbers}, \
              {parameter_step}, {more}, {places}, {}, {}, {degrees}, {orders}",
-            trees[0],
-            trees[1]
+            trees[0], trees[1]
         ));
     }
 }
@@ -149,7 +148,7 @@ fn row(
     let none = || String::from("NULL");
     let row = |kind, of: usize| StepRow {
         kind,
-        function: 0,
+        function: "FUNCTION_TANH".into(),
         operation: 0,
         of: [begins[of]; 3],
         width: widths[of],
@@ -173,14 +172,13 @@ fn row(
             ..row("STEP_AFFINE", *of)
         },
         Step::Elementwise { of, function, parameters } => {
-            let place = Elementwise::ALL.iter().position(|known| known == function);
             let is_each = parameters.len() > function.parameters();
             // there are always two, so that nothing else is read
             let (count, each) = (function.parameters(), if is_each { widths[*of] } else { 1 });
             let mut both = parameters.clone();
             both.resize(each * 2.max(count), 0.0);
             StepRow {
-                function: place.expect("all of them are listed"),
+                function: self::function(*function),
                 numbers: numbers("parameters", &both),
                 parameter_step: usize::from(is_each),
                 ..row("STEP_ELEMENTWISE", *of)
@@ -248,6 +246,14 @@ fn row(
         Step::Call { .. } | Step::Interpolate { .. } | Step::Motion { .. } => {
             unreachable!("graphs that are called are laid out step by step, others have sources of their own")
         }
+    }
+}
+
+/// Its name among those of `model_data.h`.
+pub(super) fn function(function: Elementwise) -> String {
+    match function {
+        Elementwise::Activation(activation) => enumerator("FUNCTION", activation),
+        other => enumerator("FUNCTION", other),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Scaling and weights of networks.
 
-use super::{array, divisor, maps::MapPart, operations::Operations, real, table};
+use super::{array, divisor, enumerator, maps::MapPart, operations::Operations, real, table};
 use metafmu_runtime::{Activation, Layer, Numbers, ScaledNetwork, Surrogate};
 
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
@@ -100,16 +100,9 @@ fn row(index: usize, network: &ScaledNetwork) -> String {
     )
 }
 
-pub(super) fn activation(activation: Activation) -> &'static str {
-    match activation {
-        Activation::Tanh => "ACTIVATION_TANH",
-        Activation::Sigmoid => "ACTIVATION_SIGMOID",
-        Activation::Relu => "ACTIVATION_RELU",
-        Activation::Gelu => "ACTIVATION_GELU",
-        Activation::Silu => "ACTIVATION_SILU",
-        Activation::Sine => "ACTIVATION_SINE",
-        Activation::Identity => "ACTIVATION_IDENTITY",
-    }
+/// Its name among those of `model_data.h`.
+pub(super) fn activation(activation: Activation) -> String {
+    enumerator("ACTIVATION", activation)
 }
 
 /// The last layer and those before it; a network has at least one layer.

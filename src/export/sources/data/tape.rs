@@ -86,7 +86,7 @@ fn row(instruction: &Instruction, listing: &Listing) -> String {
             let slopes = to + count * LANES as u32;
             let is_factor = |of: &Instruction| of.kind == InstructionKind::LaneProducts && of.b == slopes;
             b = listing.instructions.iter().flatten().any(is_factor).into();
-            ("ACTIVATION", super::network::activation(activation).into())
+            ("ACTIVATION", super::network::activation(activation))
         }
         InstructionKind::LaneProducts => ("BLOCKS", "0".into()),
     };
