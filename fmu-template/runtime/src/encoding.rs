@@ -69,6 +69,8 @@ pub(crate) fn nearest(values: &[f64], x: f64) -> usize {
 pub struct Encoder {
     inputs: Vec<Encoded>,
     width: usize,
+    /// The inputs without columns, if all others are columns themselves.
+    left_out: Option<Range<usize>>,
 }
 
 #[derive(Clone, Debug)]
@@ -92,7 +94,7 @@ impl Encoder {
             Encoding::Nominal(values) => Encoded::Nominal(values.clone()),
             Encoding::Periodic => Encoded::Periodic { min, period: max - min },
         };
-        Self { inputs: inputs.map(encoded).collect(), width }
+        Self { inputs: inputs.map(encoded).collect(), width, left_out: None }
     }
 
     /// For the inputs of a surrogate.
@@ -103,7 +105,7 @@ impl Encoder {
     /// For values that are columns themselves, but for some that are no columns.
     pub(crate) fn without(starts: Range<usize>, inputs: usize) -> Self {
         let encoded = |input| if starts.contains(&input) { Encoded::Start } else { Encoded::Plain };
-        Self { inputs: (0..inputs).map(encoded).collect(), width: inputs - starts.len() }
+        Self { inputs: (0..inputs).map(encoded).collect(), width: inputs - starts.len(), left_out: Some(starts) }
     }
 
     /// Number of columns.
@@ -120,7 +122,20 @@ impl Encoder {
     ///
     /// # Panics
     /// If the lengths are not those of inputs and columns.
+    #[inline]
     pub fn encode(&self, inputs: &[f64], columns: &mut [f64]) {
+        match &self.left_out {
+            // at each stage of a solver
+            Some(left_out) => {
+                let (before, after) = columns.split_at_mut(left_out.start);
+                before.copy_from_slice(&inputs[..left_out.start]);
+                after.copy_from_slice(&inputs[left_out.end..]);
+            }
+            None => self.encode_each(inputs, columns),
+        }
+    }
+
+    fn encode_each(&self, inputs: &[f64], columns: &mut [f64]) {
         self.for_each(inputs, columns, |encoded, x, columns| match encoded {
             Encoded::Plain => columns[0] = x,
             Encoded::Nominal(values) => {

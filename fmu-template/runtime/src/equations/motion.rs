@@ -225,11 +225,20 @@ impl PreparedMotion {
         self.motion.dynamics.arguments()
     }
 
-    /// Derivatives of the states without the outputs, and the arguments of tables.
-    pub(crate) fn rates(&self, columns: &[f64], rates: &mut [f64], arguments: &mut [f64], scratch: &mut MotionScratch) {
+    /// Derivatives of the states without the outputs, and the arguments of tables, at a point: the columns, and among them values that are
+    /// left out. At each stage of a solver, where a copy of the columns would count.
+    #[inline]
+    pub(crate) fn rates(
+        &self,
+        point: &[f64],
+        left_out: Range<usize>,
+        (rates, arguments): (&mut [f64], &mut [f64]),
+        scratch: &mut MotionScratch,
+    ) {
         let equations = &mut scratch.plain.equations;
-        self.accelerate(columns, equations);
-        self.motion.dynamics.write_rates(&columns[self.motion.velocities()], equations, rates);
+        let place = |column: usize| if column < left_out.start { column } else { column + left_out.len() };
+        self.motion.dynamics.solve(self.inputs.iter().map(|column| point[place(*column)]), equations);
+        self.motion.dynamics.write_rates(&point[place(self.motion.velocities().start)..], equations, rates);
         self.motion.dynamics.write_arguments(equations, arguments);
     }
 

@@ -20,6 +20,7 @@ pub(super) use interpolate::check as check_instants;
 use layers::{Dense, Order, Rows};
 use nested::{NestedScratch, NestedStep};
 use other::OtherStep;
+use std::ops::Range;
 
 /// A graph laid out for fast evaluation.
 #[derive(Clone, Debug)]
@@ -51,10 +52,19 @@ impl PreparedGraph {
         if let Self::Double(graph) = self { graph.motion() } else { None }
     }
 
-    /// Derivatives of the states of a [motion](Self::motion), and the arguments of its tables, without the outputs.
-    pub(crate) fn rates(&self, columns: &[f64], to: (&mut [f64], &mut [f64]), scratch: &mut GraphScratch) {
-        if let (Self::Double(graph), GraphScratch::Double(scratch)) = (self, scratch) {
-            graph.rates(columns, to, scratch);
+    /// Derivatives of the states of a [motion](Self::motion), and the arguments of its tables, without the outputs; see
+    /// [`PreparedMotion::rates`].
+    pub(crate) fn rates(
+        &self,
+        point: &[f64],
+        left_out: Range<usize>,
+        to: (&mut [f64], &mut [f64]),
+        scratch: &mut GraphScratch,
+    ) {
+        if let (Self::Double(graph), GraphScratch::Double(scratch)) = (self, scratch)
+            && let [Prepared { kind: Kind::Nested { step, memory }, .. }] = graph.steps.as_slice()
+        {
+            step.rates(point, left_out, to, &mut scratch.nested[*memory]);
         }
     }
 
@@ -328,18 +338,6 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
         match self.steps.as_slice() {
             [Prepared { kind: Kind::Nested { step, .. }, .. }] => step.motion(),
             _ => None,
-        }
-    }
-
-    /// Derivatives of the states of a [motion](Self::motion), see [`PreparedMotion::rates`].
-    pub(crate) fn rates(
-        &self,
-        columns: &[f64],
-        (rates, arguments): (&mut [f64], &mut [f64]),
-        scratch: &mut StepsScratch<T, WIDTH>,
-    ) {
-        if let [Prepared { kind: Kind::Nested { step, memory }, .. }] = self.steps.as_slice() {
-            step.rates(columns, rates, arguments, &mut scratch.nested[*memory]);
         }
     }
 

@@ -155,12 +155,12 @@ impl Evaluator {
         if let (Some(integration), Some(solver)) = (integration, solver) {
             let has_motion = program.motion().is_some();
             return solver.advance(point, *integration, step, drive, |point, rates, arguments| {
+                if has_motion {
+                    return program.rates(point, ports.start_columns(), (rates, arguments), graph);
+                }
                 match encoder {
                     Some(encoder) => encoder.encode(point, columns),
                     None => columns.copy_from_slice(point),
-                }
-                if has_motion {
-                    return program.rates(columns, (rates, arguments), graph);
                 }
                 program.perform(*simd, columns, Task::Outputs(results), graph);
                 rates.copy_from_slice(&results[ports.outputs..]);

@@ -14,6 +14,7 @@ use crate::{
     simd::{Lanes, Real, Simd, flat, flat_mut},
     task::Task,
 };
+use std::ops::Range;
 
 /// A step laid out for evaluation.
 #[derive(Clone, Debug)]
@@ -173,9 +174,15 @@ impl NestedStep {
     }
 
     /// Derivatives of the states of a motion, see [`PreparedMotion::rates`].
-    pub(super) fn rates(&self, columns: &[f64], rates: &mut [f64], arguments: &mut [f64], scratch: &mut NestedScratch) {
+    pub(super) fn rates(
+        &self,
+        point: &[f64],
+        left_out: Range<usize>,
+        to: (&mut [f64], &mut [f64]),
+        scratch: &mut NestedScratch,
+    ) {
         if let (Function::Motion(motion), Work::Motion(scratch)) = (&self.function, &mut scratch.work) {
-            motion.rates(columns, rates, arguments, scratch);
+            motion.rates(point, left_out, to, scratch);
         }
     }
 }
