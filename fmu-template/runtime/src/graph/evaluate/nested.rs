@@ -173,6 +173,11 @@ impl NestedStep {
         }
     }
 
+    /// Outputs or derivatives of a graph of which this is the only step.
+    pub(super) fn perform_alone(&self, point: &[f64], task: Task, scratch: &mut NestedScratch) {
+        self.perform(point, task, &mut scratch.work);
+    }
+
     /// Derivatives of the states of a motion, see [`PreparedMotion::rates`].
     pub(super) fn rates(
         &self,
