@@ -1,7 +1,7 @@
 //! How the inputs' values become the columns of the network.
 
 use crate::{Encoding, FormatError, Input, Role};
-use std::{f64::consts::TAU, ops::Range};
+use std::f64::consts::TAU;
 
 impl Input {
     /// The values of a nominal input.
@@ -69,20 +69,13 @@ pub(crate) fn nearest(values: &[f64], x: f64) -> usize {
 pub struct Encoder {
     inputs: Vec<Encoded>,
     width: usize,
-    /// The inputs without columns, if all others are columns themselves.
-    left_out: Option<Range<usize>>,
 }
 
 #[derive(Clone, Debug)]
 enum Encoded {
     Plain,
     Nominal(Vec<f64>),
-    Periodic {
-        min: f64,
-        period: f64,
-    },
-    /// No column: what states begin with does not count later.
-    Start,
+    Periodic { min: f64, period: f64 },
 }
 
 impl Encoder {
@@ -94,18 +87,12 @@ impl Encoder {
             Encoding::Nominal(values) => Encoded::Nominal(values.clone()),
             Encoding::Periodic => Encoded::Periodic { min, period: max - min },
         };
-        Self { inputs: inputs.map(encoded).collect(), width, left_out: None }
+        Self { inputs: inputs.map(encoded).collect(), width }
     }
 
     /// For the inputs of a surrogate.
     pub fn of(inputs: &[Input]) -> Self {
         Self::new(inputs.iter().map(|input| (&input.encoding, input.min, input.max)))
-    }
-
-    /// For values that are columns themselves, but for some that are no columns.
-    pub(crate) fn without(starts: Range<usize>, inputs: usize) -> Self {
-        let encoded = |input| if starts.contains(&input) { Encoded::Start } else { Encoded::Plain };
-        Self { inputs: (0..inputs).map(encoded).collect(), width: inputs - starts.len(), left_out: Some(starts) }
     }
 
     /// Number of columns.
@@ -122,20 +109,7 @@ impl Encoder {
     ///
     /// # Panics
     /// If the lengths are not those of inputs and columns.
-    #[inline]
     pub fn encode(&self, inputs: &[f64], columns: &mut [f64]) {
-        match &self.left_out {
-            // at each stage of a solver
-            Some(left_out) => {
-                let (before, after) = columns.split_at_mut(left_out.start);
-                before.copy_from_slice(&inputs[..left_out.start]);
-                after.copy_from_slice(&inputs[left_out.end..]);
-            }
-            None => self.encode_each(inputs, columns),
-        }
-    }
-
-    fn encode_each(&self, inputs: &[f64], columns: &mut [f64]) {
         self.for_each(inputs, columns, |encoded, x, columns| match encoded {
             Encoded::Plain => columns[0] = x,
             Encoded::Nominal(values) => {
@@ -150,7 +124,6 @@ impl Encoder {
                 let (sine, cosine) = (TAU * (turns - turns.floor())).sin_cos();
                 columns.copy_from_slice(&[sine, cosine]);
             }
-            Encoded::Start => {}
         });
     }
 
@@ -165,7 +138,6 @@ impl Encoder {
             begin = own.end;
             match encoded {
                 Encoded::Plain => (first[own.start], second[own.start]) = (rate, acceleration),
-                Encoded::Start => {}
                 Encoded::Nominal(_) => {
                     first[own.clone()].fill(0.0);
                     second[own].fill(0.0);
@@ -188,7 +160,7 @@ impl Encoder {
         for (encoded, by_input) in self.inputs.iter().zip(by_inputs) {
             *by_input = match encoded {
                 Encoded::Plain => by_columns[begin],
-                Encoded::Nominal(_) | Encoded::Start => 0.0,
+                Encoded::Nominal(_) => 0.0,
                 Encoded::Periodic { period, .. } => {
                     let (sine, cosine) = (columns[begin], columns[begin + 1]);
                     TAU / period * (cosine * by_columns[begin] - sine * by_columns[begin + 1])
@@ -217,7 +189,6 @@ impl Encoder {
 impl Encoded {
     fn width(&self) -> usize {
         match self {
-            Self::Start => 0,
             Self::Plain => 1,
             Self::Nominal(values) => values.len(),
             Self::Periodic { .. } => 2,

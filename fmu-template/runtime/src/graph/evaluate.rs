@@ -47,9 +47,20 @@ impl PreparedGraph {
         }
     }
 
-    /// The equations of motion, if the graph is nothing else.
+    /// The step with working memory that is the whole graph, without scaling before or after it.
+    fn nested(&self) -> Option<&NestedStep> {
+        match self {
+            Self::Double(PreparedSteps { steps, first: None, last: None, .. }) => match steps.as_slice() {
+                [Prepared { kind: Kind::Nested { step, .. }, .. }] => Some(step),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+
+    /// The equations of motion, if they are the whole graph.
     pub(crate) fn motion(&self) -> Option<&PreparedMotion> {
-        if let Self::Double(graph) = self { graph.motion() } else { None }
+        self.nested()?.motion()
     }
 
     /// Derivatives of the states of a [motion](Self::motion), and the arguments of its tables, without the outputs; see
@@ -61,10 +72,8 @@ impl PreparedGraph {
         to: (&mut [f64], &mut [f64]),
         scratch: &mut GraphScratch,
     ) {
-        if let (Self::Double(graph), GraphScratch::Double(scratch)) = (self, scratch)
-            && let [Prepared { kind: Kind::Nested { step, memory }, .. }] = graph.steps.as_slice()
-        {
-            step.rates(point, left_out, to, &mut scratch.nested[*memory]);
+        if let (Some(step), GraphScratch::Double(scratch)) = (self.nested(), scratch) {
+            step.rates(point, left_out, to, &mut scratch.nested[0]);
         }
     }
 
@@ -81,14 +90,11 @@ impl PreparedGraph {
     /// If the scratch belongs to another graph.
     #[inline]
     pub(crate) fn perform(&self, simd: Simd, point: &[f64], task: Task, scratch: &mut GraphScratch) {
-        // a step that is all takes the point as it is
+        // without copies to lanes and back
         if !matches!(task, Task::Adjoint { .. })
-            && let (Self::Double(graph), GraphScratch::Double(scratch)) = (self, &mut *scratch)
-            && let [Prepared { kind: Kind::Nested { step, memory }, .. }] = graph.steps.as_slice()
-            && graph.first.is_none()
-            && graph.last.is_none()
+            && let (Some(step), GraphScratch::Double(scratch)) = (self.nested(), &mut *scratch)
         {
-            return step.perform_alone(point, task, &mut scratch.nested[*memory]);
+            return step.perform_alone(point, task, &mut scratch.nested[0]);
         }
         simd.run(Perform { program: self, point, task, scratch });
     }
@@ -340,14 +346,6 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
             }
         }
         scratch.order.reverse();
-    }
-
-    /// The equations of motion, if the graph is nothing else.
-    pub(crate) fn motion(&self) -> Option<&PreparedMotion> {
-        match self.steps.as_slice() {
-            [Prepared { kind: Kind::Nested { step, .. }, .. }] => step.motion(),
-            _ => None,
-        }
     }
 
     /// Number of the value that the columns become, and of the one that becomes the outputs.

@@ -2,6 +2,7 @@
 
 use super::{
     Clock, CommunicationStep, Drive, Integration, Ports, Program, StepError,
+    columns::Columns,
     samples::{PreparedSampling, SamplesScratch},
     solver::Solver,
 };
@@ -34,12 +35,12 @@ pub struct Evaluator {
 /// What all clones share.
 #[derive(Debug)]
 struct PreparedProgram {
-    columns: usize,
+    /// Number of values of a point.
+    values: usize,
     results: usize,
     ports: Ports,
     graph: PreparedGraph,
-    /// How a point becomes columns of the graph, if it is not what it is.
-    encoder: Option<Encoder>,
+    columns: Columns,
     sampling: Option<PreparedSampling>,
     simd: Simd,
 }
@@ -48,15 +49,15 @@ struct PreparedProgram {
 #[derive(Clone, Debug)]
 struct Work {
     graph: GraphScratch,
-    columns: Columns,
+    columns: ColumnWork,
     solver: Option<Box<Solver>>,
     samples: Option<Box<SamplesScratch>>,
     results: Vec<f64>,
 }
 
-/// Columns of the graph: their values, rates along a curve, and adjoint derivatives.
+/// Columns of the graph: values, rates along a curve, and adjoint derivatives.
 #[derive(Clone, Debug)]
-struct Columns {
+struct ColumnWork {
     point: Vec<f64>,
     rates: [Vec<f64>; 2],
     gradient: Vec<f64>,
@@ -67,34 +68,32 @@ impl Evaluator {
     pub(crate) fn of(metadata: &Metadata, program: &Program) -> Self {
         let Metadata { inputs, states, outputs, precision, .. } = metadata;
         let ports = Ports::of(metadata);
-        let (encoder, memory) = match &program.clock {
-            Clock::Static => (Encoder::of(inputs), 0),
-            Clock::Continuous(_) => {
-                let encoder = Encoder::without(ports.start_columns(), ports.known() + ports.states);
-                (encoder, ports.states)
-            }
-            Clock::Sampled(sampling) => (Encoder::of(&[]), sampling.memory(&ports)),
+        let (columns, memory) = match &program.clock {
+            Clock::Static if inputs.iter().all(|input| input.encoding.is_plain()) => (Columns::Same, 0),
+            Clock::Static => (Columns::Encoded(Encoder::of(inputs)), 0),
+            Clock::Continuous(_) => (Columns::Without(ports.start_columns()), ports.states),
+            Clock::Sampled(sampling) => (Columns::Same, sampling.memory(&ports)),
         };
         let prepared = PreparedProgram {
-            columns: inputs.len() + memory,
+            values: inputs.len() + memory,
             results: outputs.len() + states.len(),
             ports,
             graph: PreparedGraph::new(&program.graph, *precision),
-            encoder: (!encoder.is_plain()).then_some(encoder),
+            columns,
             sampling: program.sampling().map(|sampling| PreparedSampling::new(sampling.clone(), ports)),
             simd: Simd::detect(),
         };
-        let width = prepared.encoder.as_ref().map_or(prepared.columns, Encoder::width);
+        let width = prepared.columns.width(prepared.values);
         let zeros = || vec![0.0; width];
         let solver = program.integration().map(|_| {
             let driven = inputs.iter().filter(|input| input.role == Role::Input);
             let ranges = driven.map(|input| [input.min, input.max]).collect();
             let arguments = prepared.graph.motion().map(|motion| motion.arguments()).unwrap_or_default();
-            Box::new(Solver::new(prepared.columns, ranges, program.scales(states), arguments))
+            Box::new(Solver::new(prepared.values, ranges, program.scales(states), arguments))
         });
         let work = Work {
             graph: prepared.graph.scratch(),
-            columns: Columns { point: zeros(), rates: [zeros(), zeros()], gradient: zeros() },
+            columns: ColumnWork { point: zeros(), rates: [zeros(), zeros()], gradient: zeros() },
             solver,
             samples: prepared.sampling.as_ref().map(|sampling| Box::new(sampling.scratch())),
             results: vec![0.0; prepared.results],
@@ -150,19 +149,16 @@ impl Evaluator {
     pub fn advance(&mut self, point: &mut [f64], step: CommunicationStep, drive: Drive) -> Result<u32, StepError> {
         self.check_point(point);
         let Self { prepared, integration, work } = self;
-        let PreparedProgram { ports, graph: program, encoder, sampling, simd, .. } = &**prepared;
-        let Work { graph, columns: Columns { point: columns, .. }, solver, samples, results } = work;
+        let PreparedProgram { ports, graph: program, columns, sampling, simd, .. } = &**prepared;
+        let Work { graph, columns: ColumnWork { point: of_graph, .. }, solver, samples, results } = work;
         if let (Some(integration), Some(solver)) = (integration, solver) {
             let has_motion = program.motion().is_some();
             return solver.advance(point, *integration, step, drive, |point, rates, arguments| {
                 if has_motion {
                     return program.rates(point, ports.start_columns(), (rates, arguments), graph);
                 }
-                match encoder {
-                    Some(encoder) => encoder.encode(point, columns),
-                    None => columns.copy_from_slice(point),
-                }
-                program.perform(*simd, columns, Task::Outputs(results), graph);
+                columns.write(point, of_graph);
+                program.perform(*simd, of_graph, Task::Outputs(results), graph);
                 rates.copy_from_slice(&results[ports.outputs..]);
             });
         }
@@ -183,7 +179,7 @@ impl Evaluator {
 
     /// Number of values of a point: inputs, and states or what is remembered.
     pub fn columns(&self) -> usize {
-        self.prepared.columns
+        self.prepared.values
     }
 
     /// Number of results: outputs and derivatives of states.
@@ -215,29 +211,29 @@ impl Evaluator {
         self.check_point(point);
         let Work { graph, columns, .. } = &mut self.work;
         let prepared = &*self.prepared;
-        match (&prepared.sampling, &prepared.encoder) {
+        match (&prepared.sampling, &prepared.columns) {
             (Some(sampling), _) => sampling.perform(point, task),
-            (None, None) => prepared.graph.perform(prepared.simd, point, task, graph),
-            (None, Some(encoder)) => prepared.encoded(encoder, point, task, columns, graph),
+            (None, Columns::Same) => prepared.graph.perform(prepared.simd, point, task, graph),
+            (None, _) => prepared.perform(point, task, columns, graph),
         }
     }
 }
 
 impl PreparedProgram {
-    /// Does a task of the point with the columns of the graph, by the chain rule.
-    fn encoded(&self, encoder: &Encoder, inputs: &[f64], task: Task, columns: &mut Columns, graph: &mut GraphScratch) {
-        let Columns { point, rates: [velocity, change], gradient: by_columns } = columns;
-        encoder.encode(inputs, point);
+    /// Performs a task of a point with the columns of the graph, by the chain rule.
+    fn perform(&self, inputs: &[f64], task: Task, work: &mut ColumnWork, graph: &mut GraphScratch) {
+        let ColumnWork { point, rates: [velocity, change], gradient: by_columns } = work;
+        self.columns.write(inputs, point);
         match task {
             Task::Outputs(outputs) => self.graph.perform(self.simd, point, Task::Outputs(outputs), graph),
             Task::Series { rates, first, second } => {
-                encoder.along_curve(point, rates, [velocity, change]);
+                self.columns.along_curve(point, rates, [velocity, change]);
                 let rates: [&[f64]; 2] = if second.is_some() { [velocity, change] } else { [velocity, &[]] };
                 self.graph.perform(self.simd, point, Task::Series { rates, first, second }, graph);
             }
             Task::Adjoint { weights, gradient } => {
                 self.graph.perform(self.simd, point, Task::Adjoint { weights, gradient: by_columns }, graph);
-                encoder.gradient(point, by_columns, gradient);
+                self.columns.gradient(point, by_columns, gradient);
             }
         }
     }

@@ -1,5 +1,6 @@
 //! Programs: a graph with a clock, which says when it is evaluated and what its results are.
 
+mod columns;
 mod evaluator;
 mod ports;
 pub(crate) mod samples;

@@ -1,6 +1,6 @@
-//! Programs with continuous states that are no equations of motion.
+//! Programs with continuous states whose graphs are not equations of motion alone.
 
-use crate::{CommunicationStep, Drive, Evaluator, Integration, example};
+use crate::{CommunicationStep, Drive, Evaluator, Graph, Integration, Program, Surrogate, example, graph::Step};
 
 /// mu, starts, force, states.
 const POINT: [f64; 6] = [1.2, 0.0, 0.0, 0.3, 0.8, -0.5];
@@ -66,5 +66,37 @@ fn both_methods_reach_the_same_state() {
             (4..6).all(|k| (fixed[k] - adaptive[k]).abs() < 1e-9 && fixed[k] != POINT[k]),
             "{fixed:?} {adaptive:?}"
         );
+    }
+}
+
+#[test]
+fn the_solver_integrates_scaled_equations_of_motion() {
+    let crane = example::crane();
+    let Program { graph: Graph { inputs, steps }, clock } = crane.program();
+    let Step::Motion { motion, .. } = &steps[0] else { unreachable!("the crane moves") };
+    let moved = |of| Step::Motion { of, motion: motion.clone() };
+    let standardize = Step::Standardize { of: 0, mean: vec![0.125; *inputs], scale: vec![2.0; *inputs] };
+    let rescale = |of| Step::Rescale { of, mean: vec![0.25; 11], scale: vec![2.0; 11] };
+    let same: fn(f64) -> f64 = |x| x;
+    for (steps, before, after) in [
+        (vec![standardize.clone(), moved(1)], (|x| (x - 0.125) / 2.0) as fn(f64) -> f64, same),
+        (vec![moved(0), rescale(1)], same, |y| 0.25 + 2.0 * y),
+        (vec![standardize, moved(1), rescale(2)], |x| (x - 0.125) / 2.0, |y| 0.25 + 2.0 * y),
+    ] {
+        let program = Program { graph: Graph { inputs: *inputs, steps }, clock: clock.clone() };
+        let mut evaluator = Evaluator::new(&Surrogate::new(crane.metadata().clone(), program).unwrap());
+        let point = [1.4, 0.0, 0.3, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0];
+        let (mut expected, mut found) = ([0.0; 11], [0.0; 11]);
+        Evaluator::new(&crane).evaluate(&point.map(before), &mut expected);
+        let expected = expected.map(after);
+        evaluator.evaluate(&point, &mut found);
+        assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-13), "{found:?} {expected:?}");
+        let (mut reached, none, step) = (point, [0.0; 10], 1e-6);
+        let drive = Drive { rates: [&none, &none], clamp: None };
+        evaluator.advance(&mut reached, CommunicationStep::of(step), drive).unwrap();
+        for (state, rate) in (6..10).zip(&expected[7..]) {
+            let found = (reached[state] - point[state]) / step;
+            assert!((found - rate).abs() < 1e-4, "{state}: {found} {rate}");
+        }
     }
 }
