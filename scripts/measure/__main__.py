@@ -9,7 +9,8 @@ import sys
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-FILES = {file.stem.replace("_", "-"): file for file in sorted(FOLDER.glob("*.py")) if file.stem not in ("__main__", "common", "model_file")}
+SHARED = ("__main__", "common", "model_file", "onnx_layers")
+FILES = {file.stem.replace("_", "-"): file for file in sorted(FOLDER.glob("*.py")) if file.stem not in SHARED}
 
 
 def first_line(file):

@@ -24,7 +24,7 @@ import numpy as np
 import onnx
 import precision as built
 from fmpy.fmi3 import FMU3Model, FMU3Slave
-from onnx import helper, numpy_helper
+from onnx_layers import Layers
 
 POINTS, STEPS = 7, 25
 IMPORTED = ["residual-double", "residual-single", "steps", "cell"]
@@ -41,21 +41,8 @@ CHANGES = [
 
 def onnx_model(name):
     """Layers of random weights as another tool has them."""
-    random = np.random.default_rng(1)
-    kind = np.float32 if name == "residual-single" else np.float64
-    tensors, nodes = [], []
-
-    def tensor(shape, scale):
-        tensors.append(numpy_helper.from_array((scale * random.standard_normal(shape)).astype(kind), f"t{len(tensors)}"))
-        return tensors[-1].name
-
-    def node(operator, *inputs, **attributes):
-        nodes.append(helper.make_node(operator, inputs, [f"v{len(nodes)}"], **attributes))
-        return f"v{len(nodes) - 1}"
-
-    def dense(x, inputs, outputs):
-        return node("Gemm", x, tensor((outputs, inputs), 0.8 / inputs**0.5), tensor((outputs,), 0.1), transB=1)
-
+    layers = Layers(np.float32 if name == "residual-single" else np.float64)
+    node, dense, tensor = layers.node, layers.dense, layers.tensor
     value = node("Tanh", dense("x", 3, 24))
     for _ in range(3):
         value = node("Add", value, node("Tanh", dense(value, 24, 24)))
@@ -63,12 +50,7 @@ def onnx_model(name):
         value = node("LayerNormalization", value, tensor((24,), 1.0), tensor((24,), 0.1))
         value = node("Mul", node("Softmax", dense(value, 24, 24)), node("Sigmoid", value))
         value = node("Max", node("Softplus", value), node("Sqrt", node("Exp", dense(value, 24, 24))))
-    value = dense(value, 24, 2)
-    dtype = helper.np_dtype_to_tensor_dtype(np.dtype(kind))
-    graph = helper.make_graph(
-        nodes, name, [helper.make_tensor_value_info("x", dtype, [1, 3])], [helper.make_tensor_value_info(value, dtype, [1, 2])], tensors
-    )
-    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    return layers.model(name, 3, dense(value, 24, 2), 2)
 
 
 def exported(name, folder):

@@ -17,10 +17,9 @@ from pathlib import Path
 import fmpy
 import numpy as np
 import onnx
-from onnx import helper, numpy_helper
+from common import METAFMU, ROOT
+from onnx_layers import Layers
 
-ROOT = Path(__file__).resolve().parents[2]
-METAFMU = ROOT / "target" / "release" / "metafmu"
 STEP = ROOT / "scripts" / "step-latency" / "step.c"
 MODELS = ["chain", "chain-single", "residual", "residual-single"]
 WIDTH, LAYERS = 64, 6
@@ -33,35 +32,18 @@ def run(*command, cwd=None):
 
 def network(name, activation):
     """Four columns, of which one is the time, and three outputs: what step.c sets and reads."""
-    random = np.random.default_rng(1)
-    kind = np.float32 if name.endswith("single") else np.float64
-    tensors, nodes = [], []
-
-    def tensor(shape, scale):
-        tensors.append(numpy_helper.from_array((scale * random.standard_normal(shape)).astype(kind), f"t{len(tensors)}"))
-        return tensors[-1].name
-
-    def node(operator, *inputs, **attributes):
-        nodes.append(helper.make_node(operator, inputs, [f"v{len(nodes)}"], **attributes))
-        return f"v{len(nodes) - 1}"
-
-    def dense(x, inputs, outputs):
-        return node("Gemm", x, tensor((outputs, inputs), 0.8 / inputs**0.5), tensor((outputs,), 0.1), transB=1)
-
-    value = node(activation, dense("x", 4, WIDTH))
+    layers = Layers(np.float32 if name.endswith("single") else np.float64)
+    value = layers.node(activation, layers.dense("x", 4, WIDTH))
     for _ in range(LAYERS - 1):
-        layer = node(activation, dense(value, WIDTH, WIDTH))
-        value = node("Add", value, layer) if name.startswith("residual") else layer
-    value = dense(value, WIDTH, 3)
-    dtype = helper.np_dtype_to_tensor_dtype(np.dtype(kind))
-    shapes = [helper.make_tensor_value_info(port, dtype, [1, size]) for port, size in (("x", 4), (value, 3))]
-    graph = helper.make_graph(nodes, name, shapes[:1], shapes[1:], tensors)
-    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8), value
+        layer = layers.node(activation, layers.dense(value, WIDTH, WIDTH))
+        value = layers.node("Add", value, layer) if name.startswith("residual") else layer
+    return layers.model(name, 4, layers.dense(value, WIDTH, 3), 3)
 
 
 def exported(name, activation, folder):
     """The unpacked FMU of a network, with its sources."""
-    model, result = network(name, activation)
+    model = network(name, activation)
+    result = model.graph.output[0].name
     onnx.save(model, folder / f"{name}.onnx")
     text = f'name = "{name}"\n[time]\nstep = 0.001\nstop = 2.0\n'
     for column, port in enumerate("abc"):
