@@ -31,7 +31,7 @@ use rayon::prelude::*;
 /// A sentence, if there are fewer than [`BoundsOptions::least_runs`](crate::study::BoundsOptions::least_runs), or if too many
 /// predictions are not finite.
 pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_kind: bool) -> Result<Bounds, String> {
-    let ends = if surrogate.program().goes_on() { ends(calibration) } else { vec![f64::INFINITY] };
+    let ends = if surrogate.program().has_memory() { ends(calibration) } else { vec![f64::INFINITY] };
     let width = surrogate.outputs().len();
     let mut half_widths = vec![0.0f64; ends.len() * width];
     for (kind, errors) in errors(surrogate, calibration, &ends, by_kind) {
@@ -48,7 +48,7 @@ pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_ki
         ));
     }
     let runs = calibration.runs.len() as u64;
-    let (times, half_widths) = match surrogate.program().goes_on() {
+    let (times, half_widths) = match surrogate.program().has_memory() {
         true => growing(&ends, half_widths, width),
         false => (Vec::new(), half_widths),
     };

@@ -49,8 +49,8 @@ pub fn assemble_baseline(
     finish(metadata, graph.into())
 }
 
-/// The same of a program with states, whose outputs have the ranges of the dataset's. `ranges`: of each state the range in which the
-/// equations were learned, if not every number is as good.
+/// Surrogate of a program with states. Outputs have the ranges of the dataset. `ranges` are those in which the equations of each state were
+/// learned, or none if every value is valid.
 ///
 /// # Errors
 /// As [`assemble`].
@@ -95,8 +95,8 @@ pub fn assemble_with_states(
     finish(metadata, program)
 }
 
-/// The same of a program that goes on from sample to sample; `drives`: the value of each input before the start, and the range that is wanted,
-/// infinite where the one of the dataset counts.
+/// Surrogate of a discrete-time program. `drives` are the value of each input before the start and its range, infinite to take that of the
+/// dataset.
 ///
 /// # Errors
 /// As [`assemble`].
@@ -297,7 +297,7 @@ pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
     };
     let may_change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
     // what has states follows every change
-    let change = (may_change && !surrogate.program().goes_on()).then(|| {
+    let change = (may_change && !surrogate.program().has_memory()).then(|| {
         "constant in each training run: after a change outputs are as if it had been so from the start".into()
     });
     let more: Vec<String> = values.into_iter().chain(change).collect();

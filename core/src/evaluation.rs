@@ -112,7 +112,7 @@ impl Accuracy {
 
     /// The same from [`predict_all`]'s predictions.
     pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
-        let roll_outs = surrogate.program().goes_on().then(|| RollOuts::of(surrogate, test, predictions));
+        let roll_outs = surrogate.program().has_memory().then(|| RollOuts::of(surrogate, test, predictions));
         let chaotic = roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
         let of_runs = |runs: &[usize]| -> IndexMap<String, OutputMetrics> {
             let names = surrogate.outputs().iter().map(|output| output.name.clone());
@@ -182,7 +182,7 @@ impl Accuracy {
 /// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
 /// being linear between two rows; what cannot be computed is not a number.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
-    if surrogate.program().goes_on() {
+    if surrogate.program().has_memory() {
         return RollOut::along(surrogate, evaluator, run).predictions();
     }
     let width = surrogate.outputs().len();

@@ -328,7 +328,7 @@ impl Instance {
     pub(crate) fn do_step(&mut self, from: f64, size: f64) -> Result<(), Refusal> {
         let (time, status) = self.check_step(from, size)?;
         self.note_data(status)?;
-        if self.goes_on() {
+        if self.has_memory() {
             self.advance_states(time, size, status)?;
         }
         self.set_time(time, status)?;
@@ -448,7 +448,7 @@ impl Instance {
             self.update_point();
             self.evaluator.evaluate(&self.point, &mut self.results);
             // without states it is finite at every finite point
-            if self.goes_on() && self.results.iter().any(|value| !value.is_finite()) {
+            if self.has_memory() && self.results.iter().any(|value| !value.is_finite()) {
                 return Err(self.not_computable());
             }
             self.stale = false;
@@ -467,7 +467,7 @@ impl Instance {
 
     /// The same of derivatives, which FMI 2.0 has no Discard for.
     fn check_derivatives(&self, found: &[f64]) -> Result<(), Refusal> {
-        if !self.goes_on() || found.iter().all(|value| value.is_finite()) {
+        if !self.has_memory() || found.iter().all(|value| value.is_finite()) {
             return Ok(());
         }
         let status = if self.kind.version == Version::Fmi2 { Status::Error } else { Status::Discard };

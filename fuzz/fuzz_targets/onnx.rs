@@ -1,4 +1,4 @@
-//! Whatever the bytes of an ONNX file, reading it ends with columns or with messages, and the graph between all columns can be evaluated.
+//! Any bytes read as an ONNX file give columns or error messages, and the graph between all columns can be evaluated.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -129,7 +129,7 @@ impl PySurrogate {
 
     /// Refuses a surrogate with states: rows do not say what was before.
     fn stateless(&self) -> PyResult<()> {
-        if !self.surrogate.program().goes_on() {
+        if !self.surrogate.program().has_memory() {
             return Ok(());
         }
         let name = &self.surrogate.metadata().name;
@@ -140,7 +140,7 @@ impl PySurrogate {
 
     /// Refuses a surrogate without states: there is nothing to begin with.
     fn stateful(&self) -> PyResult<()> {
-        if self.surrogate.program().goes_on() {
+        if self.surrogate.program().has_memory() {
             return Ok(());
         }
         let name = &self.surrogate.metadata().name;

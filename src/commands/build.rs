@@ -55,7 +55,7 @@ fn files(project: &Project, built: &Built) -> String {
     // of a surrogate with states there are neither epochs nor baselines; of one of samples no baselines
     let others = others.into_iter().filter(|(path, _)| {
         let study = &project.study;
-        !(study.has_states() && *path == project.history() || study.goes_on() && *path == project.comparison())
+        !(study.has_states() && *path == project.history() || study.has_memory() && *path == project.comparison())
     });
     let calibration = project.study.bounds.map(|_| (project.table("calibration"), "runs for the error bounds".into()));
     let rows: Vec<(PathBuf, String)> = built.fmus.iter().map(fmu).chain(others).chain(calibration).collect();

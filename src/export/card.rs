@@ -80,7 +80,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
 /// What holds of values that were constant in each run of the training.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
     let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
-    if !surrogate.program().goes_on() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
+    if !surrogate.program().has_memory() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
         ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
          training they were constant"
     } else {
@@ -88,7 +88,7 @@ fn unchanged(surrogate: &Surrogate) -> &'static str {
     }
 }
 
-/// What it is, in words.
+/// Kind of model, as text.
 fn what(program: &Program) -> &'static str {
     match &program.clock {
         Clock::Static if program.graph.is_network() || program.graph.instants().is_some() => "a neural network",
@@ -346,7 +346,7 @@ fn size_of_graph(graph: &Graph) -> String {
     format!("graph of {} steps with {weights} weights, computed in double precision", graph.steps.len())
 }
 
-/// What functions `of` states, of inputs and parameters are computed with.
+/// Size of the functions `of` states, inputs and parameters, as text.
 fn size_of_functions(graph: &Graph, of: &str) -> String {
     let products = match graph.dictionary().map_or(0, Dictionary::products) {
         0 => None,

@@ -409,8 +409,7 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     }
 }
 
-/// What an output or a derivative is computed from while the simulation runs: a state by itself, all states, or all states and what
-/// drives them.
+/// Variables on which an output or a derivative depends during a simulation: one state, all states, or all states and inputs.
 fn known_of_rates(quantity: Quantity, surrogate: &Surrogate, states: &[usize], all: &[usize]) -> Vec<usize> {
     let graph = &surrogate.program().graph;
     let Ports { parameters, inputs, .. } = surrogate.ports();

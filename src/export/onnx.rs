@@ -25,7 +25,7 @@ const MACHINE_LEARNING: &str = "ai.onnx.ml";
 /// The bytes of the ONNX model; the same surrogate always gives the same.
 ///
 /// # Errors
-/// [`Error::NoOnnx`] if the surrogate has states, a memory, a network for each instant, or sums of products.
+/// [`Error::NoOnnx`] if the surrogate has states, a memory, a network for each time point, or sums of products.
 pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
     let Program { graph, clock: Clock::Static } = surrogate.program() else {
         return Err(Error::NoOnnx);

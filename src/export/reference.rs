@@ -46,7 +46,7 @@ pub fn reference(surrogate: &Surrogate) -> (String, String) {
     let inputs = surrogate.inputs();
     let time_step = surrogate.metadata().time_step;
     let time = surrogate.time_column().map(|column| &inputs[column]);
-    let without_time = if surrogate.program().goes_on() { MAX_STEPS * time_step } else { time_step };
+    let without_time = if surrogate.program().has_memory() { MAX_STEPS * time_step } else { time_step };
     let (start, stop) = time.map_or((0.0, without_time), |time| (time.min, time.max));
     let stride = ((stop - start) / time_step / MAX_STEPS).ceil().max(1.0);
     let step = stride * time_step;

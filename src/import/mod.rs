@@ -163,7 +163,7 @@ pub fn surrogate(
     of_graph(graph, about, interface, rows)
 }
 
-/// The same of a graph, whose columns are the inputs of the interface that are variables, and its outputs.
+/// Surrogate of a graph. Its columns are the variable inputs of the interface.
 ///
 /// # Errors
 /// As [`surrogate()`].

@@ -68,7 +68,7 @@ fn compare_in_build(
 ) -> Result<Option<Comparison>> {
     let kinds = &project.study.baselines.build;
     // baselines are functions of parameters and time
-    if kinds.is_empty() || project.study.goes_on() {
+    if kinds.is_empty() || project.study.has_memory() {
         return Ok(None);
     }
     let network = compare::network_row(surrogate, accuracy, training, &sets.test);

@@ -54,7 +54,7 @@ pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test:
 
 /// There are no baselines of a surrogate with states.
 pub(super) fn refuse_states(project: &Project) -> Result<()> {
-    if !project.study.goes_on() {
+    if !project.study.has_memory() {
         return Ok(());
     }
     let message = "baselines are functions of parameters and time, expected the structure \"response\"";

@@ -120,7 +120,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     let mut text = String::new();
     let of = |what: &str| Error::Import { path: model.to_owned(), problems: vec![what.into()] };
     let states = feedback(&imported);
-    let goes_on = !(states.is_empty() && imported.recurrences.is_empty());
+    let has_memory = !(states.is_empty() && imported.recurrences.is_empty());
     let mut inputs = ports(&imported.inputs, states.iter().map(|state| &state.column));
     let mut outputs = ports(&imported.outputs, states.iter().map(|state| &state.output));
     for (ports, described) in [&mut inputs, &mut outputs].into_iter().zip(onnx::described(&bytes)) {
@@ -130,7 +130,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     }
     let stop = inputs.iter().filter(|port| port.wanted() == TIME).find_map(|port| Some(port.range()?[1]));
     if let Some(data) = data {
-        find_in_table(data, [&mut inputs, &mut outputs], goes_on)?;
+        find_in_table(data, [&mut inputs, &mut outputs], has_memory)?;
     }
     let known = if data.is_some() { "# ranges are those of the table of training data, by --data\n" } else { "" };
     write!(
@@ -176,7 +176,7 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
     let of_states = taken.clone();
     for port in inputs.iter().filter(|port| !port.is_state) {
         // of a model with states the time is no input
-        let is_time = !goes_on && port.wanted() == TIME && taken.insert(TIME.into());
+        let is_time = !has_memory && port.wanted() == TIME && taken.insert(TIME.into());
         let name = if is_time { TIME.into() } else { free(&port.wanted(), &mut taken) };
         let range = match (data, port.range()) {
             _ if is_time => String::new(),
@@ -266,7 +266,7 @@ fn ports<'a>(columns: &'a [String], states: impl Iterator<Item = &'a String>) ->
 
 /// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if it has as many
 /// columns as there are.
-fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], goes_on: bool) -> Result<()> {
+fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], has_memory: bool) -> Result<()> {
     let columns = Table::open(path)?.columns().to_vec();
     let mut open: HashMap<&str, usize> =
         columns.iter().enumerate().map(|(place, column)| (column.name.as_str(), place)).collect();
@@ -277,7 +277,7 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], goe
         return Err(Error::Import { path: path.to_owned(), problems });
     }
     // rows of runs have columns beside those of the model
-    open.retain(|name, _| !(goes_on && [TIME, RUN].contains(name)));
+    open.retain(|name, _| !(has_memory && [TIME, RUN].contains(name)));
     let mut rest: Vec<usize> = open.into_values().collect();
     rest.sort_unstable();
     let is_behind = rest.first().is_some_and(|first| first + rest.len() == columns.len());
@@ -458,7 +458,7 @@ fn check(
     let of_inputs = import::columns(&table, interface)?;
     let of_outputs = outputs.iter().map(|output| table.column(&output.name)).collect::<Result<Vec<usize>>>()?;
     import::check_units(&table, of_outputs.iter().copied().zip(outputs.iter().map(|output| output.unit.as_str())))?;
-    let mut along = if surrogate.program().goes_on() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
+    let mut along = if surrogate.program().has_memory() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
     let (mut evaluator, mut found) = (Evaluator::new(surrogate), vec![0.0; outputs.len()]);
     let mut largest = vec![(0.0f64, 0u64); outputs.len()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; outputs.len()];

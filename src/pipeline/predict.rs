@@ -258,7 +258,7 @@ impl<'a> Predictor<'a> {
     }
 
     fn has_states(&self) -> bool {
-        self.surrogate.program().goes_on()
+        self.surrogate.program().has_memory()
     }
 
     /// Names of the result's columns.

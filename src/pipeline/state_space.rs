@@ -53,7 +53,7 @@ pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoi
         .collect();
     let assemble = |integration: Integration| {
         let graph = Graph::of_rates(&dictionary, network.as_ref().map(Graph::from), space.counts[2], &given);
-        // an FMU without states is asked for its outputs
+        // an FMU without states provides outputs
         let clock = if space.counts[2] > 0 { Clock::Continuous(integration) } else { Clock::Static };
         let program = Program { graph, clock };
         surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), program)

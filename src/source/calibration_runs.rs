@@ -38,7 +38,7 @@ pub fn kinds(study: &Study, driven: Option<&Driven>) -> Kinds {
 
 /// None if all runs have signals of the study.
 fn with_kinds(study: &Study, driven: Option<&Driven>) -> Option<(Plan, Kinds)> {
-    let driven = driven.filter(|driven| study.goes_on() && !driven.drivers().is_empty())?;
+    let driven = driven.filter(|driven| study.has_memory() && !driven.drivers().is_empty())?;
     let BoundsOptions { coverage, .. } = study.bounds?;
     let varies = |options: &ParameterOptions| options.min < options.max || options.values.len() > 1;
     let parameters_vary = study.parameters.values().any(varies);

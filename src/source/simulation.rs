@@ -295,12 +295,12 @@ impl Simulation {
                 return (index, None);
             }
             let outcome = if stop.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { solve(&points[index]) };
-            let goes_on = match &outcome {
+            let has_memory = match &outcome {
                 Ok(Ok(_)) => true,
                 Ok(Err(_)) => failed.fetch_add(1, Ordering::Relaxed) < allowed,
                 Err(_) => false,
             };
-            if !goes_on {
+            if !has_memory {
                 halt.store(true, Ordering::Relaxed);
             }
             done();

@@ -128,7 +128,7 @@ pub(super) fn of_samples(study: &Study) -> String {
         outputs,
         sampling: of_plan(study, sampling),
         calibration_runs: study.calibration_runs(),
-        motion: study.goes_on().then(|| DigestedMotion {
+        motion: study.has_memory().then(|| DigestedMotion {
             states: &study.states,
             inputs: study
                 .inputs

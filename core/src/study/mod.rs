@@ -647,7 +647,7 @@ impl Study {
     }
 
     /// Whether outputs follow from what was before: from states, or from samples.
-    pub fn goes_on(&self) -> bool {
+    pub fn has_memory(&self) -> bool {
         self.structure != StudyStructure::Response
     }
 

@@ -145,7 +145,7 @@ impl SamplingOptions {
             if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {
                 problems.add("sampling", "recorded runs are where they are: expected `test_runs` only");
             }
-        } else if study.goes_on() {
+        } else if study.has_memory() {
             let message = match study.has_states() {
                 true => "belongs to the structure \"response\": a motion is learned from configurations",
                 false => "belongs to the structure \"response\": runs that inputs drive have random parameters",

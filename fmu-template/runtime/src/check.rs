@@ -1,4 +1,4 @@
-//! What numbers and shapes must be.
+//! Checks of numbers and shapes.
 
 use crate::FormatError;
 

@@ -286,7 +286,7 @@ pub fn crane() -> Surrogate {
     Surrogate::new(metadata, program).expect("the example is valid")
 }
 
-/// The same with other equations.
+/// The example with different equations.
 fn with_motion(like: &Surrogate, metadata: Metadata, motion: Motion) -> Surrogate {
     let integration = like.program().integration().expect("it has states");
     Surrogate::new(metadata, Program::of_motion(motion, integration)).expect("the example is valid")

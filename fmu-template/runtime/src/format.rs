@@ -21,7 +21,7 @@
 //! | `graph.K.forest.root`, `graph.K.forest.output` | U32 | `[trees]` | |
 //! | `graph.K.degrees` | U8 | `[terms, inputs]` | of [`Products`](crate::graph::Products) |
 //! | `graph.K.function.*` | | | the tensors of another graph, without the kinds from 12 on |
-//! | `graph.K.instants`, `graph.K.functions.I.*` | F64 | `[instants]` | seconds, ascending; the tensors of the network of instant I |
+//! | `graph.K.instants`, `graph.K.functions.I.*` | F64 | `[instants]` | seconds, ascending; tensors of the network at time point I |
 //!
 //! A network is a graph of a standardized step, affine and elementwise ones by turns, and a rescaled one.
 //!
@@ -33,13 +33,13 @@
 //! | `X.exponents` | I16 | `[terms, columns]` | a harmonic, negative of a sine, or a power |
 //! | `X.coefficients` | F64 | `[terms, functions]` | |
 //!
-//! [Equations of motion](crate::Motion) have two of them, the functions of the equations and the positions, over the same columns:
+//! [Equations of motion](crate::Motion) have two dictionaries, functions of the equations and positions. Their columns are
 //! coordinates, then parameters. X is `graph.K`:
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `X.columns` | | | as those of a dictionary |
-//! | `X.law.exponents`, `X.positions.exponents` | | | likewise |
+//! | `X.law.exponents`, `X.positions.exponents` | | | as `X.exponents` of a dictionary |
 //! | `X.law.coefficients`, `X.positions.coefficients` | | | in the order of [`Dynamics`](crate::Dynamics); positions |
 //! | `X.law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; left out if there are none |
 //! | `X.efforts.inputs` | U32 | `[1]` | number of inputs |
@@ -123,7 +123,7 @@ enum ClockKind {
     Sampled,
 }
 
-/// With what the names of the program's graph begin.
+/// Prefix of the tensor names of the program's graph.
 const GRAPH: &str = "graph.";
 
 impl Surrogate {

@@ -82,7 +82,7 @@ impl Surrogate {
         self.inputs().iter().position(|input| input.role == Role::Time)
     }
 
-    /// What computes the outputs.
+    /// The program that computes the outputs.
     pub fn program(&self) -> &Program {
         &self.program
     }

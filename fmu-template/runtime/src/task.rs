@@ -1,4 +1,4 @@
-//! What is asked of a graph.
+//! Tasks of a graph: outputs or derivatives at a point.
 
 /// What to compute at a point.
 pub(crate) enum Task<'a> {

@@ -10,7 +10,7 @@ use metafmu_runtime::{CommunicationStep, DomainPolicy, Drive, StepError};
 impl Instance {
     /// Whether outputs follow from what was before: whether there are states, or a memory.
     #[inline]
-    pub(super) fn goes_on(&self) -> bool {
+    pub(super) fn has_memory(&self) -> bool {
         self.point.len() > self.metadata.inputs.len()
     }
 

@@ -55,7 +55,7 @@ fn identity(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
 fn points(surrogate: &Surrogate, report: &mut Notes) -> Vec<Vec<f64>> {
     let inputs = surrogate.inputs();
     // an input that is at the end of its range for long drives a motion out of the domain
-    let varies = |role: Role| role != Role::Time && (role != Role::Input || !surrogate.program().goes_on());
+    let varies = |role: Role| role != Role::Time && (role != Role::Input || !surrogate.program().has_memory());
     let mut parameters: Vec<usize> = (0..inputs.len()).filter(|&column| varies(inputs[column].role)).collect();
     if parameters.len() > MAX_CORNER_PARAMETERS as usize {
         report.skipped(format!("corners of the parameter ranges beyond those of {MAX_CORNER_PARAMETERS} parameters"));
@@ -115,7 +115,7 @@ impl<'a> Oracle<'a> {
             // what of it cannot be run has been reported
             experiment: {
                 let mut experiment = experiment(fmu, &mut Notes(&mut drop))?;
-                if surrogate.program().goes_on() && experiment.steps() > STEPS_OF_MOTION {
+                if surrogate.program().has_memory() && experiment.steps() > STEPS_OF_MOTION {
                     experiment.shorten(STEPS_OF_MOTION);
                 }
                 experiment
@@ -160,7 +160,7 @@ impl<'a> Oracle<'a> {
         if self.fmu.interface() == InterfaceKind::ModelExchange {
             instance.enter_event_mode()?;
         }
-        if surrogate.program().goes_on() {
+        if surrogate.program().has_memory() {
             return Ok(());
         }
         let starts: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();

@@ -110,7 +110,7 @@ impl ModelSources {
     }
 }
 
-/// A network, without instants, or the networks for some instants: they have a C file of their own.
+/// Time points, none for a single network, and the networks: `maps.c` computes them.
 fn networks(graph: &Graph) -> Option<(&[f64], Vec<ScaledNetwork>)> {
     match graph.instants() {
         Some((instants, functions)) => Some((instants, functions.iter().filter_map(Graph::network).collect())),
@@ -118,9 +118,9 @@ fn networks(graph: &Graph) -> Option<(&[f64], Vec<ScaledNetwork>)> {
     }
 }
 
-/// Whether `graph.c` computes it.
+/// Returns true if `graph.c` computes the program.
 pub(super) fn has_graph(program: &Program) -> bool {
-    program.motion().is_none() && (program.goes_on() || networks(&program.graph).is_none())
+    program.motion().is_none() && (program.has_memory() || networks(&program.graph).is_none())
 }
 
 /// `model_data.h`
@@ -158,7 +158,7 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
         ("MODEL_HAS_STATES", u8::from(states > 0).to_string()),
         ("MODEL_HAS_EQUATIONS", u8::from(surrogate.program().integration().is_some()).to_string()),
-        ("MODEL_HAS_MAPS", u8::from(!surrogate.program().goes_on()).to_string()),
+        ("MODEL_HAS_MAPS", u8::from(!surrogate.program().has_memory()).to_string()),
         ("MODEL_HAS_COVER", u8::from(surrogate.metadata().cover.is_some()).to_string()),
         (
             "MODEL_HAS_SUPPORT",
@@ -238,7 +238,7 @@ const ROUNDING_IN_SINGLE: f64 = 0.01;
 /// The largest sum of magnitudes of the terms of an output of the model or of one of its networks, relative to its standard deviation.
 fn largest_sum(surrogate: &Surrogate) -> f64 {
     let program = surrogate.program();
-    if !program.goes_on() {
+    if !program.has_memory() {
         return match networks(&program.graph) {
             Some((_, networks)) => {
                 let of_network = |network| of_outputs(surrogate, scaled(network), network::sums(network));
@@ -426,13 +426,13 @@ fn string(text: &str) -> String {
     literal
 }
 
-/// A type of constants, numbered from 0.
+/// C enumeration, numbered from 0.
 fn enumeration(text: &mut String, name: &str, constants: impl IntoIterator<Item = String>) {
     let constants: Vec<String> = constants.into_iter().map(|constant| format!("    {constant}")).collect();
     push(text, format_args!("\ntypedef enum {{\n{}\n}} {name};\n", constants.join(",\n")));
 }
 
-/// The name of a constant, from the variant's name.
+/// Name of a C constant, from the name of the variant.
 fn enumerator(prefix: &str, variant: impl std::fmt::Debug) -> String {
     let mut name = prefix.to_owned();
     for letter in format!("{variant:?}").chars() {

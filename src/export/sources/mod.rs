@@ -84,15 +84,15 @@ const FMI3: [(&str, &str); 3] = [
     ("fmi3_absent.c", include_str!("fmi3_absent.c")),
 ];
 
-/// Whether there is C code for the program: equations of motion and networks for instants stand alone in it, and there is one dictionary at
-/// most, as in what this crate makes.
+/// Returns true if C code exists for the program. Equations of motion and networks at time points must be the whole graph, and at most one
+/// step may be a dictionary.
 pub fn cover(program: &Program) -> bool {
     let steps = &program.graph.steps;
     let count = |is_wanted: fn(&Step) -> bool| steps.iter().filter(|step| is_wanted(step)).count();
     let alone = count(|step| matches!(step, Step::Motion { .. } | Step::Interpolate { .. }));
     let has_clock = match steps.first() {
         Some(Step::Motion { .. }) => program.integration().is_some(),
-        Some(Step::Interpolate { .. }) => !program.goes_on(),
+        Some(Step::Interpolate { .. }) => !program.has_memory(),
         _ => true,
     };
     has_clock && (alone == 0 || steps.len() == 1) && count(|step| matches!(step, Step::Dictionary { .. })) <= 1

@@ -1,7 +1,7 @@
 /*
  * Functions as a list of operations on registers, the numbers of a working memory: a tape. The first registers are the
  * inputs, and after them are zero and one. What is zero everywhere is no part of a tape, what occurs twice is computed
- * once, and what follows from held inputs alone is computed when they have changed. Tapes are run by the template
+ * once, and what follows from fixed inputs alone is computed when they have changed. Tapes are run by the template
  * tape_run.h.
  *
  * A run takes, in multiplications, additions and divisions,
@@ -62,13 +62,13 @@ typedef struct {
 
 typedef struct {
     size_t inputs;
-    size_t first_held; /* of the inputs */
-    size_t held_count;
+    size_t first_fixed; /* of the inputs */
+    size_t fixed_count;
     size_t constant_count;
     const Constant *constants;
     const Real *weights; /* of each block of rows column by column */
     size_t counts[3];
-    /* what follows from held inputs alone; all else, but for what is computed when it is wanted */
+    /* what follows from fixed inputs alone; all else, but for what is computed when it is wanted */
     const Operation *operations[3];
     const RegisterIndex *results;
 } Tape;

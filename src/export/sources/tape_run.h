@@ -97,8 +97,8 @@ static void OF(perform)(const Tape *tape, size_t part, NUMBER *registers)
 static void OF(run)(const Tape *tape, const NUMBER *x, NUMBER *registers)
 {
     const bool is_first = OF(value)(registers[tape->inputs + 1]) < R(1.0);
-    const size_t held = tape->first_held;
-    const bool changes = is_first || memcmp(registers + held, x + held, tape->held_count * sizeof *x) != 0;
+    const size_t fixed = tape->first_fixed;
+    const bool changes = is_first || memcmp(registers + fixed, x + fixed, tape->fixed_count * sizeof *x) != 0;
     if (!changes && memcmp(registers, x, tape->inputs * sizeof *x) == 0) {
         /* the end of a step is where outputs are wanted and the next step begins */
         return;

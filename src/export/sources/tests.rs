@@ -242,7 +242,7 @@ fn compare_networks(surrogate: &Surrogate, flags: &[&str]) {
     compare(surrogate, scales_of_networks(surrogate), flags);
 }
 
-/// The network, or those of all instants.
+/// The network, or the networks at all time points.
 fn networks(surrogate: &Surrogate) -> Vec<ScaledNetwork> {
     let graph = &surrogate.program().graph;
     let of_instants = graph.instants().map(|(_, functions)| functions.iter().filter_map(Graph::network).collect());
@@ -465,7 +465,7 @@ fn fused_multiply_add_changes_no_more_than_rounding() {
     );
 }
 
-/// What GCC compiles for several processors, with fused multiply-add where they have it, and the same sources without.
+/// Sources that GCC compiles for several processors, with fused multiply-add where available, beside plain ones.
 #[test]
 fn the_processor_changes_no_more_than_rounding() {
     for flags in [["-O3", "-ffp-contract=fast"], ["-O3", "-DMETAFMU_PLAIN"]] {
@@ -608,7 +608,7 @@ fn without_states(has_parameter: bool) -> Surrogate {
     Surrogate::new(metadata, graph).unwrap()
 }
 
-/// Samples of the same inputs, or without their parameter: so many past ones, weights of the linear function, its constants.
+/// Discrete-time surrogate with this history, these weights and these constants. `change` may remove its parameter.
 fn of_samples(
     history: [usize; 2],
     weights: &[f64],
@@ -1559,7 +1559,7 @@ fn several_fmus_can_be_linked_into_one_library() {
         for file in compiled(&surrogate, version) {
             let object = sources.join(file).with_extension("o");
             let mut command = compiler();
-            // optimised, functions are compiled for several processors, with names of their own
+            // functions are compiled for several processors, under different names
             let level = if version == FmiVersion::V2 { "-O1" } else { "-O0" };
             command.args(FLAGS).args([prefix, level, "-fPIC", "-c", "-o"]).arg(&object).arg(sources.join(file));
             assert!(command.status().unwrap().success());

@@ -483,7 +483,7 @@ impl System<f64, DVector<f64>> for OdeProblem<'_> {
     fn solout(&mut self, elapsed: f64, state: &DVector<f64>, _: &DVector<f64>) -> bool {
         let Some(steps) = self.steps else { return false };
         match self.stretch.follow(&mut steps.borrow_mut(), elapsed, state) {
-            Ok(goes_on) => !goes_on,
+            Ok(has_memory) => !has_memory,
             Err(error) => {
                 *self.stretch.failure.borrow_mut() = Some(error);
                 true

@@ -52,8 +52,9 @@ pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported
     for (number, node) in graph.node.iter().enumerate() {
         let about = |problem: String| one(format!("{}: {problem}", node::title(number, node)));
         reader.node(node).map_err(about)?;
-        let goes_on = two_rows.as_mut().map_or(Ok(false), |two_rows| two_rows.follow(node, &reader)).map_err(about)?;
-        two_rows = two_rows.filter(|_| goes_on);
+        let has_memory =
+            two_rows.as_mut().map_or(Ok(false), |two_rows| two_rows.follow(node, &reader)).map_err(about)?;
+        two_rows = two_rows.filter(|_| has_memory);
     }
     let producer = [model.producer_name.as_str(), model.producer_version.as_str()].join(" ").trim().to_owned();
     reader.finish(graph, producer)

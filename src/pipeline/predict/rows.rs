@@ -110,7 +110,7 @@ impl<'a> Reader<'a> {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Error::Interrupted);
         }
-        if !self.surrogate.program().goes_on() {
+        if !self.surrogate.program().has_memory() {
             let points = self.next_points()?;
             return Ok((!points.is_empty()).then_some(Batch::Points(points)));
         }
@@ -175,8 +175,9 @@ impl<'a> Reader<'a> {
             return Err(table.mistake(&format!("column `{RUN}`: is empty, expected the run's label")));
         }
         // without labels, a run ends where the time goes back
-        let goes_on = |run: &PredictionRun| if columns.run.is_some() { run.label == label } else { time >= run.last() };
-        let Some(run) = current.as_mut().filter(|run| goes_on(run)) else {
+        let has_memory =
+            |run: &PredictionRun| if columns.run.is_some() { run.label == label } else { time >= run.last() };
+        let Some(run) = current.as_mut().filter(|run| has_memory(run)) else {
             labels.begin(table, &label)?;
             let begun = PredictionRun { label, constants, times: vec![time], inputs };
             return Ok(current.replace(begun).map(PredictionRun::finish));
@@ -213,7 +214,7 @@ impl PredictionColumns {
         let names: Vec<&str> = table.columns().iter().map(|column| column.name.as_str()).collect();
         let position = |name: &str| names.iter().position(|other| *other == name);
         let inputs: Vec<Option<usize>> = surrogate.inputs().iter().map(|input| position(&input.name)).collect();
-        let has_states = surrogate.program().goes_on();
+        let has_states = surrogate.program().has_memory();
         let time = if has_states { position(TIME) } else { None };
         let found = Self { inputs, time, run: position(RUN) };
 

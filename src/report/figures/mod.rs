@@ -33,7 +33,7 @@ pub fn sections(material: &Material) -> Vec<Section> {
         motion::section(material),
         Some(errors::section(material.evaluated)),
         // its numbers are of parameters and time alone
-        (!material.evaluated.surrogate.program().goes_on()).then(|| sensitivity::section(material.evaluated)),
+        (!material.evaluated.surrogate.program().has_memory()).then(|| sensitivity::section(material.evaluated)),
         coverage::section(material.evaluated),
         material.comparison.map(comparison::section),
         beside::section(material),

@@ -17,7 +17,7 @@ pub fn summary(material: &Material) -> Section {
         blocks.push(paragraph(&format!("{}.", metadata.description.trim_end_matches('.'))));
     }
     let (from, learned) = match metadata.states.len() {
-        0 if evaluated.surrogate.program().goes_on() => {
+        0 if evaluated.surrogate.program().has_memory() => {
             let inputs = evaluated.test.inputs.len();
             let parameters = evaluated.test.parameters.len() - inputs - outputs.len();
             (format!("past outputs, past inputs ({inputs}) and parameters ({parameters})"), "samples")
@@ -71,7 +71,7 @@ pub fn summary(material: &Material) -> Section {
         let kind = match input.role {
             Role::Time => "time",
             Role::Start => "value at the start",
-            Role::Input if evaluated.surrogate.program().goes_on() => "input",
+            Role::Input if evaluated.surrogate.program().has_memory() => "input",
             Role::Input | Role::Parameter(_) => "parameter",
         };
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input, evaluated.surrogate))

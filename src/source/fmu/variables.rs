@@ -56,7 +56,7 @@ pub fn resolve(study: &Study, description: &ModelDescription) -> Result<Resolved
     problems.extend(resolver.constants());
     problems.extend(resolver.outputs());
     let mut driven = None;
-    if study.goes_on() {
+    if study.has_memory() {
         match if study.has_states() { resolver.with_states() } else { resolver.driven() } {
             Ok(found) => driven = Some(found),
             Err(more) => problems.extend(more),

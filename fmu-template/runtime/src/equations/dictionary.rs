@@ -82,7 +82,7 @@ impl Dictionary {
         Self::from_rows(factors, outputs, rows)
     }
 
-    /// The same from the exponents and coefficients of each term.
+    /// A dictionary from the exponents and coefficients of each term.
     pub(crate) fn from_rows<'a>(
         factors: &[Factor],
         outputs: usize,
@@ -283,7 +283,7 @@ impl WrittenDictionary<'_> {
         self.add(to, output, Some(column), factor, tape)
     }
 
-    /// Terms whose factors that are not held are the same have one coefficient.
+    /// Terms share a coefficient if they differ in fixed factors only.
     fn add(&self, to: Register, output: usize, along: Option<usize>, factor: f64, tape: &mut TapeBuilder) -> Register {
         let Dictionary { products, factors, coefficients, .. } = self.dictionary;
         let mut terms: Vec<SumTerm> = Vec::new();
@@ -295,7 +295,7 @@ impl WrittenDictionary<'_> {
                 continue;
             }
             let mut coefficient = factor * coefficient;
-            let (mut of_held, mut of_others) = (tape.one, tape.one);
+            let (mut of_fixed, mut of_others) = (tape.one, tape.one);
             for &(column, atom) in factors {
                 let mut exponent = self.dictionary.columns[column].exponent(atom);
                 let written = &self.columns[column];
@@ -303,22 +303,22 @@ impl WrittenDictionary<'_> {
                     coefficient *= written.differentiate(&mut exponent);
                 }
                 let factor = written.factor(exponent, tape);
-                let product = if tape.varies(factor) { &mut of_others } else { &mut of_held };
+                let product = if tape.varies(factor) { &mut of_others } else { &mut of_fixed };
                 *product = tape.product(*product, factor);
             }
             let place = terms.binary_search_by_key(&of_others, |term| term.of).unwrap_or_else(|place| {
-                terms.insert(place, SumTerm { of: of_others, constant: 0.0, held: tape.zero });
+                terms.insert(place, SumTerm { of: of_others, constant: 0.0, fixed: tape.zero });
                 place
             });
-            let SumTerm { constant, held, .. } = &mut terms[place];
-            if of_held == tape.one {
+            let SumTerm { constant, fixed, .. } = &mut terms[place];
+            if of_fixed == tape.one {
                 *constant += coefficient;
                 continue;
             }
-            if tape.is_zero(*held) {
-                *held = tape.constant(std::mem::take(constant));
+            if tape.is_zero(*fixed) {
+                *fixed = tape.constant(std::mem::take(constant));
             }
-            *held = tape.add_scaled(*held, of_held, coefficient);
+            *fixed = tape.add_scaled(*fixed, of_fixed, coefficient);
         }
         tape.sum(to, &terms)
     }
@@ -435,9 +435,9 @@ mod tests {
     #[test]
     fn on_a_tape_values_slopes_and_series_are_the_same() {
         let dictionary = example();
-        for held in [0..0, 1..3, 0..1, 0..3] {
+        for fixed in [0..0, 1..3, 0..1, 0..3] {
             let columns = [0, 1, 2].map(Register::input);
-            let mut tape = TapeBuilder::new(3, held.clone());
+            let mut tape = TapeBuilder::new(3, fixed.clone());
             let written = dictionary.write(&columns, &mut tape);
             let values = [0, 1].map(|output| written.value(output, &mut tape));
             let slopes: Vec<Register> = (0..6).map(|index| written.slope(index / 3, index % 3, &mut tape)).collect();

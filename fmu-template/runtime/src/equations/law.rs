@@ -101,16 +101,16 @@ impl Law {
         prepared.compute(x, y, &mut [], &mut prepared.work());
     }
 
-    /// Laid out for evaluation, with derivatives with respect to so many first columns. What follows from held columns alone, which are
-    /// others, is kept as long as they have the same values.
-    pub(crate) fn prepared(&self, first: usize, held: Range<usize>) -> PreparedLaw {
-        self.with_windings(first, held, &[])
+    /// Functions prepared for evaluation, with derivatives with respect to the first `first` columns. The part that depends on fixed
+    /// columns alone runs only when they change.
+    pub(crate) fn prepared(&self, first: usize, fixed: Range<usize>) -> PreparedLaw {
+        self.with_windings(first, fixed, &[])
     }
 
-    /// The same of the functions plus `w^T x` with the first columns `x`; `windings` are the `w` of all functions, or none.
-    pub(crate) fn with_windings(&self, first: usize, held: Range<usize>, windings: &[f64]) -> PreparedLaw {
+    /// Functions `f(x) + w^T x` on a tape, with the first columns `x`. `windings` are the `w` of all functions, or empty.
+    pub(crate) fn with_windings(&self, first: usize, fixed: Range<usize>, windings: &[f64]) -> PreparedLaw {
         let Self { dictionary, network } = self;
-        let mut tape = TapeBuilder::new(dictionary.columns(), held.clone());
+        let mut tape = TapeBuilder::new(dictionary.columns(), fixed.clone());
         let columns: Vec<Register> = (0..dictionary.columns()).map(Register::input).collect();
         let written = dictionary.write(&columns, &mut tape);
         let network = network.as_ref().map(|network| network.write(&columns, first, usize::MAX, &mut tape));
@@ -133,9 +133,9 @@ impl Law {
         PreparedLaw { tape: tape.finish(), values, slopes }
     }
 
-    /// The functions as data, as they are evaluated with these columns held.
-    pub fn listing(&self, held: Range<usize>) -> Listing {
-        self.prepared(0, held).listing()
+    /// The functions as data, evaluated with these columns fixed.
+    pub fn listing(&self, fixed: Range<usize>) -> Listing {
+        self.prepared(0, fixed).listing()
     }
 }
 
@@ -425,11 +425,11 @@ mod tests {
     #[test]
     fn what_follows_from_columns_that_change_rarely_is_computed_again_when_they_do() {
         let law = nodes();
-        for held in 1..3 {
-            let prepared = law.prepared(1, held..3);
+        for fixed in 1..3 {
+            let prepared = law.prepared(1, fixed..3);
             let mut work = prepared.work();
             for (index, value) in [1.3, 1.3, 0.2, f64::NAN, 0.2].into_iter().enumerate() {
-                for column in held..3 {
+                for column in fixed..3 {
                     let mut point = POINT;
                     (point[0], point[column]) = (0.1 * index as f64, value);
                     let (mut y, mut gradient) = ([0.0; 3], [0.0; 3]);
@@ -438,7 +438,7 @@ mod tests {
                     compute(&law, 1, &point, &mut expected, &mut of_gradient);
                     for (found, expected) in y.iter().chain(&gradient).zip(expected.iter().chain(&of_gradient)) {
                         let is_same = (found - expected).abs() < 1e-14 || found.is_nan() && expected.is_nan();
-                        assert!(is_same, "{held} {index} {column}: {found} {expected}");
+                        assert!(is_same, "{fixed} {index} {column}: {found} {expected}");
                     }
                 }
             }

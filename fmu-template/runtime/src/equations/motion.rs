@@ -1,4 +1,4 @@
-//! [Equations of motion](Dynamics) and what is shown of the motion.
+//! [Equations of motion](Dynamics) and their outputs.
 //!
 //! The columns are, in this order, with `n` coordinates
 //!

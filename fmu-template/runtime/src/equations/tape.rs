@@ -1,5 +1,5 @@
 //! Equations as a list of multiplications, additions and functions. What is zero everywhere is no part of it, what occurs twice is computed
-//! once, and what follows from held inputs alone is computed when they have changed.
+//! once, and what follows from fixed inputs alone is computed when they have changed.
 
 mod lanes;
 pub mod listing;
@@ -41,7 +41,7 @@ impl Register {
 /// The list. Made by a [`TapeBuilder`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Tape {
-    held: Range<usize>,
+    fixed: Range<usize>,
     registers: usize,
     constants: Vec<(Register, f64)>,
     tables: Vec<Arc<LookupTable>>,
@@ -49,7 +49,7 @@ pub(crate) struct Tape {
     arguments: Vec<Argument>,
     /// Weights of layers.
     weights: Vec<[f64; LANES]>,
-    of_held: Part,
+    of_fixed: Part,
     of_others: Part,
     /// Operations of results that are rarely needed, without angles and layers.
     rest: Part,
@@ -105,7 +105,7 @@ enum Operation {
 #[derive(Clone, Debug)]
 pub(crate) struct TapeWork<T> {
     registers: Vec<T>,
-    /// The held inputs with which what follows from them was computed, if it was.
+    /// Fixed inputs of the last run, if `is_known`.
     at: Vec<T>,
     is_known: bool,
 }
@@ -143,10 +143,10 @@ impl Tape {
         for (register, value) in &self.constants {
             registers[register.index()] = T::from(*value);
         }
-        TapeWork { registers, at: vec![T::from(0.0); self.held.len()], is_known: false }
+        TapeWork { registers, at: vec![T::from(0.0); self.fixed.len()], is_known: false }
     }
 
-    /// The tables whose arguments change with inputs that are not held, and which axis each argument belongs to.
+    /// The tables whose arguments change with inputs that are not fixed, and which axis each argument belongs to.
     pub(crate) fn arguments(&self) -> Vec<(Arc<LookupTable>, usize)> {
         self.arguments.iter().map(|argument| (Arc::clone(&self.tables[argument.table]), argument.axis)).collect()
     }
@@ -159,11 +159,11 @@ impl Tape {
     /// Computes the registers from the inputs, but not those of the rest. Does not allocate.
     pub(crate) fn run<T: Number>(&self, work: &mut TapeWork<T>) {
         let TapeWork { registers, at, is_known } = work;
-        let held = &registers[self.held.clone()];
-        if !(*is_known && at == held) {
-            at.copy_from_slice(held);
+        let fixed = &registers[self.fixed.clone()];
+        if !(*is_known && at == fixed) {
+            at.copy_from_slice(fixed);
             *is_known = true;
-            self.run_part(&self.of_held, registers);
+            self.run_part(&self.of_fixed, registers);
         }
         self.run_part(&self.of_others, registers);
     }
@@ -331,20 +331,20 @@ impl Hasher for QuickHasher {
     }
 }
 
-/// A number in a sum. Its weight is the sum of a constant and a number that is held or constant.
+/// Term of a sum. Its weight is `constant + fixed`, and `fixed` depends on fixed inputs at most.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SumTerm {
     pub(crate) of: Register,
     pub(crate) constant: f64,
-    pub(crate) held: Register,
+    pub(crate) fixed: Register,
 }
 
 /// When a number is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Known {
     Always(f64),
-    /// With the held inputs.
-    Held,
+    /// With the fixed inputs.
+    Fixed,
     WithInputs,
 }
 
@@ -367,15 +367,15 @@ pub(crate) struct TapeBuilder {
 }
 
 impl TapeBuilder {
-    /// With so many inputs, some of which are held.
-    pub(crate) fn new(inputs: usize, held: Range<usize>) -> Self {
-        let known = |input| if held.contains(&input) { Known::Held } else { Known::WithInputs };
+    /// A tape of `inputs` inputs, some of them fixed.
+    pub(crate) fn new(inputs: usize, fixed: Range<usize>) -> Self {
+        let known = |input| if fixed.contains(&input) { Known::Fixed } else { Known::WithInputs };
         let mut builder = Self {
             zero: Register(0),
             one: Register(0),
             known: Vec::with_capacity(inputs + WRITTEN),
             written: HashMap::with_capacity_and_hasher(WRITTEN, Quick::default()),
-            tape: Tape { held: held.clone(), ..Tape::default() },
+            tape: Tape { fixed: fixed.clone(), ..Tape::default() },
         };
         builder.known.extend((0..inputs).map(known));
         builder.tape.constants.reserve(WRITTEN);
@@ -422,7 +422,7 @@ impl TapeBuilder {
 
     fn part(&mut self, known: Known) -> &mut Part {
         match known {
-            Known::Held => &mut self.tape.of_held,
+            Known::Fixed => &mut self.tape.of_fixed,
             Known::Always(_) | Known::WithInputs => &mut self.tape.of_others,
         }
     }
@@ -432,7 +432,7 @@ impl TapeBuilder {
         let known = |register: &Register| self.known[register.index()];
         match from.iter().any(|register| known(register) == Known::WithInputs) {
             true => Known::WithInputs,
-            false => Known::Held,
+            false => Known::Fixed,
         }
     }
 
@@ -440,11 +440,11 @@ impl TapeBuilder {
     pub(crate) fn value(&self, register: Register) -> Option<f64> {
         match self.known[register.index()] {
             Known::Always(value) => Some(value),
-            Known::Held | Known::WithInputs => None,
+            Known::Fixed | Known::WithInputs => None,
         }
     }
 
-    /// Returns true if a number changes with inputs that are not held.
+    /// Returns true if a number changes with inputs that are not fixed.
     pub(crate) fn varies(&self, register: Register) -> bool {
         self.known[register.index()] == Known::WithInputs
     }
@@ -626,7 +626,7 @@ impl TapeBuilder {
             rest = others;
             if run.len() < LONG {
                 for term in run {
-                    let weight = self.add_scaled(term.held, self.one, term.constant);
+                    let weight = self.add_scaled(term.fixed, self.one, term.constant);
                     c = self.add_product(c, term.of, weight);
                 }
                 continue;
@@ -647,10 +647,10 @@ impl TapeBuilder {
         let (zero, one) = (self.zero, self.one);
         let mut terms = run.iter().peekable();
         let (first, last) = (run[0].of.0, run[run.len() - 1].of.0);
-        // registers of weights that are held, before the block
+        // registers of weights that depend on fixed inputs, before the block
         let term = |of: u32| terms.next_if(|term| term.of.0 == of).copied();
         let weights = (first..=last).map(term).map(|term| match term {
-            Some(SumTerm { constant, held, .. }) if !self.is_zero(held) => Err(self.add_scaled(held, one, constant)),
+            Some(SumTerm { constant, fixed, .. }) if !self.is_zero(fixed) => Err(self.add_scaled(fixed, one, constant)),
             term => Ok(term.map_or(0.0, |term| term.constant)),
         });
         let weights: Vec<Result<f64, Register>> = weights.collect();

@@ -370,7 +370,7 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
 fn tensors_that_are_missing_unknown_or_of_the_wrong_kind_are_named() {
     let missing = described("graph.3.bias", "graph.3.bius");
     assert!(matches!(missing, FormatError::MissingTensor { name } if name == "graph.3.bias"));
-    // with a softmax in place of the last step, its tensors are not looked for
+    // a softmax in place of the last step has no tensors
     let unknown = Surrogate::from_bytes(&patched(good(), "graph.steps", 16, 5)).unwrap_err();
     assert!(matches!(unknown, FormatError::UnknownTensor { name } if name == "graph.4.mean"));
     let kind = described(r#""graph.1.bias":{"dtype":"F32""#, r#""graph.1.bias":{"dtype":"I32""#);

@@ -1,4 +1,4 @@
-//! Graphs put together of others: derivatives of states, the next sample, networks for some instants.
+//! Graphs composed of graphs: derivatives of states, the next sample, networks at time points.
 
 use super::{Elementwise, Graph, Operation, Step};
 use crate::{
@@ -7,7 +7,7 @@ use crate::{
 };
 use std::ops::Range;
 
-/// What an output or a derivative of a state is.
+/// Source of an output or of a state derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Given {
     /// A state.
@@ -17,13 +17,13 @@ pub enum Given {
 }
 
 impl Graph {
-    /// Outputs and derivatives of parameters, inputs and, as the last columns, so many states. Each is a state, or a function of the
-    /// dictionary, to which another graph may add. Of an angle that graph has two columns, its sine and cosine.
+    /// Outputs and state derivatives. The columns are parameters, inputs and `states` states. Each result is a state or a function of the
+    /// dictionary plus the `added` graph. Each angle becomes two columns of that graph, its sine and cosine.
     pub fn of_rates(dictionary: &Dictionary, added: Option<Graph>, states: usize, results: &[Given]) -> Self {
         let inputs = dictionary.columns();
         let mut graph = Self { inputs, steps: Vec::new() };
         let angles: Vec<bool> = dictionary.factors().map(|factor| factor == Factor::Angle).collect();
-        // what columns are angles is known by the dictionary
+        // the dictionary marks the angles
         let has_dictionary = dictionary.products() > 0 || added.is_none() || angles.contains(&true);
         let mut functions = 0;
         if has_dictionary {
@@ -84,7 +84,7 @@ impl Graph {
         graph
     }
 
-    /// Networks for some instants, of the other columns; `time` is the position of the time among all columns.
+    /// Interpolation between networks at time points. `time` is the column of the time; the networks have the other columns.
     pub fn of_instants(columns: usize, time: usize, instants: Vec<f64>, networks: &[ScaledNetwork]) -> Self {
         let functions = networks.iter().map(Self::from).collect();
         Self { inputs: columns, steps: vec![Step::Interpolate { of: 0, column: time, instants, functions }] }
@@ -103,7 +103,7 @@ impl Graph {
         })
     }
 
-    /// The instants and their networks, if it is some.
+    /// Time points and their networks, if the graph interpolates between networks.
     pub fn instants(&self) -> Option<(&[f64], &[Graph])> {
         match self.steps.as_slice() {
             [Step::Interpolate { instants, functions, .. }] => Some((instants, functions)),
@@ -111,7 +111,7 @@ impl Graph {
         }
     }
 
-    /// Whether each number of each value may depend on some of the columns.
+    /// Returns true for each number of each value that may depend on these columns.
     ///
     /// # Panics
     /// If the graph was not checked.

@@ -29,7 +29,7 @@ pub(crate) enum PreparedGraph {
     Single(PreparedSteps<f32, 16>),
 }
 
-/// Working memory of one evaluation at a time. Graphs with steps of the same kinds and sizes can share it.
+/// Working memory of one evaluation at a time. Graphs can share it if their steps agree in kind and size.
 #[derive(Clone, Debug)]
 pub(crate) enum GraphScratch {
     Double(StepsScratch<f64, 8>),
@@ -151,7 +151,7 @@ enum Kind<T, const WIDTH: usize> {
     Activate { of: usize, kernel: Kernel },
     /// A step that is not compiled once for each instruction set.
     Other(OtherStep),
-    /// A step with working memory of its own, by its position among those.
+    /// A step with separate working memory, at this position.
     Nested { step: Box<NestedStep>, memory: usize },
 }
 

@@ -1,4 +1,4 @@
-//! Graphs of what is fitted: networks, linear functions, polynomials, forests of decision trees, sums of kernels. All are fitted to
+//! Graphs of fitted models: networks, linear functions, polynomials, forests of decision trees, sums of kernels. All are fitted to
 //! standardized columns `z = (x - mean) / scale` and outputs. Means are subtracted first: in `x / scale - mean / scale` digits would cancel
 //! far from zero.
 

@@ -135,11 +135,11 @@ pub enum Step {
     Call {
         /// `x`
         of: usize,
-        /// The graph, without steps such as this one and those below.
+        /// The graph, without calls, interpolation, dictionaries and equations of motion.
         function: Graph,
     },
-    /// Networks of the `x_i` but one, `t`, between whose results `y` is interpolated: `y = (1 - w) y_k + w y_(k+1)` with
-    /// `w = (t - t_k) / (t_(k+1) - t_k)`. Before the first instant `t_k` and after the last one `y` does not depend on `t`.
+    /// Interpolation in `t`, one of the `x_i`, between networks of the others: `y = (1 - w) y_k + w y_(k+1)` with
+    /// `w = (t - t_k) / (t_(k+1) - t_k)`. `y` is constant before the first time point and after the last.
     Interpolate {
         /// `x`
         of: usize,
@@ -147,7 +147,7 @@ pub enum Step {
         column: usize,
         /// `t_0, ..., t_N`, ascending, at least two.
         instants: Vec<f64>,
-        /// One for each instant, with layers of the same sizes; in the precision of the model.
+        /// Network at each time point, with equal layer sizes, in the precision of the model.
         functions: Vec<Graph>,
     },
     /// Sums of products of powers, sines and cosines of `x_i`, in double precision.
@@ -161,7 +161,7 @@ pub enum Step {
     Motion {
         /// Parameters, inputs, coordinates and velocities.
         of: usize,
-        /// The equations, and what is shown of the motion.
+        /// The equations and their outputs.
         motion: Box<Motion>,
     },
 }
@@ -303,7 +303,7 @@ impl Step {
         few.iter().copied().chain(columns.iter().map(|[of, _]| *of as usize))
     }
 
-    /// Whether it computes in a precision of its own.
+    /// Returns true if the step has separate working memory.
     pub(crate) fn is_nested(&self) -> bool {
         matches!(self, Self::Call { .. } | Self::Interpolate { .. } | Self::Dictionary { .. } | Self::Motion { .. })
     }

@@ -21,7 +21,7 @@ const SELECT: u32 = 8;
 const PRODUCTS: u32 = 9;
 const STANDARDIZE: u32 = 10;
 const RESCALE: u32 = 11;
-/// From here on, steps that have working memory of their own.
+/// Steps from here on have separate working memory.
 const CALL: u32 = 12;
 const INTERPOLATE: u32 = 13;
 const DICTIONARY: u32 = 14;
@@ -74,7 +74,7 @@ impl Graph {
 }
 
 impl Step {
-    /// What kind of step it is, what of that kind, and of which values.
+    /// Kind and code of the step, and its operands.
     fn codes(&self) -> [u32; 4] {
         let place = |found: Option<usize>| found.expect("all of them are listed") as u32;
         match self {

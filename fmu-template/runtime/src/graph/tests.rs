@@ -269,7 +269,7 @@ fn what_does_not_fit_is_refused() {
     assert!(message.contains("at most"), "{message}");
 }
 
-/// Two outputs of three columns, through the steps that have working memory of their own, and steps that scale in between.
+/// Two outputs of three columns, through the steps with separate working memory and scaling between them.
 fn nested() -> Graph {
     let two = |weight: [f64; 4]| Step::Affine { of: 1, weight: weight.to_vec().into(), bias: vec![0.2, -0.1].into() };
     let tanh = Step::Elementwise { of: 2, function: Elementwise::Activation(Activation::Tanh), parameters: Vec::new() };

@@ -17,22 +17,22 @@ use std::sync::Arc;
 /// Highest order of the outputs' derivatives along a curve: the FMU's `maxOutputDerivativeOrder`.
 pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
 
-/// A [`Surrogate`](crate::Surrogate) laid out for fast evaluation, with working memory. No evaluation allocates. A clone shares what is laid
-/// out and has memory of its own: one for each thread.
+/// A [`Surrogate`](crate::Surrogate) prepared for fast evaluation, with working memory. No evaluation allocates. Each thread needs a clone:
+/// clones share the weights and have separate working memory.
 ///
-/// A point has one value for each input and, after them, one for each state, or what a program remembers of samples; results are the
-/// outputs and, after them, the states' derivatives with respect to time.
+/// A point consists of one value per input, then the states or the memory of samples. Results are the outputs, then the derivatives of the
+/// states with respect to time.
 ///
 /// Every method panics if a slice has the wrong length.
 #[derive(Clone, Debug)]
 pub struct Evaluator {
     prepared: Arc<PreparedProgram>,
-    /// Of continuous states.
+    /// Integration of continuous states.
     integration: Option<Integration>,
     work: Work,
 }
 
-/// What all clones share.
+/// Weights and layout, shared by all clones.
 #[derive(Debug)]
 struct PreparedProgram {
     /// Number of values of a point.
@@ -101,7 +101,7 @@ impl Evaluator {
         Self { prepared: Arc::new(prepared), integration: program.integration(), work }
     }
 
-    /// The same with another integration of continuous states, if it has any.
+    /// The evaluator with a different integration of its continuous states. Nothing changes without states.
     pub fn with_integration(&self, integration: Integration) -> Self {
         let mut other = self.clone();
         if let Some(own) = &mut other.integration {
@@ -141,8 +141,8 @@ impl Evaluator {
         self.perform(point, Task::Adjoint { weights, gradient });
     }
 
-    /// Integrates the states of a point over a communication step, or goes on from sample to sample. Nothing happens without
-    /// states or a memory. Returns how many steps the solver tried.
+    /// Integrates the states of a point over a communication step, or advances its samples. Does nothing for a static program. Returns the
+    /// number of steps that the solver tried.
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
@@ -170,14 +170,14 @@ impl Evaluator {
         Ok(0)
     }
 
-    /// Makes a sample of the outputs what was measured; nothing without samples.
+    /// Replaces a sample of the outputs by measured values. Does nothing without samples.
     pub fn correct(&self, point: &mut [f64], outputs: &[f64]) {
         if let Some(sampling) = &self.prepared.sampling {
             sampling.correct(point, outputs);
         }
     }
 
-    /// Number of values of a point: inputs, and states or what is remembered.
+    /// Number of values of a point: inputs, then states or the memory of samples.
     pub fn columns(&self) -> usize {
         self.prepared.values
     }
@@ -187,7 +187,7 @@ impl Evaluator {
         self.prepared.results
     }
 
-    /// Gives the states of a point, or its memory, the values that its inputs have for the start.
+    /// Initializes the states or the memory of a point from its start values.
     pub fn start(&self, point: &mut [f64]) {
         self.check_point(point);
         let PreparedProgram { ports, sampling, .. } = &*self.prepared;

@@ -16,24 +16,23 @@ pub use ports::Ports;
 pub use samples::{Sampling, Support, Transition};
 pub use solver::{CommunicationStep, Drive, Integration, MAX_SOLVER_STEPS, Scale, StepError};
 
-/// What computes a surrogate's outputs from a point: one value for each of its inputs, the time among them, and one for each of its
-/// states.
+/// Function from a point to the outputs of a surrogate. A point consists of one value per input, the time included, and one per state.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Program {
     /// A function of the columns that [`Ports`] lists for the clock.
     pub graph: Graph,
-    /// When it is evaluated.
+    /// Evaluation times.
     pub clock: Clock,
 }
 
-/// When a graph is evaluated, and what its results are.
+/// Evaluation times of a graph, and the meaning of its results.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Clock {
-    /// Whenever outputs are wanted: they follow from the inputs at the same time.
+    /// Static: evaluated for outputs, which depend on the present inputs alone.
     Static,
-    /// Whenever outputs are wanted, or the states' derivatives, which are the results behind the outputs.
+    /// Continuous: evaluated for outputs and derivatives of states. The results are outputs, then derivatives.
     Continuous(Integration),
-    /// At samples: the results are the numbers of the next one.
+    /// Sampled: evaluated at samples. The results are the next sample.
     Sampled(Box<Sampling>),
 }
 
@@ -51,12 +50,12 @@ impl Program {
         Self { graph, clock: Clock::Continuous(integration) }
     }
 
-    /// How continuous states are integrated; none without them.
+    /// Integration of continuous states, if the program has any.
     pub fn integration(&self) -> Option<Integration> {
         if let Clock::Continuous(integration) = self.clock { Some(integration) } else { None }
     }
 
-    /// The same with another integration of continuous states, if it has any.
+    /// The program with a different integration of its continuous states. Nothing changes without states.
     #[must_use]
     pub fn with_integration(mut self, integration: Integration) -> Self {
         if let Clock::Continuous(own) = &mut self.clock {
@@ -65,8 +64,8 @@ impl Program {
         self
     }
 
-    /// Whether outputs follow from what was before: states, or samples.
-    pub fn goes_on(&self) -> bool {
+    /// Returns true if outputs depend on the past, through states or samples.
+    pub fn has_memory(&self) -> bool {
         self.clock != Clock::Static
     }
 
@@ -75,19 +74,19 @@ impl Program {
         if let Clock::Sampled(sampling) = &self.clock { Some(sampling) } else { None }
     }
 
-    /// The equations of motion, if it is nothing else.
+    /// The equations of motion, if they are the whole graph.
     pub fn motion(&self) -> Option<&Motion> {
         if let [Step::Motion { motion, .. }] = self.graph.steps.as_slice() { Some(motion) } else { None }
     }
 
-    /// What the values of continuous states are measured by: those of the description, in order.
+    /// Scale of each continuous state.
     pub fn scales(&self, states: &[State]) -> Vec<Scale> {
         let first = self.graph.inputs.saturating_sub(states.len());
         let is_angle = |state: usize| self.is_angle(first + state);
         states.iter().enumerate().map(|(index, state)| Scale::new(state, is_angle(index))).collect()
     }
 
-    /// Whether whole turns of a column change nothing but it.
+    /// Returns true if whole turns of a column change no other value.
     pub fn is_angle(&self, column: usize) -> bool {
         self.graph.steps.iter().any(|step| match step {
             // a coordinate without a range is an angle, or nothing depends on it
@@ -97,7 +96,7 @@ impl Program {
         })
     }
 
-    /// Makes sure that it fits the inputs, states and outputs of a description.
+    /// Checks the program against the inputs, states and outputs of a description.
     ///
     /// # Errors
     /// The first [`FormatError`].

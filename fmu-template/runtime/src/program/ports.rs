@@ -1,25 +1,25 @@
-//! Where a surrogate's variables are in a point, and which of them are columns of the graph.
+//! Positions of a surrogate's variables in a point.
 
 use crate::{Encoder, FormatError, Input, Metadata, Role, check::expect_shape};
 use std::ops::Range;
 
-/// Numbers of a surrogate's variables by their roles. The columns of a point with a state are, in this order,
+/// Number of variables by role. The columns of a point with a state are, in this order,
 ///
 /// | columns | |
 /// |---|---|
 /// | parameters | |
-/// | starts | parameters, too: only the values of states at initialization, or what outputs and inputs were before the start |
+/// | starts | parameters: initial values of states, or outputs and inputs before the start |
 /// | inputs | |
 /// | states, or the memory of samples | |
 ///
-/// Without a state they are the inputs in any order, the time among them.
+/// Without a state, a point consists of the inputs in any order, the time included.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Ports {
-    /// Fixed and tunable ones.
+    /// Fixed and tunable parameters.
     pub parameters: usize,
-    /// Values at the start.
+    /// Initial values.
     pub starts: usize,
-    /// What other components drive.
+    /// Inputs that other components drive.
     pub inputs: usize,
     /// Continuous states.
     pub states: usize,
@@ -28,7 +28,7 @@ pub struct Ports {
 }
 
 impl Ports {
-    /// Those of a description.
+    /// Ports of a description.
     pub fn of(Metadata { inputs, states, outputs, .. }: &Metadata) -> Self {
         let count = |is_wanted: fn(Role) -> bool| inputs.iter().filter(|input| is_wanted(input.role)).count();
         Self {
@@ -78,7 +78,7 @@ impl Ports {
         Ok((self.parameters + self.inputs + self.states, self.outputs + self.states))
     }
 
-    /// Makes sure that inputs are parameters, starts and inputs, in this order, and are what they are.
+    /// Checks that variables are parameters, starts and inputs, in this order, without an encoding.
     pub(super) fn expect_order(&self, inputs: &[Input]) -> Result<(), FormatError> {
         let place = |role: Role| match role {
             Role::Parameter(_) => 0,

@@ -1,4 +1,4 @@
-//! Programs that know inputs and outputs only: the next sample of the outputs follows from past samples of both.
+//! Discrete-time programs without internal states: past samples of inputs and outputs determine the next sample of the outputs.
 //!
 //! ```text
 //! y[k + 1] = f(z[k]),   z[k] = (y[k], ..., y[k - n + 1],  u[k], ..., u[k - m + 1],  p)
@@ -13,12 +13,11 @@
 //! | `u` | inputs |
 //! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages of the inputs and the distance from the [`Support`] of the training, if it is known; `y[k + 1]`; the time since sample k over `T` |
 //!
-//! and the results are the outputs. The last numbers of `y` may be hidden: they go on as the others do, begin with numbers of the program,
-//! and are no outputs. The rule for communication points between samples:
+//! and the results are the outputs. The last numbers of `y` may be hidden: they advance like outputs, start from values of the program,
+//! and are not outputs. The rule for communication points between samples:
 //!
-//! - the program goes on at multiples of `T` since the start, whatever the communication steps are;
-//! - an input counts at the sample: what it is when the simulation goes on from there, or what its derivatives make of it at a sample
-//!   within a communication step;
+//! - the program advances at multiples of `T` after the start, independently of the communication steps;
+//! - an input has its value at the sample. Within a communication step its derivatives give that value;
 //! - between two samples the outputs are linear.
 //!
 //! A sample is at a communication point that is nearer to it than a millionth of `T`; such differences do not add up.
@@ -35,10 +34,10 @@ use crate::{
 use std::ops::Range;
 pub use support::{Support, Transition};
 
-/// What the next sample follows from, see the table above.
+/// History from which the next sample is computed, see the table above.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sampling {
-    /// What the hidden numbers of `y` are at the start.
+    /// Hidden numbers of `y` at the start.
     pub hidden: Vec<f64>,
     /// Number of past samples of the outputs, `n`, and of the inputs, `m`, that count.
     pub history: [usize; 2],
@@ -232,7 +231,7 @@ impl PreparedSampling {
         }
     }
 
-    /// Goes on by `size` seconds, see the rule above; `next` gives the next sample from `z`. Does not allocate.
+    /// Advances by `size` seconds by the rule above. `next` computes the next sample from `z`. Does not allocate.
     ///
     /// # Errors
     /// A [`StepError`]; the memory is as before.

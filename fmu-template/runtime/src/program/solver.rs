@@ -3,7 +3,7 @@
 use crate::{Domain, FormatError, State, TOLERANCE, formula::LookupTable};
 use std::{ops::Range, sync::Arc};
 
-/// How the states of a program are integrated over a communication step.
+/// Integration of the states of a program over a communication step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Integration {
     /// The method of Dormand and Prince, order 5, which estimates the error of each step.
@@ -368,7 +368,7 @@ impl Solver {
             let sums = weighted(&DORMAND_PRINCE_ERROR, &self.rates[lane..], self.lanes());
             for ((state, scale), sum) in states.iter().zip(scales).zip(sums) {
                 let error = (h * sum).abs() / scale.of(*state);
-                // a maximum would leave out what is not a number
+                // a maximum would ignore NaN
                 largest = if error > largest || error.is_nan() { error } else { largest };
             }
         }
@@ -442,7 +442,7 @@ fn without_rounding(value: f64, [min, max]: [f64; 2]) -> f64 {
     }
 }
 
-/// Sums over the stages of the rates of some states, which are so far apart.
+/// Weighted sums of rates over the stages; the rates of one lane are `apart` lanes apart.
 #[inline]
 fn weighted(weights: &[f64], rates: &[[f64; LANES]], apart: usize) -> [f64; LANES] {
     let mut sums = [0.0; LANES];

@@ -61,7 +61,7 @@ fn samples(surrogate: &Surrogate, sampling: &Sampling) -> f64 {
     (surrogate.metadata().time_step / sampling.step).ceil().max(1.0)
 }
 
-/// Multiplications, additions and divisions of a step over so many samples, besides the graph; the formula is in `discrete.c`.
+/// Multiplications, additions and divisions of a step over `samples` samples, without the graph. `discrete.c` has the formula.
 fn operations(sampling: &Sampling, ports: &Ports, samples: f64) -> f64 {
     samples * (5 * ports.inputs + 5 + 8 * features(sampling)) as f64 + 8.0
 }

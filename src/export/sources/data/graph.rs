@@ -31,7 +31,7 @@ struct StepRow {
     orders: usize,
 }
 
-/// What is generated of a graph. The formulas are in `graph.c` and `graph_steps.h`.
+/// Generated data of a graph. `graph.c` and `graph_steps.h` have the formulas.
 #[derive(Default)]
 pub(super) struct GraphSources {
     pub defines: Vec<(&'static str, String)>,
@@ -88,7 +88,7 @@ impl GraphSources {
                 begins.push(self.lay(function, begins[*of]));
                 continue;
             }
-            // what a step notes stands before what it makes: the last numbers are the outputs
+            // notes of a step stand before its value: the last numbers are the outputs
             let noted = match step {
                 Step::Dictionary { dictionary, .. } => self.add_tape(&listing(dictionary)),
                 _ => step.noted(),
@@ -249,7 +249,7 @@ fn row(
     }
 }
 
-/// Its name among those of `model_data.h`.
+/// Name of a function's constant in `model_data.h`.
 pub(super) fn function(function: Elementwise) -> String {
     match function {
         Elementwise::Activation(activation) => enumerator("FUNCTION", activation),
@@ -292,7 +292,7 @@ pub(super) fn sums(graph: &Graph) -> Vec<f64> {
     }
 }
 
-/// A dictionary as a tape of which nothing is held.
+/// Tape of a dictionary without fixed inputs.
 fn listing(dictionary: &Dictionary) -> Listing {
     Law::from(dictionary.clone()).listing(0..0)
 }
@@ -333,8 +333,8 @@ fn of_step(step: &Step, (width, count): (usize, usize)) -> Operations {
             Operations { arithmetic: (polynomials + factors) as f64, ..none }
         }
         Step::Dictionary { dictionary, .. } => {
-            let [held, others, _] = tape::operations(&listing(dictionary));
-            held.times(1.0, others)
+            let [fixed, others, _] = tape::operations(&listing(dictionary));
+            fixed.times(1.0, others)
         }
         Step::Call { .. } | Step::Interpolate { .. } | Step::Motion { .. } => none,
     }

@@ -100,7 +100,7 @@ fn row(index: usize, network: &ScaledNetwork) -> String {
     )
 }
 
-/// Its name among those of `model_data.h`.
+/// Name of an activation's constant in `model_data.h`.
 pub(super) fn activation(activation: Activation) -> String {
     enumerator("ACTIVATION", activation)
 }

@@ -35,17 +35,17 @@ pub(super) fn data(surrogate: &Surrogate, integration: Integration) -> String {
     text
 }
 
-/// What is said of a step, from the operations of what follows from parameters alone, and of a stage.
+/// Remark on the cost of a step, from the operations of the parameters' part and of a stage.
 pub(super) fn remark(
     surrogate: &Surrogate,
     integration: Integration,
-    [held, stage, _]: [Operations; 3],
+    [fixed, stage, _]: [Operations; 3],
     states: usize,
     driven: usize,
 ) -> String {
     let sub_steps = integration.parts(surrogate.metadata().time_step);
-    let of_stages = stage.times(stages(sub_steps, integration), held);
-    let arithmetic = held.arithmetic + operations(sub_steps, integration, stage.arithmetic, states, driven);
+    let of_stages = stage.times(stages(sub_steps, integration), fixed);
+    let arithmetic = fixed.arithmetic + operations(sub_steps, integration, stage.arithmetic, states, driven);
     Operations { arithmetic, ..of_stages }.remark("A step of model_time_step takes", "states.c has")
 }
 
@@ -57,7 +57,7 @@ fn stages(sub_steps: f64, integration: Integration) -> f64 {
     }
 }
 
-/// Multiplications, additions and divisions of so many steps with stages of so many; the formula is in `states.c`.
+/// Multiplications, additions and divisions of solver steps with given costs of a stage. `states.c` has the formula.
 fn operations(sub_steps: f64, integration: Integration, stage: f64, states: usize, driven: usize) -> f64 {
     let (states, driven) = (states as f64, driven as f64);
     match integration {

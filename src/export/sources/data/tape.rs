@@ -12,7 +12,7 @@ pub(super) fn index_type(listings: &[&Listing]) -> (&'static str, String) {
     ("RegisterIndex", if is_short { "uint16_t" } else { "uint32_t" }.into())
 }
 
-/// Operations of a run: of what follows from held inputs, of all else, and of what is computed when it is wanted.
+/// Operations of a run: the fixed inputs' part, the rest, and the part that runs on demand.
 pub(super) fn operations(listing: &Listing) -> [Operations; 3] {
     let sum = |part: &Vec<Instruction>| {
         part.iter().fold(Operations::default(), |sum, instruction| of_instruction(instruction, listing).times(1.0, sum))
@@ -42,7 +42,7 @@ fn of_instruction(Instruction { kind, b, count, data, .. }: &Instruction, listin
 }
 
 pub(super) fn write(text: &mut String, name: &str, listing: &Listing) {
-    let Listing { inputs, held, constants, weights, instructions, results, .. } = listing;
+    let Listing { inputs, fixed, constants, weights, instructions, results, .. } = listing;
     let rows = constants.iter().map(|(of, value)| format!("{of}, {}", real(*value)));
     table(text, &format!("static const Constant {name}_constants"), rows, "");
     push(text, format_args!("\nstatic const Real {name}_weights[] = {{\n"));
@@ -50,20 +50,20 @@ pub(super) fn write(text: &mut String, name: &str, listing: &Listing) {
         push(text, format_args!("    {},\n", block.map(real).join(", ")));
     }
     text.push_str("};\n");
-    for (part, instructions) in ["held", "others", "rest"].into_iter().zip(instructions) {
+    for (part, instructions) in ["fixed", "others", "rest"].into_iter().zip(instructions) {
         let rows = instructions.iter().map(|instruction| row(instruction, listing));
         table(text, &format!("static const Operation {name}_{part}"), rows, "TAPE_PRODUCT, 0, 0, 0, 0, 0, 0, 0");
     }
     let listed: Vec<String> = results.iter().map(u32::to_string).collect();
     let listed = if results.is_empty() { "0".into() } else { listed.join(", ") };
     push(text, format_args!("\nstatic const RegisterIndex {name}_results[] = {{{listed}}};\n"));
-    let (constants, [of_held, of_others, of_rest]) = (constants.len(), instructions.each_ref().map(Vec::len));
-    let (first, count) = (held.start, held.len());
+    let (constants, [of_fixed, of_others, of_rest]) = (constants.len(), instructions.each_ref().map(Vec::len));
+    let (first, count) = (fixed.start, fixed.len());
     push(
         text,
         format_args!(
             "\nconst Tape model_{name} = {{\n    {inputs}, {first}, {count}, {constants}, {name}_constants, {name}_weights, \
-             {{{of_held}, {of_others}, {of_rest}}}, {{{name}_held, {name}_others, {name}_rest}}, {name}_results\n}};\n"
+             {{{of_fixed}, {of_others}, {of_rest}}}, {{{name}_fixed, {name}_others, {name}_rest}}, {name}_results\n}};\n"
         ),
     );
 }
@@ -103,10 +103,10 @@ mod tests {
         let crane = example::crane_with_networks();
         let motion = crane.program().motion().unwrap();
         // the rope's length, standardized, in the first layer of nine nodes, which are two blocks
-        let of_held = Operations { arithmetic: f64::from(2 * 2 + 2 * 16), ..Operations::default() };
+        let of_fixed = Operations { arithmetic: f64::from(2 * 2 + 2 * 16), ..Operations::default() };
         // the sine, standardized, in the same layer, a block of nine columns and one of the output; mean and scale of the output, x + l sin
         let arithmetic = f64::from(2 * 2 + 2 * 16 + 2 * 8 * 9 + 2 * 8 + 2 + 3 * 2);
         let of_others = Operations { arithmetic, sines: 2.0, activations: 16.0 + 8.0, ..Operations::default() };
-        assert_eq!(operations(&motion.listing_of_positions()), [of_held, of_others, Operations::default()]);
+        assert_eq!(operations(&motion.listing_of_positions()), [of_fixed, of_others, Operations::default()]);
     }
 }

@@ -44,7 +44,7 @@ impl GraphReader {
                 let memory = self.before(node, 6, "c", &cell)?;
                 let coupled = Attributes::of(node).integer("input_forget").unwrap_or(0) != 0;
                 let [after, next] = self.lstm(&cell, [before.value, memory.value], coupled)?;
-                self.goes_on(memory, next);
+                self.has_memory(memory, next);
                 (after, Some(next))
             }
             3 => {
@@ -56,7 +56,7 @@ impl GraphReader {
                 (self.activated(&cell, 0, sum)?, None)
             }
         };
-        self.goes_on(before, after);
+        self.has_memory(before, after);
         let row = |value: usize, shape: Vec<usize>| Value::Row(RowTensor { shape, value, is_single: cell.is_single });
         let last = vec![1, 1, cell.hidden];
         let mut made = vec![row(after, vec![1, 1, 1, cell.hidden]), row(after, last.clone())];
@@ -158,7 +158,7 @@ impl GraphReader {
     }
 
     /// Notes what a state of the model becomes.
-    fn goes_on(&mut self, before: Before, next: usize) {
+    fn has_memory(&mut self, before: Before, next: usize) {
         self.recurrences.extend(before.state.map(|state| RecurrentState { next, ..state }));
     }
 

@@ -91,9 +91,9 @@ impl NetworkTerm {
             let tangents: Vec<Columns> = before.tangents.iter().map(|block| block.map_or(Vec::new(), all)).collect();
             parts.push(Nodes::new(layer, (0..layer.outputs).collect(), &all(before.values), &tangents, tape));
         }
-        // what is held is added up apart
-        let (varying, held): (Vec<Nodes>, Vec<Nodes>) = parts.into_iter().partition(|part| tape.varies(part.values));
-        let parts: Vec<Nodes> = held.into_iter().chain(varying).collect();
+        // the part of fixed columns has a separate sum
+        let (varying, fixed): (Vec<Nodes>, Vec<Nodes>) = parts.into_iter().partition(|part| tape.varies(part.values));
+        let parts: Vec<Nodes> = fixed.into_iter().chain(varying).collect();
         let mut outputs = Vec::new();
         for (output, function) in self.outputs.iter().enumerate() {
             let scale = output_scale[output];
@@ -121,10 +121,10 @@ impl NetworkTerm {
         WrittenNetwork { functions: self.outputs.clone(), outputs }
     }
 
-    /// Standardised columns, those that are held first, and for each of the first columns the derivatives that are not zero.
+    /// Standardised columns, those that are fixed first, and for each of the first columns the derivatives that are not zero.
     fn standardized(&self, x: &[Register], first: usize, tape: &mut TapeBuilder) -> (Columns, Vec<Columns>) {
         let Scaling { input_mean, input_scale, .. } = &self.network.scaling;
-        let (mut held, mut varying, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut fixed, mut varying, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
         for (index, column) in self.columns.iter().enumerate() {
             let (of, scale) = (x[column.of], input_scale[index].recip());
             let (value, slope, factor) = match column.kind {
@@ -137,7 +137,7 @@ impl NetworkTerm {
             };
             let mean = tape.constant(-input_mean[index]);
             let value = tape.add_product(mean, value, tape.one);
-            let columns = if tape.varies(of) { &mut varying } else { &mut held };
+            let columns = if tape.varies(of) { &mut varying } else { &mut fixed };
             columns.push((index, (value, scale)));
             if column.of < first {
                 slopes.push((index, (slope, factor)));
@@ -151,7 +151,7 @@ impl NetworkTerm {
             let block = tape.scaled(&numbers);
             indices.into_iter().enumerate().map(|(at, index)| (index, block.plus(at))).collect()
         };
-        let columns = [in_block(held), in_block(varying)].concat();
+        let columns = [in_block(fixed), in_block(varying)].concat();
         let slopes = in_block(slopes);
         let along = |k: usize| slopes.iter().copied().filter(|(index, _)| self.columns[*index].of == k).collect();
         (columns, (0..first).map(along).collect())

@@ -7,28 +7,27 @@ use crate::{
 };
 use std::{ops::Range, sync::Arc};
 
-/// Numbers of a lane: blocks of layers are whole lanes.
+/// Length of a lane. The length of a block is a multiple of it.
 pub const LANES: usize = super::LANES;
 
-/// Operations that compute results from inputs, in a working memory of numbers, the registers. The inputs are the first registers, and
-/// after them are zero and one.
+/// Operations that compute results from inputs. Registers hold all numbers: the inputs first, then zero and one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Listing {
     /// Number of inputs.
     pub inputs: usize,
-    /// Inputs that change rarely.
-    pub held: Range<usize>,
+    /// Fixed inputs: their part of the instructions runs only when they change.
+    pub fixed: Range<usize>,
     /// Number of registers.
     pub registers: usize,
     /// Registers of constants, zero and one first, with their values.
     pub constants: Vec<(u32, f64)>,
     /// Lookup tables.
     pub tables: Vec<Arc<LookupTable>>,
-    /// Table, axis and register of each argument of a table that changes with inputs that are not held.
+    /// Table, axis and register of each table argument that depends on inputs that are not fixed.
     pub arguments: Vec<(usize, usize, u32)>,
     /// Weights of layers.
     pub weights: Vec<[f64; LANES]>,
-    /// What follows from held inputs alone, all else that most results need, and what the rest needs besides.
+    /// Instructions that depend on fixed inputs alone, the others, and those of rarely needed results.
     pub instructions: [Vec<Instruction>; 3],
     /// Registers of the results.
     pub results: Vec<u32>,
@@ -37,7 +36,7 @@ pub struct Listing {
 /// An operation on the registers `a`, `b` and `c`, whose result begins at `to`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Instruction {
-    /// What is computed.
+    /// Function.
     pub kind: InstructionKind,
     /// First operand.
     pub a: u32,
@@ -53,7 +52,7 @@ pub struct Instruction {
     pub data: u32,
 }
 
-/// What an [`Instruction`] computes.
+/// Function of an [`Instruction`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum InstructionKind {
     /// Cosines of 1, 2, ... times the angle `a`, and after them as many sines.
@@ -86,16 +85,16 @@ pub enum InstructionKind {
 
 impl Tape {
     pub(crate) fn listing(&self, results: impl IntoIterator<Item = Register>) -> Listing {
-        let Self { held, registers, constants, tables, arguments, weights, of_held, of_others, rest } = self;
+        let Self { fixed, registers, constants, tables, arguments, weights, of_fixed, of_others, rest } = self;
         Listing {
             inputs: constants[0].0.index(),
-            held: held.clone(),
+            fixed: fixed.clone(),
             registers: *registers,
             constants: constants.iter().map(|(to, value)| (to.0, *value)).collect(),
             tables: tables.clone(),
             arguments: arguments.iter().map(|Argument { table, axis, of }| (*table, *axis, of.0)).collect(),
             weights: weights.clone(),
-            instructions: [of_held, of_others, rest].map(|part| part.instructions(constants[0].0)),
+            instructions: [of_fixed, of_others, rest].map(|part| part.instructions(constants[0].0)),
             results: results.into_iter().map(|register| register.0).collect(),
         }
     }

@@ -1,11 +1,10 @@
-//! Networks for some instants, and what lies between two of them.
+//! Interpolation between networks at time points.
 
 use super::{Graph, GraphScratch, PreparedGraph};
 use crate::{FormatError, Precision, check::expect_finite, simd::Simd, task::Task};
 use std::mem::discriminant;
 
-/// Makes sure that instants and networks fit the number of columns and the position of the time among them; the result is the number of
-/// outputs.
+/// Checks time points and networks against the number of columns and the column of the time. Returns the number of outputs.
 pub(in crate::graph) fn check(
     name: &str,
     (columns, time): (usize, usize),
@@ -60,7 +59,7 @@ pub(super) struct PreparedInstants {
     simd: Simd,
 }
 
-/// Working memory, each time for the two instants around the moment.
+/// Working memory for the two neighboring time points.
 #[derive(Clone, Debug)]
 pub(super) struct Sides {
     /// The columns other than the time, and their derivatives.
@@ -75,7 +74,7 @@ pub(super) struct Sides {
     scratch: GraphScratch,
 }
 
-/// Between instant `left` and the next one: outputs are `y = (1 - weight) y_left + weight y_right`.
+/// Interpolation between time point `left` and the next one: `y = (1 - weight) y_left + weight y_right`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Between {
     left: usize,
@@ -90,7 +89,7 @@ impl PreparedInstants {
         Self { instants: instants.to_vec(), time, functions, simd: Simd::detect() }
     }
 
-    /// For so many columns and outputs.
+    /// Working memory for graphs with these numbers of columns and outputs.
     pub(super) fn sides(&self, columns: usize, outputs: usize) -> Sides {
         let [point, output] = [columns - 1, outputs].map(|length| vec![0.0; length]);
         let both = || [output.clone(), output.clone()];
@@ -105,7 +104,7 @@ impl PreparedInstants {
         }
     }
 
-    /// At an instant, the interval that begins there counts; at the last one, the one that ends there.
+    /// Interpolation at a time. A time point belongs to the interval after it, the last one to the interval before it.
     #[inline]
     fn between(&self, time: f64) -> Between {
         let intervals = self.instants.len() - 1;
@@ -124,7 +123,7 @@ impl PreparedInstants {
         to.iter_mut().zip(from).for_each(|(to, (_, &from))| *to = from);
     }
 
-    /// Does a task with the networks of the two instants around the moment, and takes what lies between. Does not allocate.
+    /// Performs a task with the networks at the two neighboring time points and interpolates. Does not allocate.
     pub(super) fn perform(&self, columns: &[f64], task: Task, sides: &mut Sides) {
         let Sides { point, rates: point_rates, values, first: once, second: twice, gradient: gradients, scratch } =
             sides;
@@ -186,7 +185,7 @@ impl PreparedInstants {
 }
 
 impl Between {
-    /// Between two values; exactly the one or the other at an instant.
+    /// Interpolated value; exact at both time points.
     #[inline]
     fn of(&self, left: f64, right: f64) -> f64 {
         (1.0 - self.weight) * left + self.weight * right

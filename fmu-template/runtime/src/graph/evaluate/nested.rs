@@ -1,4 +1,4 @@
-//! Steps with working memory of their own: other graphs, equations. They take and give numbers in double precision, whatever they compute in.
+//! Steps with separate working memory: calls of graphs, equations. Operands and results are in double precision.
 
 use super::{
     GraphScratch, PreparedGraph, Series, Step,
@@ -106,7 +106,7 @@ impl NestedStep {
         }
     }
 
-    /// The value and so many derivatives of the step; without the value if nothing needs it.
+    /// Value of the step, if `needs_value`, and its first `orders` derivatives.
     #[inline(never)]
     pub(super) fn forward<T: Real, const WIDTH: usize>(
         &self,
@@ -136,7 +136,7 @@ impl NestedStep {
         }
     }
 
-    /// Adds the step's part to the cotangents of what it is of; `change` is its own.
+    /// Adds the cotangent of the operand, `from`, for the cotangent `change` of the step.
     #[inline(never)]
     pub(super) fn backward<T: Real, const WIDTH: usize>(
         &self,
@@ -173,12 +173,12 @@ impl NestedStep {
         }
     }
 
-    /// Outputs or derivatives of a graph of which this is the only step.
+    /// Outputs or derivatives of a graph that consists of this step.
     pub(super) fn perform_alone(&self, point: &[f64], task: Task, scratch: &mut NestedScratch) {
         self.perform(point, task, &mut scratch.work);
     }
 
-    /// Derivatives of the states of a motion, see [`PreparedMotion::rates`].
+    /// State derivatives of equations of motion, see [`PreparedMotion::rates`].
     pub(super) fn rates(
         &self,
         point: &[f64],
