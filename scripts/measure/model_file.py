@@ -86,9 +86,10 @@ def interpolated(tensors, name, x, time):
     t = np.clip(x[:, time], instants[0], instants[-1])
     left = np.clip(np.searchsorted(instants, t, "right") - 1, 0, len(instants) - 2)
     weight = ((t - instants[left]) / np.diff(instants)[left])[:, None]
-    parts = []
+    of_functions, parts = f"{name}functions.", []
+    at = lambda instant: {key: tensor[instant] for key, tensor in tensors.items() if key.startswith(of_functions)}
     for k in np.unique(left):
-        before, after = (evaluate(tensors, others[left == k], f"{name}functions.{side}.") for side in (k, k + 1))
+        before, after = (evaluate(at(side), others[left == k], of_functions) for side in (k, k + 1))
         parts.append((1 - weight[left == k]) * before + weight[left == k] * after)
     # back in the order of the rows
     return np.concatenate(parts)[np.argsort(np.argsort(left, kind="stable"), kind="stable")]

@@ -258,7 +258,7 @@ pub enum FormatError {
         expected: Vec<usize>,
     },
     /// Networks of different steps.
-    #[error("instant {instant}: steps of other kinds than at the first instant")]
+    #[error("instant {instant}: steps of other kinds or precisions than at the first instant")]
     StepKinds {
         /// Counted from 0.
         instant: usize,

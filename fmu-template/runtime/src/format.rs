@@ -21,7 +21,8 @@
 //! | `graph.K.forest.root`, `graph.K.forest.output` | U32 | `[trees]` | |
 //! | `graph.K.degrees` | U8 | `[terms, inputs]` | of [`Products`](crate::graph::Products) |
 //! | `graph.K.function.*` | | | the tensors of another graph, without the kinds from 12 on |
-//! | `graph.K.instants`, `graph.K.functions.I.*` | F64 | `[instants]` | seconds, ascending; tensors of the network at time point I |
+//! | `graph.K.instants` | F64 | `[instants]` | seconds, ascending |
+//! | `graph.K.functions.*` | | `[instants, ...]` | the tensors of the networks, of all time points one after the other |
 //!
 //! A network is a graph of a standardized step, affine and elementwise ones by turns, and a rescaled one.
 //!
@@ -165,7 +166,7 @@ impl Surrogate {
         let text = container.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY));
         let (clock, metadata) = parse_header(text.ok_or(FormatError::NoMetadata)?)?;
         let data = &bytes[size_of::<u64>() + length..];
-        let mut tensors = Views::new();
+        let mut tensors = Views::default();
         for (name, TensorInfo { dtype, shape, data_offsets: (begin, end) }) in container.tensors() {
             let view = TensorView::new(*dtype, shape.clone(), &data[*begin..*end]).map_err(FormatError::Container)?;
             tensors.insert(name, view);
@@ -176,8 +177,8 @@ impl Surrogate {
             ClockKind::Continuous => Clock::Continuous(integration(&mut tensors)?),
             ClockKind::Sampled => Clock::Sampled(Box::new(Sampling::read(&mut tensors)?)),
         };
-        if let Some(name) = tensors.into_keys().min() {
-            return Err(FormatError::UnknownTensor { name });
+        if let Some(name) = tensors.names().min() {
+            return Err(FormatError::UnknownTensor { name: name.into() });
         }
         let surrogate = Self::new(metadata, Program { graph, clock })?;
         surrogate.check_content(bytes)?;
@@ -214,7 +215,7 @@ impl Sampling {
             Ok(value[0])
         };
         let step = one("samples.time")?;
-        let support = match tensors.contains_key("support.ranges") {
+        let support = match tensors.contain("support.ranges") {
             true => {
                 let (ranges, shape) = doubles(tensors, "support.ranges", 2)?;
                 expect_shape("support.ranges", &shape, &[shape[0], 2])?;
@@ -224,7 +225,7 @@ impl Sampling {
             }
             false => None,
         };
-        let hidden = match tensors.contains_key("samples.hidden") {
+        let hidden = match tensors.contain("samples.hidden") {
             true => doubles(tensors, "samples.hidden", 1)?.0,
             false => Vec::new(),
         };

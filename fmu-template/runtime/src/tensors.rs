@@ -2,13 +2,79 @@
 
 use crate::{FormatError, Numbers};
 use safetensors::{Dtype, tensor::TensorView};
-use std::collections::HashMap;
+use std::{collections::HashMap, iter};
 
 /// Name, type, shape and content.
 pub(crate) type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
 
 /// Tensors of a file that have not been read yet.
-pub(crate) type Views<'a> = HashMap<String, TensorView<'a>>;
+#[derive(Default)]
+pub(crate) struct Views<'a> {
+    tensors: HashMap<String, TensorView<'a>>,
+    /// Part of each tensor that is read, and the number of parts, which is its leading dimension.
+    part: Option<(usize, usize)>,
+}
+
+impl<'a> Views<'a> {
+    pub(crate) fn insert(&mut self, name: String, view: TensorView<'a>) {
+        self.tensors.insert(name, view);
+    }
+
+    pub(crate) fn contain(&self, name: &str) -> bool {
+        self.tensors.contains_key(name)
+    }
+
+    /// Names of the tensors that have not been read.
+    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
+        self.tensors.keys().map(String::as_str)
+    }
+
+    /// Reads each of `count` parts of tensors that are [stacked].
+    pub(crate) fn parts<T>(
+        &mut self,
+        count: usize,
+        read: impl Fn(&mut Self) -> Result<T, FormatError>,
+    ) -> Result<Vec<T>, FormatError> {
+        let parts = (0..count).map(|part| {
+            self.part = Some((part, count));
+            read(self)
+        });
+        let parts = parts.collect();
+        self.part = None;
+        parts
+    }
+
+    /// The tensor, or the present part of it.
+    fn take(&mut self, name: &str) -> Result<TensorView<'a>, FormatError> {
+        let missing = || FormatError::MissingTensor { name: name.into() };
+        let Some((part, count)) = self.part else { return self.tensors.remove(name).ok_or_else(missing) };
+        let view = self.tensors.get(name).ok_or_else(missing)?;
+        let (dtype, shape, data) = (view.dtype(), view.shape(), view.data());
+        if shape.first() != Some(&count) {
+            let expected = iter::once(count).chain(shape.iter().skip(1).copied()).collect();
+            return Err(FormatError::Shape { name: name.into(), found: shape.to_vec(), expected });
+        }
+        let size = data.len() / count;
+        let shape = shape[1..].to_vec();
+        let of_part = TensorView::new(dtype, shape, &data[part * size..][..size]).map_err(FormatError::Container)?;
+        if part + 1 == count {
+            self.tensors.remove(name);
+        }
+        Ok(of_part)
+    }
+}
+
+/// Tensors whose leading dimension is the number of `parts`, which have the same names, types and shapes.
+pub(crate) fn stacked(parts: impl Iterator<Item = Vec<Tensor>>) -> Vec<Tensor> {
+    let mut count = 0;
+    let all = parts.inspect(|_| count += 1).reduce(|mut all, part| {
+        all.iter_mut().zip(part).for_each(|((.., bytes), (.., more))| bytes.extend(more));
+        all
+    });
+    let mut all = all.unwrap_or_default();
+    all.iter_mut().for_each(|(_, _, shape, _)| shape.insert(0, count));
+    all
+}
 
 pub(crate) fn bytes<T: Copy, const N: usize>(values: &[T], to: fn(T) -> [u8; N]) -> Vec<u8> {
     values.iter().flat_map(|&value| to(value)).collect()
@@ -36,7 +102,7 @@ pub(crate) fn take_one_of<'a>(
     expected: &[Dtype],
     dimensions: usize,
 ) -> Result<TensorView<'a>, FormatError> {
-    let view = tensors.remove(name).ok_or_else(|| FormatError::MissingTensor { name: name.into() })?;
+    let view = tensors.take(name)?;
     if !expected.contains(&view.dtype()) {
         let expected = expected.iter().map(|dtype| format!("{dtype:?}")).collect::<Vec<_>>().join(" or ");
         return Err(FormatError::Type { name: name.into(), found: format!("{:?}", view.dtype()), expected });

@@ -78,14 +78,14 @@ impl Motion {
             })
         });
         let outputs = outputs.collect::<Result<_, _>>()?;
-        let prescribed = match tensors.contains_key(&name("law.prescribed")) {
+        let prescribed = match tensors.contain(&name("law.prescribed")) {
             true => elements(take(tensors, &name("law.prescribed"), Dtype::U32, 1)?.data(), u32::from_le_bytes),
             false => Vec::new(),
         };
         let prescribed: Vec<usize> = prescribed.into_iter().map(|row| row as usize).collect();
         let dynamics = Dynamics::with_efforts(efforts, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
         let of_reactions = name("reactions.");
-        let has_reactions = tensors.keys().any(|name| name.starts_with(&of_reactions));
+        let has_reactions = tensors.names().any(|name| name.starts_with(&of_reactions));
         let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, &factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, count, functions)).transpose()?;
         Ok(Self { dynamics, positions, windings, reactions, outputs })
@@ -145,12 +145,12 @@ fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTabl
     let mut tables = Vec::new();
     loop {
         let name = |what: &str| format!("{prefix}efforts.tables.{}.{what}", tables.len());
-        if !tensors.contains_key(&name("values")) {
+        if !tensors.contain(&name("values")) {
             return Ok(tables);
         }
         let mut axes = Vec::new();
         for axis in AXES.map(name) {
-            if tensors.contains_key(axis.as_str()) {
+            if tensors.contain(&axis) {
                 axes.push(doubles(tensors, &axis, 1)?.0);
             }
         }
@@ -219,7 +219,7 @@ const KINDS: [ColumnKind; 3] = [ColumnKind::Plain, ColumnKind::Sine, ColumnKind:
 fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, FormatError> {
     let name = |what: &str| format!("{prefix}network.{what}");
     let columns_name = name("columns");
-    if !tensors.contains_key(&columns_name) {
+    if !tensors.contain(&columns_name) {
         return Ok(None);
     }
     let columns = take(tensors, &columns_name, Dtype::U32, 2)?;
@@ -305,7 +305,7 @@ pub(super) fn integration(tensors: &mut Views) -> Result<Integration, FormatErro
         Ok(value[0])
     };
     let step = one(tensors, "solver.step")?;
-    match tensors.contains_key("solver.tolerance") {
+    match tensors.contain("solver.tolerance") {
         true => Ok(Integration::ErrorControlled { tolerance: one(tensors, "solver.tolerance")?, longest: step }),
         false => Ok(Integration::Fixed { step }),
     }

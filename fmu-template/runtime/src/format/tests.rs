@@ -432,19 +432,19 @@ fn a_network_for_each_instant_is_a_file_whose_tensors_have_the_instant_in_front(
     let file = SafeTensors::deserialize(&bytes).unwrap();
     for (name, shape) in [
         ("graph.0.instants", &[4][..]),
-        ("graph.0.functions.0.steps", &[7, 4]),
-        ("graph.0.functions.0.0.mean", &[2]),
-        ("graph.0.functions.1.1.weight", &[5, 2]),
-        ("graph.0.functions.2.3.bias", &[3]),
-        ("graph.0.functions.3.5.weight", &[2, 3]),
-        ("graph.0.functions.3.6.scale", &[2]),
+        ("graph.0.functions.steps", &[4, 7, 4]),
+        ("graph.0.functions.0.mean", &[4, 2]),
+        ("graph.0.functions.1.weight", &[4, 5, 2]),
+        ("graph.0.functions.3.bias", &[4, 3]),
+        ("graph.0.functions.5.weight", &[4, 2, 3]),
+        ("graph.0.functions.6.scale", &[4, 2]),
     ] {
         assert_eq!(file.tensor(name).unwrap().shape(), shape, "{name}");
     }
     let surrogate = per_instant();
     let (_, networks) = surrogate.program().graph.instants().unwrap();
-    let third: Vec<f32> = elements(file.tensor("graph.0.functions.2.3.weight").unwrap().data(), f32::from_le_bytes);
-    assert_eq!(networks[2].network().unwrap().layers[1].weight, third.into());
+    let weights: Vec<f32> = elements(file.tensor("graph.0.functions.3.weight").unwrap().data(), f32::from_le_bytes);
+    assert_eq!(networks[2].network().unwrap().layers[1].weight, weights[2 * 15..3 * 15].to_vec().into());
 }
 
 /// The error of such a file with a changed header.
@@ -460,20 +460,19 @@ fn per_instant_described(from: &str, to: &str) -> String {
 fn tensors_for_each_instant_that_are_missing_or_of_the_wrong_shape_are_named() {
     let missing = per_instant_described("0.instants\":", "0.instance\":");
     assert_eq!(missing, "tensor `graph.0.instants` is missing");
-    let of = r#""graph.0.functions.2.1.weight":{"dtype":"F32","shape":"#;
-    let changed = |shape: &str| per_instant_described(&format!("{of}[5,2]"), &format!("{of}{shape}"));
-    assert_eq!(changed("[10]"), "tensor `graph.0.functions.2.1.weight` has shape [10], expected [10, 1]");
-    assert_eq!(changed("[2,5]"), "tensor `graph.0.functions.2.1.weight` has shape [2, 5], expected [5, 2]");
-    let missing = per_instant_described("functions.2.1.bias", "functions.2.1.bius");
-    assert_eq!(missing, "tensor `graph.0.functions.2.1.bias` is missing");
-    let missing = per_instant_described("functions.3.steps", "functions.4.steps");
-    assert_eq!(missing, "tensor `graph.0.functions.3.steps` is missing");
+    let of = r#""graph.0.functions.1.weight":{"dtype":"F32","shape":"#;
+    let changed = |shape: &str| per_instant_described(&format!("{of}[4,5,2]"), &format!("{of}{shape}"));
+    assert_eq!(changed("[4,10]"), "tensor `graph.0.functions.1.weight` has shape [10], expected [10, 1]");
+    assert_eq!(changed("[4,2,5]"), "tensor `graph.0.functions.1.weight` has shape [2, 5], expected [5, 2]");
+    assert_eq!(changed("[2,10,2]"), "tensor `graph.0.functions.1.weight` has shape [2, 10, 2], expected [4, 10, 2]");
+    let missing = per_instant_described("functions.1.bias", "functions.1.bius");
+    assert_eq!(missing, "tensor `graph.0.functions.1.bias` is missing");
 }
 
 #[test]
 fn networks_for_instants_that_make_no_sense_is_refused() {
     type Change<'a> = &'a dyn Fn(&mut Metadata, &mut Vec<f64>, &mut Vec<ScaledNetwork>);
-    let changes: [(&str, Change); 9] = [
+    let changes: [(&str, Change); 10] = [
         ("no input beside the time", &|metadata, _, _| drop(metadata.inputs.drain(..2))),
         ("1 instants, expected at least 2", &|_, instants, _| instants.truncate(1)),
         ("tensor `graph.0.instants`, element 2: NaN is not finite", &|_, instants, _| instants[2] = f64::NAN),
@@ -493,7 +492,10 @@ fn networks_for_instants_that_make_no_sense_is_refused() {
                     vec![Layer { inputs: 2, outputs: 2, weight, bias, activation: Activation::Identity }];
             },
         ),
-        ("instant 3: steps of other kinds than at the first instant", &|_, _, networks| {
+        ("instant 2: steps of other kinds or precisions than at the first instant", &|_, _, networks| {
+            networks[2].layers[0].bias = vec![0.0f64; 5].into();
+        }),
+        ("instant 3: steps of other kinds or precisions than at the first instant", &|_, _, networks| {
             // as many numbers, but no activation between two layers
             let activation = Activation::Identity;
             networks[3].layers[1].activation = activation;
@@ -806,8 +808,8 @@ fn functions_that_a_step_calls_have_no_such_steps() {
         assert_eq!(found.to_string(), expected);
     }
     let of_instants = per_instant().to_bytes().unwrap();
-    let found = Surrogate::from_bytes(&patched(of_instants, "graph.0.functions.2.steps", 4, 12)).unwrap_err();
-    assert_eq!(found.to_string(), "tensor `graph.0.functions.2.steps`, element 4: 12 is not known");
+    let found = Surrogate::from_bytes(&patched(of_instants, "graph.0.functions.steps", 60, 12)).unwrap_err();
+    assert_eq!(found.to_string(), "tensor `graph.0.functions.steps`, element 4: 12 is not known");
     let found = Surrogate::from_bytes(&patched(bytes, "graph.1.function.inputs", 0, 0)).unwrap_err();
     assert_eq!(found.to_string(), "the list of inputs is empty");
 }

@@ -5,7 +5,7 @@ use crate::{
     FormatError, Motion, Numbers,
     check::expect_shape,
     dictionary::Dictionary,
-    tensors::{Tensor, Views, bytes, elements, numbers, take, take_one_of},
+    tensors::{Tensor, Views, bytes, elements, numbers, stacked, take, take_one_of},
 };
 use safetensors::Dtype;
 
@@ -135,8 +135,8 @@ impl Step {
             Self::Call { function, .. } => function.tensors(&name("function.")),
             Self::Interpolate { instants, functions, .. } => {
                 let mut tensors = vec![doubles(&name("instants"), vec![instants.len()], instants)];
-                let functions = functions.iter().enumerate();
-                tensors.extend(functions.flat_map(|(k, function)| function.tensors(&name(&format!("functions.{k}.")))));
+                let functions = functions.iter().map(|function| function.tensors(&name("functions.")));
+                tensors.extend(stacked(functions));
                 tensors
             }
             Self::Dictionary { dictionary, .. } => dictionary.tensors(prefix),
@@ -205,8 +205,8 @@ impl Step {
             CALL => Ok(Self::Call { of, function: Graph::read(tensors, &name("function."), true)? }),
             INTERPOLATE => {
                 let instants = doubles("instants")?;
-                let function = |k: usize| Graph::read(tensors, &name(&format!("functions.{k}.")), true);
-                let functions = (0..instants.len()).map(function).collect::<Result<_, _>>()?;
+                let of_functions = name("functions.");
+                let functions = tensors.parts(instants.len(), |part| Graph::read(part, &of_functions, true))?;
                 Ok(Self::Interpolate { of, column: code as usize, instants, functions })
             }
             DICTIONARY => Ok(Self::Dictionary { of, dictionary: Dictionary::read(tensors, prefix)? }),

@@ -484,7 +484,7 @@ fn functions_that_do_not_fit_are_refused() {
     let message = instants(&|column, _| *column = 3);
     assert_eq!(message, "tensor `graph.0.instants`, element 0: 3, expected less than 3");
     let message = instants(&|_, functions| functions[1].steps[2] = Step::Softmax { of: 2 });
-    assert_eq!(message, "instant 1: steps of other kinds than at the first instant");
+    assert_eq!(message, "instant 1: steps of other kinds or precisions than at the first instant");
     let message = instants(&|_, functions| functions.iter_mut().for_each(|f| f.steps[2] = Step::Softmax { of: 2 }));
     assert!(message.starts_with("instant 0: `function` is not a network"), "{message}");
     let message = refused(3, &|step| {

@@ -1,6 +1,6 @@
 //! Interpolation between networks at time points.
 
-use super::{Graph, GraphScratch, PreparedGraph};
+use super::{Graph, GraphScratch, PreparedGraph, Step};
 use crate::{FormatError, Precision, check::expect_finite, simd::Simd, task::Task};
 use std::mem::discriminant;
 
@@ -39,7 +39,11 @@ pub(in crate::graph) fn check(
         if found != expected {
             return Err(FormatError::LayerSizes { instant, found, expected });
         }
-        let kinds = |graph: &Graph| graph.steps.iter().map(discriminant).collect::<Vec<_>>();
+        let kind = |step: &Step| match step {
+            Step::Affine { weight, bias, .. } => (discriminant(step), [weight, bias].map(|of| of.as_single().is_some())),
+            _ => (discriminant(step), [false; 2]),
+        };
+        let kinds = |graph: &Graph| graph.steps.iter().map(kind).collect::<Vec<_>>();
         if kinds(function) != kinds(&functions[0]) {
             return Err(FormatError::StepKinds { instant });
         }
