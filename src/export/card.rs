@@ -348,12 +348,12 @@ fn size_of_graph(graph: &Graph) -> String {
 
 /// Size of the functions `of` states, inputs and parameters, as text.
 fn size_of_functions(graph: &Graph, of: &str) -> String {
-    let products = match graph.dictionary().map_or(0, Dictionary::products) {
+    let products = match graph.products() {
         0 => None,
         count => Some(format!("{count} products of sines, cosines and powers")),
     };
     let called = graph.called();
-    let functions = graph.dictionary().map(Dictionary::outputs).or(called.map(outputs)).unwrap_or_default();
+    let functions = called.map(outputs).or(graph.dictionary().map(Dictionary::outputs)).unwrap_or_default();
     let given: Vec<String> = products.into_iter().chain(called.map(of_function)).collect();
     format!("{functions} functions {of}of inputs and parameters: {}", given.join(", and "))
 }

@@ -157,7 +157,7 @@ fn network(material: &Material) -> String {
                 let networks = if motion.has_networks() { ", feed-forward networks among them," } else { "" };
                 format!("Equations of motion with learned functions of the configuration{networks} give")
             }
-            (None, _, Some(network)) if graph.dictionary().is_none_or(|dictionary| dictionary.products() == 0) => {
+            (None, _, Some(network)) if graph.products() == 0 => {
                 format!("States whose derivatives are those of a feed-forward network ({}) give", sizes(&network))
             }
             (None, _, Some(network)) => format!(

@@ -1,9 +1,9 @@
 //! Graphs composed of graphs: derivatives of states, the next sample, networks at time points.
 
-use super::{Elementwise, Graph, Operation, Step};
+use super::{Graph, Operation, Step};
 use crate::{
-    Activation, ScaledNetwork,
-    dictionary::{Dictionary, Factor},
+    ScaledNetwork,
+    dictionary::{Dictionary, Factor, Term},
 };
 use std::ops::Range;
 
@@ -22,21 +22,10 @@ impl Graph {
     pub fn of_rates(dictionary: &Dictionary, added: Option<Graph>, states: usize, results: &[Given]) -> Self {
         let inputs = dictionary.columns();
         let mut graph = Self { inputs, steps: Vec::new() };
-        let angles: Vec<bool> = dictionary.factors().map(|factor| factor == Factor::Angle).collect();
-        // the dictionary marks the angles
-        let has_dictionary = dictionary.products() > 0 || added.is_none() || angles.contains(&true);
-        let mut functions = 0;
-        if has_dictionary {
-            functions = graph.add(Step::Dictionary { of: 0, dictionary: dictionary.clone() });
-        }
-        if let Some(function) = added {
-            let of = graph.with_angles(&angles);
-            let called = graph.add(Step::Call { of, function });
-            functions = match has_dictionary {
-                true => graph.add(Step::Combine { of: [functions, called], operation: Operation::Add }),
-                false => called,
-            };
-        }
+        let functions = match added {
+            None => graph.add(Step::Dictionary { of: 0, dictionary: dictionary.clone() }),
+            Some(function) => graph.add_functions(dictionary, function),
+        };
         let column = |given: &Given| match *given {
             Given::State(state) => [0, (inputs - states + state) as u32],
             Given::Function(function) => [functions as u32, function as u32],
@@ -45,26 +34,23 @@ impl Graph {
         graph
     }
 
-    /// The columns with sine and cosine of angles in their place.
-    fn with_angles(&mut self, angles: &[bool]) -> usize {
-        if !angles.contains(&true) {
-            return 0;
+    /// The functions of a dictionary and those of another graph.
+    fn add_functions(&mut self, dictionary: &Dictionary, added: Graph) -> usize {
+        let functions = if dictionary.products() > 0 { dictionary.outputs() } else { 0 };
+        let angles = dictionary.factors().filter(|factor| *factor == Factor::Angle).count();
+        if angles > 0 || functions > 0 {
+            self.add(Step::Dictionary { of: 0, dictionary: with_angles(dictionary, functions) });
         }
-        let of = (0..).zip(angles).filter_map(|(column, is_angle)| is_angle.then_some([0, column])).collect();
-        let picked = self.add(Step::Columns { columns: of });
-        let mut each = |function| self.add(Step::Elementwise { of: picked, function, parameters: Vec::new() }) as u32;
-        let [sine, cosine] = [Elementwise::Activation(Activation::Sine), Elementwise::Cosine].map(&mut each);
-        let mut columns = Vec::new();
-        let mut angle = 0;
-        for (column, is_angle) in (0..).zip(angles) {
-            if *is_angle {
-                columns.extend([[sine, angle], [cosine, angle]]);
-                angle += 1;
-            } else {
-                columns.push([0, column]);
-            }
+        let of = if angles > 0 { self.add(encoded(dictionary, functions as u32)) } else { 0 };
+        let called = self.add(Step::Call { of, function: added });
+        if functions == 0 {
+            return called;
         }
-        self.add(Step::Columns { columns })
+        let first = match angles {
+            0 => 1,
+            _ => self.add(Step::Columns { columns: (0..functions as u32).map(|function| [1, function]).collect() }),
+        };
+        self.add(Step::Combine { of: [first, called], operation: Operation::Add })
     }
 
     /// The next sample, `constants + weights z + function(z)`; weights, shape `[constants, columns]`, are none if they are zero.
@@ -93,6 +79,13 @@ impl Graph {
     /// The function that a step calls, if there is one.
     pub fn called(&self) -> Option<&Graph> {
         self.steps.iter().find_map(|step| if let Step::Call { function, .. } = step { Some(function) } else { None })
+    }
+
+    /// Number of products in results, other than sines and cosines that are columns of the [called](Self::called) function.
+    pub fn products(&self) -> usize {
+        let Some(dictionary) = self.dictionary() else { return 0 };
+        let angles = dictionary.factors().filter(|factor| *factor == Factor::Angle).count();
+        dictionary.products() - if self.called().is_some() { 2 * angles } else { 0 }
     }
 
     /// The dictionary, if a step is one.
@@ -144,4 +137,36 @@ impl Graph {
         }
         values
     }
+}
+
+/// The first functions of a dictionary, then sine and cosine of each angle.
+fn with_angles(dictionary: &Dictionary, functions: usize) -> Dictionary {
+    let factors: Vec<Factor> = dictionary.factors().collect();
+    let angles: Vec<usize> = (0..factors.len()).filter(|column| factors[*column] == Factor::Angle).collect();
+    let outputs = functions + 2 * angles.len();
+    let mut terms: Vec<Term> = dictionary.terms().collect();
+    terms.iter_mut().for_each(|term| term.coefficients.resize(outputs, 0.0));
+    for (index, angle) in angles.into_iter().enumerate() {
+        for (exponent, output) in [(-1, functions + 2 * index), (1, functions + 2 * index + 1)] {
+            let mut term = Term { exponents: vec![0; factors.len()], coefficients: vec![0.0; outputs] };
+            (term.exponents[angle], term.coefficients[output]) = (exponent, 1.0);
+            terms.push(term);
+        }
+    }
+    Dictionary::new(&factors, outputs, &terms).expect("columns and functions are those of the dictionary")
+}
+
+/// The columns with sine and cosine in the place of each angle. These begin at column `first` of the dictionary's value.
+fn encoded(dictionary: &Dictionary, first: u32) -> Step {
+    let mut columns = Vec::new();
+    let mut next = first;
+    for (column, factor) in (0..).zip(dictionary.factors()) {
+        if factor == Factor::Angle {
+            columns.extend([[1, next], [1, next + 1]]);
+            next += 2;
+        } else {
+            columns.push([0, column]);
+        }
+    }
+    Step::Columns { columns }
 }
