@@ -182,7 +182,13 @@ impl Domain {
 
     /// Whether every input's value is in its range or one of its values, up to [`TOLERANCE`].
     pub fn is_in_ranges(&self, inputs: &[f64]) -> bool {
-        inputs.iter().enumerate().all(|(column, &value)| self.contains(column, value))
+        let mut columns = inputs.iter().enumerate().take(self.columns());
+        columns.all(|(column, &value)| self.contains(column, value))
+    }
+
+    /// Number of columns that may have ranges. Columns after them, which are the memory of samples, have none.
+    pub fn columns(&self) -> usize {
+        self.inputs.len()
     }
 
     /// Whether a point is in the domain: in the ranges and near the data. `guess`: see [`Domain::is_near_data`].

@@ -75,12 +75,13 @@ impl Instance {
         if let Err(error) = made {
             return Err(self.step_refused(error, size, refused));
         }
-        for column in first..self.point.len() {
+        let states = first..self.domain.columns();
+        for column in states.clone() {
             self.check_value(column, self.point[column], time, self.now.policy, refused)?;
         }
         self.now.values[first..].copy_from_slice(&self.point[first..]);
         self.stale = true;
-        (first..self.point.len()).for_each(|column| self.note_value(column));
+        states.for_each(|column| self.note_value(column));
         Ok(())
     }
 
