@@ -90,6 +90,9 @@ pub(crate) trait Real:
     }
 
     fn narrow(value: f64) -> Self;
+    /// The numbers, if they are in double precision.
+    fn doubles(numbers: &[Self]) -> Option<&[f64]>;
+    fn doubles_mut(numbers: &mut [Self]) -> Option<&mut [f64]>;
     fn mul_add(self, factor: Self, summand: Self) -> Self;
     fn abs(self) -> Self;
     fn copysign(self, sign: Self) -> Self;
@@ -250,6 +253,16 @@ impl Real for f64 {
     }
 
     #[inline(always)]
+    fn doubles(numbers: &[Self]) -> Option<&[f64]> {
+        Some(numbers)
+    }
+
+    #[inline(always)]
+    fn doubles_mut(numbers: &mut [Self]) -> Option<&mut [f64]> {
+        Some(numbers)
+    }
+
+    #[inline(always)]
     fn mul_add(self, factor: Self, summand: Self) -> Self {
         self.mul_add(factor, summand)
     }
@@ -317,6 +330,14 @@ impl Real for f32 {
     #[inline(always)]
     fn narrow(value: f64) -> Self {
         value as Self
+    }
+
+    fn doubles(_: &[Self]) -> Option<&[f64]> {
+        None
+    }
+
+    fn doubles_mut(_: &mut [Self]) -> Option<&mut [f64]> {
+        None
     }
 
     #[inline(always)]

@@ -243,7 +243,7 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
         let mut nested = 0;
         let prepared = |(number, step): (usize, &Step)| {
             let to = number + 1;
-            if let Some(step) = NestedStep::new(step, precision) {
+            if let Some(step) = NestedStep::new(step, (&widths, to), precision) {
                 nested += 1;
                 return Prepared { to, kind: Kind::Nested { step: Box::new(step), memory: nested - 1 } };
             }
@@ -279,7 +279,7 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
                 rows = rows.max(few.outputs());
             }
             if let Kind::Nested { step, .. } = kind {
-                nested.push(step.scratch(self.widths[step.of], self.widths[*to]));
+                nested.push(step.scratch());
             }
         }
         let longest = values.iter().map(Series::lanes).max().unwrap_or(0);

@@ -1,4 +1,4 @@
-//! Steps with separate working memory: calls of graphs, equations. Operands and results are in double precision.
+//! Steps with separate working memory: calls of graphs, equations. A graph with such steps is in double precision.
 
 use super::{
     GraphScratch, PreparedGraph, Series, Step,
@@ -20,6 +20,8 @@ use std::ops::Range;
 #[derive(Clone, Debug)]
 pub(super) struct NestedStep {
     pub(super) of: usize,
+    columns: usize,
+    outputs: usize,
     function: Function,
 }
 
@@ -34,11 +36,9 @@ enum Function {
 /// Working memory of a step.
 #[derive(Clone, Debug)]
 pub(super) struct NestedScratch {
-    point: Vec<f64>,
-    rates: [Vec<f64>; 2],
+    direction: Vec<f64>,
+    derivative: Vec<f64>,
     gradient: Vec<f64>,
-    results: Vec<f64>,
-    derivatives: [Vec<f64>; 2],
     work: Work,
 }
 
@@ -59,8 +59,9 @@ struct DictionaryWork {
 }
 
 impl NestedStep {
-    /// Functions of other graphs compute in this precision. None if the step is of another kind.
-    pub(super) fn new(step: &Step, precision: Precision) -> Option<Self> {
+    /// The step that makes value `to` of values with these `widths`. Functions of other graphs compute in this precision. None if the
+    /// step is of another kind.
+    pub(super) fn new(step: &Step, (widths, to): (&[usize], usize), precision: Precision) -> Option<Self> {
         let (of, function) = match step {
             Step::Call { of, function } => {
                 (of, Function::Call(PreparedGraph::new(function, precision), Simd::detect()))
@@ -76,7 +77,7 @@ impl NestedStep {
             }
             _ => return None,
         };
-        Some(Self { of: *of, function })
+        Some(Self { of: *of, columns: widths[*of], outputs: widths[to], function })
     }
 
     /// The equations of motion, if it is them.
@@ -84,14 +85,12 @@ impl NestedStep {
         if let Function::Motion(motion) = &self.function { Some(motion) } else { None }
     }
 
-    pub(super) fn scratch(&self, columns: usize, outputs: usize) -> NestedScratch {
-        let [point, result] = [columns, outputs].map(|length| vec![0.0; length]);
+    pub(super) fn scratch(&self) -> NestedScratch {
+        let Self { columns, outputs, .. } = *self;
         NestedScratch {
-            rates: [point.clone(), point.clone()],
-            gradient: point.clone(),
-            point,
-            derivatives: [result.clone(), result.clone()],
-            results: result,
+            direction: vec![0.0; columns],
+            derivative: vec![0.0; outputs],
+            gradient: vec![0.0; columns],
             work: match &self.function {
                 Function::Call(program, _) => Work::Call(Box::new(program.scratch())),
                 Function::Interpolate(instants) => Work::Interpolate(Box::new(instants.sides(columns, outputs))),
@@ -107,7 +106,6 @@ impl NestedStep {
     }
 
     /// Value of the step, if `needs_value`, and its first `orders` derivatives.
-    #[inline(never)]
     pub(super) fn forward<T: Real, const WIDTH: usize>(
         &self,
         from: &Series<T, WIDTH>,
@@ -115,24 +113,17 @@ impl NestedStep {
         (orders, needs_value): (usize, bool),
         scratch: &mut NestedScratch,
     ) {
-        let NestedScratch { point, rates, results, derivatives, work, .. } = scratch;
-        copy(&from.value, point);
+        let [point, along, bend] = [&from.value, &from.first, &from.second].map(|of| &doubles(of)[..self.columns]);
+        let Series { value, first, second } = to;
+        let [results, first, second] = [value, first, second].map(|to| &mut doubles_mut(to)[..self.outputs]);
+        let work = &mut scratch.work;
         if needs_value || orders == 0 {
             self.perform(point, Task::Outputs(results), work);
-            narrow(results, &mut to.value);
         }
-        if orders > 0 {
-            let ([along, bend], [first, second]) = (rates, derivatives);
-            copy(&from.first, along);
-            copy(&from.second, bend);
-            let is_curve = orders > 1;
-            let rates: [&[f64]; 2] = if is_curve { [along, bend] } else { [along, &[]] };
-            let of_second = is_curve.then_some(second.as_mut_slice());
-            self.perform(point, Task::Series { rates, first, second: of_second }, work);
-            narrow(first, &mut to.first);
-            if is_curve {
-                narrow(second, &mut to.second);
-            }
+        match orders {
+            0 => {}
+            1 => self.perform(point, Task::Series { rates: [along, &[]], first, second: None }, work),
+            _ => self.perform(point, Task::Series { rates: [along, bend], first, second: Some(second) }, work),
         }
     }
 
@@ -144,23 +135,22 @@ impl NestedStep {
         change: &[Lanes<T, WIDTH>],
         scratch: &mut NestedScratch,
     ) {
-        let NestedScratch { point, rates: [direction, _], gradient, results, derivatives: [changes, _], work } =
-            scratch;
-        copy(&from.value, point);
-        copy(change, results);
+        let NestedScratch { direction, derivative, gradient, work } = scratch;
+        let point = &doubles(&from.value)[..self.columns];
+        let weights = &doubles(change)[..self.outputs];
         if matches!(self.function, Function::Call(..) | Function::Interpolate(_)) {
-            self.perform(point, Task::Adjoint { weights: results, gradient }, work);
+            self.perform(point, Task::Adjoint { weights, gradient }, work);
         } else {
             // by directions: equations have few columns
             for (column, to) in gradient.iter_mut().enumerate() {
                 direction.fill(0.0);
                 direction[column] = 1.0;
-                self.perform(point, Task::Series { rates: [direction, &[]], first: changes, second: None }, work);
-                *to = results.iter().zip(&*changes).map(|(weight, change)| weight * change).sum();
+                let task = Task::Series { rates: [direction, &[]], first: derivative, second: None };
+                self.perform(point, task, work);
+                *to = weights.iter().zip(&*derivative).map(|(weight, change)| weight * change).sum();
             }
         }
-        let sums = flat_mut(&mut from.second).iter_mut();
-        sums.zip(&*gradient).for_each(|(sum, more)| *sum = *sum + T::narrow(*more));
+        doubles_mut(&mut from.second).iter_mut().zip(&*gradient).for_each(|(sum, more)| *sum += more);
     }
 
     fn perform(&self, point: &[f64], task: Task, work: &mut Work) {
@@ -209,10 +199,10 @@ fn dictionary(law: &PreparedLaw, point: &[f64], task: Task, work: &mut Dictionar
     }
 }
 
-fn copy<T: Real, const WIDTH: usize>(from: &[Lanes<T, WIDTH>], to: &mut [f64]) {
-    to.iter_mut().zip(flat(from)).for_each(|(to, from)| *to = (*from).into());
+fn doubles<T: Real, const WIDTH: usize>(of: &[Lanes<T, WIDTH>]) -> &[f64] {
+    T::doubles(flat(of)).expect("a graph with such steps is in double precision")
 }
 
-fn narrow<T: Real, const WIDTH: usize>(from: &[f64], to: &mut [Lanes<T, WIDTH>]) {
-    flat_mut(to).iter_mut().zip(from).for_each(|(to, from)| *to = T::narrow(*from));
+fn doubles_mut<T: Real, const WIDTH: usize>(of: &mut [Lanes<T, WIDTH>]) -> &mut [f64] {
+    T::doubles_mut(flat_mut(of)).expect("a graph with such steps is in double precision")
 }
