@@ -83,7 +83,21 @@ impl Numbers {
 
     /// All of them in double precision.
     pub fn iter(&self) -> impl Iterator<Item = f64> + '_ {
-        (0..self.len()).map(|index| self.get(index))
+        let (single, double): (&[f32], &[f64]) = match self {
+            Self::Single(values) => (values, &[]),
+            Self::Double(values) => (&[], values),
+        };
+        single.iter().map(|value| f64::from(*value)).chain(double.iter().copied())
+    }
+
+    /// Makes sure that all are finite.
+    pub(crate) fn expect_finite(&self, name: impl std::fmt::Display) -> Result<(), FormatError> {
+        // whole vectors at once: nearly always they are
+        let is_finite = match self {
+            Self::Single(values) => values.iter().fold(true, |all, value| all & value.is_finite()),
+            Self::Double(values) => values.iter().fold(true, |all, value| all & value.is_finite()),
+        };
+        if is_finite { Ok(()) } else { expect_finite(name, self.iter()) }
     }
 
     /// The numbers, if they are in single precision.
@@ -125,8 +139,8 @@ impl ScaledNetwork {
             expect_shape(&weight, &[layer.outputs, layer.inputs], &[rows, width])?;
             expect_shape(&weight, &[layer.weight.len()], &[rows * width])?;
             expect_shape(&bias, &[layer.bias.len()], &[rows])?;
-            expect_finite(&weight, layer.weight.iter())?;
-            expect_finite(&bias, layer.bias.iter())?;
+            layer.weight.expect_finite(&weight)?;
+            layer.bias.expect_finite(&bias)?;
             width = rows;
         }
         Ok(())

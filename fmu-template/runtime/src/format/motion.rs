@@ -61,9 +61,9 @@ impl Motion {
         let coordinates = winding_shape[1];
         let efforts = efforts(tensors, prefix, factors.len().saturating_sub(coordinates), coordinates)?;
         let count = efforts.count();
-        expect_shape(&name("positions.windings"), &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
+        expect_shape(name("positions.windings"), &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
         let shown = take(tensors, &name("outputs.shown"), Dtype::U32, 2)?;
-        expect_shape(&name("outputs.shown"), &shown.shape()[1..], &[2])?;
+        expect_shape(name("outputs.shown"), &shown.shape()[1..], &[2])?;
         let shown = elements(shown.data(), u32::from_le_bytes);
         let outputs = shown.as_chunks::<2>().0.iter().enumerate().map(|(index, &[kind, position])| {
             let position = position as usize;
@@ -155,9 +155,9 @@ fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTabl
             }
         }
         let (values, shape) = doubles(tensors, &name("values"), axes.len())?;
-        expect_shape(&name("values"), &shape, &axes.iter().map(Vec::len).collect::<Vec<_>>())?;
+        expect_shape(name("values"), &shape, &axes.iter().map(Vec::len).collect::<Vec<_>>())?;
         let kinds = take(tensors, &name("kinds"), Dtype::U32, 1)?;
-        expect_shape(&name("kinds"), kinds.shape(), &[2])?;
+        expect_shape(name("kinds"), kinds.shape(), &[2])?;
         let kinds = elements(kinds.data(), u32::from_le_bytes);
         let unknown = |index: usize| FormatError::Unknown { name: name("kinds"), index, found: kinds[index] };
         let interpolation = Interpolation::ALL.get(kinds[0] as usize).ok_or_else(|| unknown(0))?;
@@ -170,14 +170,14 @@ fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTabl
 fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
     let name = |what: &str| format!("{prefix}efforts.{what}");
     let inputs = take(tensors, &name("inputs"), Dtype::U32, 1)?;
-    expect_shape(&name("inputs"), inputs.shape(), &[1])?;
+    expect_shape(name("inputs"), inputs.shape(), &[1])?;
     let inputs = elements(inputs.data(), u32::from_le_bytes)[0] as usize;
     let (windings, shape) = doubles(tensors, &name("windings"), 2)?;
-    expect_shape(&name("windings"), &shape[1..], &[coordinates])?;
+    expect_shape(name("windings"), &shape[1..], &[coordinates])?;
     let (constants, _) = doubles(tensors, &name("constants"), 1)?;
     let tables = lookup_tables(tensors, prefix)?;
     let steps = take(tensors, &name("steps"), Dtype::U32, 2)?;
-    expect_shape(&name("steps"), &steps.shape()[1..], &[2])?;
+    expect_shape(name("steps"), &steps.shape()[1..], &[2])?;
     let steps = elements(steps.data(), u32::from_le_bytes);
     let step = |(index, &[kind, argument]): (usize, &[u32; 2])| {
         let at = argument as usize;

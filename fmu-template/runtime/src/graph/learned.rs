@@ -3,7 +3,7 @@
 //! far from zero.
 
 use super::{Elementwise, Forest, Graph, LEAF, Products, Step};
-use crate::{Activation, Layer, ScaledNetwork, Scaling};
+use crate::{Activation, Layer, Numbers, ScaledNetwork, Scaling};
 
 /// `y = bias + sum_c weights[c] * exp(-1/2 sum_i ((z_i - centres[c, i]) / lengths[i])^2)`: support vector regression, Gaussian processes.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,6 +16,13 @@ pub struct KernelMachine {
     pub weights: Vec<f64>,
     /// Far from every centre.
     pub bias: f64,
+}
+
+/// Numbers of a network: mean and scale of inputs and outputs; weights, biases and activation of each layer.
+struct NetworkSteps<'a> {
+    input: [&'a [f64]; 2],
+    layers: Vec<(&'a Numbers, &'a Numbers, Activation)>,
+    output: [&'a [f64]; 2],
 }
 
 impl From<&ScaledNetwork> for Graph {
@@ -39,34 +46,43 @@ impl From<&ScaledNetwork> for Graph {
 impl Graph {
     /// The network, if it is one: layers one after the other, of standardized columns, with rescaled outputs.
     pub fn network(&self) -> Option<ScaledNetwork> {
+        let NetworkSteps { input: [input_mean, input_scale], layers, output: [output_mean, output_scale] } =
+            self.network_steps()?;
+        let [input_mean, input_scale] = [input_mean, input_scale].map(<[f64]>::to_vec);
+        let [output_mean, output_scale] = [output_mean, output_scale].map(<[f64]>::to_vec);
+        let layer = |(weight, bias, activation): (&Numbers, &Numbers, Activation)| {
+            let (inputs, outputs) = (weight.len() / bias.len().max(1), bias.len());
+            Layer { inputs, outputs, weight: weight.clone(), bias: bias.clone(), activation }
+        };
+        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+        Some(ScaledNetwork { scaling, layers: layers.into_iter().map(layer).collect() })
+    }
+
+    fn network_steps(&self) -> Option<NetworkSteps<'_>> {
         let (first, rest) = self.steps.split_first()?;
         let (last, steps) = rest.split_last()?;
         let Step::Standardize { of: 0, mean: input_mean, scale: input_scale } = first else { return None };
         let Step::Rescale { of, mean: output_mean, scale: output_scale } = last else { return None };
-        let mut layers: Vec<Layer> = Vec::new();
+        let mut layers: Vec<(&Numbers, &Numbers, Activation)> = Vec::new();
         for (before, step) in (1..).zip(steps) {
             match step {
                 Step::Affine { of, weight, bias } if *of == before => {
-                    let inputs = weight.len() / bias.len().max(1);
-                    let (weight, bias, activation) = (weight.clone(), bias.clone(), Activation::Identity);
-                    layers.push(Layer { inputs, outputs: bias.len(), weight, bias, activation });
+                    layers.push((weight, bias, Activation::Identity));
                 }
                 Step::Elementwise { of, function: Elementwise::Activation(activation), .. } if *of == before => {
-                    let layer = layers.last_mut().filter(|layer| layer.activation == Activation::Identity)?;
-                    layer.activation = *activation;
+                    let (.., of_layer) = layers.last_mut().filter(|(.., of)| *of == Activation::Identity)?;
+                    *of_layer = *activation;
                 }
                 _ => return None,
             }
         }
-        let [input_mean, input_scale] = [input_mean, input_scale].map(Vec::clone);
-        let [output_mean, output_scale] = [output_mean, output_scale].map(Vec::clone);
-        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
-        (*of == self.steps.len() - 1 && !layers.is_empty()).then_some(ScaledNetwork { scaling, layers })
+        let (input, output) = ([&input_mean[..], input_scale], [&output_mean[..], output_scale]);
+        (*of == self.steps.len() - 1 && !layers.is_empty()).then_some(NetworkSteps { input, layers, output })
     }
 
     /// Returns true if it is a [network](Self::network).
     pub fn is_network(&self) -> bool {
-        self.network().is_some()
+        self.network_steps().is_some()
     }
 
     /// `y_o = mean_o + scale_o (biases[o] + sum_i weights[o, i] z_i)`

@@ -27,6 +27,7 @@ pub(crate) use evaluate::{GraphScratch, PreparedGraph};
 pub use forest::{Forest, LEAF, Node, Tree};
 pub use learned::KernelMachine;
 pub use products::Products;
+use std::fmt;
 
 /// A function as a sequence of steps. Value 0 is the vector of the input columns, step `k` makes value `k + 1`, and the last
 /// value is the outputs. Derivatives are exact.
@@ -270,12 +271,23 @@ impl Graph {
     /// # Errors
     /// The first [`FormatError`].
     pub fn check(&self, columns: usize, outputs: usize) -> Result<(), FormatError> {
+        let widths = self.shape(columns)?;
+        expect_shape("graph.steps", &[widths[self.steps.len()]], &[outputs])?;
+        self.check_numbers()
+    }
+
+    /// Lengths of all values of a graph with this number of columns.
+    pub(super) fn shape(&self, columns: usize) -> Result<Vec<usize>, FormatError> {
         if self.steps.is_empty() {
             return Err(FormatError::MissingTensor { name: "graph.steps".into() });
         }
         expect_shape("graph.inputs", &[self.inputs], &[columns])?;
-        let widths = self.widths()?;
-        expect_shape("graph.steps", &[widths[self.steps.len()]], &[outputs])
+        self.widths()
+    }
+
+    /// Makes sure that numbers are in their ranges.
+    fn check_numbers(&self) -> Result<(), FormatError> {
+        self.steps.iter().enumerate().try_for_each(|(number, step)| step.check_numbers(number))
     }
 }
 
@@ -319,9 +331,51 @@ impl Step {
         }
     }
 
-    /// Length of what the step makes, of the values before it; every number of it is checked.
+    /// Makes sure that numbers are in their ranges.
+    fn check_numbers(&self, number: usize) -> Result<(), FormatError> {
+        let name = |what: &'static str| StepName { number, what };
+        match self {
+            Self::Affine { weight, bias, .. } => {
+                weight.expect_finite(name("weight"))?;
+                bias.expect_finite(name("bias"))
+            }
+            Self::Elementwise { parameters, .. } => expect_finite(name("parameters"), parameters.iter().copied()),
+            Self::Standardize { mean, scale, .. } | Self::Rescale { mean, scale, .. } => {
+                expect_finite(name("mean"), mean.iter().copied())?;
+                expect_finite(name("scale"), scale.iter().copied())?;
+                expect_positive(name("scale"), scale)
+            }
+            Self::Normalize { epsilon, .. } => {
+                expect_finite(name("parameters"), [*epsilon].into_iter())?;
+                if *epsilon < 0.0 {
+                    return Err(FormatError::NotPositive {
+                        name: name("parameters").to_string(),
+                        index: 0,
+                        value: *epsilon,
+                    });
+                }
+                Ok(())
+            }
+            Self::Distances { centres, lengths, .. } => {
+                expect_finite(name("lengths"), lengths.iter().copied())?;
+                expect_positive(name("lengths"), lengths)?;
+                expect_finite(name("centres"), centres.iter().copied())
+            }
+            Self::Call { function, .. } => function.check_numbers(),
+            Self::Interpolate { functions, .. } => functions.iter().enumerate().try_for_each(|(instant, function)| {
+                let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
+                function.check_numbers().map_err(problem)
+            }),
+            Self::Motion { motion, .. } => motion.check(),
+            // dictionaries are checked when they are made, the others have shapes alone
+            Self::Dictionary { .. } | Self::Forest { .. } | Self::Products { .. } => Ok(()),
+            Self::Combine { .. } | Self::Select { .. } | Self::Columns { .. } | Self::Softmax { .. } => Ok(()),
+        }
+    }
+
+    /// Length of what the step makes, of the values before it; its shape is checked.
     fn width(&self, number: usize, widths: &[usize]) -> Result<usize, FormatError> {
-        let name = |what: &str| format!("graph.{number}.{what}");
+        let name = |what: &'static str| StepName { number, what };
         let width = |of: usize| match widths.get(of) {
             Some(width) => Ok(*width),
             None => Err(FormatError::Index {
@@ -333,26 +387,23 @@ impl Step {
         };
         match self {
             Self::Affine { of, weight, bias } => {
-                expect_shape(&name("weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
-                expect_finite(&name("weight"), weight.iter())?;
-                expect_finite(&name("bias"), bias.iter())?;
+                expect_shape(name("weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
                 not_empty(bias.len())
             }
             Self::Elementwise { of, function, parameters } => {
                 let (width, count) = (width(*of)?, function.parameters());
                 if parameters.len() != count {
-                    expect_shape(&name("parameters"), &[parameters.len()], &[count * width])?;
+                    expect_shape(name("parameters"), &[parameters.len()], &[count * width])?;
                 }
-                expect_finite(&name("parameters"), parameters.iter().copied())?;
                 Ok(width)
             }
             Self::Combine { of: [a, b], .. } => {
-                expect_shape(&format!("graph.{number}"), &[width(*b)?], &[width(*a)?])?;
+                expect_shape(format_args!("graph.{number}"), &[width(*b)?], &[width(*a)?])?;
                 width(*a)
             }
             Self::Select { of: [condition, a, b] } => {
-                expect_shape(&format!("graph.{number}"), &[width(*a)?], &[width(*condition)?])?;
-                expect_shape(&format!("graph.{number}"), &[width(*b)?], &[width(*condition)?])?;
+                expect_shape(format_args!("graph.{number}"), &[width(*a)?], &[width(*condition)?])?;
+                expect_shape(format_args!("graph.{number}"), &[width(*b)?], &[width(*condition)?])?;
                 width(*a)
             }
             Self::Columns { columns } => {
@@ -360,7 +411,7 @@ impl Step {
                     let limit = width(*of as usize)?;
                     if *column as usize >= limit {
                         let (found, limit) = (u64::from(*column), limit as u64);
-                        return Err(FormatError::Index { name: name("columns"), index, found, limit });
+                        return Err(FormatError::Index { name: name("columns").to_string(), index, found, limit });
                     }
                 }
                 not_empty(columns.len())
@@ -368,27 +419,15 @@ impl Step {
             Self::Standardize { of, mean, scale } | Self::Rescale { of, mean, scale } => {
                 let width = width(*of)?;
                 for (what, values) in [("mean", mean), ("scale", scale)] {
-                    expect_shape(&name(what), &[values.len()], &[width])?;
-                    expect_finite(&name(what), values.iter().copied())?;
+                    expect_shape(name(what), &[values.len()], &[width])?;
                 }
-                expect_positive(&name("scale"), scale)?;
                 Ok(width)
             }
-            Self::Normalize { of, epsilon } => {
-                expect_finite(&name("parameters"), [*epsilon].into_iter())?;
-                if *epsilon < 0.0 {
-                    return Err(FormatError::NotPositive { name: name("parameters"), index: 0, value: *epsilon });
-                }
-                width(*of)
-            }
-            Self::Softmax { of } => width(*of),
+            Self::Normalize { of, .. } | Self::Softmax { of } => width(*of),
             Self::Distances { of, centres, lengths } => {
                 let width = width(*of)?;
-                expect_shape(&name("lengths"), &[lengths.len()], &[width])?;
-                expect_finite(&name("lengths"), lengths.iter().copied())?;
-                expect_positive(&name("lengths"), lengths)?;
-                expect_finite(&name("centres"), centres.iter().copied())?;
-                expect_shape(&name("centres"), &[centres.len()], &[centres.len() / width * width])?;
+                expect_shape(name("lengths"), &[lengths.len()], &[width])?;
+                expect_shape(name("centres"), &[centres.len()], &[centres.len() / width * width])?;
                 not_empty(centres.len() / width)
             }
             Self::Forest { of, forest, outputs } => {
@@ -396,30 +435,39 @@ impl Step {
                 not_empty(*outputs)
             }
             Self::Products { of, products } => {
-                products.check(&name("degrees"), width(*of)?)?;
+                products.check(&name("degrees").to_string(), width(*of)?)?;
                 not_empty(products.terms())
             }
             Self::Call { of, function } => {
                 if function.steps.iter().any(Self::is_nested) {
-                    return Err(FormatError::NestedFunction { name: name("function") });
+                    return Err(FormatError::NestedFunction { name: name("function").to_string() });
                 }
-                let outputs = function.widths()?.last().copied().unwrap_or_default();
-                function.check(width(*of)?, outputs)?;
-                not_empty(outputs)
+                not_empty(function.shape(width(*of)?)?[function.steps.len()])
             }
             Self::Interpolate { of, column, instants, functions } => {
-                check_instants(&name("instants"), (width(*of)?, *column), instants, functions)
+                check_instants(&name("instants").to_string(), (width(*of)?, *column), instants, functions)
             }
             Self::Dictionary { of, dictionary } => {
-                expect_shape(&name("functions"), &[dictionary.columns()], &[width(*of)?])?;
+                expect_shape(name("functions"), &[dictionary.columns()], &[width(*of)?])?;
                 not_empty(dictionary.outputs())
             }
             Self::Motion { of, motion } => {
-                expect_shape(&name("motion"), &[motion.columns()], &[width(*of)?])?;
-                motion.check()?;
+                expect_shape(name("motion"), &[motion.columns()], &[width(*of)?])?;
                 not_empty(motion.results())
             }
         }
+    }
+}
+
+/// Name of a step's tensor, written only where an error needs it.
+struct StepName {
+    number: usize,
+    what: &'static str,
+}
+
+impl fmt::Display for StepName {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "graph.{}.{}", self.number, self.what)
     }
 }
 

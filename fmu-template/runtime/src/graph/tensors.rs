@@ -49,11 +49,11 @@ impl Graph {
     /// The graph of the tensors whose names begin with this. One that a step calls has no steps that call others.
     pub(crate) fn read(tensors: &mut Views, prefix: &str, is_called: bool) -> Result<Self, FormatError> {
         let indices = |view: &[u8]| elements(view, u32::from_le_bytes);
-        let name = format!("{prefix}steps");
+        let name = [prefix, "steps"].concat();
         let steps = take(tensors, &name, Dtype::U32, 2)?;
         expect_shape(&name, &steps.shape()[1..], &[4])?;
         let steps = indices(steps.data());
-        let of_inputs = format!("{prefix}inputs");
+        let of_inputs = [prefix, "inputs"].concat();
         let inputs = take(tensors, &of_inputs, Dtype::U32, 1)?;
         expect_shape(&of_inputs, inputs.shape(), &[1])?;
         let inputs = indices(inputs.data())[0] as usize;
@@ -103,7 +103,7 @@ impl Step {
 
     /// Tensors whose names begin with this.
     fn tensors(&self, prefix: &str) -> Vec<Tensor> {
-        let name = |what: &str| format!("{prefix}{what}");
+        let name = |what: &str| [prefix, what].concat();
         match self {
             Self::Affine { weight, bias, .. } => {
                 let shape = vec![bias.len(), weight.len() / bias.len().max(1)];
@@ -151,7 +151,7 @@ impl Step {
         [kind, code, a, b]: [u32; 4],
         unknown: impl Fn(usize) -> FormatError,
     ) -> Result<Self, FormatError> {
-        let name = |what: &str| format!("{prefix}{what}");
+        let name = |what: &str| [prefix, what].concat();
         let mut doubles = |what: &str| -> Result<Vec<f64>, FormatError> {
             let view = take(tensors, &name(what), Dtype::F64, 1)?;
             Ok(elements(view.data(), f64::from_le_bytes))
@@ -164,7 +164,7 @@ impl Step {
                     Ok((numbers(view.dtype(), view.data()), view.shape().to_vec()))
                 };
                 let ((weight, shape), (bias, _)) = (read("weight", 2)?, read("bias", 1)?);
-                expect_shape(&name("weight"), &shape, &[bias.len(), weight.len() / bias.len().max(1)])?;
+                expect_shape(name("weight"), &shape, &[bias.len(), weight.len() / bias.len().max(1)])?;
                 Ok(Self::Affine { of, weight, bias })
             }
             ELEMENTWISE => {
@@ -179,7 +179,7 @@ impl Step {
             SELECT => Ok(Self::Select { of: [code as usize, of, b as usize] }),
             COLUMNS => {
                 let view = take(tensors, &name("columns"), Dtype::U32, 2)?;
-                expect_shape(&name("columns"), &view.shape()[1..], &[2])?;
+                expect_shape(name("columns"), &view.shape()[1..], &[2])?;
                 let columns = elements(view.data(), u32::from_le_bytes).as_chunks::<2>().0.to_vec();
                 Ok(Self::Columns { columns })
             }
@@ -187,14 +187,14 @@ impl Step {
             RESCALE => Ok(Self::Rescale { of, mean: doubles("mean")?, scale: doubles("scale")? }),
             NORMALIZE => {
                 let parameters = doubles("parameters")?;
-                expect_shape(&name("parameters"), &[parameters.len()], &[1])?;
+                expect_shape(name("parameters"), &[parameters.len()], &[1])?;
                 Ok(Self::Normalize { of, epsilon: parameters[0] })
             }
             SOFTMAX => Ok(Self::Softmax { of }),
             DISTANCES => {
                 let lengths = doubles("lengths")?;
                 let centres = take(tensors, &name("centres"), Dtype::F64, 2)?;
-                expect_shape(&name("centres"), &centres.shape()[1..], &[lengths.len()])?;
+                expect_shape(name("centres"), &centres.shape()[1..], &[lengths.len()])?;
                 Ok(Self::Distances { of, centres: elements(centres.data(), f64::from_le_bytes), lengths })
             }
             FOREST => Ok(Self::Forest { of, forest: Forest::read(tensors, prefix)?, outputs: code as usize }),
@@ -243,13 +243,13 @@ impl Forest {
         };
         let (columns, roots, outputs) = (indices("column")?, indices("root")?, indices("output")?);
         let below = take(tensors, &name("below"), Dtype::U32, 2)?;
-        expect_shape(&name("below"), below.shape(), &[columns.len(), 2])?;
+        expect_shape(name("below"), below.shape(), &[columns.len(), 2])?;
         let below = elements(below.data(), u32::from_le_bytes);
         let numbers = take(tensors, &name("number"), Dtype::F64, 1)?;
         let numbers = elements(numbers.data(), f64::from_le_bytes);
         let nodes = columns.len();
-        expect_shape(&name("number"), &[numbers.len()], &[nodes])?;
-        expect_shape(&name("output"), &[outputs.len()], &[roots.len()])?;
+        expect_shape(name("number"), &[numbers.len()], &[nodes])?;
+        expect_shape(name("output"), &[outputs.len()], &[roots.len()])?;
         let below = below.as_chunks::<2>().0;
         let nodes = columns.into_iter().zip(numbers).zip(below);
         let trees = roots.into_iter().zip(outputs);

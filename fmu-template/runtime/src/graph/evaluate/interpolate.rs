@@ -33,14 +33,15 @@ pub(in crate::graph) fn check(
     let outputs = expected.last().copied().unwrap_or_default();
     for (instant, function) in functions.iter().enumerate() {
         let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
-        function.check(columns - 1, outputs).map_err(problem)?;
-        let found = function.widths().map_err(problem)?;
+        let found = function.shape(columns - 1).map_err(problem)?;
         // they share their working memory
         if found != expected {
             return Err(FormatError::LayerSizes { instant, found, expected });
         }
         let kind = |step: &Step| match step {
-            Step::Affine { weight, bias, .. } => (discriminant(step), [weight, bias].map(|of| of.as_single().is_some())),
+            Step::Affine { weight, bias, .. } => {
+                (discriminant(step), [weight, bias].map(|of| of.as_single().is_some()))
+            }
             _ => (discriminant(step), [false; 2]),
         };
         let kinds = |graph: &Graph| graph.steps.iter().map(kind).collect::<Vec<_>>();

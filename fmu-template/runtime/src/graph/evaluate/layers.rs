@@ -55,11 +55,12 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         let mut weights = vec![Lanes::ZERO; lanes * layer.inputs];
         let mut bias = vec![Lanes::ZERO; lanes];
         flat_mut(&mut bias).iter_mut().zip(layer.bias.iter()).for_each(|(to, from)| *to = flush(T::narrow(from)));
-        for (index, value) in layer.weight.iter().enumerate() {
-            let (row, column) = (index / layer.inputs, index % layer.inputs);
+        let mut numbers = layer.weight.iter();
+        for row in 0..layer.outputs {
             let (number, within) = (row / rows_per_block, row % rows_per_block);
-            let lanes = (number * layer.inputs + column) * block + within / WIDTH;
-            weights[lanes].0[within % WIDTH] = flush(T::narrow(value));
+            let first = number * layer.inputs * block + within / WIDTH;
+            let of_row = flat_mut(&mut weights)[first * WIDTH + within % WIDTH..].iter_mut().step_by(block * WIDTH);
+            of_row.zip(numbers.by_ref().take(layer.inputs)).for_each(|(to, from)| *to = flush(T::narrow(from)));
         }
         Self { inputs: layer.inputs, block, weights, bias }
     }
