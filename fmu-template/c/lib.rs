@@ -1,0 +1,55 @@
+//! The C99 sources of FMUs, embedded as text: the counterpart of the library `fmu-template`, function by function.
+//!
+//! A separate crate, as a package cannot reach outside its folder.
+
+/// Name and text of a file.
+pub type File = (&'static str, &'static str);
+
+macro_rules! files {
+    ($($name:literal),* $(,)?) => { &[$(($name, include_str!($name))),*] };
+}
+
+/// Files of all FMUs.
+pub const COMMON: &[File] = files![
+    "activation.c",
+    "activation.h",
+    "blocks.h",
+    "clones.h",
+    "evaluator.h",
+    "instance.c",
+    "instance.h",
+    "jets.h",
+    "model.h",
+    "real.h",
+    "README.txt",
+];
+
+/// Files of models without states.
+pub const MAPS: &[File] = files!["maps.c", "maps.h"];
+
+/// Files of networks.
+pub const NETWORK: &[File] = files!["network.c", "network.h"];
+
+/// Files of baselines and third-party functions.
+pub const GRAPH: &[File] = files!["graph.c", "graph.h", "graph_steps.h"];
+
+/// Files of lists of operations: equations and sums of products.
+pub const TAPE: &[File] = files!["jet_activation.h", "tape.h", "tape_run.h"];
+
+/// Files of models with continuous states.
+pub const STATES: &[File] = files!["states.c", "states.h"];
+
+/// Files of equations of motion.
+pub const MOTION: &[File] = files!["equations.h", "formulas.h", "motion.c", "motion.h"];
+
+/// Files of derivatives of states that are a graph.
+pub const STATE_SPACE: &[File] = files!["state_space.c", "state_space.h"];
+
+/// Files of discrete-time models.
+pub const DISCRETE: &[File] = files!["discrete.c", "discrete.h"];
+
+/// The functions of FMI 2.0.
+pub const FMI2: &[File] = files!["fmi2.c", "fmi2.h"];
+
+/// The functions of FMI 3.0.
+pub const FMI3: &[File] = files!["fmi3.c", "fmi3.h", "fmi3_absent.c"];
