@@ -3,20 +3,12 @@
  * are there, and asks the instance.
  */
 #include "fmi2.h"
+#include "calls_fmi2.h"
 #include <stdlib.h>
 #include <string.h>
 
 enum { KIND_MODEL_EXCHANGE, KIND_CO_SIMULATION };           /* fmi2Type */
 enum { LAST_SUCCESSFUL_TIME = 2, STATUS_OF_TERMINATION = 3 }; /* fmi2StatusKind */
-
-/* The tables of sections 3.2.3 (model exchange) and 4.2.4 (co-simulation), where several functions have the same. */
-enum {
-    GET = ANY_INTERFACE | STATE_INITIALIZATION | INITIALIZED | ENDED,
-    SET = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED,
-    SET_DISCRETE = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | STATE_EVENT | STATE_STEP,
-    GET_STATES = MODEL_EXCHANGE | STATE_INITIALIZATION | STATE_EVENT | STATE_CONTINUOUS_TIME | ENDED,
-    GET_STATUS = CO_SIMULATION | STATE_STEP | STATE_TERMINATED
-};
 
 /* What fmi2Component points to. */
 typedef struct {
@@ -108,7 +100,7 @@ void fmi2FreeInstance(void *c)
 
 Status fmi2SetDebugLogging(void *c, int loggingOn, size_t nCategories, const char *const categories[])
 {
-    if (!instance_begin(c, "fmi2SetDebugLogging", ANYWHERE)) {
+    if (!instance_begin(c, CALL(fmi2SetDebugLogging))) {
         return STATUS_ERROR;
     }
     return instance_switch_logging(c, loggingOn != 0, nCategories, categories);
@@ -119,7 +111,7 @@ Status fmi2SetDebugLogging(void *c, int loggingOn, size_t nCategories, const cha
 Status fmi2SetupExperiment(void *c, int toleranceDefined, double tolerance, double startTime, int stopTimeDefined,
                            double stopTime)
 {
-    if (!instance_begin(c, "fmi2SetupExperiment", ANY_INTERFACE | STATE_INSTANTIATED)) {
+    if (!instance_begin(c, CALL(fmi2SetupExperiment))) {
         return STATUS_ERROR;
     }
     return instance_set_up_experiment(c, toleranceDefined != 0, tolerance, startTime, stopTimeDefined != 0, stopTime);
@@ -127,7 +119,7 @@ Status fmi2SetupExperiment(void *c, int toleranceDefined, double tolerance, doub
 
 Status fmi2EnterInitializationMode(void *c)
 {
-    if (!instance_begin(c, "fmi2EnterInitializationMode", ANY_INTERFACE | STATE_INSTANTIATED)) {
+    if (!instance_begin(c, CALL(fmi2EnterInitializationMode))) {
         return STATUS_ERROR;
     }
     return instance_enter_initialization_mode(c);
@@ -135,7 +127,7 @@ Status fmi2EnterInitializationMode(void *c)
 
 Status fmi2ExitInitializationMode(void *c)
 {
-    if (!instance_begin(c, "fmi2ExitInitializationMode", ANY_INTERFACE | STATE_INITIALIZATION)) {
+    if (!instance_begin(c, CALL(fmi2ExitInitializationMode))) {
         return STATUS_ERROR;
     }
     return instance_exit_initialization_mode(c);
@@ -144,7 +136,7 @@ Status fmi2ExitInitializationMode(void *c)
 Status fmi2Terminate(void *c)
 {
     Instance *instance = c;
-    if (!instance_begin(instance, "fmi2Terminate", ANY_INTERFACE | INITIALIZED)) {
+    if (!instance_begin(instance, CALL(fmi2Terminate))) {
         return STATUS_ERROR;
     }
     instance->now.state = STATE_TERMINATED;
@@ -153,7 +145,7 @@ Status fmi2Terminate(void *c)
 
 Status fmi2Reset(void *c)
 {
-    if (!instance_begin(c, "fmi2Reset", ANYWHERE)) {
+    if (!instance_begin(c, CALL(fmi2Reset))) {
         return STATUS_ERROR;
     }
     instance_reset(c);
@@ -164,7 +156,7 @@ Status fmi2Reset(void *c)
 
 Status fmi2GetReal(void *c, const uint32_t vr[], size_t nvr, double value[])
 {
-    if (!instance_begin(c, "fmi2GetReal", GET) || instance_lacks(c, vr, nvr, "vr") ||
+    if (!instance_begin(c, CALL(fmi2GetReal)) || instance_lacks(c, vr, nvr, "vr") ||
         instance_lacks(c, value, nvr, "value")) {
         return STATUS_ERROR;
     }
@@ -173,7 +165,7 @@ Status fmi2GetReal(void *c, const uint32_t vr[], size_t nvr, double value[])
 
 Status fmi2GetInteger(void *c, const uint32_t vr[], size_t nvr, int32_t value[])
 {
-    if (!instance_begin(c, "fmi2GetInteger", GET) || instance_lacks(c, vr, nvr, "vr") ||
+    if (!instance_begin(c, CALL(fmi2GetInteger)) || instance_lacks(c, vr, nvr, "vr") ||
         instance_lacks(c, value, nvr, "value")) {
         return STATUS_ERROR;
     }
@@ -183,7 +175,7 @@ Status fmi2GetInteger(void *c, const uint32_t vr[], size_t nvr, int32_t value[])
 Status fmi2GetBoolean(void *c, const uint32_t vr[], size_t nvr, int value[])
 {
     bool in_domain;
-    if (!instance_begin(c, "fmi2GetBoolean", GET) || instance_lacks(c, vr, nvr, "vr") ||
+    if (!instance_begin(c, CALL(fmi2GetBoolean)) || instance_lacks(c, vr, nvr, "vr") ||
         instance_lacks(c, value, nvr, "value") || instance_get_boolean(c, vr, nvr, &in_domain) != STATUS_OK) {
         return STATUS_ERROR;
     }
@@ -197,7 +189,7 @@ Status fmi2GetString(void *c, const uint32_t vr[], size_t nvr, const char *value
 {
     (void)vr;
     (void)value;
-    if (!instance_begin(c, "fmi2GetString", GET)) {
+    if (!instance_begin(c, CALL(fmi2GetString))) {
         return STATUS_ERROR;
     }
     return instance_no_variables(c, "String", nvr);
@@ -205,7 +197,7 @@ Status fmi2GetString(void *c, const uint32_t vr[], size_t nvr, const char *value
 
 Status fmi2SetReal(void *c, const uint32_t vr[], size_t nvr, const double value[])
 {
-    if (!instance_begin(c, "fmi2SetReal", SET) || instance_lacks(c, vr, nvr, "vr") ||
+    if (!instance_begin(c, CALL(fmi2SetReal)) || instance_lacks(c, vr, nvr, "vr") ||
         instance_lacks(c, value, nvr, "value")) {
         return STATUS_ERROR;
     }
@@ -214,7 +206,7 @@ Status fmi2SetReal(void *c, const uint32_t vr[], size_t nvr, const double value[
 
 Status fmi2SetInteger(void *c, const uint32_t vr[], size_t nvr, const int32_t value[])
 {
-    if (!instance_begin(c, "fmi2SetInteger", SET_DISCRETE) || instance_lacks(c, vr, nvr, "vr") ||
+    if (!instance_begin(c, CALL(fmi2SetInteger)) || instance_lacks(c, vr, nvr, "vr") ||
         instance_lacks(c, value, nvr, "value")) {
         return STATUS_ERROR;
     }
@@ -224,7 +216,7 @@ Status fmi2SetInteger(void *c, const uint32_t vr[], size_t nvr, const int32_t va
 Status fmi2SetBoolean(void *c, const uint32_t vr[], size_t nvr, const int value[])
 {
     (void)value;
-    if (!instance_begin(c, "fmi2SetBoolean", SET_DISCRETE) || instance_lacks(c, vr, nvr, "vr")) {
+    if (!instance_begin(c, CALL(fmi2SetBoolean)) || instance_lacks(c, vr, nvr, "vr")) {
         return STATUS_ERROR;
     }
     return instance_set_boolean(c, vr, nvr);
@@ -234,7 +226,7 @@ Status fmi2SetString(void *c, const uint32_t vr[], size_t nvr, const char *const
 {
     (void)vr;
     (void)value;
-    if (!instance_begin(c, "fmi2SetString", SET_DISCRETE)) {
+    if (!instance_begin(c, CALL(fmi2SetString))) {
         return STATUS_ERROR;
     }
     return instance_no_variables(c, "String", nvr);
@@ -259,7 +251,7 @@ static Snapshot *state_at(Component *component, void **FMUstate)
 
 Status fmi2GetFMUstate(void *c, void **FMUstate)
 {
-    if (!instance_begin(c, "fmi2GetFMUstate", ANYWHERE)) {
+    if (!instance_begin(c, CALL(fmi2GetFMUstate))) {
         return STATUS_ERROR;
     }
     Snapshot *state = state_at(c, FMUstate);
@@ -272,7 +264,7 @@ Status fmi2GetFMUstate(void *c, void **FMUstate)
 
 Status fmi2SetFMUstate(void *c, void *FMUstate)
 {
-    if (!instance_begin(c, "fmi2SetFMUstate", ANYWHERE) || instance_lacks(c, FMUstate, 1, "FMUstate")) {
+    if (!instance_begin(c, CALL(fmi2SetFMUstate)) || instance_lacks(c, FMUstate, 1, "FMUstate")) {
         return STATUS_ERROR;
     }
     return instance_restore(c, FMUstate);
@@ -281,7 +273,7 @@ Status fmi2SetFMUstate(void *c, void *FMUstate)
 Status fmi2FreeFMUstate(void *c, void **FMUstate)
 {
     const Component *component = c;
-    if (!instance_begin(c, "fmi2FreeFMUstate", ANYWHERE)) {
+    if (!instance_begin(c, CALL(fmi2FreeFMUstate))) {
         return STATUS_ERROR;
     }
     if (FMUstate != NULL && *FMUstate != NULL) {
@@ -293,7 +285,7 @@ Status fmi2FreeFMUstate(void *c, void **FMUstate)
 
 Status fmi2SerializedFMUstateSize(void *c, void *FMUstate, size_t *size)
 {
-    if (!instance_begin(c, "fmi2SerializedFMUstateSize", ANYWHERE) || instance_lacks(c, FMUstate, 1, "FMUstate") ||
+    if (!instance_begin(c, CALL(fmi2SerializedFMUstateSize)) || instance_lacks(c, FMUstate, 1, "FMUstate") ||
         instance_lacks(c, size, 1, "size")) {
         return STATUS_ERROR;
     }
@@ -303,7 +295,7 @@ Status fmi2SerializedFMUstateSize(void *c, void *FMUstate, size_t *size)
 
 Status fmi2SerializeFMUstate(void *c, void *FMUstate, char serializedState[], size_t size)
 {
-    if (!instance_begin(c, "fmi2SerializeFMUstate", ANYWHERE) || instance_lacks(c, FMUstate, 1, "FMUstate")) {
+    if (!instance_begin(c, CALL(fmi2SerializeFMUstate)) || instance_lacks(c, FMUstate, 1, "FMUstate")) {
         return STATUS_ERROR;
     }
     return instance_serialize(c, FMUstate, (uint8_t *)serializedState, size);
@@ -312,7 +304,7 @@ Status fmi2SerializeFMUstate(void *c, void *FMUstate, char serializedState[], si
 Status fmi2DeSerializeFMUstate(void *c, const char serializedState[], size_t size, void **FMUstate)
 {
     Snapshot state;
-    if (!instance_begin(c, "fmi2DeSerializeFMUstate", ANYWHERE) ||
+    if (!instance_begin(c, CALL(fmi2DeSerializeFMUstate)) ||
         instance_lacks(c, serializedState, size, "serializedState") ||
         instance_deserialize(c, (const uint8_t *)serializedState, size, &state) != STATUS_OK) {
         return STATUS_ERROR;
@@ -331,7 +323,7 @@ Status fmi2GetDirectionalDerivative(void *c, const uint32_t vUnknown_ref[], size
                                     const uint32_t vKnown_ref[], size_t nKnown, const double dvKnown[],
                                     double dvUnknown[])
 {
-    if (!instance_begin(c, "fmi2GetDirectionalDerivative", GET) ||
+    if (!instance_begin(c, CALL(fmi2GetDirectionalDerivative)) ||
         instance_lacks(c, vUnknown_ref, nUnknown, "vUnknown_ref") ||
         instance_lacks(c, vKnown_ref, nKnown, "vKnown_ref") || instance_lacks(c, dvKnown, nKnown, "dvKnown") ||
         instance_lacks(c, dvUnknown, nUnknown, "dvUnknown")) {
@@ -343,8 +335,7 @@ Status fmi2GetDirectionalDerivative(void *c, const uint32_t vUnknown_ref[], size
 Status fmi2SetRealInputDerivatives(void *c, const uint32_t vr[], size_t nvr, const int32_t order[],
                                    const double value[])
 {
-    const unsigned allowed = CO_SIMULATION | STATE_INSTANTIATED | STATE_INITIALIZATION | STATE_STEP;
-    if (!instance_begin(c, "fmi2SetRealInputDerivatives", allowed) || instance_lacks(c, vr, nvr, "vr") ||
+    if (!instance_begin(c, CALL(fmi2SetRealInputDerivatives)) || instance_lacks(c, vr, nvr, "vr") ||
         instance_lacks(c, order, nvr, "order") || instance_lacks(c, value, nvr, "value")) {
         return STATUS_ERROR;
     }
@@ -353,7 +344,7 @@ Status fmi2SetRealInputDerivatives(void *c, const uint32_t vr[], size_t nvr, con
 
 Status fmi2GetRealOutputDerivatives(void *c, const uint32_t vr[], size_t nvr, const int32_t order[], double value[])
 {
-    if (!instance_begin(c, "fmi2GetRealOutputDerivatives", CO_SIMULATION | STATE_STEP | ENDED) ||
+    if (!instance_begin(c, CALL(fmi2GetRealOutputDerivatives)) ||
         instance_lacks(c, vr, nvr, "vr") || instance_lacks(c, order, nvr, "order") ||
         instance_lacks(c, value, nvr, "value")) {
         return STATUS_ERROR;
@@ -365,7 +356,7 @@ Status fmi2GetRealOutputDerivatives(void *c, const uint32_t vr[], size_t nvr, co
 
 Status fmi2EnterEventMode(void *c)
 {
-    if (!instance_begin(c, "fmi2EnterEventMode", MODEL_EXCHANGE | STATE_EVENT | STATE_CONTINUOUS_TIME)) {
+    if (!instance_begin(c, CALL(fmi2EnterEventMode))) {
         return STATUS_ERROR;
     }
     return instance_enter_event_mode(c);
@@ -373,7 +364,7 @@ Status fmi2EnterEventMode(void *c)
 
 Status fmi2NewDiscreteStates(void *c, fmi2EventInfo *eventInfo)
 {
-    if (!instance_begin(c, "fmi2NewDiscreteStates", MODEL_EXCHANGE | STATE_EVENT) ||
+    if (!instance_begin(c, CALL(fmi2NewDiscreteStates)) ||
         instance_lacks(c, eventInfo, 1, "eventInfo")) {
         return STATUS_ERROR;
     }
@@ -384,7 +375,7 @@ Status fmi2NewDiscreteStates(void *c, fmi2EventInfo *eventInfo)
 Status fmi2EnterContinuousTimeMode(void *c)
 {
     Instance *instance = c;
-    if (!instance_begin(instance, "fmi2EnterContinuousTimeMode", MODEL_EXCHANGE | STATE_EVENT)) {
+    if (!instance_begin(instance, CALL(fmi2EnterContinuousTimeMode))) {
         return STATUS_ERROR;
     }
     instance->now.state = STATE_CONTINUOUS_TIME;
@@ -395,7 +386,7 @@ Status fmi2CompletedIntegratorStep(void *c, int noSetFMUStatePriorToCurrentPoint
                                    int *terminateSimulation)
 {
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!instance_begin(c, "fmi2CompletedIntegratorStep", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+    if (!instance_begin(c, CALL(fmi2CompletedIntegratorStep)) ||
         instance_lacks(c, enterEventMode, 1, "enterEventMode") ||
         instance_lacks(c, terminateSimulation, 1, "terminateSimulation")) {
         return STATUS_ERROR;
@@ -407,7 +398,7 @@ Status fmi2CompletedIntegratorStep(void *c, int noSetFMUStatePriorToCurrentPoint
 
 Status fmi2SetTime(void *c, double time)
 {
-    if (!instance_begin(c, "fmi2SetTime", MODEL_EXCHANGE | STATE_EVENT | STATE_CONTINUOUS_TIME)) {
+    if (!instance_begin(c, CALL(fmi2SetTime))) {
         return STATUS_ERROR;
     }
     return instance_set_solver_time(c, time);
@@ -422,7 +413,7 @@ static bool bad_states(Instance *instance, const double values[], size_t count, 
 
 Status fmi2SetContinuousStates(void *c, const double x[], size_t nx)
 {
-    if (!instance_begin(c, "fmi2SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+    if (!instance_begin(c, CALL(fmi2SetContinuousStates)) ||
         bad_states(c, x, nx, "x")) {
         return STATUS_ERROR;
     }
@@ -431,7 +422,7 @@ Status fmi2SetContinuousStates(void *c, const double x[], size_t nx)
 
 Status fmi2GetDerivatives(void *c, double derivatives[], size_t nx)
 {
-    if (!instance_begin(c, "fmi2GetDerivatives", GET_STATES) || bad_states(c, derivatives, nx, "derivatives")) {
+    if (!instance_begin(c, CALL(fmi2GetDerivatives)) || bad_states(c, derivatives, nx, "derivatives")) {
         return STATUS_ERROR;
     }
     return instance_get_derivatives(c, derivatives);
@@ -440,7 +431,7 @@ Status fmi2GetDerivatives(void *c, double derivatives[], size_t nx)
 Status fmi2GetEventIndicators(void *c, double eventIndicators[], size_t ni)
 {
     (void)eventIndicators;
-    if (!instance_begin(c, "fmi2GetEventIndicators", GET_STATES) ||
+    if (!instance_begin(c, CALL(fmi2GetEventIndicators)) ||
         instance_miscounts(c, ni, 0, "eventIndicators")) {
         return STATUS_ERROR;
     }
@@ -449,7 +440,7 @@ Status fmi2GetEventIndicators(void *c, double eventIndicators[], size_t ni)
 
 Status fmi2GetContinuousStates(void *c, double x[], size_t nx)
 {
-    if (!instance_begin(c, "fmi2GetContinuousStates", GET_STATES) || bad_states(c, x, nx, "x")) {
+    if (!instance_begin(c, CALL(fmi2GetContinuousStates)) || bad_states(c, x, nx, "x")) {
         return STATUS_ERROR;
     }
     instance_get_states(c, x);
@@ -458,7 +449,7 @@ Status fmi2GetContinuousStates(void *c, double x[], size_t nx)
 
 Status fmi2GetNominalsOfContinuousStates(void *c, double x_nominal[], size_t nx)
 {
-    if (!instance_begin(c, "fmi2GetNominalsOfContinuousStates", GET_STATES | STATE_INSTANTIATED) ||
+    if (!instance_begin(c, CALL(fmi2GetNominalsOfContinuousStates)) ||
         bad_states(c, x_nominal, nx, "x_nominal")) {
         return STATUS_ERROR;
     }
@@ -472,16 +463,15 @@ Status fmi2DoStep(void *c, double currentCommunicationPoint, double communicatio
                   int noSetFMUStatePriorToCurrentPoint)
 {
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!instance_begin(c, "fmi2DoStep", CO_SIMULATION | STATE_STEP)) {
+    if (!instance_begin(c, CALL(fmi2DoStep))) {
         return STATUS_ERROR;
     }
     return instance_do_step(c, currentCommunicationPoint, communicationStepSize);
 }
 
-/* Allowed only while a step runs asynchronously, which none does. */
 Status fmi2CancelStep(void *c)
 {
-    instance_begin(c, "fmi2CancelStep", NOWHERE);
+    instance_begin(c, CALL(fmi2CancelStep));
     return STATUS_ERROR;
 }
 
@@ -495,13 +485,13 @@ static Status no_status(void *c, int kind)
 Status fmi2GetStatus(void *c, int s, Status *value)
 {
     (void)value;
-    return instance_begin(c, "fmi2GetStatus", GET_STATUS) ? no_status(c, s) : STATUS_ERROR;
+    return instance_begin(c, CALL(fmi2GetStatus)) ? no_status(c, s) : STATUS_ERROR;
 }
 
 Status fmi2GetRealStatus(void *c, int s, double *value)
 {
     const Instance *instance = c;
-    if (!instance_begin(c, "fmi2GetRealStatus", GET_STATUS)) {
+    if (!instance_begin(c, CALL(fmi2GetRealStatus))) {
         return STATUS_ERROR;
     }
     if (s != LAST_SUCCESSFUL_TIME) {
@@ -517,12 +507,12 @@ Status fmi2GetRealStatus(void *c, int s, double *value)
 Status fmi2GetIntegerStatus(void *c, int s, int *value)
 {
     (void)value;
-    return instance_begin(c, "fmi2GetIntegerStatus", GET_STATUS) ? no_status(c, s) : STATUS_ERROR;
+    return instance_begin(c, CALL(fmi2GetIntegerStatus)) ? no_status(c, s) : STATUS_ERROR;
 }
 
 Status fmi2GetBooleanStatus(void *c, int s, int *value)
 {
-    if (!instance_begin(c, "fmi2GetBooleanStatus", GET_STATUS)) {
+    if (!instance_begin(c, CALL(fmi2GetBooleanStatus))) {
         return STATUS_ERROR;
     }
     if (s != STATUS_OF_TERMINATION) {
@@ -538,5 +528,5 @@ Status fmi2GetBooleanStatus(void *c, int s, int *value)
 Status fmi2GetStringStatus(void *c, int s, const char **value)
 {
     (void)value;
-    return instance_begin(c, "fmi2GetStringStatus", GET_STATUS) ? no_status(c, s) : STATUS_ERROR;
+    return instance_begin(c, CALL(fmi2GetStringStatus)) ? no_status(c, s) : STATUS_ERROR;
 }

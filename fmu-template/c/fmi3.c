@@ -3,18 +3,10 @@
  * are there, and asks the instance. Functions for what the FMU does not have are in fmi3_absent.c.
  */
 #include "fmi3.h"
+#include "calls_fmi3.h"
 #include <stdlib.h>
 
 enum { DEPENDENT = 5 }; /* fmi3DependencyKind */
-
-/* The "allowed function calls" of sections 2.3, 3.2 and 4.2, where several functions have the same. */
-enum {
-    ALWAYS = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | STATE_TERMINATED,
-    GET = ALWAYS | STATE_UPDATE,
-    SET = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | STATE_UPDATE,
-    DIFFERENTIATE = ANY_INTERFACE | STATE_INITIALIZATION | INITIALIZED | STATE_TERMINATED,
-    GET_STATES = MODEL_EXCHANGE | STATE_INITIALIZATION | STATE_EVENT | STATE_CONTINUOUS_TIME | STATE_TERMINATED
-};
 
 /* What fmi3Instance points to. */
 typedef struct {
@@ -141,7 +133,7 @@ void fmi3FreeInstance(void *instance)
 
 Status fmi3SetDebugLogging(void *instance, bool loggingOn, size_t nCategories, const char *const categories[])
 {
-    if (!instance_begin(instance, "fmi3SetDebugLogging", ALWAYS)) {
+    if (!instance_begin(instance, CALL(fmi3SetDebugLogging))) {
         return STATUS_ERROR;
     }
     return instance_switch_logging(instance, loggingOn, nCategories, categories);
@@ -152,7 +144,7 @@ Status fmi3SetDebugLogging(void *instance, bool loggingOn, size_t nCategories, c
 Status fmi3EnterInitializationMode(void *instance, bool toleranceDefined, double tolerance, double startTime,
                                    bool stopTimeDefined, double stopTime)
 {
-    if (!instance_begin(instance, "fmi3EnterInitializationMode", ANY_INTERFACE | STATE_INSTANTIATED)) {
+    if (!instance_begin(instance, CALL(fmi3EnterInitializationMode))) {
         return STATUS_ERROR;
     }
     const Status status = instance_set_up_experiment(instance, toleranceDefined, tolerance, startTime,
@@ -165,7 +157,7 @@ Status fmi3EnterInitializationMode(void *instance, bool toleranceDefined, double
 
 Status fmi3ExitInitializationMode(void *instance)
 {
-    if (!instance_begin(instance, "fmi3ExitInitializationMode", ANY_INTERFACE | STATE_INITIALIZATION)) {
+    if (!instance_begin(instance, CALL(fmi3ExitInitializationMode))) {
         return STATUS_ERROR;
     }
     return instance_exit_initialization_mode(instance);
@@ -173,7 +165,7 @@ Status fmi3ExitInitializationMode(void *instance)
 
 Status fmi3EnterEventMode(void *instance)
 {
-    if (!instance_begin(instance, "fmi3EnterEventMode", ANY_INTERFACE | STATE_CONTINUOUS_TIME | STATE_STEP)) {
+    if (!instance_begin(instance, CALL(fmi3EnterEventMode))) {
         return STATUS_ERROR;
     }
     return instance_enter_event_mode(instance);
@@ -191,22 +183,22 @@ static Status change_state(Instance *instance, const char *function, unsigned al
 
 Status fmi3EnterContinuousTimeMode(void *instance)
 {
-    return change_state(instance, "fmi3EnterContinuousTimeMode", MODEL_EXCHANGE | STATE_EVENT, STATE_CONTINUOUS_TIME);
+    return change_state(instance, CALL(fmi3EnterContinuousTimeMode), STATE_CONTINUOUS_TIME);
 }
 
 Status fmi3EnterStepMode(void *instance)
 {
-    return change_state(instance, "fmi3EnterStepMode", CO_SIMULATION | STATE_EVENT, STATE_STEP);
+    return change_state(instance, CALL(fmi3EnterStepMode), STATE_STEP);
 }
 
 Status fmi3Terminate(void *instance)
 {
-    return change_state(instance, "fmi3Terminate", ANY_INTERFACE | INITIALIZED, STATE_TERMINATED);
+    return change_state(instance, CALL(fmi3Terminate), STATE_TERMINATED);
 }
 
 Status fmi3Reset(void *instance)
 {
-    if (!instance_begin(instance, "fmi3Reset", ALWAYS)) {
+    if (!instance_begin(instance, CALL(fmi3Reset))) {
         return STATUS_ERROR;
     }
     instance_reset(instance);
@@ -215,7 +207,7 @@ Status fmi3Reset(void *instance)
 
 Status fmi3EvaluateDiscreteStates(void *instance)
 {
-    return change_state(instance, "fmi3EvaluateDiscreteStates", ANY_INTERFACE | STATE_EVENT, STATE_EVENT);
+    return change_state(instance, CALL(fmi3EvaluateDiscreteStates), STATE_EVENT);
 }
 
 /* There are no events. */
@@ -223,7 +215,7 @@ Status fmi3UpdateDiscreteStates(void *instance, bool *discreteStatesNeedUpdate, 
                                 bool *nominalsOfContinuousStatesChanged, bool *valuesOfContinuousStatesChanged,
                                 bool *nextEventTimeDefined, double *nextEventTime)
 {
-    if (!instance_begin(instance, "fmi3UpdateDiscreteStates", ANY_INTERFACE | STATE_EVENT) ||
+    if (!instance_begin(instance, CALL(fmi3UpdateDiscreteStates)) ||
         instance_lacks(instance, discreteStatesNeedUpdate, 1, "discreteStatesNeedUpdate") ||
         instance_lacks(instance, terminateSimulation, 1, "terminateSimulation") ||
         instance_lacks(instance, nominalsOfContinuousStatesChanged, 1, "nominalsOfContinuousStatesChanged") ||
@@ -255,7 +247,7 @@ static bool bad_arguments(Instance *instance, const uint32_t references[], size_
 Status fmi3GetFloat64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, double values[],
                       size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3GetFloat64", GET) ||
+    if (!instance_begin(instance, CALL(fmi3GetFloat64)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
         return STATUS_ERROR;
     }
@@ -265,7 +257,7 @@ Status fmi3GetFloat64(void *instance, const uint32_t valueReferences[], size_t n
 Status fmi3GetInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int32_t values[],
                     size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3GetInt32", GET) ||
+    if (!instance_begin(instance, CALL(fmi3GetInt32)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
         return STATUS_ERROR;
     }
@@ -276,7 +268,7 @@ Status fmi3GetBoolean(void *instance, const uint32_t valueReferences[], size_t n
                       size_t nValues)
 {
     bool in_domain;
-    if (!instance_begin(instance, "fmi3GetBoolean", GET) ||
+    if (!instance_begin(instance, CALL(fmi3GetBoolean)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
         instance_get_boolean(instance, valueReferences, nValueReferences, &in_domain) != STATUS_OK) {
         return STATUS_ERROR;
@@ -290,7 +282,7 @@ Status fmi3GetBoolean(void *instance, const uint32_t valueReferences[], size_t n
 Status fmi3SetFloat64(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
                       const double values[], size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3SetFloat64", SET) ||
+    if (!instance_begin(instance, CALL(fmi3SetFloat64)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
         return STATUS_ERROR;
     }
@@ -300,7 +292,7 @@ Status fmi3SetFloat64(void *instance, const uint32_t valueReferences[], size_t n
 Status fmi3SetInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int32_t values[],
                     size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3SetInt32", SET) ||
+    if (!instance_begin(instance, CALL(fmi3SetInt32)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
         return STATUS_ERROR;
     }
@@ -310,7 +302,7 @@ Status fmi3SetInt32(void *instance, const uint32_t valueReferences[], size_t nVa
 Status fmi3SetBoolean(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const bool values[],
                       size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3SetBoolean", SET) ||
+    if (!instance_begin(instance, CALL(fmi3SetBoolean)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
         return STATUS_ERROR;
     }
@@ -321,7 +313,7 @@ Status fmi3SetBoolean(void *instance, const uint32_t valueReferences[], size_t n
 
 Status fmi3GetNumberOfVariableDependencies(void *instance, uint32_t valueReference, size_t *nDependencies)
 {
-    if (!instance_begin(instance, "fmi3GetNumberOfVariableDependencies", GET) ||
+    if (!instance_begin(instance, CALL(fmi3GetNumberOfVariableDependencies)) ||
         instance_lacks(instance, nDependencies, 1, "nDependencies")) {
         return STATUS_ERROR;
     }
@@ -333,7 +325,7 @@ Status fmi3GetVariableDependencies(void *instance, uint32_t dependent, size_t el
                                    int dependencyKinds[], size_t nDependencies)
 {
     size_t count;
-    if (!instance_begin(instance, "fmi3GetVariableDependencies", GET) ||
+    if (!instance_begin(instance, CALL(fmi3GetVariableDependencies)) ||
         instance_count_dependencies(instance, dependent, &count) != STATUS_OK ||
         instance_miscounts(instance, nDependencies, count, "independents") ||
         instance_lacks(instance, elementIndicesOfDependent, count, "elementIndicesOfDependent") ||
@@ -356,7 +348,7 @@ Status fmi3GetDirectionalDerivative(void *instance, const uint32_t unknowns[], s
                                     const uint32_t knowns[], size_t nKnowns, const double seed[], size_t nSeed,
                                     double sensitivity[], size_t nSensitivity)
 {
-    if (!instance_begin(instance, "fmi3GetDirectionalDerivative", DIFFERENTIATE) ||
+    if (!instance_begin(instance, CALL(fmi3GetDirectionalDerivative)) ||
         instance_miscounts(instance, nSeed, nKnowns, "seed") ||
         instance_miscounts(instance, nSensitivity, nUnknowns, "sensitivity") ||
         instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
@@ -371,7 +363,7 @@ Status fmi3GetAdjointDerivative(void *instance, const uint32_t unknowns[], size_
                                 size_t nKnowns, const double seed[], size_t nSeed, double sensitivity[],
                                 size_t nSensitivity)
 {
-    if (!instance_begin(instance, "fmi3GetAdjointDerivative", DIFFERENTIATE) ||
+    if (!instance_begin(instance, CALL(fmi3GetAdjointDerivative)) ||
         instance_miscounts(instance, nSeed, nUnknowns, "seed") ||
         instance_miscounts(instance, nSensitivity, nKnowns, "sensitivity") ||
         instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
@@ -385,8 +377,7 @@ Status fmi3GetAdjointDerivative(void *instance, const uint32_t unknowns[], size_
 Status fmi3GetOutputDerivatives(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
                                 const int32_t orders[], double values[], size_t nValues)
 {
-    if (!instance_begin(instance, "fmi3GetOutputDerivatives",
-                        CO_SIMULATION | STATE_STEP | STATE_UPDATE | STATE_TERMINATED) ||
+    if (!instance_begin(instance, CALL(fmi3GetOutputDerivatives)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
         instance_lacks(instance, orders, nValueReferences, "orders")) {
         return STATUS_ERROR;
@@ -413,7 +404,7 @@ static Snapshot *state_at(Instance *instance, void **FMUState)
 
 Status fmi3GetFMUState(void *instance, void **FMUState)
 {
-    if (!instance_begin(instance, "fmi3GetFMUState", ALWAYS)) {
+    if (!instance_begin(instance, CALL(fmi3GetFMUState))) {
         return STATUS_ERROR;
     }
     Snapshot *state = state_at(instance, FMUState);
@@ -426,7 +417,7 @@ Status fmi3GetFMUState(void *instance, void **FMUState)
 
 Status fmi3SetFMUState(void *instance, void *FMUState)
 {
-    if (!instance_begin(instance, "fmi3SetFMUState", ALWAYS) || instance_lacks(instance, FMUState, 1, "FMUState")) {
+    if (!instance_begin(instance, CALL(fmi3SetFMUState)) || instance_lacks(instance, FMUState, 1, "FMUState")) {
         return STATUS_ERROR;
     }
     return instance_restore(instance, FMUState);
@@ -434,7 +425,7 @@ Status fmi3SetFMUState(void *instance, void *FMUState)
 
 Status fmi3FreeFMUState(void *instance, void **FMUState)
 {
-    if (!instance_begin(instance, "fmi3FreeFMUState", ALWAYS)) {
+    if (!instance_begin(instance, CALL(fmi3FreeFMUState))) {
         return STATUS_ERROR;
     }
     if (FMUState != NULL) {
@@ -446,7 +437,7 @@ Status fmi3FreeFMUState(void *instance, void **FMUState)
 
 Status fmi3SerializedFMUStateSize(void *instance, void *FMUState, size_t *size)
 {
-    if (!instance_begin(instance, "fmi3SerializedFMUStateSize", ALWAYS) ||
+    if (!instance_begin(instance, CALL(fmi3SerializedFMUStateSize)) ||
         instance_lacks(instance, FMUState, 1, "FMUState") || instance_lacks(instance, size, 1, "size")) {
         return STATUS_ERROR;
     }
@@ -456,7 +447,7 @@ Status fmi3SerializedFMUStateSize(void *instance, void *FMUState, size_t *size)
 
 Status fmi3SerializeFMUState(void *instance, void *FMUState, uint8_t serializedState[], size_t size)
 {
-    if (!instance_begin(instance, "fmi3SerializeFMUState", ALWAYS) ||
+    if (!instance_begin(instance, CALL(fmi3SerializeFMUState)) ||
         instance_lacks(instance, FMUState, 1, "FMUState")) {
         return STATUS_ERROR;
     }
@@ -466,7 +457,7 @@ Status fmi3SerializeFMUState(void *instance, void *FMUState, uint8_t serializedS
 Status fmi3DeserializeFMUState(void *instance, const uint8_t serializedState[], size_t size, void **FMUState)
 {
     Snapshot state;
-    if (!instance_begin(instance, "fmi3DeserializeFMUState", ALWAYS) ||
+    if (!instance_begin(instance, CALL(fmi3DeserializeFMUState)) ||
         instance_lacks(instance, serializedState, size, "serializedState") ||
         instance_deserialize(instance, serializedState, size, &state) != STATUS_OK) {
         return STATUS_ERROR;
@@ -485,7 +476,7 @@ Status fmi3CompletedIntegratorStep(void *instance, bool noSetFMUStatePriorToCurr
                                    bool *terminateSimulation)
 {
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!instance_begin(instance, "fmi3CompletedIntegratorStep", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+    if (!instance_begin(instance, CALL(fmi3CompletedIntegratorStep)) ||
         instance_lacks(instance, enterEventMode, 1, "enterEventMode") ||
         instance_lacks(instance, terminateSimulation, 1, "terminateSimulation")) {
         return STATUS_ERROR;
@@ -497,7 +488,7 @@ Status fmi3CompletedIntegratorStep(void *instance, bool noSetFMUStatePriorToCurr
 
 Status fmi3SetTime(void *instance, double time)
 {
-    if (!instance_begin(instance, "fmi3SetTime", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME)) {
+    if (!instance_begin(instance, CALL(fmi3SetTime))) {
         return STATUS_ERROR;
     }
     return instance_set_solver_time(instance, time);
@@ -512,7 +503,7 @@ static bool bad_states(Instance *instance, const double values[], size_t count, 
 
 Status fmi3SetContinuousStates(void *instance, const double continuousStates[], size_t nContinuousStates)
 {
-    if (!instance_begin(instance, "fmi3SetContinuousStates", MODEL_EXCHANGE | STATE_CONTINUOUS_TIME) ||
+    if (!instance_begin(instance, CALL(fmi3SetContinuousStates)) ||
         bad_states(instance, continuousStates, nContinuousStates, "continuousStates")) {
         return STATUS_ERROR;
     }
@@ -521,7 +512,7 @@ Status fmi3SetContinuousStates(void *instance, const double continuousStates[], 
 
 Status fmi3GetContinuousStateDerivatives(void *instance, double derivatives[], size_t nContinuousStates)
 {
-    if (!instance_begin(instance, "fmi3GetContinuousStateDerivatives", GET_STATES) ||
+    if (!instance_begin(instance, CALL(fmi3GetContinuousStateDerivatives)) ||
         bad_states(instance, derivatives, nContinuousStates, "derivatives")) {
         return STATUS_ERROR;
     }
@@ -531,7 +522,7 @@ Status fmi3GetContinuousStateDerivatives(void *instance, double derivatives[], s
 Status fmi3GetEventIndicators(void *instance, double eventIndicators[], size_t nEventIndicators)
 {
     (void)eventIndicators;
-    if (!instance_begin(instance, "fmi3GetEventIndicators", GET_STATES) ||
+    if (!instance_begin(instance, CALL(fmi3GetEventIndicators)) ||
         instance_miscounts(instance, nEventIndicators, 0, "eventIndicators")) {
         return STATUS_ERROR;
     }
@@ -540,7 +531,7 @@ Status fmi3GetEventIndicators(void *instance, double eventIndicators[], size_t n
 
 Status fmi3GetContinuousStates(void *instance, double continuousStates[], size_t nContinuousStates)
 {
-    if (!instance_begin(instance, "fmi3GetContinuousStates", GET_STATES) ||
+    if (!instance_begin(instance, CALL(fmi3GetContinuousStates)) ||
         bad_states(instance, continuousStates, nContinuousStates, "continuousStates")) {
         return STATUS_ERROR;
     }
@@ -550,7 +541,7 @@ Status fmi3GetContinuousStates(void *instance, double continuousStates[], size_t
 
 Status fmi3GetNominalsOfContinuousStates(void *instance, double nominals[], size_t nContinuousStates)
 {
-    if (!instance_begin(instance, "fmi3GetNominalsOfContinuousStates", GET_STATES) ||
+    if (!instance_begin(instance, CALL(fmi3GetNominalsOfContinuousStates)) ||
         bad_states(instance, nominals, nContinuousStates, "nominals")) {
         return STATUS_ERROR;
     }
@@ -558,11 +549,10 @@ Status fmi3GetNominalsOfContinuousStates(void *instance, double nominals[], size
     return STATUS_OK;
 }
 
-static Status get_count(Instance *instance, const char *function, size_t value, size_t *count, const char *argument)
+static Status get_count(Instance *instance, const char *function, unsigned allowed, size_t value, size_t *count,
+                        const char *argument)
 {
-    /* the standard: Instantiated and Event Mode; hosts ask where they please */
-    if (!instance_begin(instance, function, GET_STATES | STATE_INSTANTIATED) ||
-        instance_lacks(instance, count, 1, argument)) {
+    if (!instance_begin(instance, function, allowed) || instance_lacks(instance, count, 1, argument)) {
         return STATUS_ERROR;
     }
     *count = value;
@@ -571,12 +561,13 @@ static Status get_count(Instance *instance, const char *function, size_t value, 
 
 Status fmi3GetNumberOfEventIndicators(void *instance, size_t *nEventIndicators)
 {
-    return get_count(instance, "fmi3GetNumberOfEventIndicators", 0, nEventIndicators, "nEventIndicators");
+    return get_count(instance, CALL(fmi3GetNumberOfEventIndicators), 0, nEventIndicators, "nEventIndicators");
 }
 
 Status fmi3GetNumberOfContinuousStates(void *instance, size_t *nContinuousStates)
 {
-    return get_count(instance, "fmi3GetNumberOfContinuousStates", STATE_COUNT, nContinuousStates, "nContinuousStates");
+    return get_count(instance, CALL(fmi3GetNumberOfContinuousStates), STATE_COUNT, nContinuousStates,
+                     "nContinuousStates");
 }
 
 /* ---- Co-simulation ---- */
@@ -630,7 +621,7 @@ static Status step_with_updates(Component *component, double from, double size, 
         const double planned = from + size * (step / steps);
         /* the last one ends exactly where it should */
         const double next = step < steps && planned < end ? planned : end;
-        if (!instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP)) {
+        if (!instance_begin(instance, CALL(fmi3DoStep))) {
             return STATUS_ERROR;
         }
         instance->since = time - from;
@@ -646,7 +637,7 @@ static Status step_with_updates(Component *component, double from, double size, 
         end = update(component, time, end, component->early_return && time < whole);
     } while (time < end);
     *early = time < whole;
-    return instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP) ? STATUS_OK : STATUS_ERROR;
+    return instance_begin(instance, CALL(fmi3DoStep)) ? STATUS_OK : STATUS_ERROR;
 }
 
 Status fmi3DoStep(void *instance, double currentCommunicationPoint, double communicationStepSize,
@@ -655,7 +646,7 @@ Status fmi3DoStep(void *instance, double currentCommunicationPoint, double commu
 {
     Component *component = instance;
     (void)noSetFMUStatePriorToCurrentPoint;
-    if (!instance_begin(instance, "fmi3DoStep", CO_SIMULATION | STATE_STEP) ||
+    if (!instance_begin(instance, CALL(fmi3DoStep)) ||
         instance_lacks(instance, eventHandlingNeeded, 1, "eventHandlingNeeded") ||
         instance_lacks(instance, terminateSimulation, 1, "terminateSimulation") ||
         instance_lacks(instance, earlyReturn, 1, "earlyReturn") ||

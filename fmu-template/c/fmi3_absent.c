@@ -2,25 +2,18 @@
  * The functions of FMI 3.0 for what the FMU does not have: variables of other types than Float64, Int32 and Boolean,
  * clocks, structural parameters and model partitions. They are there because the standard wants all functions.
  */
+#include "calls_fmi3.h"
 #include "fmi3.h"
-
-/* The "allowed function calls" of sections 2.3, 3.2 and 4.2. */
-enum {
-    SET = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | STATE_UPDATE,
-    GET = SET | STATE_TERMINATED,
-    CLOCK = ANY_INTERFACE | STATE_EVENT,
-    INTERVAL = ANY_INTERFACE | STATE_INITIALIZATION | STATE_EVENT,
-    SHIFT = ANY_INTERFACE | STATE_INITIALIZATION
-};
 
 static Status none(void *instance, const char *function, unsigned allowed, const char *type, size_t count)
 {
     return instance_begin(instance, function, allowed) ? instance_no_variables(instance, type, count) : STATUS_ERROR;
 }
 
-static Status never(void *instance, const char *function)
+/* For calls that no state allows. */
+static Status never(void *instance, const char *function, unsigned allowed)
 {
-    instance_begin(instance, function, NOWHERE);
+    instance_begin(instance, function, allowed);
     return STATUS_ERROR;
 }
 
@@ -32,7 +25,7 @@ Status fmi3GetFloat32(void *instance, const uint32_t valueReferences[], size_t n
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetFloat32", GET, "Float32", nValueReferences);
+    return none(instance, CALL(fmi3GetFloat32), "Float32", nValueReferences);
 }
 
 Status fmi3GetInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int8_t values[],
@@ -41,7 +34,7 @@ Status fmi3GetInt8(void *instance, const uint32_t valueReferences[], size_t nVal
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetInt8", GET, "Int8", nValueReferences);
+    return none(instance, CALL(fmi3GetInt8), "Int8", nValueReferences);
 }
 
 Status fmi3GetUInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint8_t values[],
@@ -50,7 +43,7 @@ Status fmi3GetUInt8(void *instance, const uint32_t valueReferences[], size_t nVa
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetUInt8", GET, "UInt8", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt8), "UInt8", nValueReferences);
 }
 
 Status fmi3GetInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int16_t values[],
@@ -59,7 +52,7 @@ Status fmi3GetInt16(void *instance, const uint32_t valueReferences[], size_t nVa
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetInt16", GET, "Int16", nValueReferences);
+    return none(instance, CALL(fmi3GetInt16), "Int16", nValueReferences);
 }
 
 Status fmi3GetUInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint16_t values[],
@@ -68,7 +61,7 @@ Status fmi3GetUInt16(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetUInt16", GET, "UInt16", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt16), "UInt16", nValueReferences);
 }
 
 Status fmi3GetUInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint32_t values[],
@@ -77,7 +70,7 @@ Status fmi3GetUInt32(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetUInt32", GET, "UInt32", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt32), "UInt32", nValueReferences);
 }
 
 Status fmi3GetInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int64_t values[],
@@ -86,7 +79,7 @@ Status fmi3GetInt64(void *instance, const uint32_t valueReferences[], size_t nVa
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetInt64", GET, "Int64", nValueReferences);
+    return none(instance, CALL(fmi3GetInt64), "Int64", nValueReferences);
 }
 
 Status fmi3GetUInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint64_t values[],
@@ -95,7 +88,7 @@ Status fmi3GetUInt64(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetUInt64", GET, "UInt64", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt64), "UInt64", nValueReferences);
 }
 
 Status fmi3GetString(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const char *values[],
@@ -104,7 +97,7 @@ Status fmi3GetString(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetString", GET, "String", nValueReferences);
+    return none(instance, CALL(fmi3GetString), "String", nValueReferences);
 }
 
 Status fmi3GetBinary(void *instance, const uint32_t valueReferences[], size_t nValueReferences, size_t valueSizes[],
@@ -114,7 +107,7 @@ Status fmi3GetBinary(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueSizes;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3GetBinary", GET, "Binary", nValueReferences);
+    return none(instance, CALL(fmi3GetBinary), "Binary", nValueReferences);
 }
 
 /* ---- Setting variables of other types ---- */
@@ -125,7 +118,7 @@ Status fmi3SetFloat32(void *instance, const uint32_t valueReferences[], size_t n
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetFloat32", SET, "Float32", nValueReferences);
+    return none(instance, CALL(fmi3SetFloat32), "Float32", nValueReferences);
 }
 
 Status fmi3SetInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int8_t values[],
@@ -134,7 +127,7 @@ Status fmi3SetInt8(void *instance, const uint32_t valueReferences[], size_t nVal
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetInt8", SET, "Int8", nValueReferences);
+    return none(instance, CALL(fmi3SetInt8), "Int8", nValueReferences);
 }
 
 Status fmi3SetUInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const uint8_t values[],
@@ -143,7 +136,7 @@ Status fmi3SetUInt8(void *instance, const uint32_t valueReferences[], size_t nVa
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetUInt8", SET, "UInt8", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt8), "UInt8", nValueReferences);
 }
 
 Status fmi3SetInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int16_t values[],
@@ -152,7 +145,7 @@ Status fmi3SetInt16(void *instance, const uint32_t valueReferences[], size_t nVa
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetInt16", SET, "Int16", nValueReferences);
+    return none(instance, CALL(fmi3SetInt16), "Int16", nValueReferences);
 }
 
 Status fmi3SetUInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -161,7 +154,7 @@ Status fmi3SetUInt16(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetUInt16", SET, "UInt16", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt16), "UInt16", nValueReferences);
 }
 
 Status fmi3SetUInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -170,7 +163,7 @@ Status fmi3SetUInt32(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetUInt32", SET, "UInt32", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt32), "UInt32", nValueReferences);
 }
 
 Status fmi3SetInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int64_t values[],
@@ -179,7 +172,7 @@ Status fmi3SetInt64(void *instance, const uint32_t valueReferences[], size_t nVa
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetInt64", SET, "Int64", nValueReferences);
+    return none(instance, CALL(fmi3SetInt64), "Int64", nValueReferences);
 }
 
 Status fmi3SetUInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -188,7 +181,7 @@ Status fmi3SetUInt64(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetUInt64", SET, "UInt64", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt64), "UInt64", nValueReferences);
 }
 
 Status fmi3SetString(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -197,7 +190,7 @@ Status fmi3SetString(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetString", SET, "String", nValueReferences);
+    return none(instance, CALL(fmi3SetString), "String", nValueReferences);
 }
 
 Status fmi3SetBinary(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -207,7 +200,7 @@ Status fmi3SetBinary(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueSizes;
     (void)values;
     (void)nValues;
-    return none(instance, "fmi3SetBinary", SET, "Binary", nValueReferences);
+    return none(instance, CALL(fmi3SetBinary), "Binary", nValueReferences);
 }
 
 /* ---- Clocks ---- */
@@ -216,14 +209,14 @@ Status fmi3GetClock(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    return none(instance, "fmi3GetClock", CLOCK, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetClock), "Clock", nValueReferences);
 }
 
 Status fmi3SetClock(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const bool values[])
 {
     (void)valueReferences;
     (void)values;
-    return none(instance, "fmi3SetClock", CLOCK, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetClock), "Clock", nValueReferences);
 }
 
 Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -232,7 +225,7 @@ Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], 
     (void)valueReferences;
     (void)intervals;
     (void)qualifiers;
-    return none(instance, "fmi3GetIntervalDecimal", INTERVAL, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetIntervalDecimal), "Clock", nValueReferences);
 }
 
 Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -242,7 +235,7 @@ Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[],
     (void)counters;
     (void)resolutions;
     (void)qualifiers;
-    return none(instance, "fmi3GetIntervalFraction", INTERVAL, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetIntervalFraction), "Clock", nValueReferences);
 }
 
 Status fmi3SetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -250,7 +243,7 @@ Status fmi3SetIntervalDecimal(void *instance, const uint32_t valueReferences[], 
 {
     (void)valueReferences;
     (void)intervals;
-    return none(instance, "fmi3SetIntervalDecimal", INTERVAL, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetIntervalDecimal), "Clock", nValueReferences);
 }
 
 Status fmi3SetIntervalFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -259,14 +252,14 @@ Status fmi3SetIntervalFraction(void *instance, const uint32_t valueReferences[],
     (void)valueReferences;
     (void)counters;
     (void)resolutions;
-    return none(instance, "fmi3SetIntervalFraction", INTERVAL, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetIntervalFraction), "Clock", nValueReferences);
 }
 
 Status fmi3GetShiftDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences, double shifts[])
 {
     (void)valueReferences;
     (void)shifts;
-    return none(instance, "fmi3GetShiftDecimal", SHIFT, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetShiftDecimal), "Clock", nValueReferences);
 }
 
 Status fmi3GetShiftFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -275,7 +268,7 @@ Status fmi3GetShiftFraction(void *instance, const uint32_t valueReferences[], si
     (void)valueReferences;
     (void)counters;
     (void)resolutions;
-    return none(instance, "fmi3GetShiftFraction", SHIFT, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetShiftFraction), "Clock", nValueReferences);
 }
 
 Status fmi3SetShiftDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -283,7 +276,7 @@ Status fmi3SetShiftDecimal(void *instance, const uint32_t valueReferences[], siz
 {
     (void)valueReferences;
     (void)shifts;
-    return none(instance, "fmi3SetShiftDecimal", SHIFT, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetShiftDecimal), "Clock", nValueReferences);
 }
 
 Status fmi3SetShiftFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -292,24 +285,24 @@ Status fmi3SetShiftFraction(void *instance, const uint32_t valueReferences[], si
     (void)valueReferences;
     (void)counters;
     (void)resolutions;
-    return none(instance, "fmi3SetShiftFraction", SHIFT, "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetShiftFraction), "Clock", nValueReferences);
 }
 
 /* ---- Structural parameters, scheduled execution ---- */
 
 Status fmi3EnterConfigurationMode(void *instance)
 {
-    return never(instance, "fmi3EnterConfigurationMode");
+    return never(instance, CALL(fmi3EnterConfigurationMode));
 }
 
 Status fmi3ExitConfigurationMode(void *instance)
 {
-    return never(instance, "fmi3ExitConfigurationMode");
+    return never(instance, CALL(fmi3ExitConfigurationMode));
 }
 
 Status fmi3ActivateModelPartition(void *instance, uint32_t clockReference, double activationTime)
 {
     (void)clockReference;
     (void)activationTime;
-    return never(instance, "fmi3ActivateModelPartition");
+    return never(instance, CALL(fmi3ActivateModelPartition));
 }

@@ -91,27 +91,17 @@ static const char *state_name(State state)
     }
 }
 
-static bool allows(const Instance *instance, unsigned allowed)
+/* States in which a call is allowed, with the interface of the instance. */
+static unsigned legal_states(const Instance *instance, unsigned allowed)
 {
-    return (allowed & (unsigned)instance->now.state) != 0 && (allowed & (unsigned)instance->interface) != 0;
-}
-
-/* States an instance can be in at all. */
-static unsigned possible_states(const Instance *instance)
-{
-    const unsigned always = STATE_INSTANTIATED | STATE_INITIALIZATION | STATE_TERMINATED;
-    const unsigned after_errors = instance->fmi_version == 2 ? STATE_ERROR : 0u;
-    if (instance->interface == MODEL_EXCHANGE) {
-        return always | after_errors | STATE_EVENT | STATE_CONTINUOUS_TIME;
-    }
-    const unsigned of_version = STATE_EVENT | (MODEL_HAS_STATES ? STATE_UPDATE : 0u);
-    return always | after_errors | STATE_STEP | (instance->fmi_version == 3 ? of_version : 0u);
+    return allowed >> (unsigned)instance->interface & 0xffu;
 }
 
 static void tell_illegal_state(Instance *instance, unsigned allowed)
 {
     char list[192] = "";
-    const unsigned legal = (allowed & (unsigned)instance->interface) != 0 ? allowed & possible_states(instance) : 0u;
+    const unsigned possible = MODEL_HAS_STATES ? ~0u : ~(unsigned)STATE_UPDATE;
+    const unsigned legal = legal_states(instance, allowed) & possible;
     size_t length = 0;
     for (unsigned state = STATE_INSTANTIATED; state <= STATE_UPDATE; state *= 2) {
         if ((legal & state) != 0) {
@@ -130,7 +120,7 @@ bool instance_begin(Instance *instance, const char *function, unsigned allowed)
         return false;
     }
     instance->function = function;
-    if (allows(instance, allowed)) {
+    if ((legal_states(instance, allowed) & (unsigned)instance->now.state) != 0) {
         return true;
     }
     tell_illegal_state(instance, allowed);

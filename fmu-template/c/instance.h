@@ -17,7 +17,7 @@
  */
 typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR } Status;
 
-/* The modes of the standard's state machines. A set of states, with the interfaces, says where a call is allowed. */
+/* The modes of the standard's state machines. Numbers are bits, for sets of states. */
 typedef enum {
     STATE_INSTANTIATED = 1,
     STATE_INITIALIZATION = 2,
@@ -26,19 +26,19 @@ typedef enum {
     STATE_STEP = 16,
     STATE_TERMINATED = 32,
     STATE_ERROR = 64, /* FMI 2.0, after a call was refused; in FMI 3.0 this is STATE_TERMINATED */
-    STATE_UPDATE = 512 /* FMI 3.0, within a step, while the host is called back; no state that is saved */
+    STATE_UPDATE = 128 /* FMI 3.0, within a step, while the host is called back; no state that is saved */
 } State;
 
-/* Who advances the time: the FMU over a step, or a solver around it. */
-typedef enum { CO_SIMULATION = 128, MODEL_EXCHANGE = 256 } Interface;
+/* Who advances the time: the FMU over a step, or a solver around it. Numbers are shifts of states below. */
+typedef enum { CO_SIMULATION = 0, MODEL_EXCHANGE = 8 } Interface;
 
-enum {
-    ANY_INTERFACE = CO_SIMULATION | MODEL_EXCHANGE,
-    INITIALIZED = STATE_EVENT | STATE_CONTINUOUS_TIME | STATE_STEP,
-    ENDED = STATE_TERMINATED | STATE_ERROR,
-    ANYWHERE = ANY_INTERFACE | STATE_INSTANTIATED | STATE_INITIALIZATION | INITIALIZED | ENDED,
-    NOWHERE = 0
-};
+/* Where a call is allowed: a set of states for each interface. */
+#define IN_CO_SIMULATION(states) ((states) << CO_SIMULATION)
+#define IN_MODEL_EXCHANGE(states) ((states) << MODEL_EXCHANGE)
+#define IN_BOTH(states) (IN_CO_SIMULATION(states) | IN_MODEL_EXCHANGE(states))
+
+/* Two arguments: the name of a function of the standard and where it is allowed, of calls_fmi2.h or calls_fmi3.h. */
+#define CALL(function) #function, ALLOWED_##function
 
 /* Values of the parameter domain_policy: what to do outside the training ranges. */
 typedef enum { POLICY_WARN, POLICY_CLAMP, POLICY_ERROR } Policy;
@@ -98,7 +98,7 @@ struct Instance {
  */
 bool instance_initialize(Instance *instance, const char *function, const char *name, const char *token);
 
-/* To be asked at the beginning of every call; false after a message if the state does not allow the call. */
+/* Returns true if the state allows the call, false after a message. First in every call. */
 bool instance_begin(Instance *instance, const char *function, unsigned allowed);
 
 /* Tells the host something if it wants to know. Returns the status; after an error the simulation cannot go on. */

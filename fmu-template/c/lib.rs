@@ -49,7 +49,7 @@ pub const STATE_SPACE: &[File] = files!["state_space.c", "state_space.h"];
 pub const DISCRETE: &[File] = files!["discrete.c", "discrete.h"];
 
 /// The functions of FMI 2.0.
-pub const FMI2: &[File] = files!["fmi2.c", "fmi2.h"];
+pub const FMI2: &[File] = files!["calls_fmi2.h", "fmi2.c", "fmi2.h"];
 
 /// The functions of FMI 3.0.
-pub const FMI3: &[File] = files!["fmi3.c", "fmi3.h", "fmi3_absent.c"];
+pub const FMI3: &[File] = files!["calls_fmi3.h", "fmi3.c", "fmi3.h", "fmi3_absent.c"];

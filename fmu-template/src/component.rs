@@ -49,6 +49,34 @@ pub(crate) trait Call: Copy + Debug {
     fn legal(self) -> Row;
 }
 
+/// Table of legal calls of a version: the functions that belong to an instance, without their prefix, and in which states each may be
+/// called. The C headers of `fmu-template/c` are generated from it.
+macro_rules! legal_calls {
+    ($prefix:literal, $(#[$source:meta])* $($function:ident => $row:literal,)*) => {
+        $(#[$source])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub(super) enum Function {
+            $($function,)*
+        }
+
+        #[cfg(test)]
+        impl Function {
+            pub(super) const ALL: &[Self] = &[$(Self::$function),*];
+        }
+
+        impl Call for Function {
+            const PREFIX: &'static str = $prefix;
+
+            fn legal(self) -> $crate::state::Row {
+                match self {
+                    $(Self::$function => $row,)*
+                }
+            }
+        }
+    };
+}
+pub(crate) use legal_calls;
+
 /// Why instantiation failed.
 #[derive(Debug, thiserror::Error)]
 pub(crate) enum InstantiationError {

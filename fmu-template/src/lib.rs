@@ -26,6 +26,8 @@
 #[cfg(all(target_os = "linux", target_env = "gnu", not(any(test, static_unwinder))))]
 mod backtrace;
 mod boundary;
+#[cfg(test)]
+mod calls;
 mod component;
 mod fmi2;
 mod fmi3;

@@ -81,6 +81,11 @@ fn get_and_free_state(c: *mut c_void) -> Status {
 }
 
 #[test]
+fn the_c_header_has_the_table_of_legal_calls() {
+    crate::calls::check(Function::ALL);
+}
+
+#[test]
 fn every_function_is_allowed_in_the_states_of_the_standards_table_and_no_other() {
     for (name, function, answer, co_simulation, model_exchange) in TABLE {
         for (kind, reached, allowed) in

@@ -101,6 +101,11 @@ fn get_and_free_state(instance: *mut c_void) -> Status {
 }
 
 #[test]
+fn the_c_header_has_the_table_of_legal_calls() {
+    crate::calls::check(Function::ALL);
+}
+
+#[test]
 fn every_function_is_allowed_in_the_states_of_the_standard_and_no_other() {
     for (name, function, answer, allowed) in TABLE {
         let (allowed, interface) = allowed.split_once(' ').unwrap_or((allowed, "cm"));
