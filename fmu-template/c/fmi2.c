@@ -57,6 +57,15 @@ static Component *new_component(const char *name, const fmi2CallbackFunctions *f
     return component;
 }
 
+static bool check_type(Instance *instance, int type)
+{
+    if (type == KIND_MODEL_EXCHANGE || type == KIND_CO_SIMULATION) {
+        return true;
+    }
+    instance_tell(instance, STATUS_ERROR, "FMU type is %d, expected 0 (model exchange) or 1 (co-simulation)", type);
+    return false;
+}
+
 void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID, const char *fmuResourceLocation,
                       const fmi2CallbackFunctions *functions, int visible, int loggingOn)
 {
@@ -77,16 +86,13 @@ void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID
     /* loggingOn governs debug messages only: no status reports a warning. fmi2SetDebugLogging can turn warnings off. */
     instance->log_warnings = true;
     instance->log_everything = loggingOn != 0;
-    bool good = instance_initialize(instance, "fmi2Instantiate", instanceName, fmuGUID);
-    if (good && fmuType != KIND_MODEL_EXCHANGE && fmuType != KIND_CO_SIMULATION) {
-        instance_tell(instance, STATUS_ERROR, "FMU type is %d, expected 0 (model exchange) or 1 (co-simulation)",
-                      fmuType);
-        good = false;
-    }
-    if (!good) {
+    instance_initialize(instance, "fmi2Instantiate");
+    if (!instance_check_name(instance, instanceName) || !check_type(instance, fmuType) ||
+        !instance_check_token(instance, fmuGUID, "fmuGUID")) {
         component->release(component);
         return NULL;
     }
+    instance_tell(instance, STATUS_OK, "%s", model_description);
     return component;
 }
 
@@ -215,8 +221,8 @@ Status fmi2SetInteger(void *c, const uint32_t vr[], size_t nvr, const int32_t va
 
 Status fmi2SetBoolean(void *c, const uint32_t vr[], size_t nvr, const int value[])
 {
-    (void)value;
-    if (!instance_begin(c, CALL(fmi2SetBoolean)) || instance_lacks(c, vr, nvr, "vr")) {
+    if (!instance_begin(c, CALL(fmi2SetBoolean)) || instance_lacks(c, vr, nvr, "vr") ||
+        instance_lacks(c, value, nvr, "value")) {
         return STATUS_ERROR;
     }
     return instance_set_boolean(c, vr, nvr);
@@ -362,13 +368,13 @@ Status fmi2EnterEventMode(void *c)
     return instance_enter_event_mode(c);
 }
 
-Status fmi2NewDiscreteStates(void *c, fmi2EventInfo *eventInfo)
+Status fmi2NewDiscreteStates(void *c, fmi2EventInfo *fmi2eventInfo)
 {
     if (!instance_begin(c, CALL(fmi2NewDiscreteStates)) ||
-        instance_lacks(c, eventInfo, 1, "eventInfo")) {
+        instance_lacks(c, fmi2eventInfo, 1, "fmi2eventInfo")) {
         return STATUS_ERROR;
     }
-    *eventInfo = (fmi2EventInfo){0, 0, 0, 0, 0, 0.0};
+    *fmi2eventInfo = (fmi2EventInfo){0, 0, 0, 0, 0, 0.0};
     return STATUS_OK;
 }
 

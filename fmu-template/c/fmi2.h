@@ -124,7 +124,7 @@ FMI2_Export Status fmi2GetDirectionalDerivative(void *c, const uint32_t vUnknown
                                                 const uint32_t vKnown_ref[], size_t nKnown, const double dvKnown[],
                                                 double dvUnknown[]);
 FMI2_Export Status fmi2EnterEventMode(void *c);
-FMI2_Export Status fmi2NewDiscreteStates(void *c, fmi2EventInfo *eventInfo);
+FMI2_Export Status fmi2NewDiscreteStates(void *c, fmi2EventInfo *fmi2eventInfo);
 FMI2_Export Status fmi2EnterContinuousTimeMode(void *c);
 FMI2_Export Status fmi2CompletedIntegratorStep(void *c, int noSetFMUStatePriorToCurrentPoint, int *enterEventMode,
                                                int *terminateSimulation);

@@ -50,9 +50,11 @@ static Component *new_component(Interface interface, bool event_mode, bool loggi
     return component;
 }
 
-static Component *checked(Component *component, const char *function, const char *name, const char *token)
+/* The component if all arguments are good, and none otherwise. */
+static Component *checked(Component *component, bool good)
 {
-    if (component == NULL || instance_initialize(&component->instance, function, name, token)) {
+    if (good) {
+        instance_tell(&component->instance, STATUS_OK, "%s", model_description);
         return component;
     }
     free(component);
@@ -66,7 +68,13 @@ void *fmi3InstantiateModelExchange(const char *instanceName, const char *instant
     (void)resourcePath; /* everything is compiled in */
     (void)visible;
     Component *component = new_component(MODEL_EXCHANGE, true, loggingOn, instanceEnvironment, logMessage);
-    return checked(component, "fmi3InstantiateModelExchange", instanceName, instantiationToken);
+    if (component == NULL) {
+        return NULL;
+    }
+    Instance *instance = &component->instance;
+    instance_initialize(instance, "fmi3InstantiateModelExchange");
+    return checked(component, instance_check_name(instance, instanceName) &&
+                                  instance_check_token(instance, instantiationToken, "instantiationToken"));
 }
 
 /*
@@ -84,25 +92,25 @@ void *fmi3InstantiateCoSimulation(const char *instanceName, const char *instanti
     (void)visible;
     Component *component =
         new_component(CO_SIMULATION, eventModeUsed, loggingOn, instanceEnvironment, logMessage);
-    component = checked(component, "fmi3InstantiateCoSimulation", instanceName, instantiationToken);
     if (component == NULL) {
         return NULL;
     }
     Instance *instance = &component->instance;
-    bool fits = !instance_lacks(instance, requiredIntermediateVariables, nRequiredIntermediateVariables,
-                                "requiredIntermediateVariables");
+    instance_initialize(instance, "fmi3InstantiateCoSimulation");
+    bool good = instance_check_name(instance, instanceName) &&
+                !instance_lacks(instance, requiredIntermediateVariables, nRequiredIntermediateVariables,
+                                "requiredIntermediateVariables") &&
+                instance_check_token(instance, instantiationToken, "instantiationToken");
     if (MODEL_HAS_STATES && intermediateUpdate != NULL) {
         component->update = intermediateUpdate;
         component->early_return = earlyReturnAllowed;
-        for (size_t i = 0; fits && i < nRequiredIntermediateVariables; i++) {
-            fits = instance_check_intermediate(instance, requiredIntermediateVariables[i]) == STATUS_OK;
+        instance->function = "fmi3InstantiateCoSimulation: argument `requiredIntermediateVariables`";
+        for (size_t i = 0; good && i < nRequiredIntermediateVariables; i++) {
+            good = instance_check_intermediate(instance, requiredIntermediateVariables[i]) == STATUS_OK;
         }
+        instance->function = "fmi3InstantiateCoSimulation";
     }
-    if (!fits) {
-        free(component);
-        return NULL;
-    }
-    return component;
+    return checked(component, good);
 }
 
 void *fmi3InstantiateScheduledExecution(const char *instanceName, const char *instantiationToken,
@@ -239,8 +247,8 @@ Status fmi3UpdateDiscreteStates(void *instance, bool *discreteStatesNeedUpdate, 
 static bool bad_arguments(Instance *instance, const uint32_t references[], size_t reference_count, const void *values,
                           size_t value_count)
 {
-    return instance_miscounts(instance, value_count, reference_count, "values") ||
-           instance_lacks(instance, references, reference_count, "valueReferences") ||
+    return instance_lacks(instance, references, reference_count, "valueReferences") ||
+           instance_miscounts(instance, value_count, reference_count, "values") ||
            instance_lacks(instance, values, value_count, "values");
 }
 
@@ -349,10 +357,11 @@ Status fmi3GetDirectionalDerivative(void *instance, const uint32_t unknowns[], s
                                     double sensitivity[], size_t nSensitivity)
 {
     if (!instance_begin(instance, CALL(fmi3GetDirectionalDerivative)) ||
+        instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
+        instance_lacks(instance, knowns, nKnowns, "knowns") ||
         instance_miscounts(instance, nSeed, nKnowns, "seed") ||
         instance_miscounts(instance, nSensitivity, nUnknowns, "sensitivity") ||
-        instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
-        instance_lacks(instance, knowns, nKnowns, "knowns") || instance_lacks(instance, seed, nSeed, "seed") ||
+        instance_lacks(instance, seed, nSeed, "seed") ||
         instance_lacks(instance, sensitivity, nSensitivity, "sensitivity")) {
         return STATUS_ERROR;
     }
@@ -364,10 +373,11 @@ Status fmi3GetAdjointDerivative(void *instance, const uint32_t unknowns[], size_
                                 size_t nSensitivity)
 {
     if (!instance_begin(instance, CALL(fmi3GetAdjointDerivative)) ||
+        instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
+        instance_lacks(instance, knowns, nKnowns, "knowns") ||
         instance_miscounts(instance, nSeed, nUnknowns, "seed") ||
         instance_miscounts(instance, nSensitivity, nKnowns, "sensitivity") ||
-        instance_lacks(instance, unknowns, nUnknowns, "unknowns") ||
-        instance_lacks(instance, knowns, nKnowns, "knowns") || instance_lacks(instance, seed, nSeed, "seed") ||
+        instance_lacks(instance, seed, nSeed, "seed") ||
         instance_lacks(instance, sensitivity, nSensitivity, "sensitivity")) {
         return STATUS_ERROR;
     }
@@ -378,8 +388,10 @@ Status fmi3GetOutputDerivatives(void *instance, const uint32_t valueReferences[]
                                 const int32_t orders[], double values[], size_t nValues)
 {
     if (!instance_begin(instance, CALL(fmi3GetOutputDerivatives)) ||
-        bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
-        instance_lacks(instance, orders, nValueReferences, "orders")) {
+        instance_lacks(instance, valueReferences, nValueReferences, "valueReferences") ||
+        instance_miscounts(instance, nValues, nValueReferences, "values") ||
+        instance_lacks(instance, orders, nValueReferences, "orders") ||
+        instance_lacks(instance, values, nValues, "values")) {
         return STATUS_ERROR;
     }
     return instance_output_derivatives(instance, valueReferences, nValueReferences, orders, values);

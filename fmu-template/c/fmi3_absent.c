@@ -5,9 +5,15 @@
 #include "calls_fmi3.h"
 #include "fmi3.h"
 
-static Status none(void *instance, const char *function, unsigned allowed, const char *type, size_t count)
+static Status none(void *instance, const char *function, unsigned allowed, const char *type, size_t reference_count,
+                   size_t value_count)
 {
-    return instance_begin(instance, function, allowed) ? instance_no_variables(instance, type, count) : STATUS_ERROR;
+    if (!instance_begin(instance, function, allowed) ||
+        instance_no_variables(instance, type, reference_count) != STATUS_OK ||
+        instance_miscounts(instance, value_count, 0, "values")) {
+        return STATUS_ERROR;
+    }
+    return STATUS_OK;
 }
 
 /* For calls that no state allows. */
@@ -24,8 +30,7 @@ Status fmi3GetFloat32(void *instance, const uint32_t valueReferences[], size_t n
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetFloat32), "Float32", nValueReferences);
+    return none(instance, CALL(fmi3GetFloat32), "Float32", nValueReferences, nValues);
 }
 
 Status fmi3GetInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int8_t values[],
@@ -33,8 +38,7 @@ Status fmi3GetInt8(void *instance, const uint32_t valueReferences[], size_t nVal
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetInt8), "Int8", nValueReferences);
+    return none(instance, CALL(fmi3GetInt8), "Int8", nValueReferences, nValues);
 }
 
 Status fmi3GetUInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint8_t values[],
@@ -42,8 +46,7 @@ Status fmi3GetUInt8(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetUInt8), "UInt8", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt8), "UInt8", nValueReferences, nValues);
 }
 
 Status fmi3GetInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int16_t values[],
@@ -51,8 +54,7 @@ Status fmi3GetInt16(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetInt16), "Int16", nValueReferences);
+    return none(instance, CALL(fmi3GetInt16), "Int16", nValueReferences, nValues);
 }
 
 Status fmi3GetUInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint16_t values[],
@@ -60,8 +62,7 @@ Status fmi3GetUInt16(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetUInt16), "UInt16", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt16), "UInt16", nValueReferences, nValues);
 }
 
 Status fmi3GetUInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint32_t values[],
@@ -69,8 +70,7 @@ Status fmi3GetUInt32(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetUInt32), "UInt32", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt32), "UInt32", nValueReferences, nValues);
 }
 
 Status fmi3GetInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int64_t values[],
@@ -78,8 +78,7 @@ Status fmi3GetInt64(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetInt64), "Int64", nValueReferences);
+    return none(instance, CALL(fmi3GetInt64), "Int64", nValueReferences, nValues);
 }
 
 Status fmi3GetUInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint64_t values[],
@@ -87,8 +86,7 @@ Status fmi3GetUInt64(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetUInt64), "UInt64", nValueReferences);
+    return none(instance, CALL(fmi3GetUInt64), "UInt64", nValueReferences, nValues);
 }
 
 Status fmi3GetString(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const char *values[],
@@ -96,8 +94,7 @@ Status fmi3GetString(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetString), "String", nValueReferences);
+    return none(instance, CALL(fmi3GetString), "String", nValueReferences, nValues);
 }
 
 Status fmi3GetBinary(void *instance, const uint32_t valueReferences[], size_t nValueReferences, size_t valueSizes[],
@@ -106,8 +103,7 @@ Status fmi3GetBinary(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)valueSizes;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3GetBinary), "Binary", nValueReferences);
+    return none(instance, CALL(fmi3GetBinary), "Binary", nValueReferences, nValues);
 }
 
 /* ---- Setting variables of other types ---- */
@@ -117,8 +113,7 @@ Status fmi3SetFloat32(void *instance, const uint32_t valueReferences[], size_t n
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetFloat32), "Float32", nValueReferences);
+    return none(instance, CALL(fmi3SetFloat32), "Float32", nValueReferences, nValues);
 }
 
 Status fmi3SetInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int8_t values[],
@@ -126,8 +121,7 @@ Status fmi3SetInt8(void *instance, const uint32_t valueReferences[], size_t nVal
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetInt8), "Int8", nValueReferences);
+    return none(instance, CALL(fmi3SetInt8), "Int8", nValueReferences, nValues);
 }
 
 Status fmi3SetUInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const uint8_t values[],
@@ -135,8 +129,7 @@ Status fmi3SetUInt8(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetUInt8), "UInt8", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt8), "UInt8", nValueReferences, nValues);
 }
 
 Status fmi3SetInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int16_t values[],
@@ -144,8 +137,7 @@ Status fmi3SetInt16(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetInt16), "Int16", nValueReferences);
+    return none(instance, CALL(fmi3SetInt16), "Int16", nValueReferences, nValues);
 }
 
 Status fmi3SetUInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -153,8 +145,7 @@ Status fmi3SetUInt16(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetUInt16), "UInt16", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt16), "UInt16", nValueReferences, nValues);
 }
 
 Status fmi3SetUInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -162,8 +153,7 @@ Status fmi3SetUInt32(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetUInt32), "UInt32", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt32), "UInt32", nValueReferences, nValues);
 }
 
 Status fmi3SetInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int64_t values[],
@@ -171,8 +161,7 @@ Status fmi3SetInt64(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetInt64), "Int64", nValueReferences);
+    return none(instance, CALL(fmi3SetInt64), "Int64", nValueReferences, nValues);
 }
 
 Status fmi3SetUInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -180,8 +169,7 @@ Status fmi3SetUInt64(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetUInt64), "UInt64", nValueReferences);
+    return none(instance, CALL(fmi3SetUInt64), "UInt64", nValueReferences, nValues);
 }
 
 Status fmi3SetString(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -189,8 +177,7 @@ Status fmi3SetString(void *instance, const uint32_t valueReferences[], size_t nV
 {
     (void)valueReferences;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetString), "String", nValueReferences);
+    return none(instance, CALL(fmi3SetString), "String", nValueReferences, nValues);
 }
 
 Status fmi3SetBinary(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -199,8 +186,7 @@ Status fmi3SetBinary(void *instance, const uint32_t valueReferences[], size_t nV
     (void)valueReferences;
     (void)valueSizes;
     (void)values;
-    (void)nValues;
-    return none(instance, CALL(fmi3SetBinary), "Binary", nValueReferences);
+    return none(instance, CALL(fmi3SetBinary), "Binary", nValueReferences, nValues);
 }
 
 /* ---- Clocks ---- */
@@ -209,14 +195,14 @@ Status fmi3GetClock(void *instance, const uint32_t valueReferences[], size_t nVa
 {
     (void)valueReferences;
     (void)values;
-    return none(instance, CALL(fmi3GetClock), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetClock), "Clock", nValueReferences, 0);
 }
 
 Status fmi3SetClock(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const bool values[])
 {
     (void)valueReferences;
     (void)values;
-    return none(instance, CALL(fmi3SetClock), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetClock), "Clock", nValueReferences, 0);
 }
 
 Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -225,7 +211,7 @@ Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], 
     (void)valueReferences;
     (void)intervals;
     (void)qualifiers;
-    return none(instance, CALL(fmi3GetIntervalDecimal), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetIntervalDecimal), "Clock", nValueReferences, 0);
 }
 
 Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -235,7 +221,7 @@ Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[],
     (void)counters;
     (void)resolutions;
     (void)qualifiers;
-    return none(instance, CALL(fmi3GetIntervalFraction), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetIntervalFraction), "Clock", nValueReferences, 0);
 }
 
 Status fmi3SetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -243,7 +229,7 @@ Status fmi3SetIntervalDecimal(void *instance, const uint32_t valueReferences[], 
 {
     (void)valueReferences;
     (void)intervals;
-    return none(instance, CALL(fmi3SetIntervalDecimal), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetIntervalDecimal), "Clock", nValueReferences, 0);
 }
 
 Status fmi3SetIntervalFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -252,14 +238,14 @@ Status fmi3SetIntervalFraction(void *instance, const uint32_t valueReferences[],
     (void)valueReferences;
     (void)counters;
     (void)resolutions;
-    return none(instance, CALL(fmi3SetIntervalFraction), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetIntervalFraction), "Clock", nValueReferences, 0);
 }
 
 Status fmi3GetShiftDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences, double shifts[])
 {
     (void)valueReferences;
     (void)shifts;
-    return none(instance, CALL(fmi3GetShiftDecimal), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetShiftDecimal), "Clock", nValueReferences, 0);
 }
 
 Status fmi3GetShiftFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -268,7 +254,7 @@ Status fmi3GetShiftFraction(void *instance, const uint32_t valueReferences[], si
     (void)valueReferences;
     (void)counters;
     (void)resolutions;
-    return none(instance, CALL(fmi3GetShiftFraction), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3GetShiftFraction), "Clock", nValueReferences, 0);
 }
 
 Status fmi3SetShiftDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -276,7 +262,7 @@ Status fmi3SetShiftDecimal(void *instance, const uint32_t valueReferences[], siz
 {
     (void)valueReferences;
     (void)shifts;
-    return none(instance, CALL(fmi3SetShiftDecimal), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetShiftDecimal), "Clock", nValueReferences, 0);
 }
 
 Status fmi3SetShiftFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
@@ -285,7 +271,7 @@ Status fmi3SetShiftFraction(void *instance, const uint32_t valueReferences[], si
     (void)valueReferences;
     (void)counters;
     (void)resolutions;
-    return none(instance, CALL(fmi3SetShiftFraction), "Clock", nValueReferences);
+    return none(instance, CALL(fmi3SetShiftFraction), "Clock", nValueReferences, 0);
 }
 
 /* ---- Structural parameters, scheduled execution ---- */

@@ -40,7 +40,7 @@ static bool is_blank(const char *text)
     return text == NULL || text[strspn(text, " \t\r\n\v\f")] == '\0';
 }
 
-bool instance_initialize(Instance *instance, const char *function, const char *name, const char *token)
+void instance_initialize(Instance *instance, const char *function)
 {
     instance->centre = 0;
     instance->function = function;
@@ -49,24 +49,36 @@ bool instance_initialize(Instance *instance, const char *function, const char *n
         instance->results[i] = 0.0;
     }
     instance_reset(instance);
+}
+
+bool instance_check_name(Instance *instance, const char *name)
+{
+    if (!is_blank(name)) {
+        return true;
+    }
+    instance_tell(instance, STATUS_ERROR, "the instance name is empty");
+    return false;
+}
+
+bool instance_check_token(Instance *instance, const char *token, const char *argument)
+{
     const bool only_co_simulation = MODEL_GOES_ON && !MODEL_HAS_STATES;
-    if (is_blank(name)) {
-        instance_tell(instance, STATUS_ERROR, "the instance name is empty");
-    } else if (token == NULL) {
-        instance_tell(instance, STATUS_ERROR, "the GUID or instantiation token is a null pointer");
-    } else if (strcmp(token, model_token) != 0) {
+    if (instance_lacks(instance, token, 1, argument)) {
+        return false;
+    }
+    if (strcmp(token, model_token) != 0) {
         instance_tell(instance, STATUS_ERROR,
                       "the GUID or instantiation token is `%.100s`, expected `%s`: modelDescription.xml and the "
                       "sources do not belong together",
                       token, model_token);
-    } else if (only_co_simulation && instance->interface == MODEL_EXCHANGE) {
-        instance_tell(instance, STATUS_ERROR,
-                      "this FMU goes on from sample to sample: it is for co-simulation, not for model exchange");
-    } else {
-        instance_tell(instance, STATUS_OK, "%s", model_description);
-        return true;
+        return false;
     }
-    return false;
+    if (only_co_simulation && instance->interface == MODEL_EXCHANGE) {
+        instance_tell(instance, STATUS_ERROR,
+                      "this FMU is discrete-time: it is for co-simulation, not for model exchange");
+        return false;
+    }
+    return true;
 }
 
 static const char *state_name(State state)
@@ -179,30 +191,43 @@ static void switch_all(Instance *instance, bool on)
     instance->log_everything = on;
 }
 
+static void switch_category(Instance *instance, bool on, const char *category)
+{
+    if (strcmp(category, CATEGORY_WARNING) == 0) {
+        instance->log_warnings = on;
+    } else if (strcmp(category, CATEGORY_ALL) == 0) {
+        switch_all(instance, on);
+    }
+}
+
+static bool is_category(const char *name)
+{
+    return strcmp(name, CATEGORY_ERROR) == 0 || strcmp(name, CATEGORY_WARNING) == 0 || strcmp(name, CATEGORY_ALL) == 0;
+}
+
 Status instance_switch_logging(Instance *instance, bool on, size_t count, const char *const categories[])
 {
+    size_t given = 0;
     if (count == 0) {
         switch_all(instance, on);
     }
     if (instance_lacks(instance, categories, count, "categories")) {
         return STATUS_ERROR;
     }
-    for (size_t i = 0; i < count; i++) {
-        if (instance_lacks(instance, categories[i], 1, "categories")) {
-            return STATUS_ERROR;
-        }
-        if (strcmp(categories[i], CATEGORY_WARNING) == 0) {
-            instance->log_warnings = on;
-        } else if (strcmp(categories[i], CATEGORY_ALL) == 0) {
-            switch_all(instance, on);
-        } else if (strcmp(categories[i], CATEGORY_ERROR) != 0) {
+    while (given < count && categories[given] != NULL) {
+        switch_category(instance, on, categories[given]);
+        given++;
+    }
+    /* as the categories are now */
+    for (size_t i = 0; i < given; i++) {
+        if (!is_category(categories[i])) {
             /* not an error: an unknown category is no reason to end a simulation */
             instance_tell(instance, STATUS_WARNING,
                           "log category `%.100s` is unknown, expected one of `%s`, `%s`, `%s`", categories[i],
                           CATEGORY_ERROR, CATEGORY_WARNING, CATEGORY_ALL);
         }
     }
-    return STATUS_OK;
+    return instance_lacks(instance, NULL, count - given, "categories") ? STATUS_ERROR : STATUS_OK;
 }
 
 bool instance_lacks(Instance *instance, const void *pointer, size_t count, const char *argument)
@@ -1088,47 +1113,47 @@ static Status check_readable(Instance *instance, uint32_t reference)
                          variable_name(reference), (unsigned long)reference);
 }
 
+/* The value of a real variable that exists; results are up to date. */
+static double value_of(const Instance *instance, uint32_t reference)
+{
+    const Variable *variable = &model_variables[reference];
+    switch (variable->quantity) {
+    case VARIABLE_OUTPUT:
+        return instance->results[variable->index];
+    case VARIABLE_DERIVATIVE:
+        return instance->results[OUTPUT_COUNT + variable->index];
+    case VARIABLE_COLUMN:
+        return instance->now.columns[variable->index];
+    case VARIABLE_STATE:
+        return instance->now.columns[INPUT_COUNT + variable->index];
+    case VARIABLE_DOMAIN_DISTANCE:
+        return outside(instance, instance->centre).distance;
+    case VARIABLE_BOUND:
+        return bound(instance, variable->index).value;
+    default:
+        return instance->now.time;
+    }
+}
+
 Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[])
 {
+    bool of_results = false;
     for (size_t i = 0; i < count; i++) {
-        const uint32_t reference = references[i];
         size_t result = 0;
-        if (!exists(instance, reference)) {
-            return wrong_reference(instance, reference, "real");
+        if (!exists(instance, references[i]) || is(instance, references[i], VARIABLE_DOMAIN_POLICY) ||
+            is(instance, references[i], VARIABLE_IN_DOMAIN)) {
+            return wrong_reference(instance, references[i], "real");
         }
-        if (check_readable(instance, reference) != STATUS_OK) {
+        if (check_readable(instance, references[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
-        const Variable *variable = &model_variables[reference];
-        if (is_result(instance, reference, &result)) {
-            const Status status = update_results(instance);
-            if (status != STATUS_OK) {
-                return status;
-            }
-            values[i] = instance->results[result];
-            continue;
-        }
-        switch (variable->quantity) {
-        case VARIABLE_COLUMN:
-            values[i] = instance->now.columns[variable->index];
-            break;
-        case VARIABLE_STATE:
-            values[i] = instance->now.columns[INPUT_COUNT + variable->index];
-            break;
-        case VARIABLE_DOMAIN_DISTANCE:
-            values[i] = outside(instance, instance->centre).distance;
-            break;
-        case VARIABLE_BOUND:
-            values[i] = bound(instance, variable->index).value;
-            break;
-        case VARIABLE_TIME:
-            values[i] = instance->now.time;
-            break;
-        default:
-            return wrong_reference(instance, reference, "real");
-        }
+        of_results = of_results || is_result(instance, references[i], &result);
     }
-    return STATUS_OK;
+    const Status status = of_results ? update_results(instance) : STATUS_OK;
+    for (size_t i = 0; i < count && status == STATUS_OK; i++) {
+        values[i] = value_of(instance, references[i]);
+    }
+    return status;
 }
 
 Status instance_get_integer(Instance *instance, const uint32_t references[], size_t count, int32_t values[])
@@ -1137,6 +1162,8 @@ Status instance_get_integer(Instance *instance, const uint32_t references[], siz
         if (!is(instance, references[i], VARIABLE_DOMAIN_POLICY)) {
             return wrong_reference(instance, references[i], "integer");
         }
+    }
+    for (size_t i = 0; i < count; i++) {
         values[i] = (int32_t)instance->now.policy;
     }
     return STATUS_OK;
@@ -1367,7 +1394,7 @@ static Status check_unknown(Instance *instance, uint32_t reference)
 }
 
 static Status check_sensitivity(Instance *instance, const uint32_t unknowns[], size_t unknown_count,
-                                const uint32_t knowns[], size_t known_count)
+                                const uint32_t knowns[], size_t known_count, const double seed[], size_t seed_count)
 {
     for (size_t i = 0; i < unknown_count; i++) {
         if (check_unknown(instance, unknowns[i]) != STATUS_OK) {
@@ -1379,12 +1406,7 @@ static Status check_sensitivity(Instance *instance, const uint32_t unknowns[], s
             return STATUS_ERROR;
         }
     }
-    return STATUS_OK;
-}
-
-static Status check_seed(Instance *instance, const double seed[], size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < seed_count; i++) {
         if (!is_finite(seed[i])) {
             return not_finite(instance, "seed", seed[i]);
         }
@@ -1427,8 +1449,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
     double derivative[RESULT_COUNT];
     double of_time = 0.0;
     const Outside farthest = outside(instance, 0);
-    if (check_seed(instance, seed, known_count) != STATUS_OK ||
-        check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
+    if (check_sensitivity(instance, unknowns, unknown_count, knowns, known_count, seed, known_count) != STATUS_OK) {
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < known_count; i++) {
@@ -1459,8 +1480,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     double of_time = 0.0;
     double gradient[COLUMN_COUNT];
     const Outside farthest = outside(instance, 0);
-    if (check_seed(instance, seed, unknown_count) != STATUS_OK ||
-        check_sensitivity(instance, unknowns, unknown_count, knowns, known_count) != STATUS_OK) {
+    if (check_sensitivity(instance, unknowns, unknown_count, knowns, known_count, seed, unknown_count) != STATUS_OK) {
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < unknown_count; i++) {
@@ -1512,7 +1532,12 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
     }
     const Outside farthest = outside(instance, 0);
     for (size_t i = 0; i < count; i++) {
-        if (check_unknown(instance, references[i]) != STATUS_OK || check_order(instance, orders[i]) != STATUS_OK) {
+        if (check_unknown(instance, references[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (check_order(instance, orders[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
     }
@@ -1713,8 +1738,11 @@ static bool is_state(unsigned number)
 
 Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t size, Snapshot *to)
 {
-    if (size < MAGIC_SIZE + NUMBER_SIZE || memcmp(bytes, MAGIC, MAGIC_SIZE) != 0) {
+    if (size < MAGIC_SIZE || memcmp(bytes, MAGIC, MAGIC_SIZE) != 0) {
         return damaged_state(instance, "it does not begin with the magic number and version");
+    }
+    if (size < MAGIC_SIZE + NUMBER_SIZE) {
+        return damaged_state(instance, "it is cut short");
     }
     /* before the size, so that a state of another surrogate is called that */
     if (integer_at(bytes + MAGIC_SIZE) != instance->now.fingerprint) {
@@ -1727,8 +1755,11 @@ Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t si
         return damaged_state(instance, "the checksum does not match");
     }
     const uint8_t *from = bytes + MAGIC_SIZE + NUMBER_SIZE;
-    if (!is_state(from[0]) || from[2] > POLICY_ERROR) {
-        return damaged_state(instance, "it names no state or no domain policy");
+    if (!is_state(from[0])) {
+        return damaged_state(instance, "it names no state");
+    }
+    if (from[2] > POLICY_ERROR) {
+        return damaged_state(instance, "it names no domain policy");
     }
     to->fingerprint = instance->now.fingerprint;
     to->state = (State)from[0];

@@ -92,11 +92,14 @@ struct Instance {
 
 /* ---- Instances and messages ---- */
 
-/*
- * Makes an instance of memory whose fields version, interface, event_mode, send and log_* are set. On a wrong token or
- * name the host is told, and the result is false.
- */
-bool instance_initialize(Instance *instance, const char *function, const char *name, const char *token);
+/* Makes an instance of memory whose fields version, interface, event_mode, send and log_* are set. */
+void instance_initialize(Instance *instance, const char *function);
+
+/* Returns true if an instance can have this name, false after a message. */
+bool instance_check_name(Instance *instance, const char *name);
+
+/* Returns true if the token, an argument, is that of this FMU, which then can have this interface; false after a message. */
+bool instance_check_token(Instance *instance, const char *token, const char *argument);
 
 /* Returns true if the state allows the call, false after a message. First in every call. */
 bool instance_begin(Instance *instance, const char *function, unsigned allowed);

@@ -116,7 +116,8 @@ void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const dou
         direction[column] = 0.0;
         Real sum = R(0.0);
         for (size_t i = 0; i < RESULT_COUNT; i++) {
-            sum += (Real)weights[i] * results[i].first;
+            /* with an infinite derivative, a weight of zero would make NaN */
+            sum += weights[i] == 0.0 ? R(0.0) : (Real)weights[i] * results[i].first;
         }
         gradient[column] = (double)sum;
     }

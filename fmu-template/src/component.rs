@@ -92,6 +92,8 @@ pub(crate) enum InstantiationError {
     Location(#[from] LocationError),
     #[error(transparent)]
     Load(#[from] LoadError),
+    #[error(transparent)]
+    Argument(Refusal),
     #[error("argument `requiredIntermediateVariables`: {0}")]
     Intermediate(#[from] Refusal),
 }
@@ -276,13 +278,17 @@ pub(crate) unsafe fn switch_logging(
 ///
 /// # Safety
 /// The host's promise.
-pub(crate) unsafe fn store(snapshot: Snapshot, state: *mut *mut c_void) -> Result<(), Refusal> {
-    not_null(state, "FMUState")?;
+pub(crate) unsafe fn store(
+    snapshot: &Snapshot,
+    state: *mut *mut c_void,
+    argument: &'static str,
+) -> Result<(), Refusal> {
+    not_null(state, argument)?;
     // SAFETY: not null and the host's promise
     unsafe {
         match (*state).cast::<Snapshot>().as_mut() {
-            Some(there) => *there = snapshot,
-            None => *state = Box::into_raw(Box::new(snapshot)).cast(),
+            Some(there) => there.clone_from(snapshot),
+            None => *state = Box::into_raw(Box::new(snapshot.clone())).cast(),
         }
     }
     Ok(())
@@ -290,9 +296,9 @@ pub(crate) unsafe fn store(snapshot: Snapshot, state: *mut *mut c_void) -> Resul
 
 /// # Safety
 /// The host's promise.
-pub(crate) unsafe fn stored<'a>(state: *mut c_void) -> Result<&'a Snapshot, Refusal> {
+pub(crate) unsafe fn stored<'a>(state: *mut c_void, argument: &'static str) -> Result<&'a Snapshot, Refusal> {
     // SAFETY: the host's promise
-    unsafe { state.cast::<Snapshot>().as_ref() }.ok_or(Refusal::NullPointer { argument: "FMUState" })
+    unsafe { state.cast::<Snapshot>().as_ref() }.ok_or(Refusal::NullPointer { argument })
 }
 
 /// # Safety
@@ -310,16 +316,21 @@ pub(crate) unsafe fn free_state(state: *mut *mut c_void) -> Result<(), Refusal> 
 
 /// # Safety
 /// The host's promise.
-pub(crate) unsafe fn state_size(state: *mut c_void, size: *mut usize) -> Result<(), Refusal> {
+pub(crate) unsafe fn state_size(state: *mut c_void, argument: &'static str, size: *mut usize) -> Result<(), Refusal> {
     // SAFETY: the host's promise
-    unsafe { write(size, stored(state)?.size(), "size") }
+    unsafe { write(size, stored(state, argument)?.size(), "size") }
 }
 
 /// # Safety
 /// The host's promise.
-pub(crate) unsafe fn serialize(state: *mut c_void, bytes: *mut u8, size: usize) -> Result<(), Refusal> {
+pub(crate) unsafe fn serialize(
+    state: *mut c_void,
+    argument: &'static str,
+    bytes: *mut u8,
+    size: usize,
+) -> Result<(), Refusal> {
     // SAFETY: the host's promise
-    let snapshot = unsafe { stored(state)? };
+    let snapshot = unsafe { stored(state, argument)? };
     if size != snapshot.size() {
         return Err(Refusal::StateSize { found: size, expected: snapshot.size() });
     }
@@ -335,7 +346,11 @@ pub(crate) unsafe fn deserialize(
     bytes: *const u8,
     size: usize,
     state: *mut *mut c_void,
+    argument: &'static str,
 ) -> Result<(), Refusal> {
     // SAFETY: the host's promise
-    unsafe { store(Snapshot::from_bytes(slice(bytes, size, "serializedState")?, instance.snapshot())?, state) }
+    let bytes = unsafe { slice(bytes, size, "serializedState")? };
+    let snapshot = Snapshot::from_bytes(bytes, instance.snapshot())?;
+    // SAFETY: as above
+    unsafe { store(&snapshot, state, argument) }
 }

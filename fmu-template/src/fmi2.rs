@@ -209,9 +209,15 @@ unsafe extern "C" fn fmi2SetInteger(c: *mut c_void, vr: *const c_uint, nvr: usiz
 }
 
 #[unsafe(no_mangle)]
-unsafe extern "C" fn fmi2SetBoolean(c: *mut c_void, vr: *const c_uint, nvr: usize, _value: *const c_int) -> Status {
+unsafe extern "C" fn fmi2SetBoolean(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *const c_int) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::SetBoolean, |instance| instance.set_boolean(slice(vr, nvr, "vr")?)) }
+    unsafe {
+        call(c, Function::SetBoolean, |instance| {
+            let references = slice(vr, nvr, "vr")?;
+            slice(value, nvr, "value")?;
+            instance.set_boolean(references)
+        })
+    }
 }
 
 #[unsafe(no_mangle)]
@@ -234,13 +240,13 @@ fn no_variables(kind: &'static str, count: usize) -> Result<(), Refusal> {
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2GetFMUstate(c: *mut c_void, FMUstate: *mut *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::GetFMUstate, |instance| store(instance.snapshot().clone(), FMUstate)) }
+    unsafe { call(c, Function::GetFMUstate, |instance| store(instance.snapshot(), FMUstate, "FMUstate")) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2SetFMUstate(c: *mut c_void, FMUstate: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::SetFMUstate, |instance| instance.restore(stored(FMUstate)?)) }
+    unsafe { call(c, Function::SetFMUstate, |instance| instance.restore(stored(FMUstate, "FMUstate")?)) }
 }
 
 #[unsafe(no_mangle)]
@@ -252,7 +258,7 @@ unsafe extern "C" fn fmi2FreeFMUstate(c: *mut c_void, FMUstate: *mut *mut c_void
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi2SerializedFMUstateSize(c: *mut c_void, FMUstate: *mut c_void, size: *mut usize) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::SerializedFMUstateSize, |_| state_size(FMUstate, size)) }
+    unsafe { call(c, Function::SerializedFMUstateSize, |_| state_size(FMUstate, "FMUstate", size)) }
 }
 
 #[unsafe(no_mangle)]
@@ -263,7 +269,7 @@ unsafe extern "C" fn fmi2SerializeFMUstate(
     size: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::SerializeFMUstate, |_| serialize(FMUstate, serializedState, size)) }
+    unsafe { call(c, Function::SerializeFMUstate, |_| serialize(FMUstate, "FMUstate", serializedState, size)) }
 }
 
 #[unsafe(no_mangle)]
@@ -274,7 +280,11 @@ unsafe extern "C" fn fmi2DeSerializeFMUstate(
     FMUstate: *mut *mut c_void,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::DeSerializeFMUstate, |instance| deserialize(instance, serializedState, size, FMUstate)) }
+    unsafe {
+        call(c, Function::DeSerializeFMUstate, |instance| {
+            deserialize(instance, serializedState, size, FMUstate, "FMUstate")
+        })
+    }
 }
 
 // ---- Derivatives -------------------------------------------------------------------------------------------------
@@ -313,8 +323,8 @@ unsafe extern "C" fn fmi2SetRealInputDerivatives(
     // SAFETY: the host's promise
     unsafe {
         call(c, Function::SetRealInputDerivatives, |instance| {
-            let (order, value) = (slice(order, nvr, "order")?, slice(value, nvr, "value")?);
-            instance.set_input_derivatives(slice(vr, nvr, "vr")?, order, value)
+            let (vr, order) = (slice(vr, nvr, "vr")?, slice(order, nvr, "order")?);
+            instance.set_input_derivatives(vr, order, slice(value, nvr, "value")?)
         })
     }
 }
@@ -330,8 +340,8 @@ unsafe extern "C" fn fmi2GetRealOutputDerivatives(
     // SAFETY: the host's promise
     unsafe {
         call(c, Function::GetRealOutputDerivatives, |instance| {
-            let (order, value) = (slice(order, nvr, "order")?, slice_mut(value, nvr, "value")?);
-            instance.output_derivatives(slice(vr, nvr, "vr")?, order, value)
+            let (vr, order) = (slice(vr, nvr, "vr")?, slice(order, nvr, "order")?);
+            instance.output_derivatives(vr, order, slice_mut(value, nvr, "value")?)
         })
     }
 }

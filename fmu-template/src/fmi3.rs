@@ -94,7 +94,10 @@ unsafe extern "C" fn fmi3InstantiateCoSimulation(
                 let updates = updates.map(|updates| (updates, required));
                 instantiate(NAME, instanceName, logger, updates, &|| arguments(kind, instantiationToken, resourcePath))
             }
-            Err(refusal) => instantiate(NAME, instanceName, logger, None, &|| Err(refusal.clone().into())),
+            Err(refusal) => {
+                let argument = || Err(InstantiationError::Argument(refusal.clone()));
+                instantiate(NAME, instanceName, logger, None, &argument)
+            }
         }
     }
 }
@@ -271,9 +274,10 @@ unsafe extern "C" fn fmi3DoStep(
     // SAFETY: the host's promise
     unsafe {
         let status = call(instance, Function::DoStep, |inner| {
-            not_null(lastSuccessfulTime, "lastSuccessfulTime")?;
+            not_null(eventHandlingNeeded, "eventHandlingNeeded")?;
             not_null(terminateSimulation, "terminateSimulation")?;
             not_null(earlyReturn, "earlyReturn")?;
+            not_null(lastSuccessfulTime, "lastSuccessfulTime")?;
             write(eventHandlingNeeded, 0, "eventHandlingNeeded")?;
             write(terminateSimulation, 0, "terminateSimulation")?;
             write(earlyReturn, 0, "earlyReturn")?;
@@ -314,13 +318,13 @@ unsafe extern "C" fn fmi3ActivateModelPartition(
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi3GetFMUState(instance: *mut c_void, FMUState: *mut *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::GetFMUState, |instance| store(instance.snapshot().clone(), FMUState)) }
+    unsafe { call(instance, Function::GetFMUState, |instance| store(instance.snapshot(), FMUState, "FMUState")) }
 }
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn fmi3SetFMUState(instance: *mut c_void, FMUState: *mut c_void) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::SetFMUState, |instance| instance.restore(stored(FMUState)?)) }
+    unsafe { call(instance, Function::SetFMUState, |instance| instance.restore(stored(FMUState, "FMUState")?)) }
 }
 
 #[unsafe(no_mangle)]
@@ -336,7 +340,7 @@ unsafe extern "C" fn fmi3SerializedFMUStateSize(
     size: *mut usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::SerializedFMUStateSize, |_| state_size(FMUState, size)) }
+    unsafe { call(instance, Function::SerializedFMUStateSize, |_| state_size(FMUState, "FMUState", size)) }
 }
 
 #[unsafe(no_mangle)]
@@ -347,7 +351,7 @@ unsafe extern "C" fn fmi3SerializeFMUState(
     size: usize,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(instance, Function::SerializeFMUState, |_| serialize(FMUState, serializedState, size)) }
+    unsafe { call(instance, Function::SerializeFMUState, |_| serialize(FMUState, "FMUState", serializedState, size)) }
 }
 
 #[unsafe(no_mangle)]
@@ -359,7 +363,9 @@ unsafe extern "C" fn fmi3DeserializeFMUState(
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(instance, Function::DeserializeFMUState, |instance| deserialize(instance, serializedState, size, FMUState))
+        call(instance, Function::DeserializeFMUState, |instance| {
+            deserialize(instance, serializedState, size, FMUState, "FMUState")
+        })
     }
 }
 

@@ -40,7 +40,7 @@ pub(crate) enum LoadError {
          they do not belong together"
     )]
     Token { path: PathBuf, found: String, expected: String },
-    #[error("this FMU goes on from sample to sample: it is for co-simulation, not for model exchange")]
+    #[error("this FMU is discrete-time: it is for co-simulation, not for model exchange")]
     OnlyCoSimulation,
 }
 

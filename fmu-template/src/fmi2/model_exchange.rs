@@ -44,6 +44,7 @@ pub(super) unsafe extern "C" fn fmi2CompletedIntegratorStep(
     // SAFETY: the host's promise
     unsafe {
         call(c, Function::CompletedIntegratorStep, |instance| {
+            not_null(enterEventMode, "enterEventMode")?;
             not_null(terminateSimulation, "terminateSimulation")?;
             write(enterEventMode, 0, "enterEventMode")?;
             write(terminateSimulation, 0, "terminateSimulation")?;
@@ -74,9 +75,9 @@ pub(super) unsafe extern "C" fn fmi2GetDerivatives(c: *mut c_void, derivatives: 
     // SAFETY: the host's promise
     unsafe {
         call(c, Function::GetDerivatives, |instance| {
-            let values = instance.derivatives()?;
-            count(nx, values.len(), "derivatives")?;
-            slice_mut(derivatives, nx, "derivatives")?.copy_from_slice(values);
+            count(nx, instance.states().len(), "derivatives")?;
+            let to = slice_mut(derivatives, nx, "derivatives")?;
+            to.copy_from_slice(instance.derivatives()?);
             Ok(())
         })
     }

@@ -1,6 +1,6 @@
 //! Dependencies and derivatives in FMI 3.0.
 
-use super::{Function, Status, call, count, slice, slice_mut, write};
+use super::{Function, Status, call, count, not_null, slice, slice_mut, write};
 use std::ffi::{c_int, c_void};
 
 /// `fmi3Dependent`: no particular structure.
@@ -15,6 +15,7 @@ pub(super) unsafe extern "C" fn fmi3GetNumberOfVariableDependencies(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetNumberOfVariableDependencies, |instance| {
+            not_null(nDependencies, "nDependencies")?;
             write(nDependencies, instance.dependencies(valueReference)?.count(), "nDependencies")
         })
     }
@@ -36,9 +37,10 @@ pub(super) unsafe extern "C" fn fmi3GetVariableDependencies(
             count(nDependencies, instance.dependencies(dependent)?.count(), "independents")?;
             let elements = slice_mut(elementIndicesOfDependent, nDependencies, "elementIndicesOfDependent")?;
             let independents = slice_mut(independents, nDependencies, "independents")?;
-            // zero: all elements of a variable, which is the only one of a scalar
-            slice_mut(elementIndicesOfIndependents, nDependencies, "elementIndicesOfIndependents")?.fill(0);
+            let indices = slice_mut(elementIndicesOfIndependents, nDependencies, "elementIndicesOfIndependents")?;
             slice_mut(dependencyKinds, nDependencies, "dependencyKinds")?.fill(DEPENDENT);
+            // zero: all elements of a variable, which is the only one of a scalar
+            indices.fill(0);
             let places = elements.iter_mut().zip(independents);
             places.zip(instance.dependencies(dependent)?).for_each(|((element, independent), dependency)| {
                 (*element, *independent) = dependency;

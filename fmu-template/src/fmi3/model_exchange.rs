@@ -20,6 +20,7 @@ pub(super) unsafe extern "C" fn fmi3CompletedIntegratorStep(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::CompletedIntegratorStep, |instance| {
+            not_null(enterEventMode, "enterEventMode")?;
             not_null(terminateSimulation, "terminateSimulation")?;
             write(enterEventMode, 0, "enterEventMode")?;
             write(terminateSimulation, 0, "terminateSimulation")?;
@@ -58,9 +59,9 @@ pub(super) unsafe extern "C" fn fmi3GetContinuousStateDerivatives(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetContinuousStateDerivatives, |instance| {
-            let values = instance.derivatives()?;
-            count(nContinuousStates, values.len(), "derivatives")?;
-            slice_mut(derivatives, nContinuousStates, "derivatives")?.copy_from_slice(values);
+            count(nContinuousStates, instance.states().len(), "derivatives")?;
+            let to = slice_mut(derivatives, nContinuousStates, "derivatives")?;
+            to.copy_from_slice(instance.derivatives()?);
             Ok(())
         })
     }

@@ -50,8 +50,8 @@ pub(super) unsafe extern "C" fn fmi3GetInt32(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetInt32, |instance| {
-            count(nValues, nValueReferences, "values")?;
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
+            count(nValues, nValueReferences, "values")?;
             instance.get_integer(references, slice_mut(values, nValues, "values")?)
         })
     }
@@ -68,8 +68,8 @@ pub(super) unsafe extern "C" fn fmi3SetInt32(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::SetInt32, |instance| {
-            count(nValues, nValueReferences, "values")?;
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
+            count(nValues, nValueReferences, "values")?;
             instance.set_integer(references, slice(values, nValues, "values")?)
         })
     }
@@ -86,8 +86,8 @@ pub(super) unsafe extern "C" fn fmi3GetBoolean(
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::GetBoolean, |instance| {
-            count(nValues, nValueReferences, "values")?;
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
+            count(nValues, nValueReferences, "values")?;
             instance.get_boolean(references, slice_mut(values, nValues, "values")?)
         })
     }
@@ -98,14 +98,16 @@ pub(super) unsafe extern "C" fn fmi3SetBoolean(
     instance: *mut c_void,
     valueReferences: *const u32,
     nValueReferences: usize,
-    _values: *const Boolean,
+    values: *const Boolean,
     nValues: usize,
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
         call(instance, Function::SetBoolean, |instance| {
+            let references = slice(valueReferences, nValueReferences, "valueReferences")?;
             count(nValues, nValueReferences, "values")?;
-            instance.set_boolean(slice(valueReferences, nValueReferences, "valueReferences")?)
+            slice(values, nValues, "values")?;
+            instance.set_boolean(references)
         })
     }
 }

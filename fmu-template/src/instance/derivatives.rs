@@ -19,17 +19,16 @@ impl Instance {
         seed: &[f64],
         sensitivity: &mut [f64],
     ) -> Result<(), Refusal> {
+        self.check_sensitivity(unknowns, knowns, seed)?;
         self.columns[0].fill(0.0);
         let mut of_time = 0.0;
         for (&known, &seed) in knowns.iter().zip(seed) {
-            finite("seed", seed)?;
             match self.known(known)? {
                 Some(column) => self.columns[0][column] += seed,
                 // the independent variable of a surrogate without a time column has an effect on bounds only
                 None => of_time += seed,
             }
         }
-        self.check_unknowns(unknowns)?;
         let distance = self.distance_rate(0);
         self.update_point();
         self.zero_clamped(0);
@@ -54,7 +53,7 @@ impl Instance {
         seed: &[f64],
         sensitivity: &mut [f64],
     ) -> Result<(), Refusal> {
-        self.check_unknowns(unknowns)?;
+        self.check_sensitivity(unknowns, knowns, seed)?;
         self.sensitivities[0].fill(0.0);
         let (mut weight_of_distance, mut of_time) = (0.0, 0.0);
         let elapsed = self.elapsed();
@@ -62,7 +61,6 @@ impl Instance {
         let [_, direct] = &mut self.columns;
         direct.fill(0.0);
         for (unknown, &seed) in self.variables.unknowns(unknowns).zip(seed) {
-            finite("seed", seed)?;
             let weight = match unknown {
                 Unknown::Bound(output) => {
                     of_time += seed * self.variables.bound_rate(output, elapsed);
@@ -74,7 +72,6 @@ impl Instance {
             };
             *weight += seed;
         }
-        knowns.iter().try_for_each(|&known| self.known(known).map(|_| ()))?;
         self.update_point();
         let [gradient, direct] = &mut self.columns;
         self.evaluator.adjoint(&self.point, &self.sensitivities[0], gradient);
@@ -192,6 +189,12 @@ impl Instance {
             Quantity::BuiltIn(BuiltIn::Time) => Ok(None),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: KNOWN }),
         }
+    }
+
+    fn check_sensitivity(&self, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<(), Refusal> {
+        self.check_unknowns(unknowns)?;
+        knowns.iter().try_for_each(|&known| self.known(known).map(drop))?;
+        seed.iter().try_for_each(|&seed| finite("seed", seed))
     }
 
     /// Unknowns are outputs, arrays of them, states, their derivatives, the distance from the domain, and bounds that depend on the time.

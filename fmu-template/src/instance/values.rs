@@ -79,28 +79,30 @@ impl Instance {
         self.now.time - self.now.start_time
     }
 
-    /// Values of 32-bit integer variables.
+    /// Values of 32-bit integer variables: all of them or, if one is refused, none.
     pub(crate) fn get_integer(&self, references: &[u32], values: &mut [i32]) -> Result<(), Refusal> {
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::DomainPolicy) => self.now.policy as i32,
-                _ => return Err(self.wrong_type(reference, "integer")),
-            };
-        }
+        references.iter().try_for_each(|&reference| self.expect_policy(reference))?;
+        values.fill(self.now.policy as i32);
         Ok(())
     }
 
-    /// Values of Boolean variables, in the type that the FMI version has for them.
-    pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
-        for (value, &reference) in values.iter_mut().zip(references) {
-            *value = match self.quantity(reference)? {
-                quantity @ Quantity::BuiltIn(BuiltIn::InDomain) => {
-                    self.check_readable(reference, quantity)?;
-                    self.is_in_domain().into()
-                }
-                _ => return Err(self.wrong_type(reference, "Boolean")),
-            };
+    /// Makes sure that the variable is the domain policy, the only integer.
+    fn expect_policy(&self, reference: u32) -> Result<(), Refusal> {
+        match self.quantity(reference)? {
+            Quantity::BuiltIn(BuiltIn::DomainPolicy) => Ok(()),
+            _ => Err(self.wrong_type(reference, "integer")),
         }
+    }
+
+    /// Values of Boolean variables, in the type that the FMI version has for them: all of them or, if one is refused, none.
+    pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
+        for &reference in references {
+            match self.quantity(reference)? {
+                quantity @ Quantity::BuiltIn(BuiltIn::InDomain) => self.check_readable(reference, quantity)?,
+                _ => return Err(self.wrong_type(reference, "Boolean")),
+            }
+        }
+        values.iter_mut().for_each(|value| *value = self.is_in_domain().into());
         Ok(())
     }
 
@@ -133,16 +135,13 @@ impl Instance {
 
     /// Sets the domain policy, the only integer.
     pub(crate) fn set_integer(&mut self, references: &[u32], values: &[i32]) -> Result<(), Refusal> {
-        let mut new = self.now.policy;
+        let mut new = None;
         for (&reference, &found) in references.iter().zip(values) {
-            match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::DomainPolicy) => {
-                    new = DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?;
-                }
-                _ => return Err(self.wrong_type(reference, "integer")),
-            }
+            self.expect_policy(reference)?;
             self.parameter_settable(Variability::Tunable, reference)?;
+            new = Some(DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?);
         }
+        let Some(new) = new else { return Ok(()) };
         // a value that is outside already is not left standing
         self.check_point(new)?;
         self.stale |= new != self.now.policy;

@@ -186,10 +186,10 @@ fn null_arrays_are_fine_when_empty_and_refused_otherwise() {
         refused(|c| fmi2SetReal(c, &0, 1, null()), "value");
         refused(|c| fmi2SetDebugLogging(c, 1, 1, null()), "categories");
         refused(|c| fmi2SetDebugLogging(c, 1, 1, [null()].as_ptr()), "categories");
-        refused(|c| fmi2GetFMUstate(c, null_mut()), "FMUState");
-        refused(|c| fmi2SetFMUstate(c, null_mut()), "FMUState");
-        refused(|c| fmi2SerializedFMUstateSize(c, null_mut(), &mut 0), "FMUState");
-        refused(|c| fmi2SerializeFMUstate(c, null_mut(), null_mut(), 0), "FMUState");
+        refused(|c| fmi2GetFMUstate(c, null_mut()), "FMUstate");
+        refused(|c| fmi2SetFMUstate(c, null_mut()), "FMUstate");
+        refused(|c| fmi2SerializedFMUstateSize(c, null_mut(), &mut 0), "FMUstate");
+        refused(|c| fmi2SerializeFMUstate(c, null_mut(), null_mut(), 0), "FMUstate");
         refused(|c| fmi2DeSerializeFMUstate(c, null(), 9, &mut null_mut()), "serializedState");
         refused(|c| fmi2GetRealStatus(c, LAST_SUCCESSFUL_TIME, null_mut()), "value");
         refused(|c| fmi2GetBooleanStatus(c, TERMINATED, null_mut()), "value");

@@ -83,7 +83,7 @@ static void *stepping(int32_t policy)
 static void only_co_simulation(void)
 {
     check(fmi2Instantiate("mass", 0, model_token, NULL, &callbacks, 0, 0) == NULL, __LINE__);
-    said("fmi2Instantiate: this FMU goes on from sample to sample: it is for co-simulation, not for model exchange",
+    said("fmi2Instantiate: this FMU is discrete-time: it is for co-simulation, not for model exchange",
          __LINE__);
 }
 

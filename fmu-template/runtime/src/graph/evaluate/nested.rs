@@ -147,7 +147,9 @@ impl NestedStep {
                 direction[column] = 1.0;
                 let task = Task::Series { rates: [direction, &[]], first: derivative, second: None };
                 self.perform(point, task, work);
-                *to = weights.iter().zip(&*derivative).map(|(weight, change)| weight * change).sum();
+                // with an infinite change, a weight of zero would make NaN
+                let product = |(weight, change): (&f64, &f64)| if *weight == 0.0 { 0.0 } else { weight * change };
+                *to = weights.iter().zip(&*derivative).map(product).sum();
             }
         }
         doubles_mut(&mut from.second).iter_mut().zip(&*gradient).for_each(|(sum, more)| *sum += more);
