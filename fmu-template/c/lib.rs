@@ -15,13 +15,19 @@ pub const COMMON: &[File] = files![
     "activation.h",
     "blocks.h",
     "clones.h",
+    "derivatives.c",
+    "domain.c",
     "evaluator.h",
     "instance.c",
     "instance.h",
     "jets.h",
     "model.h",
-    "real.h",
+    "parts.h",
     "README.txt",
+    "real.h",
+    "snapshot.c",
+    "steps.c",
+    "variables.c",
 ];
 
 /// Files of models without states.

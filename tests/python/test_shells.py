@@ -42,7 +42,7 @@ def build(folder, model, version):
     with zipfile.ZipFile(packed) as archive:
         archive.extractall(unpacked)
     (library,) = unpacked.glob("binaries/*linux*/*.so")
-    flags = ["-std=c99", "-O1", "-DMETAFMU_PLAIN", "-fPIC", "-shared", "-o", compiled]
+    flags = ["-std=c99", "-O1", "-DMETAFMU_PLAIN", "-fPIC", "-shared", "-Wl,--no-undefined", "-o", compiled]
     subprocess.run(["cc", *flags, *unpacked.glob("sources/*.c"), "-lm"], check=True)
     return unpacked, library, compiled
 

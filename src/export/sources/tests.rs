@@ -50,6 +50,10 @@ fn compiler() -> Command {
     Command::new(std::env::var_os("CC").unwrap_or_else(|| "cc".into()))
 }
 
+/// Files of FMI 2.0 that the evaluation does not need: what hosts see.
+const HOST_FILES: [&str; 7] =
+    ["derivatives.c", "domain.c", "fmi2.c", "instance.c", "snapshot.c", "steps.c", "variables.c"];
+
 /// Writes the sources of a surrogate into a folder.
 fn write_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) {
     fs::create_dir_all(folder.join(FOLDER)).unwrap();
@@ -122,7 +126,7 @@ fn run(surrogate: &Surrogate, version: FmiVersion, program: &str) {
 fn run_evaluator(surrogate: &Surrogate, program: &str, flags: &[&str], input: &str) -> String {
     let version = FmiVersion::V2;
     let mut files = compiled(surrogate, version);
-    files.retain(|name| !["fmi2.c", "instance.c"].contains(name));
+    files.retain(|name| !HOST_FILES.contains(name));
     run_with(surrogate, version, &files, program, flags, input)
 }
 

@@ -1,0 +1,354 @@
+#include "parts.h"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* ---- Evaluation ---- */
+
+void instance_update_point(Instance *instance)
+{
+    const bool clamp = instance->now.policy == POLICY_CLAMP;
+    for (size_t i = 0; i < COLUMN_COUNT; i++) {
+        const double value = instance->now.columns[i];
+        instance->point[i] = clamp && i < INPUT_COUNT ? clamped(&model_columns[i], value) : value;
+    }
+}
+
+/* A solver tries again with a smaller step. FMI 2.0 has Discard for reading variables in model exchange only. */
+static Status not_computable(const Instance *instance)
+{
+    const bool discards = instance->fmi_version == 3 || instance->interface == MODEL_EXCHANGE;
+    return discards ? STATUS_DISCARD : STATUS_ERROR;
+}
+
+/* Whether all values are finite, as those of a network are at every finite point; the host is told, with the status. */
+static Status check_computed(Instance *instance, const double values[], size_t count, Status refused)
+{
+    for (size_t i = 0; MODEL_GOES_ON && i < count; i++) {
+        if (!is_finite(values[i])) {
+            return instance_tell(instance, refused,
+                                 "the equations have no finite solution in this state: a formula is not defined there, a "
+                                 "mass matrix is not positive definite, or a value is too large");
+        }
+    }
+    return STATUS_OK;
+}
+
+Status instance_check_derivatives(Instance *instance, const double values[], size_t count)
+{
+    /* FMI 2.0 has no Discard for derivatives */
+    return check_computed(instance, values, count, instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD);
+}
+
+Status instance_update_results(Instance *instance)
+{
+    if (!instance->stale) {
+        return STATUS_OK;
+    }
+    instance_update_point(instance);
+    model_evaluate(&instance->scratch, instance->point, instance->results);
+    const Status status = check_computed(instance, instance->results, RESULT_COUNT, not_computable(instance));
+    instance->stale = status != STATUS_OK;
+    return status;
+}
+
+/* ---- Continuous states ---- */
+
+void instance_initialize_states(Instance *instance)
+{
+#if MODEL_GOES_ON
+    if (is_starting(instance)) {
+        model_start(instance->now.columns);
+    }
+#else
+    (void)instance;
+#endif
+}
+
+void instance_get_states(const Instance *instance, double states[])
+{
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
+        states[i - INPUT_COUNT] = instance->now.columns[i];
+    }
+}
+
+void instance_get_nominals(double nominals[])
+{
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
+        nominals[i - INPUT_COUNT] = model_columns[i].nominal;
+    }
+}
+
+Status instance_get_derivatives(Instance *instance, double derivatives[])
+{
+    const Status status = instance_update_results(instance);
+    for (size_t i = OUTPUT_COUNT; status == STATUS_OK && i < RESULT_COUNT; i++) {
+        derivatives[i - OUTPUT_COUNT] = instance->results[i];
+    }
+    return status;
+}
+
+Status instance_set_states(Instance *instance, const double states[])
+{
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
+        if (!is_finite(states[i - INPUT_COUNT])) {
+            return instance_tell(instance, STATUS_DISCARD,
+                                 "argument `continuousStates`: %g is not finite; the states stay what they were",
+                                 states[i - INPUT_COUNT]);
+        }
+    }
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
+        instance->now.columns[i] = states[i - INPUT_COUNT];
+    }
+    instance->stale = true;
+    return STATUS_OK;
+}
+
+#if MODEL_HAS_STATES
+/* A state that no motion leads to, so many seconds after the beginning of a step; negative if it is no step's. */
+static Status tell_implausible(Instance *instance, Status status, size_t state, double value, double after)
+{
+    const Column *column = &model_columns[INPUT_COUNT + state];
+    char when[VALID_SIZE] = "";
+    char valid[VALID_SIZE] = "all numbers";
+    if (is_finite(column->min)) {
+        domain_describe(column, valid);
+    }
+    if (after >= 0.0) {
+        snprintf(when, VALID_SIZE, "%.10g s after the beginning of the step, ", after);
+    }
+    return instance_tell(instance, status,
+                         "%sstate `%.100s` is %.10g, which is not plausible: expected %s, and at most %.10g in "
+                         "magnitude; the motion diverges",
+                         when, column->name, value, valid, model_scales[state].limit);
+}
+#endif
+
+#if MODEL_GOES_ON
+/*
+ * Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow
+ * the derivatives the host gave.
+ */
+static Status advance_states(Instance *instance, double time, double size, Status refused)
+{
+    Snapshot *now = &instance->now;
+#if MODEL_HAS_STATES
+    /* those of results that were computed here */
+    const double *derivatives = instance->stale ? NULL : instance->results + OUTPUT_COUNT;
+#else
+    const double *derivatives = NULL;
+#endif
+    const Step step = {size, now->tolerance, derivatives, now->rates[0], now->rates[1], now->policy == POLICY_CLAMP};
+    Failure failure = {0.0, 0, 0.0};
+    instance_update_point(instance);
+    /* whatever comes of it, the point is not that of the results any more */
+    instance->stale = true;
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT) {
+            instance->point[i] = now->columns[i]; /* clamped on the way */
+        }
+    }
+    switch (model_advance(&instance->scratch, instance->point, &step, &failure)) {
+    case ADVANCE_DONE:
+        break;
+    case ADVANCE_NOT_FINITE:
+        return instance_tell(instance, refused,
+                             MODEL_HAS_STATES
+                                 ? "the states are not finite %.10g s after the beginning of the step: the motion "
+                                   "diverges, or reaches a state in which the equations have no finite solution"
+                                 : "the outputs are not finite at the sample %.10g s after the beginning of the step: "
+                                   "the model diverges",
+                             instance->since + failure.after);
+    case ADVANCE_IMPLAUSIBLE:
+#if MODEL_HAS_STATES
+        return tell_implausible(instance, refused, failure.state, failure.value, instance->since + failure.after);
+#endif
+    case ADVANCE_UNDERFLOW:
+        return instance_tell(instance, refused,
+                             "no step of the solver is short enough %.10g s after the beginning of the step: the motion "
+                             "diverges, or the equations have a singularity",
+                             instance->since + failure.after);
+    case ADVANCE_TOO_MANY_STEPS:
+        return instance_tell(instance, STATUS_ERROR,
+                             "communication step size %.10g takes more than ten million steps of the solver, expected "
+                             "a smaller one",
+                             size);
+    }
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
+        if (domain_forbids(instance, i, instance->point[i], time, now->policy, refused)) {
+            return refused;
+        }
+    }
+    for (size_t i = INPUT_COUNT; i < COLUMN_COUNT; i++) {
+        now->columns[i] = instance->point[i];
+    }
+    for (size_t i = INPUT_COUNT; i < NAMED_COUNT; i++) {
+        domain_note_value(instance, i);
+    }
+    return STATUS_OK;
+}
+#endif
+
+/* ---- Time ---- */
+
+Status instance_set_time(Instance *instance, double time, Status refused)
+{
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role != ROLE_TIME) {
+            continue;
+        }
+        if (!is_trial(instance) && domain_forbids(instance, i, time, time, instance->now.policy, refused)) {
+            return refused;
+        }
+        instance->now.columns[i] = time;
+        instance->stale = true;
+        if (!is_trial(instance)) {
+            domain_note_value(instance, i);
+        }
+    }
+    instance->now.time = time;
+    return STATUS_OK;
+}
+
+/* An input that follows the derivatives the host gave, `size` later; infinite polynomials stay where they are. */
+static double extrapolated(const Instance *instance, size_t index, double size)
+{
+    const double value = instance->now.columns[index];
+    const double rate = instance->now.rates[0][index] + 0.5 * size * instance->now.rates[1][index];
+    const double later = value + size * rate;
+    return is_finite(later) ? later : value;
+}
+
+static bool forbids_inputs(Instance *instance, double size, Status status)
+{
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT &&
+            domain_forbids(instance, i, extrapolated(instance, i, size), instance->now.time + size, instance->now.policy,
+                    status)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static void advance_inputs(Instance *instance, double size)
+{
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT) {
+            instance->now.columns[i] = extrapolated(instance, i, size);
+            instance->now.rates[0][i] += size * instance->now.rates[1][i];
+            instance->stale = true;
+            domain_note_value(instance, i);
+        }
+    }
+}
+
+/* FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again. */
+static Status refusal_of_step(const Instance *instance)
+{
+    return instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD;
+}
+
+Status instance_check_step(Instance *instance, double from, double size)
+{
+    const double tolerance = 1e-6 * size + 1e-9 * fabs(from);
+    const double time = from + size;
+    const Status refused = refusal_of_step(instance);
+    if (!is_finite(from)) {
+        return instance_not_finite(instance, "currentCommunicationPoint", from);
+    }
+    if (!is_finite(size)) {
+        return instance_not_finite(instance, "communicationStepSize", size);
+    }
+    if (size < 0.0) {
+        return instance_tell(instance, STATUS_ERROR, "communication step size %.10g is negative", size);
+    }
+    if (fabs(from - instance->now.time) > tolerance) {
+        return instance_tell(instance, STATUS_ERROR,
+                             "current communication point is %.17g, expected %.17g, where the last step ended", from,
+                             instance->now.time);
+    }
+    if (!is_finite(time)) {
+        return instance_not_finite(instance, "currentCommunicationPoint + communicationStepSize", time);
+    }
+    /* "if the environment tries to compute past stopTime the FMU has to return fmi2Error" */
+    if (time > instance->now.stop_time + tolerance) {
+        return instance_tell(instance, STATUS_ERROR, "a step to %.17g would go past the stop time %.17g", time,
+                             instance->now.stop_time);
+    }
+    return forbids_inputs(instance, size, refused) ? refused : STATUS_OK;
+}
+
+Status instance_do_step(Instance *instance, double from, double size)
+{
+    const Status refused = refusal_of_step(instance);
+    const double time = from + size;
+    Status status = instance_check_step(instance, from, size);
+    if (status != STATUS_OK) {
+        return status;
+    }
+    status = domain_note_data(instance, refused);
+    if (status != STATUS_OK) {
+        return status;
+    }
+#if MODEL_GOES_ON
+    status = advance_states(instance, time, size, refused);
+    if (status != STATUS_OK) {
+        return status;
+    }
+#endif
+    status = instance_set_time(instance, time, refused);
+    if (status == STATUS_OK) {
+        advance_inputs(instance, size);
+    }
+    return status;
+}
+
+double instance_updates(double size)
+{
+#if MODEL_HAS_STATES
+    const double steps = ceil(size / model_solver_step * (1.0 - 1e-9)); /* as in states.c */
+    /* too many are refused by the solver */
+    return steps >= 1.0 && steps <= MAX_STEPS ? steps : 1.0;
+#else
+    (void)size;
+    return 1.0;
+#endif
+}
+
+Status instance_set_solver_time(Instance *instance, double time)
+{
+    const double earliest = instance->now.earliest;
+    const double magnitude = fabs(earliest) > model_time_step ? fabs(earliest) : model_time_step;
+    if (!is_finite(time)) {
+        return instance_not_finite(instance, "time", time);
+    }
+    if (time < earliest - 1e-9 * magnitude) {
+        return instance_tell(instance, STATUS_ERROR, "time %.17g is before %.17g, the start time or the last event",
+                             time, earliest);
+    }
+    return instance_set_time(instance, time, STATUS_ERROR);
+}
+
+Status instance_accept_point(Instance *instance)
+{
+    if (instance->now.time <= instance->now.start_time) {
+        memcpy(instance->now.at_start, instance->now.columns, sizeof instance->now.at_start);
+    }
+#if MODEL_HAS_STATES
+    for (size_t i = 0; i < STATE_COUNT; i++) {
+        const double value = instance->now.columns[INPUT_COUNT + i];
+        if (!(fabs(value) <= model_scales[i].limit)) {
+            return tell_implausible(instance, STATUS_ERROR, i, value, -1.0);
+        }
+    }
+#endif
+    if (domain_forbids_point(instance, instance->now.policy)) {
+        return STATUS_ERROR;
+    }
+    const Status status = domain_note_data(instance, STATUS_ERROR);
+    for (size_t i = 0; i < NAMED_COUNT && status == STATUS_OK; i++) {
+        domain_note_value(instance, i);
+    }
+    return status;
+}

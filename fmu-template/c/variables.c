@@ -1,0 +1,318 @@
+#include "parts.h"
+
+static uint32_t last_reference(const Instance *instance)
+{
+    uint32_t last = VARIABLE_COUNT - 1;
+    while (!exists(instance, last)) {
+        last--;
+    }
+    return last;
+}
+
+static const char *variable_type(uint32_t reference)
+{
+    switch (model_variables[reference].quantity) {
+    case VARIABLE_DOMAIN_POLICY:
+        return "integer";
+    case VARIABLE_IN_DOMAIN:
+        return "Boolean";
+    default:
+        return "real";
+    }
+}
+
+Status variable_wrong(Instance *instance, uint32_t reference, const char *asked)
+{
+    if (reference > last_reference(instance)) {
+        return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown, expected at most %lu",
+                             (unsigned long)reference, (unsigned long)last_reference(instance));
+    }
+    if (!exists(instance, reference)) {
+        return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown: it is kept for a variable that this FMU does not have",
+                             (unsigned long)reference);
+    }
+    return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is of type %s, not %s",
+                         variable_name(reference), (unsigned long)reference, variable_type(reference), asked);
+}
+
+static Status cannot_set(Instance *instance, uint32_t reference, const char *what)
+{
+    return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is %s and cannot be set",
+                         variable_name(reference), (unsigned long)reference, what);
+}
+
+bool variable_is_result(const Instance *instance, uint32_t reference, size_t *result)
+{
+    if (is(instance, reference, VARIABLE_OUTPUT)) {
+        *result = model_variables[reference].index;
+        return true;
+    }
+    if (is(instance, reference, VARIABLE_DERIVATIVE)) {
+        *result = OUTPUT_COUNT + model_variables[reference].index;
+        return true;
+    }
+    return false;
+}
+
+Bound variable_bound(const Instance *instance, size_t output)
+{
+    const double elapsed = instance->now.time - instance->now.start_time;
+    const size_t last = BOUND_TIME_COUNT - 1;
+    size_t next = 0;
+    while (next <= last && model_bound_times[next] <= elapsed) {
+        next++;
+    }
+    if (next == 0 || next > last) {
+        const Bound constant = {model_bounds[(next == 0 ? 0 : last) * OUTPUT_COUNT + output], 0.0};
+        return constant;
+    }
+    const double begin = model_bound_times[next - 1];
+    const double size = model_bound_times[next] - begin;
+    const double from = model_bounds[(next - 1) * OUTPUT_COUNT + output];
+    const double change = model_bounds[next * OUTPUT_COUNT + output] - from;
+    const Bound growing = {from + (elapsed - begin) / size * change, change / size};
+    return growing;
+}
+
+/* Before the initialization FMI 3.0 lets start values be read, and FMI 2.0 nothing. The host is told if there is none. */
+static Status check_readable(Instance *instance, uint32_t reference)
+{
+    const Variable *variable = &model_variables[reference];
+    const bool has_start =
+        (variable->quantity == VARIABLE_COLUMN && model_columns[variable->index].role != ROLE_TIME) ||
+        (variable->quantity == VARIABLE_BOUND && BOUND_TIME_COUNT <= 1) || variable->quantity == VARIABLE_DOMAIN_POLICY;
+    if (instance->now.state != STATE_INSTANTIATED || has_start) {
+        return STATUS_OK;
+    }
+    return instance_tell(instance, STATUS_ERROR,
+                         "variable `%.100s` (value reference %lu) has no start value: it can be read from "
+                         "Initialization Mode on",
+                         variable_name(reference), (unsigned long)reference);
+}
+
+/* The value of a real variable that exists; results are up to date. */
+static double value_of(const Instance *instance, uint32_t reference)
+{
+    const Variable *variable = &model_variables[reference];
+    switch (variable->quantity) {
+    case VARIABLE_OUTPUT:
+        return instance->results[variable->index];
+    case VARIABLE_DERIVATIVE:
+        return instance->results[OUTPUT_COUNT + variable->index];
+    case VARIABLE_COLUMN:
+        return instance->now.columns[variable->index];
+    case VARIABLE_STATE:
+        return instance->now.columns[INPUT_COUNT + variable->index];
+    case VARIABLE_DOMAIN_DISTANCE:
+        return domain_outside(instance, instance->centre).distance;
+    case VARIABLE_BOUND:
+        return variable_bound(instance, variable->index).value;
+    default:
+        return instance->now.time;
+    }
+}
+
+Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[])
+{
+    bool of_results = false;
+    for (size_t i = 0; i < count; i++) {
+        size_t result = 0;
+        if (!exists(instance, references[i]) || is(instance, references[i], VARIABLE_DOMAIN_POLICY) ||
+            is(instance, references[i], VARIABLE_IN_DOMAIN)) {
+            return variable_wrong(instance, references[i], "real");
+        }
+        if (check_readable(instance, references[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+        of_results = of_results || variable_is_result(instance, references[i], &result);
+    }
+    const Status status = of_results ? instance_update_results(instance) : STATUS_OK;
+    for (size_t i = 0; i < count && status == STATUS_OK; i++) {
+        values[i] = value_of(instance, references[i]);
+    }
+    return status;
+}
+
+Status instance_get_integer(Instance *instance, const uint32_t references[], size_t count, int32_t values[])
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!is(instance, references[i], VARIABLE_DOMAIN_POLICY)) {
+            return variable_wrong(instance, references[i], "integer");
+        }
+    }
+    for (size_t i = 0; i < count; i++) {
+        values[i] = (int32_t)instance->now.policy;
+    }
+    return STATUS_OK;
+}
+
+Status instance_get_boolean(Instance *instance, const uint32_t references[], size_t count, bool *value)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!is(instance, references[i], VARIABLE_IN_DOMAIN)) {
+            return variable_wrong(instance, references[i], "Boolean");
+        }
+        if (check_readable(instance, references[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+    }
+    *value = domain_contains(instance);
+    return STATUS_OK;
+}
+
+/* Parameters: fixed ones before the simulation starts, tunable ones also between steps and at events. */
+static bool parameter_is_settable(const Instance *instance, bool tunable)
+{
+    const unsigned states = STATE_INSTANTIATED | STATE_INITIALIZATION | (tunable ? STATE_EVENT | STATE_STEP : 0u);
+    return (states & (unsigned)instance->now.state) != 0;
+}
+
+static Status check_parameter(Instance *instance, uint32_t reference, bool tunable)
+{
+    if (parameter_is_settable(instance, tunable)) {
+        return STATUS_OK;
+    }
+    return instance_tell(instance, STATUS_ERROR,
+                         "parameter `%.100s` (value reference %lu) is %s and cannot be set in state `%s`",
+                         variable_name(reference), (unsigned long)reference, tunable ? "tunable" : "fixed",
+                         instance_state_name(instance->now.state));
+}
+
+static Status check_settable(Instance *instance, uint32_t reference)
+{
+    if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DERIVATIVE) ||
+        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) || is(instance, reference, VARIABLE_BOUND)) {
+        return cannot_set(instance, reference, "an output");
+    }
+    if (is(instance, reference, VARIABLE_STATE) && is_trial(instance)) {
+        return STATUS_OK; /* in both standards, beside fmi3SetContinuousStates */
+    }
+    if (is(instance, reference, VARIABLE_STATE)) {
+        return instance_tell(instance, STATUS_ERROR,
+                             "variable `%.100s` (value reference %lu) is a state and cannot be set: set parameter "
+                             "`%.100s_start` before the simulation runs, or the state in Continuous-Time Mode",
+                             variable_name(reference), (unsigned long)reference, variable_name(reference));
+    }
+    if (is(instance, reference, VARIABLE_TIME)) {
+        return cannot_set(instance, reference, "the independent variable");
+    }
+    if (!is(instance, reference, VARIABLE_COLUMN)) {
+        return variable_wrong(instance, reference, "real");
+    }
+    switch (model_columns[reference].role) {
+    case ROLE_TIME:
+        return cannot_set(instance, reference, "the independent variable");
+    case ROLE_INPUT:
+        return STATUS_OK;
+    default:
+        return check_parameter(instance, reference, model_columns[reference].role == ROLE_TUNABLE_PARAMETER);
+    }
+}
+
+/* The column of a variable that may be set: of an input, a parameter or a state. */
+static size_t settable_column(const Instance *instance, uint32_t reference)
+{
+    const size_t index = model_variables[reference].index;
+    return is(instance, reference, VARIABLE_STATE) ? INPUT_COUNT + index : index;
+}
+
+Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[])
+{
+    Snapshot *now = &instance->now;
+    for (size_t i = 0; i < count; i++) {
+        if (check_settable(instance, references[i]) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+        if (!is_finite(values[i])) {
+            return instance_tell(instance, is_trial(instance) ? STATUS_DISCARD : STATUS_ERROR,
+                                 "variable `%.100s` (value reference %lu): %g is not finite",
+                                 variable_name(references[i]), (unsigned long)references[i], values[i]);
+        }
+        if (!is_trial(instance) && domain_forbids(instance, settable_column(instance, references[i]), values[i], now->time,
+                                           now->policy, STATUS_ERROR)) {
+            return STATUS_ERROR;
+        }
+    }
+    for (size_t i = 0; i < count; i++) {
+        const size_t column = settable_column(instance, references[i]);
+        now->columns[column] = values[i];
+        if (now->time <= now->start_time) {
+            now->at_start[column] = values[i];
+        }
+        instance->stale = true;
+        if (!is_trial(instance)) {
+            domain_note_value(instance, column);
+        }
+    }
+    instance_initialize_states(instance);
+    return STATUS_OK;
+}
+
+/* Sets domain_policy, unless a value is outside already that it would forbid. */
+static Status set_policy(Instance *instance, Policy policy)
+{
+    if (domain_forbids_point(instance, policy)) {
+        return STATUS_ERROR;
+    }
+    instance->now.policy = policy;
+    instance->stale = true;
+    return STATUS_OK;
+}
+
+Status instance_set_integer(Instance *instance, const uint32_t references[], size_t count, const int32_t values[])
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!is(instance, references[i], VARIABLE_DOMAIN_POLICY)) {
+            return variable_wrong(instance, references[i], "integer");
+        }
+        if (check_parameter(instance, references[i], true) != STATUS_OK) {
+            return STATUS_ERROR;
+        }
+        if (values[i] < POLICY_WARN || values[i] > POLICY_ERROR) {
+            return instance_tell(instance, STATUS_ERROR,
+                                 "parameter `domain_policy`: %ld, expected 0 (warn), 1 (clamp) or 2 (error)",
+                                 (long)values[i]);
+        }
+    }
+    return count == 0 ? STATUS_OK : set_policy(instance, (Policy)values[count - 1]);
+}
+
+Status instance_set_boolean(Instance *instance, const uint32_t references[], size_t count)
+{
+    if (count == 0) {
+        return STATUS_OK;
+    }
+    if (!is(instance, references[0], VARIABLE_IN_DOMAIN)) {
+        return variable_wrong(instance, references[0], "Boolean");
+    }
+    return cannot_set(instance, references[0], "an output");
+}
+
+Status instance_check_intermediate(Instance *instance, uint32_t reference)
+{
+    return exists(instance, reference) ? STATUS_OK : variable_wrong(instance, reference, "");
+}
+
+Status instance_count_dependencies(Instance *instance, uint32_t reference, size_t *count)
+{
+    if (!exists(instance, reference)) {
+        return variable_wrong(instance, reference, "");
+    }
+    size_t result = 0;
+    *count = 0;
+    if (variable_is_result(instance, reference, &result)) {
+        *count = NAMED_COUNT + 1;
+    } else if (is(instance, reference, VARIABLE_IN_DOMAIN) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE)) {
+        *count = NAMED_COUNT;
+    }
+    return STATUS_OK;
+}
+
+uint32_t instance_dependency(size_t i)
+{
+    if (i >= NAMED_COUNT) {
+        return POLICY_REFERENCE;
+    }
+    /* outputs are between the inputs and the states */
+    return (uint32_t)(i < INPUT_COUNT ? i : OUTPUT_COUNT + i);
+}
