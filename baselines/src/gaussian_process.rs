@@ -1,10 +1,16 @@
-//! Gaussian process regression (kriging).
+//! Gaussian process regression (ordinary kriging): a constant mean, a squared exponential kernel with a length for each input, and noise.
+//!
+//! ```text
+//! cov(y_a, y_b) = s^2 (exp(-1/2 sum_i ((x_ai - x_bi) / l_i)^2) + noise^2 [a = b])
+//! ```
+//!
+//! Lengths and noise are those of the greatest likelihood, in which the mean and `s^2` have their best values (Rasmussen, Williams (2006),
+//! sections 2.7 and 5.4).
 
-use crate::{Baseline, Fitted, StandardizedRows, for_each_output};
-use friedrich::{gaussian_process::GaussianProcess as Process, kernel::Kernel, prior::ConstantPrior};
+use crate::{Baseline, Fitted, StandardizedRows, bfgs, for_each_output};
 use metafmu_core::study::baselines::GaussianProcess;
 use metafmu_runtime::graph::{Graph, KernelMachine};
-use nalgebra::{Const, DMatrix, DVector, Dyn, Matrix, Storage};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 impl Baseline for GaussianProcess {
     fn most_rows(&self) -> Option<usize> {
@@ -12,105 +18,145 @@ impl Baseline for GaussianProcess {
     }
 
     fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
-        let machines = for_each_output(rows, |output| machine(&process(self, rows, output), rows, output))?;
+        let machines = for_each_output(rows, |output| machine(self, rows, output))?;
         Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))
     }
 }
 
-/// Outputs are given to friedrich in thousandths of a standard deviation: its search changes the logarithm of the noise by a
-/// share of itself, which goes the right way only as long as that is positive. The noise is never below one of these.
-const UNIT: f64 = 1e-3;
+/// Rows that the first searches see, which begin at different lengths.
+const FIRST_ROWS: usize = 200;
+/// Lengths at which they begin, in standard deviations of one input; of `d` inputs `d^(1/4)` of these, as distances grow with `d^(1/2)`.
+const FIRST_LENGTHS: [f64; 3] = [2.7, 7.4, 1.0];
+/// Logarithms of the lengths: from features that rows cannot show to what is linear over all rows.
+const LENGTHS: [f64; 2] = [-3.0, 7.0];
+/// Smallest square of the noise: a covariance is singular with less.
+const LEAST_NOISE: f64 = 100.0 * f64::EPSILON;
 
-fn process(
-    model: &GaussianProcess,
-    rows: &StandardizedRows,
-    output: usize,
-) -> Process<SquaredExponential, ConstantPrior> {
-    let amplitude_and_lengths = [1.0 / UNIT].into_iter().chain(vec![1.0; rows.inputs]).collect();
-    let few = model.kernel_rows.min(rows.len());
-    let (x, y) = (inputs(rows, few), outputs(rows, output));
-    let first = Process::builder(x, y.rows(0, few).into_owned())
-        .set_kernel(SquaredExponential(amplitude_and_lengths))
-        .set_noise(model.noise / UNIT)
-        .set_prior(ConstantPrior::new(0.0))
-        // no early end: the first steps of the search are often small
-        .set_fit_parameters(model.steps, 0.0)
-        .fit_kernel()
-        .train();
-    Process::new(ConstantPrior::new(0.0), first.kernel, first.noise, None, inputs(rows, rows.len()), y)
-}
-
-fn inputs(rows: &StandardizedRows, count: usize) -> DMatrix<f64> {
-    DMatrix::from_row_slice(count, rows.inputs, &rows.x[..count * rows.inputs])
-}
-
-fn outputs(rows: &StandardizedRows, output: usize) -> DVector<f64> {
-    DVector::from_vec(rows.output(output)) / UNIT
-}
-
-/// The mean of the process as a sum of kernels around the rows, with weights `(K + noise^2 I)^-1 y`.
-fn machine(
-    process: &Process<SquaredExponential, ConstantPrior>,
-    rows: &StandardizedRows,
-    output: usize,
-) -> Result<KernelMachine, String> {
-    let (kernel, count) = (&process.kernel, rows.len());
-    let x = inputs(rows, count);
-    let noise = process.noise * process.noise;
-    let covariance =
-        DMatrix::from_fn(count, count, |a, b| kernel.kernel(&x.row(a), &x.row(b)) + if a == b { noise } else { 0.0 });
-    let singular = "the covariance of the rows is singular: raise `noise`";
-    let weights = covariance.cholesky().ok_or(singular)?.solve(&outputs(rows, output));
-    let (amplitude, lengths) = kernel.0.split_first().ok_or("a kernel without parameters")?;
+/// The mean of the process as a sum of kernels around the rows.
+fn machine(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -> Result<KernelMachine, String> {
+    let parameters = parameters(model, rows, output).ok_or("the covariance of the rows is singular")?;
+    let all = Rows::of(rows, output, rows.len());
+    let process = Process::new(&all, &parameters).ok_or("the covariance of the rows is singular: raise `noise`")?;
+    let (_, lengths) = parameters.split_last().ok_or("no input")?;
     Ok(KernelMachine {
-        lengths: lengths.iter().map(|length| length.abs()).collect(),
+        lengths: lengths.iter().map(|length| length.exp()).collect(),
         centres: rows.x.clone(),
-        weights: weights.iter().map(|weight| weight * amplitude * amplitude * UNIT).collect(),
-        bias: 0.0,
+        weights: process.weights.as_slice().to_vec(),
+        bias: process.mean,
     })
 }
 
-/// `a^2 exp(-1/2 sum_i ((x_i - y_i) / l_i)^2)` with the parameters `a, l_1, l_2, ...`: those of friedrich have one length
-/// for all inputs.
-#[derive(Clone, Debug, Default)]
-struct SquaredExponential(Vec<f64>);
+/// Logarithms of the lengths, and of the square of the noise, of the greatest likelihood of `kernel_rows` rows.
+fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -> Option<Vec<f64>> {
+    let inputs = rows.inputs as f64;
+    let mut bounds = vec![LENGTHS; rows.inputs];
+    bounds.push([LEAST_NOISE.ln(), 0.0]);
+    let search = |rows: &Rows, start: Vec<f64>| {
+        bfgs::least(start, &bounds, model.steps, |parameters| {
+            Process::new(rows, parameters).map(|process| process.unlikelihood(rows, parameters))
+        })
+    };
+    let few = Rows::of(rows, output, model.kernel_rows.min(FIRST_ROWS));
+    let first = FIRST_LENGTHS.iter().filter_map(|length| {
+        let mut start = vec![(length * inputs.powf(0.25)).ln(); rows.inputs];
+        start.push(2.0 * model.noise.ln());
+        search(&few, start)
+    });
+    let best = first.min_by(|a, b| a.value.total_cmp(&b.value))?;
+    if model.kernel_rows.min(rows.len()) <= FIRST_ROWS {
+        return Some(best.point);
+    }
+    let more = Rows::of(rows, output, model.kernel_rows);
+    search(&more, best.point).map(|best| best.point)
+}
 
-type MatrixRow<S> = Matrix<f64, Const<1>, Dyn, S>;
+/// Inputs and one output of the first rows.
+struct Rows<'a> {
+    x: &'a [f64],
+    inputs: usize,
+    y: DVector<f64>,
+}
 
-impl Kernel for SquaredExponential {
-    fn nb_parameters(&self) -> usize {
-        self.0.len()
+impl<'a> Rows<'a> {
+    fn of(rows: &'a StandardizedRows, output: usize, count: usize) -> Self {
+        let count = count.min(rows.len());
+        let mut y = rows.output(output);
+        y.truncate(count);
+        Self { x: &rows.x[..count * rows.inputs], inputs: rows.inputs, y: DVector::from_vec(y) }
     }
 
-    fn kernel<A, B>(&self, x: &MatrixRow<A>, y: &MatrixRow<B>) -> f64
-    where
-        A: Storage<f64, Const<1>, Dyn>,
-        B: Storage<f64, Const<1>, Dyn>,
-    {
-        let differences = x.iter().zip(y.iter()).zip(&self.0[1..]);
-        let square: f64 = differences.map(|((x, y), length)| ((x - y) / length).powi(2)).sum();
-        self.0[0] * self.0[0] * (-0.5 * square).exp()
+    fn row(&self, index: usize) -> &[f64] {
+        &self.x[index * self.inputs..][..self.inputs]
     }
 
-    fn gradient<A, B>(&self, x: &MatrixRow<A>, y: &MatrixRow<B>) -> Vec<f64>
-    where
-        A: Storage<f64, Const<1>, Dyn>,
-        B: Storage<f64, Const<1>, Dyn>,
-    {
-        let value = self.kernel(x, y);
-        let differences = x.iter().zip(y.iter()).zip(&self.0[1..]);
-        let by_lengths = differences.map(|((x, y), length)| value * (x - y).powi(2) / length.powi(3));
-        [2.0 * value / self.0[0]].into_iter().chain(by_lengths).collect()
+    fn len(&self) -> usize {
+        self.y.len()
+    }
+}
+
+/// The process of some parameters: its kernel at the rows, without the noise, and what follows from it.
+struct Process {
+    kernel: DMatrix<f64>,
+    covariance: Cholesky<f64, Dyn>,
+    mean: f64,
+    /// `covariance^-1 (y - mean)`
+    weights: DVector<f64>,
+    /// Mean square of `y - mean`, each decorrelated from those before: the best `s^2`.
+    variance: f64,
+}
+
+impl Process {
+    /// None if the covariance is singular.
+    fn new(rows: &Rows, parameters: &[f64]) -> Option<Self> {
+        let (noise, lengths) = parameters.split_last()?;
+        let inverse: Vec<f64> = lengths.iter().map(|length| (-length).exp()).collect();
+        let scaled: Vec<f64> = rows.x.iter().zip(inverse.iter().cycle()).map(|(x, inverse)| x * inverse).collect();
+        let row = |index: usize| &scaled[index * rows.inputs..][..rows.inputs];
+        let count = rows.len();
+        let mut kernel = DMatrix::identity(count, count);
+        for column in 0..count {
+            for below in column + 1..count {
+                let square: f64 = row(below).iter().zip(row(column)).map(|(a, b)| (a - b) * (a - b)).sum();
+                kernel[(below, column)] = (-0.5 * square).exp();
+            }
+        }
+        kernel.fill_upper_triangle_with_lower_triangle();
+        let mut covariance = kernel.clone();
+        (0..count).for_each(|row| covariance[(row, row)] += noise.exp());
+        let covariance = Cholesky::new(covariance)?;
+        let ones = DVector::repeat(count, 1.0);
+        let (by_ones, by_y) = (covariance.solve(&ones), covariance.solve(&rows.y));
+        let mean = by_y.sum() / by_ones.sum();
+        let weights = by_y - by_ones * mean;
+        let variance = weights.dot(&rows.y.add_scalar(-mean)) / count as f64;
+        // rounding alone makes it negative
+        let is_fine = variance > 0.0 && variance.is_finite() && mean.is_finite();
+        is_fine.then_some(Self { kernel, covariance, mean, weights, variance })
     }
 
-    fn get_parameters(&self) -> Vec<f64> {
-        self.0.clone()
-    }
-
-    fn set_parameters(&mut self, parameters: &[f64]) {
-        // the noise stands behind them
-        let count = self.0.len();
-        self.0.clone_from_slice(&parameters[..count]);
+    /// The negative logarithm of the likelihood but for a constant, and its derivatives with respect to the parameters.
+    fn unlikelihood(&self, rows: &Rows, parameters: &[f64]) -> (f64, Vec<f64>) {
+        let Self { kernel, covariance, weights, variance, .. } = self;
+        let (count, inputs) = (rows.len(), rows.inputs);
+        let half_determinant: f64 = covariance.l_dirty().diagonal().iter().map(|pivot| pivot.ln()).sum();
+        let value = 0.5 * count as f64 * variance.ln() + half_determinant;
+        // half the trace of (covariance^-1 - weights weights^T / variance) times the derivative of the covariance
+        let inverse = covariance.inverse();
+        let mut gradient = vec![0.0; inputs + 1];
+        for column in 0..count {
+            let own = inverse[(column, column)] - weights[column] * weights[column] / variance;
+            gradient[inputs] += 0.5 * own * parameters[inputs].exp();
+            for below in column + 1..count {
+                let factor = inverse[(below, column)] - weights[below] * weights[column] / variance;
+                let by_kernel = factor * kernel[(below, column)];
+                let both = rows.row(below).iter().zip(rows.row(column));
+                for (slope, (a, b)) in gradient.iter_mut().zip(both) {
+                    *slope += by_kernel * (a - b) * (a - b);
+                }
+            }
+        }
+        gradient.iter_mut().zip(&parameters[..inputs]).for_each(|(slope, length)| *slope *= (-2.0 * length).exp());
+        (value, gradient)
     }
 }
 
@@ -119,33 +165,81 @@ mod tests {
     use super::*;
     use crate::testing::{formula_at, r2, wavy_rows};
 
+    fn model() -> GaussianProcess {
+        GaussianProcess::default()
+    }
+
     #[test]
-    fn the_formula_is_the_librarys_own_prediction_and_fits_a_smooth_function() {
-        let rows = wavy_rows(120);
-        let model = GaussianProcess { steps: 60, kernel_rows: 60, ..GaussianProcess::default() };
-        let fitted = model.fit(&rows, 1).unwrap();
+    fn the_formula_interpolates_rows_without_noise_and_fits_a_smooth_function() {
+        let rows = wavy_rows(200);
+        let seen: Vec<usize> = (0..120).collect();
+        let fitted = model().fit(&rows.choose(&seen), 1).unwrap();
         for output in 0..rows.outputs {
-            let points: Vec<Vec<f64>> = rows.x.chunks(3).map(<[f64]>::to_vec).collect();
-            for (row, predicted) in process(&model, &rows, output).predict(&points).iter().enumerate() {
-                assert!((formula_at(&fitted, &rows, row)[output] - predicted * UNIT).abs() < 1e-9, "row {row}");
+            for row in seen.iter().step_by(7) {
+                let error = formula_at(&fitted, &rows, *row)[output] - rows.output(output)[*row];
+                assert!(error.abs() < 1e-5, "row {row}: {error}");
             }
-            assert!(r2(&fitted, &rows, output) > 0.99);
+            // rows that were not seen are among them
+            assert!(1.0 - r2(&fitted, &rows, output) < 1e-6, "{}", 1.0 - r2(&fitted, &rows, output));
         }
     }
 
     #[test]
-    fn the_gradient_of_the_kernel_is_that_of_differences() {
-        let (x, y) = (DMatrix::from_row_slice(1, 2, &[0.3, -0.7]), DMatrix::from_row_slice(1, 2, &[0.1, 0.4]));
-        let value = |parameters: &[f64]| SquaredExponential(parameters.to_vec()).kernel(&x.row(0), &y.row(0));
-        let parameters = [1.3, 0.6, 0.9];
-        let gradient = SquaredExponential(parameters.to_vec()).gradient(&x.row(0), &y.row(0));
+    fn noise_is_estimated_and_not_interpolated() {
+        let mut rows = wavy_rows(300);
+        let clean = rows.clone();
+        let mut state = 7u64;
+        for value in &mut rows.y {
+            // twelve uniform numbers: nearly normal, with the standard deviation 0.1
+            let sum: f64 = (0..12)
+                .map(|_| {
+                    state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                    (state >> 11) as f64 / (1u64 << 53) as f64 - 0.5
+                })
+                .sum();
+            *value += 0.1 * sum;
+        }
+        let parameters = parameters(&model(), &rows, 0).unwrap();
+        let process = Process::new(&Rows::of(&rows, 0, rows.len()), &parameters).unwrap();
+        let noise = (parameters[rows.inputs].exp() * process.variance).sqrt();
+        assert!((0.08..0.12).contains(&noise), "{noise}");
+        // an error well below the noise, of what is behind it
+        let fitted = model().fit(&rows, 1).unwrap();
+        assert!(1.0 - r2(&fitted, &clean, 0) < 3e-3, "{}", 1.0 - r2(&fitted, &clean, 0));
+    }
+
+    #[test]
+    fn slopes_of_the_likelihood_are_those_of_differences() {
+        let rows = wavy_rows(30);
+        let rows = Rows::of(&rows, 1, 30);
+        let at = |parameters: &[f64]| Process::new(&rows, parameters).unwrap().unlikelihood(&rows, parameters);
+        let parameters = [0.3, -0.1, 0.6, -7.0];
+        let (_, gradient) = at(&parameters);
         for (index, slope) in gradient.iter().enumerate() {
-            let at = |step: f64| {
+            let moved = |step: f64| {
                 let mut parameters = parameters;
                 parameters[index] += step;
-                value(&parameters)
+                at(&parameters).0
             };
-            assert!((slope - (at(1e-6) - at(-1e-6)) / 2e-6).abs() < 1e-9);
+            let expected = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+            assert!((slope - expected).abs() < 1e-5 * (1.0 + expected.abs()), "{index}: {slope} {expected}");
+        }
+    }
+
+    #[test]
+    fn few_rows_repeated_rows_and_constant_outputs_are_fitted_or_refused() {
+        for count in [2, 3, 5] {
+            let rows = wavy_rows(50).choose(&[0, 11, 22, 33, 44][..count]);
+            let fitted = model().fit(&rows, 1).unwrap();
+            assert!(formula_at(&fitted, &rows, 0).iter().all(|value| value.is_finite()), "{count}");
+        }
+        let repeated: Vec<usize> = (0..40).chain(0..40).collect();
+        let rows = wavy_rows(40).choose(&repeated);
+        assert!(1.0 - r2(&model().fit(&rows, 1).unwrap(), &rows, 0) < 1e-6);
+        let mut constant = wavy_rows(40);
+        constant.y.iter_mut().for_each(|value| *value = 0.0);
+        if let Ok(fitted) = model().fit(&constant, 1) {
+            assert!(formula_at(&fitted, &constant, 3).iter().all(|value| value.abs() < 1e-9));
         }
     }
 }

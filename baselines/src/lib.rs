@@ -3,6 +3,7 @@
 //! One file a model, each an `impl` of [`Baseline`] for its options in the study. The names of a model in the study, in
 //! tables and in file names are those of [`BaselineKind`].
 
+mod bfgs;
 mod elastic_net;
 mod gaussian_process;
 mod gradient_boosting;

@@ -494,7 +494,7 @@ impl GradientBoosting {
     }
 }
 
-/// `[baselines.gaussian-process]`: a squared exponential kernel with a length of its own for each standardised input.
+/// `[baselines.gaussian-process]`: a squared exponential kernel with a length for each standardised input.
 /// Amplitude, lengths and noise are those of the greatest likelihood of a few rows; the model is that of more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -508,14 +508,14 @@ pub struct GaussianProcess {
     /// Steps of the search for the greatest likelihood.
     #[schemars(range(min = 1, max = MAX_PROCESS))]
     pub steps: usize,
-    /// Standard deviation of the noise, in those of the outputs, where the search begins; at least 0.002.
-    #[schemars(range(min = 0.002), extend("exclusiveMaximum" = 1))]
+    /// Standard deviation of the noise, relative to that of the function, where the search begins.
+    #[schemars(range(min = 1e-6), extend("exclusiveMaximum" = 1))]
     pub noise: f64,
 }
 
 impl Default for GaussianProcess {
     fn default() -> Self {
-        Self { rows: 1000, kernel_rows: 200, steps: 100, noise: 0.05 }
+        Self { rows: 1000, kernel_rows: 500, steps: 100, noise: 1e-3 }
     }
 }
 
@@ -525,7 +525,7 @@ impl GaussianProcess {
         expect_between(&mut problems, "rows", self.rows, 2, MAX_PROCESS);
         expect_between(&mut problems, "kernel_rows", self.kernel_rows, 2, MAX_PROCESS);
         expect_between(&mut problems, "steps", self.steps, 1, MAX_PROCESS);
-        problems.expect((0.002..1.0).contains(&self.noise), "noise", self.noise, "at least 0.002 and below 1");
+        problems.expect((1e-6..1.0).contains(&self.noise), "noise", self.noise, "at least 1e-6 and below 1");
         problems
     }
 }
