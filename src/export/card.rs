@@ -384,7 +384,7 @@ fn size_of_samples(graph: &Graph, sampling: &Sampling) -> String {
 fn of_function(function: &Graph) -> String {
     match function.network() {
         Some(network) => format!("a network, {}", nodes(&network.layers)),
-        None => format!("a {}", size_of_graph(function)),
+        None => format!("a {}", of_baseline(function).map_or_else(|| size_of_graph(function), |(_, size)| size)),
     }
 }
 

@@ -1,5 +1,7 @@
 //! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
+mod polynomial;
+
 use super::{
     follower::{Follower, Trained, at_least_one_epoch},
     learned::unless_interrupted,
@@ -49,17 +51,21 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         }
         let start = Instant::now();
         let has_earlier = learned.iter().any(|(.., other)| !other.history.is_empty());
-        let Some(one) = unless_interrupted(project, samples.learn(project, kind), has_earlier)? else {
+        let Some(found) = unless_interrupted(project, samples.learn(project, kind), has_earlier)? else {
             is_stopped = true;
             break;
         };
-        let ranges = drives.iter().map(|(_, range)| *range);
-        let support = Some(support(study, dataset, one.past[1] > 1, ranges));
-        let sampling = Sampling { hidden: Vec::new(), history: one.past, step: samples.step, support };
-        let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
-        let rows = samples.rows();
-        let surrogate = surrogate::assemble_discrete(study, (dataset, rows), &drives, program)?;
-        let error = error(&Accuracy::of(&surrogate, &validation));
+        let simulated = |one: LearnedDiscrete| {
+            let ranges = drives.iter().map(|(_, range)| *range);
+            let support = Some(support(study, dataset, one.past[1] > 1, ranges));
+            let sampling = Sampling { hidden: Vec::new(), history: one.past, step: samples.step, support };
+            let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
+            let surrogate = surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)?;
+            Ok((error(&Accuracy::of(&surrogate, &validation)), surrogate, one))
+        };
+        let found = found.into_iter().map(simulated).collect::<Result<Vec<_>>>()?;
+        let best = found.into_iter().min_by(|(a, ..), (b, ..)| a.total_cmp(b));
+        let Some((error, surrogate, one)) = best else { continue };
         let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
         let was_interrupted = one.stopped == StopReason::Interrupted;
         learned.push((candidate, surrogate, one));
@@ -67,9 +73,11 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             break;
         }
     }
+    if learned.is_empty() {
+        return Err(study.refusal("discrete.model", "the samples determine no polynomial: more runs, or another model"));
+    }
     learned.sort_by(|a, b| a.0.error.total_cmp(&b.0.error));
     let candidates = learned.iter().map(|(candidate, ..)| candidate.clone()).collect();
-    // there is at least one kind
     let (Candidate { name, .. }, surrogate, one) = learned.swap_remove(0);
     let stopped = if is_stopped || learned.iter().any(|(.., other)| other.stopped == StopReason::Interrupted) {
         StopReason::Interrupted
@@ -146,6 +154,13 @@ struct LearnedDiscrete {
     stopped: StopReason,
 }
 
+impl LearnedDiscrete {
+    /// Without training.
+    fn solved(graph: Graph, past: [usize; 2]) -> Self {
+        Self { graph, past, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved }
+    }
+}
+
 /// Means and standard deviations.
 type ColumnMoments = (Vec<f64>, Vec<f64>);
 
@@ -189,10 +204,12 @@ impl<'a> DiscreteSamples<'a> {
         self.training.iter().map(|run| run.times.len() - 1).sum()
     }
 
-    fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<LearnedDiscrete> {
+    /// Models of a kind, with different numbers of samples or terms.
+    fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<Vec<LearnedDiscrete>> {
         let study = &project.study;
         let options = &study.discrete;
         let history = match kind {
+            DiscreteModel::Polynomial => return Ok(polynomial::learn(self, options.history)),
             DiscreteModel::Linear | DiscreteModel::Feedback => [options.history, options.history],
             DiscreteModel::Window => [0, options.window],
         };
@@ -200,33 +217,28 @@ impl<'a> DiscreteSamples<'a> {
         let linear = solve(&seen).ok_or_else(|| {
             study.refusal("discrete", "the samples do not determine the linear part: more runs or a shorter history")
         })?;
-        let solved = |graph, past| LearnedDiscrete {
-            graph,
-            past,
-            history: Vec::new(),
-            best_epoch: 0,
-            stopped: StopReason::Solved,
-        };
         let gains = gains(&seen, &linear);
         let width = linear.nrows() - 1;
         let network = || Network::new(width, self.counts[2], &study.network, study.seed);
         match kind {
-            DiscreteModel::Linear => Ok(solved(self.graph(history, &linear, None), history)),
+            DiscreteModel::Linear | DiscreteModel::Polynomial => {
+                Ok(vec![LearnedDiscrete::solved(self.graph(history, &linear, None), history)])
+            }
             DiscreteModel::Window => {
                 let rest = |regressors: &Regressors| plain(regressors, &linear, &gains);
                 let outcome = follow(project, network()?, &rest(&seen)?, &rest(&unseen)?, &study.training)?;
                 let layers = outcome.network.to_layers();
-                Ok(LearnedDiscrete {
+                Ok(vec![LearnedDiscrete {
                     graph: self.graph(history, &linear, Some((&gains, layers))),
                     past: history,
                     history: outcome.history,
                     best_epoch: outcome.best_epoch,
                     stopped: outcome.reason,
-                })
+                }])
             }
             DiscreteModel::Feedback => {
                 let mut network = network()?;
-                let mut learned = solved(self.graph(history, &linear, None), history);
+                let mut learned = LearnedDiscrete::solved(self.graph(history, &linear, None), history);
                 let shortest = |regressors: &Regressors| regressors.lengths.iter().copied().min().unwrap_or(1);
                 let longest = options.stretch.min(shortest(&seen));
                 let mut stretches = vec![longest.div_ceil(SHORTER), longest];
@@ -258,7 +270,7 @@ impl<'a> DiscreteSamples<'a> {
                         break;
                     }
                 }
-                Ok(learned)
+                Ok(vec![learned])
             }
         }
     }
@@ -293,31 +305,38 @@ impl<'a> DiscreteSamples<'a> {
         found
     }
 
-    /// The next sample from those before, in the units of the table.
-    fn graph(&self, history: [usize; 2], linear: &DMatrix<f64>, network: Option<(&[f64], Vec<Layer>)>) -> Graph {
+    /// From the units of the table to the columns of [`regressors`](Self::regressors) and to the outputs.
+    fn scaling(&self, history: [usize; 2]) -> Scaling {
         let [parameters, inputs, outputs] = &self.scales;
         let repeated = |of: fn(&ColumnMoments) -> &Vec<f64>| -> Vec<f64> {
             let past_outputs = (0..history[0]).flat_map(|_| of(outputs).iter().copied());
             let past_inputs = (0..history[1]).flat_map(|_| of(inputs).iter().copied());
             past_outputs.chain(past_inputs).chain(of(parameters).iter().copied()).collect()
         };
-        let (means, scales) = (repeated(|(means, _)| means), repeated(|(_, scales)| scales));
+        let (output_mean, output_scale) = outputs.clone();
+        let (input_mean, input_scale) = (repeated(|(means, _)| means), repeated(|(_, scales)| scales));
+        Scaling { input_mean, input_scale, output_mean, output_scale }
+    }
+
+    /// The next sample from those before, in the units of the table.
+    fn graph(&self, history: [usize; 2], linear: &DMatrix<f64>, network: Option<(&[f64], Vec<Layer>)>) -> Graph {
+        let scaling = self.scaling(history);
+        let (means, scales) = (&scaling.input_mean, &scaling.input_scale);
         let columns = means.len();
         let mut weights = Vec::new();
         let mut constants = Vec::new();
         for output in 0..self.counts[2] {
-            let (mean, scale) = (outputs.0[output], outputs.1[output]);
+            let (mean, scale) = (scaling.output_mean[output], scaling.output_scale[output]);
             let row: Vec<f64> =
                 (0..scales.len()).map(|column| scale * linear[(column, output)] / scales[column]).collect();
             let at_means = mean + scale * linear[(scales.len(), output)];
-            constants.push(at_means - row.iter().zip(&means).map(|(weight, mean)| weight * mean).sum::<f64>());
+            constants.push(at_means - row.iter().zip(means).map(|(weight, mean)| weight * mean).sum::<f64>());
             weights.extend(row);
         }
         let network = network.map(|(gains, layers)| {
-            let output_scale = outputs.1.iter().zip(gains).map(|(scale, gain)| scale * gain).collect();
+            let output_scale = scaling.output_scale.iter().zip(gains).map(|(scale, gain)| scale * gain).collect();
             let output_mean = vec![0.0; self.counts[2]];
-            let scaling = Scaling { input_mean: means, input_scale: scales, output_mean, output_scale };
-            Graph::from(&ScaledNetwork { scaling, layers })
+            Graph::from(&ScaledNetwork { scaling: Scaling { output_mean, output_scale, ..scaling }, layers })
         });
         Graph::of_samples(columns, weights, constants, network)
     }

@@ -29,6 +29,8 @@ pub struct DiscreteOptions {
 pub enum DiscreteModel {
     /// Linear in past outputs and inputs, by least squares (ARX).
     Linear,
+    /// A sum of products of powers of up to four past samples, by least squares; degree and number of samples are chosen.
+    Polynomial,
     /// A network on a window of past inputs, without feedback: it has nothing that could drift.
     Window,
     /// The linear model and a network on the same past outputs and inputs, trained on stretches of predictions.
@@ -37,12 +39,13 @@ pub enum DiscreteModel {
 
 impl DiscreteModel {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Linear, Self::Window, Self::Feedback];
+    pub const ALL: [Self; 4] = [Self::Linear, Self::Polynomial, Self::Window, Self::Feedback];
 
     /// Its name in a study.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",
+            Self::Polynomial => "polynomial",
             Self::Window => "window",
             Self::Feedback => "feedback",
         }

@@ -6,7 +6,7 @@ use crate::{
     study::NetworkOptions,
     surrogate::input_description,
 };
-use metafmu_runtime::{Clock, Graph, Output, Role, ScaledNetwork};
+use metafmu_runtime::{Clock, Graph, Output, Role, ScaledNetwork, graph::Step};
 
 pub fn summary(material: &Material) -> Section {
     let evaluated = material.evaluated;
@@ -170,6 +170,9 @@ fn network(material: &Material) -> String {
         Clock::Sampled(_) => match (called, called.and_then(Graph::network)) {
             (_, Some(network)) => {
                 format!("A linear model and a feed-forward network ({}), from sample to sample, give", sizes(&network))
+            }
+            (Some(called), None) if called.steps.iter().any(|step| matches!(step, Step::Products { .. })) => {
+                "A polynomial of past samples, from sample to sample, gives".into()
             }
             (Some(_), None) => "A model of another tool, from sample to sample, gives".into(),
             (None, None) => "A linear model, from sample to sample, gives".into(),

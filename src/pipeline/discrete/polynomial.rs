@@ -1,0 +1,62 @@
+//! Sums of powers of past samples (polynomial NARX).
+
+use super::{DiscreteSamples, LearnedDiscrete};
+use crate::{
+    baseline::{Baseline, Fitted, StandardizedRows},
+    study::baselines::Polynomial,
+};
+use metafmu_runtime::Graph;
+
+/// Past samples at most: of more there are too many products.
+const LONGEST: usize = 4;
+const DEGREES: [u8; 3] = [3, 5, 7];
+const MOST_TERMS: usize = 300;
+/// Penalty of the coefficients, which keeps those of columns apart that are nearly the same.
+const PENALTY: f64 = 1e-12;
+
+/// Models of each length of the history and each degree with few enough terms. They give the change from sample to sample. Those that the
+/// samples do not determine are left out.
+pub(super) fn learn(samples: &DiscreteSamples, history: usize) -> Vec<LearnedDiscrete> {
+    let all = (1..=history.min(LONGEST)).flat_map(|length| DEGREES.map(|degree| (length, degree)));
+    all.filter_map(|(length, degree)| of_degree(samples, [length; 2], degree)).collect()
+}
+
+fn of_degree(samples: &DiscreteSamples, history: [usize; 2], degree: u8) -> Option<LearnedDiscrete> {
+    let rows = changes(samples, history);
+    if terms(rows.inputs, degree) > MOST_TERMS || terms(rows.inputs, degree) > rows.len() {
+        return None;
+    }
+    let model = Polynomial { degree: Some(degree), alpha: PENALTY, ..Polynomial::default() };
+    let Ok(Fitted::Formula(polynomial)) = model.fit(&rows, 0) else { return None };
+    let outputs = rows.outputs;
+    // the outputs of the last sample are the first columns
+    let last = (0..outputs * rows.inputs).map(|place| f64::from(u8::from(place / rows.inputs == place % rows.inputs)));
+    let graph = Graph::of_samples(rows.inputs, last.collect(), vec![0.0; outputs], Some(polynomial));
+    Some(LearnedDiscrete::solved(graph, history))
+}
+
+/// The columns of each sample, and how far the next outputs are from those of the sample.
+fn changes(samples: &DiscreteSamples, history: [usize; 2]) -> StandardizedRows {
+    let found = samples.regressors(&samples.training, history);
+    let change = |(row, next): (&Vec<f64>, &Vec<f64>)| next.iter().zip(row).map(|(next, now)| next - now).collect();
+    let y: Vec<Vec<f64>> = found.inputs.iter().zip(&found.outputs).map(change).collect();
+    let mut scaling = samples.scaling(history);
+    scaling.output_mean.fill(0.0);
+    let [inputs, outputs] = [scaling.input_mean.len(), scaling.output_mean.len()];
+    StandardizedRows { inputs, outputs, x: found.inputs.concat(), y: y.concat(), scaling }
+}
+
+/// Number of products of powers of so many columns with a sum of at most `degree`.
+fn terms(columns: usize, degree: u8) -> usize {
+    (1..=usize::from(degree)).fold(1, |terms, k| terms * (columns + k) / k)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn terms_are_those_of_pascals_triangle() {
+        assert_eq!([terms(3, 5), terms(2, 1), terms(6, 3), terms(1, 7)], [56, 3, 84, 8]);
+    }
+}
