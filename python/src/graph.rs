@@ -123,10 +123,13 @@ impl PyGraph {
         self.made(made)
     }
 
-    /// The network of a surrogate, as steps: that of a regressor of ours in a pipeline.
-    fn network(&mut self, of: usize, surrogate: &PySurrogate) -> PyResult<usize> {
-        let network = surrogate.surrogate.network();
-        let ScaledNetwork { scaling, layers } = network.ok_or_else(|| refused("no network"))?;
+    /// Outputs of a surrogate without states, as steps: that of a regressor of ours in a pipeline.
+    fn surrogate(&mut self, of: usize, surrogate: &PySurrogate) -> PyResult<usize> {
+        surrogate.stateless()?;
+        let Some(ScaledNetwork { scaling, layers }) = surrogate.surrogate.network() else {
+            let made = self.of(&[of])?.append(of, &surrogate.surrogate.program().graph);
+            return self.made(made);
+        };
         let builder = self.of(&[of])?;
         lengths("columns", builder.width(of), scaling.input_mean.len())?;
         let made = (|| {

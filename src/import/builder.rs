@@ -100,6 +100,25 @@ impl Builder {
         self.add(Step::Columns { columns }, width)
     }
 
+    /// Outputs of another graph, whose columns are a value.
+    ///
+    /// # Errors
+    /// As [`Builder::add`], and if the value has not as many numbers as the graph has columns.
+    pub fn append(&mut self, of: usize, graph: &Graph) -> Result<usize, String> {
+        let widths = graph.widths().map_err(|error| error.to_string())?;
+        if self.width(of) != graph.inputs {
+            return Err(format!("{} columns, expected {}", self.width(of), graph.inputs));
+        }
+        let before = self.steps.len();
+        let mut last = of;
+        for (step, width) in graph.steps.iter().zip(&widths[1..]) {
+            let mut step = step.clone();
+            rename(&mut step, |value| if value == 0 { of } else { before + value });
+            last = self.add(step, *width)?;
+        }
+        Ok(last)
+    }
+
     /// The same graph of other columns: those that it had are what `first` makes of them.
     #[must_use]
     pub fn after(self, inputs: usize, first: Step) -> Self {

@@ -179,6 +179,30 @@ fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
 }
 
 #[test]
+fn a_graph_is_appended_to_a_value() {
+    let mut inner = Builder::new(2);
+    let first = affine(&mut inner, 0, 3, 1);
+    let second = inner.elementwise(first, Elementwise::Exponential, Vec::new()).unwrap();
+    let inner = inner.unsimplified(vec![[second as u32, 2], [0, 1], [first as u32, 0]]);
+    let mut outer = Builder::new(3);
+    let before = affine(&mut outer, 0, 2, 5);
+    assert!(outer.append(0, &inner).unwrap_err().contains("3 columns, expected 2"));
+    let value = outer.append(before, &inner).unwrap();
+    assert_eq!(outer.width(value), 3);
+    let behind = affine(&mut outer, value, 2, 7);
+    let whole = outer.unsimplified(vec![[behind as u32, 0], [value as u32, 1]]);
+    let mut alone = [Builder::new(3), Builder::new(3)];
+    let value = affine(&mut alone[0], 0, 2, 5);
+    affine(&mut alone[1], 0, 2, 7);
+    let [first, last] = alone;
+    let first = first.unsimplified(vec![[value as u32, 0], [value as u32, 1]]);
+    let last = last.unsimplified(vec![[value as u32, 0]]);
+    let point = [0.15, 0.3, 1.0];
+    let between = inner.evaluate(&first.evaluate(&[point])).remove(0);
+    assert_eq!(whole.evaluate(&[point]).remove(0), [last.evaluate(&[&between[..]])[0][0], between[1]]);
+}
+
+#[test]
 fn a_graph_that_is_too_large_is_refused() {
     let mut builder = Builder::new(3);
     let mut value = 0;

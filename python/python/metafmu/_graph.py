@@ -54,10 +54,10 @@ class Graph:
         self._note("affine", of, weight, bias)
         return self._core.affine(of, weight, bias, bool(single))
 
-    def network(self, of, surrogate):
-        """What a surrogate that is a network makes of a value with a number for each of its inputs."""
-        self._note("network", of, surrogate.content_digest)
-        return self._core.network(of, surrogate._core)
+    def surrogate(self, of, surrogate):
+        """Outputs of a surrogate without states at a value with a number for each of its inputs."""
+        self._note("surrogate", of, surrogate.content_digest)
+        return self._core.surrogate(of, surrogate._core)
 
     def elementwise(self, of, function, *parameters):
         """A function of each number, one of ``Graph.FUNCTIONS``; each parameter is a number, or one for each number of the value."""

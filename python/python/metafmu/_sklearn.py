@@ -387,7 +387,7 @@ def _mlp(graph, estimator, value):
 
 @_reads("Regressor")
 def _regressor(graph, estimator, value):
-    return graph.network(value, estimator.to_surrogate())
+    return graph.surrogate(value, estimator.to_surrogate())
 
 
 def _kernel_of_vectors(graph, value, vectors, kernel, gamma, coef0, degree):
