@@ -103,13 +103,7 @@ impl FitTask {
 
     /// Fits and predicts. A panic is a failure like any other.
     pub fn perform(&self) -> FitResult {
-        let performed = catch_unwind(AssertUnwindSafe(|| self.fit_and_predict()));
-        let result = performed.unwrap_or_else(|panic| {
-            let text = panic.downcast_ref::<String>().cloned();
-            let text = text.or_else(|| panic.downcast_ref::<&str>().map(|&text| text.to_owned()));
-            Err(format!("the library panicked: {}", text.unwrap_or_default()))
-        });
-        match result {
+        match caught(|| self.fit_and_predict()) {
             Ok((fit, predictions)) if predictions.iter().all(|value| value.is_finite()) => {
                 FitResult { result: Ok(fit), predictions }
             }
@@ -177,6 +171,18 @@ impl FitResult {
         let ResultHeader { result, predictions } = read_line(&mut from)?;
         Ok(Self { result, predictions: read_numbers(&mut from, predictions)? })
     }
+}
+
+/// Result of a library's function; a panic is a failure like any other.
+///
+/// # Errors
+/// That of the function, or the message of the panic.
+pub fn caught<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
+        let text = panic.downcast_ref::<String>().cloned();
+        let text = text.or_else(|| panic.downcast_ref::<&str>().map(|&text| text.to_owned()));
+        Err(format!("the library panicked: {}", text.unwrap_or_default()))
+    })
 }
 
 /// Does one task and ends; the process ends with [`TOO_SLOW`] after the time budget.

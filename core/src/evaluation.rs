@@ -64,9 +64,9 @@ impl OutputMetrics {
 pub enum TestRows {
     /// Rows that were given for it.
     Given,
-    /// Those that were held out of the training and of the choice of its best epoch.
+    /// Those that were held out of the fit, and of the choice of the kind of model and of the best epoch.
     HeldOut,
-    /// All of them, each predicted by a network that was trained without it: cross-validation.
+    /// All of them, each predicted by a model that was fitted without it: cross-validation.
     CrossValidated,
 }
 

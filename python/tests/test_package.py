@@ -418,6 +418,95 @@ def test_defaults_are_good_enough_for_few_rows_and_many(rows):
     assert model.score(unseen, unseen[:, 0] ** 3 + unseen[:, 1]) > 0.999
 
 
+def smooth(x):
+    return np.stack([np.sin(2 * x[:, 0]) + np.cos(x[:, 1]), x[:, 0] * x[:, 1]], axis=1)
+
+
+def relative_rmse(surrogate, x, y):
+    return np.sqrt(np.mean((surrogate.predict(x) - y) ** 2, axis=0)) / y.std(axis=0)
+
+
+def test_a_smooth_function_of_few_rows_is_a_gaussian_process(agrees, tmp_path):
+    random = np.random.default_rng(3)
+    x, unseen = random.uniform(-1, 1, (60, 2)), random.uniform(-1, 1, (1000, 2))
+    surrogate = metafmu.fit(x, smooth(x), outputs=["a", "b"])
+    assert surrogate.model == "gaussian-process", surrogate.candidates
+    assert [row["model"] for row in surrogate.candidates] == ["polynomial", "gaussian-process", "network"]
+    assert all(row["one_minus_r2"] > 0 and row["fit_seconds"] > 0 and row["note"] == "" for row in surrogate.candidates)
+    network = metafmu.fit(x, smooth(x), outputs=["a", "b"], model="network")
+    assert network.model == "network" and len(network.candidates) == 1
+    errors = [relative_rmse(model, unseen, smooth(unseen)) for model in (surrogate, network)]
+    assert (10 * errors[0] < errors[1]).all(), errors
+    measured = [surrogate.accuracy[name]["rmse"] for name in "ab"] / smooth(x).std(axis=0)
+    assert (measured < 10 * errors[0]).all() and (measured > errors[0] / 3).all(), (measured, errors[0])
+    agrees(surrogate, unseen[:200], surrogate.predict(unseen[:200]), 1e-9)
+    again = pickle.loads(pickle.dumps(surrogate))
+    assert (again.model, again.candidates) == (surrogate.model, surrogate.candidates)
+    loaded = metafmu.Surrogate.load(surrogate.export(tmp_path / "x.fmu", sources=True)[0])
+    assert np.array_equal(loaded.predict(x), surrogate.predict(x)) and loaded.model is None and loaded.candidates == []
+    # the same rows and seed make the same model
+    assert metafmu.fit(x, smooth(x), outputs=["a", "b"]) == surrogate
+
+
+def test_a_gaussian_process_is_exported_as_onnx_and_read_in_a_pipeline(agrees, tmp_path):
+    pytest.importorskip("sklearn")
+    runtime = pytest.importorskip("onnxruntime")
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    x = np.random.default_rng(3).uniform([3, -1], [4, 1], (60, 2))
+    y = smooth(x - [3.5, 0])[:, 0]
+    model = make_pipeline(StandardScaler(), metafmu.Regressor(model="gaussian-process")).fit(x, y)
+    surrogate = metafmu.from_sklearn(model, data=x)
+    agrees(surrogate, x, model.predict(x), 1e-9)
+    surrogate.to_onnx(tmp_path / "x.onnx")
+    session = runtime.InferenceSession(tmp_path / "x.onnx")
+    [found] = session.run(None, {session.get_inputs()[0].name: x})
+    assert np.abs(found[:, 0] - model.predict(x)).max() < 1e-9 * np.ptp(y)
+
+
+@pytest.mark.filterwarnings("ignore::metafmu.AccuracyWarning")
+@pytest.mark.parametrize("rows", [40, 1200])
+def test_of_noisy_rows_the_choice_is_about_as_good_as_the_best_candidate(rows):
+    random = np.random.default_rng(5)
+    x, unseen = random.normal(size=(rows, 3)), random.normal(size=(4000, 3))
+    truth = lambda x: (x @ [1.0, -2.0, 0.5])[:, None]
+    noisy = lambda x: truth(x) + 0.3 * random.normal(size=(len(x), 1))
+    y, of_unseen = noisy(x), noisy(unseen)
+    errors = {model: relative_rmse(metafmu.fit(x, y, model=model, random_state=1), unseen, of_unseen)[0] for model in ("auto", "polynomial", "network")}
+    if rows <= 1000:
+        errors["gaussian-process"] = relative_rmse(metafmu.fit(x, y, model="gaussian-process"), unseen, of_unseen)[0]
+    assert errors["auto"] <= 1.1 * min(errors.values()), errors
+
+
+def test_parameters_of_networks_make_a_network_unless_a_model_is_given(rows):
+    x, y = rows
+    few = {"hidden": (4,), "epochs": 3}
+    kind = lambda **options: metafmu.Regressor(**options).fit(x, y)
+    assert kind(**few).model_ == "network"
+    auto = kind(model="auto", **few)
+    assert len(auto.candidates_) == 3 and auto.model_ == "gaussian-process"
+    assert auto.history_["epochs"] == 0 and auto.history_["best_epoch"] is None and auto.history_["train_loss"] == auto.history_["validation_loss"] == []
+    assert kind(hidden=[64, 64], model="ridge", validation=0.3, random_state=3).model_ == "ridge"
+    wrong = [
+        ({"model": "knn"}, "model: `knn`, expected one of auto, network, linear, ridge, .*, gaussian-process"),
+        ({"model": 3}, "model: 3, expected None or a text"),
+        ({"model": "svr", **few}, 'hidden, epochs: belongs to networks, expected the default with model="svr"'),
+    ]
+    for options, message in wrong:
+        with pytest.raises(metafmu.Error, match=message):
+            kind(**options)
+
+
+@pytest.mark.filterwarnings("ignore::metafmu.AccuracyWarning")
+@pytest.mark.parametrize("count", [1, 2, 3, 6])
+def test_a_few_rows_are_fitted(count, rows):
+    x, y = rows[0][:count], rows[1][:count]
+    surrogate = metafmu.fit(x, y)
+    assert surrogate.model in [row["model"] for row in surrogate.candidates]
+    assert np.isfinite(surrogate.predict(rows[0])).all() and (surrogate.accuracy is None) == (count == 1)
+
+
 def test_the_estimator_is_one_of_scikit_learn(rows):
     pytest.importorskip("sklearn")
     from sklearn.base import clone
@@ -439,6 +528,7 @@ def test_the_estimator_is_one_of_scikit_learn(rows):
 def test_scikit_learns_own_checks_pass():
     checks = pytest.importorskip("sklearn.utils.estimator_checks")
     checks.check_estimator(metafmu.Regressor(hidden=(16,), epochs=100, batch=16))
+    checks.check_estimator(metafmu.Regressor(model="gaussian-process"))
 
 
 def test_the_command_is_installed(tmp_path):

@@ -159,11 +159,11 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     let measured = match (rows, seen_until) {
         (Some(TestRows::Given), _) => format!("{test_rows} rows that were given for it"),
         (Some(TestRows::HeldOut), _) => {
-            format!("{test_rows} rows that were held out of the training and of the choice of its best epoch")
+            format!("{test_rows} rows that were held out of the training and of every choice")
         }
         (Some(TestRows::CrossValidated), _) => {
             format!(
-                "{test_rows} rows, each predicted by a network that was trained in the same way without it (cross-validation)"
+                "{test_rows} rows, each predicted by a model that was fitted in the same way without it (cross-validation)"
             )
         }
         (None, Some(stop)) => format!("{runs}, the rows up to {stop} s of which it was learned from"),

@@ -1,4 +1,4 @@
-"""Networks that are trained here."""
+"""Models that are fitted here: networks, Gaussian processes, polynomials and so on."""
 
 from __future__ import annotations
 
@@ -73,26 +73,38 @@ class AccuracyWarning(UserWarning):
     """A surrogate that predicts hardly better than a mean does."""
 
 
-_PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "validation", "random_state", "training", "verbose")
+_PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "validation", "random_state", "training", "verbose", "model")
+# parameters of networks, which only a network can have in other than the default
+_OF_NETWORKS = {"hidden": (64, 64), "activation": "tanh", "epochs": None, "batch": 256, "learning_rate": 5e-3, "training": None}
 
 
 class Regressor(RegressorMixin, BaseEstimator):
-    """A feed-forward network, trained by SOAP in single precision: an estimator of scikit-learn, if that is installed.
+    """A model of rows: a network, a Gaussian process, a polynomial or another kind. An estimator of scikit-learn, if that is installed.
 
-    ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid, relu, gelu, silu or sine; ``epochs``: passes over the rows at most,
-    unless given 150, of few rows as many as make 2000 steps; ``batch``: rows of a step; ``validation``: share of the rows that is held out to choose the best epoch; ``random_state``: an
-    integer, 0 unless given; ``training``: further keys of `[training]` in a study file, as a dict; ``verbose``: lines of progress on stderr.
+    ``model``: ``"auto"`` compares a polynomial, a Gaussian process (of up to 1000 rows) and a network on rows that they were not fitted to, and fits the best
+    to all rows; ``"network"``; or the name of a baseline: ``"gaussian-process"``, ``"polynomial"``, ``"linear"``, ``"ridge"``, ``"lasso"``, ``"elastic-net"``,
+    ``"svr"``, ``"decision-tree"``, ``"random-forest"``, ``"extra-trees"``, ``"gradient-boosting"``, with its default options. Unless given it is ``"auto"``,
+    or ``"network"`` if one of the parameters of networks has another value than the default.
 
-    >>> model = metafmu.Regressor(hidden=(32, 32)).fit(X, y)
+    Parameters of networks, feed-forward ones that are trained by SOAP in single precision: ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid,
+    relu, gelu, silu or sine; ``epochs``: passes over the rows at most, unless given 150, of few rows as many as make 2000 steps; ``batch``: rows of a step;
+    ``learning_rate``; ``training``: further keys of `[training]` in a study file, as a dict.
+
+    ``validation``: share of the rows that is held out to choose the best epoch, and of 1000 or more rows the kind of model; ``random_state``: an
+    integer, 0 unless given; ``verbose``: lines of progress on stderr.
+
+    >>> model = metafmu.Regressor().fit(X, y)
+    >>> model.model_                            # "gaussian-process", say
     >>> model.score(X_test, y_test)
     >>> model.export("model.fmu")
 
-    After `fit` there are `surrogate_`, `history_` (a dict with the losses of each epoch), `n_features_in_` and, of a DataFrame,
-    `feature_names_in_`.
+    After `fit` there are `surrogate_`, `model_` (the kind of model), `candidates_` (a list of dicts: ``model``, ``one_minus_r2``, the mean over outputs of 1 - R² on
+    unseen rows, ``fit_seconds`` and ``note``), `history_` (a dict with the losses of each epoch, lists without items of other models than networks),
+    `n_features_in_` and, of a DataFrame, `feature_names_in_`.
     """
 
     def __init__(self, hidden=(64, 64), activation="tanh", epochs=None, batch=256, learning_rate=5e-3, validation=0.1, random_state=None,
-                 training=None, verbose=False):
+                 training=None, verbose=False, model=None):
         self.hidden = hidden
         self.activation = activation
         self.epochs = epochs
@@ -102,6 +114,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         self.random_state = random_state
         self.training = training
         self.verbose = verbose
+        self.model = model
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -109,7 +122,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         return tags
 
     def fit(self, X, y):
-        """Trains the network on rows of inputs and of outputs, one or several columns."""
+        """Fits the model to rows of inputs and of outputs, one or several columns."""
         names = [str(name) for name in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
         _refuse_times(X, y)
         x, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
@@ -119,6 +132,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         features = getattr(self, "feature_names_in_", None)
         self._names = None if features is None else [str(name) for name in features], names if names and len(names) == columns.shape[1] else None
         self.surrogate_, self.history_ = self._trained(x, columns)
+        self.model_, self.candidates_ = self.surrogate_.model, self.surrogate_.candidates
         return self
 
     def _trained(self, x, y, measure=False, **about):
@@ -128,6 +142,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         inputs, outputs = self._names
         text, rows = interface(x.shape[1], y.shape[1], data=x, input_names=inputs, output_names=outputs, **about)
         options = {
+            "model": self._kind(),
             "network": {"hidden": [_whole(nodes, "hidden") for nodes in np.atleast_1d(np.asarray(self.hidden, dtype=object)).ravel()], "activation": self.activation},
             "training": {
                 "epochs": self._epochs(len(x)), "batch": _whole(self.batch, "batch"), "learning_rate": number(self.learning_rate, "learning_rate"),
@@ -140,7 +155,18 @@ class Regressor(RegressorMixin, BaseEstimator):
         }
         core, fit = _metafmu.fit(as_bytes(rows), np.ascontiguousarray(y).tobytes(), text, json.dumps(options), bool(self.verbose))
         fit = json.loads(fit)
-        return Surrogate(core, fit.pop("accuracy")), fit
+        return Surrogate(core, fit.pop("accuracy"), {key: fit.pop(key) for key in ("model", "candidates")}), fit
+
+    def _kind(self):
+        """The kind of model: of networks if a parameter of theirs is given."""
+        given = [name for name, default in _OF_NETWORKS.items() if not _is_same(getattr(self, name), default)]
+        if self.model is None:
+            return "network" if given else "auto"
+        if not isinstance(self.model, str):
+            raise _metafmu.Error(f"model: {self.model!r}, expected None or a text: \"auto\", \"network\", \"gaussian-process\", ...")
+        if given and self.model not in ("auto", "network"):
+            raise _metafmu.Error(f"{', '.join(given)}: belongs to networks, expected the default with model=\"{self.model}\"")
+        return self.model
 
     def _epochs(self, rows):
         if self.epochs is not None:
@@ -166,7 +192,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         return found[:, 0] if self._is_vector else found
 
     def to_surrogate(self):
-        """The trained network as a :class:`Surrogate`."""
+        """The fitted model as a :class:`Surrogate`."""
         check_is_fitted(self)
         return self.surrogate_
 
@@ -181,6 +207,12 @@ def _refuse_times(*arrays):
         kinds = np.ravel(np.array(getattr(array, "dtypes", getattr(array, "dtype", None)), dtype=object))
         if wrong := [kind for kind in kinds if getattr(kind, "kind", "f") in "mM"]:
             raise _metafmu.Error(f"rows of the type {wrong[0]}, expected real numbers")
+
+
+def _is_same(value, default):
+    if isinstance(default, tuple):
+        return isinstance(value, (tuple, list, np.ndarray)) and list(value) == list(default)
+    return value is None or value == {} if default is None else value == default
 
 
 def _whole(value, what):
@@ -202,16 +234,17 @@ def fit(
     domain: str = "data",
     **options: Any,
 ) -> Surrogate:
-    """Trains a network on rows of inputs and outputs; returns a :class:`Surrogate`.
+    """Fits a model to rows of inputs and outputs; returns a :class:`Surrogate`.
 
     ``X``, ``y``: arrays or DataFrames; ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts, those of the DataFrames unless
-    given; ``options``: those of :class:`Regressor`.
+    given; ``options``: those of :class:`Regressor`, among them ``model``: unless given the best of a polynomial, a Gaussian process and a network on unseen rows.
 
-    A share of the rows is held out: half of them choose the best epoch, the other half measure `Surrogate.accuracy`. Of fewer than 1000 rows the accuracy is
-    that of a five-fold cross-validation: each row is predicted by one of five further networks, which neither learned it nor was chosen by it. An
+    A share of the rows is held out: half of them choose the kind of model and the best epoch, the other half measure `Surrogate.accuracy`. Fewer than 1000 rows
+    choose and measure by five-fold cross-validation: each row is predicted by a model that was fitted without it, of the kind that the other folds choose. An
     :class:`AccuracyWarning` names outputs of which less than half of the variance is explained.
 
-    >>> surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], outputs={"force": "N"}, hidden=(32, 32))
+    >>> surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], outputs={"force": "N"})
+    >>> surrogate.model, surrogate.candidates       # the kind of model, and how the others compare
     >>> surrogate.accuracy["force"]["r2"]
     >>> surrogate.export("force.fmu")
     """

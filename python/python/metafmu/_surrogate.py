@@ -111,11 +111,13 @@ class Surrogate:
     >>> surrogate.export("model.fmu", fmi="both")
     """
 
-    def __init__(self, core, accuracy=None):
+    def __init__(self, core, accuracy=None, fit=None):
         self._core = core
         self._metadata = json.loads(core.metadata())
         # what was measured last, as the model card has it
         self._accuracy = accuracy
+        # kind of model and candidates of a fit
+        self._fit = fit
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Surrogate:
@@ -203,8 +205,8 @@ class Surrogate:
 
     @property
     def accuracy(self) -> dict[str, dict[str, float | None]] | None:
-        """What :meth:`evaluate` measured last; after :func:`metafmu.fit` the accuracy on rows that took part neither in the training nor in the choice of its best
-        epoch, of few rows by cross-validation. None if nothing was measured."""
+        """What :meth:`evaluate` measured last; after :func:`metafmu.fit` the accuracy on rows that took part neither in the fit nor in the choice of the kind of
+        model and of the best epoch, of few rows by cross-validation. None if nothing was measured."""
         if self._accuracy is None:
             return None
         figures = {}
@@ -213,6 +215,17 @@ class Surrogate:
             if self._accuracy["rows"] == "given":
                 figures[name]["worst_row"] = of["worst_run"]
         return figures
+
+    @property
+    def model(self) -> str | None:
+        """Kind of model after :func:`metafmu.fit`: ``"network"``, ``"gaussian-process"`` and so on; None of other surrogates, and if it was loaded from a file."""
+        return self._fit["model"] if self._fit else None
+
+    @property
+    def candidates(self) -> list[dict[str, Any]]:
+        """Kinds of model that :func:`metafmu.fit` compared, a dict for each: ``model``, ``one_minus_r2`` (the mean over outputs of 1 - R² on rows that it was not
+        fitted to, or None), ``fit_seconds`` and ``note``. Empty where `model` is None."""
+        return [dict(row) for row in self._fit["candidates"]] if self._fit else []
 
     def simulate(self, time: Any, inputs: Any = None, parameters: Mapping[str, float] | None = None) -> np.ndarray:
         """Outputs of shape (times, outputs) of a surrogate with states, which begins at the first of the times.
@@ -274,7 +287,7 @@ class Surrogate:
         self._core.to_onnx(os.fspath(path))
 
     def __reduce__(self):
-        return _from_bytes, (self._core.to_bytes(), self._accuracy)
+        return _from_bytes, (self._core.to_bytes(), self._accuracy, self._fit)
 
     def __eq__(self, other):
         return isinstance(other, Surrogate) and self.content_digest == other.content_digest
@@ -304,5 +317,5 @@ def _driving(inputs, names, count):
     return rows
 
 
-def _from_bytes(data, accuracy=None):
-    return Surrogate(_metafmu.Surrogate.from_bytes(data), accuracy)
+def _from_bytes(data, accuracy=None, fit=None):
+    return Surrogate(_metafmu.Surrogate.from_bytes(data), accuracy, fit)

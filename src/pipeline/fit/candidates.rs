@@ -1,0 +1,396 @@
+//! Kinds of model of a fit, and the choice among them by their errors on unseen rows.
+
+use super::{FEW_ROWS, FOLDS, RowSplit, Task, chosen};
+use crate::{
+    Error, Result,
+    baseline::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, comparison::NETWORK, worker},
+    diagnostics::names::listed,
+    scaling::of_columns,
+    training::Outcome,
+};
+use metafmu_runtime::{Graph, Scaling, graph::Step};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Name of the choice among the candidates.
+const AUTO: &str = "auto";
+
+/// Model that a fit makes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(try_from = "String")]
+pub enum ModelChoice {
+    /// The candidate with the smallest error on unseen rows: a polynomial, of up to 1000 rows a Gaussian process, or a network.
+    #[default]
+    Auto,
+    /// A given kind.
+    Only(ModelKind),
+}
+
+/// Kind of model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ModelKind {
+    /// A network with the options of the fit.
+    Network,
+    /// A baseline with its default options, in double precision.
+    Baseline(BaselineKind),
+}
+
+/// Candidates, the simplest first: it is the best of equal ones.
+const CANDIDATES: [ModelKind; 3] = [
+    ModelKind::Baseline(BaselineKind::Polynomial),
+    ModelKind::Baseline(BaselineKind::GaussianProcess),
+    ModelKind::Network,
+];
+
+impl ModelKind {
+    /// Its name: `network`, or that of the baseline.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Network => NETWORK,
+            Self::Baseline(kind) => kind.name(),
+        }
+    }
+
+    /// Kinds that can be exported: the prediction of nearest neighbors is no formula.
+    fn all() -> impl Iterator<Item = Self> {
+        let baselines = BaselineKind::ALL.into_iter().filter(|kind| *kind != BaselineKind::Knn);
+        [Self::Network].into_iter().chain(baselines.map(Self::Baseline))
+    }
+
+    /// Largest number of rows that it can be fitted to.
+    fn most_rows(self) -> usize {
+        let of_baseline = |kind| baseline::model(&Baselines::default(), kind).most_rows();
+        match self {
+            Self::Network => None,
+            Self::Baseline(kind) => of_baseline(kind),
+        }
+        .unwrap_or(usize::MAX)
+    }
+}
+
+impl TryFrom<String> for ModelChoice {
+    type Error = String;
+
+    fn try_from(name: String) -> std::result::Result<Self, String> {
+        let found = ModelKind::all().find(|kind| kind.name() == name).map(Self::Only);
+        found.or((name == AUTO).then_some(Self::Auto)).ok_or_else(|| {
+            let names: Vec<&str> = [AUTO].into_iter().chain(ModelKind::all().map(ModelKind::name)).collect();
+            format!("model: `{name}`, expected one of {}", listed(&names))
+        })
+    }
+}
+
+/// Row of a candidate in the choice.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Candidate {
+    /// Its kind: `network`, or the name of a baseline.
+    pub model: &'static str,
+    /// Mean over outputs of `1 - R²` on rows that it was not fitted to; None if it was not measured.
+    pub one_minus_r2: Option<f64>,
+    /// Seconds of fitting, of a cross-validation the sum over its folds; None if it was not fitted.
+    pub fit_seconds: Option<f64>,
+    /// Remark, or the reason why it was not fitted; else empty.
+    pub note: String,
+}
+
+impl Candidate {
+    fn new(kind: ModelKind, note: String) -> Self {
+        Self { model: kind.name(), one_minus_r2: None, fit_seconds: None, note }
+    }
+
+    /// One line for people.
+    fn summary(&self) -> String {
+        match (self.one_minus_r2, self.fit_seconds) {
+            (Some(error), Some(seconds)) => {
+                format!("{}: 1 - R² {error:.1e} on unseen rows, fitted in {seconds:.2} s", self.model)
+            }
+            _ => format!("{}: {}", self.model, self.note),
+        }
+    }
+}
+
+/// A fitted model.
+pub(super) struct FittedModel {
+    pub(super) graph: Graph,
+    /// Training of a network.
+    pub(super) outcome: Option<Outcome>,
+    /// Number of rows that it was fitted to.
+    pub(super) rows: usize,
+    seconds: f64,
+}
+
+/// Model of a fit, and how it was chosen.
+pub(super) struct Choice {
+    pub(super) kind: ModelKind,
+    pub(super) model: FittedModel,
+    pub(super) candidates: Vec<Candidate>,
+    /// Prediction of each row by a model that was neither fitted to it nor chosen by it; None without cross-validation.
+    pub(super) unseen: Option<Vec<Vec<f64>>>,
+}
+
+/// Candidate with its predictions of unseen rows, by row number, empty where there is none.
+struct Trial {
+    kind: ModelKind,
+    row: Candidate,
+    predictions: Option<Vec<Vec<f64>>>,
+    /// The model, if no further rows are left to fit it to.
+    model: Option<FittedModel>,
+}
+
+impl Task<'_> {
+    /// A model of a given kind, and its cross-validated predictions if they measure the accuracy.
+    pub(super) fn only(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<Choice> {
+        let named = |error| match error {
+            Error::Import { problems, .. } => self.refusal(vec![format!("{}: {}", kind.name(), problems.join("; "))]),
+            error => error,
+        };
+        let model = self.fitted(kind, parts, true).map_err(named)?;
+        let mut row = Candidate::new(kind, limit_note(kind, parts.usable().len()));
+        row.fit_seconds = Some(model.seconds);
+        let is_measured = self.options.measure && parts.judging.is_empty() && order.len() > 1 && !self.is_stopped();
+        let unseen = match is_measured {
+            true => {
+                let folds = FOLDS.min(order.len());
+                self.note(format_args!("accuracy: {folds} further fits, each without a part of the rows"));
+                self.cross_validated(kind, order).map_err(named)?.map(|(predictions, _)| predictions)
+            }
+            false => None,
+        };
+        row.one_minus_r2 = unseen.as_ref().map(|found| Errors::of(self.outputs, order).mean(found, order));
+        Ok(Choice { kind, model, candidates: vec![row], unseen })
+    }
+
+    /// The candidate with the smallest error on unseen rows, fitted to all rows but those that judge. Few rows are unseen in turn, by
+    /// cross-validation; of many those are that choose the best epoch of a network.
+    pub(super) fn best(&self, order: &[usize], parts: RowSplit) -> Result<Choice> {
+        let is_few = order.len() < FEW_ROWS;
+        let compared = if is_few { order } else { parts.choosing };
+        let errors = Errors::of(self.outputs, &parts.usable());
+        let mut trials = Vec::new();
+        for kind in CANDIDATES {
+            let mut trial = match self.trial(kind, order, parts) {
+                Ok(trial) => trial,
+                Err(error) => Trial::failed(kind, reason(error)),
+            };
+            if self.is_stopped() {
+                return Err(Error::Interrupted);
+            }
+            trial.row.one_minus_r2 = trial.predictions.as_ref().map(|found| errors.mean(found, compared));
+            self.note(format_args!("{}", trial.row.summary()));
+            trials.push(trial);
+        }
+        let measured: Vec<&[Vec<f64>]> = trials.iter().filter_map(|trial| trial.predictions.as_deref()).collect();
+        let unseen = (is_few && !measured.is_empty()).then(|| judged(self.outputs, &measured, order));
+        let mut ranking: Vec<usize> = (0..trials.len()).filter(|place| trials[*place].predictions.is_some()).collect();
+        let error = |place: &usize| trials[*place].row.one_minus_r2.unwrap_or(f64::INFINITY);
+        ranking.sort_by(|a, b| error(a).total_cmp(&error(b)));
+        for place in ranking {
+            let kind = trials[place].kind;
+            let fitted = match trials[place].model.take() {
+                Some(model) => Ok(model),
+                None => self.fitted(kind, parts, true),
+            };
+            match fitted {
+                Ok(model) => {
+                    self.note(format_args!("{} has the smallest error", kind.name()));
+                    let candidates = trials.into_iter().map(|trial| trial.row).collect();
+                    return Ok(Choice { kind, model, candidates, unseen });
+                }
+                Err(Error::Interrupted) => return Err(Error::Interrupted),
+                Err(error) => trials[place].row.note = format!("with all rows: {}", reason(error)),
+            }
+        }
+        Err(self.refusal(trials.iter().map(|Trial { row, .. }| format!("{}: {}", row.model, row.note)).collect()))
+    }
+
+    fn trial(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<Trial> {
+        let (rows, most) = (order.len(), kind.most_rows());
+        if kind == ModelKind::Baseline(BaselineKind::GaussianProcess) && rows > most {
+            return Ok(Trial::failed(kind, format!("{rows} rows, expected at most {most}")));
+        }
+        let note = limit_note(kind, parts.usable().len());
+        let (predictions, seconds, model) = if rows < FEW_ROWS {
+            let (predictions, seconds) = self.cross_validated(kind, order)?.ok_or(Error::Interrupted)?;
+            (predictions, seconds, None)
+        } else {
+            let fitted_to = match kind {
+                ModelKind::Network => parts,
+                ModelKind::Baseline(_) => RowSplit { choosing: &[], ..parts },
+            };
+            let model = self.fitted(kind, fitted_to, true)?;
+            let found = model.graph.evaluate(&chosen(self.inputs, parts.choosing));
+            let mut predictions = vec![Vec::new(); rows];
+            parts.choosing.iter().zip(found).for_each(|(row, values)| predictions[*row] = values);
+            (predictions, model.seconds, (kind == ModelKind::Network).then_some(model))
+        };
+        if !predictions.iter().flatten().all(|value| value.is_finite()) {
+            return Ok(Trial::failed(kind, "its predictions are not finite".into()));
+        }
+        let row = Candidate { fit_seconds: Some(seconds), ..Candidate::new(kind, note) };
+        Ok(Trial { kind, row, predictions: Some(predictions), model })
+    }
+
+    /// A model of the rows of a split; of a network the progress is reported if `is_shown`.
+    fn fitted(&self, kind: ModelKind, parts: RowSplit, is_shown: bool) -> Result<FittedModel> {
+        let began = Instant::now();
+        let (graph, outcome, rows) = match kind {
+            ModelKind::Network => {
+                let (network, outcome) = self.network(parts, is_shown)?;
+                (Graph::from(&network), Some(outcome.completed()?), parts.seen.len())
+            }
+            ModelKind::Baseline(kind) => {
+                let fitted = self.baseline(kind, &parts.usable());
+                let (graph, rows) = fitted.map_err(|problem| self.refusal(vec![problem]))?;
+                (graph, None, rows)
+            }
+        };
+        Ok(FittedModel { graph, outcome, rows, seconds: began.elapsed().as_secs_f64() })
+    }
+
+    /// Predictions of all rows, each by a model that neither learned it nor chose its best epoch by it, and seconds of fitting; None if
+    /// the work was stopped. The folds are fitted side by side, each by one thread.
+    fn cross_validated(&self, kind: ModelKind, order: &[usize]) -> Result<Option<(Vec<Vec<f64>>, f64)>> {
+        type Fold = (Vec<(usize, Vec<f64>)>, f64);
+        let folds = FOLDS.min(order.len());
+        let of_fold = |fold: usize| -> Result<Fold> {
+            if self.is_stopped() {
+                return Ok((Vec::new(), 0.0));
+            }
+            let (judging, rest) = fold_rows(order, fold, folds);
+            let model = self.fitted(kind, RowSplit::of(&rest, &self.options.training, false), false)?;
+            let predictions = model.graph.evaluate(&chosen(self.inputs, &judging));
+            Ok((judging.into_iter().zip(predictions).collect(), model.seconds))
+        };
+        // of few rows a step is too short for several threads
+        let alone = |fold| match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
+            Ok(pool) => pool.install(|| of_fold(fold)),
+            Err(_) => of_fold(fold),
+        };
+        let found: Result<Vec<Fold>> = (0..folds).into_par_iter().map(alone).collect();
+        if self.is_stopped() {
+            return Ok(None);
+        }
+        let (mut predictions, mut seconds) = (vec![Vec::new(); order.len()], 0.0);
+        for (found, of_fold) in found? {
+            found.into_iter().for_each(|(row, values)| predictions[row] = values);
+            seconds += of_fold;
+        }
+        Ok(Some((predictions, seconds)))
+    }
+
+    /// A baseline of some rows, and the number of rows that it was fitted to. An output that is constant in them stays that constant.
+    fn baseline(&self, kind: BaselineKind, which: &[usize]) -> std::result::Result<(Graph, usize), String> {
+        let (x, y) = (chosen(self.inputs, which), chosen(self.outputs, which));
+        let (Some(first), Some(constants)) = (x.first(), y.first()) else { return Err("no rows".into()) };
+        let inputs = first.len();
+        let varying: Vec<usize> =
+            (0..constants.len()).filter(|output| y.iter().any(|row| row[*output] != constants[*output])).collect();
+        if varying.is_empty() {
+            return Ok((with_constants(Graph { inputs, steps: Vec::new() }, &varying, constants), which.len()));
+        }
+        let varying_outputs = |row: &Vec<f64>| varying.iter().map(|output| row[*output]).collect::<Vec<_>>();
+        let of_varying: Vec<Vec<f64>> = y.iter().map(varying_outputs).collect();
+        let ((input_mean, input_scale), (output_mean, output_scale)) = (of_columns(&x), of_columns(&of_varying));
+        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+        let rows = StandardizedRows::new(x.concat(), of_varying.concat(), scaling);
+        let (options, seed) = (Baselines::default(), self.options.seed);
+        let model = baseline::model(&options, kind);
+        let rows = choose_rows(&rows, model.most_rows(), seed);
+        let graph = match worker::caught(|| model.fit(&rows, seed))? {
+            Fitted::Formula(graph) => graph,
+            Fitted::Library(model) => return Err(model.not_exportable.into()),
+        };
+        graph.check(inputs, varying.len()).map_err(|error| error.to_string())?;
+        Ok((with_constants(graph, &varying, constants), rows.len()))
+    }
+
+    fn refusal(&self, problems: Vec<String>) -> Error {
+        Error::Import { path: self.path.to_owned(), problems }
+    }
+}
+
+impl Trial {
+    fn failed(kind: ModelKind, note: String) -> Self {
+        Self { kind, row: Candidate::new(kind, note), predictions: None, model: None }
+    }
+}
+
+/// Reason of a failure, without the name of the surrogate.
+fn reason(error: Error) -> String {
+    match error {
+        Error::Import { problems, .. } => problems.join("; "),
+        error => error.to_string(),
+    }
+}
+
+fn limit_note(kind: ModelKind, rows: usize) -> String {
+    let most = kind.most_rows();
+    if rows > most { format!("fitted to {most} of {rows} rows") } else { String::new() }
+}
+
+/// Rows of a fold of a cross-validation, and those of the others.
+fn fold_rows(order: &[usize], fold: usize, folds: usize) -> (Vec<usize>, Vec<usize>) {
+    let (of_fold, others): (Vec<_>, Vec<_>) = order.iter().enumerate().partition(|(place, _)| place % folds == fold);
+    let rows = |of: Vec<(usize, &usize)>| of.into_iter().map(|(_, row)| *row).collect();
+    (rows(of_fold), rows(others))
+}
+
+/// Predictions of all rows, those of each fold by the candidate that the other folds choose.
+pub(super) fn judged(outputs: &[Vec<f64>], candidates: &[&[Vec<f64>]], order: &[usize]) -> Vec<Vec<f64>> {
+    let folds = FOLDS.min(order.len());
+    let mut predictions = vec![Vec::new(); order.len()];
+    for fold in 0..folds {
+        let (judging, others) = fold_rows(order, fold, folds);
+        let errors = Errors::of(outputs, &others);
+        let error = |candidate: &[Vec<f64>]| errors.mean(candidate, &others);
+        let best = candidates.iter().min_by(|a, b| error(a).total_cmp(&error(b)));
+        for (row, best) in judging.into_iter().zip(best.into_iter().cycle()) {
+            predictions[row].clone_from(&best[row]);
+        }
+    }
+    predictions
+}
+
+/// The graph with constants for the outputs that are not among the `varying` ones.
+fn with_constants(mut graph: Graph, varying: &[usize], constants: &[f64]) -> Graph {
+    if varying.len() == constants.len() {
+        return graph;
+    }
+    let of = graph.steps.len();
+    let width = if varying.is_empty() { graph.inputs } else { varying.len() };
+    let (mut weight, mut bias) = (vec![0.0; constants.len() * width], constants.to_vec());
+    for (column, output) in varying.iter().enumerate() {
+        weight[output * width + column] = 1.0;
+        bias[*output] = 0.0;
+    }
+    graph.steps.push(Step::Affine { of, weight: weight.into(), bias: bias.into() });
+    graph
+}
+
+/// Errors of predictions relative to the variance of each output.
+struct Errors<'a> {
+    outputs: &'a [Vec<f64>],
+    /// Outputs that vary, and their variances.
+    variances: Vec<(usize, f64)>,
+}
+
+impl<'a> Errors<'a> {
+    /// With the variances in some rows.
+    fn of(outputs: &'a [Vec<f64>], rows: &[usize]) -> Self {
+        let values = chosen(outputs, rows);
+        let varies = |output: &usize| values.iter().any(|row| row[*output] != values[0][*output]);
+        let (_, deviations) = of_columns(&values);
+        let variances = deviations.iter().map(|deviation| deviation * deviation).enumerate();
+        Self { outputs, variances: variances.filter(|(output, _)| varies(output)).collect() }
+    }
+
+    /// Mean over the outputs that vary of `1 - R²` in some rows.
+    fn mean(&self, predictions: &[Vec<f64>], rows: &[usize]) -> f64 {
+        let of_output = |(output, variance): &(usize, f64)| {
+            let squares = rows.iter().map(|row| (predictions[*row][*output] - self.outputs[*row][*output]).powi(2));
+            squares.sum::<f64>() / (rows.len() as f64 * variance)
+        };
+        self.variances.iter().map(of_output).sum::<f64>() / self.variances.len().max(1) as f64
+    }
+}
