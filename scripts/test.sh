@@ -66,7 +66,7 @@ if [ $extent = quick ]; then
 fi
 # with the examples, which the Python tests run; before the lints, as the FMU's library, which a build script compiles on one core, then
 # is built beside the dependencies
-step "command";             cargo build --release --locked --bins --examples
+step "command";             cargo build --release --locked --package metafmu --package metafmu-runtime --bins --examples
 step "Rust unit tests";     unit_tests
 step "other Rust tests";    cargo test --package metafmu --bins --test '*' --release --locked
 step "examples in docs";    cargo test --workspace --doc --release --locked

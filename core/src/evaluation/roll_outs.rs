@@ -5,9 +5,10 @@ use crate::{
     dataset::{Dataset, Run},
     dynamics::Assembly,
 };
-use metafmu_runtime::{CommunicationStep, Drive, Dynamics, Evaluator, Integration, Shown, StepError, Surrogate};
+use metafmu_runtime::{CommunicationStep, Drive, Dynamics, Evaluator, Integration, Role, Shown, StepError, Surrogate};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// How errors grow along the test runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -249,8 +250,8 @@ pub struct RollOut<'a> {
     /// With the parameters of the run.
     evaluator: Evaluator,
     run: &'a Run,
-    /// Number of inputs.
-    inputs: usize,
+    /// Columns of the inputs in a point.
+    inputs: Range<usize>,
     /// Parameters, starts, inputs, states.
     point: Vec<f64>,
     rates: Vec<f64>,
@@ -266,16 +267,19 @@ pub struct RollOut<'a> {
 }
 
 impl<'a> RollOut<'a> {
-    /// Begins at the start of a run, whose parameters are those of the surrogate and then the values of its states.
+    /// Begins at the start of a run, whose parameters are those of the surrogate, then the values of its states or outputs, then those of inputs
+    /// before the start, which do not count for a model of a single past sample.
     pub fn along(surrogate: &'a Surrogate, evaluator: &Evaluator, run: &'a Run) -> Self {
-        let mut point = run.parameters.clone();
+        let inputs = run.inputs.len() / run.times.len().max(1);
+        let first = surrogate.inputs().iter().filter(|input| input.role != Role::Input).count();
+        let mut point = run.parameters[..first.min(run.parameters.len())].to_vec();
         point.resize(evaluator.columns(), 0.0);
         evaluator.start(&mut point);
         let zeros = vec![0.0; point.len()];
         Self {
             surrogate,
             run,
-            inputs: run.inputs.len() / run.times.len().max(1),
+            inputs: first..first + inputs,
             point,
             rates: zeros.clone(),
             constant: zeros,
@@ -297,7 +301,7 @@ impl<'a> RollOut<'a> {
     /// The same from a start that is off by [`OFF`] in every state.
     #[must_use]
     pub fn off(mut self) -> Self {
-        self.point[self.run.parameters.len() + self.inputs..].iter_mut().for_each(|state| *state += OFF);
+        self.point[self.inputs.end..].iter_mut().for_each(|state| *state += OFF);
         self
     }
 
@@ -356,10 +360,10 @@ impl<'a> RollOut<'a> {
     }
 
     fn go_from(&mut self, before: usize, row: usize, size: f64) -> Option<()> {
-        let first = self.run.parameters.len();
-        let value = |row: usize, input: usize| self.run.inputs[row * self.inputs + input];
-        for input in 0..self.inputs {
-            self.rates[first + input] = (value(row, input) - value(before, input)) / size;
+        let count = self.inputs.len();
+        let value = |row: usize, input: usize| self.run.inputs[row * count + input];
+        for (input, column) in self.inputs.clone().enumerate() {
+            self.rates[column] = (value(row, input) - value(before, input)) / size;
         }
         let drive = Drive { rates: [&self.rates, &self.constant], clamp: None };
         let step = CommunicationStep { tolerance: self.tolerance, ..CommunicationStep::of(size) };
@@ -374,9 +378,8 @@ impl<'a> RollOut<'a> {
     }
 
     fn set_inputs(&mut self, row: usize) {
-        let first = self.run.parameters.len();
-        let inputs = &self.run.inputs[row * self.inputs..][..self.inputs];
-        self.point[first..first + self.inputs].copy_from_slice(inputs);
+        let inputs = &self.run.inputs[row * self.inputs.len()..][..self.inputs.len()];
+        self.point[self.inputs.clone()].copy_from_slice(inputs);
     }
 
     /// All energy, and the kinetic one.
