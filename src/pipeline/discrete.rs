@@ -1,6 +1,7 @@
 //! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
 mod polynomial;
+mod state_space;
 
 use super::{
     follower::{Follower, Trained, at_least_one_epoch},
@@ -58,7 +59,8 @@ pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         let simulated = |one: LearnedDiscrete| {
             let ranges = drives.iter().map(|(_, range)| *range);
             let support = Some(support(study, dataset, one.past[1] > 1, ranges));
-            let sampling = Sampling { hidden: Vec::new(), history: one.past, step: samples.step, support };
+            let hidden = one.hidden.clone();
+            let sampling = Sampling { hidden, history: one.past, step: samples.step, support };
             let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
             let surrogate = surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)?;
             Ok((error(&Accuracy::of(&surrogate, &validation)), surrogate, one))
@@ -146,6 +148,8 @@ fn error(accuracy: &Accuracy) -> f64 {
 /// Result of one way to learn a discrete-time model.
 struct LearnedDiscrete {
     graph: Graph,
+    /// Hidden states at the start.
+    hidden: Vec<f64>,
     /// Number of past samples of the outputs and of the inputs that count.
     past: [usize; 2],
     /// Of the network, one training after the other.
@@ -157,7 +161,7 @@ struct LearnedDiscrete {
 impl LearnedDiscrete {
     /// Without training.
     fn solved(graph: Graph, past: [usize; 2]) -> Self {
-        Self { graph, past, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved }
+        Self { graph, hidden: Vec::new(), past, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved }
     }
 }
 
@@ -210,6 +214,7 @@ impl<'a> DiscreteSamples<'a> {
         let options = &study.discrete;
         let history = match kind {
             DiscreteModel::Polynomial => return Ok(polynomial::learn(self, options.history)),
+            DiscreteModel::StateSpace => return state_space::learn(project, self),
             DiscreteModel::Linear | DiscreteModel::Feedback => [options.history, options.history],
             DiscreteModel::Window => [0, options.window],
         };
@@ -221,7 +226,7 @@ impl<'a> DiscreteSamples<'a> {
         let width = linear.nrows() - 1;
         let network = || Network::new(width, self.counts[2], &study.network, study.seed);
         match kind {
-            DiscreteModel::Linear | DiscreteModel::Polynomial => {
+            DiscreteModel::Linear | DiscreteModel::Polynomial | DiscreteModel::StateSpace => {
                 Ok(vec![LearnedDiscrete::solved(self.graph(history, &linear, None), history)])
             }
             DiscreteModel::Window => {
@@ -230,6 +235,7 @@ impl<'a> DiscreteSamples<'a> {
                 let layers = outcome.network.to_layers();
                 Ok(vec![LearnedDiscrete {
                     graph: self.graph(history, &linear, Some((&gains, layers))),
+                    hidden: Vec::new(),
                     past: history,
                     history: outcome.history,
                     best_epoch: outcome.best_epoch,
@@ -260,6 +266,7 @@ impl<'a> DiscreteSamples<'a> {
                     let best = learned.history.len() + outcome.best_epoch;
                     learned = LearnedDiscrete {
                         graph: self.graph(history, &linear, Some((&gains, outcome.network.to_layers()))),
+                        hidden: Vec::new(),
                         past: history,
                         history: training::joined([learned.history.as_slice(), &outcome.history]),
                         best_epoch: best,

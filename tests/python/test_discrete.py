@@ -98,20 +98,21 @@ class Plant:
         """The outputs at all rows by the model file, which is specified in fmu-template/runtime/src/format.rs."""
         _, tensors = load(self.folder / "plant.safetensors")
         past_outputs, past_inputs = tensors["samples.history"]
-        y, u = [np.array(start)] * max(past_outputs, 1), [0.0] * past_inputs
+        sample = np.concatenate([start, tensors.get("samples.hidden", [])])
+        y, u = [sample] * max(past_outputs, 1), [0.0] * past_inputs
         found = [y[0]]
         for value in force[:-1]:
             u = [value, *u[:-1]]
             z = np.array([*np.ravel(y[:past_outputs]), *u, gain])
             y = [*evaluate(tensors, z[None]), *y[:-1]]
             found.append(y[0])
-        return np.array(found)
+        return np.array(found)[:, : len(start)]
 
 
-def build(folder, **environment):
+def build(folder, model="feedback", **environment):
     folder.mkdir(parents=True, exist_ok=True)
     table(folder / "runs.csv")
-    (folder / "plant.toml").write_text(STUDY)
+    (folder / "plant.toml").write_text(STUDY.replace("history = 3", f'history = 3\nmodel = "{model}"') if model else STUDY)
     command = [METAFMU, "build", folder / "plant.toml", "--out", folder / "out", "--fmi", "both"]
     subprocess.run(command, check=True, capture_output=True, env=os.environ | environment)
     return Plant(folder / "plant.toml", folder / "out")
@@ -155,20 +156,51 @@ class Running:
         return self.get("position", "speed")
 
 
-def test_accuracy_is_that_of_simulations_and_the_best_model_is_exported(built):
+def test_accuracy_is_that_of_simulations_and_the_best_model_is_exported(tmp_path):
+    built = build(tmp_path, model=None)
     metrics = json.loads((built.folder / "metrics.json").read_text())
     candidates = {candidate["name"]: candidate["error"] for candidate in metrics["discrete"]["candidates"]}
-    assert set(candidates) == {"linear", "polynomial", "window", "feedback"}
+    assert set(candidates) == {"linear", "polynomial", "state-space", "window", "feedback"}
     # the plant is a polynomial of a past sample; what is left over is rounding
     assert metrics["discrete"]["exported"] == min(candidates, key=candidates.get) == "polynomial"
     assert candidates["polynomial"] < 1e-6
     assert candidates["feedback"] < 0.3 * candidates["linear"]
+    assert candidates["state-space"] < 0.5 * candidates["linear"]
     assert metrics["roll_outs"]["long_runs"] == [2, 2]
     assert metrics["test_runs"] == 3 and all(output["r2"] > 0.99 for output in metrics["outputs"].values())
     # a force and a gain that it has not seen, against the plant itself
     found = built.simulate(forces(99), 1.1)
     truth = plant(forces(99), 1.1)
     assert np.all(np.abs(found - truth).std(axis=0) < 0.1 * truth.std(axis=0))
+
+
+@pytest.mark.parametrize("model", ["linear", "polynomial", "state-space"])
+def test_models_of_a_single_past_sample_are_evaluated_as_their_fmus_simulate(tmp_path, model):
+    table(tmp_path / "runs.csv")
+    (tmp_path / "plant.toml").write_text(STUDY.replace("history = 3", f'history = 1\nmodel = "{model}"'))
+    subprocess.run([METAFMU, "build", tmp_path / "plant.toml", "--out", tmp_path / "out"], capture_output=True, check=False)
+    built = Plant(tmp_path / "plant.toml", tmp_path / "out")
+    metrics = json.loads((built.folder / "metrics.json").read_text())
+    with open(built.folder / "test.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    runs = {label: [row for row in rows if row["run"] == label] for label in dict.fromkeys(row["run"] for row in rows)}
+    column = lambda run, name: np.array([float(row[name]) for row in run])
+    squares = []
+    for run in runs.values():
+        force, gain = column(run, "force"), column(run, "gain")[0]
+        truth = np.stack([column(run, "position"), column(run, "speed")], axis=1)
+        found = built.simulate(force, gain, truth[0])
+        squares.append((found - truth)[1:] ** 2)
+        # and so does the FMU, whose hidden states begin as those of the model file
+        time = np.arange(len(force)) * STEP
+        signals = np.array(list(zip(time, force)), dtype=[("time", float), ("force", float)])
+        starts = {"gain": gain, "position_start": truth[0, 0], "speed_start": truth[0, 1]}
+        result = simulate_fmu(built.fmu(2), stop_time=time[-1], step_size=STEP, output_interval=STEP, input=signals, start_values=starts)
+        np.testing.assert_allclose(result["position"][: len(force)], found[:, 0], rtol=1e-7, atol=1e-9)
+    mse = np.concatenate(squares).mean(axis=0)
+    reported = [metrics["outputs"][name]["mse"] for name in ("position", "speed")]
+    # of rounding where the model is exact
+    np.testing.assert_allclose(reported, mse, rtol=1e-6, atol=1e-20)
 
 
 def test_error_bounds_are_measured_on_runs_of_their_own_and_grow(tmp_path):

@@ -31,6 +31,8 @@ pub enum DiscreteModel {
     Linear,
     /// A sum of products of powers of up to four past samples, by least squares; degree and number of samples are chosen.
     Polynomial,
+    /// A network that gives the next outputs and hidden states, fitted to whole simulations by the method of Levenberg and Marquardt.
+    StateSpace,
     /// A network on a window of past inputs, without feedback: it has nothing that could drift.
     Window,
     /// The linear model and a network on the same past outputs and inputs, trained on stretches of predictions.
@@ -39,13 +41,14 @@ pub enum DiscreteModel {
 
 impl DiscreteModel {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Linear, Self::Polynomial, Self::Window, Self::Feedback];
+    pub const ALL: [Self; 5] = [Self::Linear, Self::Polynomial, Self::StateSpace, Self::Window, Self::Feedback];
 
     /// Its name in a study.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",
             Self::Polynomial => "polynomial",
+            Self::StateSpace => "state-space",
             Self::Window => "window",
             Self::Feedback => "feedback",
         }
