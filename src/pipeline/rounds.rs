@@ -1,7 +1,8 @@
 //! Trains, and adds runs and trains on, until the study's target is met or its budget ends.
 
 use super::{
-    learned::unless_interrupted, prepare::held_out, project::Project, record::TrainingRecord, rescue, sample, train,
+    learn::learned::unless_interrupted, prepare::held_out, project::Project, record::TrainingRecord, rescue, sample,
+    train,
 };
 use crate::{
     Error, Result,

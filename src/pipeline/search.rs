@@ -2,9 +2,9 @@
 
 use super::{
     compare,
+    learn::per_instant,
     observer::{CountedWork, Event},
     parallel::side_by_side,
-    per_instant,
     prepare::{PreparedTraining, baseline_rows_and_held_out, prepare, prepare_instants},
     project::Project,
 };

@@ -1,27 +1,19 @@
-//! Trains the network on the sampled runs and writes the surrogate.
+//! Learns from the sampled runs by the method of the study and writes the surrogate.
 
 use super::{
-    discrete,
     evaluate::constants,
-    follower::{Checkpoints, Follower, Trained, at_least_one_epoch, load_checkpoint, unusable_checkpoint},
-    motion, per_instant,
-    prepare::{PreparedTraining, held_out, prepare},
+    follower::Trained,
+    learn::{Beginning, method},
+    prepare::held_out,
     project::Project,
     record::TrainingRecord,
-    rescue, state_space, trajectories,
+    rescue,
 };
 use crate::{
-    Result, acceptance, calibration,
-    dataset::Dataset,
-    evaluation::Accuracy,
-    evaluation::Verdict,
-    files,
-    study::{Study, StudyStructure, TimeStructure},
-    surrogate,
-    training::{self, write_history},
+    Result, acceptance, calibration, dataset::Dataset, evaluation::Accuracy, evaluation::Verdict, files, study::Study,
+    surrogate, training::write_history,
 };
-use metafmu_runtime::{Graph, Output, ScaledNetwork, Surrogate};
-use std::sync::atomic::Ordering;
+use metafmu_runtime::{Output, Surrogate};
 
 /// The verdict on a surrogate by the runs that were held out of its training: the test runs must not be used here.
 pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: &TrainingRecord) -> Verdict {
@@ -45,18 +37,8 @@ pub(super) fn once(
         return Ok(finished);
     }
     let study = &project.study;
-    let Trained { surrogate, history, record } = match study.structure {
-        StudyStructure::Dynamics if study.source.fmu.is_some() => {
-            state_space::train(project, dataset, &Checkpoints::new(project, resume)?)?
-        }
-        StudyStructure::Dynamics if study.source.is_recorded() => trajectories::train(project, dataset)?,
-        StudyStructure::Dynamics => motion::train(project, dataset, &Checkpoints::new(project, resume)?)?,
-        StudyStructure::Discrete => discrete::train(project, dataset)?,
-        StudyStructure::Response => match study.network.structure {
-            TimeStructure::Full => train(project, dataset, added, start, resume)?,
-            TimeStructure::Fixed => per_instant::train(project, dataset, resume)?,
-        },
-    };
+    let begin = Beginning { added, start, resume };
+    let Trained { surrogate, history, record } = method(study).learn(project, dataset, &begin)?;
     for (Output { name, unit, .. }, constant) in constants(&surrogate) {
         let space = if unit.is_empty() { "" } else { " " };
         project
@@ -72,61 +54,6 @@ pub(super) fn once(
         project.remove_checkpoints()?;
     }
     Ok((surrogate, record))
-}
-
-/// Trains a single network, of which the time is an input.
-fn train(
-    project: &Project,
-    dataset: &Dataset,
-    added: usize,
-    start: Option<&Surrogate>,
-    resume: bool,
-) -> Result<Trained> {
-    let (study, options) = (&project.study, &project.study.training);
-    project.say(format_args!("preparing {} rows for the training", dataset.row_count()));
-    let PreparedTraining { scaling, network, training: training_rows, validation: validation_rows, validation_runs } =
-        prepare(study, dataset, added, start)?;
-    let mut follower = Follower::new(project, training_rows.len());
-    let outcome = match load_checkpoint(project, resume)? {
-        None => {
-            // of any earlier training: this one starts from scratch
-            project.remove_checkpoints()?;
-            training::train(network, &training_rows, &validation_rows, options, study.seed, &mut follower)?
-        }
-        Some(bytes) => {
-            training::resume(&bytes, network, &training_rows, &validation_rows, options, study.seed, &mut follower)
-                .map_err(|error| unusable_checkpoint(project.checkpoint(), error))?
-        }
-    };
-    let outcome = at_least_one_epoch(project, outcome)?;
-    // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
-    project.control().stop.store(false, Ordering::Relaxed);
-
-    let record = TrainingRecord {
-        train_rows: training_rows.len(),
-        validation_runs,
-        epochs: outcome.history.len(),
-        best_epoch: outcome.best_epoch,
-        stopped: outcome.reason,
-        train_seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
-        added_runs: added,
-        target_met: None,
-        method: None,
-    };
-    project.finish(format_args!(
-        "trained on {} rows for {} of {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
-        record.train_rows,
-        record.epochs,
-        options.epochs,
-        record.train_seconds,
-        record.stopped,
-        record.best_epoch,
-        record.validation_runs
-    ));
-    let network = per_instant::without_constants(&outcome.network, &training_rows);
-    let graph = Graph::from(&ScaledNetwork { scaling, layers: network.to_layers() });
-    let surrogate = surrogate::assemble(study, dataset, record.train_rows, graph)?;
-    Ok(Trained { surrogate, history: outcome.history, record })
 }
 
 /// The surrogate with the error bounds that the study wants.

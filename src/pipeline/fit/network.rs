@@ -5,8 +5,8 @@ use crate::{
     Result,
     network::Network,
     pipeline::{
+        learn::per_instant::without_constants,
         observer::{Control, CountedWork, Event},
-        per_instant::without_constants,
     },
     scaling::{of_columns, standardise_rows},
     training::{self, EpochRecord, Observer, Outcome, Progress, TrainingRows},

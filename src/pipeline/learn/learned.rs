@@ -1,14 +1,14 @@
 //! Ways to learn the functions of equations, compared: dictionaries, networks, and networks for what dictionaries leave over.
 
-use super::{
-    follower::{Checkpoints, Follower, at_least_one_epoch, unusable_checkpoint},
-    per_instant::without_constants,
-    project::Project,
-    record::{ACCELERATIONS, Candidate},
-};
+use super::per_instant::without_constants;
 use crate::{
     Error, Result,
     network::Network,
+    pipeline::{
+        follower::{Checkpoints, Follower, at_least_one_epoch, unusable_checkpoint},
+        project::Project,
+        record::{ACCELERATIONS, Candidate},
+    },
     scaling,
     study::{DynamicsOptions, Study},
     training::{self, Outcome, Tangents, TrainingRows, drawn},
@@ -170,7 +170,11 @@ pub(super) fn train(
 ///
 /// # Errors
 /// Those of the training.
-pub(super) fn unless_interrupted<T>(project: &Project, trained: Result<T>, has_earlier: bool) -> Result<Option<T>> {
+pub(in crate::pipeline) fn unless_interrupted<T>(
+    project: &Project,
+    trained: Result<T>,
+    has_earlier: bool,
+) -> Result<Option<T>> {
     match trained {
         Err(Error::Interrupted) if has_earlier => {
             project.control().stop.store(false, Ordering::Relaxed);

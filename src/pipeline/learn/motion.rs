@@ -1,16 +1,19 @@
 //! Learns equations of motion from a mechanism.
 
 use super::{
-    follower::{Checkpoints, Trained},
+    Beginning, Method,
     motion_networks::{Learned, learn},
-    project::Project,
-    record::{MethodRecord, MotionRecord, ReactionRecord, TrainingRecord},
-    solver,
 };
 use crate::{
     Result,
     dataset::Dataset,
     dynamics::FittedReactions,
+    pipeline::{
+        follower::{Checkpoints, Trained},
+        project::Project,
+        record::{MethodRecord, MotionRecord, ReactionRecord, TrainingRecord},
+        solver,
+    },
     source::{Source, driven::Driven},
     surrogate,
 };
@@ -20,8 +23,17 @@ use std::time::Instant;
 /// Tolerance of the roll-outs that show how large velocities become.
 const ROUGH: f64 = 1e-8;
 
+/// Equations of motion of a mechanism.
+pub(super) struct EquationsOfMotion;
+
+impl Method for EquationsOfMotion {
+    fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
+        train(project, dataset, &Checkpoints::new(project, begin.resume)?)
+    }
+}
+
 /// Learns the equations of motion, and chooses how the solver integrates them.
-pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
+fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
         return Err(study.refusal("source", "recorded runs cannot be asked for their equations of motion"));

@@ -3,19 +3,18 @@
 mod polynomial;
 mod state_space;
 
-use super::{
-    follower::{Follower, Trained, at_least_one_epoch},
-    learned::unless_interrupted,
-    per_instant::without_constants,
-    prepare::{self, held_out},
-    project::Project,
-    record::{Candidate, DiscreteRecord, MethodRecord, TrainingRecord},
-};
+use super::{Beginning, Method, learned::unless_interrupted, per_instant::without_constants};
 use crate::{
     Result,
     dataset::{Dataset, Run},
     evaluation::{Accuracy, OutputMetrics},
     network::Network,
+    pipeline::{
+        follower::{Follower, Trained, at_least_one_epoch},
+        prepare::{self, held_out},
+        project::Project,
+        record::{Candidate, DiscreteRecord, MethodRecord, TrainingRecord},
+    },
     scaling,
     study::{DiscreteModel, Study, TrainingOptions},
     surrogate,
@@ -37,8 +36,17 @@ const STRETCHES: usize = 2000;
 /// First stretches are as much shorter.
 const SHORTER: usize = 8;
 
+/// Models that give the next sample.
+pub(super) struct DiscreteTime;
+
+impl Method for DiscreteTime {
+    fn learn(&self, project: &Project, dataset: &Dataset, _: &Beginning) -> Result<Trained> {
+        train(project, dataset)
+    }
+}
+
 /// Learns the candidates, keeps the one whose simulations of the held-out runs are best.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
+fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let began = Instant::now();
     let drives = project.source.drives();

@@ -1,17 +1,22 @@
 //! Learns the equations of an FMU for model exchange: derivatives of its states and outputs, from the states themselves.
 
 use super::{
-    follower::{Checkpoints, Trained},
+    Beginning, Method,
     learned::{self, EXACT, Examples, held_out},
-    observer::{CountedWork, Event},
-    project::Project,
-    record::{Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, MethodRecord, NETWORK, StateSpaceRecord, TrainingRecord},
-    solver,
 };
 use crate::{
     Result,
     dataset::Dataset,
     dynamics::{EquationSamples, fit_functions},
+    pipeline::{
+        follower::{Checkpoints, Trained},
+        observer::{CountedWork, Event},
+        project::Project,
+        record::{
+            Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, MethodRecord, NETWORK, StateSpaceRecord, TrainingRecord,
+        },
+        solver,
+    },
     scaling,
     source::{Source, driven::Driven, fmu::FmuModel},
     surrogate,
@@ -28,8 +33,17 @@ use std::{f64::consts::TAU, time::Instant};
 /// Two values that differ by less of the largest one are the same.
 const SAME: f64 = 1e-12;
 
+/// Derivatives of the states of an FMU.
+pub(super) struct StateEquations;
+
+impl Method for StateEquations {
+    fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
+        train(project, dataset, &Checkpoints::new(project, begin.resume)?)
+    }
+}
+
 /// Asks the FMU for its equations, learns them, chooses how the solver integrates them.
-pub(super) fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
+fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
         return Err(study.refusal("source", "recorded runs cannot be asked for their equations"));

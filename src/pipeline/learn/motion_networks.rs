@@ -1,17 +1,17 @@
 //! Networks in equations of motion: instead of the dictionary, for what it leaves over, and instead of the equations.
 
-use super::{
-    follower::Checkpoints,
-    learned::{self, Directions, EXACT, Examples, held_out},
-    observer::{CountedWork, Event},
-    project::Project,
-    record::{ACCELERATIONS, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, NETWORK},
-};
+use super::learned::{self, Directions, EXACT, Examples, held_out};
 use crate::{
     Error, Result,
     dataset::Dataset,
     dynamics::{EquationSamples, Equations, FittedEquations, OfEquations, Region, fit},
     multibody::Mechanism,
+    pipeline::{
+        follower::Checkpoints,
+        observer::{CountedWork, Event},
+        project::Project,
+        record::{ACCELERATIONS, Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, NETWORK},
+    },
     source::driven::Driven,
     training::{EpochRecord, StopReason},
 };

@@ -1,20 +1,21 @@
 //! Learns equations of motion from the motions of a table.
 
-use super::{
-    follower::Trained,
-    project::Project,
-    record::{
-        ACCELERATIONS, Candidate, MethodRecord, TrainingRecord, TrajectoriesRecord,
-        trajectories::{MOTION, POOR},
-    },
-    solver,
-};
+use super::{Beginning, Method};
 use crate::{
     Error, Result,
     dataset::Dataset,
     dynamics::{
         identify::{AccelerationModel, Identified, fit_accelerations, fit_motion},
         trajectory::{Trajectory, disagreement},
+    },
+    pipeline::{
+        follower::Trained,
+        project::Project,
+        record::{
+            ACCELERATIONS, Candidate, MethodRecord, TrainingRecord, TrajectoriesRecord,
+            trajectories::{MOTION, POOR},
+        },
+        solver,
     },
     source::{Source, driven::Driven},
     study::Study,
@@ -28,8 +29,17 @@ use metafmu_runtime::{
 };
 use std::time::Instant;
 
+/// Equations of recorded motions.
+pub(super) struct RecordedMotions;
+
+impl Method for RecordedMotions {
+    fn learn(&self, project: &Project, dataset: &Dataset, _: &Beginning) -> Result<Trained> {
+        train(project, dataset)
+    }
+}
+
 /// Learns the equations from the rows for training, chooses how the solver integrates them.
-pub(super) fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
+fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let (Source::Recorded(recorded), Some(driven)) = (&project.source, project.source.driven()) else {
         return Err(study.refusal("source", "expected a table"));

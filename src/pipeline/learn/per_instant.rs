@@ -1,18 +1,19 @@
 //! A network for each instant, trained side by side: `network.structure = "fixed"`.
 
-use super::{
-    follower::Trained,
-    observer::{CountedWork, Event},
-    parallel::side_by_side,
-    prepare::{PreparedTraining, prepare_instants},
-    project::Project,
-    record::TrainingRecord,
-};
+use super::{Beginning, Method};
 use crate::{
     Error, Result,
     dataset::Dataset,
     files,
     network::Network,
+    pipeline::{
+        follower::Trained,
+        observer::{CountedWork, Event},
+        parallel::side_by_side,
+        prepare::{PreparedTraining, prepare_instants},
+        project::Project,
+        record::TrainingRecord,
+    },
     source::Journal,
     study::Study,
     surrogate,
@@ -28,8 +29,17 @@ use std::{
 /// Standardised outputs no farther than this from zero in any row are those of a column that is constant, up to rounding.
 const CONSTANT: f32 = 1e-6;
 
+/// A network for each time point.
+pub(super) struct NetworkPerInstant;
+
+impl Method for NetworkPerInstant {
+    fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
+        train(project, dataset, begin.resume)
+    }
+}
+
 /// Trains the networks; with `resume` those that an earlier training has finished are taken as they are.
-pub fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> {
+fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> {
     let (instants, prepared) = prepare_instants(&project.study, dataset)?;
     if !resume {
         // of any earlier training: this one starts from scratch

@@ -1,0 +1,51 @@
+//! Ways to learn a surrogate from sampled runs, a file each.
+
+mod discrete;
+pub(super) mod learned;
+mod motion;
+mod motion_networks;
+mod network;
+pub(super) mod per_instant;
+mod state_space;
+mod trajectories;
+
+use super::{follower::Trained, project::Project};
+use crate::{
+    Result,
+    dataset::Dataset,
+    study::{Study, StudyStructure, TimeStructure},
+};
+use metafmu_runtime::Surrogate;
+
+/// A way to learn a surrogate from sampled runs.
+pub(super) trait Method {
+    /// The surrogate, and how it was learned. The last runs of the data set may be for training only.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::Error::Interrupted) if the work ended before there was a surrogate, and those of the method.
+    fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained>;
+}
+
+/// What a method begins with.
+pub(super) struct Beginning<'a> {
+    /// Number of the last runs that are for training only.
+    pub added: usize,
+    /// The surrogate of fewer runs, if there is one.
+    pub start: Option<&'a Surrogate>,
+    /// Whether a training that was stopped goes on.
+    pub resume: bool,
+}
+
+/// The method of a study.
+pub(super) fn method(study: &Study) -> &'static dyn Method {
+    match study.structure {
+        StudyStructure::Dynamics if study.source.fmu.is_some() => &state_space::StateEquations,
+        StudyStructure::Dynamics if study.source.is_recorded() => &trajectories::RecordedMotions,
+        StudyStructure::Dynamics => &motion::EquationsOfMotion,
+        StudyStructure::Discrete => &discrete::DiscreteTime,
+        StudyStructure::Response => match study.network.structure {
+            TimeStructure::Full => &network::SingleNetwork,
+            TimeStructure::Fixed => &per_instant::NetworkPerInstant,
+        },
+    }
+}
