@@ -342,6 +342,39 @@ def test_what_is_fed_back_is_part_of_the_domain(built, version, tmp_path):
     assert not late.any(), np.flatnonzero(late)
 
 
+@pytest.mark.parametrize("model", ["linear", "state-space"])
+def test_predict_starts_from_rows_before_the_start(tmp_path, model):
+    # one long record, cut into runs each of which has the rows before it
+    force = np.concatenate([forces(seed) for seed in range(6)])
+    rows = zip(np.arange(len(force)) * STEP, force, plant(force, 1.0))
+    lines = ["time,force,y,speed", *(f"{time:.6f},{float(value)!r},{float(y)!r},{float(speed)!r}" for time, value, (y, speed) in rows)]
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    study = STUDY.replace("[parameters]\ngain = { min = 0.5, max = 1.5 }\n", "").replace("test_runs = 3", "test_runs = 2")
+    (tmp_path / "plant.toml").write_text(study.replace("history = 3", f'history = 3\nmodel = "{model}"'))
+    subprocess.run([METAFMU, "build", tmp_path / "plant.toml", "--out", tmp_path / "out"], capture_output=True, check=False)
+    test, found = tmp_path / "out" / "test.csv", tmp_path / "found.csv"
+    result = metafmu("predict", tmp_path / "out" / "plant.safetensors", test, "--out", found)
+    assert "position" not in result.stderr, result.stderr
+    read = lambda path: list(csv.DictReader(open(path, newline="")))
+    measured, predicted = read(test), read(found)
+    is_given = np.array([float(row["time"]) < 0 for row in measured])
+    assert is_given.sum() >= 12
+    metrics = json.loads((tmp_path / "out" / "metrics.json").read_text())
+    for name in ("position", "speed"):
+        errors = np.array([float(a[name]) - float(b[name]) for a, b in zip(measured, predicted)])
+        assert not errors[is_given].any()
+        # the first row of a run from rest is given as well
+        count = metrics["test_rows"]
+        np.testing.assert_allclose((errors[~is_given] ** 2).sum() / count, metrics["outputs"][name]["mse"], rtol=1e-9)
+    # without measured outputs it starts from start values, and is wrong at first
+    stripped = tmp_path / "stripped.csv"
+    names = [name for name in measured[0] if name not in ("position", "speed")]
+    stripped.write_text("\n".join([",".join(names), *(",".join(row[name] for name in names) for row in measured)]) + "\n")
+    metafmu("predict", tmp_path / "out" / "plant.safetensors", stripped, "--out", found)
+    first = int(np.flatnonzero(is_given[:-1] & ~is_given[1:])[0]) + 1
+    assert abs(float(read(found)[first]["position"]) - float(predicted[first]["position"])) > 1e-6
+
+
 def test_predict_rolls_out_the_runs_of_a_table(built, tmp_path):
     result = metafmu("predict", built.fmu(2), built.folder / "test.csv", "--out", tmp_path / "found.csv")
     assert "force_start" not in result.stderr

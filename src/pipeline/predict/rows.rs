@@ -56,6 +56,8 @@ struct PredictionColumns {
     /// Of a surrogate with states.
     time: Option<usize>,
     run: Option<usize>,
+    /// Of the outputs of a discrete-time surrogate, which are measured before the start; empty if one is not there.
+    measured: Vec<usize>,
 }
 
 /// A table that is being read for a surrogate.
@@ -74,6 +76,8 @@ struct PredictionRun {
     constants: Vec<f64>,
     times: Vec<f64>,
     inputs: Vec<f64>,
+    /// Outputs of the rows before the start, if they are measured.
+    outputs: Vec<f64>,
 }
 
 impl<'a> Reader<'a> {
@@ -170,6 +174,8 @@ impl<'a> Reader<'a> {
             let value = column.map_or(Ok(input.start), |column| table.number(column))?;
             if input.role == Role::Input { &mut inputs } else { &mut constants }.push(value);
         }
+        let measured = if time < 0.0 { columns.measured.as_slice() } else { &[] };
+        let mut outputs = measured.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?;
         let label = columns.run.map_or(Ok("".into()), |run| table.text(run))?.into_owned();
         if columns.run.is_some() && label.is_empty() {
             return Err(table.mistake(&format!("column `{RUN}`: is empty, expected the run's label")));
@@ -179,7 +185,7 @@ impl<'a> Reader<'a> {
             |run: &PredictionRun| if columns.run.is_some() { run.label == label } else { time >= run.last() };
         let Some(run) = current.as_mut().filter(|run| has_memory(run)) else {
             labels.begin(table, &label)?;
-            let begun = PredictionRun { label, constants, times: vec![time], inputs };
+            let begun = PredictionRun { label, constants, times: vec![time], inputs, outputs };
             return Ok(current.replace(begun).map(PredictionRun::finish));
         };
         check_time(table, &label, run.last(), time)?;
@@ -187,6 +193,7 @@ impl<'a> Reader<'a> {
         check_constants(table, names.map(|input| input.name.as_str()), &constants, &run.constants)?;
         run.times.push(time);
         run.inputs.append(&mut inputs);
+        run.outputs.append(&mut outputs);
         Ok(None)
     }
 
@@ -203,8 +210,8 @@ impl PredictionRun {
     }
 
     fn finish(self) -> LabelledRun {
-        let Self { label, constants, times, inputs } = self;
-        let run = Run { parameters: constants, times: times.into(), inputs, outputs: Vec::new() };
+        let Self { label, constants, times, inputs, outputs } = self;
+        let run = Run { parameters: constants, times: times.into(), inputs, outputs };
         LabelledRun { label, run }
     }
 }
@@ -216,7 +223,10 @@ impl PredictionColumns {
         let inputs: Vec<Option<usize>> = surrogate.inputs().iter().map(|input| position(&input.name)).collect();
         let has_states = surrogate.program().has_memory();
         let time = if has_states { position(TIME) } else { None };
-        let found = Self { inputs, time, run: position(RUN) };
+        let measured =
+            || surrogate.outputs().iter().map(|output| position(&output.name)).collect::<Option<Vec<usize>>>();
+        let measured = surrogate.program().sampling().and_then(|_| measured()).unwrap_or_default();
+        let found = Self { inputs, time, run: position(RUN), measured };
 
         let mut problems = Vec::new();
         let needs_time = has_states || surrogate.time_column().is_some();
@@ -230,8 +240,10 @@ impl PredictionColumns {
             return Err(table.mistake_in_header(&problems.join("; ")));
         }
 
-        let is_used =
-            |index: usize| found.inputs.contains(&Some(index)) || [found.time, found.run].contains(&Some(index));
+        let is_used = |index: usize| {
+            let by_place = [found.time, found.run].contains(&Some(index)) || found.measured.contains(&index);
+            found.inputs.contains(&Some(index)) || by_place
+        };
         let unused: Vec<&str> =
             names.iter().enumerate().filter(|(index, _)| !is_used(*index)).map(|(_, name)| *name).collect();
         for (_, Input { name, start, unit, .. }) in pairs().filter(|(column, _)| column.is_none()) {
