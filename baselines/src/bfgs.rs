@@ -6,9 +6,9 @@ use nalgebra::{DMatrix, DVector};
 
 /// A point and its value.
 pub struct Best {
-    /// Within the bounds.
+    /// Numbers within the bounds.
     pub point: Vec<f64>,
-    /// Of the function.
+    /// Value of the function at the point.
     pub value: f64,
 }
 
@@ -19,8 +19,8 @@ const LONGEST: f64 = 2.0;
 /// Halvings of a step at most.
 const HALVINGS: usize = 20;
 
-/// Searches from a point in at most so many steps. The function gives its value and its gradient, or None where it is undefined. None if
-/// that is so at the start.
+/// Searches for the least value from a start, in at most `steps` steps. The function returns its value and gradient, or None where it is undefined.
+/// Returns None if it is undefined at the start.
 pub fn least(
     start: Vec<f64>,
     bounds: &[[f64; 2]],

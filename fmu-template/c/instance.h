@@ -48,7 +48,7 @@ enum { DERIVATIVE_ORDERS = 2 };
 
 enum { MESSAGE_SIZE = 512 };
 
-/* Everything a simulation needs to go on from a point. */
+/* Everything that a simulation needs to continue from a point. */
 typedef struct {
     uint64_t fingerprint; /* of surrogate, FMI version and interface: other states are refused */
     State state;
@@ -61,7 +61,7 @@ typedef struct {
     double earliest;   /* s; where a solver may go back to: the start time or the last event */
     double tolerance;  /* of the solver inside the FMU; zero for steps of fixed size */
     double columns[COLUMN_COUNT]; /* inputs, then states or what is remembered */
-    double at_start[COLUMN_COUNT]; /* what the columns were when the run began to go on from its start time */
+    double at_start[COLUMN_COUNT]; /* columns at the start of the run */
     double rates[DERIVATIVE_ORDERS][COLUMN_COUNT]; /* time derivatives of inputs, per s and per s^2 */
 } Snapshot;
 
@@ -104,7 +104,7 @@ bool instance_check_token(Instance *instance, const char *token, const char *arg
 /* Returns true if the state allows the call, false after a message. First in every call. */
 bool instance_begin(Instance *instance, const char *function, unsigned allowed);
 
-/* Tells the host something if it wants to know. Returns the status; after an error the simulation cannot go on. */
+/* Tells the host something if it wants to know. Returns the status; after an error the simulation cannot continue. */
 Status instance_tell(Instance *instance, Status status, const char *format, ...);
 
 /* Switches log categories, all if none is named. */

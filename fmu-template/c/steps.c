@@ -126,7 +126,7 @@ static Status tell_implausible(Instance *instance, Status status, size_t state, 
 
 #if MODEL_GOES_ON
 /*
- * Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow
+ * Integrates the states over a communication step that ends at `time`, or advances from sample to sample. Inputs follow
  * the derivatives the host gave.
  */
 static Status advance_states(Instance *instance, double time, double size, Status refused)

@@ -195,6 +195,18 @@ struct Regressors {
     lengths: Vec<usize>,
 }
 
+/// Linear part of a model, by least squares.
+struct LinearPart {
+    /// Number of past samples of the outputs and of the inputs that count.
+    history: [usize; 2],
+    /// Of the training runs.
+    seen: Regressors,
+    /// Coefficients, and constants below them, shape `[columns + 1, outputs]`.
+    linear: DMatrix<f64>,
+    /// Standard deviation of each output's rest.
+    gains: Vec<f64>,
+}
+
 impl<'a> DiscreteSamples<'a> {
     fn new(project: &Project, dataset: &'a Dataset) -> Self {
         let study = &project.study;
@@ -220,38 +232,34 @@ impl<'a> DiscreteSamples<'a> {
     fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<Vec<LearnedDiscrete>> {
         let study = &project.study;
         let options = &study.discrete;
-        let history = match kind {
-            DiscreteModel::Polynomial => return Ok(polynomial::learn(self, options.history)),
-            DiscreteModel::StateSpace => return state_space::learn(project, self),
-            DiscreteModel::Linear | DiscreteModel::Feedback => [options.history, options.history],
-            DiscreteModel::Window => [0, options.window],
-        };
-        let (seen, unseen) = (self.regressors(&self.training, history), self.regressors(&self.validation, history));
-        let linear = solve(&seen).ok_or_else(|| {
-            study.refusal("discrete", "the samples do not determine the linear part: more runs or a shorter history")
-        })?;
-        let gains = gains(&seen, &linear);
-        let width = linear.nrows() - 1;
-        let network = || Network::new(width, self.counts[2], &study.network, study.seed);
         match kind {
-            DiscreteModel::Linear | DiscreteModel::Polynomial | DiscreteModel::StateSpace => {
+            DiscreteModel::Polynomial => Ok(polynomial::learn(self, options.history)),
+            DiscreteModel::StateSpace => state_space::learn(project, self),
+            DiscreteModel::Linear => {
+                let LinearPart { history, linear, .. } = self.linear_part(study, [options.history; 2])?;
                 Ok(vec![LearnedDiscrete::solved(self.graph(history, &linear, None), history)])
             }
             DiscreteModel::Window => {
-                let rest = |regressors: &Regressors| plain(regressors, &linear, &gains);
-                let outcome = follow(project, network()?, &rest(&seen)?, &rest(&unseen)?, &study.training)?;
+                let part = self.linear_part(study, [0, options.window])?;
+                let LinearPart { history, seen, linear, gains } = &part;
+                let unseen = self.regressors(&self.validation, *history);
+                let rest = |regressors: &Regressors| plain(regressors, linear, gains);
+                let outcome =
+                    follow(project, self.network(study, linear)?, &rest(seen)?, &rest(&unseen)?, &study.training)?;
                 let layers = outcome.network.to_layers();
                 Ok(vec![LearnedDiscrete {
-                    graph: self.graph(history, &linear, Some((&gains, layers))),
+                    graph: self.graph(*history, linear, Some((gains, layers))),
                     hidden: Vec::new(),
-                    past: history,
+                    past: *history,
                     history: outcome.history,
                     best_epoch: outcome.best_epoch,
                     stopped: outcome.reason,
                 }])
             }
             DiscreteModel::Feedback => {
-                let mut network = network()?;
+                let LinearPart { history, seen, linear, gains } = self.linear_part(study, [options.history; 2])?;
+                let unseen = self.regressors(&self.validation, history);
+                let mut network = self.network(study, &linear)?;
                 let mut learned = LearnedDiscrete::solved(self.graph(history, &linear, None), history);
                 let shortest = |regressors: &Regressors| regressors.lengths.iter().copied().min().unwrap_or(1);
                 let longest = options.stretch.min(shortest(&seen));
@@ -288,6 +296,21 @@ impl<'a> DiscreteSamples<'a> {
                 Ok(vec![learned])
             }
         }
+    }
+
+    /// The linear part of a model with this number of past samples.
+    fn linear_part(&self, study: &Study, history: [usize; 2]) -> Result<LinearPart> {
+        let seen = self.regressors(&self.training, history);
+        let linear = solve(&seen).ok_or_else(|| {
+            study.refusal("discrete", "the samples do not determine the linear part: more runs or a shorter history")
+        })?;
+        let gains = gains(&seen, &linear);
+        Ok(LinearPart { history, seen, linear, gains })
+    }
+
+    /// A network with random weights beside a linear part.
+    fn network(&self, study: &Study, linear: &DMatrix<f64>) -> Result<Network> {
+        Ok(Network::new(linear.nrows() - 1, self.counts[2], &study.network, study.seed)?)
     }
 
     /// Standardised past samples at each sample but the last, and the outputs of the next one.

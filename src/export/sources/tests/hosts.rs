@@ -30,7 +30,7 @@ fn a_whole_run_is_that_of_the_packed_library() {
 
 fn compare_run_of_example(surrogate: &Surrogate) {
     for fmus in in_c_and_rust(surrogate) {
-        // inside the domain, and outside with each policy that goes on
+        // inside the domain, and outside with each policy that does not refuse
         for (speed, policy) in [(4.5, 0.0), (7.0, 0.0), (7.0, 1.0)] {
             let start_values = [("length", 0.13), ("speed", speed), ("domain_policy", policy)];
             let start_values = start_values.map(|(name, value)| (name.to_owned(), value)).into();
@@ -46,7 +46,7 @@ fn compare_run_of_example(surrogate: &Surrogate) {
     }
 }
 
-/// A run with a force that jumps, by each policy that goes on.
+/// A run with a force that jumps, by each policy that does not refuse.
 fn compare_run(surrogate: Surrogate, starts: &[(&str, f64)], record: &[&str], step: f64) {
     let surrogate = seal(surrogate).unwrap();
     for fmus in in_c_and_rust(&surrogate) {
@@ -91,7 +91,7 @@ fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
     compare_run(example::cell(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
 }
 
-/// What an instance says in the middle of a run: states as bytes and derivatives. Policy 1 clamps the inputs.
+/// Answers of an instance in the middle of a run: states as bytes, and derivatives. Policy 1 clamps the inputs.
 fn said_in_a_run(instance: &FmuInstance, surrogate: &Surrogate, starts: &[f64]) -> (Vec<u8>, Vec<f64>) {
     let of_inputs = |wanted: fn(Role) -> bool| -> Vec<u32> {
         let indexed = (0..).zip(surrogate.inputs());
@@ -212,7 +212,7 @@ fn where_no_data_are_near_is_as_in_the_packed_library() {
     }
 }
 
-/// Steps that cannot be made: what is said, and what the outputs are afterwards if the host may go on.
+/// Steps that fail: messages, and outputs afterwards if the host may continue.
 #[test]
 fn steps_that_fail_say_what_the_library_says() {
     for (surrogate, starts, size, says) in [
@@ -255,7 +255,7 @@ fn steps_that_fail_say_what_the_library_says() {
     }
 }
 
-/// What is said and done outside of the valid values of an encoded input, by each policy.
+/// Messages and outputs outside of the valid values of an encoded input, by each policy.
 #[test]
 fn nominal_and_periodic_inputs_are_checked_as_in_the_library() {
     let surrogate = seal(example::encoded(&example::surrogate())).unwrap();
