@@ -21,6 +21,7 @@ pub mod worker;
 
 pub use metafmu_core::study::baselines::{BaselineKind, Baselines};
 use metafmu_runtime::graph::Graph;
+pub use polynomial::degrees as polynomial_degrees;
 pub use rows::StandardizedRows;
 
 /// A model that can be fitted to rows.

@@ -83,7 +83,10 @@ fn usual_degrees(inputs: usize) -> Result<Vec<u8>, String> {
 }
 
 /// Every combination of powers with a sum of at most `degree`, row by row; fails if there are more than `most`.
-fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String> {
+///
+/// # Errors
+/// What there is to do if there are more.
+pub fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String> {
     let mut all = vec![Vec::new()];
     for _ in 0..inputs {
         let longer = |powers: &Vec<u8>| {

@@ -61,6 +61,11 @@ enum FormatReader {
 }
 
 impl Table {
+    /// Its file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Opens a table and reads its header.
     ///
     /// # Errors

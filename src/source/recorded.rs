@@ -51,6 +51,8 @@ pub struct Recorded {
     /// Of runs with inputs, the time between two rows, and how many of them before the start a run has unless it has none.
     samples: Option<(f64, usize)>,
     test_runs: usize,
+    /// The table of the test runs, or their index, if they have one of their own.
+    test: Option<PathBuf>,
     calibration_runs: usize,
     seed: u64,
     /// Whether its rows must be equally far apart in time, and runs may have the same parameters.
@@ -129,7 +131,8 @@ impl Recorded {
             stop: study.time.stop,
             step: study.time.step,
             samples: study.is_discrete().then(|| (study.time.step, study.discrete.longest())),
-            test_runs: study.sampling.test_runs,
+            test_runs: if study.sampling.test.is_some() { 0 } else { study.sampling.test_runs },
+            test: study.sampling.test.as_ref().map(|file| study.beside(file)),
             calibration_runs: study.calibration_runs(),
             seed: study.seed,
             is_motion: false,
@@ -218,36 +221,55 @@ impl Recorded {
             return motions.sets(self).map(|sets| (sets, None));
         }
         let mut runs = Runs::new(self, stop);
-        let mut table = Table::open(&self.path)?;
-        if self.is_index {
-            self.read_index(&mut table, &mut runs)?
-        } else {
-            self.read_long(&mut table, &mut runs)?
-        }
+        let table = self.read_table(&self.path, &mut runs)?;
+        let is_record = runs.finished.len() == 1 && self.samples.is_some();
         let odd = runs.cut();
-        let chosen = self.choose(runs.finished.len()).map_err(|message| table.mistake(&message))?;
+        let chosen = self.choose(runs.finished.len(), is_record).map_err(|message| table.mistake(&message))?;
+        let tests = self.test.as_ref().map(|path| {
+            let mut tests = runs.followed();
+            let table = self.read_table(path, &mut tests)?;
+            tests.cut();
+            if tests.finished.is_empty() { Err(table.mistake("no test runs")) } else { Ok(tests.finished) }
+        });
         let mut runs: Vec<Option<Run>> = runs.finished.into_iter().map(Some).collect();
-        let sets = chosen.try_map(|chosen| {
-            let runs = chosen.into_iter().filter_map(|run| runs[run].take()).collect();
+        let dataset = |runs| {
             let (parameters, inputs) = (self.parameters.clone(), self.input_variables.clone());
-            Ok(Dataset { inputs, parameters, outputs: self.outputs.clone(), runs })
-        })?;
+            Dataset { inputs, parameters, outputs: self.outputs.clone(), runs }
+        };
+        let mut sets =
+            chosen.try_map(|chosen| Ok(dataset(chosen.into_iter().filter_map(|run| runs[run].take()).collect())))?;
+        if let Some(tests) = tests.transpose()? {
+            sets.test = dataset(tests);
+        }
         Ok((sets, odd))
     }
 
-    /// The numbers of the runs of each set, in their order.
-    fn choose(&self, count: usize) -> std::result::Result<Sets<Vec<usize>>, String> {
+    /// Reads a table, or an index and its files.
+    fn read_table(&self, path: &Path, runs: &mut Runs) -> Result<Table> {
+        let mut table = Table::open(path)?;
+        match self.is_index {
+            true => self.read_index(&mut table, runs)?,
+            false => self.read_long(&mut table, runs)?,
+        }
+        Ok(table)
+    }
+
+    /// The numbers of the runs of each set, in their order. Tests are the last parts of a record, and of several runs random ones.
+    fn choose(&self, count: usize, is_record: bool) -> std::result::Result<Sets<Vec<usize>>, String> {
         let Self { test_runs, calibration_runs, .. } = *self;
         let to_train = if self.is_motion { 1 } else { 2 };
         if count < test_runs + calibration_runs + to_train {
             let least = test_runs + calibration_runs + to_train;
-            let bounds = if calibration_runs == 0 { String::new() } else { format!(", {calibration_runs} for bounds") };
+            let bounds = if calibration_runs == 0 { String::new() } else { format!("{calibration_runs} for bounds, ") };
             let part = if self.is_motion { "; `sampling.train_stop` divides every run in time" } else { "" };
-            let expected =
-                format!("expected at least {least}: {test_runs} for the tests{bounds}, {to_train} to train{part}");
+            let tests = if test_runs == 0 { String::new() } else { format!("{test_runs} for the tests, ") };
+            let expected = format!("expected at least {least}: {tests}{bounds}{to_train} to train{part}");
             return Err(format!("{count} runs, {expected}"));
         }
-        let order = sampling::permutation(count, sampling::random(self.seed, Stream::Test));
+        let order: Vec<usize> = match is_record {
+            true => (0..count).rev().collect(),
+            false => sampling::permutation(count, sampling::random(self.seed, Stream::Test)),
+        };
         let mut places = vec![0; count];
         order.iter().enumerate().for_each(|(place, &run)| places[run] = place);
         let within = |range: std::ops::Range<usize>| (0..count).filter(|run| range.contains(&places[*run])).collect();
@@ -318,7 +340,7 @@ impl Recorded {
     /// Opens the file that a row of the index names.
     fn open_run(&self, index: &mut Table) -> Result<Table> {
         let name = index.text(index.column(&self.names.file)?)?.into_owned();
-        Table::open(&self.path.with_file_name(&name)).map_err(|error| match error {
+        Table::open(&index.path().with_file_name(&name)).map_err(|error| match error {
             Error::Io { source, .. } => index.mistake(&format!("`{name}` cannot be read: {source}")),
             error => error,
         })
@@ -483,6 +505,36 @@ third,1,3,-0.5,8
     }
 
     #[test]
+    fn test_runs_may_have_a_table_of_their_own() {
+        let tests = LONG.lines().take(4).collect::<Vec<_>>().join("\n").replace("1,0.5,", "4,0.5,");
+        let folder = TableFolder::new(&[
+            ("r.csv", LONG),
+            ("t.csv", &tests),
+            ("same.csv", LONG),
+            ("none.csv", "run,time,a,b,y\n"),
+        ]);
+        let sets = |file: &str| {
+            let source =
+                STUDY.replace("SOURCE", "table = \"r.csv\"").replace("test_runs = 1", &format!("test = \"{file}\""));
+            let study = Study::parse(&source, &folder.0.path().join("s.toml"))?;
+            Ok::<_, Error>((Recorded::new(&study)?.sample(&AtomicBool::new(false))?, study.sampling_digest()))
+        };
+        let (Sets { train, test, .. }, digest) = sets("t.csv").unwrap();
+        assert_eq!(train.runs, expected());
+        assert_eq!(test.runs, [run(4.0, 0.5, &[0.0, 0.5, 1.0], &[1.0, 2.0, 3.0])]);
+        for (file, says) in [
+            ("same.csv", "same.csv:2: a second run with a = 1, b = 0.5, the first is in line 2"),
+            ("none.csv", "none.csv:1: no test runs"),
+            ("missing.csv", "missing.csv: cannot read"),
+        ] {
+            let message = sets(file).unwrap_err().to_string();
+            assert!(message.contains(says), "{message} should contain {says}");
+        }
+        std::fs::write(folder.0.path().join("t.csv"), tests.replace(",3", ",3.5")).unwrap();
+        assert_ne!(sets("t.csv").unwrap().1, digest, "the tests changed");
+    }
+
+    #[test]
     fn mistakes_in_recorded_runs_are_located() {
         for (from, to, says) in [
             ("y\n", "z\n", "r.csv:1: no column `y`, expected it among run, time, a, b, z"),
@@ -572,6 +624,9 @@ third,1,3,-0.5,8
         }
         let text = STUDY.replace("SOURCE", "table = \"i.csv\"").replace("[sampling]", "[sampling]\nruns = 5");
         let message = Study::parse(&text, &folder.0.path().join("s.toml")).unwrap_err().to_string();
-        assert!(message.contains("sampling: recorded runs are where they are: expected `test_runs` only"), "{message}");
+        assert!(
+            message.contains("sampling: recorded runs are where they are: expected `test_runs` or `test` only"),
+            "{message}"
+        );
     }
 }

@@ -53,7 +53,7 @@ struct DigestedInput<'a> {
 struct DigestedSource<'a> {
     system: &'a Option<String>,
     mechanism: Option<&'a Description>,
-    /// SHA-256 of the FMU or of the recorded runs.
+    /// SHA-256 of the FMU or of the recorded runs, those of the tests among them.
     files: Option<&'a str>,
     columns: &'a IndexMap<String, String>,
     constants: &'a IndexMap<String, f64>,
@@ -195,7 +195,7 @@ fn of_parameter(options: &ParameterOptions) -> Parameter<'_> {
 }
 
 fn of_plan<'a>(study: &'a Study, options: &SamplingOptions) -> DigestedPlan<'a> {
-    let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs, train_stop } = options;
+    let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs, test: _, train_stop } = options;
     DigestedPlan { method, levels, runs, points: study.points(), faces, test_runs, train_stop }
 }
 

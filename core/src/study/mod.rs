@@ -495,18 +495,27 @@ impl Study {
         if path.metadata().is_ok_and(|metadata| !metadata.is_file() && !metadata.is_dir()) {
             return Err(Error::io(path, "read")(std::io::Error::other("it is not a regular file")));
         }
-        let first = files::digest(path)?;
-        if self.source.index.is_none() {
-            return Ok(first);
+        let mut digests = self.digest_tables(path)?;
+        if let Some(test) = self.sampling.test.as_ref().filter(|_| self.source.is_recorded()) {
+            digests.push("test".into());
+            digests.extend(self.digest_tables(&self.beside(test))?);
         }
-        let mut digests = vec![first];
+        Ok(if let [only] = &digests[..] { only.clone() } else { digest::digest(&digests) })
+    }
+
+    /// SHA-256 of a table of recorded runs, or of an index and its files.
+    fn digest_tables(&self, path: &Path) -> Result<Vec<String>> {
+        let mut digests = vec![files::digest(path)?];
+        if self.source.index.is_none() {
+            return Ok(digests);
+        }
         let mut rows = Table::open(path)?;
         let column = rows.column(self.source.columns.get("file").map_or("file", String::as_str))?;
         while rows.next_row()? {
             let file = path.with_file_name(&*rows.text(column)?);
             digests.push(files::digest(&file).map_err(|error| rows.mistake(&error.to_string()))?);
         }
-        Ok(digest::digest(&digests))
+        Ok(digests)
     }
 
     /// The mechanism that the study's source names, or that describes its built-in system if the study has states.

@@ -35,6 +35,10 @@ pub struct SamplingOptions {
     #[serde(default = "default_test_runs")]
     #[schemars(range(min = 1, max = MAX_RUNS))]
     pub test_runs: usize,
+    /// Table of the test runs of recorded ones, with the same columns, or the index of their files, relative to the study's folder. All runs of the
+    /// source are for the training then, and there are no `test_runs`.
+    #[schemars(extend("format" = "path"))]
+    pub test: Option<PathBuf>,
     /// Of the structure "dynamics" of a table: the equations are learned from the rows of all runs up to this time, and all runs are test
     /// runs to their end. For tables of one run or few; there are no `test_runs` then.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
@@ -51,6 +55,7 @@ impl Default for SamplingOptions {
             file: None,
             faces: None,
             test_runs: default_test_runs(),
+            test: None,
             train_stop: None,
         }
     }
@@ -81,13 +86,15 @@ pub enum Method {
 impl SamplingOptions {
     /// Every mistake, by dotted key.
     pub(super) fn problems(&self, structure: StudyStructure) -> Problems {
-        let Self { method, levels, runs, states, file, faces, test_runs, train_stop } = self;
+        let Self { method, levels, runs, states, file, faces, test_runs, test, train_stop } = self;
         let mut problems = Problems::default();
         if let Some(stop) = train_stop {
             problems.expect_positive("sampling.train_stop", *stop);
             let message = "with `train_stop` every run is a test run: expected no `test_runs`";
             problems.expect_absent(*test_runs != default_test_runs(), "sampling.test_runs", message);
         }
+        let message = "with `test` the test runs are those of that table: expected no `test_runs`";
+        problems.expect_absent(test.is_some() && *test_runs != default_test_runs(), "sampling.test_runs", message);
         if let Some(states) = states {
             let expected = format!("a number from 100 to {MAX_RUNS}");
             problems.expect((100..=MAX_RUNS).contains(states), "sampling.states", states, &expected);
@@ -120,7 +127,7 @@ impl SamplingOptions {
 
     /// What is wrong beside the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
-        let Self { method, levels, runs, states, file, faces, train_stop, .. } = self;
+        let Self { method, levels, runs, states, file, faces, test, train_stop, .. } = self;
         let mut problems = Problems::default();
         let is_asked = study.has_states() && !study.source.is_recorded();
         let message = "belongs to the structure \"dynamics\" of an FMU or a mechanism";
@@ -131,6 +138,9 @@ impl SamplingOptions {
             "sampling.train_stop",
             message,
         );
+        let is_read = study.source.is_recorded() && !study.has_states();
+        let message = "belongs to recorded runs without states";
+        problems.expect_absent(test.is_some() && !is_read, "sampling.test", message);
         let message = "is measured on runs of its own: with `sampling.train_stop` every run is learned from";
         problems.expect_absent(train_stop.is_some() && study.bounds.is_some(), "bounds", message);
         if let Some(train_stop) = train_stop.filter(|train_stop| *train_stop >= study.time.stop) {
@@ -143,7 +153,7 @@ impl SamplingOptions {
         if study.source.is_recorded() {
             let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
             if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {
-                problems.add("sampling", "recorded runs are where they are: expected `test_runs` only");
+                problems.add("sampling", "recorded runs are where they are: expected `test_runs` or `test` only");
             }
         } else if study.has_memory() {
             let message = match study.has_states() {

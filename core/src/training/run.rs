@@ -16,6 +16,8 @@ use std::{ops::Range, time::Instant};
 /// Factor by which the validation loss exceeds the best one, and number of epochs in a row and of optimizer steps in them, that show a network
 /// to learn its rows by heart.
 const OVERFITTED: (f64, usize, usize) = (1.5, 5, 50);
+/// Multiple of those epochs of stretches.
+const RECURRENT: usize = 8;
 
 /// Trains a network, on as many threads as the current rayon pool has. The outcome does not depend on their number.
 ///
@@ -169,6 +171,8 @@ impl<'a> TrainingRun<'a> {
     /// much worse. A high learning rate makes both worse.
     fn overfits(&self) -> bool {
         let (factor, epochs, steps) = OVERFITTED;
+        // simulations may be bad for long while the learning rate is high
+        let epochs = if self.validation.recurrence().is_some() { RECURRENT * epochs } else { epochs };
         let count = epochs.max(steps.div_ceil(self.steps.max(1)));
         let (Schedule::Restarts, Some(best), Some(first)) =
             (self.options.schedule, self.best_epoch.checked_sub(1), self.history.len().checked_sub(count))

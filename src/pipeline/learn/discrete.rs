@@ -11,6 +11,7 @@ use crate::{
     network::Network,
     pipeline::{
         follower::{Follower, Trained, at_least_one_epoch},
+        observer::Event,
         prepare::{self, held_out},
         project::Project,
         record::{Candidate, DiscreteRecord, MethodRecord, TrainingRecord},
@@ -52,6 +53,13 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let drives = project.source.drives();
     let samples = DiscreteSamples::new(project, dataset);
     let validation = held_out(study, dataset);
+    let assembled = |one: &LearnedDiscrete| {
+        let ranges = drives.iter().map(|(_, range)| *range);
+        let support = Some(support(study, dataset, one.past[1] > 1, ranges));
+        let sampling = Sampling { hidden: one.hidden.clone(), history: one.past, step: samples.step, support };
+        let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
+        surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)
+    };
     let mut learned: Vec<(Candidate, Surrogate, LearnedDiscrete)> = Vec::new();
     let mut is_stopped = false;
     for kind in DiscreteModel::ALL {
@@ -65,12 +73,7 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             break;
         };
         let simulated = |one: LearnedDiscrete| {
-            let ranges = drives.iter().map(|(_, range)| *range);
-            let support = Some(support(study, dataset, one.past[1] > 1, ranges));
-            let hidden = one.hidden.clone();
-            let sampling = Sampling { hidden, history: one.past, step: samples.step, support };
-            let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
-            let surrogate = surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)?;
+            let surrogate = assembled(&one)?;
             Ok((error(&Accuracy::of(&surrogate, &validation)), surrogate, one))
         };
         let found = found.into_iter().map(simulated).collect::<Result<Vec<_>>>()?;
@@ -89,6 +92,7 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     learned.sort_by(|a, b| a.0.error.total_cmp(&b.0.error));
     let candidates = learned.iter().map(|(candidate, ..)| candidate.clone()).collect();
     let (Candidate { name, .. }, surrogate, one) = learned.swap_remove(0);
+    let surrogate = one.refitted.as_deref().map_or(Ok(surrogate), assembled)?;
     let stopped = if is_stopped || learned.iter().any(|(.., other)| other.stopped == StopReason::Interrupted) {
         StopReason::Interrupted
     } else {
@@ -164,12 +168,22 @@ struct LearnedDiscrete {
     history: Vec<EpochRecord>,
     best_epoch: usize,
     stopped: StopReason,
+    /// The same fitted to the runs that are held out as well, if that was done.
+    refitted: Option<Box<LearnedDiscrete>>,
 }
 
 impl LearnedDiscrete {
     /// Without training.
     fn solved(graph: Graph, past: [usize; 2]) -> Self {
-        Self { graph, hidden: Vec::new(), past, history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved }
+        Self {
+            graph,
+            hidden: Vec::new(),
+            past,
+            history: Vec::new(),
+            best_epoch: 0,
+            stopped: StopReason::Solved,
+            refitted: None,
+        }
     }
 }
 
@@ -254,6 +268,7 @@ impl<'a> DiscreteSamples<'a> {
                     history: outcome.history,
                     best_epoch: outcome.best_epoch,
                     stopped: outcome.reason,
+                    refitted: None,
                 }])
             }
             DiscreteModel::Feedback => {
@@ -287,6 +302,7 @@ impl<'a> DiscreteSamples<'a> {
                         history: training::joined([learned.history.as_slice(), &outcome.history]),
                         best_epoch: best,
                         stopped: outcome.reason,
+                        refitted: None,
                     };
                     network = outcome.network;
                     if learned.stopped == StopReason::Interrupted {
@@ -467,6 +483,11 @@ fn follow(
     let mut follower = Follower::with(project, options, training.len()).without_checkpoints();
     let outcome = training::train(network, training, validation, options, project.study.seed, &mut follower)?;
     let outcome = at_least_one_epoch(project, outcome)?;
+    let (done, epochs) = (outcome.history.len(), options.epochs);
+    if done < epochs && outcome.reason != StopReason::Interrupted {
+        project
+            .event(Event::Note(format_args!("the training ended after {done} of {epochs} epochs: {}", outcome.reason)));
+    }
     // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
     project.control().stop.store(false, Ordering::Relaxed);
     let network = without_constants(&outcome.network, training);

@@ -84,6 +84,12 @@ impl<'a> Runs<'a> {
         }
     }
 
+    /// Further runs, which must differ from these.
+    pub(super) fn followed(&self) -> Self {
+        let (points, recordings) = (self.points.clone(), self.recordings.clone());
+        Self { points, recordings, ..Self::new(self.recorded, self.stop) }
+    }
+
     /// Begins a run at the row of a table.
     pub(super) fn begin(&mut self, table: &Table, label: String, parameters: Vec<f64>) -> Result<()> {
         if self.stop.load(Ordering::Relaxed) {

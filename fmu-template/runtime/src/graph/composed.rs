@@ -56,17 +56,65 @@ impl Graph {
     /// The next sample, `constants + weights z + function(z)`; weights, shape `[constants, columns]`, are none if they are zero.
     pub fn of_samples(columns: usize, weights: Vec<f64>, constants: Vec<f64>, function: Option<Graph>) -> Self {
         let mut graph = Self { inputs: columns, steps: Vec::new() };
+        graph.add_sample(0, columns, (weights, constants), function);
+        graph
+    }
+
+    /// The next sample, as in [`of_samples`](Self::of_samples), from the columns that a value has.
+    fn add_sample(
+        &mut self,
+        of: usize,
+        columns: usize,
+        (weights, constants): (Vec<f64>, Vec<f64>),
+        function: Option<Graph>,
+    ) -> usize {
         let has_linear = !weights.is_empty() || constants.iter().any(|constant| *constant != 0.0) || function.is_none();
-        if has_linear {
+        let linear = has_linear.then(|| {
             let weight = if weights.is_empty() { vec![0.0; constants.len() * columns] } else { weights };
-            graph.add(Step::Affine { of: 0, weight: weight.into(), bias: constants.into() });
+            self.add(Step::Affine { of, weight: weight.into(), bias: constants.into() })
+        });
+        let called = function.map(|function| self.add(Step::Call { of, function }));
+        match (linear, called) {
+            (Some(linear), Some(called)) => self.add(Step::Combine { of: [linear, called], operation: Operation::Add }),
+            (linear, called) => linear.or(called).unwrap_or(of),
         }
-        if let Some(function) = function {
-            let called = graph.add(Step::Call { of: 0, function });
-            if has_linear {
-                graph.add(Step::Combine { of: [1, called], operation: Operation::Add });
-            }
-        }
+    }
+
+    /// The next sample by a model whose states are corrected where the outputs are not what it predicted, as measured ones. The columns are the
+    /// states, of which the first ones are the outputs; these predictions; the number 1, which is 0 before the first of them; and the other columns of
+    /// the model. `correction` is `K`, shape `[columns, outputs]`; weights, constants and function are those of [`of_samples`](Self::of_samples).
+    ///
+    /// ```text
+    /// x[k+1] = model(z + s K (y - p)),    p[k+1] = y[k+1],    s[k+1] = 1
+    /// ```
+    ///
+    /// Outputs that are predicted are `p`: nothing is corrected.
+    pub fn of_observer(
+        [states, outputs, columns]: [usize; 3],
+        correction: Vec<f64>,
+        linear: (Vec<f64>, Vec<f64>),
+        function: Option<Graph>,
+    ) -> Self {
+        let added = outputs + 1;
+        let mut graph = Self { inputs: columns + added, steps: Vec::new() };
+        let picked =
+            |places: Vec<usize>| Step::Columns { columns: places.into_iter().map(|place| [0, place as u32]).collect() };
+        let own = graph.add(picked((0..states).chain(states + added..columns + added).collect()));
+        let found = graph.add(picked((0..outputs).collect()));
+        let predicted = graph.add(picked((states..states + outputs).collect()));
+        let is_predicted = graph.add(picked(vec![states + outputs; outputs]));
+        let errors = graph.add(Step::Combine { of: [found, predicted], operation: Operation::Subtract });
+        let errors = graph.add(Step::Combine { of: [is_predicted, errors], operation: Operation::Multiply });
+        let bias = vec![0.0; columns].into();
+        let corrections = graph.add(Step::Affine { of: errors, weight: correction.into(), bias });
+        let corrected = graph.add(Step::Combine { of: [own, corrections], operation: Operation::Add });
+        let next = graph.add_sample(corrected, columns, linear, function);
+        let rows = (0..states).chain(0..outputs).map(Some).chain([None]);
+        let weight: Vec<f64> =
+            rows.flat_map(|row| (0..states).map(move |state| f64::from(u8::from(row == Some(state))))).collect();
+        let mut bias = vec![0.0; states + added];
+        bias[states + outputs] = 1.0;
+        graph.add(Step::Affine { of: next, weight: weight.into(), bias: bias.into() });
         graph
     }
 

@@ -514,3 +514,19 @@ fn tensors_of_other_shapes_are_refused() {
         assert_eq!(found, format!("tensor `{tensor}` has {expected}"));
     }
 }
+
+#[test]
+fn an_observer_corrects_states_where_outputs_are_not_what_it_predicted() {
+    // y' = 0.5 y + h + u, h' = 0.9 h, with columns y, h, p, s, u
+    let linear = (vec![0.5, 1.0, 1.0, 0.0, 0.9, 0.0], vec![0.0, 0.0]);
+    let graph = Graph::of_observer([2, 1, 3], vec![-0.75, 0.5, 0.0], linear, None);
+    let rows = vec![
+        // as predicted; measured; at the start
+        vec![2.0, 4.0, 2.0, 1.0, 10.0],
+        vec![3.0, 4.0, 2.0, 1.0, 10.0],
+        vec![3.0, 4.0, 0.0, 0.0, 10.0],
+    ];
+    let found = graph.evaluate(&rows);
+    let next = |y: f64, h: f64| vec![0.5 * y + h + 10.0, 0.9 * h, 0.5 * y + h + 10.0, 1.0];
+    assert_eq!(found, [next(2.0, 4.0), next(2.25, 4.5), next(3.0, 4.0)]);
+}

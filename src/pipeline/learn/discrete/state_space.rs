@@ -1,188 +1,445 @@
 //! Nonlinear state spaces with hidden states, fitted to whole simulations.
 //!
 //! ```text
-//! x[k+1] = x[k] + L z[k] + c + G tanh(W z[k] + b),    z = (x, u, p),    x = (y, h)
+//! x[k+1] = x[k] + L z[k] + c + G f(z[k]),    z = (x, u, p),    x = (y, h)
 //! ```
 //!
-//! Outputs, inputs and parameters are standardized. The squares of the errors of all simulated outputs, with a penalty of all coefficients, are
-//! minimized by the method of Levenberg and Marquardt (Nocedal, Wright (2006), section 10.3), with exact sensitivities of the simulations. A
-//! training begins with an ARX model, of which this is the observer form, and random nodes without an effect.
+//! Functions `f` are none, products of powers, or nodes `tanh(W z + b)`. Outputs, inputs and parameters are standardized. The squares of the errors
+//! of all simulated outputs are minimized by the method of Levenberg and Marquardt (Nocedal, Wright (2006), section 10.3), with exact sensitivities
+//! of the simulations. A training begins with a linear state space; the penalty of the distance from it falls step by step. Order, functions and
+//! penalty are those with the best simulations in a cross-validation.
 
+mod export;
+mod features;
 mod fit;
+mod start;
 
-use super::{DiscreteSamples, LearnedDiscrete, solve, standardised};
+use super::{DiscreteSamples, LearnedDiscrete, standardised};
 use crate::{
     Error, Result,
     dataset::Run,
     pipeline::{observer::Event, project::Project},
     training::StopReason,
 };
-use fit::{Data, STRETCHES, Shape, Signals};
-use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling};
+use features::Features;
+use fit::{Data, Goal, Shape, Signals, overwriting};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
-use std::sync::atomic::Ordering;
+use rayon::prelude::*;
+use start::Origin;
+use std::{ops::Range, sync::atomic::Ordering};
 
-/// Trainings, in this order: numbers of past samples of the ARX model, of nodes, and the penalty for each error.
-const ORDERS: [usize; 3] = [1, 2, 3];
-const NODES: [usize; 2] = [6, 12];
-const PENALTIES: [f64; 3] = [1e-5, 1e-3, 3e-2];
-const SEEDS: u64 = 4;
-/// Multiplications of all trainings, about ten seconds on two cores. No training begins, or goes on, after them.
+/// States for each output.
+const ORDERS: [usize; 6] = [1, 2, 3, 4, 5, 6];
+/// In this order: what is cheap first.
+const KINDS: [Kind; 4] = [Kind::OutputProducts(3), Kind::Products(2), Kind::Products(3), Kind::Nodes(6)];
+/// Penalties of the square of the distance from the linear state space, for each error.
+const PENALTIES: [f64; 12] = [1.0, 0.3, 0.1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10];
+/// Penalty of the linear state space.
+const LEAST: f64 = 1e-8;
+/// Penalties without a better cross-validation, after which the others are left out.
+const PATIENCE: usize = 4;
+/// Share of the error of a simpler state space, below which another one is better.
+const BETTER: f64 = 0.98;
+/// Iterations with a penalty, and of the linear state space with each of the stretches.
+const ITERATIONS: usize = 15;
+/// Iterations with all rows of many.
+const LAST_ITERATIONS: usize = 60;
+const STRETCHES: [usize; 3] = [8, 64, usize::MAX];
+/// Rows that choose; of more, each run has its first ones. The model that is chosen is fitted to all.
+const ROWS: usize = 5000;
+/// Rows of a run, at the least, where it is cut.
+const SHORTEST: usize = 500;
+/// Parts of the cross-validation.
+const FOLDS: usize = 5;
+/// Coefficients at most, and multiplications of all trainings: about ten seconds on two cores.
+const MOST: usize = 400;
 const BUDGET: f64 = 1e11;
 
-/// The best of all trainings in simulations of the held-out runs; none if no start simulates the training runs.
+/// Functions of a state space.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Linear,
+    /// Products of outputs and inputs up to a degree.
+    OutputProducts(u8),
+    /// Products of all columns up to a degree.
+    Products(u8),
+    /// Nodes, so many.
+    Nodes(usize),
+}
+
+/// What is chosen.
+#[derive(Clone, Copy, Debug)]
+struct Choice {
+    order: usize,
+    kind: Kind,
+    penalty: f64,
+}
+
+/// The best state space of a cross-validation of the training runs and those held out, fitted to the training runs, and of few rows to all of
+/// them as well. None if no linear one can be simulated.
 ///
 /// # Errors
-/// [`Error::Interrupted`] if no training was begun.
+/// [`Error::Interrupted`] before the first is fitted.
 pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<LearnedDiscrete>> {
-    let [training, validation] =
-        [&samples.training, &samples.validation].map(|runs| runs.iter().map(|run| Signals::of(samples, run)).collect());
-    let data = Data { training, validation };
-    let mut best: Option<(f64, Shape, Vec<f64>)> = None;
-    let mut left = BUDGET;
     let stop = project.control().stop;
-    let options = (0..SEEDS).flat_map(|seed| {
-        PENALTIES.into_iter().flat_map(move |penalty| {
-            NODES.into_iter().flat_map(move |nodes| ORDERS.map(|order| (seed, penalty, nodes, order)))
-        })
-    });
-    for (place, (seed, penalty, nodes, order)) in options.enumerate() {
-        if left <= 0.0 || stop.load(Ordering::Relaxed) {
-            break;
+    let is_stopped = || stop.load(Ordering::Relaxed);
+    let runs = Runs::new(samples);
+    let corners = runs.corners(samples.counts[2]);
+    let search = Search { samples, seed: project.study.seed, is_stopped: &is_stopped, corners };
+    let found = search.best(&runs);
+    let Some(Found { error, choice, mut fitted }) = found else {
+        return if is_stopped() { Err(Error::Interrupted) } else { Ok(Vec::new()) };
+    };
+    let Choice { order, kind, penalty } = choice;
+    project.event(Event::Note(format_args!(
+        "state space: {} hidden states, {kind}, penalty {penalty:.0e}, error {error:.2e} in a cross-validation",
+        (order - 1) * samples.counts[2],
+    )));
+    let shape = search.shape(order, kind);
+    let mut model = |runs: &[Signals], is_seen: &dyn Fn(usize) -> bool| {
+        search.advance(&Data::new(runs, is_seen), &shape, penalty, LAST_ITERATIONS, &mut fitted);
+        export::model(samples, &shape, &fitted.coefficients, &fitted.gain)
+    };
+    let of_training = |run: usize| run < samples.training.len();
+    let learned = match &runs.all {
+        Some(all) => model(all, &of_training),
+        None => {
+            let learned = model(&runs.few, &of_training);
+            LearnedDiscrete { refitted: Some(Box::new(model(&runs.few, &|_| true))), ..learned }
         }
-        let shape = Shape {
-            states: order * samples.counts[2],
-            outputs: samples.counts[2],
-            columns: order * samples.counts[2] + samples.counts[1] + samples.counts[0],
-            nodes,
-        };
-        let stretches = if seed % 2 == 0 { &STRETCHES[STRETCHES.len() - 1..] } else { &STRETCHES };
-        let seed = project.study.seed.wrapping_add(seed << 32).wrapping_add(place as u64);
-        let Some(start) = start(samples, &data, shape, seed) else { continue };
-        let found = data.train(shape, start, penalty, stretches, &mut left, &|| stop.load(Ordering::Relaxed));
-        let is_better = |(error, ..): &(f64, Shape, Vec<f64>)| found.0 < *error;
-        if best.as_ref().is_none_or(is_better) && found.0.is_finite() {
-            best = Some((found.0, shape, found.1));
+    };
+    let stopped = if is_stopped() { StopReason::Interrupted } else { StopReason::Solved };
+    // a Ctrl-C is used up: what follows is quick and uses the best model
+    stop.store(false, Ordering::Relaxed);
+    Ok(vec![LearnedDiscrete { stopped, ..learned }])
+}
+
+/// Runs, standardized and numbered: those of the training, then those held out.
+struct Runs {
+    /// The rows that choose: all, or, of many, the first ones of each run.
+    pieces: Vec<Signals>,
+    /// The same, runs that follow each other as one.
+    few: Vec<Signals>,
+    /// All rows, unless they are few.
+    all: Option<Vec<Signals>>,
+    /// Number of runs, and of those of the training.
+    count: usize,
+    training: usize,
+}
+
+impl Runs {
+    fn new(samples: &DiscreteSamples) -> Self {
+        let runs = samples.training.iter().chain(&samples.validation).enumerate();
+        let all: Vec<Signals> = runs.map(|(number, run)| Signals::of(samples, run, number)).collect();
+        let (count, training) = (all.len(), samples.training.len());
+        if all.iter().map(Signals::rows).sum::<usize>() <= ROWS {
+            return Self { few: joined(&all), pieces: all, all: None, count, training };
         }
+        let longest = (ROWS / count.max(1)).max(SHORTEST);
+        let mut rows = 0;
+        let few = all.iter().map(|run| run.cut(run.given + longest)).take_while(|run| {
+            rows += run.rows() - run.given;
+            rows - (run.rows() - run.given) < ROWS
+        });
+        let few: Vec<Signals> = few.collect();
+        Self { count: few.len(), training: training.min(few.len()), pieces: few.clone(), few, all: Some(all) }
     }
-    let stopped = if stop.load(Ordering::Relaxed) { StopReason::Interrupted } else { StopReason::Solved };
-    match best {
-        None if stopped == StopReason::Interrupted => Err(Error::Interrupted),
-        None => Ok(Vec::new()),
-        Some((error, shape, coefficients)) => {
-            // a Ctrl-C is used up: what follows is quick and uses the best model
-            stop.store(false, Ordering::Relaxed);
-            project.event(Event::Note(format_args!(
-                "state space: {} hidden states, {} nodes, error {error:.2e} in simulations of held-out runs",
-                shape.hidden(),
-                shape.nodes
-            )));
-            let (graph, hidden) = exported(samples, shape, &coefficients);
-            Ok(vec![LearnedDiscrete { hidden, stopped, ..LearnedDiscrete::solved(graph, [1, 1]) }])
+}
+
+impl Runs {
+    /// Runs from the ends of the outputs' ranges with inputs and parameters at the ends and in the middle of theirs.
+    fn corners(&self, outputs: usize) -> Vec<Signals> {
+        let rows = self.pieces.iter().map(Signals::rows).max().unwrap_or(1);
+        let columns = self.pieces.first().map_or(0, |run| run.inputs.len() / run.rows().max(1));
+        let range = |of: fn(&Signals) -> &[f64], width: usize, column: usize| {
+            let values = self.pieces.iter().flat_map(|run| of(run).iter().skip(column).step_by(width));
+            values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(*value), max.max(*value)])
+        };
+        let at = |[min, max]: [f64; 2], share: f64| min + share * (max - min);
+        let corner = |(start, share): (f64, f64)| {
+            let y = (0..outputs).map(|output| at(range(|run| &run.outputs, outputs, output), start));
+            let u = (0..columns).map(|column| at(range(|run| &run.inputs, columns, column), share));
+            let [y, u] = [y.collect::<Vec<_>>(), u.collect()];
+            Signals { outputs: y.repeat(rows), inputs: u.repeat(rows), given: 1, runs: vec![0; rows] }
+        };
+        [0.0, 1.0].into_iter().flat_map(|start| [0.0, 0.5, 1.0].map(|share| (start, share))).map(corner).collect()
+    }
+}
+
+/// Runs that follow each other in a record as one.
+fn joined(runs: &[Signals]) -> Vec<Signals> {
+    let next = |run: &Signals| runs.iter().position(|next| run.is_followed_by(next));
+    let nexts: Vec<Option<usize>> = runs.iter().map(next).collect();
+    let mut left = vec![true; runs.len()];
+    let mut whole = Vec::new();
+    // first ones before others: of a circle any is first
+    let (others, firsts): (Vec<_>, Vec<_>) = (0..runs.len()).partition(|run| nexts.contains(&Some(*run)));
+    for first in firsts.into_iter().chain(others) {
+        if !std::mem::take(&mut left[first]) {
+            continue;
+        }
+        let (mut signals, mut last) = (runs[first].clone(), first);
+        while let Some(next) = nexts[last].filter(|next| std::mem::take(&mut left[*next])) {
+            signals.extend(&runs[next]);
+            last = next;
+        }
+        whole.push(signals);
+    }
+    whole
+}
+
+/// Coefficients that are fitted to some runs, on the path of falling penalties.
+#[derive(Clone)]
+struct Fitted {
+    /// The linear state space, from which the distance counts.
+    center: Vec<f64>,
+    coefficients: Vec<f64>,
+    /// Correction of the states by outputs that are given.
+    gain: Vec<f64>,
+}
+
+/// What a search finds.
+struct Found {
+    /// Root mean square error in the cross-validation.
+    error: f64,
+    choice: Choice,
+    /// Of the training runs.
+    fitted: Fitted,
+}
+
+struct Search<'a> {
+    samples: &'a DiscreteSamples<'a>,
+    seed: u64,
+    is_stopped: &'a (dyn Fn() -> bool + Sync),
+    /// Runs with constant inputs.
+    corners: Vec<Signals>,
+}
+
+impl Search<'_> {
+    /// What has the smallest error in a cross-validation of all runs.
+    fn best(&self, runs: &Runs) -> Option<Found> {
+        let is_cross_validated = runs.all.is_none() || runs.training == runs.count;
+        let folds = if is_cross_validated { FOLDS.min(runs.count) } else { 1 };
+        let is_unseen = |run: usize, fold: usize| match is_cross_validated {
+            // a single run is both
+            true => folds == 1 || run % folds == fold,
+            false => run >= runs.training,
+        };
+        let few = &runs.few;
+        // from what is given, and within simulations of the whole record
+        let unseen = |fold: usize| [&runs.pieces, few].map(|runs| Data::new(runs, |run| is_unseen(run, fold)));
+        let unseen: Vec<[Data; 2]> = (0..folds).map(unseen).collect();
+        let seen = |fold: usize| Data::new(few, |run| runs.count == 1 || !is_unseen(run, fold));
+        let mut sets: Vec<Data> = (0..folds).map(seen).collect();
+        // of the training runs
+        let own = if is_cross_validated { folds } else { 0 };
+        if is_cross_validated {
+            sets.push(Data::new(few, |run| run < runs.training));
+        }
+        let count = (sets[..folds].iter().map(Data::rows).sum::<usize>() / folds.max(1)) as f64;
+        let mut left = BUDGET;
+        let mut best: Option<Found> = None;
+        let mut keep = |choice: Choice, error: f64, fitted: &[Fitted]| {
+            let is_better = best.as_ref().is_none_or(|best| error < BETTER * best.error);
+            if error.is_finite() && is_better && self.is_stable(&self.shape(choice.order, choice.kind), &fitted[own]) {
+                best = Some(Found { error, choice, fitted: fitted[own].clone() });
+            }
+        };
+        // of two linear state spaces of an order, one after the other
+        let mut linear: Vec<(usize, Vec<Fitted>)> = Vec::new();
+        for order in ORDERS {
+            for origin in [Origin::Arx, Origin::Realization] {
+                let shape = self.shape(order, Kind::Linear);
+                let cost = ITERATIONS as f64 * sets.iter().map(|data| data.cost(&shape)).sum::<f64>();
+                if shape.coefficients() > MOST || cost > left || (self.is_stopped)() {
+                    continue;
+                }
+                left -= cost;
+                let Some(fitted) = self.linear(origin, &sets, own, &shape, LEAST * count) else { continue };
+                let error = self.error(&shape, &unseen, &fitted);
+                keep(Choice { order, kind: Kind::Linear, penalty: LEAST * count }, error, &fitted);
+                linear.push((order, fitted));
+            }
+        }
+        for kind in KINDS {
+            for (order, linear) in &linear {
+                let order = *order;
+                let shape = self.shape(order, kind);
+                if shape.coefficients() > MOST {
+                    continue;
+                }
+                let mut fitted: Vec<Fitted> = linear.iter().map(|from| self.start(&shape, kind, from)).collect();
+                let (mut least, mut since) = (f64::INFINITY, 0);
+                for penalty in PENALTIES {
+                    if left <= 0.0 || (self.is_stopped)() || since >= PATIENCE {
+                        break;
+                    }
+                    let step = |(fitted, data): (&mut Fitted, &Data)| {
+                        self.advance(data, &shape, penalty * count, ITERATIONS, fitted)
+                    };
+                    let costs: Vec<f64> = fitted.par_iter_mut().zip(&sets).map(step).collect();
+                    left -= costs.into_iter().sum::<f64>();
+                    let error = self.error(&shape, &unseen, &fitted);
+                    (least, since) = if error < least { (error, 0) } else { (least, since + 1) };
+                    keep(Choice { order, kind, penalty: penalty * count }, error, &fitted);
+                }
+            }
+        }
+        best
+    }
+
+    /// Root mean square error of the simulations of unseen runs.
+    fn error(&self, shape: &Shape, unseen: &[[Data; 2]], fitted: &[Fitted]) -> f64 {
+        let of_part = |(data, fitted): (&[Data; 2], &Fitted)| {
+            data.iter().map(|data| data.squares(shape, &fitted.coefficients, &fitted.gain)).sum::<f64>()
+        };
+        let squares: Vec<f64> = unseen.par_iter().zip(fitted).map(of_part).collect();
+        let values = unseen.iter().flatten().map(Data::rows).sum::<usize>().max(1) * shape.outputs;
+        (squares.into_iter().sum::<f64>() / values as f64).sqrt()
+    }
+
+    /// Whether it stays finite from the ends of the outputs' ranges with inputs at the ends and in the middle of theirs.
+    fn is_stable(&self, shape: &Shape, fitted: &Fitted) -> bool {
+        Data::new(&self.corners, |_| true).is_stable(shape, &fitted.coefficients, &fitted.gain)
+    }
+
+    /// One step of the path; gives the number of multiplications.
+    fn advance(&self, data: &Data, shape: &Shape, penalty: f64, iterations: usize, fitted: &mut Fitted) -> f64 {
+        let Fitted { center, gain, .. } = &*fitted;
+        let goal = Goal { center, gain, penalty, stretch: usize::MAX, iterations };
+        let found = data.fit(shape, &fitted.coefficients, &goal, self.is_stopped);
+        fitted.gain = data.gain(shape, &found.coefficients, gain);
+        fitted.coefficients = found.coefficients;
+        found.evaluations as f64 * data.cost(shape)
+    }
+
+    /// A linear state space of each set, all with the hidden states of that of the training runs; none if one diverges.
+    fn linear(&self, origin: Origin, sets: &[Data], own: usize, shape: &Shape, penalty: f64) -> Option<Vec<Fitted>> {
+        let training = sets.get(own)?;
+        let start = start::linear(origin, self.samples, training, shape)?;
+        let (zero, gain) = (vec![0.0; start.len()], overwriting(shape));
+        let fitted = |data: &Data, start: Vec<f64>, stretches: &[usize]| {
+            let mut now = (f64::INFINITY, start);
+            for stretch in stretches {
+                let goal = Goal { center: &zero, gain: &gain, penalty, stretch: *stretch, iterations: ITERATIONS };
+                let found = data.fit(shape, &now.1, &goal, self.is_stopped);
+                now = (found.value, found.coefficients);
+            }
+            now.0.is_finite().then_some(now.1)
+        };
+        let common = fitted(training, start, &STRETCHES)?;
+        let of_set = |data: &Data| {
+            let coefficients = fitted(data, common.clone(), &STRETCHES[2..])?;
+            let gain = data.gain(shape, &coefficients, &gain);
+            Some(Fitted { center: coefficients.clone(), coefficients, gain })
+        };
+        sets.par_iter().map(of_set).collect()
+    }
+
+    /// A linear state space with functions that have no effect yet; nodes are random.
+    fn start(&self, shape: &Shape, kind: Kind, linear: &Fitted) -> Fitted {
+        let of_linear = Shape { features: Features::Nodes(0), ..shape.clone() }.places();
+        let places = shape.places();
+        let mut center = vec![0.0; shape.coefficients()];
+        for block in [0, 1, 5] {
+            center[places[block].clone()].copy_from_slice(&linear.coefficients[of_linear[block].clone()]);
+        }
+        if let Kind::Nodes(_) = kind {
+            let mut random = ChaCha8Rng::seed_from_u64(self.seed);
+            // a sum of uniform numbers is nearly normal, on every platform the same
+            let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
+            let spread = (shape.columns as f64).sqrt();
+            center[places[3].clone()].iter_mut().for_each(|weight| *weight = normal() / spread);
+            center[places[4].clone()].iter_mut().for_each(|bias| *bias = 0.5 * normal());
+        }
+        Fitted { coefficients: center.clone(), center, gain: linear.gain.clone() }
+    }
+
+    fn shape(&self, order: usize, kind: Kind) -> Shape {
+        let [parameters, inputs, outputs] = self.samples.counts;
+        let (states, columns) = (order * outputs, order * outputs + inputs + parameters);
+        Shape { states, outputs, columns, features: kind.features(columns, outputs..states) }
+    }
+}
+
+impl Kind {
+    /// Functions of some columns, `hidden` ones among them.
+    fn features(self, columns: usize, hidden: Range<usize>) -> Features {
+        let products = match self {
+            Self::Linear => return Features::Nodes(0),
+            Self::Nodes(count) => return Features::Nodes(count),
+            Self::OutputProducts(degree) => {
+                Features::products(columns, degree, |column| !hidden.contains(&column), MOST)
+            }
+            Self::Products(degree) => Features::products(columns, degree, |_| true, MOST),
+        };
+        // of too many there are enough to be left out
+        products.unwrap_or(Features::Nodes(MOST))
+    }
+}
+
+impl std::fmt::Display for Kind {
+    fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+        match self {
+            Self::Linear => write!(f, "linear"),
+            Self::OutputProducts(degree) => write!(f, "products of outputs and inputs up to degree {degree}"),
+            Self::Products(degree) => write!(f, "products up to degree {degree}"),
+            Self::Nodes(count) => write!(f, "{count} nodes"),
         }
     }
 }
 
 impl Signals {
-    fn of(samples: &DiscreteSamples, run: &Run) -> Self {
+    fn of(samples: &DiscreteSamples, run: &Run, number: usize) -> Self {
         let [of_parameters, of_inputs, of_outputs] = &samples.scales;
         let [parameters, inputs, outputs] = samples.counts;
         let p: Vec<f64> = standardised(&run.parameters[..parameters], of_parameters).collect();
-        let rows = 0..run.times.len();
+        let rows = run.times.len();
         let columns = |row: usize| {
             let u = standardised(&run.inputs[row * inputs..][..inputs], of_inputs);
             u.chain(p.iter().copied()).collect::<Vec<f64>>()
         };
+        let outputs_of = |row: usize| standardised(&run.outputs[row * outputs..][..outputs], of_outputs);
         Self {
-            outputs: rows
-                .clone()
-                .flat_map(|row| standardised(&run.outputs[row * outputs..][..outputs], of_outputs))
-                .collect(),
-            inputs: rows.flat_map(columns).collect(),
+            outputs: (0..rows).flat_map(outputs_of).collect(),
+            inputs: (0..rows).flat_map(columns).collect(),
             given: run.times.partition_point(|time| *time < 0.0).max(1),
+            runs: vec![number; rows],
         }
     }
 }
 
-/// The ARX model of an order in observer form, with hidden states of unit variance, and random nodes without an effect; none if it is not
-/// determined or its simulations diverge.
-fn start(samples: &DiscreteSamples, data: &Data, shape: Shape, seed: u64) -> Option<Vec<f64>> {
-    let [parameters, inputs, outputs] = samples.counts;
-    let Shape { states, columns, nodes, .. } = shape;
-    let order = states / outputs;
-    let arx = solve(&samples.regressors(&samples.training, [order; 2]))?;
-    let [linear, constant, _, first, bias, _] = shape.places();
-    let mut coefficients = vec![0.0; shape.coefficients()];
-    for lag in 0..order {
-        for output in 0..outputs {
-            let state = lag * outputs + output;
-            let row = &mut coefficients[linear.start + state * columns..][..columns];
-            for other in 0..outputs {
-                row[other] += arx[(lag * outputs + other, output)];
-            }
-            for input in 0..inputs {
-                row[states + input] = arx[(order * outputs + lag * inputs + input, output)];
-            }
-            // what is constant in a run acts once
-            for parameter in (0..parameters).filter(|_| lag == 0) {
-                row[states + inputs + parameter] = arx[(order * (outputs + inputs) + parameter, output)];
-            }
-            if lag + 1 < order {
-                row[state + outputs] += 1.0;
-            }
-            row[state] -= 1.0;
-        }
-    }
-    (0..outputs).for_each(|output| coefficients[constant.start + output] = arx[(arx.nrows() - 1, output)]);
-    let deviations = data.deviations(shape, &coefficients)?;
-    for hidden in outputs..states {
-        let scale = deviations[hidden].max(1e-6);
-        coefficients[linear.start + hidden * columns..][..columns].iter_mut().for_each(|weight| *weight /= scale);
-        coefficients[constant.start + hidden] /= scale;
-        (0..states).for_each(|row| coefficients[linear.start + row * columns + hidden] *= scale);
-    }
-    let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let spread = (columns as f64).sqrt();
-    // a sum of uniform numbers is nearly normal, on every platform the same
-    let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
-    coefficients[first].iter_mut().for_each(|weight| *weight = normal() / spread);
-    coefficients[bias].iter_mut().for_each(|bias| *bias = 0.5 * normal());
-    debug_assert_eq!(nodes * columns, shape.places()[3].len());
-    Some(coefficients)
-}
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// The next sample in the units of the table, and the hidden numbers at the start.
-fn exported(samples: &DiscreteSamples, shape: Shape, coefficients: &[f64]) -> (Graph, Vec<f64>) {
-    let Shape { states, outputs, columns, nodes } = shape;
-    let [linear, constant, last, first, bias, hidden] = shape.places().map(|place| &coefficients[place]);
-    let of = samples.scaling([1, 1]);
-    let with_hidden =
-        |values: &[f64], other: f64| [&values[..outputs], &vec![other; shape.hidden()], &values[outputs..]].concat();
-    let (input_mean, input_scale) = (with_hidden(&of.input_mean, 0.0), with_hidden(&of.input_scale, 1.0));
-    let (output_mean, output_scale) = (with_hidden(&of.output_mean, 0.0), with_hidden(&of.output_scale, 1.0));
-    let (mut weights, mut constants) = (Vec::new(), Vec::new());
-    for state in 0..states {
-        let of_column = |column: usize| {
-            let own = if column == state { 1.0 } else { 0.0 };
-            output_scale[state] * (own + linear[state * columns + column]) / input_scale[column]
-        };
-        let row: Vec<f64> = (0..columns).map(of_column).collect();
-        let at_means: f64 = row.iter().zip(&input_mean).map(|(weight, mean)| weight * mean).sum();
-        constants.push(output_mean[state] + output_scale[state] * constant[state] - at_means);
-        weights.extend(row);
+    /// A run with an output and an input, of the rows of a record.
+    fn run(number: usize, rows: Range<usize>, given: usize) -> Signals {
+        let values: Vec<f64> = rows.clone().map(|row| (row as f64).sin()).collect();
+        Signals { outputs: values.clone(), inputs: values, given, runs: vec![number; rows.len()] }
     }
-    let layer = |inputs: usize, outputs: usize, weight: &[f64], bias: Vec<f64>, activation| Layer {
-        inputs,
-        outputs,
-        weight: weight.to_vec().into(),
-        bias: bias.into(),
-        activation,
-    };
-    let layers = vec![
-        layer(columns, nodes, first, bias.to_vec(), Activation::Tanh),
-        layer(nodes, states, last, vec![0.0; states], Activation::Identity),
-    ];
-    let scaling = Scaling { input_mean, input_scale, output_mean: vec![0.0; states], output_scale };
-    let network = Graph::from(&ScaledNetwork { scaling, layers });
-    (Graph::of_samples(columns, weights, constants, Some(network)), hidden.to_vec())
+
+    #[test]
+    fn runs_that_follow_each_other_are_one() {
+        // pieces of a record of 30 rows, each with the three rows before it, and a run of another record
+        let runs = [run(0, 7..21, 3), run(1, 100..110, 3), run(2, 0..11, 4), run(3, 17..30, 3)];
+        let found = joined(&runs);
+        assert_eq!(found.iter().map(Signals::rows).collect::<Vec<_>>(), [10, 30]);
+        assert_eq!(found[0].outputs, runs[1].outputs);
+        assert_eq!(found[1].outputs, run(0, 0..30, 4).outputs);
+        assert_eq!(found[1].given, 4);
+        let expected = [[2; 11].as_slice(), &[0; 10], &[3; 9]].concat();
+        assert_eq!(found[1].runs, expected);
+    }
+
+    #[test]
+    fn runs_that_repeat_each_other_end() {
+        let constant =
+            |number| Signals { outputs: vec![1.0; 9], inputs: vec![0.0; 9], given: 2, runs: vec![number; 9] };
+        let found = joined(&[constant(0), constant(1)]);
+        let mut runs: Vec<usize> = found.iter().flat_map(|signals| signals.runs.clone()).collect();
+        runs.dedup();
+        runs.sort_unstable();
+        assert_eq!(runs, [0, 1]);
+    }
 }

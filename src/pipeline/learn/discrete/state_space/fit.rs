@@ -1,23 +1,27 @@
 //! Simulation of a state space with its sensitivities, and the least squares of its errors.
 
+use super::features::{Evaluated, Features};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
 
-/// Rows after which the outputs of a simulation are made what was measured, one after the other. Whole simulations have more minima, and errors
-/// of short ones are biased by noise: a training either has them all or begins with the last.
-pub const STRETCHES: [usize; 3] = [4, 32, usize::MAX];
-/// Iterations with each of them at most.
-const ITERATIONS: usize = 40;
-/// Relative decrease below which the next one follows.
-const DECREASE: f64 = 1e-3;
-/// Iterations without a better simulation of the held-out runs, after which a training ends.
-const PATIENCE: usize = 15;
 /// Damping at the start, for each error; its changes, and the number of them in one iteration.
 const DAMPING: f64 = 1e-3;
 const DAMPING_DOWN: f64 = 0.2;
 const DAMPING_UP: f64 = 4.0;
 const TRIES: usize = 10;
+/// Relative decrease of the sum of squares and penalties below which a training ends.
+const DECREASE: f64 = 1e-4;
+/// Rows that are given when the correction by measured outputs is found, and number of parts of runs that it is found from; its iterations, difference
+/// for its slopes, and relative decrease below which it is found.
+const GIVEN: usize = 50;
+const MOST_PARTS: usize = 30;
+const GAIN_ITERATIONS: usize = 10;
+const GAIN_STEP: f64 = 1e-6;
+const GAIN_DECREASE: f64 = 1e-3;
+/// Variances of the states' errors over those of the outputs.
+const RATIOS: [f64; 6] = [1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4];
+const KALMAN_ITERATIONS: usize = 300;
 /// Standardized magnitude from which on a simulation has diverged.
 const DIVERGED: f64 = 1e3;
 /// Sums of runs that are computed side by side: always the same ones, so that their order does not depend on the number of threads.
@@ -26,15 +30,15 @@ const PARTS: usize = 16;
 const BLOCK: usize = 64;
 
 /// Sizes of a state space, and the places of its coefficients: `L`, `c`, `G`, `W`, `b`, then the hidden states at the start, matrices row by
-/// row.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// row. `W` and `b` are those of nodes.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Shape {
     /// Number of states, the outputs first.
     pub states: usize,
     pub outputs: usize,
     /// Number of columns: states, inputs, parameters.
     pub columns: usize,
-    pub nodes: usize,
+    pub features: Features,
 }
 
 impl Shape {
@@ -44,9 +48,10 @@ impl Shape {
 
     /// Places of `L`, `c`, `G`, `W`, `b` and the hidden start.
     pub fn places(&self) -> [Range<usize>; 6] {
-        let Self { states, columns, nodes, .. } = *self;
+        let Self { states, columns, .. } = *self;
+        let (features, nodes) = (self.features.count(), self.features.nodes());
         let mut end = 0;
-        [states * columns, states, states * nodes, nodes * columns, nodes, self.hidden()].map(|length| {
+        [states * columns, states, states * features, nodes * columns, nodes, self.hidden()].map(|length| {
             end += length;
             end - length..end
         })
@@ -57,13 +62,14 @@ impl Shape {
     }
 
     /// Multiplications of an evaluation with sensitivities, for each row.
-    fn cost(&self) -> f64 {
+    pub fn cost(&self) -> f64 {
         let (states, outputs, count) = (self.states as f64, self.outputs as f64, self.coefficients() as f64);
         count * (states * states + outputs * count)
     }
 }
 
-/// A run, standardized.
+/// A run, standardized, or several that follow each other.
+#[derive(Clone)]
 pub struct Signals {
     /// Shape `[rows, outputs]`.
     pub outputs: Vec<f64>,
@@ -71,12 +77,78 @@ pub struct Signals {
     pub inputs: Vec<f64>,
     /// Number of rows that are given: outputs of the simulation are what was measured.
     pub given: usize,
+    /// Number of the run of each row.
+    pub runs: Vec<usize>,
 }
 
-/// Runs to fit to, and those that choose.
-pub struct Data {
-    pub training: Vec<Signals>,
-    pub validation: Vec<Signals>,
+impl Signals {
+    pub fn rows(&self) -> usize {
+        self.runs.len()
+    }
+
+    /// Its first rows.
+    pub fn cut(&self, rows: usize) -> Self {
+        let given = self.given.min(rows);
+        Self { given, ..self.part(0, rows.min(self.rows())) }
+    }
+
+    /// So many rows, the first half of them given.
+    fn part(&self, start: usize, rows: usize) -> Self {
+        let [outputs, inputs] = [&self.outputs, &self.inputs].map(|of| {
+            let width = of.len() / self.rows().max(1);
+            of[start * width..(start + rows) * width].to_vec()
+        });
+        Self { outputs, inputs, given: rows / 2, runs: self.runs[start..start + rows].to_vec() }
+    }
+
+    /// Whether another run begins with the last rows of this one: those that are given there, and one more.
+    pub fn is_followed_by(&self, next: &Self) -> bool {
+        let shared = next.given + 1;
+        let is_same = |one: &[f64], next: &[f64], width: usize| {
+            one.len() >= shared * width && next.len() >= shared * width && one.ends_with(&next[..shared * width])
+        };
+        let [outputs, inputs] = [&next.outputs, &next.inputs].map(|of| of.len() / next.rows().max(1));
+        // a single row that is given may be the first of a run from rest
+        next.given > 1 && is_same(&self.outputs, &next.outputs, outputs) && is_same(&self.inputs, &next.inputs, inputs)
+    }
+
+    /// Adds what comes after the shared rows of a run that follows.
+    pub fn extend(&mut self, next: &Self) {
+        let shared = next.given + 1;
+        let [outputs, inputs] = [&next.outputs, &next.inputs].map(|of| shared * (of.len() / next.rows().max(1)));
+        self.outputs.extend_from_slice(&next.outputs[outputs..]);
+        self.inputs.extend_from_slice(&next.inputs[inputs..]);
+        self.runs.extend_from_slice(&next.runs[shared..]);
+    }
+}
+
+/// Runs to fit to; rows of some of them count.
+pub struct Data<'a> {
+    /// Each with the rows that count, up to the last of them.
+    runs: Vec<(&'a Signals, Vec<bool>)>,
+}
+
+/// What a training looks for.
+pub struct Goal<'a> {
+    /// Coefficients from which the distance counts.
+    pub center: &'a [f64],
+    /// Correction of the states by the errors of outputs that are given, shape `[states, outputs]`.
+    pub gain: &'a [f64],
+    /// Penalty of the square of that distance.
+    pub penalty: f64,
+    /// Rows after which the outputs of a simulation are made what was measured; `usize::MAX` of whole simulations.
+    pub stretch: usize,
+    /// Iterations at most.
+    pub iterations: usize,
+}
+
+/// Result of a training.
+pub struct Fitted {
+    pub coefficients: Vec<f64>,
+    /// Sum of squares and penalties, for each error.
+    pub value: f64,
+    /// Number of evaluations with sensitivities.
+    pub evaluations: usize,
 }
 
 /// Squares of the errors, and the normal equations of their sensitivities.
@@ -90,35 +162,57 @@ struct Sums {
     matrix: DMatrix<f64>,
 }
 
-impl Data {
-    fn rows(&self, shape: Shape) -> f64 {
-        let numbers: usize = self.training.iter().map(|run| run.outputs.len()).sum();
-        (numbers / shape.outputs) as f64
+impl<'a> Data<'a> {
+    /// Rows of the runs with some numbers count; what is before them is simulated.
+    pub fn new(runs: &'a [Signals], counts: impl Fn(usize) -> bool) -> Self {
+        let rows = |signals: &'a Signals| {
+            let of_row = signals.runs.iter().enumerate().map(|(row, run)| row >= signals.given && counts(*run));
+            let mut rows: Vec<bool> = of_row.collect();
+            rows.truncate(rows.iter().rposition(|counts| *counts).map_or(0, |last| last + 1));
+            (signals, rows)
+        };
+        Self { runs: runs.iter().map(rows).filter(|(_, rows)| !rows.is_empty()).collect() }
     }
 
-    /// Root mean square error of the simulations of the held-out runs, infinite if one diverges.
-    pub fn error(&self, shape: Shape, coefficients: &[f64]) -> f64 {
-        let of_run = |run: &Signals| {
-            let (mut squares, mut count) = (0.0, 0);
-            simulate(shape, coefficients, run, |row, states| {
-                if row >= run.given {
+    /// Number of rows that count.
+    pub fn rows(&self) -> usize {
+        self.runs.iter().flat_map(|(_, rows)| rows).filter(|counts| **counts).count()
+    }
+
+    /// Multiplications of an evaluation with sensitivities.
+    pub fn cost(&self, shape: &Shape) -> f64 {
+        shape.cost() * self.runs.iter().map(|(_, rows)| rows.len()).sum::<usize>() as f64
+    }
+
+    /// Sum of the squares of the errors of the simulations; infinite if one diverges.
+    pub fn squares(&self, shape: &Shape, coefficients: &[f64], gain: &[f64]) -> f64 {
+        let of_run = |(run, rows): &(&Signals, Vec<bool>)| {
+            let mut squares = 0.0;
+            simulate(shape, (coefficients, gain), run, [rows.len(), run.given], |row, states| {
+                if rows[row] {
                     let measured = &run.outputs[row * shape.outputs..][..shape.outputs];
                     squares += states.iter().zip(measured).map(|(found, value)| (found - value).powi(2)).sum::<f64>();
-                    count += shape.outputs;
                 }
             })
-            .map(|()| (squares, count))
+            .map_or(f64::INFINITY, |()| squares)
         };
-        let found: Option<Vec<(f64, usize)>> = self.validation.par_iter().map(of_run).collect();
-        let sums = found.map(|all| all.into_iter().fold((0.0, 0), |a, b| (a.0 + b.0, a.1 + b.1)));
-        sums.map_or(f64::INFINITY, |(squares, count)| (squares / count.max(1) as f64).sqrt())
+        self.runs.par_iter().map(of_run).collect::<Vec<_>>().into_iter().sum()
     }
 
-    /// Standard deviations of the states in simulations of the training runs; none if one diverges.
-    pub fn deviations(&self, shape: Shape, coefficients: &[f64]) -> Option<Vec<f64>> {
+    /// Whether all simulations stay finite.
+    pub fn is_stable(&self, shape: &Shape, coefficients: &[f64], gain: &[f64]) -> bool {
+        let is_stable = |(run, rows): &(&Signals, Vec<bool>)| {
+            simulate(shape, (coefficients, gain), run, [rows.len(), run.given], |_, _| {}).is_some()
+        };
+        self.runs.par_iter().all(is_stable)
+    }
+
+    /// Standard deviations of the states in simulations; none if one diverges.
+    pub fn deviations(&self, shape: &Shape, coefficients: &[f64]) -> Option<Vec<f64>> {
+        let gain = overwriting(shape);
         let (mut sums, mut squares, mut count) = (vec![0.0; shape.states], vec![0.0; shape.states], 0.0);
-        for run in &self.training {
-            simulate(shape, coefficients, run, |_, states| {
+        for (run, rows) in &self.runs {
+            simulate(shape, (coefficients, &gain), run, [rows.len(), run.given], |_, states| {
                 count += 1.0;
                 for ((state, sum), square) in states.iter().zip(&mut sums).zip(&mut squares) {
                     *sum += state;
@@ -134,13 +228,13 @@ impl Data {
         )
     }
 
-    fn sums(&self, shape: Shape, coefficients: &[f64], stretch: usize) -> Option<Sums> {
+    fn sums(&self, shape: &Shape, coefficients: &[f64], goal: &Goal) -> Option<Sums> {
         let parts: Option<Vec<Sums>> = self
-            .training
-            .par_chunks(self.training.len().div_ceil(PARTS).max(1))
+            .runs
+            .par_chunks(self.runs.len().div_ceil(PARTS).max(1))
             .map(|runs| {
                 let mut sums = Sums::new(shape.coefficients());
-                runs.iter().try_for_each(|run| sums.add(shape, coefficients, run, stretch))?;
+                runs.iter().try_for_each(|run| sums.add(shape, coefficients, run, goal))?;
                 Some(sums)
             })
             .collect();
@@ -153,59 +247,108 @@ impl Data {
         })
     }
 
-    /// Coefficients with the best simulations of the held-out runs on the way from a start to the least squares, and their error. `penalty` of
-    /// the coefficients for each error. `left` is the number of multiplications that are allowed.
-    pub fn train(
-        &self,
-        shape: Shape,
-        start: Vec<f64>,
-        penalty: f64,
-        stretches: &[usize],
-        left: &mut f64,
-        is_stopped: &dyn Fn() -> bool,
-    ) -> (f64, Vec<f64>) {
-        let mut best = (self.error(shape, &start), start.clone());
-        let mut coefficients = DVector::from_vec(start);
-        let cost = shape.cost() * self.rows(shape);
-        for &stretch in stretches {
-            let Some(mut sums) = self.sums(shape, coefficients.as_slice(), stretch) else { continue };
-            let count = sums.count as f64;
-            let (mut damping, mut since) = (DAMPING * count, 0);
-            for _ in 0..ITERATIONS {
-                if *left <= 0.0 || is_stopped() {
-                    return best;
-                }
-                let value = sums.squares + penalty * count * coefficients.norm_squared();
-                let gradient = &sums.gradient + &coefficients * (penalty * count);
-                let next = (0..TRIES).find_map(|_| {
-                    let mut matrix = sums.matrix.clone();
-                    (0..matrix.nrows()).for_each(|place| matrix[(place, place)] += penalty * count + damping);
-                    let candidate = &coefficients - Cholesky::new(matrix)?.solve(&gradient);
-                    *left -= cost;
-                    let found = self.sums(shape, candidate.as_slice(), stretch);
-                    let of_found = |sums: &Sums| sums.squares + penalty * count * candidate.norm_squared();
-                    let better = found.map(|sums| (of_found(&sums), sums)).filter(|(found, _)| *found < value);
-                    if better.is_none() {
-                        damping *= DAMPING_UP;
+    /// The correction after which simulations have the smallest errors, if so many rows are given first: by the method of Levenberg and Marquardt, with
+    /// differences for slopes. It begins with the best of a known one, that which makes outputs what is measured, and Kalman filters of the
+    /// linear part.
+    pub fn gain(&self, shape: &Shape, coefficients: &[f64], known: &[f64]) -> Vec<f64> {
+        let parts = self.parts();
+        let errors = |gain: &[f64]| {
+            let mut errors = Vec::new();
+            for part in &parts {
+                simulate(shape, (coefficients, gain), part, [part.rows(), part.given], |row, states| {
+                    if row > part.given {
+                        let measured = &part.outputs[row * shape.outputs..][..shape.outputs];
+                        errors.extend(states.iter().zip(measured).map(|(found, measured)| found - measured));
                     }
-                    better.map(|(found, sums)| (candidate, sums, found))
-                });
-                let Some((candidate, more, found)) = next else { break };
-                (coefficients, sums) = (candidate, more);
-                damping = (damping * DAMPING_DOWN).max(1e-12 * count);
-                let error = self.error(shape, coefficients.as_slice());
-                since += 1;
-                if error < best.0 {
-                    best = (error, coefficients.as_slice().to_vec());
-                    since = 0;
-                }
-                let is_last = stretch == usize::MAX;
-                if is_last && since >= PATIENCE || !is_last && value - found < DECREASE * value {
-                    break;
-                }
+                })?;
+            }
+            Some(DVector::from_vec(errors))
+        };
+        let filters = RATIOS.into_iter().filter_map(|ratio| kalman(shape, coefficients, ratio));
+        let starts = [known.to_vec(), overwriting(shape)].into_iter().chain(filters);
+        let tried = starts.filter_map(|start| Some((errors(&start)?, start)));
+        let best = tried.min_by(|(a, _), (b, _)| a.norm_squared().total_cmp(&b.norm_squared()));
+        let Some((mut found, start)) = best else { return known.to_vec() };
+        let mut gain = DVector::from_vec(start);
+        let mut damping = 1e-6 * found.len() as f64;
+        for _ in 0..GAIN_ITERATIONS {
+            let slope = |place: usize| {
+                let mut moved = gain.clone();
+                moved[place] += GAIN_STEP;
+                Some((errors(moved.as_slice())? - &found) / GAIN_STEP)
+            };
+            let Some(slopes) = (0..gain.len()).map(slope).collect::<Option<Vec<_>>>() else { break };
+            let jacobian = DMatrix::from_columns(&slopes);
+            let (matrix, gradient) = (jacobian.tr_mul(&jacobian), jacobian.tr_mul(&found));
+            let next = (0..TRIES).find_map(|_| {
+                let mut damped = matrix.clone();
+                (0..damped.nrows()).for_each(|place| damped[(place, place)] += damping);
+                let candidate = &gain - Cholesky::new(damped)?.solve(&gradient);
+                let better = errors(candidate.as_slice()).filter(|more| more.norm_squared() < found.norm_squared());
+                damping *= if better.is_some() { DAMPING_DOWN } else { DAMPING_UP };
+                better.map(|more| (candidate, more))
+            });
+            let Some((candidate, more)) = next else { break };
+            let gained = found.norm_squared() - more.norm_squared();
+            (gain, found) = (candidate, more);
+            if gained < GAIN_DECREASE * found.norm_squared() {
+                break;
             }
         }
-        best
+        gain.as_slice().to_vec()
+    }
+
+    /// Parts of the runs, as many rows given as simulated.
+    fn parts(&self) -> Vec<Signals> {
+        let starts = self.runs.iter().flat_map(|(run, rows)| {
+            let length = rows.len().min(2 * GIVEN);
+            (0..=rows.len() - length).step_by(GIVEN).map(move |start| (*run, start, length))
+        });
+        let starts: Vec<_> = starts.collect();
+        let apart = starts.len().div_ceil(MOST_PARTS).max(1);
+        starts.into_iter().step_by(apart).map(|(run, start, length)| run.part(start, length)).collect()
+    }
+
+    /// Coefficients on the way from a start to a goal; the start if its simulations diverge.
+    pub fn fit(&self, shape: &Shape, start: &[f64], goal: &Goal, is_stopped: &(dyn Fn() -> bool + Sync)) -> Fitted {
+        let center = DVector::from_column_slice(goal.center);
+        let mut coefficients = DVector::from_column_slice(start);
+        let mut evaluations = 1;
+        let Some(mut sums) = self.sums(shape, start, goal) else {
+            return Fitted { coefficients: start.to_vec(), value: f64::INFINITY, evaluations };
+        };
+        let count = sums.count.max(1) as f64;
+        let weight = goal.penalty;
+        let value_of = |sums: &Sums, at: &DVector<f64>| sums.squares + weight * (at - &center).norm_squared();
+        let mut value = value_of(&sums, &coefficients);
+        let mut damping = DAMPING * count;
+        for _ in 0..goal.iterations {
+            if is_stopped() {
+                break;
+            }
+            let gradient = &sums.gradient + (&coefficients - &center) * weight;
+            let next = (0..TRIES).find_map(|_| {
+                let mut matrix = sums.matrix.clone();
+                (0..matrix.nrows()).for_each(|place| matrix[(place, place)] += weight + damping);
+                let candidate = &coefficients - Cholesky::new(matrix)?.solve(&gradient);
+                evaluations += 1;
+                let found = self.sums(shape, candidate.as_slice(), goal);
+                let better = found.filter(|sums| value_of(sums, &candidate) < value);
+                if better.is_none() {
+                    damping *= DAMPING_UP;
+                }
+                better.map(|sums| (candidate, sums))
+            });
+            let Some((candidate, more)) = next else { break };
+            let before = value;
+            value = value_of(&more, &candidate);
+            (coefficients, sums) = (candidate, more);
+            damping = (damping * DAMPING_DOWN).max(1e-12 * count);
+            if before - value < DECREASE * before {
+                break;
+            }
+        }
+        Fitted { coefficients: coefficients.as_slice().to_vec(), value: value / count, evaluations }
     }
 }
 
@@ -215,13 +358,19 @@ impl Sums {
     }
 
     /// Adds the errors of a run; none if its simulation diverges.
-    fn add(&mut self, shape: Shape, coefficients: &[f64], run: &Signals, stretch: usize) -> Option<()> {
+    fn add(
+        &mut self,
+        shape: &Shape,
+        coefficients: &[f64],
+        (run, rows): &(&Signals, Vec<bool>),
+        goal: &Goal,
+    ) -> Option<()> {
         let (outputs, count) = (shape.outputs, coefficients.len());
         let mut block = DMatrix::zeros(count, BLOCK);
         let mut errors = DVector::zeros(BLOCK);
         let mut filled = 0;
-        simulate_with_sensitivities(shape, coefficients, run, stretch, |row, states, sensitivities| {
-            if row < run.given {
+        simulate_with_sensitivities(shape, coefficients, (run, rows.len()), goal, |row, states, sensitivities| {
+            if !rows[row] {
                 return;
             }
             for output in 0..outputs {
@@ -247,26 +396,61 @@ impl Sums {
     }
 }
 
-/// Calls back with the states at each row of a run; none if they diverge.
-pub fn simulate(shape: Shape, coefficients: &[f64], run: &Signals, mut visit: impl FnMut(usize, &[f64])) -> Option<()> {
-    let Shape { states, outputs, columns, nodes } = shape;
+/// The correction that makes outputs what is given.
+pub fn overwriting(shape: &Shape) -> Vec<f64> {
+    let outputs = shape.outputs;
+    let element = |place: usize| f64::from(u8::from(place / outputs == place % outputs));
+    (0..shape.states * outputs).map(element).collect()
+}
+
+/// The gain of the Kalman filter of the linear part, `K = P C' (C P C' + I)^-1` with the variance `P` of the states after many samples (Kalman
+/// (1960)), where each sample adds a variance of `ratio` to each state.
+fn kalman(shape: &Shape, coefficients: &[f64], ratio: f64) -> Option<Vec<f64>> {
+    let Shape { states, outputs, columns, .. } = *shape;
+    let linear = &coefficients[shape.places()[0].clone()];
+    let a = DMatrix::from_fn(states, states, |row, column| {
+        f64::from(u8::from(row == column)) + linear[row * columns + column]
+    });
+    let mut variance = DMatrix::identity(states, states);
+    let mut gain = DMatrix::zeros(states, outputs);
+    for _ in 0..KALMAN_ITERATIONS {
+        variance = &a * variance * a.transpose() + DMatrix::identity(states, states) * ratio;
+        let seen = variance.view((0, 0), (outputs, outputs)) + DMatrix::identity(outputs, outputs);
+        gain = variance.columns(0, outputs) * Cholesky::new(seen)?.inverse();
+        variance -= &gain * variance.rows(0, outputs);
+    }
+    // row by row
+    Some(gain.transpose().as_slice().to_vec())
+}
+
+/// Calls back with the states at each of the first rows of a run, before those that are given correct them; none if they diverge.
+fn simulate(
+    shape: &Shape,
+    (coefficients, gain): (&[f64], &[f64]),
+    run: &Signals,
+    [rows, given]: [usize; 2],
+    mut visit: impl FnMut(usize, &[f64]),
+) -> Option<()> {
+    let Shape { states, outputs, columns, ref features } = *shape;
     let [linear, constant, last, first, bias, hidden] = shape.places().map(|place| &coefficients[place]);
-    let mut z = vec![0.0; columns];
-    let (mut active, mut next) = (vec![0.0; nodes], vec![0.0; states]);
+    let mut active = Evaluated::new(features, states);
+    let count = active.values.len();
+    let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     z[outputs..states].copy_from_slice(hidden);
-    let rows = run.outputs.len() / outputs;
     for row in 0..rows {
-        if row < run.given.max(1) {
-            z[..outputs].copy_from_slice(&run.outputs[row * outputs..][..outputs]);
+        let measured = &run.outputs[row * outputs..][..outputs];
+        if row == 0 {
+            z[..outputs].copy_from_slice(measured);
         }
         visit(row, &z[..states]);
-        z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
-        for (node, active) in active.iter_mut().enumerate() {
-            *active = (bias[node] + dot(&first[node * columns..][..columns], &z)).tanh();
+        if row < given {
+            correct(&mut z[..states], gain, measured);
         }
+        z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
+        active.evaluate(features, [first, bias], &z);
         for (state, next) in next.iter_mut().enumerate() {
             let change = constant[state] + dot(&linear[state * columns..][..columns], &z);
-            *next = z[state] + change + dot(&last[state * nodes..][..nodes], &active);
+            *next = z[state] + change + dot(&last[state * count..][..count], &active.values);
         }
         if !next.iter().all(|value| value.abs() < DIVERGED) {
             return None;
@@ -279,53 +463,56 @@ pub fn simulate(shape: Shape, coefficients: &[f64], run: &Signals, mut visit: im
 /// As [`simulate`], with the sensitivities to the coefficients, shape `[states, coefficients]`. Outputs are made what was measured after each
 /// `stretch` of rows.
 fn simulate_with_sensitivities(
-    shape: Shape,
+    shape: &Shape,
     coefficients: &[f64],
-    run: &Signals,
-    stretch: usize,
+    (run, rows): (&Signals, usize),
+    goal: &Goal,
     mut visit: impl FnMut(usize, &[f64], &[f64]),
 ) -> Option<()> {
-    let Shape { states, outputs, columns, nodes } = shape;
-    let [linear, constant, last, first, bias, hidden] = shape.places().map(|place| &coefficients[place]);
+    let Shape { states, outputs, columns, ref features } = *shape;
     let places = shape.places();
+    let [linear, constant, last, first, bias, hidden] = places.clone().map(|place| &coefficients[place]);
     let count = coefficients.len();
-    let (mut z, mut active, mut next) = (vec![0.0; columns], vec![0.0; nodes], vec![0.0; states]);
+    let mut active = Evaluated::new(features, states);
+    let terms = active.values.len();
+    let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     let (mut sensitivities, mut changed) = (vec![0.0; states * count], vec![0.0; states * count]);
     z[outputs..states].copy_from_slice(hidden);
     (outputs..states).zip(places[5].clone()).for_each(|(state, place)| sensitivities[state * count + place] = 1.0);
-    let rows = run.outputs.len() / outputs;
     for row in 0..rows {
-        if row < run.given.max(1) {
-            z[..outputs].copy_from_slice(&run.outputs[row * outputs..][..outputs]);
+        let measured = &run.outputs[row * outputs..][..outputs];
+        if row == 0 {
+            z[..outputs].copy_from_slice(measured);
             sensitivities[..outputs * count].fill(0.0);
         }
         visit(row, &z[..states], &sensitivities);
-        if row >= run.given && (row - run.given + 1).is_multiple_of(stretch) {
-            z[..outputs].copy_from_slice(&run.outputs[row * outputs..][..outputs]);
+        if row < run.given {
+            correct(&mut z[..states], goal.gain, measured);
+            correct_sensitivities(&mut sensitivities, goal.gain, [states, outputs]);
+        } else if (row - run.given + 1).is_multiple_of(goal.stretch) {
+            z[..outputs].copy_from_slice(measured);
             sensitivities[..outputs * count].fill(0.0);
         }
         z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
-        for (node, active) in active.iter_mut().enumerate() {
-            *active = (bias[node] + dot(&first[node * columns..][..columns], &z)).tanh();
-        }
+        active.evaluate(features, [first, bias], &z);
+        active.differentiate(features, first);
         for state in 0..states {
-            let of_nodes = &last[state * nodes..][..nodes];
+            let weights = &last[state * terms..][..terms];
             let change = constant[state] + dot(&linear[state * columns..][..columns], &z);
-            next[state] = z[state] + change + dot(of_nodes, &active);
+            next[state] = z[state] + change + dot(weights, &active.values);
             let changed = &mut changed[state * count..][..count];
             changed.fill(0.0);
             for (other, sensitivity) in sensitivities.chunks_exact(count).enumerate() {
-                let through =
-                    |node: usize| of_nodes[node] * (1.0 - active[node] * active[node]) * first[node * columns + other];
                 let own = if other == state { 1.0 } else { 0.0 };
-                let slope = own + linear[state * columns + other] + (0..nodes).map(through).sum::<f64>();
+                let through = |term: usize| weights[term] * active.slopes[term * states + other];
+                let slope = own + linear[state * columns + other] + (0..terms).map(through).sum::<f64>();
                 changed.iter_mut().zip(sensitivity).for_each(|(sum, more)| *sum += slope * more);
             }
             add(&mut changed[places[0].start + state * columns..], &z, 1.0);
             changed[places[1].start + state] += 1.0;
-            add(&mut changed[places[2].start + state * nodes..], &active, 1.0);
-            for node in 0..nodes {
-                let slope = of_nodes[node] * (1.0 - active[node] * active[node]);
+            add(&mut changed[places[2].start + state * terms..], &active.values, 1.0);
+            for node in 0..features.nodes() {
+                let slope = weights[node] * (1.0 - active.values[node] * active.values[node]);
                 add(&mut changed[places[3].start + node * columns..], &z, slope);
                 changed[places[4].start + node] += slope;
             }
@@ -337,6 +524,22 @@ fn simulate_with_sensitivities(
         std::mem::swap(&mut sensitivities, &mut changed);
     }
     Some(())
+}
+
+/// `x + K (y - x_y)`
+fn correct(states: &mut [f64], gain: &[f64], measured: &[f64]) {
+    let outputs = measured.len();
+    let errors: Vec<f64> = measured.iter().zip(states.iter()).map(|(measured, found)| measured - found).collect();
+    states.iter_mut().zip(gain.chunks_exact(outputs)).for_each(|(state, gain)| *state += dot(gain, &errors));
+}
+
+/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none.
+fn correct_sensitivities(sensitivities: &mut [f64], gain: &[f64], [states, outputs]: [usize; 2]) {
+    let count = sensitivities.len() / states;
+    let of_outputs = sensitivities[..outputs * count].to_vec();
+    for (of_state, gain) in sensitivities.chunks_exact_mut(count).zip(gain.chunks_exact(outputs)) {
+        gain.iter().zip(of_outputs.chunks_exact(count)).for_each(|(gain, of)| add(of_state, of, -gain));
+    }
 }
 
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -352,71 +555,112 @@ mod tests {
     use super::*;
 
     /// A run of a made-up state space with two outputs, a hidden state, an input and a parameter.
-    fn example() -> (Shape, Vec<f64>, Signals) {
-        let shape = Shape { states: 3, outputs: 2, columns: 5, nodes: 4 };
+    fn example(features: Features) -> (Shape, Vec<f64>, Signals) {
+        let shape = Shape { states: 3, outputs: 2, columns: 5, features };
         let number = |index: usize| (1.3 * index as f64 + 0.2).sin();
         let coefficients: Vec<f64> = (0..shape.coefficients()).map(|index| 0.2 * number(index)).collect();
         let rows = 30;
         let outputs = (0..2 * rows).map(|index| number(index + 100)).collect();
         let inputs = (0..2 * rows).map(|index| number(index + 300)).collect();
-        (shape, coefficients, Signals { outputs, inputs, given: 3 })
+        (shape, coefficients, Signals { outputs, inputs, given: 3, runs: vec![0; rows] })
     }
 
     #[test]
     fn sensitivities_are_those_of_differences() {
-        let (shape, coefficients, run) = example();
-        let count = coefficients.len();
-        let mut found = Vec::new();
-        simulate_with_sensitivities(shape, &coefficients, &run, usize::MAX, |row, states, of| {
-            if row == 20 {
-                found = [states, of].concat();
-            }
-        })
-        .unwrap();
-        let at = |index: usize, by: f64| {
-            let mut moved = coefficients.clone();
-            moved[index] += by;
-            let mut states = Vec::new();
-            simulate(shape, &moved, &run, |row, found| {
-                if row == 20 {
-                    states = found.to_vec();
+        for features in [Features::Nodes(4), Features::products(5, 3, |_| true, 100).unwrap()] {
+            let (shape, coefficients, run) = example(features);
+            let coefficients: Vec<f64> = coefficients.iter().map(|value| 0.2 * value).collect();
+            let count = coefficients.len();
+            let mut found = Vec::new();
+            let gain: Vec<f64> = (0..6).map(|place| 0.3 * (place as f64).cos()).collect();
+            let goal = Goal { center: &[], gain: &gain, penalty: 0.0, stretch: usize::MAX, iterations: 0 };
+            simulate_with_sensitivities(&shape, &coefficients, (&run, 30), &goal, |row, states, of| {
+                if row == 12 {
+                    found = [states, of].concat();
                 }
             })
             .unwrap();
-            states
-        };
-        assert_eq!(found[..3], at(0, 0.0));
-        for index in 0..count {
-            let (after, before) = (at(index, 1e-6), at(index, -1e-6));
-            for state in 0..3 {
-                let expected = (after[state] - before[state]) / 2e-6;
-                let slope = found[3 + state * count + index];
-                assert!(
-                    (slope - expected).abs() < 1e-7 * (1.0 + expected.abs()),
-                    "{index} {state}: {slope} {expected}"
-                );
+            let at = |index: usize, by: f64| {
+                let mut moved = coefficients.clone();
+                moved[index] += by;
+                let mut states = Vec::new();
+                simulate(&shape, (&moved, &gain), &run, [30, 3], |row, found| {
+                    if row == 12 {
+                        states = found.to_vec();
+                    }
+                })
+                .unwrap();
+                states
+            };
+            assert_eq!(found[..3], at(0, 0.0));
+            for index in 0..count {
+                let (after, before) = (at(index, 1e-6), at(index, -1e-6));
+                for state in 0..3 {
+                    let expected = (after[state] - before[state]) / 2e-6;
+                    let slope = found[3 + state * count + index];
+                    assert!(
+                        (slope - expected).abs() < 1e-7 * (1.0 + expected.abs()),
+                        "{index} {state}: {slope} {expected}"
+                    );
+                }
             }
         }
     }
 
     #[test]
     fn a_state_space_is_found_again_from_its_outputs() {
-        let (shape, coefficients, mut run) = example();
+        let (shape, coefficients, mut run) = example(Features::Nodes(4));
         run.given = 1;
-        let (start, rows) = (run.outputs[..2].to_vec(), run.outputs.len() / 2);
+        let gain = overwriting(&shape);
+        let (start, rows) = (run.outputs[..2].to_vec(), run.rows());
         let signals = |from: usize| {
             let inputs: Vec<f64> = (0..2 * rows).map(|index| (0.7 * (index + from) as f64).sin()).collect();
-            let mut run = Signals { outputs: [start.clone(), vec![0.0; 2 * rows - 2]].concat(), inputs, given: 1 };
+            let outputs = [start.clone(), vec![0.0; 2 * rows - 2]].concat();
+            let mut run = Signals { outputs, inputs, given: 1, runs: vec![from; rows] };
             let mut outputs = Vec::new();
-            simulate(shape, &coefficients, &run, |_, states| outputs.extend_from_slice(&states[..2])).unwrap();
+            simulate(&shape, (&coefficients, &gain), &run, [rows, 1], |_, states| {
+                outputs.extend_from_slice(&states[..2])
+            })
+            .unwrap();
             run.outputs = outputs;
             run
         };
-        let data = Data { training: (0..8).map(|from| signals(31 * from)).collect(), validation: vec![signals(777)] };
+        let runs: Vec<Signals> = (0..9).map(|from| signals(31 * from)).collect();
+        let [training, unseen] = [false, true].map(|is_last| Data::new(&runs, |run| (run == 8 * 31) == is_last));
         let moved: Vec<f64> =
             coefficients.iter().enumerate().map(|(i, of)| of + 0.05 * (2.1 * i as f64).cos()).collect();
-        let before = data.error(shape, &moved);
-        let (error, _) = data.train(shape, moved, 1e-12, &STRETCHES, &mut 1e12, &|| false);
-        assert!(error < 1e-3 * before, "{error} {before}");
+        let mut found = Fitted { coefficients: moved.clone(), value: 0.0, evaluations: 0 };
+        for stretch in [4, 32, usize::MAX] {
+            let goal = Goal { center: &moved, gain: &gain, penalty: 1e-10, stretch, iterations: 40 };
+            found = training.fit(&shape, &found.coefficients, &goal, &|| false);
+        }
+        let errors =
+            [&moved, &found.coefficients].map(|coefficients| unseen.squares(&shape, coefficients, &gain).sqrt());
+        assert!(errors[1] < 1e-3 * errors[0], "{errors:?}");
+    }
+
+    /// `y' = 0.9 y + h + u`, `h' = 0.8 h + 0.5 u` with noise on the outputs that are measured.
+    #[test]
+    fn states_are_found_from_noisy_outputs_that_are_given() {
+        let shape = Shape { states: 2, outputs: 1, columns: 3, features: Features::Nodes(0) };
+        let coefficients = [[-0.1, 1.0, 1.0].as_slice(), &[0.0, -0.2, 0.5], &[0.0; 3]].concat();
+        let rows = 400;
+        let inputs: Vec<f64> = (0..rows).map(|row| (0.3 * row as f64).sin()).collect();
+        let quiet = Signals { outputs: vec![0.0; rows], inputs: inputs.clone(), given: 1, runs: vec![0; rows] };
+        let mut outputs = Vec::new();
+        simulate(&shape, (&coefficients, &[0.0; 2]), &quiet, [rows, 1], |_, states| outputs.push(states[0])).unwrap();
+        let noise = |row: usize| 0.3 * (7.7 * (row * row) as f64).sin();
+        outputs.iter_mut().enumerate().for_each(|(row, value)| *value += noise(row));
+        let noisy = [Signals { outputs, ..quiet }];
+        let data = Data::new(&noisy, |_| true);
+        let parts = data.parts();
+        let unseen = Data::new(&parts, |_| true);
+        let overwriting = overwriting(&shape);
+        let gain = data.gain(&shape, &coefficients, &overwriting);
+        let [before, after] = [&overwriting, &gain].map(|gain| unseen.squares(&shape, &coefficients, gain));
+        // errors of the right states
+        let starts = (0..=rows - 2 * GIVEN).step_by(GIVEN);
+        let least: f64 = starts.flat_map(|start| start + GIVEN..start + 2 * GIVEN).map(|row| noise(row).powi(2)).sum();
+        assert!(after - least < 0.3 * (before - least), "{after} {before} {least} {gain:?}");
     }
 }

@@ -1,0 +1,177 @@
+//! Linear state spaces from which trainings begin, of ARX models.
+
+use super::{
+    super::{DiscreteSamples, solve},
+    fit::{Data, Shape},
+};
+use nalgebra::{DMatrix, DVector};
+
+/// Past samples of the ARX model whose responses to impulses are realized, and its columns, at the most.
+const LONGEST: usize = 20;
+const COLUMNS: usize = 200;
+/// Samples for each of its coefficients, at the least.
+const SAMPLES: usize = 10;
+/// Smallest standard deviation that a hidden state is divided by.
+const LEAST_DEVIATION: f64 = 1e-9;
+/// Largest magnitude of the eigenvalues of a realization: responses that grow are those of noise.
+const STABLE: f64 = 0.999;
+/// Singular values that count as zero.
+const SMALL: f64 = 1e-12;
+
+/// Where a linear state space comes from.
+#[derive(Clone, Copy, Debug)]
+pub enum Origin {
+    /// An ARX model of its order.
+    Arx,
+    /// The balanced realization of a longer ARX model's responses to impulses.
+    Realization,
+}
+
+/// Coefficients of a linear state space of a shape in observer form, in which measured outputs make the hidden states forget; with hidden states of unit variance; none if it is not determined, or diverges.
+pub fn linear(origin: Origin, samples: &DiscreteSamples, data: &Data, shape: &Shape) -> Option<Vec<f64>> {
+    let order = shape.states / shape.outputs;
+    let lags = match origin {
+        Origin::Arx => arx(samples, order),
+        Origin::Realization => realization(samples, order),
+    }?;
+    let (matrix, constants) = observer(&lags, shape);
+    let mut coefficients = vec![0.0; shape.coefficients()];
+    let [linear, constant, ..] = shape.places();
+    // columns of a matrix of nalgebra lie one after the other
+    coefficients[linear].copy_from_slice(matrix.transpose().as_slice());
+    coefficients[constant].copy_from_slice(&constants);
+    scale_hidden(data, shape, &mut coefficients)?;
+    Some(coefficients)
+}
+
+/// Gives the hidden states unit variance; none if the simulations diverge.
+fn scale_hidden(data: &Data, shape: &Shape, coefficients: &mut [f64]) -> Option<()> {
+    let Shape { states, outputs, columns, .. } = *shape;
+    let [linear, constant, ..] = shape.places();
+    let deviations = data.deviations(shape, coefficients)?;
+    for hidden in outputs..states {
+        let scale = deviations[hidden].max(LEAST_DEVIATION);
+        coefficients[linear.start + hidden * columns..][..columns].iter_mut().for_each(|weight| *weight /= scale);
+        coefficients[constant.start + hidden] /= scale;
+        (0..states).for_each(|row| coefficients[linear.start + row * columns + hidden] *= scale);
+    }
+    Some(())
+}
+
+/// A linear function of past samples, one lag after the other: that of the outputs, shape `[outputs, outputs]`; that of inputs and parameters,
+/// shape `[outputs, inputs + parameters]`, and the constants.
+struct Lag {
+    outputs: DMatrix<f64>,
+    inputs: DMatrix<f64>,
+    constants: DVector<f64>,
+}
+
+/// `x[k+1] - x[k]` from the columns, shape `[states, columns]`, and the constants: the first lag gives the next outputs, each later one what is
+/// added a sample after.
+fn observer(lags: &[Lag], shape: &Shape) -> (DMatrix<f64>, Vec<f64>) {
+    let Shape { states, outputs, columns, .. } = *shape;
+    let mut matrix = DMatrix::zeros(states, columns);
+    for (place, lag) in lags.iter().enumerate() {
+        let first = place * outputs;
+        matrix.view_mut((first, 0), (outputs, outputs)).copy_from(&lag.outputs);
+        matrix.view_mut((first, states), (outputs, columns - states)).copy_from(&lag.inputs);
+        for state in first..first + outputs {
+            if state + outputs < states {
+                matrix[(state, state + outputs)] = 1.0;
+            }
+            matrix[(state, state)] -= 1.0;
+        }
+    }
+    (matrix, lags.iter().flat_map(|lag| lag.constants.iter().copied().collect::<Vec<_>>()).collect())
+}
+
+/// The ARX model with so many lags, by least squares.
+fn arx(samples: &DiscreteSamples, order: usize) -> Option<Vec<Lag>> {
+    let [parameters, inputs, outputs] = samples.counts;
+    let found = solve(&samples.regressors(&samples.training, [order; 2]))?;
+    let beside = order * (outputs + inputs);
+    let lag = |lag: usize| {
+        let mut of_inputs = DMatrix::zeros(outputs, inputs + parameters);
+        let from = order * outputs + lag * inputs;
+        of_inputs.columns_mut(0, inputs).copy_from(&found.rows(from, inputs).transpose());
+        let mut constants = DVector::zeros(outputs);
+        // what is constant in a run acts once
+        if lag == 0 {
+            of_inputs.columns_mut(inputs, parameters).copy_from(&found.rows(beside, parameters).transpose());
+            constants.copy_from(&found.row(beside + parameters).transpose());
+        }
+        Lag { outputs: found.rows(lag * outputs, outputs).transpose(), inputs: of_inputs, constants }
+    };
+    Some((0..order).map(lag).collect())
+}
+
+/// A model with so many lags from the responses of a long ARX model to impulses: the lags of the outputs are those of the balanced realization
+/// (Ho, Kalman (1966)), those of the inputs give its first responses.
+fn realization(samples: &DiscreteSamples, order: usize) -> Option<Vec<Lag>> {
+    let [parameters, inputs, outputs] = samples.counts;
+    let states = order * outputs;
+    let length = (samples.rows() / (SAMPLES * (inputs + outputs))).min(LONGEST).min(COLUMNS / (inputs + outputs));
+    if length < 2 * order {
+        return None;
+    }
+    let long = arx(samples, length)?;
+    let driven = inputs + outputs;
+    let responses = responses(&long, [inputs, outputs]);
+    let hankel = DMatrix::from_fn(length * outputs, length * driven, |row, column| {
+        responses[row / outputs + column / driven][(row % outputs, column % driven)]
+    });
+    let svd = hankel.svd(true, true);
+    let scale = DMatrix::from_diagonal(&svd.singular_values.rows(0, states).map(f64::sqrt));
+    let observability = svd.u.as_ref()?.columns(0, states) * &scale;
+    let controllability = scale * svd.v_t.as_ref()?.rows(0, states);
+    let [earlier, later] = [0, outputs].map(|from| observability.rows(from, (length - 1) * outputs).into_owned());
+    let mut a = earlier.svd(true, true).solve(&later, SMALL).ok()?;
+    let radius = a.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, f64::max);
+    if radius > STABLE {
+        a *= STABLE / radius;
+    }
+    let c = observability.rows(0, outputs);
+    // of the realization: those of the ARX model are noisy
+    let mut reached = controllability.columns(0, driven).into_owned();
+    let mut smooth = Vec::new();
+    let mut seen = DMatrix::zeros(states, states);
+    let mut ahead = c.into_owned();
+    for lag in 0..order {
+        smooth.push(c * &reached);
+        reached = &a * reached;
+        seen.rows_mut(lag * outputs, outputs).copy_from(&ahead);
+        ahead *= &a;
+    }
+    // the outputs of `order` samples give those of the next
+    let of_outputs = ahead * seen.try_inverse()?;
+    let outputs_of = |lag: usize| of_outputs.columns((order - 1 - lag) * outputs, outputs).into_owned();
+    let mut lags: Vec<Lag> = Vec::new();
+    for lag in 0..order {
+        let mut driven_by = smooth[lag].clone();
+        (0..lag).for_each(|earlier| driven_by -= outputs_of(earlier) * &smooth[lag - 1 - earlier]);
+        let of_errors = driven_by.columns(inputs, outputs);
+        let mut of_inputs = DMatrix::zeros(outputs, inputs + parameters);
+        of_inputs.columns_mut(0, inputs).copy_from(&driven_by.columns(0, inputs));
+        of_inputs.columns_mut(inputs, parameters).copy_from(&(of_errors * long[0].inputs.columns(inputs, parameters)));
+        lags.push(Lag { outputs: outputs_of(lag), inputs: of_inputs, constants: of_errors * &long[0].constants });
+    }
+    Some(lags)
+}
+
+/// Outputs `k + 1` samples after an impulse of an input or of an output's error, shape `[outputs, inputs + outputs]` each.
+fn responses(lags: &[Lag], [inputs, outputs]: [usize; 2]) -> Vec<DMatrix<f64>> {
+    let mut found: Vec<DMatrix<f64>> = Vec::new();
+    for k in 0..2 * lags.len() {
+        let mut next = DMatrix::zeros(outputs, inputs + outputs);
+        lags.iter().take(k).enumerate().for_each(|(lag, of)| next += &of.outputs * &found[k - 1 - lag]);
+        if let Some(lag) = lags.get(k) {
+            let mut columns = next.columns_mut(0, inputs);
+            columns += lag.inputs.columns(0, inputs);
+        }
+        if k == 0 {
+            (0..outputs).for_each(|output| next[(output, inputs + output)] += 1.0);
+        }
+        found.push(next);
+    }
+    found
+}
