@@ -5,14 +5,11 @@
 static size_t column_of(const Instance *instance, uint32_t known)
 {
     const size_t index = model_variables[known].index;
-    if (is(instance, known, VARIABLE_STATE)) {
-        return INPUT_COUNT + index;
-    }
-    if (!is(instance, known, VARIABLE_COLUMN)) {
+    if (is(instance, known, VARIABLE_TIME)) {
         return COLUMN_COUNT;
     }
-    if (model_columns[index].role != ROLE_START || !is_starting(instance)) {
-        return index;
+    if (!is(instance, known, VARIABLE_COLUMN) || model_columns[index].role != ROLE_START || !is_starting(instance)) {
+        return variable_column(instance, known);
     }
     /* until the simulation runs, the states are what these parameters are */
     size_t state = INPUT_COUNT;
@@ -25,7 +22,7 @@ static size_t column_of(const Instance *instance, uint32_t known)
 static Status check_known(Instance *instance, uint32_t reference)
 {
     if (is(instance, reference, VARIABLE_COLUMN) || is(instance, reference, VARIABLE_STATE) ||
-        is(instance, reference, VARIABLE_TIME)) {
+        is(instance, reference, VARIABLE_MEASURED) || is(instance, reference, VARIABLE_TIME)) {
         return STATUS_OK;
     }
     if (!exists(instance, reference)) {
@@ -231,7 +228,8 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
 
 static Status check_input(Instance *instance, uint32_t reference)
 {
-    if (is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role == ROLE_INPUT) {
+    const bool is_driven = is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role == ROLE_INPUT;
+    if (is_driven || is(instance, reference, VARIABLE_MEASURED)) {
         return STATUS_OK;
     }
     if (!exists(instance, reference)) {
@@ -253,7 +251,7 @@ Status instance_set_input_derivatives(Instance *instance, const uint32_t referen
         }
     }
     for (size_t i = 0; i < count; i++) {
-        instance->now.rates[orders[i] - 1][references[i]] = values[i];
+        instance->now.rates[orders[i] - 1][variable_column(instance, references[i])] = values[i];
     }
     return STATUS_OK;
 }

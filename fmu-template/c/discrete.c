@@ -1,9 +1,9 @@
 /*
  * How long a step takes at worst, in multiplications, additions and divisions:
  *
- *     K (G + 5 m + 5 + 8 f) + 8
+ *     K (G + 5 (m + y) + 5 + 8 f) + 8
  *
- * with m inputs, K = ceil(size of the step / model_sample_time) samples, f features that are compared with the support of
+ * with m inputs, y outputs, K = ceil(size of the step / model_sample_time) samples, f features that are compared with the support of
  * the training, and G for the graph: graph.c says what it takes. model_data.h has the number for a step of
  * model_time_step. Numbers that are remembered are moved by one sample, which takes as long as there are numbers.
  * Outputs between two samples take three operations each when a host asks for them.
@@ -117,6 +117,19 @@ static void take_inputs(double point[COLUMN_COUNT], const Step *step, double sin
     }
 }
 
+/* Makes measured outputs, `since` seconds after the beginning of the step, those of the last sample while they are used. */
+static void take_measured(double point[COLUMN_COUNT], const Step *step, Real since)
+{
+    if (point[MEMORY_USE_MEASURED] < 0.5) {
+        return;
+    }
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        const size_t column = MEMORY_MEASURED + i;
+        const Real rate = (Real)step->rates[column] + R(0.5) * since * (Real)step->second_rates[column];
+        point[MEMORY + i] = (double)((Real)point[column] + since * rate);
+    }
+}
+
 static void take(const double *values, size_t count, Real *to)
 {
     for (size_t i = 0; i < count; i++) {
@@ -124,11 +137,14 @@ static void take(const double *values, size_t count, Real *to)
     }
 }
 
-/* The next sample from what is remembered; whether it is finite. */
+/* The next sample from what is remembered; whether it and the outputs before it are finite. */
 static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 {
     Real *z = scratch->graph;
     bool finite = true;
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        finite = finite && MATH(fabs)((Real)point[MEMORY + i]) < REAL_HUGE;
+    }
     take(point + MEMORY, FED_BACK, z);
     take(point + MEMORY_INPUTS, PAST_INPUTS, z + FED_BACK);
     take(point, PARAMETER_COUNT, z + FED_BACK + PAST_INPUTS);
@@ -218,6 +234,7 @@ static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *s
         if (point[MEMORY_PHASE] <= SAME) {
             const double since = within((passed - begin) * model_sample_time, step->size);
             take_inputs(point, step, since);
+            take_measured(point, step, (Real)since);
             if (!compute_next(scratch, point)) {
                 failure->after = since + model_sample_time;
                 return ADVANCE_NOT_FINITE;

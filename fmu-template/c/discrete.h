@@ -6,7 +6,8 @@
  * with parameters p and a graph f (graph.c). The last numbers of y may be hidden: they are
  * no outputs, and begin with numbers of the model. The inputs of a point are p, the starts of the outputs, the starts
  * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to the
- * first; averages of inputs and the distance from the support of the training (below), if it is known; the next y; the
+ * first; averages of inputs and the distance from the support of the training (below), if it is known; measured outputs,
+ * and 1 while they replace those of y[k] before y[k + 1] is computed, else 0; the next y; the
  * time since sample k in sample times. The model advances at multiples of the sample time
  * since the start; an input counts at the sample; between samples the outputs are linear. A sample is at a communication point
  * that is nearer to it than a millionth of the sample time.
@@ -23,7 +24,9 @@ enum {
     MEMORY_INPUTS = MEMORY + PAST_OUTPUTS,
     MEMORY_MEANS = MEMORY_INPUTS + PAST_INPUTS,
     MEMORY_DISTANCE = MEMORY_MEANS + MEAN_COUNT,
-    MEMORY_NEXT = MEMORY_DISTANCE + MODEL_HAS_SUPPORT,
+    MEMORY_MEASURED = MEMORY_DISTANCE + MODEL_HAS_SUPPORT, /* FIRST_MEASURED */
+    MEMORY_USE_MEASURED = MEMORY_MEASURED + OUTPUT_COUNT,
+    MEMORY_NEXT = MEMORY_USE_MEASURED + 1,
     MEMORY_PHASE = MEMORY_NEXT + SAMPLE_SIZE,
     MEMORY_COUNT = MEMORY_PHASE + 1 - MEMORY
 };

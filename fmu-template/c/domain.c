@@ -173,10 +173,10 @@ void domain_describe(const Column *column, char text[VALID_SIZE])
 
 bool domain_forbids(Instance *instance, size_t index, double value, double time, Policy policy, Status status)
 {
-    const Column *column = &model_columns[index];
-    if (policy != POLICY_ERROR) {
+    if (policy != POLICY_ERROR || index >= NAMED_COUNT) { /* memory has no range */
         return false;
     }
+    const Column *column = &model_columns[index];
     if (!contains(column, value)) {
         char valid[VALID_SIZE];
         domain_describe(column, valid);
@@ -226,6 +226,9 @@ static void note_change(Instance *instance, size_t index)
 
 void domain_note_value(Instance *instance, size_t index)
 {
+    if (index >= NAMED_COUNT) { /* memory has no range */
+        return;
+    }
     const Column *column = &model_columns[index];
     const double value = instance->now.columns[index];
     if (is_changed(instance, index, value, instance->now.time)) {

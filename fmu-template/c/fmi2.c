@@ -180,13 +180,12 @@ Status fmi2GetInteger(void *c, const uint32_t vr[], size_t nvr, int32_t value[])
 
 Status fmi2GetBoolean(void *c, const uint32_t vr[], size_t nvr, int value[])
 {
-    bool in_domain;
     if (!instance_begin(c, CALL(fmi2GetBoolean)) || instance_lacks(c, vr, nvr, "vr") ||
-        instance_lacks(c, value, nvr, "value") || instance_get_boolean(c, vr, nvr, &in_domain) != STATUS_OK) {
+        instance_lacks(c, value, nvr, "value") || instance_check_booleans(c, vr, nvr) != STATUS_OK) {
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < nvr; i++) {
-        value[i] = in_domain ? 1 : 0;
+        value[i] = instance_boolean(c, vr[i]) ? 1 : 0;
     }
     return STATUS_OK;
 }
@@ -222,10 +221,13 @@ Status fmi2SetInteger(void *c, const uint32_t vr[], size_t nvr, const int32_t va
 Status fmi2SetBoolean(void *c, const uint32_t vr[], size_t nvr, const int value[])
 {
     if (!instance_begin(c, CALL(fmi2SetBoolean)) || instance_lacks(c, vr, nvr, "vr") ||
-        instance_lacks(c, value, nvr, "value")) {
+        instance_lacks(c, value, nvr, "value") || instance_check_set_boolean(c, vr, nvr) != STATUS_OK) {
         return STATUS_ERROR;
     }
-    return instance_set_boolean(c, vr, nvr);
+    if (nvr > 0) {
+        instance_use_measured(c, value[nvr - 1] != 0);
+    }
+    return STATUS_OK;
 }
 
 Status fmi2SetString(void *c, const uint32_t vr[], size_t nvr, const char *const value[])

@@ -275,14 +275,13 @@ Status fmi3GetInt32(void *instance, const uint32_t valueReferences[], size_t nVa
 Status fmi3GetBoolean(void *instance, const uint32_t valueReferences[], size_t nValueReferences, bool values[],
                       size_t nValues)
 {
-    bool in_domain;
     if (!instance_begin(instance, CALL(fmi3GetBoolean)) ||
         bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
-        instance_get_boolean(instance, valueReferences, nValueReferences, &in_domain) != STATUS_OK) {
+        instance_check_booleans(instance, valueReferences, nValueReferences) != STATUS_OK) {
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < nValues; i++) {
-        values[i] = in_domain;
+        values[i] = instance_boolean(instance, valueReferences[i]);
     }
     return STATUS_OK;
 }
@@ -311,10 +310,14 @@ Status fmi3SetBoolean(void *instance, const uint32_t valueReferences[], size_t n
                       size_t nValues)
 {
     if (!instance_begin(instance, CALL(fmi3SetBoolean)) ||
-        bad_arguments(instance, valueReferences, nValueReferences, values, nValues)) {
+        bad_arguments(instance, valueReferences, nValueReferences, values, nValues) ||
+        instance_check_set_boolean(instance, valueReferences, nValueReferences) != STATUS_OK) {
         return STATUS_ERROR;
     }
-    return instance_set_boolean(instance, valueReferences, nValueReferences);
+    if (nValues > 0) {
+        instance_use_measured(instance, values[nValues - 1]);
+    }
+    return STATUS_OK;
 }
 
 /* ---- Dependencies and derivatives ---- */

@@ -135,12 +135,15 @@ void instance_reset(Instance *instance);
 
 Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[]);
 Status instance_get_integer(Instance *instance, const uint32_t references[], size_t count, int32_t values[]);
-/* The only Boolean is in_domain: checks the references and gives its value. */
-Status instance_get_boolean(Instance *instance, const uint32_t references[], size_t count, bool *value);
+/* Refuses references of Booleans of which one is none, or cannot be read now. The value of each is that of the second function. */
+Status instance_check_booleans(Instance *instance, const uint32_t references[], size_t count);
+bool instance_boolean(const Instance *instance, uint32_t reference);
 /* Sets inputs and parameters: all of them or, if one is refused, none. */
 Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[]);
 Status instance_set_integer(Instance *instance, const uint32_t references[], size_t count, const int32_t values[]);
-Status instance_set_boolean(Instance *instance, const uint32_t references[], size_t count);
+/* Refuses references of Booleans of which one is no input. The only such input is use_measured, which the second function sets. */
+Status instance_check_set_boolean(Instance *instance, const uint32_t references[], size_t count);
+void instance_use_measured(Instance *instance, bool on);
 
 /* Number of the variables that a variable depends on. */
 Status instance_count_dependencies(Instance *instance, uint32_t reference, size_t *count);

@@ -23,7 +23,9 @@ typedef enum {
     VARIABLE_DOMAIN_DISTANCE,
     VARIABLE_TIME,  /* the independent variable of a surrogate without a time column */
     VARIABLE_ARRAY, /* of outputs; not part of this code */
-    VARIABLE_BOUND
+    VARIABLE_BOUND,
+    VARIABLE_MEASURED,    /* the measured value of an output of a discrete-time model */
+    VARIABLE_USE_MEASURED /* whether measured values are used */
 } Quantity;
 
 /* A variable; its value reference is its position in model_variables. */

@@ -85,6 +85,16 @@ static inline bool is(const Instance *instance, uint32_t reference, Quantity qua
     return exists(instance, reference) && model_variables[reference].quantity == quantity;
 }
 
+/* Column of a variable that has one: of an input, a parameter, a state or a measured output. */
+static inline size_t variable_column(const Instance *instance, uint32_t reference)
+{
+    const size_t index = model_variables[reference].index;
+    if (is(instance, reference, VARIABLE_MEASURED)) {
+        return FIRST_MEASURED + index;
+    }
+    return is(instance, reference, VARIABLE_STATE) ? INPUT_COUNT + index : index;
+}
+
 /* Name of a variable that exists. */
 static inline const char *variable_name(uint32_t reference)
 {

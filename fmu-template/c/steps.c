@@ -231,15 +231,24 @@ static bool forbids_inputs(Instance *instance, double size, Status status)
     return false;
 }
 
+static void advance_input(Instance *instance, size_t index, double size)
+{
+    instance->now.columns[index] = extrapolated(instance, index, size);
+    instance->now.rates[0][index] += size * instance->now.rates[1][index];
+    instance->stale = true;
+    domain_note_value(instance, index);
+}
+
 static void advance_inputs(Instance *instance, double size)
 {
+    const size_t measured_count = MEASURED_COUNT;
     for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role == ROLE_INPUT) {
-            instance->now.columns[i] = extrapolated(instance, i, size);
-            instance->now.rates[0][i] += size * instance->now.rates[1][i];
-            instance->stale = true;
-            domain_note_value(instance, i);
+            advance_input(instance, i, size);
         }
+    }
+    for (size_t i = 0; i < measured_count; i++) {
+        advance_input(instance, FIRST_MEASURED + i, size);
     }
 }
 

@@ -15,6 +15,7 @@ static const char *variable_type(uint32_t reference)
     case VARIABLE_DOMAIN_POLICY:
         return "integer";
     case VARIABLE_IN_DOMAIN:
+    case VARIABLE_USE_MEASURED:
         return "Boolean";
     default:
         return "real";
@@ -80,7 +81,8 @@ static Status check_readable(Instance *instance, uint32_t reference)
     const Variable *variable = &model_variables[reference];
     const bool has_start =
         (variable->quantity == VARIABLE_COLUMN && model_columns[variable->index].role != ROLE_TIME) ||
-        (variable->quantity == VARIABLE_BOUND && BOUND_TIME_COUNT <= 1) || variable->quantity == VARIABLE_DOMAIN_POLICY;
+        (variable->quantity == VARIABLE_BOUND && BOUND_TIME_COUNT <= 1) || variable->quantity == VARIABLE_DOMAIN_POLICY ||
+        variable->quantity == VARIABLE_MEASURED || variable->quantity == VARIABLE_USE_MEASURED;
     if (instance->now.state != STATE_INSTANTIATED || has_start) {
         return STATUS_OK;
     }
@@ -100,9 +102,9 @@ static double value_of(const Instance *instance, uint32_t reference)
     case VARIABLE_DERIVATIVE:
         return instance->results[OUTPUT_COUNT + variable->index];
     case VARIABLE_COLUMN:
-        return instance->now.columns[variable->index];
     case VARIABLE_STATE:
-        return instance->now.columns[INPUT_COUNT + variable->index];
+    case VARIABLE_MEASURED:
+        return instance->now.columns[variable_column(instance, reference)];
     case VARIABLE_DOMAIN_DISTANCE:
         return domain_outside(instance, instance->centre).distance;
     case VARIABLE_BOUND:
@@ -112,13 +114,18 @@ static double value_of(const Instance *instance, uint32_t reference)
     }
 }
 
+static bool is_boolean(const Instance *instance, uint32_t reference)
+{
+    return is(instance, reference, VARIABLE_IN_DOMAIN) || is(instance, reference, VARIABLE_USE_MEASURED);
+}
+
 Status instance_get_real(Instance *instance, const uint32_t references[], size_t count, double values[])
 {
     bool of_results = false;
     for (size_t i = 0; i < count; i++) {
         size_t result = 0;
         if (!exists(instance, references[i]) || is(instance, references[i], VARIABLE_DOMAIN_POLICY) ||
-            is(instance, references[i], VARIABLE_IN_DOMAIN)) {
+            is_boolean(instance, references[i])) {
             return variable_wrong(instance, references[i], "real");
         }
         if (check_readable(instance, references[i]) != STATUS_OK) {
@@ -146,18 +153,25 @@ Status instance_get_integer(Instance *instance, const uint32_t references[], siz
     return STATUS_OK;
 }
 
-Status instance_get_boolean(Instance *instance, const uint32_t references[], size_t count, bool *value)
+Status instance_check_booleans(Instance *instance, const uint32_t references[], size_t count)
 {
     for (size_t i = 0; i < count; i++) {
-        if (!is(instance, references[i], VARIABLE_IN_DOMAIN)) {
+        if (!is_boolean(instance, references[i])) {
             return variable_wrong(instance, references[i], "Boolean");
         }
         if (check_readable(instance, references[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
     }
-    *value = domain_contains(instance);
     return STATUS_OK;
+}
+
+bool instance_boolean(const Instance *instance, uint32_t reference)
+{
+    if (is(instance, reference, VARIABLE_USE_MEASURED)) {
+        return instance->now.columns[FIRST_MEASURED + MEASURED_COUNT] > 0.5;
+    }
+    return domain_contains(instance);
 }
 
 /* Parameters: fixed ones before the simulation starts, tunable ones also between steps and at events. */
@@ -196,6 +210,9 @@ static Status check_settable(Instance *instance, uint32_t reference)
     if (is(instance, reference, VARIABLE_TIME)) {
         return cannot_set(instance, reference, "the independent variable");
     }
+    if (is(instance, reference, VARIABLE_MEASURED)) {
+        return STATUS_OK;
+    }
     if (!is(instance, reference, VARIABLE_COLUMN)) {
         return variable_wrong(instance, reference, "real");
     }
@@ -207,13 +224,6 @@ static Status check_settable(Instance *instance, uint32_t reference)
     default:
         return check_parameter(instance, reference, model_columns[reference].role == ROLE_TUNABLE_PARAMETER);
     }
-}
-
-/* The column of a variable that may be set: of an input, a parameter or a state. */
-static size_t settable_column(const Instance *instance, uint32_t reference)
-{
-    const size_t index = model_variables[reference].index;
-    return is(instance, reference, VARIABLE_STATE) ? INPUT_COUNT + index : index;
 }
 
 Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[])
@@ -228,13 +238,13 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
                                  "variable `%.100s` (value reference %lu): %g is not finite",
                                  variable_name(references[i]), (unsigned long)references[i], values[i]);
         }
-        if (!is_trial(instance) && domain_forbids(instance, settable_column(instance, references[i]), values[i], now->time,
-                                           now->policy, STATUS_ERROR)) {
+        const size_t column = variable_column(instance, references[i]);
+        if (!is_trial(instance) && domain_forbids(instance, column, values[i], now->time, now->policy, STATUS_ERROR)) {
             return STATUS_ERROR;
         }
     }
     for (size_t i = 0; i < count; i++) {
-        const size_t column = settable_column(instance, references[i]);
+        const size_t column = variable_column(instance, references[i]);
         now->columns[column] = values[i];
         if (now->time <= now->start_time) {
             now->at_start[column] = values[i];
@@ -277,15 +287,22 @@ Status instance_set_integer(Instance *instance, const uint32_t references[], siz
     return count == 0 ? STATUS_OK : set_policy(instance, (Policy)values[count - 1]);
 }
 
-Status instance_set_boolean(Instance *instance, const uint32_t references[], size_t count)
+Status instance_check_set_boolean(Instance *instance, const uint32_t references[], size_t count)
 {
-    if (count == 0) {
-        return STATUS_OK;
+    for (size_t i = 0; i < count; i++) {
+        if (is(instance, references[i], VARIABLE_IN_DOMAIN)) {
+            return cannot_set(instance, references[i], "an output");
+        }
+        if (!is(instance, references[i], VARIABLE_USE_MEASURED)) {
+            return variable_wrong(instance, references[i], "Boolean");
+        }
     }
-    if (!is(instance, references[0], VARIABLE_IN_DOMAIN)) {
-        return variable_wrong(instance, references[0], "Boolean");
-    }
-    return cannot_set(instance, references[0], "an output");
+    return STATUS_OK;
+}
+
+void instance_use_measured(Instance *instance, bool on)
+{
+    instance->now.columns[FIRST_MEASURED + MEASURED_COUNT] = on ? 1.0 : 0.0;
 }
 
 Status instance_check_intermediate(Instance *instance, uint32_t reference)

@@ -213,9 +213,7 @@ unsafe extern "C" fn fmi2SetBoolean(c: *mut c_void, vr: *const c_uint, nvr: usiz
     // SAFETY: the host's promise
     unsafe {
         call(c, Function::SetBoolean, |instance| {
-            let references = slice(vr, nvr, "vr")?;
-            slice(value, nvr, "value")?;
-            instance.set_boolean(references)
+            instance.set_boolean(slice(vr, nvr, "vr")?, slice(value, nvr, "value")?)
         })
     }
 }

@@ -7,7 +7,7 @@ use crate::{
     status::{Refusal, Status, Warning},
 };
 use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Role, Surrogate};
-use std::{collections::TryReserveError, fs, hint::black_box, io, path::Path, path::PathBuf};
+use std::{collections::TryReserveError, fs, hint::black_box, io, ops::Range, path::Path, path::PathBuf};
 use variables::Variables;
 
 mod derivatives;
@@ -52,8 +52,10 @@ pub(crate) struct Instance {
     domain: Domain,
     evaluator: Evaluator,
     time_column: Option<usize>,
-    /// Columns that are continuous inputs.
+    /// Columns that are continuous inputs: those of the model, and measured outputs.
     input_columns: Vec<usize>,
+    /// Columns of measured outputs, of a discrete-time model; the one after them is 1 while they are used, else 0.
+    measured: Range<usize>,
     /// Nominal values of the states.
     nominals: Vec<f64>,
     now: Snapshot,
@@ -122,6 +124,7 @@ impl Instance {
         let evaluator = Evaluator::new(&surrogate);
         let metadata = surrogate.metadata();
         let (values, results) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.results()]);
+        let measured = evaluator.measured_columns().unwrap_or_default();
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
         let now = Snapshot {
             surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
@@ -144,7 +147,8 @@ impl Instance {
             domain: Domain::of(&surrogate),
             evaluator,
             time_column: surrogate.time_column(),
-            input_columns: (0..metadata.inputs.len()).filter(is_input).collect(),
+            input_columns: (0..metadata.inputs.len()).filter(is_input).chain(measured.clone()).collect(),
+            measured,
             nominals: metadata.states.iter().map(|state| state.nominal).collect(),
             before: now.clone(),
             now,
@@ -299,6 +303,7 @@ impl Instance {
         for (value, input) in self.now.values.iter_mut().zip(&self.metadata.inputs) {
             *value = if input.role == Role::Time { 0.0 } else { input.start };
         }
+        self.now.values[self.metadata.inputs.len()..].fill(0.0);
         self.initialize_states();
         self.now.at_start.copy_from_slice(&self.now.values);
         self.now.rates.iter_mut().for_each(|rates| rates.fill(0.0));

@@ -109,9 +109,10 @@ fn variable(
             Quantity::Output(index) => output(&surrogate.outputs()[index]),
             Quantity::State(index) => state(&surrogate.states()[index]),
             Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
-            Quantity::BuiltIn(variable) => built_in(variable, surrogate),
+            Quantity::BuiltIn(variable) => built_in(variable, surrogate, fmi_version),
             Quantity::Array(index) => array(surrogate, index),
             Quantity::Bound(index) => bound(surrogate, index),
+            Quantity::Measured(index) => measured(&surrogate.outputs()[index], fmi_version),
         };
     // "only continuous-time variables can have intermediateUpdate = true"
     let is_updated = variability == Variability::Continuous && causality != Causality::Independent;
@@ -154,10 +155,7 @@ fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Descri
         Role::Parameter(metafmu_runtime::Variability::Tunable) => {
             (Causality::Parameter, Variability::Tunable, Some(Initial::Exact))
         }
-        Role::Input => {
-            let initial = (fmi_version == FmiVersion::V3).then_some(Initial::Exact);
-            (Causality::Input, Variability::Continuous, initial)
-        }
+        Role::Input => (Causality::Input, Variability::Continuous, initial_of_input(fmi_version)),
         Role::Time => (Causality::Independent, Variability::Continuous, None),
     };
     // every number is a good value of a periodic input, and a state has limits of its own; hosts may refuse or warn at limits
@@ -236,7 +234,25 @@ fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }
 
-fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> DescribedVariable {
+/// No limits: what is measured may be anything, and is not clamped.
+fn measured(output: &Output, fmi_version: FmiVersion) -> DescribedVariable {
+    let real = RealAttributes {
+        unit: text(&output.unit),
+        nominal: Some(nominal(output.min, output.max)),
+        start: Some(0.0),
+        ..RealAttributes::default()
+    };
+    let description = format!("measured {}, used while {} is true", output.name, BuiltIn::UseMeasured.name());
+    let what = (Causality::Input, Variability::Continuous, initial_of_input(fmi_version));
+    DescribedVariable::scalar(&description, what, VariableType::Real(real))
+}
+
+/// FMI 2.0 forbids the attribute.
+fn initial_of_input(fmi_version: FmiVersion) -> Option<Initial> {
+    (fmi_version == FmiVersion::V3).then_some(Initial::Exact)
+}
+
+fn built_in(variable: BuiltIn, surrogate: &Surrogate, fmi_version: FmiVersion) -> DescribedVariable {
     let calculated = Some(Initial::Calculated);
     let (what, kind) = match variable {
         BuiltIn::DomainPolicy => {
@@ -255,6 +271,10 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> DescribedVariable {
         BuiltIn::Time => {
             let real = RealAttributes { unit: Some("s".into()), ..RealAttributes::default() };
             ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
+        }
+        BuiltIn::UseMeasured => {
+            let what = (Causality::Input, Variability::Discrete, initial_of_input(fmi_version));
+            (what, VariableType::Boolean { start: Some(false) })
         }
     };
     DescribedVariable::scalar(variable.description(known(surrogate)), what, kind)

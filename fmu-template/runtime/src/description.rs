@@ -162,6 +162,11 @@ impl Output {
         format!("{}_bound", self.name)
     }
 
+    /// Name of the input that holds the measured value of an output.
+    pub fn measured_name(name: &str) -> String {
+        format!("{name}_measured")
+    }
+
     /// The value of an output that did not vary in training.
     pub fn constant(&self) -> Option<f64> {
         (self.min == self.max).then_some(self.min)

@@ -169,7 +169,7 @@ pub enum FormatError {
         name: String,
     },
     /// A variable named like one that every FMU adds.
-    #[error("variable `{name}`: the name is reserved for a variable that every FMU adds")]
+    #[error("variable `{name}`: the name is reserved for a variable that the FMU adds")]
     ReservedName {
         /// The name.
         name: String,

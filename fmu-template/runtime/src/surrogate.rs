@@ -35,10 +35,10 @@ impl Surrogate {
     /// The first [`FormatError`] that says how the parts do not fit each other.
     pub fn new(metadata: Metadata, program: impl Into<Program>) -> Result<Self, FormatError> {
         let program = program.into();
-        validate_metadata(&metadata)?;
+        let variables = Variables::of(&metadata, program.sampling().is_some());
+        validate_metadata(&metadata, &variables)?;
         let array_columns = array_columns(&metadata)?;
         program.check(&metadata)?;
-        let variables = Variables::of(&metadata);
         Ok(Self { metadata, program, array_columns, variables })
     }
 
@@ -195,14 +195,13 @@ fn hexadecimal(bytes: impl AsRef<[u8]>) -> String {
     })
 }
 
-fn validate_metadata(metadata: &Metadata) -> Result<(), FormatError> {
+fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), FormatError> {
     if metadata.inputs.is_empty() {
         return Err(FormatError::NoVariables { what: "inputs" });
     }
     if metadata.outputs.is_empty() {
         return Err(FormatError::NoVariables { what: "outputs" });
     }
-    let variables = Variables::of(metadata);
     let built_in = variables.iter().filter(|(_, variable)| variable.is_built_in());
     let reserved: HashSet<&str> = built_in.map(|(_, variable)| variable.name.as_str()).collect();
     let mut names = HashSet::new();

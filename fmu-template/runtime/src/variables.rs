@@ -1,10 +1,10 @@
 //! The variables of an FMU as one ordered table. Value references, the description, the instance and the C sources all
 //! come from it.
 
-use crate::{Metadata, Role};
+use crate::{Metadata, Output, Role};
 
 /// All variables, each at the position that is its FMI value reference: inputs, outputs, states, their derivatives, what every FMU
-/// has, arrays of outputs, error bounds.
+/// has, arrays of outputs, error bounds, measured values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variables(Vec<Variable>);
 
@@ -36,9 +36,11 @@ pub enum Quantity {
     Array(usize),
     /// The error bound of an output: a constant or, of a model with a state, a function of the time since the start.
     Bound(usize),
+    /// The measured value of an output of a discrete-time surrogate: a continuous input.
+    Measured(usize),
 }
 
-/// The variables that every FMU adds to those of the surrogate: how far it may be trusted.
+/// The variables that an FMU adds to those of the surrogate: how far it may be trusted, and what it follows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BuiltIn {
     /// What to do outside the training ranges, a [`DomainPolicy`](crate::DomainPolicy): a tunable integer parameter.
@@ -52,6 +54,8 @@ pub enum BuiltIn {
     DomainDistance,
     /// The independent variable of a surrogate of which no input is the time, as FMI 3.0 asks for exactly one.
     Time,
+    /// `true` while samples of the outputs are measured, see [`Quantity::Measured`]: a discrete Boolean input of a discrete-time surrogate.
+    UseMeasured,
 }
 
 /// What a surrogate knows, as far as its built-in variables depend on it.
@@ -66,7 +70,7 @@ pub struct Known {
 }
 
 impl BuiltIn {
-    /// Those of every FMU, in order; [`BuiltIn::Time`] is added where no input is the time.
+    /// Those of every FMU, in order; [`BuiltIn::Time`] is added where no input is the time, [`BuiltIn::UseMeasured`] to discrete-time ones.
     pub const ALWAYS: [Self; 3] = [Self::DomainPolicy, Self::InDomain, Self::DomainDistance];
 
     /// Variable name; no variable of a surrogate may have it.
@@ -76,6 +80,7 @@ impl BuiltIn {
             Self::InDomain => "in_domain",
             Self::DomainDistance => "domain_distance",
             Self::Time => "time",
+            Self::UseMeasured => "use_measured",
         }
     }
 
@@ -117,6 +122,9 @@ impl BuiltIn {
                  range; 0 inside"
             }
             (Self::Time, _) => "Simulation time",
+            (Self::UseMeasured, _) => {
+                "Whether samples of the outputs are replaced by their measured values before the next one is computed"
+            }
         }
     }
 }
@@ -127,28 +135,37 @@ impl Variable {
         Self { name: name.into(), quantity, only_fmi3 }
     }
 
-    /// Whether every FMU has it.
+    fn built_in(of: BuiltIn) -> Self {
+        Self::new(of.name(), Quantity::BuiltIn(of))
+    }
+
+    /// Returns true if the FMU adds it to the variables of the surrogate.
     pub fn is_built_in(&self) -> bool {
         matches!(self.quantity, Quantity::BuiltIn(_))
     }
 }
 
 impl Variables {
-    /// The table of a surrogate with this description.
-    pub(crate) fn of(metadata: &Metadata) -> Self {
+    /// The table of a surrogate with this description; `is_discrete`: whether it is discrete-time.
+    pub(crate) fn of(metadata: &Metadata, is_discrete: bool) -> Self {
         let Metadata { inputs, outputs, states, arrays, bounds, .. } = metadata;
         let has_time = inputs.iter().any(|input| input.role == Role::Time);
         let built_in = BuiltIn::ALWAYS.into_iter().chain((!has_time).then_some(BuiltIn::Time));
         let bounded = bounds.iter().flat_map(|_| outputs.iter().enumerate());
+        let followed = is_discrete.then(|| outputs.iter().enumerate()).into_iter().flatten();
+        let switch = is_discrete.then(|| Variable::built_in(BuiltIn::UseMeasured));
         let inputs = inputs.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Input(index)));
         let outputs = outputs.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Output(index)));
         let rates =
             states.iter().enumerate().map(|(index, v)| Variable::new(v.rate_name(), Quantity::Derivative(index)));
         let states = states.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::State(index)));
-        let built_in = built_in.map(|variable| Variable::new(variable.name(), Quantity::BuiltIn(variable)));
+        let built_in = built_in.map(Variable::built_in);
         let arrays = arrays.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Array(index)));
         let bounds = bounded.map(|(index, output)| Variable::new(output.bound_name(), Quantity::Bound(index)));
-        Self(inputs.chain(outputs).chain(states).chain(rates).chain(built_in).chain(arrays).chain(bounds).collect())
+        let measured =
+            followed.map(|(index, v)| Variable::new(Output::measured_name(&v.name), Quantity::Measured(index)));
+        let of_model = inputs.chain(outputs).chain(states).chain(rates);
+        Self(of_model.chain(built_in).chain(arrays).chain(bounds).chain(switch).chain(measured).collect())
     }
 
     /// The variable with this value reference.

@@ -106,8 +106,7 @@ pub(super) unsafe extern "C" fn fmi3SetBoolean(
         call(instance, Function::SetBoolean, |instance| {
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
             count(nValues, nValueReferences, "values")?;
-            slice(values, nValues, "values")?;
-            instance.set_boolean(references)
+            instance.set_boolean(references, slice(values, nValues, "values")?)
         })
     }
 }

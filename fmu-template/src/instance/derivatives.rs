@@ -161,19 +161,24 @@ impl Instance {
         values: &[f64],
     ) -> Result<(), Refusal> {
         for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
-            let quantity = self.quantity(reference)?;
-            let is_input =
-                matches!(quantity, Quantity::Input(column) if self.metadata.inputs[column].role == Role::Input);
-            if !is_input {
-                return Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: "input" });
-            }
+            self.driven(reference)?;
             index_of_order(order)?;
             finite("value", value)?;
         }
         for ((&reference, &order), &value) in references.iter().zip(orders).zip(values) {
-            self.now.rates[index_of_order(order)?][reference as usize] = value;
+            let column = self.driven(reference)?;
+            self.now.rates[index_of_order(order)?][column] = value;
         }
         Ok(())
+    }
+
+    /// The column of a continuous input.
+    fn driven(&self, reference: u32) -> Result<usize, Refusal> {
+        match self.quantity(reference)? {
+            Quantity::Input(column) if self.metadata.inputs[column].role == Role::Input => Ok(column),
+            Quantity::Measured(output) => Ok(self.measured.start + output),
+            _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: "input" }),
+        }
     }
 
     /// The column of a known, none for a time that is no column.
@@ -186,6 +191,8 @@ impl Instance {
             }
             Quantity::Input(column) => Ok(Some(column)),
             Quantity::State(state) => Ok(Some(self.metadata.inputs.len() + state)),
+            // counts from the next sample on: nothing depends on it at once
+            Quantity::Measured(output) => Ok(Some(self.measured.start + output)),
             Quantity::BuiltIn(BuiltIn::Time) => Ok(None),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: KNOWN }),
         }

@@ -21,7 +21,7 @@ impl Instance {
         let mut results = false;
         for &reference in references {
             match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => {
+                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::UseMeasured) => {
                     return Err(self.wrong_type(reference, "real"));
                 }
                 quantity => {
@@ -44,13 +44,14 @@ impl Instance {
                 Quantity::BuiltIn(BuiltIn::DomainDistance) => self.domain.distance(&self.now.values, self.near),
                 Quantity::BuiltIn(BuiltIn::Time) => self.now.time,
                 Quantity::Bound(output) => self.variables.bound(output, self.elapsed()),
+                Quantity::Measured(output) => self.now.values[self.measured.start + output],
                 Quantity::Array(array) => {
                     let outputs = self.variables.outputs_of(array);
                     // in this order: zip takes from its first iterator even when the second has ended
                     outputs.iter().zip(values.by_ref()).for_each(|(&output, value)| *value = self.results[output]);
                     continue;
                 }
-                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => continue,
+                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::UseMeasured) => continue,
             };
             if let Some(to) = values.next() {
                 *to = value;
@@ -65,7 +66,8 @@ impl Instance {
         let has_start = || match quantity {
             Quantity::Input(column) => self.metadata.inputs[column].role != Role::Time,
             Quantity::Bound(_) => !self.variables.bounds_grow(),
-            Quantity::BuiltIn(built_in) => built_in == BuiltIn::DomainPolicy,
+            Quantity::Measured(_) => true,
+            Quantity::BuiltIn(built_in) => matches!(built_in, BuiltIn::DomainPolicy | BuiltIn::UseMeasured),
             Quantity::Output(_) | Quantity::Array(_) | Quantity::State(_) | Quantity::Derivative(_) => false,
         };
         if self.now.state != State::Instantiated || has_start() {
@@ -98,11 +100,16 @@ impl Instance {
     pub(crate) fn get_boolean<T: From<bool>>(&self, references: &[u32], values: &mut [T]) -> Result<(), Refusal> {
         for &reference in references {
             match self.quantity(reference)? {
-                quantity @ Quantity::BuiltIn(BuiltIn::InDomain) => self.check_readable(reference, quantity)?,
+                quantity @ Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::UseMeasured) => {
+                    self.check_readable(reference, quantity)?;
+                }
                 _ => return Err(self.wrong_type(reference, "Boolean")),
             }
         }
-        values.iter_mut().for_each(|value| *value = self.is_in_domain().into());
+        for (&reference, value) in references.iter().zip(values) {
+            let is_switch = self.quantity(reference)? == Quantity::BuiltIn(BuiltIn::UseMeasured);
+            *value = if is_switch { self.now.values[self.measured.end] == 1.0 } else { self.is_in_domain() }.into();
+        }
         Ok(())
     }
 
@@ -112,7 +119,7 @@ impl Instance {
             let column = self.settable(reference)?;
             if !value.is_finite() {
                 let status = if self.is_trial() { Status::Discard } else { Status::Error };
-                return Err(Refusal::ValueNotFinite { name: self.column_name(column), reference, value, status });
+                return Err(Refusal::ValueNotFinite { name: self.name(reference), reference, value, status });
             }
             if !self.is_trial() {
                 self.check_value(column, value, self.now.time, self.now.policy, Status::Error)?;
@@ -149,13 +156,25 @@ impl Instance {
         Ok(())
     }
 
-    /// Booleans are outputs.
-    pub(crate) fn set_boolean(&self, references: &[u32]) -> Result<(), Refusal> {
-        let Some(&reference) = references.first() else { return Ok(()) };
-        match self.quantity(reference)? {
-            Quantity::BuiltIn(BuiltIn::InDomain) => Err(Refusal::SetOutput { name: self.name(reference), reference }),
-            _ => Err(self.wrong_type(reference, "Boolean")),
+    /// Sets the switch for measured outputs, the only Boolean that is an input. Of several values the last one counts.
+    pub(crate) fn set_boolean<T: From<bool> + PartialEq>(
+        &mut self,
+        references: &[u32],
+        values: &[T],
+    ) -> Result<(), Refusal> {
+        for &reference in references {
+            match self.quantity(reference)? {
+                Quantity::BuiltIn(BuiltIn::UseMeasured) => {}
+                Quantity::BuiltIn(BuiltIn::InDomain) => {
+                    return Err(Refusal::SetOutput { name: self.name(reference), reference });
+                }
+                _ => return Err(self.wrong_type(reference, "Boolean")),
+            }
         }
+        if let Some(value) = values.last() {
+            self.now.values[self.measured.end] = if *value == T::from(false) { 0.0 } else { 1.0 };
+        }
+        Ok(())
     }
 
     /// The column a host may set now.
@@ -168,6 +187,7 @@ impl Instance {
                 Role::Start => self.parameter_settable(Variability::Fixed, reference).map(|()| column),
                 Role::Input => Ok(column),
             },
+            Quantity::Measured(output) => Ok(self.measured.start + output),
             // in both standards, beside fmi3SetContinuousStates
             Quantity::State(state) if self.is_trial() => Ok(self.metadata.inputs.len() + state),
             Quantity::State(_) => Err(Refusal::SetState { name: name(), reference }),
@@ -177,7 +197,9 @@ impl Instance {
             | Quantity::Bound(_)
             | Quantity::BuiltIn(BuiltIn::DomainDistance) => Err(Refusal::SetOutput { name: name(), reference }),
             Quantity::BuiltIn(BuiltIn::Time) => Err(Refusal::SetTime { name: name(), reference }),
-            Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain) => Err(self.wrong_type(reference, "real")),
+            Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::UseMeasured) => {
+                Err(self.wrong_type(reference, "real"))
+            }
         }
     }
 
@@ -210,7 +232,7 @@ impl Instance {
     fn wrong_type(&self, reference: u32, asked: &'static str) -> Refusal {
         let found = match self.quantity(reference) {
             Ok(Quantity::BuiltIn(BuiltIn::DomainPolicy)) => "integer",
-            Ok(Quantity::BuiltIn(BuiltIn::InDomain)) => "Boolean",
+            Ok(Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::UseMeasured)) => "Boolean",
             Ok(_) => "real",
             Err(refusal) => return refusal,
         };
@@ -232,7 +254,8 @@ impl Instance {
             Quantity::Input(_)
             | Quantity::State(_)
             | Quantity::Bound(_)
-            | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time) => ((0, 0..0), None),
+            | Quantity::Measured(_)
+            | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time | BuiltIn::UseMeasured) => ((0, 0..0), None),
         };
         let elements = self.variables.elements(quantity).map_or(0..=0, |elements| 1..=elements);
         Ok(elements.flat_map(move |element| {

@@ -107,7 +107,9 @@ impl Variables {
                 Ok(Quantity::BuiltIn(BuiltIn::DomainDistance)) => (Some(Unknown::Distance), &[][..]),
                 Ok(Quantity::Array(array)) => (None, self.outputs_of(array)),
                 Ok(Quantity::Bound(output)) if self.bounds_grow() => (Some(Unknown::Bound(output)), &[][..]),
-                Ok(Quantity::Input(_) | Quantity::Bound(_) | Quantity::BuiltIn(_)) | Err(_) => (None, &[][..]),
+                Ok(Quantity::Input(_) | Quantity::Bound(_) | Quantity::Measured(_) | Quantity::BuiltIn(_)) | Err(_) => {
+                    (None, &[][..])
+                }
             };
             scalar.into_iter().chain(array.iter().map(|&output| Unknown::Result(output)))
         })

@@ -146,7 +146,8 @@ pub(super) fn has_graph(program: &Program) -> bool {
 /// `model_data.h`
 pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
     let ModelSources { header, defines, names, sizes, remark, .. } = ModelSources::of(surrogate);
-    let columns = Evaluator::new(surrogate).columns();
+    let evaluator = Evaluator::new(surrogate);
+    let (columns, measured) = (evaluator.columns(), evaluator.measured_columns().unwrap_or_default());
     let policy = surrogate.variables().reference(Quantity::BuiltIn(BuiltIn::DomainPolicy));
     let (inputs, outputs, states) = (surrogate.inputs().len(), surrogate.outputs().len(), surrogate.states().len());
     let mut text = format!(
@@ -166,6 +167,12 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         ("OUTPUT_COUNT", outputs, ""),
         ("RESULT_COUNT", outputs + states, "outputs and derivatives of states"),
         ("BOUND_TIME_COUNT", bounds(surrogate).0.len(), "times of error bounds"),
+        ("MEASURED_COUNT", measured.len(), "columns that are measured outputs"),
+        (
+            "FIRST_MEASURED",
+            measured.start,
+            "the first of them; the column after all of them is 1 while they are used, else 0",
+        ),
     ];
     let of_cover = surrogate.metadata().cover.iter().flat_map(|Cover { columns, centres, .. }| {
         [
@@ -316,8 +323,10 @@ fn variables(text: &mut String, surrogate: &Surrogate) {
             Quantity::BuiltIn(BuiltIn::InDomain) => ("IN_DOMAIN", 0),
             Quantity::BuiltIn(BuiltIn::DomainDistance) => ("DOMAIN_DISTANCE", 0),
             Quantity::BuiltIn(BuiltIn::Time) => ("TIME", 0),
+            Quantity::BuiltIn(BuiltIn::UseMeasured) => ("USE_MEASURED", 0),
             Quantity::Array(array) => ("ARRAY", array),
             Quantity::Bound(output) => ("BOUND", output),
+            Quantity::Measured(output) => ("MEASURED", output),
         };
         push(text, format_args!("    {{{}, VARIABLE_{quantity}, {index}, {only_fmi3}}},\n", string(name)));
     }

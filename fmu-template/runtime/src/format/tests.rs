@@ -119,7 +119,7 @@ fn names_of_the_variables_every_fmu_adds_are_refused() {
     assert!(without_time("place").is_ok());
 }
 
-const RESERVED_TIME: &str = "variable `time`: the name is reserved for a variable that every FMU adds";
+const RESERVED_TIME: &str = "variable `time`: the name is reserved for a variable that the FMU adds";
 
 /// [`example::with_arrays`] with other metadata.
 fn changed(change: impl FnOnce(&mut Metadata)) -> Result<Surrogate, FormatError> {

@@ -12,7 +12,7 @@ use crate::{
     simd::Simd,
     task::Task,
 };
-use std::sync::Arc;
+use std::{ops::Range, sync::Arc};
 
 /// Highest order of the outputs' derivatives along a curve: the FMU's `maxOutputDerivativeOrder`.
 pub const MAX_OUTPUT_DERIVATIVE_ORDER: u32 = 2;
@@ -175,6 +175,11 @@ impl Evaluator {
         if let Some(sampling) = &self.prepared.sampling {
             sampling.correct(point, outputs);
         }
+    }
+
+    /// Columns of a point that are measured outputs; the column after them is 1 while they are used, else 0. None without samples.
+    pub fn measured_columns(&self) -> Option<Range<usize>> {
+        self.prepared.sampling.as_ref().map(PreparedSampling::measured_columns)
     }
 
     /// Number of values of a point: inputs, then states or the memory of samples.

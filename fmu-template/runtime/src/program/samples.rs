@@ -11,13 +11,14 @@
 //! | `p` | parameters |
 //! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too; the latter if m > 1, as else they do not count |
 //! | `u` | inputs |
-//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages of the inputs and the distance from the [`Support`] of the training, if it is known; `y[k + 1]`; the time since sample k over `T` |
+//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages of the inputs and the distance from the [`Support`] of the training, if it is known; measured outputs, and 1 while they are used, else 0; `y[k + 1]`; the time since sample k over `T` |
 //!
 //! and the results are the outputs. The last numbers of `y` may be hidden: they advance like outputs, start from values of the program,
 //! and are not outputs. The rule for communication points between samples:
 //!
 //! - the program advances at multiples of `T` after the start, independently of the communication steps;
 //! - an input has its value at the sample. Within a communication step its derivatives give that value;
+//! - measured outputs are inputs as well: while they are used, they replace the outputs of `y[k]` before `y[k + 1]` is computed;
 //! - between two samples the outputs are linear.
 //!
 //! A sample is at a communication point that is nearer to it than a millionth of `T`; such differences do not add up.
@@ -69,7 +70,14 @@ impl Sampling {
     /// Number of columns of the memory.
     pub(super) fn memory(&self, ports: &Ports) -> usize {
         let [past_outputs, past_inputs] = self.past(ports);
-        past_outputs + past_inputs + self.supported(ports) + self.numbers(ports) + 1
+        past_outputs + past_inputs + self.supported(ports) + ports.outputs + 1 + self.numbers(ports) + 1
+    }
+
+    /// Columns of a point that are measured outputs. The column after them is 1 while they are used, else 0.
+    pub fn measured_columns(&self, ports: &Ports) -> Range<usize> {
+        let [past_outputs, past_inputs] = self.past(ports);
+        let first = ports.known() + past_outputs + past_inputs + self.supported(ports);
+        first..first + ports.outputs
     }
 
     /// Number of values for the support: averages of inputs, and the distance.
@@ -154,7 +162,8 @@ impl PreparedSampling {
         }
     }
 
-    /// Fills the memory with a past in which nothing moved: outputs and inputs have always been what the point has for the start.
+    /// Fills the memory with a past in which nothing moved: outputs and inputs have always been what the point has for the start. What is
+    /// measured stays, as inputs do.
     pub(super) fn start(&self, point: &mut [f64]) {
         let Ports { inputs, outputs, .. } = self.ports;
         let (known, memory) = point.split_at_mut(self.ports.known());
@@ -182,12 +191,18 @@ impl PreparedSampling {
         self.parts(&mut point[self.ports.known()..]).outputs[..outputs.len()].copy_from_slice(outputs);
     }
 
+    /// Columns of the measured outputs and, after them, of their switch.
+    pub(super) fn measured_columns(&self) -> Range<usize> {
+        self.sampling.measured_columns(&self.ports)
+    }
+
     fn parts<'a>(&self, memory: &'a mut [f64]) -> Memory<'a> {
         let Self { sampling, ports, .. } = self;
         let [past_outputs, past_inputs] = sampling.past(ports);
         let (outputs, rest) = memory.split_at_mut(past_outputs);
         let (inputs, rest) = rest.split_at_mut(past_inputs);
         let (support, rest) = rest.split_at_mut(sampling.supported(ports));
+        let (_, rest) = rest.split_at_mut(ports.outputs + 1);
         let (next, phase) = rest.split_at_mut(sampling.numbers(ports));
         Memory { outputs, inputs, support, next, phase: &mut phase[0] }
     }
@@ -273,10 +288,12 @@ impl PreparedSampling {
             if point[last] <= SAME {
                 let since = ((passed - begin) * step).clamp(0.0, size);
                 self.take_inputs(point, since, drive);
+                self.take_measured(point, since, drive);
                 self.gather(point, columns);
                 let memory = self.parts(&mut point[self.ports.known()..]);
                 next(columns, memory.next);
-                if !memory.next.iter().all(|value| value.is_finite()) {
+                let outputs = &memory.outputs[..self.ports.outputs];
+                if !outputs.iter().chain(&*memory.next).all(|value| value.is_finite()) {
                     return Err(StepError::NotFinite { after: since + step });
                 }
                 self.compare(point);
@@ -300,8 +317,20 @@ impl PreparedSampling {
         let past = self.parts(memory).inputs;
         past.rotate_right(self.ports.inputs);
         for (column, to) in self.ports.input_columns().zip(past) {
-            let value = known[column] + since * (drive.rates[0][column] + 0.5 * since * drive.rates[1][column]);
+            let value = drive.at(column, known[column], since);
             *to = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
+        }
+    }
+
+    /// While measured outputs are used, makes them the outputs at the last sample, `since` seconds after the beginning of the step.
+    fn take_measured(&self, point: &mut [f64], since: f64, drive: Drive) {
+        let measured = self.measured_columns();
+        // not exactly 1 where a start is perturbed
+        if point[measured.end] < 0.5 {
+            return;
+        }
+        for (output, column) in measured.enumerate() {
+            point[self.ports.known() + output] = drive.at(column, point[column], since);
         }
     }
 

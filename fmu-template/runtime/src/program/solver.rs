@@ -153,6 +153,14 @@ pub struct Drive<'a> {
     pub clamp: Option<&'a Domain>,
 }
 
+impl Drive<'_> {
+    /// The value of a column with this value at the beginning of the step, `since` seconds later.
+    #[inline]
+    pub(super) fn at(&self, column: usize, value: f64, since: f64) -> f64 {
+        value + since * (self.rates[0][column] + 0.5 * since * self.rates[1][column])
+    }
+}
+
 /// A Runge-Kutta method: each stage's time and its weights of the stages before; the weights of the result.
 struct Tableau {
     stages: &'static [(f64, &'static [f64])],
@@ -414,7 +422,7 @@ impl Solver {
         for (index, (time, weights)) in tableau.stages.iter().enumerate().skip(first) {
             let later = since + time * h;
             for (column, range) in inputs.clone().zip(&*ranges) {
-                let value = point[column] + later * (drive.rates[0][column] + 0.5 * later * drive.rates[1][column]);
+                let value = drive.at(column, point[column], later);
                 let value = without_rounding(value, *range);
                 stage[column] = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
             }

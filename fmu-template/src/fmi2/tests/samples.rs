@@ -6,6 +6,10 @@ use metafmu_runtime::{Program, graph::Step};
 const STARTS: [u32; 2] = [1, 2];
 const FORCE: u32 = 3;
 const POSITION: [u32; 1] = [4];
+const IN_DOMAIN: u32 = 6;
+// 8 is the time, of FMI 3.0
+const USE_MEASURED: u32 = 9;
+const MEASURED: u32 = 10;
 /// In seconds.
 const SAMPLE: f64 = 0.1;
 
@@ -36,6 +40,7 @@ fn a_step_over_samples_does_not_allocate() {
     let host = stepping();
     assert_eq!(host.step(0.0, 2.5 * SAMPLE), Status::Ok);
     let before = allocations().0;
+    assert_eq!((host.set(&[MEASURED], &[0.9]), use_measured(&host, true)), (Status::Ok, Status::Ok));
     assert_eq!(host.step(2.5 * SAMPLE, 3.0 * SAMPLE), Status::Ok);
     assert!(host.try_get(POSITION).is_ok());
     assert_eq!(allocations().0, before);
@@ -73,4 +78,99 @@ fn outputs_that_diverge_end_the_step_and_nothing_else() {
     let message = host.message();
     assert!(message.contains("the outputs are not finite at the sample 0.1 s after"), "{message}");
     assert_eq!(host.try_get(POSITION), Ok(before));
+}
+
+fn use_measured(host: &Host, on: bool) -> Status {
+    unsafe { fmi2SetBoolean(host.c, &USE_MEASURED, 1, &on.into()) }
+}
+
+fn is_measured(host: &Host) -> c_int {
+    let mut found = 7;
+    assert_eq!(unsafe { fmi2GetBoolean(host.c, &USE_MEASURED, 1, &mut found) }, Status::Ok);
+    found
+}
+
+#[test]
+fn measured_outputs_count_from_the_next_sample_on_and_only_while_they_are_used() {
+    let rows = |on: bool| {
+        let host = stepping();
+        assert_eq!((host.try_get([MEASURED]), is_measured(&host)), (Ok([0.0]), 0));
+        assert_eq!(host.step(0.0, SAMPLE), Status::Ok);
+        assert_eq!((host.set(&[MEASURED], &[0.9]), use_measured(&host, on)), (Status::Ok, Status::Ok));
+        assert_eq!((host.try_get([MEASURED]), is_measured(&host)), (Ok([0.9]), on.into()));
+        let now = host.try_get(POSITION);
+        assert_eq!(host.step(SAMPLE, SAMPLE), Status::Ok);
+        // the reset takes both back
+        let after = host.try_get(POSITION);
+        assert_eq!(host.reset(), Status::Ok);
+        host.initialize(0.0);
+        assert_eq!((host.try_get([MEASURED]), is_measured(&host)), (Ok([0.0]), 0));
+        [now, after].map(|found: Result<[f64; 1], Status>| found.unwrap()[0])
+    };
+    let (used, unused) = (rows(true), rows(false));
+    let host = stepping();
+    assert_eq!(host.step(0.0, SAMPLE), Status::Ok);
+    let now: [f64; 1] = host.try_get(POSITION).unwrap();
+    assert_eq!(host.step(SAMPLE, SAMPLE), Status::Ok);
+    assert_eq!([Ok(now), host.try_get(POSITION)], unused.map(|value| Ok([value])));
+    assert!(used[0] == unused[0] && (used[1] - unused[1]).abs() > 0.1, "{used:?} {unused:?}");
+}
+
+#[test]
+fn outputs_do_not_depend_on_measured_ones_at_once_as_the_description_says() {
+    let host = stepping();
+    assert_eq!((host.set(&[MEASURED], &[0.9]), use_measured(&host, true)), (Status::Ok, Status::Ok));
+    assert_eq!(host.step(0.0, 0.5 * SAMPLE), Status::Ok);
+    let mut slope = f64::NAN;
+    let status = unsafe { fmi2GetDirectionalDerivative(host.c, &POSITION[0], 1, &MEASURED, 1, &1.0, &mut slope) };
+    assert_eq!((status, slope), (Status::Ok, 0.0));
+    let before: [f64; 1] = host.try_get(POSITION).unwrap();
+    assert_eq!(host.set(&[MEASURED], &[-0.9]), Status::Ok);
+    assert_eq!(host.try_get(POSITION), Ok(before));
+    // the switch is no real number
+    let status = unsafe { fmi2GetDirectionalDerivative(host.c, &POSITION[0], 1, &USE_MEASURED, 1, &1.0, &mut slope) };
+    assert_eq!(status, Status::Error);
+}
+
+#[test]
+fn measured_outputs_follow_the_derivatives_that_a_host_gives() {
+    let final_position = |pieces: u32| {
+        let host = stepping();
+        assert_eq!((host.set(&[MEASURED], &[0.5]), use_measured(&host, true)), (Status::Ok, Status::Ok));
+        assert_eq!(unsafe { fmi2SetRealInputDerivatives(host.c, &MEASURED, 1, &1, &2.0) }, Status::Ok);
+        let size = 6.0 * SAMPLE / f64::from(pieces);
+        for piece in 0..pieces {
+            assert_eq!(host.step(f64::from(piece) * size, size), Status::Ok);
+        }
+        let [measured] = host.try_get([MEASURED]).unwrap();
+        assert!((measured - (0.5 + 2.0 * 6.0 * SAMPLE)).abs() < 1e-12, "{measured}");
+        host.try_get(POSITION).unwrap()[0]
+    };
+    let whole = final_position(1);
+    assert!([2, 3, 6].into_iter().all(|pieces| (final_position(pieces) - whole).abs() < 1e-12));
+    assert!((whole - 0.5).abs() > 0.3, "{whole}");
+}
+
+#[test]
+fn values_that_measured_inputs_cannot_have_are_refused_by_name() {
+    for (call, message) in [
+        (
+            (|host: &Host| host.set(&[MEASURED], &[f64::NAN])) as fn(&Host) -> Status,
+            "`position_measured` (value reference 10): NaN is not finite",
+        ),
+        (|host| host.set(&[USE_MEASURED], &[1.0]), "`use_measured` (value reference 9) is of type Boolean, not real"),
+        (
+            |host| unsafe { fmi2SetBoolean(host.c, &MEASURED, 1, &1) },
+            "`position_measured` (value reference 10) is of type real, not Boolean",
+        ),
+        (
+            |host| unsafe { fmi2SetBoolean(host.c, &IN_DOMAIN, 1, &1) },
+            "`in_domain` (value reference 6) is an output and cannot be set",
+        ),
+    ] {
+        let host = stepping();
+        assert_eq!(call(&host), Status::Error);
+        let found = host.message();
+        assert!(found.contains(message), "{found}");
+    }
 }

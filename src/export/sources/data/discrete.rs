@@ -63,7 +63,7 @@ fn samples(surrogate: &Surrogate, sampling: &Sampling) -> f64 {
 
 /// Multiplications, additions and divisions of a step over `samples` samples, without the graph. `discrete.c` has the formula.
 fn operations(sampling: &Sampling, ports: &Ports, samples: f64) -> f64 {
-    samples * (5 * ports.inputs + 5 + 8 * features(sampling)) as f64 + 8.0
+    samples * (5 * (ports.inputs + ports.outputs) + 5 + 8 * features(sampling)) as f64 + 8.0
 }
 
 fn data(sampling: &Sampling) -> String {
@@ -92,7 +92,7 @@ mod tests {
         let recorded = example::recorded();
         let sampling = recorded.program().sampling().unwrap();
         assert_eq!(samples(&recorded, sampling), 1.0);
-        assert_eq!(operations(sampling, &recorded.ports(), 3.0), f64::from(3 * (5 + 5) + 8));
+        assert_eq!(operations(sampling, &recorded.ports(), 3.0), f64::from(3 * (5 * 2 + 5) + 8));
         // the linear part, six columns, layers of 6 to 5 to 1, an output, a sum
         let graph = GraphSources::of(&recorded.program().graph);
         assert_eq!(graph.operations.arithmetic, f64::from(2 * 6 + 6 * 2 + 2 * (6 * 5 + 5) + 2 + 1));

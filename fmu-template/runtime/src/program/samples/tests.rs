@@ -196,3 +196,102 @@ fn an_output_that_leaves_its_range_in_training_leaves_the_domain_though_inputs_a
     assert!(domain.is_in_ranges(&point) && !domain.contains_point(&point, 0));
     assert!(domain.distance(&point, 0) > 0.5 && domain.distance_derivative(&point).is_none());
 }
+
+/// [`example::recorded`] after measured positions, one number after the other: from the sample after the last of them on.
+fn free_run(measured: &[f64], forces: &[f64]) -> Vec<f64> {
+    let surrogate = example::recorded();
+    let (weights, constants) = linear(&surrogate);
+    let network = surrogate.program().graph.called().expect("it has a network");
+    let (mut y, mut u) = ([0.4; 2], [0.25; 3]);
+    let mut outputs = Vec::new();
+    for (k, force) in forces.iter().enumerate() {
+        u = [*force, u[0], u[1]];
+        y[0] = measured.get(k).copied().unwrap_or(y[0]);
+        let z = [y[0], y[1], u[0], u[1], u[2], 1.5];
+        let linear: f64 = weights.iter().zip(z).map(|(weight, z)| weight * z).sum();
+        y = [constants.get(0) + linear + network.evaluate(&[z.to_vec()])[0][0], y[0]];
+        if k + 1 >= measured.len() {
+            outputs.push(y[0]);
+        }
+    }
+    outputs
+}
+
+const MEASURED: [f64; 3] = [0.7, -0.2, 0.9];
+
+#[test]
+fn measured_outputs_replace_samples_while_they_are_used() {
+    let mut evaluator = Evaluator::new(&example::recorded());
+    let expected = free_run(&MEASURED, &FORCES);
+    let unmeasured = free_run(&[], &FORCES);
+    assert!((expected[0] - unmeasured[3]).abs() > 0.1 && (expected[3] - unmeasured[6 - 1]).abs() > 1e-2);
+    let none = vec![0.0; evaluator.columns()];
+    let measured = evaluator.measured_columns().unwrap();
+    for parts in [1, 2, 5] {
+        let mut point = point(&evaluator, 0.4, 0.0);
+        let mut found = Vec::new();
+        for (k, force) in FORCES.iter().enumerate() {
+            point[3] = *force;
+            point[measured.end] = f64::from(u8::from(k < MEASURED.len()));
+            point[measured.start] = MEASURED.get(k).copied().unwrap_or(1e9);
+            let before = output(&mut evaluator, &point);
+            for part in 0..parts {
+                evaluator
+                    .advance(&mut point, CommunicationStep::of(0.1 / f64::from(parts)), drive([&none, &none]))
+                    .unwrap();
+                // between samples neither counts
+                point[measured.start] = -1e9;
+                point[measured.end] = f64::from(part % 2);
+            }
+            if let Some(measured) = MEASURED.get(k) {
+                assert!((before - measured).abs() > 1e-3, "the output before is a prediction");
+            }
+            found.push(output(&mut evaluator, &point));
+        }
+        let errors = found[MEASURED.len() - 1..].iter().zip(&expected).map(|(a, b)| (a - b).abs());
+        assert!(errors.fold(0.0, f64::max) < 1e-12, "{found:?} {expected:?}");
+    }
+}
+
+#[test]
+fn measured_outputs_follow_their_derivatives_at_samples_within_a_step() {
+    let mut evaluator = Evaluator::new(&example::recorded());
+    let measured = evaluator.measured_columns().unwrap();
+    let (mut first, mut second) = (vec![0.0; evaluator.columns()], vec![0.0; evaluator.columns()]);
+    (first[measured.start], second[measured.start]) = (2.0, -8.0);
+    for (rates, line) in [([0.0, 0.0], [0.7; 4]), ([2.0, -8.0], [0.7, 0.86, 0.94, 0.94])] {
+        (first[measured.start], second[measured.start]) = (rates[0], rates[1]);
+        let mut point = point(&evaluator, 0.4, 1.0);
+        (point[measured.start], point[measured.end]) = (0.7, 1.0);
+        evaluator.advance(&mut point, CommunicationStep::of(0.4), drive([&first, &second])).unwrap();
+        let found = output(&mut evaluator, &point);
+        assert!((found - free_run(&line, &[1.0; 4])[0]).abs() < 1e-12, "{found}");
+    }
+    // what is too large for a number is an error, and the memory stays
+    let mut point = point(&evaluator, 0.4, 1.0);
+    (point[measured.start], point[measured.end]) = (f64::MAX, 1.0);
+    (first[measured.start], second[measured.start]) = (f64::MAX, 0.0);
+    let before = point.clone();
+    let advanced = evaluator.advance(&mut point, CommunicationStep::of(20.0), drive([&first, &second]));
+    assert!(matches!(advanced, Err(StepError::NotFinite { .. })));
+    assert_eq!(point, before);
+}
+
+#[test]
+fn a_correction_is_no_change_that_the_training_did_not_have_but_a_measured_value_outside_is_outside() {
+    let surrogate = example::supported();
+    let (mut evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
+    let measured = evaluator.measured_columns().unwrap();
+    let none = vec![0.0; evaluator.columns()];
+    // positions of the training change by 0.05 m a sample and stay below 0.5 m; the prediction is 0.39 m
+    for (value, is_inside) in [(0.2, true), (0.45, true), (0.7, false)] {
+        let mut point = point(&evaluator, 0.4, 0.3);
+        for _ in 0..5 {
+            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
+        }
+        assert!(domain.contains_point(&point, 0));
+        (point[measured.start], point[measured.end]) = (value, 1.0);
+        evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
+        assert_eq!(domain.contains_point(&point, 0), is_inside, "{value} {}", domain.distance(&point, 0));
+    }
+}
