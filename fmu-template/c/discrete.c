@@ -117,10 +117,15 @@ static void take_inputs(double point[COLUMN_COUNT], const Step *step, double sin
     }
 }
 
+static bool uses_measured(const double point[COLUMN_COUNT])
+{
+    return point[MEMORY_USE_MEASURED] > 0.5;
+}
+
 /* Makes measured outputs, `since` seconds after the beginning of the step, those of the last sample while they are used. */
 static void take_measured(double point[COLUMN_COUNT], const Step *step, Real since)
 {
-    if (point[MEMORY_USE_MEASURED] < 0.5) {
+    if (!uses_measured(point)) {
         return;
     }
     for (size_t i = 0; i < OUTPUT_COUNT; i++) {
@@ -177,7 +182,7 @@ static void compare(double point[COLUMN_COUNT])
     const double *input = point + MEMORY_INPUTS;
     const size_t mean_count = MEAN_COUNT;
     Real features[FEATURE_COUNT];
-    Real lasting = (Real)point[MEMORY_DISTANCE] * model_support_fading;
+    Real lasting = (Real)point[MEMORY_DISTANCE] * (uses_measured(point) ? model_support_settling : model_support_fading);
     for (size_t i = 0; i < mean_count; i++) {
         const Real now = (Real)input[i];
         Real mean = (Real)point[MEMORY_MEANS + i];

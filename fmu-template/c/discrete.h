@@ -48,6 +48,7 @@ extern const Real model_hidden[];              /* what is hidden, at the start *
 extern const Real model_support_ranges[FEATURE_COUNT * 2];
 extern const Real model_support_samples; /* M */
 extern const Real model_support_fading;  /* of a distance, from sample to sample */
+extern const Real model_support_settling; /* the same while measured outputs are used: all past samples become measured */
 #endif
 
 /* Working memory of one evaluation at a time. */

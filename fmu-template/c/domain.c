@@ -246,7 +246,8 @@ void domain_note_value(Instance *instance, size_t index)
 
 Status domain_note_data(Instance *instance, Status refused)
 {
-    const bool is_silent = instance->now.policy == POLICY_CLAMP || instance->warned_of_data;
+    /* a history that becomes measured is no prediction yet */
+    const bool is_silent = instance->now.policy == POLICY_CLAMP || instance->warned_of_data || is_measured(instance);
     const bool knows_data = MODEL_HAS_COVER || MODEL_HAS_SUPPORT;
     if (is_silent || !knows_data || !is_in_ranges(instance) || is_near_data(instance, &instance->centre)) {
         return STATUS_OK;

@@ -85,6 +85,12 @@ static inline bool is(const Instance *instance, uint32_t reference, Quantity qua
     return exists(instance, reference) && model_variables[reference].quantity == quantity;
 }
 
+/* Whether outputs are measured. */
+static inline bool is_measured(const Instance *instance)
+{
+    return MEASURED_COUNT > 0 && instance->now.columns[FIRST_MEASURED + MEASURED_COUNT] > 0.5;
+}
+
 /* Column of a variable that has one: of an input, a parameter, a state or a measured output. */
 static inline size_t variable_column(const Instance *instance, uint32_t reference)
 {

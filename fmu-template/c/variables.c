@@ -169,7 +169,7 @@ Status instance_check_booleans(Instance *instance, const uint32_t references[], 
 bool instance_boolean(const Instance *instance, uint32_t reference)
 {
     if (is(instance, reference, VARIABLE_USE_MEASURED)) {
-        return instance->now.columns[FIRST_MEASURED + MEASURED_COUNT] > 0.5;
+        return is_measured(instance);
     }
     return domain_contains(instance);
 }

@@ -164,17 +164,23 @@ impl PySurrogate {
         serde_json::to_string(&accuracy).map_err(refused)
     }
 
+    /// Time between two samples, in seconds, of a discrete-time surrogate.
+    fn sample_time(&self) -> Option<f64> {
+        self.surrogate.program().sampling().map(|sampling| sampling.step)
+    }
+
     /// The outputs at each of the times, of a surrogate with states, from its start on: `constants` are its parameters and starts, `inputs` has a row
-    /// for each time.
+    /// for each time, `measured` one of outputs for each time that is negative, or none.
     fn simulate<'py>(
         &self,
         py: Python<'py>,
         times: &[u8],
         inputs: &[u8],
         constants: Vec<f64>,
+        measured: &[u8],
     ) -> PyResult<Bound<'py, PyByteArray>> {
-        let run =
-            Run { parameters: constants, times: doubles(times).into(), inputs: doubles(inputs), outputs: Vec::new() };
+        let (times, inputs, outputs) = (doubles(times).into(), doubles(inputs), doubles(measured));
+        let run = Run { parameters: constants, times, inputs, outputs };
         let outputs = detached(py, || evaluation::predict(&self.surrogate, &self.evaluator, &run));
         Ok(PyByteArray::new(py, &bytes(&outputs)))
     }

@@ -3,12 +3,15 @@
 use super::{CommandOutcome, heard, say, stdout::write_result, terminal::workers};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
-    Error, Result, files,
+    Error, Result,
+    export::find_surrogate,
+    files,
     fmi::{
-        Watch,
+        ModelDescription, Watch,
         host::{Inputs, InterfaceKind, RecordedColumn, RowSink, SimulationOptions, SimulationTable, Unpacked},
         simulate_apart,
     },
+    pipeline::measured,
     report::{Curve, time_series_svg},
     table::header_field,
 };
@@ -17,24 +20,28 @@ use std::{io::Write, path::Path};
 
 pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     [&args.output, &args.plot].into_iter().flatten().try_for_each(|path| files::check_output(path))?;
+    let wanted = args.interface.map(|interface| match interface {
+        InterfaceArg::Cs => InterfaceKind::CoSimulation,
+        InterfaceArg::Me => InterfaceKind::ModelExchange,
+    });
+    let unpacked = Unpacked::open(&args.fmu, wanted)?;
+    let (inputs, first) = match &args.input {
+        Some(path) => read_inputs(&args.fmu, unpacked.description(), path)?,
+        None => (Inputs::default(), None),
+    };
     let options = SimulationOptions {
-        start: args.start_time,
+        start: args.start_time.or(first),
         stop: args.stop_time,
         step: args.step_size,
         tolerance: args.tolerance,
         states: None,
         start_values: args.start.clone(),
-        inputs: args.input.as_deref().map(Inputs::read_csv).transpose()?.unwrap_or_default(),
+        inputs,
         inputs_first: false,
         record: Vec::new(),
         record_only: false,
     };
-    let wanted = args.interface.map(|interface| match interface {
-        InterfaceArg::Cs => InterfaceKind::CoSimulation,
-        InterfaceArg::Me => InterfaceKind::ModelExchange,
-    });
     let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
-    let unpacked = Unpacked::open(&args.fmu, wanted)?;
     let (mut table, mut domain) = (args.plot.as_ref().map(|_| SimulationTable::default()), DomainWarning::default());
     let path = args.output.as_deref().unwrap_or(Path::new("stdout"));
     let mut simulate = |csv: Option<&mut dyn Write>| {
@@ -50,6 +57,16 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
         plot(path, &unpacked.description().model_name, table)?;
     }
     Ok(CommandOutcome::Fine)
+}
+
+/// Inputs over time, and the time of the first row if it has measured outputs, which an FMU of a discrete-time surrogate takes.
+fn read_inputs(fmu: &Path, description: &ModelDescription, path: &Path) -> Result<(Inputs, Option<f64>)> {
+    // not of every FMU: some model files are large
+    let takes_measured = description.variable(BuiltIn::UseMeasured.name()).is_some();
+    match if takes_measured { find_surrogate(fmu)? } else { None } {
+        Some(surrogate) => measured::read_inputs(&surrogate, path, |line| say(line)),
+        None => Ok((Inputs::read_csv(path)?, None)),
+    }
 }
 
 /// Output of the rows: numbers as the shortest decimals that read back as the same doubles.

@@ -71,6 +71,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     for Drawn { caption, svg, .. } in figures {
         line(&mut page, &format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption)));
     }
+    measured(surrogate, &mut page);
     domain(surrogate, &mut page);
     provenance(&mut page, surrogate, about);
     page.push_str("</body>\n</html>\n");
@@ -270,6 +271,24 @@ fn domain(surrogate: &Surrogate, page: &mut String) {
              <code>{RESULT_FILE}</code> holds the outputs that must come out.</p>"
         ),
     );
+}
+
+/// Inputs with which a discrete-time surrogate starts from measured outputs.
+fn measured(surrogate: &Surrogate, page: &mut String) {
+    if surrogate.program().sampling().is_none() {
+        return;
+    }
+    let switch = BuiltIn::UseMeasured;
+    let names = surrogate.outputs().iter().map(|output| code(&Output::measured_name(&output.name)));
+    line(page, "<h2>Start from measured outputs</h2>\n<table>");
+    let values = "Measured values of the outputs, held or extrapolated as other inputs";
+    for (name, description) in [
+        (names.collect::<Vec<_>>().join(", "), values.to_owned()),
+        (code(switch.name()), escape(switch.description(known(surrogate)))),
+    ] {
+        line(page, &format!("<tr><td>{name}</td><td>{description}</td></tr>"));
+    }
+    line(page, "</table>");
 }
 
 /// What the outputs are computed with.

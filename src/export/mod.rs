@@ -18,5 +18,5 @@ pub(crate) mod testing;
 pub use binary::Binary;
 pub use checks::{SurrogateChecks, serve_worker, validate, validate_apart};
 pub use onnx::onnx;
-pub use package::{Contents, MODEL_FILE, pack, read_surrogate};
+pub use package::{Contents, MODEL_FILE, find_surrogate, pack, read_surrogate};
 pub use reference::ReferenceOptions;

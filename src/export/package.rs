@@ -133,13 +133,21 @@ pub(super) fn surrogate(archive: &mut Archive) -> Result<Option<Surrogate>> {
     }
 }
 
+/// Reads the surrogate of an FMU, if metafmu made it.
+///
+/// # Errors
+/// [`Error::Io`] or [`Error::Archive`] if it is no FMU, [`Error::ArchiveEntry`] if its surrogate is damaged.
+pub fn find_surrogate(path: &Path) -> Result<Option<Surrogate>> {
+    surrogate(&mut Archive::open(path)?)
+}
+
 /// Reads the surrogate of an FMU that metafmu made.
 ///
 /// # Errors
 /// [`Error::Io`] or [`Error::Archive`] if it is no FMU, [`Error::ArchiveEntry`] if it has no surrogate of metafmu inside or a
 /// damaged one.
 pub fn read_surrogate(path: &Path) -> Result<Surrogate> {
-    surrogate(&mut Archive::open(path)?)?.ok_or_else(|| {
+    find_surrogate(path)?.ok_or_else(|| {
         let problem = "expected a surrogate of metafmu, this FMU was made by another tool: `metafmu simulate` runs it";
         of_model(path, problem.into())
     })

@@ -13,6 +13,7 @@ pub mod fit;
 mod follower;
 pub mod import;
 mod learn;
+pub mod measured;
 pub mod observer;
 mod parallel;
 pub mod predict;

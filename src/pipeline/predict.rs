@@ -7,6 +7,8 @@
 
 mod rows;
 
+pub(super) use rows::check_sample;
+
 use super::{
     observer::{Control, CountedWork, Event},
     project::Project,

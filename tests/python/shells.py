@@ -187,6 +187,8 @@ class Walk:
         self.references = [v.valueReference for v in self.all]
         of = lambda *causalities: [v.valueReference for v in self.reals if v.causality in causalities]
         self.inputs, self.outputs, self.settable = of("input"), of("output"), of("input", "parameter")
+        # that for measured outputs, of discrete-time models
+        self.switches = [v.valueReference for v in self.all if (v.type, v.causality) == ("Boolean", "input")]
         self.later = [v.valueReference for v in self.reals if v.causality == "input" or (v.causality, v.variability) == ("parameter", "tunable")]
         self.states = len(description.derivatives)
         self.mode, self.time, self.stored, self.mischief = "none", 0.0, {}, 1.0
@@ -258,7 +260,8 @@ class Walk:
     def set(self, kind):
         real = kind in ("Real", "Float64")
         settable = self.settable if self.is_early or self.mode == "initialization" or self.bad(0.2) else self.later
-        references = self.some(settable if real else self.references_of(kind))
+        others = self.switches if kind == "Boolean" and self.switches and not self.bad(0.2) else self.references_of(kind)
+        references = self.some(settable if real else others)
         integer = lambda: self.chance.choice([0, 1, 2, 3, -1] if self.bad(0.2) else [0, 0, 1, 2])
         values = [self.value(reference) if real else integer() % 2 if kind == "Boolean" else None if kind == "String" else integer() for reference in references]
         return f"Set{kind}", self.numbered(references, values, self.type(kind))
@@ -402,7 +405,7 @@ class Walk:
             (lambda: self.get("String"), (), 1),
             (lambda: self.set(real), ("instantiated", "ready", "initialization", *runs), 5),
             (lambda: self.set(integer), ("instantiated", "ready", "initialization", "step"), 1),
-            (lambda: self.set("Boolean"), (), 1),
+            (lambda: self.set("Boolean"), ("instantiated", "ready", "initialization", "step") if self.switches else (), 3),
             (lambda: self.set("String"), (), 1),
             (lambda: self.plain("ExitInitializationMode"), ("initialization",), 8),
             (lambda: self.plain("Terminate"), runs, 0.2),

@@ -125,20 +125,20 @@ def built(tmp_path_factory):
 
 
 class Running:
-    """An FMU that fmpy has loaded and initialized, to be called function by function."""
+    """An FMU, packed or unpacked, that fmpy has loaded and initialized, to be called function by function."""
 
-    def __init__(self, fmu, folder, **starts):
+    def __init__(self, fmu, folder, start=0.0, **starts):
         self.description = read_model_description(fmu)
         self.is_fmi3 = self.description.fmiVersion.startswith("3")
         self.references = {variable.name: variable.valueReference for variable in self.description.modelVariables}
-        self.fmu = instantiate_fmu(extract(fmu, folder), self.description, "CoSimulation")
+        self.fmu = instantiate_fmu(fmu if Path(fmu).is_dir() else extract(fmu, folder), self.description, "CoSimulation")
         if not self.is_fmi3:
-            self.fmu.setupExperiment(startTime=0.0)
+            self.fmu.setupExperiment(startTime=start)
         for name, value in starts.items():
             self.set(name, value)
-        self.fmu.enterInitializationMode()
+        self.fmu.enterInitializationMode(**({"startTime": start} if self.is_fmi3 else {}))
         self.fmu.exitInitializationMode()
-        self.time = 0.0
+        self.time = start
 
     def set(self, name, value):
         setter = self.fmu.setFloat64 if self.is_fmi3 else self.fmu.setReal

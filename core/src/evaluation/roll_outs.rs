@@ -343,9 +343,9 @@ impl<'a> RollOut<'a> {
         self.set_inputs(row);
         let width = self.surrogate.outputs().len();
         // rows before the start tell how the run began; a table to predict may not have them
-        if self.run.times[row] < 0.0 && self.run.outputs.len() > row * width {
-            self.evaluator.correct(&mut self.point, &self.run.outputs[row * width..][..width]);
-        }
+        let is_given = self.run.times[row] < 0.0 && self.run.outputs.len() > row * width;
+        let given = is_given.then(|| &self.run.outputs[row * width..][..width]);
+        self.evaluator.measure(&mut self.point, given);
         Some(())
     }
 

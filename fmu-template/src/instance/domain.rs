@@ -79,7 +79,8 @@ impl Instance {
     /// where they are set, one after the other. What is outside its range is another matter.
     #[inline]
     pub(super) fn note_data(&mut self, refused: Status) -> Result<(), Refusal> {
-        let is_silent = self.now.policy == DomainPolicy::Clamp || self.warned_of_data;
+        // a history that becomes measured is no prediction yet
+        let is_silent = self.now.policy == DomainPolicy::Clamp || self.warned_of_data || self.is_measured();
         if is_silent
             || !self.domain.knows_data()
             || !self.domain.is_in_ranges(&self.now.values)
@@ -94,6 +95,11 @@ impl Instance {
         self.warned_of_data = true;
         self.warnings.push(Warning::FarFromData { distance });
         Ok(())
+    }
+
+    /// Whether outputs are measured.
+    pub(super) fn is_measured(&self) -> bool {
+        !self.measured.is_empty() && self.now.values[self.measured.end] == 1.0
     }
 
     /// Nothing can be clamped here, so this is said whatever the policy.

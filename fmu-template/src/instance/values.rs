@@ -108,7 +108,7 @@ impl Instance {
         }
         for (&reference, value) in references.iter().zip(values) {
             let is_switch = self.quantity(reference)? == Quantity::BuiltIn(BuiltIn::UseMeasured);
-            *value = if is_switch { self.now.values[self.measured.end] == 1.0 } else { self.is_in_domain() }.into();
+            *value = if is_switch { self.is_measured() } else { self.is_in_domain() }.into();
         }
         Ok(())
     }

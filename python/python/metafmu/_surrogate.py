@@ -227,15 +227,25 @@ class Surrogate:
         fitted to, or None), ``fit_seconds`` and ``note``. Empty where `model` is None."""
         return [dict(row) for row in self._fit["candidates"]] if self._fit else []
 
-    def simulate(self, time: Any, inputs: Any = None, parameters: Mapping[str, float] | None = None) -> np.ndarray:
+    @property
+    def sample_time(self) -> float | None:
+        """Time between two samples of a discrete-time surrogate, in seconds; None of others."""
+        return self._core.sample_time()
+
+    def simulate(self, time: Any, inputs: Any = None, parameters: Mapping[str, float] | None = None, history: Any = None) -> np.ndarray:
         """Outputs of shape (times, outputs) of a surrogate with states, which begins at the first of the times.
 
         ``time``: ascending, in seconds; ``inputs``: what drives it at these times, of shape (times, inputs), or a DataFrame or dict with a column for
         each: linear in between, but of models of samples held from sample to sample; ``parameters``: numbers by name, also the ``..._start`` of states;
         start values unless given.
 
+        ``history``: of a discrete-time surrogate, what was measured before the first of the times: rows of inputs and outputs, of shape (rows, inputs +
+        outputs), or a DataFrame or dict with a column for each. They are :attr:`sample_time` apart, the last one that long before the first of the times;
+        a column ``time`` is compared with that. Their outputs replace the predicted ones; the result has no rows for them.
+
         >>> t = numpy.linspace(0.0, 10.0, 1001)
         >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, {"angle_start": 0.5})
+        >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, history=frame[["torque", "angle"]])
         """
         self._core.stateful()
         time = numbers_of(time, "time")
@@ -258,8 +268,40 @@ class Surrogate:
             if inputs is None:
                 raise _metafmu.Error(f"no inputs, expected a column for each of {', '.join(driven)}")
             rows = _driving(inputs, driven, len(time))
-        values = self._core.simulate(time.tobytes(), rows.tobytes(), list(constants.values()))
-        return np.frombuffer(values, dtype=np.float64).reshape(len(time), len(self._metadata["outputs"]))
+        measured, outputs = np.empty((0, 0)), [item["name"] for item in self._metadata["outputs"]]
+        if history is not None:
+            before, past = self._past(history, driven + outputs, time[0])
+            time, rows = np.concatenate([before, time - time[0]]), np.concatenate([past[:, : len(driven)], rows])
+            measured = np.ascontiguousarray(past[:, len(driven) :])
+        values = self._core.simulate(time.tobytes(), rows.tobytes(), list(constants.values()), measured.tobytes())
+        return np.frombuffer(values, dtype=np.float64).reshape(len(time), len(outputs))[len(measured) :]
+
+    def _past(self, history, names, start):
+        """Times before the start, relative to it, and the rows of a history, with columns of these names."""
+        step = self.sample_time
+        if step is None:
+            raise _metafmu.Error(f"`{self.name}` has no past samples, expected a discrete-time surrogate: `parameters` has the states at the start")
+        if isinstance(history, Mapping):
+            given = [name for name in (*names, "time") if name in history]
+            if missing := [name for name in names if name not in given]:
+                raise _metafmu.Error(f"history has no {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(map(str, history))}")
+            columns = {name: numbers_of(history[name], f"history: `{name}`") for name in given}
+            if len({column.shape for column in columns.values()}) > 1 or columns[given[0]].ndim != 1:
+                shapes = ", ".join(f"`{name}` {column.shape}" for name, column in columns.items())
+                raise _metafmu.Error(f"history: {shapes}, expected as many numbers of each")
+            past, stamps = np.column_stack([columns[name] for name in names]), columns.get("time")
+        else:
+            past = rows_of(history, names, "history")
+            stamps = numbers_of(history["time"], "history: `time`") if is_frame(history) and "time" in history.columns else None
+        if not np.isfinite(past).all():
+            raise _metafmu.Error(f"history has a number that is not finite in row {int(np.argwhere(~np.isfinite(past))[0, 0])}")
+        before = -step * np.arange(len(past), 0, -1.0)
+        # the millionth of a sample time by which a communication point may miss a sample
+        if stamps is not None and len(wrong := np.flatnonzero(~(np.abs(stamps - start - before) <= 1e-6 * step))):
+            row = int(wrong[0])
+            expected = f"expected {start + before[row]!r} s: rows are {step!r} s apart, the last one that long before the first of `time`"
+            raise _metafmu.Error(f"history: `time` is {float(stamps[row])!r} s in row {row}, {expected}")
+        return before, past
 
     def export(
         self, path: str | os.PathLike[str], fmi: str = "2", sources: bool = False, platforms: str | Iterable[str] | None = None

@@ -27,6 +27,14 @@ impl Inputs {
     /// # Errors
     /// [`Error::Io`], or [`Error::Table`] with the line that is wrong.
     pub fn read_csv(path: &Path) -> Result<Self> {
+        Self::read_csv_with(path, |_, _| None)
+    }
+
+    /// The same with a check of the time of each row, given the inputs of the rows before it: what is wrong with it, or none.
+    ///
+    /// # Errors
+    /// Those of [`Inputs::read_csv`].
+    pub fn read_csv_with(path: &Path, problem: impl Fn(&Self, f64) -> Option<String>) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
         let wrong =
             |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
@@ -52,6 +60,9 @@ impl Inputs {
             let values = record.iter().map(number).collect::<Result<Vec<f64>>>()?;
             if inputs.times.last().is_some_and(|last| *last > values[0]) {
                 return Err(wrong(line, format!("time {} is before that of the row above", values[0])));
+            }
+            if let Some(problem) = problem(&inputs, values[0]) {
+                return Err(wrong(line, problem));
             }
             inputs.times.push(values[0]);
             inputs.rows.push(values[1..].to_vec());

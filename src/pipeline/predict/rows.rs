@@ -23,6 +23,8 @@ pub(super) const TIME: &str = "time";
 
 /// Rows that are read before they are given on: enough for all threads, little memory, and a row group of Parquet.
 const BATCH: usize = 1 << 17;
+/// Part of the sample time by which the time of a measured row may be off, as communication points may.
+const SAME_SAMPLE: f64 = 1e-6;
 /// Rows that a thread evaluates at a time.
 const BLOCK: usize = 1 << 11;
 
@@ -189,6 +191,9 @@ impl<'a> Reader<'a> {
             return Ok(current.replace(begun).map(PredictionRun::finish));
         };
         check_time(table, &label, run.last(), time)?;
+        if let (Some(sampling), false) = (surrogate.program().sampling(), outputs.is_empty()) {
+            check_sample(&run.times, time, sampling.step).map_or(Ok(()), |problem| Err(table.mistake(&problem)))?;
+        }
         let names = surrogate.inputs().iter().filter(|input| input.role != Role::Input);
         check_constants(table, names.map(|input| input.name.as_str()), &constants, &run.constants)?;
         run.times.push(time);
@@ -201,6 +206,18 @@ impl<'a> Reader<'a> {
     pub(super) fn mistake(&self, message: &str) -> Error {
         self.table.mistake(message)
     }
+}
+
+/// What is wrong with the time of a row whose outputs are measured, `before` being those of the rows before it: a measured output is that of
+/// a sample.
+pub(crate) fn check_sample(before: &[f64], time: f64, step: f64) -> Option<String> {
+    let expected = before.first()? + step * before.len() as f64;
+    let is_sample = (time - expected).abs() <= SAME_SAMPLE * step;
+    (!is_sample).then(|| {
+        // as people read it
+        let expected = format!("{expected:.12e}").parse().unwrap_or(expected);
+        format!("time {time} s, expected {expected} s: rows before time 0 are {step} s apart, as their outputs are measured samples")
+    })
 }
 
 impl PredictionRun {

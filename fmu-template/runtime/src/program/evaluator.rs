@@ -170,10 +170,11 @@ impl Evaluator {
         Ok(0)
     }
 
-    /// Replaces a sample of the outputs by measured values. Does nothing without samples.
-    pub fn correct(&self, point: &mut [f64], outputs: &[f64]) {
+    /// Makes the outputs at the last sample what was measured, and uses it for the next sample; or ends the use of measured outputs. Does
+    /// nothing without samples.
+    pub fn measure(&self, point: &mut [f64], outputs: Option<&[f64]>) {
         if let Some(sampling) = &self.prepared.sampling {
-            sampling.correct(point, outputs);
+            sampling.measure(point, outputs);
         }
     }
 

@@ -33,6 +33,7 @@ use crate::{
     task::Task,
 };
 use std::ops::Range;
+use support::NEGLIGIBLE;
 pub use support::{Support, Transition};
 
 /// History from which the next sample is computed, see the table above.
@@ -91,6 +92,12 @@ impl Sampling {
         self.support.as_ref().map(|_| ports.known() + past_outputs + past_inputs + self.supported(ports) - 1)
     }
 
+    /// Factor by which the distance from the support fades from sample to sample while measured outputs are used: a distance of 1 ends when all
+    /// past samples that count are measured.
+    pub fn settling(&self) -> f64 {
+        NEGLIGIBLE.powf(1.0 / self.history[0].max(self.history[1]) as f64)
+    }
+
     /// Number of features of a transition.
     fn features(&self, ports: &Ports) -> usize {
         3 * self.past_starts(ports) + 2 * ports.outputs
@@ -126,8 +133,8 @@ impl Sampling {
 pub(super) struct PreparedSampling {
     sampling: Sampling,
     ports: Ports,
-    /// Factor by which the distance from the support fades from sample to sample.
-    fading: f64,
+    /// Factors by which the distance from the support fades from sample to sample: usually, and while measured outputs are used.
+    fading: [f64; 2],
 }
 
 /// Working memory of one evaluation at a time.
@@ -151,7 +158,8 @@ struct Memory<'a> {
 
 impl PreparedSampling {
     pub(super) fn new(sampling: Sampling, ports: Ports) -> Self {
-        let fading = sampling.support.as_ref().map_or(0.0, Support::fading);
+        let of_support = |support: &Support| [support.fading(), sampling.settling()];
+        let fading = sampling.support.as_ref().map_or([0.0; 2], of_support);
         Self { sampling, ports, fading }
     }
 
@@ -186,9 +194,14 @@ impl PreparedSampling {
         *memory.phase = 0.0;
     }
 
-    /// Makes the outputs at the last sample what was measured.
-    pub(super) fn correct(&self, point: &mut [f64], outputs: &[f64]) {
-        self.parts(&mut point[self.ports.known()..]).outputs[..outputs.len()].copy_from_slice(outputs);
+    /// Makes the outputs at the last sample what was measured, and uses it; or ends the use of measured outputs.
+    pub(super) fn measure(&self, point: &mut [f64], outputs: Option<&[f64]>) {
+        let measured = self.measured_columns();
+        point[measured.end] = if outputs.is_some() { 1.0 } else { 0.0 };
+        if let Some(outputs) = outputs {
+            point[self.ports.known()..][..outputs.len()].copy_from_slice(outputs);
+            point[measured].copy_from_slice(outputs);
+        }
     }
 
     /// Columns of the measured outputs and, after them, of their switch.
@@ -322,11 +335,16 @@ impl PreparedSampling {
         }
     }
 
+    /// Returns true while measured outputs are used.
+    fn is_measured(&self, point: &[f64]) -> bool {
+        // not exactly 0 or 1 where a start is perturbed
+        point[self.measured_columns().end] > 0.5
+    }
+
     /// While measured outputs are used, makes them the outputs at the last sample, `since` seconds after the beginning of the step.
     fn take_measured(&self, point: &mut [f64], since: f64, drive: Drive) {
         let measured = self.measured_columns();
-        // not exactly 1 where a start is perturbed
-        if point[measured.end] < 0.5 {
+        if !self.is_measured(point) {
             return;
         }
         for (output, column) in measured.enumerate() {
@@ -338,6 +356,7 @@ impl PreparedSampling {
     fn compare(&self, point: &mut [f64]) {
         let Some(support) = &self.sampling.support else { return };
         let outputs = self.ports.outputs;
+        let fading = self.fading[usize::from(self.is_measured(point))];
         let Memory { support: [means @ .., lasting], outputs: now, inputs, next, .. } =
             self.parts(&mut point[self.ports.known()..])
         else {
@@ -347,7 +366,7 @@ impl PreparedSampling {
         let count = means.len();
         let past = if count > 0 { [&inputs[count..2 * count], &inputs[..count]] } else { [&[][..]; 2] };
         let transition = Transition { means, inputs: past, outputs: [&now[..outputs], &next[..outputs]] };
-        *lasting = support.distance(&transition, *lasting, self.fading);
+        *lasting = support.distance(&transition, *lasting, fading);
     }
 
     /// `z` from a point.

@@ -3,7 +3,7 @@
 use super::{ModelSources, array, double, graph::GraphSources, operations::Operations, real};
 use metafmu_runtime::{Ports, Sampling, Surrogate};
 
-const NAMES: [&str; 7] = [
+const NAMES: [&str; 8] = [
     "model_advance",
     "model_hidden",
     "model_sample_time",
@@ -11,6 +11,7 @@ const NAMES: [&str; 7] = [
     "model_support_fading",
     "model_support_ranges",
     "model_support_samples",
+    "model_support_settling",
 ];
 
 pub fn part(surrogate: &Surrogate, sampling: &Sampling) -> ModelSources {
@@ -74,9 +75,11 @@ fn data(sampling: &Sampling) -> String {
     if let Some(support) = &sampling.support {
         array(&mut text, "const Real model_support_ranges", support.ranges.as_flattened());
         text.push_str(&format!(
-            "\nconst Real model_support_samples = {};\nconst Real model_support_fading = {};\n",
+            "\nconst Real model_support_samples = {};\nconst Real model_support_fading = {};\n\
+             const Real model_support_settling = {};\n",
             real(support.samples),
             real(support.fading()),
+            real(sampling.settling()),
         ));
     }
     text

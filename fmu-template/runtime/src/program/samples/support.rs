@@ -6,7 +6,7 @@ use crate::{
 };
 
 /// Smallest distance that counts as outside, relative to the width of a range.
-const NEGLIGIBLE: f64 = 0.003;
+pub(super) const NEGLIGIBLE: f64 = 0.003;
 
 /// Ranges of the transitions in training. The features of the transition from sample k to sample k + 1 are
 ///
@@ -17,7 +17,7 @@ const NEGLIGIBLE: f64 = 0.003;
 /// `s` is the average of the inputs. A constant input at an end of its range never leaves the range, but its average leaves that of inputs
 /// that change. A model with one past input has no features of inputs. The distance of a transition is that of its farthest feature from the
 /// feature's range, relative to the width of the range. Errors made outside are fed back, so a distance lasts: it fades by a factor
-/// `exp(-1 / M)` from sample to sample, and ends where it is negligible.
+/// `exp(-1 / M)` from sample to sample, and ends where it is negligible. Measured outputs end it sooner, see [`Sampling::settling`](super::Sampling::settling).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Support {
     /// Smallest and largest value of each feature.

@@ -191,7 +191,7 @@ fn an_output_that_leaves_its_range_in_training_leaves_the_domain_though_inputs_a
     advance(&mut evaluator, &mut point);
     assert!(domain.contains_point(&point, 0), "{point:?}");
     // 2 m, where the training had 0.5 m at most
-    evaluator.correct(&mut point, &[2.0]);
+    evaluator.measure(&mut point, Some(&[2.0]));
     advance(&mut evaluator, &mut point);
     assert!(domain.is_in_ranges(&point) && !domain.contains_point(&point, 0));
     assert!(domain.distance(&point, 0) > 0.5 && domain.distance_derivative(&point).is_none());
@@ -294,4 +294,26 @@ fn a_correction_is_no_change_that_the_training_did_not_have_but_a_measured_value
         evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
         assert_eq!(domain.contains_point(&point, 0), is_inside, "{value} {}", domain.distance(&point, 0));
     }
+}
+
+#[test]
+fn a_distance_ends_when_all_past_samples_are_measured() {
+    let surrogate = example::supported();
+    let (mut evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
+    let none = vec![0.0; evaluator.columns()];
+    let mut samples = |measured: Option<&[f64]>| {
+        // outside by a jump of the force at the first sample
+        let mut point = point(&evaluator, 0.4, -0.6);
+        let mut count = 0;
+        for force in [-0.6, 0.3].into_iter().chain([0.3; 100]) {
+            point[3] = force;
+            evaluator.measure(&mut point, measured);
+            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
+            count += u32::from(!domain.contains_point(&point, 0));
+        }
+        count
+    };
+    // two jumps; three past forces count, that of the sample itself among them
+    assert_eq!(samples(Some(&[0.39])), 2 + 2);
+    assert!(samples(None) > 20);
 }
