@@ -173,6 +173,7 @@ crashes, exits or hangs is reported as a problem. What it prints goes to stderr.
     #[command(after_help = "Example:
   metafmu simulate out/single-pendulum/single-pendulum.fmu --start L=0.12 --start c=0.05 --output run.csv --plot run.svg
   metafmu simulate plant.fmu --input force.csv --interface me
+  metafmu simulate discrete.fmu --input record.csv    # from measured outputs in rows before time 0
 
 The FMU runs in a process of its own; what it prints goes to stderr.")]
     Simulate(SimulateArgs),
@@ -473,13 +474,14 @@ pub struct SimulateArgs {
     #[arg(long, value_name = "NAME=VALUE", value_parser = name_and_value)]
     pub start: Vec<(String, f64)>,
     /// CSV file with inputs over time: a header `time,NAME,...`; continuous inputs are interpolated between its rows. In
-    /// co-simulation they are set at the beginning of a step, and the outputs at its end belong to them
+    /// co-simulation they are set at the beginning of a step, and the outputs at its end belong to them. The FMU of a discrete-time
+    /// surrogate starts from measured outputs, if there are columns of all outputs: in rows before time 0
     #[arg(long, value_name = "FILE.csv")]
     pub input: Option<PathBuf>,
     /// Interface to run it by [default: cs if the FMU offers it]
     #[arg(long)]
     pub interface: Option<InterfaceArg>,
-    /// First communication point in seconds [default: the FMU's, else 0]
+    /// First communication point in seconds [default: the first measured row, else the FMU's, else 0]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub start_time: Option<f64>,
     /// Last communication point in seconds [default: the FMU's]

@@ -14,11 +14,11 @@ use crate::{
     Result,
     dataset::DatasetColumns,
     diagnostics::{KeyProblem, Problems},
-    study::{Draft, Study},
+    study::{Draft, Study, StudyStructure},
     variable::SourceVariable,
 };
 pub use journal::Journal;
-use metafmu_runtime::State;
+use metafmu_runtime::{BuiltIn, Output, State};
 pub use point::MovingPoint;
 pub use recorded::Recorded;
 pub use simulation::Simulation;
@@ -51,6 +51,31 @@ pub fn open(path: &Path) -> Result<(Study, Source)> {
     Ok((study, source))
 }
 
+/// Names of a study's variables that its FMU has for measured outputs, if it is discrete-time.
+fn names_of_measured(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    if study.structure != StudyStructure::Discrete {
+        return problems;
+    }
+    let of_output =
+        |name: &String| (Output::measured_name(name), format!("the name of the measured value of `{name}`"));
+    let switch =
+        (BuiltIn::UseMeasured.name().to_owned(), "the name of the input that switches measured outputs on".into());
+    for (name, what) in study.outputs.keys().map(of_output).chain([switch]) {
+        for (section, is_there) in [
+            ("parameters", study.parameters.contains_key(&name)),
+            ("inputs", study.inputs.contains_key(&name)),
+            ("outputs", study.outputs.contains_key(&name)),
+            ("arrays", study.arrays.contains_key(&name)),
+        ] {
+            if is_there {
+                problems.add(format!("{section}.{name}"), format!("`{name}` is {what}"));
+            }
+        }
+    }
+    problems
+}
+
 impl Source {
     /// Finds the study's system, mechanism or table and in it the study's parameters, constants and outputs.
     ///
@@ -63,7 +88,9 @@ impl Source {
         } else {
             Self::Simulation(Simulation::new(study)?)
         };
-        study.refuse(source.array_problems(study))?;
+        let mut problems = source.array_problems(study);
+        problems.extend(names_of_measured(study));
+        study.refuse(problems)?;
         Ok(source)
     }
 

@@ -1,11 +1,13 @@
 """Discrete-time FMUs that start from measured outputs, in fmpy and in the command, against `metafmu predict` of the same rows."""
 
 import csv
+import re
+import shutil
 import subprocess
 
 import numpy as np
 import pytest
-from conftest import METAFMU, compiled_from_sources, fmu_of, metafmu
+from conftest import METAFMU, ROOT, compiled_from_sources, fmu_of, metafmu
 from fmpy import extract, simulate_fmu
 from fmpy.validation import validate_fmu
 from test_discrete import STEP, STUDY, Plant, Running, forces, plant, table
@@ -205,6 +207,19 @@ def test_the_command_says_what_it_does_not_use_and_which_row_is_no_sample(surrog
     assert refused.returncode == 2 and message in refused.stderr, refused.stderr
 
 
+def test_names_of_measured_outputs_are_refused_in_a_study_with_their_lines(tmp_path):
+    table(tmp_path / "runs.csv")
+    named = STUDY.replace("gain =", "speed_measured =").replace("position = { unit", "use_measured = { unit").replace("position = \"y\"", "use_measured = \"y\", speed_measured = \"gain\"")
+    (tmp_path / "plant.toml").write_text(named)
+    refused = metafmu("sample", tmp_path / "plant.toml", "--out", tmp_path / "out", check=False).stderr
+    line = lambda start: 1 + [text.startswith(start) for text in named.splitlines()].index(True)
+    for start, message in [
+        ("speed_measured", "parameters.speed_measured: `speed_measured` is the name of the measured value of `speed`"),
+        ("use_measured", "outputs.use_measured: `use_measured` is the name of the input that switches measured outputs on"),
+    ]:
+        assert f"plant.toml:{line(start)}: {message}" in refused, refused
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_samples_are_measured_again_during_a_run(unpacked, tmp_path, version):
     _, fmu = unpacked("feedback", version)
@@ -311,3 +326,27 @@ def test_a_measured_value_outside_the_training_leaves_the_domain_by_the_policy(u
     running.use_measured(False)
     with pytest.raises(Exception, match="DoStep"):
         running.step(STEP)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_the_example_of_the_documentation_runs_free_as_predict(surrogates, tmp_path, monkeypatch, version):
+    built = surrogates("feedback")
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "using-the-fmu.md").read_text(), re.DOTALL)
+    [example] = [block for block in blocks if "use_measured" in block]
+    # a record that begins in the middle of a motion, the free run of which is at time 0
+    given = 50
+    force = np.concatenate([forces(98), forces(99)])[-given - FREE - 15 :]
+    times, truth, force = STEP * np.arange(-given, FREE), plant(force, 1.0)[15:], force[15:]
+    shutil.copy(built.fmu(version), tmp_path / "plant.fmu")
+    (tmp_path / "record.csv").write_text(rows(truth, times, force))
+    metafmu("predict", tmp_path / "plant.fmu", tmp_path / "record.csv", "--out", tmp_path / "predicted.csv")
+    monkeypatch.chdir(tmp_path)
+    scope = {}
+    exec(example, scope)
+    # fmpy may record the change of the switch as well, which rounding puts right before or after the row
+    _, places = np.unique(np.round(scope["free"]["time"] / STEP), return_index=True)
+    free = np.column_stack([scope["free"][name][places] for name in OUTPUTS])
+    assert close(free, read(tmp_path / "predicted.csv")[given:])
+    # and so does the command
+    metafmu("simulate", tmp_path / "plant.fmu", "--input", tmp_path / "record.csv", "--stop-time", times[-1], "--output", tmp_path / "found.csv")
+    assert close(read(tmp_path / "found.csv")[given:], read(tmp_path / "predicted.csv")[given:])

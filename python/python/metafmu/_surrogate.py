@@ -299,8 +299,8 @@ class Surrogate:
         # the millionth of a sample time by which a communication point may miss a sample
         if stamps is not None and len(wrong := np.flatnonzero(~(np.abs(stamps - start - before) <= 1e-6 * step))):
             row = int(wrong[0])
-            expected = f"expected {start + before[row]!r} s: rows are {step!r} s apart, the last one that long before the first of `time`"
-            raise _metafmu.Error(f"history: `time` is {float(stamps[row])!r} s in row {row}, {expected}")
+            expected = f"expected {start + before[row]:.12g} s: rows are {step:.12g} s apart, the last one that long before the first of `time`"
+            raise _metafmu.Error(f"history: `time` is {stamps[row]:.12g} s in row {row}, {expected}")
         return before, past
 
     def export(
