@@ -80,18 +80,18 @@ mod tests {
 
     #[test]
     fn outputs_are_measured_up_to_a_row_between_the_last_one_before_the_start_and_the_next() {
-        let (found, told) = read("time,position,force\n-0.2,0.5,1\n-0.1,0.7,2\n0,9,3\n0.1,9,4\n");
+        let (found, told) = read("time,position,force\n-0.2,0.5,1\n-0.1,0.75,2\n0,9,3\n0.1,9,4\n");
         let (inputs, start) = found.unwrap();
         assert_eq!(
             (inputs.names, start),
             (vec!["position_measured".into(), "force".into(), "use_measured".into()], Some(-0.2))
         );
         assert_eq!(inputs.times, [-0.2, -0.1, -0.05, 0.0, 0.1]);
-        let expected = [[0.5, 1.0, 1.0], [0.7, 2.0, 1.0], [4.85, 2.5, 0.0], [9.0, 3.0, 0.0], [9.0, 4.0, 0.0]];
+        let expected = [[0.5, 1.0, 1.0], [0.75, 2.0, 1.0], [4.875, 2.5, 0.0], [9.0, 3.0, 0.0], [9.0, 4.0, 0.0]];
         assert_eq!(inputs.rows, expected.map(|row| row.to_vec()));
         assert!(told.is_empty());
         // the table may end there
-        let (inputs, _) = read("time,position,force\n-0.2,0.5,1\n-0.1,0.7,2\n").0.unwrap();
+        let (mut inputs, _) = read("time,position,force\n-0.2,0.5,1\n-0.1,0.7,2\n").0.unwrap();
         assert_eq!((inputs.times, inputs.rows.pop()), (vec![-0.2, -0.1, -0.05], Some(vec![0.7, 2.0, 0.0])));
     }
 
