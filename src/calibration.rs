@@ -362,6 +362,24 @@ mod tests {
     }
 
     #[test]
+    fn rows_that_are_given_count_for_no_bound() {
+        let surrogate = example::recorded();
+        let evaluator = Evaluator::new(&surrogate);
+        for (before, given) in [(0, 1), (3, 3)] {
+            let times: Vec<f64> = (0..10 + before).map(|row| 0.1 * (f64::from(row) - f64::from(before))).collect();
+            let run = Run {
+                parameters: vec![1.5, 0.4, 0.25],
+                times: times.clone().into(),
+                inputs: vec![1.0; times.len()],
+                outputs: vec![0.5; times.len()],
+            };
+            let errors = run_errors(&surrogate, &evaluator, &run, SignalKind::Signals);
+            let counted: Vec<f64> = errors.iter().map(|(time, _)| *time).collect();
+            assert_eq!(counted, times[given..]);
+        }
+    }
+
+    #[test]
     fn too_few_runs_give_no_bounds() {
         let surrogate = example::surrogate();
         assert_eq!(BoundsOptions::least_runs(0.95), 19);
