@@ -145,6 +145,27 @@ def discrete(*changes, more="", rows="a,0,0,1\na,0.5,1,1\na,1,0,1\n"):
     return {"study.toml": text + more, "runs.csv": "run,time,force,y\n" + rows}
 
 
+STATIC = """name = "map"
+structure = "static"
+[source]
+table = "points.csv"
+[inputs]
+a = {}
+b = {}
+[outputs]
+y = { unit = "N" }
+"""
+
+
+def static(*changes, more="", rows="1,2,3\n2,1,5\n3,3,4\n"):
+    """Rows of a static map, with parts of the study replaced."""
+    text = STATIC
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return {"study.toml": text + more, "points.csv": "a,b,y\n" + rows}
+
+
 def discrete_fmu(*changes, fmu_of=None):
     """The same of an FMU that has the input, with parts of the study or of the FMU replaced."""
     text = DISCRETE.replace('table = "runs.csv"', 'fmu = "model.fmu"').replace("y = {}", "x0 = {}")
@@ -527,6 +548,21 @@ SECTIONS = {
         "an option without the structure": discrete(('structure = "discrete"\n', ""), ("[inputs]\nforce = { min = -2, max = 2 }\n", "[parameters]\nL = { min = 0, max = 1 }\n"), more="[discrete]\nhistory = 3\n"),
         "too few runs": discrete(rows="a,0,0,1\na,0.5,0,1\na,1,0,1\n"),
     },
+    "Static maps": {
+        "sections of runs": static(more="[time]\nstop = 1\nstep = 0.1\n[parameters]\nc = { min = 0, max = 1 }\n[sampling]\ntest_runs = 3\n[search]\ntrials = 5\n[search.space]\n\"training.batch\" = [1, 2]\n"),
+        "options of other structures": static(("a = {}", "a = { bandwidth = 1 }"), more='[network]\nstructure = "fixed"\n[bounds]\nruns = 50\n[export]\nprecision = "single"\n'),
+        "an index": static(('table = "points.csv"', 'index = "points.csv"')),
+        "no input": static(("a = {}\nb = {}\n", "")),
+        "a model that cannot be exported": static(more='[static]\nmodel = "knn"\n'),
+        "the structure is missing": static(('structure = "static"\n', ""), more="[static]\n"),
+        "columns that are not there": static(("a = {}", "c = {}"), ("y = {", "z = {")),
+        "a name of no variable": static(("[inputs]", 'columns = { speed = "a" }\n[inputs]')),
+        "cells without numbers": static(rows="1,,3\n2,1,x\n3,NaN,4\n4,5,6\n"),
+        "inputs that do not vary": static(rows="1,2,3\n1,2,5\n"),
+        "a single row": static(rows="1,2,3\n1,2,3\n"),
+        "bounds of too few rows": static(more="[bounds]\n"),
+        "a range of another column": static(("a = {}", "a = { min = 100, max = 200 }")),
+    },
     "Tables": {
         "no file": {"study.toml": RECORDED},
         "an empty file": {"study.toml": RECORDED, "runs.csv": ""},
@@ -612,6 +648,7 @@ ARGUMENTS = {
     "Other files for a study": ["build", "FILE"],
     "Other files for a trained model": ["import", "FILE", "--new", "interface.toml"],
     "Other files for an FMU": ["validate", "FILE"],
+    "Static maps": ["train", "study.toml", "--out", "out"],
     "Searches": ["search", "study.toml", "--out", "out"],
     "FMUs": ["simulate", "model.fmu"],
     "Outputs": ["simulate", "model.fmu", "--output", "runs/run.csv"],

@@ -30,7 +30,7 @@ INTRODUCTIONS = {
     "study": """# The study file, key by key
 
 What is sampled, how, and what is made of it, in TOML. `metafmu new` writes a commented one; only `name`, `[source]`, `[time]`,
-`[parameters]`, `[outputs]` and `[sampling]` are required. Mistakes are reported with file, line and key, all at once and before any work
+`[parameters]`, `[outputs]` and `[sampling]` are required, of the structure "static" only `name`, `[source]`, `[inputs]` and `[outputs]`. Mistakes are reported with file, line and key, all at once and before any work
 is done ([bad-input.md](bad-input.md)). A default of "-" is a key that may be left out: its meaning says what happens then.
 """,
     "mechanism": """# The mechanism file, key by key

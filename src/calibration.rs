@@ -55,6 +55,22 @@ pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_ki
     Ok(Bounds { coverage, runs, times, half_widths })
 }
 
+/// Error bounds of a static map, from the errors of each output in unseen rows: as [`bounds`] of runs of a single row.
+///
+/// # Errors
+/// A sentence, if there are too few rows, or too many of their predictions are not finite.
+pub fn bounds_of_rows(errors: &[Vec<f64>], coverage: f64) -> Result<Bounds, String> {
+    let (rows, width) = (errors.len(), errors.first().map_or(0, Vec::len));
+    let of_output = |output| half_width(errors, output, width, (coverage, SignalKind::Signals));
+    let half_widths: Vec<f64> = (0..width).map(of_output).collect();
+    if half_widths.iter().any(|half_width| !half_width.is_finite()) {
+        return Err(format!(
+            "{rows} unseen rows do not bound {coverage} of the rows: too few of their predictions are finite"
+        ));
+    }
+    Ok(Bounds { coverage, runs: rows as u64, times: Vec::new(), half_widths })
+}
+
 /// Share of the rows of each kind of signal that are within a surrogate's bounds; empty if there is one kind only.
 pub fn coverage(surrogate: &Surrogate, calibration: &Dataset) -> Vec<KindCoverage> {
     let Some(bounds) = surrogate.bounds() else { return Vec::new() };

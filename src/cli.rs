@@ -21,6 +21,7 @@ use std::{path::PathBuf, time::Duration};
     after_help = "Begin with what you have:
   metafmu import net.onnx --new interface.toml       a trained network
   metafmu new my-study --table runs.csv              recorded runs
+  metafmu new my-study --table points.csv            rows of inputs and outputs
   metafmu new my-study --fmu model.fmu               an FMU of another tool
   metafmu new my-study --mechanism mechanism.toml    bodies, joints and forces
   metafmu new my-study --system single-pendulum      a built-in system
@@ -52,10 +53,13 @@ pub enum Command {
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
   metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
   metafmu new my-component --table runs.csv --structure discrete --inputs force,voltage    # driven by columns of the table
+  metafmu new my-map --table points.csv    # rows without a time: columns follow from columns
+  metafmu new my-map --table points.csv --inputs speed,torque
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an \
 FMU without such parameters the first ones vary by a tenth around their start values: review the study.
-Of a table, columns with one value in each run become parameters, the others outputs, or inputs of the structure discrete.")]
+Of a table, columns with one value in each run become parameters, the others outputs, or inputs of the structure discrete.
+Of a table without a time, columns are inputs or outputs; those that are constant, text, or number the rows are left out.")]
     New(NewArgs),
     /// Do everything: sample, train, evaluate, report, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
@@ -227,14 +231,14 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is
-    #[arg(long, value_name = "STRUCTURE", default_value = "response", requires_if("discrete", "samples"))]
+    /// What the surrogate is [default: response, of a table without a time static]
+    #[arg(long, value_name = "STRUCTURE", requires_if("discrete", "samples"), requires_if("static", "table"))]
     #[arg(value_parser = PossibleValuesParser::new(structures()))]
-    pub structure: String,
+    pub structure: Option<String>,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", groups = ["source", "samples"])]
     pub fmu: Option<PathBuf>,
-    /// Table of recorded runs: CSV or Parquet with a row for each time of each run
+    /// Table of recorded runs, with a row for each time of each run, or of rows without a time: CSV or Parquet
     #[arg(long, value_name = "FILE", groups = ["source", "samples"])]
     pub table: Option<PathBuf>,
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
@@ -243,12 +247,17 @@ pub struct NewArgs {
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub run: Option<String>,
-    /// Columns of the table that drive the runs, with --structure discrete [default: those that are called `u`, `input`, `force` or the like]
+    /// Columns of the table that drive the runs, with --structure discrete [default: those that are called `u`, `input`, `force` or the like];
+    /// of a table without a time those that the others follow from
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub inputs: Vec<String>,
+    /// Columns of a table without a time that follow from the others [default: those that are called `y`, `output`, `result` or the like, else the
+    /// last one]
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu"])]
+    pub outputs: Vec<String>,
 }
 
-fn structures() -> [PossibleValue; 3] {
+fn structures() -> [PossibleValue; 4] {
     [
         PossibleValue::new("response").help("Plays back runs: outputs are functions of parameters and time"),
         PossibleValue::new("dynamics")
@@ -256,6 +265,7 @@ fn structures() -> [PossibleValue; 3] {
         PossibleValue::new("discrete").help(
             "Goes on from sample to sample, driven by inputs of an FMU for co-simulation or by columns of a table",
         ),
+        PossibleValue::new("static").help("Has no time: outputs follow from inputs alone, as in the rows of a table"),
     ]
 }
 

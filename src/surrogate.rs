@@ -49,6 +49,18 @@ pub fn assemble_baseline(
     finish(metadata, graph.into())
 }
 
+/// Surrogate of the rows of a study: with its arrays, its seed and its digest.
+///
+/// # Errors
+/// As [`assemble`].
+pub fn of_rows(study: &Study, map: &Surrogate) -> Result<Surrogate> {
+    let mut metadata = map.metadata().clone();
+    metadata.arrays = study.arrays.iter().map(output_array).collect();
+    metadata.provenance.study_digest = study.digest();
+    metadata.provenance.seed = study.seed;
+    finish(metadata, map.program().clone())
+}
+
 /// Surrogate of a program with states. Outputs have the ranges of the dataset. `ranges` are those in which the equations of each state were
 /// learned, or none if every value is valid.
 ///
@@ -296,8 +308,8 @@ pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
         Encoding::Periodic => Some(format!("any number: values that differ by {} are the same", max - min)),
     };
     let may_change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
-    // what has states follows every change
-    let change = (may_change && !surrogate.program().has_memory()).then(|| {
+    // what has states, or is a function of the present inputs alone, follows every change
+    let change = (may_change && surrogate.time_column().is_some()).then(|| {
         "constant in each training run: after a change outputs are as if it had been so from the start".into()
     });
     let more: Vec<String> = values.into_iter().chain(change).collect();

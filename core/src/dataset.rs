@@ -71,6 +71,24 @@ impl Run {
 }
 
 impl Dataset {
+    /// Rows of a static map: a run of a single row for each, whose parameters are the inputs.
+    pub fn of_rows(
+        inputs: &[SourceVariable],
+        outputs: &[SourceVariable],
+        points: &[Vec<f64>],
+        labels: &[Vec<f64>],
+    ) -> Self {
+        let times: Arc<[f64]> = [0.0].into();
+        let run = |(point, labels): (&Vec<f64>, &Vec<f64>)| Run {
+            parameters: point.clone(),
+            times: times.clone(),
+            inputs: Vec::new(),
+            outputs: labels.clone(),
+        };
+        let runs = points.iter().zip(labels).map(run).collect();
+        Self { parameters: inputs.to_vec(), inputs: Vec::new(), outputs: outputs.to_vec(), runs }
+    }
+
     /// Number of rows of all runs.
     pub fn row_count(&self) -> usize {
         self.runs.iter().map(|run| run.times.len()).sum()

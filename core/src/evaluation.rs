@@ -16,7 +16,6 @@ use rayon::prelude::*;
 pub use roll_outs::RollOut;
 pub use roll_outs::{CHAOTIC, Horizon, OFF, RollOuts, constraint_residual};
 use serde::{Deserialize, Serialize};
-use std::sync::Arc;
 pub use verdict::{Grade, Verdict};
 
 /// Accuracy of one output over all predicted rows of all test runs, in the output's unit. What is too large for a number, or an error of no
@@ -140,14 +139,7 @@ impl Accuracy {
     /// Measures a surrogate without states on rows of its inputs, `points`, and what its outputs should be, `labels`. The run of an
     /// error is its row, counted from 0, and its share is of the labels' range.
     pub fn of_rows(surrogate: &Surrogate, rows: TestRows, points: &[Vec<f64>], labels: &[Vec<f64>]) -> Self {
-        let evaluator = Evaluator::new(surrogate);
-        let predict = |evaluator: &mut Evaluator, point: &Vec<f64>| {
-            let mut outputs = vec![0.0; surrogate.outputs().len()];
-            evaluator.evaluate(point, &mut outputs);
-            outputs
-        };
-        let predictions: Vec<Vec<f64>> = points.par_iter().map_init(|| evaluator.clone(), predict).collect();
-        Self::of_row_predictions(surrogate, rows, &predictions, labels)
+        Self::of_row_predictions(surrogate, rows, &predict_rows(surrogate, points), labels)
     }
 
     /// The same from predictions of the rows, each with a number for each output.
@@ -157,17 +149,9 @@ impl Accuracy {
         predictions: &[Vec<f64>],
         labels: &[Vec<f64>],
     ) -> Self {
-        let times: Arc<[f64]> = [0.0].into();
-        let run = |labels: &Vec<f64>| Run {
-            parameters: Vec::new(),
-            times: times.clone(),
-            inputs: Vec::new(),
-            outputs: labels.clone(),
-        };
-        let outputs =
+        let outputs: Vec<SourceVariable> =
             surrogate.outputs().iter().map(|output| SourceVariable::new(&output.name, &output.unit, "")).collect();
-        let runs = labels.iter().map(run).collect();
-        let test = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs, runs };
+        let test = Dataset::of_rows(&[], &outputs, &vec![Vec::new(); labels.len()], labels);
         let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, predictions) };
         // the surrogate's ranges are those of its own predictions
         for (column, metrics) in found.outputs.values_mut().enumerate() {
@@ -187,11 +171,22 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
     }
     let width = surrogate.outputs().len();
     let mut predictions = vec![0.0; run.times.len() * width];
-    let (mut evaluator, mut point) = (evaluator.clone(), InputPoint::of(run));
+    let (mut evaluator, mut point) = (evaluator.clone(), InputPoint::of(run, surrogate.time_column().is_some()));
     for (&time, outputs) in run.times.iter().zip(predictions.chunks_mut(width)) {
         evaluator.evaluate(point.at(time), outputs);
     }
     predictions
+}
+
+/// Predictions of a surrogate without states for rows of its inputs.
+pub fn predict_rows(surrogate: &Surrogate, points: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let evaluator = Evaluator::new(surrogate);
+    let predict = |evaluator: &mut Evaluator, point: &Vec<f64>| {
+        let mut outputs = vec![0.0; surrogate.outputs().len()];
+        evaluator.evaluate(point, &mut outputs);
+        outputs
+    };
+    points.par_iter().map_init(|| evaluator.clone(), predict).collect()
 }
 
 /// Predictions of the surrogate for each run, see [`predict`].
@@ -293,6 +288,7 @@ fn finite(value: f64) -> f64 {
 mod tests {
     use super::*;
     use metafmu_runtime::example;
+    use std::sync::Arc;
 
     #[test]
     fn errors_put_into_the_labels_are_found_again() {

@@ -1,5 +1,7 @@
 //! The interface of a model of another tool: which of its columns is which variable of the FMU.
 
+mod of_study;
+
 use crate::{
     Error, Result,
     diagnostics::{

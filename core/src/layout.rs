@@ -14,20 +14,25 @@ pub fn inputs<T>(parameters: impl IntoIterator<Item = T>, time: T) -> impl Itera
 
 /// The values of a surrogate's inputs in a run.
 #[derive(Clone, Debug)]
-pub struct InputPoint(Vec<f64>);
+pub struct InputPoint {
+    values: Vec<f64>,
+    has_time: bool,
+}
 
 impl InputPoint {
-    /// The parameters of a run, at the time 0.
-    pub fn of(run: &Run) -> Self {
-        Self(inputs(run.parameters.iter().copied(), 0.0).collect())
+    /// The parameters of a run, at the time 0 if that is an input.
+    pub fn of(run: &Run, has_time: bool) -> Self {
+        let parameters = run.parameters.iter().copied();
+        let values = if has_time { inputs(parameters, 0.0).collect() } else { parameters.collect() };
+        Self { values, has_time }
     }
 
     /// The point at a time in seconds.
     pub fn at(&mut self, time: f64) -> &[f64] {
-        if let Some(last) = self.0.last_mut() {
+        if let Some(last) = self.values.last_mut().filter(|_| self.has_time) {
             *last = time;
         }
-        &self.0
+        &self.values
     }
 }
 
@@ -104,7 +109,8 @@ mod tests {
         let second = RowLayout::at(encoder, 1);
         assert_eq!(second.columns(), 3);
         assert_eq!(rows(&second), [(vec![0.5, 0.0, 1.0], vec![8.0])]);
-        assert_eq!(InputPoint::of(&run).at(2.0), [0.5, 1.0, 2.0]);
+        assert_eq!(InputPoint::of(&run, true).at(2.0), [0.5, 1.0, 2.0]);
+        assert_eq!(InputPoint::of(&run, false).at(2.0), [0.5, 1.0]);
         assert_eq!(inputs(["a", "b"], "time").collect::<Vec<_>>(), ["a", "b", "time"]);
     }
 }

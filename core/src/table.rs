@@ -239,7 +239,9 @@ fn check_names(columns: &[TableColumn]) -> std::result::Result<(), String> {
     let mut before = HashSet::with_capacity(columns.len());
     for (index, TableColumn { name, .. }) in columns.iter().enumerate() {
         if name.is_empty() {
-            return Err(format!("column {} has no name", index + 1));
+            let index_of_pandas =
+                if index == 0 { "; an index of pandas is left out by `to_csv(index=False)`" } else { "" };
+            return Err(format!("column {} has no name{index_of_pandas}", index + 1));
         }
         if !before.insert(name.as_str()) {
             return Err(format!("column `{name}` is duplicated"));

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
 /// Name of the network's row.
-pub const NETWORK: &str = "network";
+pub use crate::study::NETWORK;
 
 /// Models of one study measured on the same test runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -118,7 +118,12 @@ impl Comparison {
         let Self { name, test_runs, test_rows, models, .. } = self;
         let outputs: Vec<&String> =
             models.iter().flat_map(|row| row.outputs.keys()).collect::<IndexSet<_>>().into_iter().collect();
-        let mut text = format!("{name} on {test_runs} unseen runs, {test_rows} rows\n\n{:<18}", "R² of");
+        // a static map has rows, each of which is a run
+        let on = match test_runs == test_rows {
+            true => format!("{test_rows} unseen rows"),
+            false => format!("{test_runs} unseen runs, {test_rows} rows"),
+        };
+        let mut text = format!("{name} on {on}\n\n{:<18}", "R² of");
         // writing to a string does not fail
         let _ = outputs.iter().try_for_each(|output| write!(text, " {output:>11.11}"));
         let _ = writeln!(text, " {:>9} {:>11} {:>9}  note", "fit", "prediction", "memory");

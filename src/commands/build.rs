@@ -42,22 +42,44 @@ fn files(project: &Project, built: &Built) -> String {
         let what = format!("FMI {version} {interfaces}, {} kB", bytes.div_ceil(1000));
         (fmu.clone(), what)
     };
-    let model = if project.study.has_states() { "equations of motion" } else { "network, scaling" };
+    let is_static = project.study.is_static();
+    let model = if is_static {
+        "map of inputs to outputs"
+    } else if project.study.has_states() {
+        "equations of motion"
+    } else {
+        "network, scaling"
+    };
     let others = [
         (project.model(), format!("{model}, variables: opens with safetensors in Python")),
         (project.report(), "surrogate beside truth: opens in a browser".into()),
-        (project.metrics(), "accuracy on the test runs".into()),
-        (project.comparison(), "the network beside simpler models".into()),
+        (project.metrics(), format!("accuracy on the {}", if is_static { "unseen rows" } else { "test runs" })),
+        (project.comparison(), if is_static { "kinds of model" } else { "the network beside simpler models" }.into()),
+        (project.unseen(), "unseen rows and their predictions".into()),
         (project.history(), "loss of each epoch".into()),
         (project.table("train"), "training and validation runs".into()),
         (project.table("test"), "test runs".into()),
     ];
-    // of a surrogate with states there are neither epochs nor baselines; of one of samples no baselines
+    // of a surrogate with states there are neither epochs nor baselines; of one of samples no baselines; a static map has no runs, and epochs
+    // only if it is a network
+    let has_epochs = built.metrics.training.epochs > 0;
     let others = others.into_iter().filter(|(path, _)| {
         let study = &project.study;
-        !(study.has_states() && *path == project.history() || study.has_memory() && *path == project.comparison())
+        let of_runs = *path == project.table("train") || *path == project.table("test");
+        let is_of_others = if study.is_static() {
+            of_runs || *path == project.history() && !has_epochs
+        } else {
+            *path == project.unseen()
+        };
+        !(is_of_others
+            || study.has_states() && *path == project.history()
+            || study.has_memory() && *path == project.comparison())
     });
-    let calibration = project.study.bounds.map(|_| (project.table("calibration"), "runs for the error bounds".into()));
+    let calibration = project
+        .study
+        .bounds
+        .filter(|_| !is_static)
+        .map(|_| (project.table("calibration"), "runs for the error bounds".into()));
     let rows: Vec<(PathBuf, String)> = built.fmus.iter().map(fmu).chain(others).chain(calibration).collect();
     let width = rows.iter().map(|(path, _)| path.display().to_string().len()).max().unwrap_or(0);
     rows.iter().map(|(path, what)| format!("{:<width$}  {what}\n", path.display().to_string())).collect()

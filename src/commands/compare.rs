@@ -2,10 +2,14 @@
 
 use super::{CommandOutcome, print, print_json, project};
 use crate::cli::CompareArgs;
-use metafmu::{Error, Result, pipeline::compare};
+use metafmu::{
+    Error, Result,
+    pipeline::compare::{compare, refuse_others},
+};
 
 pub fn run(args: &CompareArgs) -> Result<CommandOutcome> {
     let project = project(&args.study)?;
+    refuse_others(&project)?;
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
     project.prepare_folder()?;
     let kinds = if args.model.is_empty() { &project.study.baselines.models } else { &args.model };

@@ -3,6 +3,7 @@
 mod dynamics;
 mod fmu;
 mod motions;
+mod rows;
 mod table;
 
 use super::{CommandOutcome, print, say, terminal::control};
@@ -18,6 +19,7 @@ use metafmu::{
     },
     study::Study,
     systems::{SYSTEMS, System},
+    table::Table,
 };
 use std::{
     fmt::Write,
@@ -38,13 +40,25 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         return Err(Error::Stale { path, message });
     }
     let target = &StudyTarget { name, folder };
+    let structure = args.structure.as_deref().unwrap_or(RESPONSE);
     let Proposal { text, trial } = match (&args.mechanism, &args.fmu, &args.table) {
-        (Some(file), _, _) if args.structure == "dynamics" => dynamics::of_mechanism(target, file)?,
+        (Some(file), _, _) if structure == "dynamics" => dynamics::of_mechanism(target, file)?,
         (Some(file), _, _) => of_mechanism(target, file)?.into(),
-        (None, Some(file), _) if args.structure == "dynamics" => fmu::study_of_states(target, file)?.into(),
-        (None, Some(file), _) if args.structure == "discrete" => fmu::study_of_samples(target, file)?.into(),
+        (None, Some(file), _) if structure == "dynamics" => fmu::study_of_states(target, file)?.into(),
+        (None, Some(file), _) if structure == "discrete" => fmu::study_of_samples(target, file)?.into(),
         (None, Some(file), _) => fmu::study(target, file)?.into(),
-        (None, None, Some(file)) if args.structure == "dynamics" => motions::study(target, file, args)?.into(),
+        (None, None, Some(file)) if structure == "static" || rows::has_no_time(file, args)? => {
+            let text = rows::study(target, file, args)?;
+            // all of its rows were read
+            Proposal { text, trial: Some(Ok(Trial::default())) }
+        }
+        (None, None, Some(file)) if !args.outputs.is_empty() => {
+            let expected = "expected a table without a time, or --structure static";
+            return Err(
+                Table::open(file)?.mistake_in_header(&format!("--outputs belongs to rows without a time, {expected}"))
+            );
+        }
+        (None, None, Some(file)) if structure == "dynamics" => motions::study(target, file, args)?.into(),
         (None, None, Some(file)) => table::study(target, file, args)?.into(),
         (None, None, None) => of_system(target, args)?,
     };
@@ -62,6 +76,9 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(CommandOutcome::Fine)
 }
+
+/// Structure of sources that have runs, unless given.
+const RESPONSE: &str = "response";
 
 /// A study to be written, and how it was tried, if it was.
 struct Proposal {
@@ -104,7 +121,7 @@ impl StudyTarget<'_> {
 fn of_system(target: &StudyTarget, args: &NewArgs) -> Result<Proposal> {
     // the arguments have the name of one
     let system = args.system.as_deref().and_then(System::of).unwrap_or(SYSTEMS[0]);
-    if args.structure == "dynamics" {
+    if args.structure.as_deref() == Some("dynamics") {
         return dynamics::of_system(target, system);
     }
     let (known, name) = (system.name, target.name);

@@ -6,6 +6,7 @@ use metafmu::{Result, pipeline::sample};
 
 pub fn run(args: &SampleArgs) -> Result<CommandOutcome> {
     let project = project(&args.study)?;
+    sample::expect_runs(&project)?;
     project.describe_mechanism();
     if args.dry_run {
         print(&sample::plan_table(&project, args.shard)?)?;

@@ -81,7 +81,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
 /// What holds of values that were constant in each run of the training.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
     let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
-    if !surrogate.program().has_memory() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
+    if surrogate.time_column().is_some() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
         ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
          training they were constant"
     } else {
@@ -210,11 +210,19 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
             )
         });
         let share = number(100.0 * coverage);
+        let expected = match rows {
+            Some(_) => format!(
+                "{share} % of further rows inside the ranges are expected within each (conformal, from the errors of these {runs} rows)"
+            ),
+            None => format!(
+                "Of a further run inside the ranges, {share} % of the points are expected within each (split-conformal, from {runs} runs \
+                 of their own)"
+            ),
+        };
         line(
             page,
             &format!(
-                "<p>Error bounds{when}: {of_output}. Of a further run inside the ranges, {share} % of the points are expected within \
-                 each (split-conformal, from {runs} runs of their own). The FMU has them as outputs, <code>…_bound</code>.</p>"
+                "<p>Error bounds{when}: {of_output}. {expected}. The FMU has them as outputs, <code>…_bound</code>.</p>"
             ),
         );
         kinds(page, &accuracy.calibration);

@@ -215,8 +215,10 @@ fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.largest(index), bounds.coverage));
     let last = bounds.and_then(|bounds| bounds.times.last());
     let until = last.map_or(String::new(), |last| format!(", up to {last} s after its start"));
+    let is_of_runs = surrogate.program().has_memory() || surrogate.time_column().is_some();
+    let of_run = if is_of_runs { " of a run" } else { "" };
     let description = format!(
-        "error bound of {}: expected to hold for {} % of the points of a run inside the ranges{until}",
+        "error bound of {}: expected to hold for {} % of the points{of_run} inside the ranges{until}",
         output.name,
         100.0 * coverage
     );

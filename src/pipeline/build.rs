@@ -4,9 +4,9 @@ use super::{
     compare, evaluate,
     evaluate::Metrics,
     export::{self, ExportPlan, WrittenFmu},
-    project::Project,
-    record::TrainingRecord,
-    report, rounds, sample,
+    project::{Project, SamplesRecord},
+    record::{Speed, TrainingRecord},
+    report, rounds, sample, static_map, unseen,
 };
 use crate::{
     Result, baseline::Comparison, dataset::Dataset, evaluation::Accuracy, evaluation::Verdict, export::validate_apart,
@@ -35,6 +35,9 @@ pub struct Built {
 pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built> {
     project.describe_mechanism();
     project.prepare_folder()?;
+    if project.study.is_static() {
+        return build_of_rows(project, plan, resume);
+    }
     let kept = if resume { sample::kept(project)? } else { None };
     let samples = kept.map_or_else(|| sample::stage(project), Ok)?;
     let (surrogate, training) = rounds::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
@@ -44,17 +47,38 @@ pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built
     let accuracy = evaluated.accuracy.clone();
     let comparison = compare_in_build(project, &surrogate, &accuracy, &training, &samples.sets)?;
     let speed = evaluate::measure_speed(project, &surrogate, &samples.sets.test)?;
-    let (metrics, verdict) =
-        evaluate::stage(project, &surrogate, (accuracy, speed), comparison.as_ref(), &samples.record, &training)?;
-    let figures = export::figures(&evaluated)?;
-    let written = export::stage(project, plan, &surrogate, Some(&metrics.accuracy), &figures)?;
+    finish(project, plan, (&evaluated, speed), comparison, (&samples.record, &training))
+}
+
+/// [`build`] of a static map: its samples are the rows of its table.
+fn build_of_rows(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built> {
+    let (surrogate, training) = static_map::stage(project, resume)?;
+    let unseen = unseen::load(project, &training)?;
+    let evaluated = unseen.evaluated(&surrogate);
+    let comparison = project.load_comparison(&evaluated.accuracy)?;
+    finish(project, plan, (&evaluated, None), comparison, (&unseen::samples(project, &training), &training))
+}
+
+/// Writes and validates what follows from a surrogate and its accuracy.
+fn finish(
+    project: &Project,
+    plan: &ExportPlan,
+    (evaluated, speed): (&Evaluated, Option<Speed>),
+    comparison: Option<Comparison>,
+    (samples, training): (&SamplesRecord, &TrainingRecord),
+) -> Result<Built> {
+    let surrogate = evaluated.surrogate;
+    let measured = (evaluated.accuracy.clone(), speed);
+    let (metrics, verdict) = evaluate::stage(project, surrogate, measured, comparison.as_ref(), samples, training)?;
+    let figures = export::figures(evaluated)?;
+    let written = export::stage(project, plan, surrogate, Some(&metrics.accuracy), &figures)?;
     let validate = |written: WrittenFmu| {
         let report = validate_apart(&written.fmu, project.watch())?;
         project.say(format_args!("validated {}: {}", written.fmu.display(), report.to_string().trim_end()));
         Ok((written, report))
     };
     let fmus = written.into_iter().map(validate).collect::<Result<_>>()?;
-    report::stage(project, &evaluated, &samples.record, &training, None, None)?;
+    report::stage(project, evaluated, samples, training, None, None)?;
     Ok(Built { metrics, verdict, comparison, fmus })
 }
 

@@ -39,9 +39,9 @@ const TIMED_RUNS: usize = 50;
 /// The network beside the baselines `kinds`, if there is a network: without one its row says why.
 ///
 /// # Errors
-/// [`Error::Study`] of a surrogate with states, [`Error::Io`]; a model that fails has a row that says so.
+/// [`Error::Study`] of another structure than "response", [`Error::Io`]; a model that fails has a row that says so.
 pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test: &Dataset) -> Result<Comparison> {
-    refuse_states(project)?;
+    refuse_others(project)?;
     let network = project.load_model().and_then(|surrogate| Ok((surrogate, project.load_training_record()?)));
     let network = match &network {
         Ok((surrogate, training)) => network_row(surrogate, &Accuracy::of(surrogate, test), training, test),
@@ -52,12 +52,20 @@ pub fn compare(project: &Project, kinds: &[BaselineKind], train: &Dataset, test:
     stage(project, kinds, network, train, test)
 }
 
-/// There are no baselines of a surrogate with states.
-pub(super) fn refuse_states(project: &Project) -> Result<()> {
-    if !project.study.has_memory() {
-        return Ok(());
-    }
-    let message = "baselines are functions of parameters and time, expected the structure \"response\"";
+/// Baselines belong to the structure "response".
+///
+/// # Errors
+/// [`Error::Study`] of another structure.
+pub fn refuse_others(project: &Project) -> Result<()> {
+    let message = match &project.study {
+        study if study.is_static() => {
+            "`metafmu train` compares the kinds of model of a static map, and `static.model` names the one that is exported"
+        }
+        study if study.has_memory() => {
+            "baselines are functions of parameters and time, expected the structure \"response\""
+        }
+        _ => return Ok(()),
+    };
     Err(project.study.refusal("structure", message))
 }
 

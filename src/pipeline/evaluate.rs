@@ -3,7 +3,7 @@
 use super::{
     project::{Project, SamplesRecord},
     record::{Speed, TrainingRecord},
-    speed,
+    speed, unseen,
 };
 use crate::{
     Result,
@@ -11,7 +11,7 @@ use crate::{
     calibration,
     dataset::Dataset,
     dynamics::Assembly,
-    evaluation::{Accuracy, Horizon, KindCoverage, OutputMetrics, RollOuts, Verdict, constraint_residual},
+    evaluation::{Accuracy, Horizon, KindCoverage, OutputMetrics, RollOuts, TestRows, Verdict, constraint_residual},
     files,
     html::{self, number},
     source::driven::Driven,
@@ -50,6 +50,12 @@ pub struct Metrics {
 /// [`Error::Stale`](crate::Error::Stale) if one of them is missing or of another study, [`Error::Io`](crate::Error::Io).
 pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
+    if project.study.is_static() {
+        let unseen = unseen::load(project, &training)?;
+        project.prepare_folder()?;
+        let accuracy = unseen.evaluated(&surrogate).accuracy;
+        return stage(project, &surrogate, (accuracy, None), None, &unseen::samples(project, &training), &training);
+    }
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
     let mut accuracy = Accuracy::of(&surrogate, &test);
@@ -138,22 +144,30 @@ pub(super) fn constants(surrogate: &Surrogate) -> impl Iterator<Item = (&Output,
 pub fn table(project: &Project, metrics: &Metrics) -> String {
     let Accuracy { outputs, test_runs, test_rows, given_rows, seen_until, .. } = &metrics.accuracy;
     let runs = seen_until.map_or("unseen runs".into(), |stop| format!("runs, unseen after {stop} s"));
-    let rows = match given_rows {
-        0 => format!("{test_rows} rows"),
-        given => format!("{test_rows} predicted rows, beside {given} given ones"),
+    let on = match (metrics.accuracy.rows, given_rows) {
+        (Some(TestRows::CrossValidated), _) => {
+            format!("{test_rows} rows, each predicted by a model that was fitted without it")
+        }
+        (Some(_), _) => format!("{test_rows} unseen rows"),
+        (None, 0) => format!("{test_runs} {runs}, {test_rows} rows"),
+        (None, given) => format!("{test_runs} {runs}, {test_rows} predicted rows, beside {given} given ones"),
     };
-    let mut text = format!("{} on {test_runs} {runs}, {rows}\n\n", metrics.name);
+    let mut text = format!("{} on {on}\n\n", metrics.name);
     let coverage = project.study.bounds.map(|bounds| 100.0 * bounds.coverage);
     let bounds = coverage.map_or(String::new(), |percent| format!("  {:>11}", format!("{percent} % bound")));
     let header =
         format!("{:<12} {:<8} {:>11} {:>12}{bounds}  largest error, of the range", "output", "unit", "R²", "MSE");
     let _ = writeln!(text, "{header}");
-    for ((name, metrics), variable) in outputs.iter().zip(project.source.outputs()) {
-        let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = metrics;
+    for ((name, of_output), variable) in outputs.iter().zip(project.source.outputs()) {
+        let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = of_output;
         let r2 = r2.map_or("constant".into(), html::r2);
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
         let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
-        let worst = format!("{max_abs_error:.3e}{share} (test run {worst_run}, t = {worst_time:.3} s)");
+        let place = match metrics.accuracy.rows {
+            Some(_) => format!("row {} of unseen.csv", worst_run + 1),
+            None => format!("test run {worst_run}, t = {worst_time:.3} s"),
+        };
+        let worst = format!("{max_abs_error:.3e}{share} ({place})");
         let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
         let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
     }
@@ -163,7 +177,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
             let _ = writeln!(text, "{chaos}");
         }
     }
-    if outputs.values().any(|metrics| metrics.bound.is_some()) {
+    if outputs.values().any(|metrics| metrics.within_bound.is_some()) {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
         let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
         let _ = writeln!(text, "\nwithin the bound, % of these rows: {}", shares.join(", "));

@@ -1,6 +1,6 @@
 //! Packages the surrogate, or a baseline, as FMUs.
 
-use super::{compare, predict::load_file, prepare::baseline_rows, project::Project};
+use super::{compare, predict::load_file, prepare::baseline_rows, project::Project, unseen};
 use crate::{
     Error, Result,
     acceptance::{self, OfTraining},
@@ -106,6 +106,9 @@ pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<Writte
     let accuracy = accuracy.transpose()?;
     project.prepare_folder()?;
     let figures = match &accuracy {
+        Some(_) if project.study.is_static() => {
+            figures(&unseen::load(project, &project.load_training_record()?)?.evaluated(&surrogate))?
+        }
         Some(_) if project.table("test").exists() => {
             figures(&Evaluated::new(&surrogate, &project.load_table("test")?))?
         }
@@ -183,7 +186,7 @@ pub fn export_surrogate(
 /// # Errors
 /// [`Error::Baseline`] if it cannot be fitted or exported, [`Error::Stale`] if there are no runs of this study, [`Error::Io`].
 pub fn export_baseline(project: &Project, plan: &ExportPlan, kind: BaselineKind) -> Result<Vec<WrittenFmu>> {
-    compare::refuse_states(project)?;
+    compare::refuse_others(project)?;
     let (study, model) = (&project.study, kind.name());
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
     project.prepare_folder()?;

@@ -4,10 +4,11 @@ mod candidates;
 mod network;
 
 use super::observer::{Control, Event};
+pub use crate::study::ModelKind;
 use crate::{
     Error, Result,
     diagnostics::Problems,
-    evaluation::{Accuracy, TestRows},
+    evaluation::{self, Accuracy, TestRows},
     import::{self, About},
     interface::ModelInterface,
     sampling::{self, Stream},
@@ -15,7 +16,7 @@ use crate::{
     training::{EpochRecord, StopReason},
 };
 use candidates::Choice;
-pub use candidates::{Candidate, ModelChoice, ModelKind};
+pub use candidates::{Candidate, ModelChoice};
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
 use std::{path::Path, sync::atomic::Ordering};
@@ -67,6 +68,26 @@ pub struct Fit {
     /// Accuracy on rows that took part neither in the fit nor in the choice of the kind of model and of the best epoch; None unless it is measured, of a single
     /// row, and if the training was stopped. In a cross-validation each fold is predicted by the candidate that the other folds choose.
     pub accuracy: Option<Accuracy>,
+    /// The rows that the accuracy was measured on; None without it.
+    #[serde(skip)]
+    pub unseen: Option<UnseenRows>,
+    /// Number of rows that the candidates were compared on.
+    #[serde(skip)]
+    pub compared_rows: usize,
+    /// Training of a network, epoch by epoch.
+    #[serde(skip)]
+    pub history: Vec<EpochRecord>,
+}
+
+/// Rows that took part neither in a fit nor in its choices, and what was predicted for them.
+#[derive(Clone, Debug)]
+pub struct UnseenRows {
+    /// How they were chosen.
+    pub kind: TestRows,
+    /// Their numbers, counted from 0.
+    pub rows: Vec<usize>,
+    /// The outputs of each that were predicted without it.
+    pub predictions: Vec<Vec<f64>>,
 }
 
 /// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a network on unseen rows: fewer than
@@ -115,14 +136,26 @@ pub fn fit(
     let is_measured = options.measure && !task.is_stopped();
     let content: Vec<u8> = inputs.iter().chain(outputs).flatten().flat_map(|value| value.to_le_bytes()).collect();
     let about = About { path, content: &content, is_single: false, producer: "" };
-    let (points, labels) = (chosen(&inputs, parts.judging), chosen(outputs, parts.judging));
+    let points = chosen(&inputs, parts.judging);
     let surrogate = import::of_graph(model.graph, about, interface, Some(inputs))?;
-    let accuracy = match unseen {
+    let unseen = match unseen {
         _ if !is_measured => None,
-        Some(found) => Some(Accuracy::of_row_predictions(&surrogate, TestRows::CrossValidated, &found, outputs)),
+        Some(predictions) => {
+            Some(UnseenRows { kind: TestRows::CrossValidated, rows: (0..outputs.len()).collect(), predictions })
+        }
         None if points.is_empty() => None,
-        None => Some(Accuracy::of_rows(&surrogate, TestRows::HeldOut, &points, &labels)),
+        None => {
+            let predictions = evaluation::predict_rows(&surrogate, &points);
+            Some(UnseenRows { kind: TestRows::HeldOut, rows: parts.judging.to_vec(), predictions })
+        }
     };
+    let compared_rows = match &unseen {
+        Some(UnseenRows { kind: TestRows::HeldOut, .. }) if candidates.len() > 1 => parts.choosing.len(),
+        unseen => unseen.as_ref().map_or(0, |unseen| unseen.rows.len()),
+    };
+    let accuracy = unseen.as_ref().map(|UnseenRows { kind, rows, predictions }| {
+        Accuracy::of_row_predictions(&surrogate, *kind, predictions, &chosen(outputs, rows))
+    });
     let history = model.outcome.as_ref().map_or(&[][..], |outcome| &outcome.history);
     let losses = |of: fn(&EpochRecord) -> f64| history.iter().map(of).collect();
     let fit = Fit {
@@ -136,8 +169,20 @@ pub fn fit(
         train_loss: losses(|epoch| epoch.train_loss),
         validation_loss: losses(|epoch| epoch.validation_loss),
         accuracy,
+        unseen,
+        compared_rows,
+        history: history.to_vec(),
     };
     Ok((surrogate, fit))
+}
+
+/// Number of rows that measure the accuracy of a fit to so many rows.
+pub fn unseen_rows(rows: usize, training: &TrainingOptions) -> usize {
+    let order: Vec<usize> = (0..rows).collect();
+    match RowSplit::of(&order, training, true).judging.len() {
+        0 => rows,
+        judges => judges,
+    }
 }
 
 /// Split of the rows by their use.

@@ -27,8 +27,10 @@ pub mod sample;
 pub mod search;
 mod solver;
 mod speed;
+pub mod static_map;
 pub mod train;
 pub mod trial;
+mod unseen;
 
 pub use build::{Built, build};
 pub use compare::compare;

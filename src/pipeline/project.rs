@@ -193,6 +193,11 @@ impl<'a> Project<'a> {
         &self.folder
     }
 
+    /// Rows that a static map was measured on.
+    pub fn unseen(&self) -> PathBuf {
+        self.folder.join("unseen.csv")
+    }
+
     /// The network, as it goes into the FMU.
     pub fn model(&self) -> PathBuf {
         self.folder.join(format!("{}.safetensors", self.study.name))
@@ -333,7 +338,7 @@ impl<'a> Project<'a> {
         measured.speed.filter(|_| measured.content_digest == surrogate.metadata().provenance.content_digest)
     }
 
-    /// The verdict on a surrogate with this accuracy on the test runs.
+    /// The verdict on a surrogate with this accuracy on the test runs, or on the unseen rows.
     pub(super) fn judge(
         &self,
         surrogate: &Surrogate,
@@ -341,7 +346,12 @@ impl<'a> Project<'a> {
         accuracy: &Accuracy,
         comparison: Option<&Comparison>,
     ) -> Verdict {
-        acceptance::judge(&self.study, surrogate, (accuracy, "test runs"), comparison, training.findings(&self.study))
+        // the candidates of a static map are no baselines: the best of them is exported
+        let (measured, comparison) = match accuracy.rows {
+            Some(_) => ("unseen rows", None),
+            None => ("test runs", comparison),
+        };
+        acceptance::judge(&self.study, surrogate, (accuracy, measured), comparison, training.findings(&self.study))
     }
 
     /// Reads the comparison with other models; none if there is none of this network.

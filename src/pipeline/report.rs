@@ -5,6 +5,7 @@ use super::{
     evaluate,
     project::{Project, SamplesRecord},
     record::{MethodRecord, TrainingRecord},
+    unseen,
 };
 use crate::{
     Error, Result, files,
@@ -47,6 +48,9 @@ pub struct BesideStudy<'a> {
 /// [`Error::Stale`] if something is missing or does not belong together, [`Error::Io`].
 pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Path>) -> Result<WrittenReport> {
     let (surrogate, training) = (project.load_model()?, project.load_training_record()?);
+    if project.study.is_static() {
+        return of_rows(project, &surrogate, &training, beside, plots);
+    }
     let other = beside.map(|beside| Other::load(project, beside)).transpose()?;
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
@@ -54,6 +58,25 @@ pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Pat
     let mut evaluated = Evaluated::new(&surrogate, &test);
     evaluate::add_residual(project, &surrogate, &test, &mut evaluated.accuracy)?;
     stage(project, &evaluated, &samples, &training, other.as_ref(), plots)
+}
+
+/// [`report`] of a static map.
+fn of_rows(
+    project: &Project,
+    surrogate: &Surrogate,
+    training: &TrainingRecord,
+    beside: Option<BesideStudy>,
+    plots: Option<&Path>,
+) -> Result<WrittenReport> {
+    if beside.is_some() {
+        let message = "static maps are measured on rows of their own: the report shows one study, without --beside";
+        return Err(project.study.refusal("structure", message));
+    }
+    let unseen = unseen::load(project, training)?;
+    project.prepare_folder()?;
+    plots.map_or(Ok(()), files::writable_folder)?;
+    let samples = unseen::samples(project, training);
+    stage(project, &unseen.evaluated(surrogate), &samples, training, None, plots)
 }
 
 /// Writes `report.html`, and on request its plots.
@@ -101,6 +124,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         (Some(system), _) => format!("built-in system {system}"),
         (None, Some(_)) => "mechanism".into(),
         (None, None) if study.source.fmu.is_some() => "FMU".into(),
+        (None, None) if study.is_static() => "table of rows".into(),
         (None, None) => "recorded runs".into(),
     };
     let method = match study.sampling.method {
@@ -135,10 +159,22 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         Some(MethodRecord::StateSpace(_)) => format!("{rows} states, "),
         Some(MethodRecord::Trajectories(_)) => format!("{rows} rows, "),
         Some(MethodRecord::Discrete(_)) => format!("{rows} samples, {validation_runs} runs held out, "),
+        Some(MethodRecord::StaticMap(_)) => format!("{rows} rows, "),
     };
     let how = trained_on + &by_method.as_ref().map_or(String::new(), MethodRecord::describe);
     let added =
         if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };
+    if study.is_static() {
+        return [
+            ("Source", source),
+            ("Rows of the table", train_rows.to_string()),
+            ("Unseen rows", test_rows.to_string()),
+            ("Fit", how),
+            ("Fit took", format!("{train_seconds:.1} s")),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into();
+    }
     [
         ("Source", source),
         ("Sampling of the training runs", method.to_owned()),

@@ -37,6 +37,7 @@ pub struct Samples {
 pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
     let plan = match &project.source {
         Source::Simulation(simulation) => simulation.plan(&project.study),
+        Source::Rows(_) => return Err(no_runs(project)),
         Source::Recorded(recorded) => {
             let points = |dataset: Dataset| Ok(dataset.runs.into_iter().map(|run| run.parameters).collect());
             recorded.sample(project.control().stop)?.try_map(points)?
@@ -44,9 +45,7 @@ pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
     };
     let names: String = match &project.source {
         Source::Simulation(_) => project.study.planned().map(|(name, _)| format!(",{}", header_field(name))).collect(),
-        Source::Recorded(recorded) => {
-            recorded.parameters().iter().map(|parameter| format!(",{}", header_field(&parameter.name))).collect()
-        }
+        source => source.parameters().iter().map(|parameter| format!(",{}", header_field(&parameter.name))).collect(),
     };
     let mut text = format!("set,run{names}\n");
     let mut position = 0..;
@@ -132,6 +131,7 @@ pub fn stage(project: &Project) -> Result<Samples> {
             odd.iter().for_each(|sentence| project.say(sentence));
             write(project, sets, Vec::new(), start.elapsed().as_secs_f64())
         }
+        Source::Rows(_) => Err(no_runs(project)),
     }
 }
 
@@ -185,7 +185,22 @@ fn simulated<'a>(project: &'a Project) -> Result<&'a Simulation> {
             let message = "recorded runs are not simulated: there are no shards of them".to_owned();
             Err(project.study.refusal("source", message))
         }
+        Source::Rows(_) => Err(no_runs(project)),
     }
+}
+
+/// Fails if the study has no runs to sample.
+///
+/// # Errors
+/// [`Error::Study`] of a static map.
+pub fn expect_runs(project: &Project) -> Result<()> {
+    if project.study.is_static() { Err(no_runs(project)) } else { Ok(()) }
+}
+
+/// Rows of a table are not sampled.
+fn no_runs(project: &Project) -> Error {
+    let message = "a static map has no runs: `metafmu train` reads the rows of its table";
+    project.study.refusal("structure", message)
 }
 
 /// The points of all sets, one after the other.

@@ -239,6 +239,8 @@ fn samples(project: &Project, study: &Study, source: &Source, journal: &Path) ->
             simulation.dataset(outcomes)
         }
         Source::Recorded(recorded) => recorded.sample(project.control().stop)?.train,
+        // a static map has no `[search]`, which is said elsewhere
+        Source::Rows(_) => source.columns().without_runs(),
     };
     study.refuse(scaling::problems(&dataset))?;
     Ok(dataset)

@@ -38,6 +38,10 @@ pub fn attempt(study: &Study, control: Control<'_>) -> Result<Trial> {
             recorded.sample(control.stop)?;
             return Ok(Trial::default());
         }
+        Source::Rows(rows) => {
+            rows.read(study, control.stop)?;
+            return Ok(Trial::default());
+        }
     };
     let Plan { train, test, .. } = Plan::new(study);
     let points: Vec<Vec<f64>> = train.into_iter().take(RUNS / 2).chain(test.into_iter().take(RUNS / 2)).collect();

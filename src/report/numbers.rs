@@ -5,7 +5,7 @@
 use super::axis::extent;
 use crate::{
     dataset::{Dataset, Run},
-    evaluation::{Accuracy, first_predicted, predict_all},
+    evaluation::{Accuracy, TestRows, first_predicted, predict_all},
     layout::InputPoint,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
@@ -98,9 +98,27 @@ impl<'a> Evaluated<'a> {
     pub fn new(surrogate: &'a Surrogate, test: &'a Dataset) -> Self {
         let predictions = predict_all(surrogate, test);
         let accuracy = Accuracy::from_predictions(surrogate, test, &predictions);
+        Self::of(surrogate, test, predictions, accuracy)
+    }
+
+    fn of(surrogate: &'a Surrogate, test: &'a Dataset, predictions: Vec<Vec<f64>>, accuracy: Accuracy) -> Self {
         let mut evaluated = Self { surrogate, test, predictions, accuracy, errors: Vec::new() };
         evaluated.errors = (0..test.runs.len()).into_par_iter().map(|run| evaluated.relative_error(run)).collect();
         evaluated
+    }
+
+    /// A static map and predictions of unseen rows, which are runs of a single row.
+    pub fn of_rows(surrogate: &'a Surrogate, test: &'a Dataset, predictions: Vec<Vec<f64>>, kind: TestRows) -> Self {
+        let labels: Vec<Vec<f64>> = test.runs.iter().map(|run| run.outputs.clone()).collect();
+        let mut accuracy = Accuracy::of_row_predictions(surrogate, kind, &predictions, &labels);
+        // bounds were measured on these rows
+        accuracy.outputs.values_mut().for_each(|metrics| metrics.within_bound = None);
+        Self::of(surrogate, test, predictions, accuracy)
+    }
+
+    /// Returns true if the test rows belong to no runs.
+    pub fn is_of_rows(&self) -> bool {
+        self.accuracy.rows.is_some()
     }
 
     /// Number of outputs.
@@ -228,7 +246,7 @@ impl<'a> Evaluated<'a> {
             weights[output] = 1.0;
             let mut over_time = vec![vec![0.0; instants.len()]; parameters];
             for &run in &runs {
-                let mut point = InputPoint::of(&self.test.runs[run]);
+                let mut point = InputPoint::of(&self.test.runs[run], self.surrogate.time_column().is_some());
                 for (instant, &time) in instants.iter().enumerate() {
                     evaluator.adjoint(point.at(time), &weights, &mut gradient);
                     for (sums, derivative) in over_time.iter_mut().zip(&gradient) {
@@ -371,7 +389,7 @@ mod tests {
                 let mut sum = 0.0;
                 for run in &test.runs {
                     let mut value = |offset: f64| {
-                        let mut inputs = InputPoint::of(run).at(sensitivity.times[instant]).to_vec();
+                        let mut inputs = InputPoint::of(run, true).at(sensitivity.times[instant]).to_vec();
                         inputs[parameter] += offset;
                         let mut outputs = [0.0; 2];
                         evaluator.evaluate(&inputs, &mut outputs);

@@ -7,6 +7,7 @@ mod journal;
 mod kinds;
 mod point;
 pub mod recorded;
+pub mod rows;
 pub mod shard;
 pub mod simulation;
 
@@ -21,6 +22,7 @@ pub use journal::Journal;
 use metafmu_runtime::{BuiltIn, Output, State};
 pub use point::MovingPoint;
 pub use recorded::Recorded;
+pub use rows::StaticRows;
 pub use simulation::Simulation;
 use std::path::Path;
 
@@ -31,6 +33,8 @@ pub enum Source {
     Simulation(Simulation),
     /// Tables of runs that were simulated elsewhere.
     Recorded(Box<Recorded>),
+    /// A table of rows without a time.
+    Rows(Box<StaticRows>),
 }
 
 /// Reads a study file and finds its source.
@@ -83,7 +87,9 @@ impl Source {
     /// [`Error::Study`](crate::Error::Study) with every name the source does not know and every unit that is not the
     /// source's, [`Error::Table`](crate::Error::Table) or [`Error::Io`](crate::Error::Io) if it is a table that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
-        let source = if study.source.is_recorded() {
+        let source = if study.is_static() {
+            Self::Rows(Box::new(StaticRows::new(study)?))
+        } else if study.source.is_recorded() {
             Self::Recorded(Box::new(Recorded::new(study)?))
         } else {
             Self::Simulation(Simulation::new(study)?)
@@ -99,6 +105,7 @@ impl Source {
         match self {
             Self::Simulation(simulation) => simulation.parameters(),
             Self::Recorded(recorded) => recorded.parameters(),
+            Self::Rows(_) => &[],
         }
     }
 
@@ -107,6 +114,7 @@ impl Source {
         match self {
             Self::Simulation(simulation) => simulation.outputs(),
             Self::Recorded(recorded) => recorded.outputs(),
+            Self::Rows(rows) => rows.outputs(),
         }
     }
 
@@ -115,6 +123,7 @@ impl Source {
         match self {
             Self::Simulation(simulation) => simulation.inputs(),
             Self::Recorded(recorded) => recorded.inputs(),
+            Self::Rows(rows) => rows.inputs(),
         }
     }
 
@@ -127,6 +136,7 @@ impl Source {
                 drivers.iter().map(|driver| (driver.start, [driver.min, driver.max])).collect()
             }
             Self::Recorded(recorded) => recorded.drives(),
+            Self::Rows(_) => Vec::new(),
         }
     }
 
@@ -135,6 +145,7 @@ impl Source {
         match self {
             Self::Simulation(simulation) => simulation.driven(),
             Self::Recorded(recorded) => recorded.motions().map(recorded::Motions::driven),
+            Self::Rows(_) => None,
         }
     }
 
@@ -148,7 +159,7 @@ impl Source {
     pub fn points(&self, study: &Study) -> Vec<MovingPoint> {
         let mut points = match self {
             Self::Simulation(simulation) => simulation.points(),
-            Self::Recorded(_) => Vec::new(),
+            Self::Recorded(_) | Self::Rows(_) => Vec::new(),
         };
         let column = |name: &String| {
             self.outputs()

@@ -19,7 +19,7 @@ mod runs;
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    diagnostics::{KeyProblem, names::did_you_mean},
+    diagnostics::{KeyProblem, Problems, names::did_you_mean},
     dynamics::trajectory::Trajectory,
     sampling::{self, Sets, Stream},
     study::{InputOptions, ParameterOptions, Study, read_value},
@@ -87,26 +87,8 @@ impl Recorded {
     /// [`Error::Study`] with names in `source.columns` that the study has not, [`Error::Table`] or [`Error::Io`] if a table
     /// has not what it must have.
     pub fn new(study: &Study) -> Result<Self> {
+        study.refuse(column_problems(study, &["run", "time", "file"]))?;
         let columns = &study.source.columns;
-        let rates = study.states.values().filter_map(|state| state.rate.as_ref());
-        let states: Vec<&String> = study.states.keys().chain(rates).chain(study.inputs.keys()).collect();
-        let known =
-            || study.parameters.keys().chain(study.outputs.keys()).chain(states.iter().copied()).map(String::as_str);
-        let own = ["run", "time", "file"];
-        let is_known = |name: &String| own.contains(&name.as_str()) || known().any(|known| known == name);
-        let unknown = columns.keys().filter(|name| !is_known(name)).map(|name| {
-            let suggestion = did_you_mean(name, known().chain(own));
-            let message =
-                format!("`{name}` is neither a parameter nor an output, nor `run`, `time` or `file`{suggestion}");
-            KeyProblem { key: format!("source.columns.{name}"), message }
-        });
-        let shared = columns.iter().filter_map(|(name, column)| {
-            let of = |other: &str| columns.get(other).map_or(other, String::as_str) == column.as_str();
-            let other = known().chain(["time"]).find(|other| other != name && of(other))?;
-            let message = format!("column `{column}` is that of `{other}` already");
-            Some(KeyProblem { key: format!("source.columns.{name}"), message })
-        });
-        study.refuse(unknown.chain(shared).collect())?;
         let there = |name: &str| columns.get(name).map_or(name, String::as_str).to_owned();
         let (table, index) = (&study.source.table, &study.source.index);
         let path = study.beside(table.as_ref().or(index.as_ref()).map_or(Path::new(""), |file| file));
@@ -360,7 +342,44 @@ impl RecordedInput {
 }
 
 /// A variable of the study in a column of a table; the study's unit must be the table's.
-fn resolve(
+/// What to do about a missing value among samples, beside the error that says where it is.
+pub fn at_gap(error: Error) -> Error {
+    let advice = "divide the record at the gap into runs, numbered in a column `run`, each with times from 0";
+    match error {
+        Error::Table { path, place, message } => Error::Table { path, place, message: format!("{message}; {advice}") },
+        other => other,
+    }
+}
+
+/// Names in `source.columns` that are no variables of the study nor its `own` columns, and columns that have two names.
+pub(super) fn column_problems(study: &Study, own: &[&str]) -> Problems {
+    let columns = &study.source.columns;
+    let rates = study.states.values().filter_map(|state| state.rate.as_ref());
+    let states: Vec<&String> = study.states.keys().chain(rates).chain(study.inputs.keys()).collect();
+    let known =
+        || study.parameters.keys().chain(study.outputs.keys()).chain(states.iter().copied()).map(String::as_str);
+    let is_known = |name: &String| own.contains(&name.as_str()) || known().any(|known| known == name);
+    let neither = match own {
+        [] => "neither an input nor an output",
+        _ => "neither a parameter nor an output, nor `run`, `time` or `file`",
+    };
+    let unknown = columns.keys().filter(|name| !is_known(name)).map(|name| {
+        let suggestion = did_you_mean(name, known().chain(own.iter().copied()));
+        let message = format!("`{name}` is {neither}{suggestion}");
+        KeyProblem { key: format!("source.columns.{name}"), message }
+    });
+    let shared = columns.iter().filter_map(|(name, column)| {
+        let of = |other: &str| columns.get(other).map_or(other, String::as_str) == column.as_str();
+        let time = own.iter().copied().filter(|own| *own == "time");
+        let other = known().chain(time).find(|other| other != name && of(other))?;
+        let message = format!("column `{column}` is that of `{other}` already");
+        Some(KeyProblem { key: format!("source.columns.{name}"), message })
+    });
+    unknown.chain(shared).collect()
+}
+
+/// A variable of the study in a column.
+pub(super) fn resolve(
     table: &Table,
     column: &str,
     name: &str,

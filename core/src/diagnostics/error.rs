@@ -120,6 +120,14 @@ pub enum Error {
         "there is no C code for a model file that combines equations of motion, or networks for instants, with other steps"
     )]
     NoSources,
+    /// Rows of a table are wrong.
+    #[error("{}", problems.iter().map(|(place, message)| format!("{}{}: {message}", path.display(), place.behind_path())).collect::<Vec<_>>().join("\n"))]
+    Rows {
+        /// The table.
+        path: PathBuf,
+        /// Where, and what was found and what was expected.
+        problems: Vec<(Place, String)>,
+    },
     /// A model of another tool that cannot be imported.
     #[error("{}", problems.iter().map(|problem| format!("{}: {problem}", path.display())).collect::<Vec<_>>().join("\n"))]
     Import {

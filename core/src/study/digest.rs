@@ -4,7 +4,7 @@
 use super::{
     BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, Excitation, ExportOptions, InputOptions,
     NetworkOptions, OutputOptions, ParameterOptions, ParameterVariability, SamplingOptions, SourceOptions,
-    StateOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
+    StateOptions, StaticOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -22,7 +22,7 @@ struct DigestedSamples<'a> {
     outputs: &'a IndexMap<String, OutputOptions>,
     sampling: DigestedPlan<'a>,
     calibration_runs: usize,
-    /// Of a surrogate with states.
+    /// Of a surrogate that has states or inputs.
     #[serde(skip_serializing_if = "Option::is_none")]
     motion: Option<DigestedMotion<'a>>,
 }
@@ -102,8 +102,17 @@ struct DigestedTraining<'a> {
     #[serde(skip_serializing_if = "Option::is_none")]
     discrete: Option<DiscreteOptions>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    static_map: Option<DigestedMap>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     dynamics: Option<DynamicsOptions>,
     samples: String,
+}
+
+/// A static map in the digest: epochs that are not given follow from the number of rows.
+#[derive(Serialize)]
+struct DigestedMap {
+    options: StaticOptions,
+    has_epochs: bool,
 }
 
 /// Content of the digest that decides an exported baseline.
@@ -128,7 +137,7 @@ pub(super) fn of_samples(study: &Study) -> String {
         outputs,
         sampling: of_plan(study, sampling),
         calibration_runs: study.calibration_runs(),
-        motion: study.has_memory().then(|| DigestedMotion {
+        motion: (study.has_memory() || study.is_static()).then(|| DigestedMotion {
             states: &study.states,
             inputs: study
                 .inputs
@@ -221,12 +230,14 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         inputs: _,
         outputs: _,
         discrete,
+        static_map,
         sampling,
         starts: _,
         mechanism: _,
         points: _,
         recordings: _,
         source_files: _,
+        has_epochs,
         // these decide nothing about the network
         accept: _,
         baselines: _,
@@ -246,6 +257,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         target: *target,
         states: sampling.states,
         discrete: study.is_discrete().then_some(*discrete),
+        static_map: study.is_static().then_some(DigestedMap { options: *static_map, has_epochs: *has_epochs }),
         dynamics: (*dynamics != DynamicsOptions::default()).then_some(*dynamics),
         samples: of_samples(study),
     })

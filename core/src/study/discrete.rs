@@ -1,6 +1,6 @@
 //! `[discrete]`: models of recorded runs, or of runs of an FMU, that go on from sample to sample.
 
-use super::{Baselines, NetworkOptions, Study, StudyStructure};
+use super::{Baselines, NetworkOptions, StaticOptions, Study, StudyStructure, inputs};
 use crate::diagnostics::Problems;
 use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
@@ -92,6 +92,8 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     if study.structure != StudyStructure::Discrete {
         let is_given = study.discrete != DiscreteOptions::default();
         problems.expect_absent(is_given, "discrete", "belongs to the structure \"discrete\"");
+        let is_given = study.static_map != StaticOptions::default();
+        problems.expect_absent(is_given, "static", "belongs to the structure \"static\"");
         return problems;
     }
     problems.expect_absent(!study.states.is_empty(), "states", "belongs to the structure \"dynamics\"");
@@ -99,13 +101,8 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         problems.add("inputs", "no input, expected at least one: the columns that drive the runs");
     }
     // those of other sources are known with the source only
-    for (name, input) in study.inputs.iter().filter(|_| study.source.is_recorded()) {
-        let (min, max) = (input.min.unwrap_or(f64::NEG_INFINITY), input.max.unwrap_or(f64::INFINITY));
-        if min >= max {
-            problems.add(format!("inputs.{name}"), format!("from {min} to {max}, expected min below max"));
-        } else if let Some(start) = input.start.filter(|start| !(min..=max).contains(start)) {
-            problems.add(format!("inputs.{name}.start"), format!("{start}, expected {min} to {max}"));
-        }
+    if study.source.is_recorded() {
+        problems.extend(inputs::range_problems(study));
     }
     let names = || study.outputs.keys().chain(study.inputs.keys());
     for start in names().map(|name| State::start_name(name)) {

@@ -95,6 +95,20 @@ pub(super) fn problems(inputs: &IndexMap<String, InputOptions>) -> Problems {
     problems
 }
 
+/// Ranges of columns of tables that are empty, and start values outside of them.
+pub(super) fn range_problems(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    for (name, input) in &study.inputs {
+        let (min, max) = (input.min.unwrap_or(f64::NEG_INFINITY), input.max.unwrap_or(f64::INFINITY));
+        if min >= max {
+            problems.add(format!("inputs.{name}"), format!("from {min} to {max}, expected min below max"));
+        } else if let Some(start) = input.start.filter(|start| !(min..=max).contains(start)) {
+            problems.add(format!("inputs.{name}.start"), format!("{start}, expected {min} to {max}"));
+        }
+    }
+    problems
+}
+
 /// What is wrong beside the other sections.
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();

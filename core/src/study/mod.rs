@@ -47,6 +47,9 @@
 //! force = { bandwidth = 1.0 }
 //! ```
 //!
+//! With `structure = "static"` the surrogate is a function of its inputs alone, fitted to the rows of a table; see [`StaticOptions`]. There are
+//! `[inputs]` and `[outputs]`, and neither `[time]`, `[parameters]` nor `[sampling]`.
+//!
 //! With `structure = "discrete"` it goes on from sample to sample, learned from a table with columns of inputs, or from an FMU; see
 //! [`DiscreteOptions`].
 //!
@@ -58,6 +61,7 @@ pub mod baselines;
 mod bounds;
 mod digest;
 mod discrete;
+mod draft;
 mod dynamics;
 mod export;
 mod inputs;
@@ -72,18 +76,14 @@ mod search;
 mod size;
 mod source;
 mod states;
+mod static_map;
 mod target;
 mod time;
 mod training;
 
 use crate::{
     Error, Result,
-    diagnostics::{
-        KeyProblem, Problems,
-        origin::{self, Origin},
-        problem::Problem,
-        schema,
-    },
+    diagnostics::{Problems, origin::Origin, problem::Problem, schema},
     files,
     multibody::Mechanism,
     systems::System,
@@ -93,6 +93,7 @@ pub use accept::AcceptOptions;
 pub use baselines::{BaselineKind, Baselines};
 pub use bounds::BoundsOptions;
 pub use discrete::{DiscreteModel, DiscreteOptions};
+pub use draft::Draft;
 pub use dynamics::{DynamicsModel, DynamicsOptions};
 pub use export::{ExportOptions, FmiChoice};
 use indexmap::IndexMap;
@@ -112,13 +113,13 @@ pub use search::{SearchMethod, SearchOptions, SearchRange, SearchScale, Space};
 use serde::{Deserialize, Serialize};
 pub use source::SourceOptions;
 pub use states::{StateOptions, is_angle, velocity_name};
+pub use static_map::{ModelKind, NETWORK, StaticOptions};
 use std::{
     path::{Path, PathBuf},
     sync::{Arc, LazyLock},
 };
 pub use target::TargetOptions;
 pub use time::TimeOptions;
-use toml::{Spanned, de::DeTable};
 use training::MAX_EPOCHS;
 pub use training::{Loss, Optimizer, Schedule, TrainingOptions};
 
@@ -139,16 +140,19 @@ pub struct Study {
     pub structure: StudyStructure,
     /// What is sampled, by one of `system`, `mechanism`, `fmu`, `table` and `index`.
     pub source: SourceOptions,
-    /// The rows of a run: `0, step, ..., stop`.
+    /// The rows of a run: `0, step, ..., stop`. Required, but of the structure "static".
+    #[serde(default = "TimeOptions::of_rows")]
+    #[schemars(with = "Option<TimeOptions>")]
     pub time: TimeOptions,
-    /// Parameters by name: the surrogate's inputs beside the time. Each has `min` and `max`, or `values`. With states there may be none.
+    /// Parameters by name: the surrogate's inputs beside the time. Each has `min` and `max`, or `values`. With states there may be none. Of the structure
+    /// "static" there are none.
     #[serde(default)]
     pub parameters: IndexMap<String, ParameterOptions>,
     /// Independent coordinates by name, one for each degree of freedom, of the structure "dynamics".
     #[serde(default)]
     pub states: IndexMap<String, StateOptions>,
     /// Inputs by name. Of the structure "dynamics" all that the mechanism has; those that are not named have the mechanism's ranges. Of the
-    /// structure "discrete" the columns that drive the runs.
+    /// structure "discrete" the columns that drive the runs, of the structure "static" those that the outputs follow from.
     #[serde(default)]
     pub inputs: IndexMap<String, InputOptions>,
     /// Which of the ways to learn the equations is exported, of the structure "dynamics".
@@ -163,6 +167,9 @@ pub struct Study {
     /// Models that go on from sample to sample, of the structure "discrete".
     #[serde(default)]
     pub discrete: DiscreteOptions,
+    /// The model of the rows of a table, of the structure "static".
+    #[serde(default, rename = "static")]
+    pub static_map: StaticOptions,
     /// Where in the parameters' ranges runs are placed.
     #[serde(default)]
     pub sampling: SamplingOptions,
@@ -208,6 +215,9 @@ pub struct Study {
     /// Digest of the FMU or of the tables of recorded runs.
     #[serde(skip)]
     source_files: Option<String>,
+    /// Whether the study says how many epochs a training has.
+    #[serde(skip)]
+    has_epochs: bool,
 }
 
 /// What a surrogate is a function of.
@@ -222,6 +232,8 @@ pub enum StudyStructure {
     /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs, or from
     /// runs of an FMU for co-simulation.
     Discrete,
+    /// Of inputs alone: learned from the rows of a table, which have no time.
+    Static,
 }
 
 /// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
@@ -242,137 +254,6 @@ static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Study>);
 /// The JSON schema of a study file.
 pub fn json_schema() -> &'static serde_json::Value {
     &SCHEMA
-}
-
-/// A study that was read, and every mistake found on the way.
-#[derive(Debug)]
-pub struct Draft {
-    study: Study,
-    problems: Vec<Problem>,
-    /// Whether what its source is asked for is known: the source itself, parameters and outputs.
-    names_are_known: bool,
-}
-
-impl Draft {
-    /// Reads a study file, and the files it names.
-    ///
-    /// # Errors
-    /// [`Error::Io`] if it cannot be read, [`Error::Study`] if it is not TOML at all.
-    pub fn load(path: &Path) -> Result<Self> {
-        Self::parse(&origin::read(path, "a study in TOML")?, path)
-    }
-
-    /// Reads a study file's text, and the files it names; `path` is for messages and tells the folder.
-    ///
-    /// # Errors
-    /// [`Error::Study`] if it is not TOML, or a file of another kind.
-    pub fn parse(text: &str, path: &Path) -> Result<Self> {
-        let origin = Origin::new(path, text);
-        let mut root = origin.parse()?;
-        let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
-        origin.refuse_section("bodies", hint)?;
-        states::join_names(root.get_mut());
-        let gives = |section: &str, key: &str| {
-            let section = root.get_ref().get(section).and_then(|section| section.get_ref().as_table());
-            section.is_some_and(|section| section.contains_key(key))
-        };
-        let given = [gives("network", "hidden"), gives("training", "clip_norm")];
-        let (mut problems, damaged) = origin.structure(root.get_ref(), &SCHEMA, |_, _| None);
-        replace(&mut root, &damaged);
-        let has = |section: &str| root.get_ref().contains_key(section);
-        let [has_network, has_training] = ["network", "training"].map(has);
-        let mut study: Study = origin.deserialize(root)?;
-        if study.structure == StudyStructure::Dynamics && study.source.is_of_equations() {
-            study.network = if has_network { study.network } else { NetworkOptions::of_equations() };
-            study.training = if has_training { study.training } else { TrainingOptions::of_equations() };
-        }
-        study.origin = origin.clone();
-        if study.structure == StudyStructure::Dynamics {
-            study.starts = states::starts(&study);
-        }
-        if study.structure == StudyStructure::Discrete {
-            discrete::set_defaults(&mut study, given);
-        }
-        // what a damaged section says is unknown: the other ones are checked without it
-        let is_damaged = |section: &str| damaged.iter().any(|damaged| damaged == section);
-        let of_section = |problem: &KeyProblem| problem.key.split('.').next().unwrap_or_default().to_owned();
-        let mut found: Problems =
-            study.section_problems().into_iter().filter(|problem| !is_damaged(&of_section(problem))).collect();
-        let has_problems =
-            |section: &str| is_damaged(section) || found.iter().any(|problem| of_section(problem) == section);
-        let (source, sampling) = (has_problems("source"), has_problems("sampling") || has_problems("parameters"));
-        let mut names_are_known = !source && !["parameters", "outputs", "arrays"].into_iter().any(is_damaged);
-        let time_is_known = !has_problems("time");
-        let mut is_complete = damaged.is_empty();
-        if !source {
-            names_are_known &= study.load_source(&mut found, &mut problems);
-            names_are_known &= is_damaged("states") || study.load_ranges(&mut found);
-            is_complete &= names_are_known;
-        }
-        if !sampling {
-            is_complete &= study.load_points(&mut found);
-        }
-        is_complete &= study.load_recordings(&mut found);
-        if is_complete {
-            found.extend(study.problems_beside());
-        }
-        problems.extend(origin.locate(found));
-        if !time_is_known {
-            study.time = PLACEHOLDER_TIME;
-        }
-        Ok(Self { study, problems, names_are_known })
-    }
-
-    /// The study, as far as it can be asked for its names; none if source, parameters or outputs are not known. Other values may be
-    /// wrong.
-    pub fn names(&self) -> Option<&Study> {
-        self.names_are_known.then_some(&self.study)
-    }
-
-    /// Whether nothing is wrong.
-    pub fn is_valid(&self) -> bool {
-        self.problems.is_empty()
-    }
-
-    /// Adds what is wrong with the source that the study names.
-    pub fn add(&mut self, error: Error) {
-        match error {
-            Error::Study { problems } => self.problems.extend(problems),
-            other => {
-                let key = self.study.source.file().map_or("source".into(), |(key, _)| format!("source.{key}"));
-                self.problems.extend(self.study.origin.locate(Problems::one(key, other.to_string())));
-            }
-        }
-    }
-
-    /// The study, if nothing is wrong.
-    ///
-    /// # Errors
-    /// [`Error::Study`] with every problem, in the order of the lines.
-    pub fn finish(self) -> Result<Study> {
-        let Self { study, mut problems, .. } = self;
-        if problems.is_empty() {
-            return Ok(study);
-        }
-        // those of the study's own file first
-        problems.sort_by_key(|problem| (problem.path != study.origin.path(), problem.line));
-        Err(Error::Study { problems })
-    }
-}
-
-/// Sections that stand for damaged ones until their mistakes are told.
-const PLACEHOLDER: &str = "name = 'study'\nsource = { system = 'none' }\ntime = { stop = 1, step = 1 }\n\
-                           parameters = { p = { min = 0, max = 1 } }\noutputs = { y = {} }\nsampling = {}\n";
-
-const PLACEHOLDER_TIME: TimeOptions = TimeOptions { stop: 1.0, step: 1.0, margin: 0.0 };
-
-fn replace(root: &mut Spanned<DeTable<'_>>, sections: &[String]) {
-    let placeholder = DeTable::parse(PLACEHOLDER).map(Spanned::into_inner).unwrap_or_default();
-    for section in sections {
-        root.get_mut().remove(section.as_str());
-    }
-    let good = placeholder.into_iter().filter(|(name, _)| sections.iter().any(|section| name.get_ref() == section));
-    root.get_mut().extend(good);
 }
 
 impl Study {
@@ -557,6 +438,11 @@ impl Study {
         self.origin.refuse(problems)
     }
 
+    /// Where its keys are.
+    pub(crate) fn origin(&self) -> &Origin {
+        &self.origin
+    }
+
     /// The error of one problem.
     pub fn refusal(&self, key: &str, message: impl Into<String>) -> Error {
         Error::Study { problems: self.origin.locate(Problems::one(key, message)) }
@@ -605,6 +491,9 @@ impl Study {
 
     /// What is wrong with the sections beside each other.
     fn problems_beside(&self) -> Problems {
+        if self.is_static() {
+            return static_map::problems_beside(self);
+        }
         let mut problems = self.source.problems_beside(self);
         problems.add_section("time", self.time.problems_beside(self));
         problems.extend(parameters::problems_beside(self));
@@ -657,7 +546,19 @@ impl Study {
 
     /// Whether outputs follow from what was before: from states, or from samples.
     pub fn has_memory(&self) -> bool {
-        self.structure != StudyStructure::Response
+        self.has_states() || self.is_discrete()
+    }
+
+    /// Returns true if the surrogate is a function of its inputs alone, learned from the rows of a table.
+    pub fn is_static(&self) -> bool {
+        self.structure == StudyStructure::Static
+    }
+
+    /// Options of the training of a network on so many rows of a table.
+    pub fn training_on(&self, rows: usize) -> TrainingOptions {
+        let training = self.training.clone();
+        let usual = static_map::epochs(training.held_in(rows), training.batch);
+        TrainingOptions { epochs: if self.has_epochs { training.epochs } else { usual }, ..training }
     }
 
     /// How the parameters' values become columns of the network.

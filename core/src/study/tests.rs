@@ -1,4 +1,5 @@
-use super::*;
+use super::{draft::PLACEHOLDER, *};
+use toml::de::DeTable;
 
 pub const GOOD: &str = include_str!("../../../examples/paper/single-pendulum.toml");
 
@@ -391,4 +392,69 @@ fn names_of_coordinates_need_no_quotes() {
     let error = parse(&bare.replace("min = -5.0, max = 5.0", "min = 5.0, max = -5.0")).unwrap_err().to_string();
     let line = bare.lines().position(|line| line.starts_with("rail.position")).unwrap() + 1;
     assert!(error.contains(&format!("s.toml:{line}: states.rail.position: range is empty")), "{error}");
+}
+
+/// A study of a static map of a table that exists.
+fn static_study(more: &str) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("t.csv"), "a,y\n1,2\n").unwrap();
+    let text = format!("name = 's'\nstructure = 'static'\nsource = {{ table = 't.csv' }}\noutputs.y = {{}}\n{more}");
+    let text = if text.contains("inputs") { text } else { text + "\n[inputs]\na = {}\n" };
+    match Study::parse(&text, &folder.path().join("study.toml")) {
+        Ok(study) => {
+            assert!(study.is_static() && !study.has_memory(), "{text}");
+            Vec::new()
+        }
+        Err(error) => {
+            error.to_string().lines().map(|line| line.split(": ").skip(1).collect::<Vec<_>>().join(": ")).collect()
+        }
+    }
+}
+
+#[test]
+fn a_static_map_has_inputs_and_outputs_and_no_section_of_runs() {
+    assert_eq!(static_study(""), [""; 0]);
+    assert_eq!(static_study("static.model = 'gaussian-process'\nbounds = {}\naccept.r2 = 0.5"), [""; 0]);
+    for section in ["time", "parameters", "states", "dynamics", "discrete", "sampling", "target", "baselines", "search"]
+    {
+        let found = static_study(&format!("[{section}]"));
+        assert!(found.iter().any(|line| line.starts_with(&format!("{section}: belongs to "))), "{section}: {found:?}");
+    }
+    let all = static_study(
+        "time = { stop = 1, step = 1 }\nsampling.test_runs = 3\nnetwork.structure = 'fixed'\nexport.precision = 'single'\nbounds.runs = 50",
+    );
+    let keys: Vec<&str> = all.iter().filter_map(|line| line.split(':').next()).collect();
+    assert_eq!(keys, ["time", "sampling", "network.structure", "export.precision", "bounds.runs"]);
+    for (more, says) in [
+        ("inputs = {}", "inputs: no input"),
+        ("inputs.a = { bandwidth = 1 }", "inputs.a.bandwidth: belongs to sources that are simulated"),
+        ("inputs.a = { min = 2, max = 1 }", "inputs.a: from 2 to 1"),
+        ("inputs.y = {}", "inputs.y: `y` is a parameter or output already"),
+        ("static.model = 'knn'", "static.model: \"knn\", expected one of \"network\", \"linear\""),
+        ("network.hidden = [16384, 16384]", "network.hidden: 2.685e8 weights"),
+    ] {
+        let found = static_study(more);
+        assert!(found.len() == 1 && found[0].starts_with(says), "{more}: {found:?}");
+    }
+    assert!(problems(&GOOD.replacen("[time]", "[times]", 1)).iter().any(|line| line.ends_with("`time` is missing")));
+    let found = message("[sampling]", "[static]\nmodel = \"linear\"\n[sampling]");
+    assert!(found.ends_with("static: belongs to the structure \"static\""), "{found}");
+}
+
+#[test]
+fn epochs_of_a_static_map_follow_from_the_rows_unless_given() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("t.csv"), "a,y\n1,2\n").unwrap();
+    let study = |more: &str| {
+        let text = "name = 's'\nstructure = 'static'\nsource = { table = 't.csv' }\ninputs.a = {}\noutputs.y = {}\n";
+        Study::parse(&format!("{text}{more}"), &folder.path().join("study.toml")).unwrap()
+    };
+    let usual = study("");
+    assert_eq!((usual.network.hidden.as_slice(), usual.training.schedule), (&[64, 64][..], Schedule::Cosine));
+    assert_eq!([200, 5000, 1_000_000].map(|rows| usual.training_on(rows).epochs), [2000, 150, 150]);
+    let given = study("[training]\nepochs = 150\nbatch = 10");
+    assert_eq!((given.training_on(200).epochs, given.training.batch), (150, 10));
+    assert_ne!(usual.digest(), given.digest());
+    assert_ne!(usual.digest(), study("static.model = 'linear'").digest());
+    assert_eq!(usual.digest(), study("# a comment").digest());
 }

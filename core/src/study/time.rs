@@ -33,6 +33,11 @@ pub(super) fn divides(part: f64, whole: f64) -> bool {
 }
 
 impl TimeOptions {
+    /// Of a static map: the experiment that its FMU suggests to hosts.
+    pub(super) fn of_rows() -> Self {
+        Self { stop: 1.0, step: 0.01, margin: 0.0 }
+    }
+
     /// The times of a run's rows, in seconds: `count + 1` values computed as `stop * i / count`, so that none drifts.
     pub fn grid(&self) -> Vec<f64> {
         self.times(self.steps())

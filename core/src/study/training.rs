@@ -32,19 +32,20 @@ pub struct TrainingOptions {
     /// Highest learning rate.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub learning_rate: f64,
-    /// How the learning rate changes over the training.
+    /// How the learning rate changes over the training. Of the structure "static" "cosine" unless given.
     pub schedule: Schedule,
     /// Share of the training in which the learning rate rises linearly from nearly zero (of the one-cycle schedule:
     /// along half a cosine). Without it, the schedule's own: 0.03 of the cosine, 0.3 of one-cycle, 0 of the others.
     #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub warm_up: Option<f64>,
-    /// Rows per optimizer step.
+    /// Rows per optimizer step. Of the structure "static" 256 unless given.
     #[schemars(range(min = 1))]
     pub batch: usize,
-    /// Largest number of passes over the training rows, 1 to 1,000,000.
+    /// Largest number of passes over the training rows, 1 to 1,000,000. Of the structure "static" unless given as many as make 2000
+    /// optimizer steps, at least 150.
     #[schemars(range(min = 1, max = MAX_EPOCHS))]
     pub epochs: usize,
-    /// Share of the training runs that is held out to choose the best epoch, between 0 and 1.
+    /// Share of the training runs, of the structure "static" of the rows, that is held out to choose the best epoch, between 0 and 1.
     #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub validation: f64,
     /// Of the other schedules than "restarts": stop after this many epochs without a better validation loss; 0: never.
@@ -157,6 +158,11 @@ impl TrainingOptions {
         Self { learning_rate: 1e-2, schedule: Schedule::Cosine, batch: 256, epochs: 600, ..Self::default() }
     }
 
+    /// Of networks of static maps: of few rows the losses of restarts rise and fall too much to judge by.
+    pub(super) fn of_rows() -> Self {
+        Self { schedule: Schedule::Cosine, batch: 256, ..Self::default() }
+    }
+
     /// Every mistake, by key within the section.
     pub fn problems(&self) -> Problems {
         let mut problems = Problems::default();
@@ -248,5 +254,10 @@ impl TrainingOptions {
     /// How many of so many training runs are held out for validation: at least one, and not all.
     pub fn held_out(&self, runs: usize) -> usize {
         ((self.validation * runs as f64).round() as usize).clamp(1, runs.saturating_sub(1).max(1))
+    }
+
+    /// The others.
+    pub(super) fn held_in(&self, runs: usize) -> usize {
+        runs - self.held_out(runs).min(runs)
     }
 }

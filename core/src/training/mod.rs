@@ -24,7 +24,7 @@ mod team;
 mod trainer;
 
 pub use history::{joined, read_history, write_history};
-pub use rows::{Recurrence, Tangents, TrainingRows};
+pub use rows::{Recurrence, Tangents, TrainingRows, without_constants};
 pub use run::{resume, train};
 pub use trainer::Trainer;
 

@@ -1,6 +1,10 @@
 //! The rows a network is trained on.
 
 use super::TrainingError;
+use crate::network::Network;
+
+/// Standardised outputs no farther than this from zero in any row are those of a column that is constant, up to rounding.
+const CONSTANT: f32 = 1e-6;
 
 /// Standardised inputs and outputs, row by row.
 #[derive(Clone, Debug, PartialEq)]
@@ -160,6 +164,17 @@ impl TrainingRows {
         #[cfg(not(target_arch = "x86_64"))]
         let _ = row;
     }
+}
+
+/// The network with zero for outputs that are constant in the rows, as initial values are at their instant: an exact constant.
+pub fn without_constants(network: &Network, rows: &TrainingRows) -> Network {
+    let mut network = network.clone();
+    for output in 0..rows.n_outputs() {
+        if rows.outputs().iter().skip(output).step_by(rows.n_outputs()).all(|value| value.abs() <= CONSTANT) {
+            network.clear_output(output);
+        }
+    }
+    network
 }
 
 #[cfg(test)]

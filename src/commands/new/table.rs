@@ -3,7 +3,8 @@
 use super::{DISCRETE, StudyTarget, key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{
-    Result,
+    Error, Result,
+    source::recorded::at_gap,
     table::{Table, stamps},
 };
 use metafmu_runtime::BuiltIn;
@@ -89,12 +90,15 @@ struct Roles<'a> {
 pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let mut roles = roles(&time, label.as_deref(), &runs, &columns);
-    let is_discrete = args.structure == "discrete";
+    let is_discrete = args.structure.as_deref() == Some("discrete");
     if is_discrete {
         find_inputs(file, args, &mut roles)?;
     }
     let problem = match (roles.varied.is_empty() && !is_discrete, roles.outputs.is_empty()) {
-        (true, _) => "no column has one value in each run and others in other runs: there is no parameter",
+        (true, _) => {
+            "no column has one value in each run and others in other runs: there is no parameter; of columns that drive the others say \
+             --structure discrete --inputs COLUMNS"
+        }
         (_, true) => "no column changes in a run: there is no output",
         _ => "",
     };
@@ -118,7 +122,9 @@ pub(super) fn survey(file: &Path, args: &NewArgs) -> Result<Survey> {
     let titles: Vec<String> = table.columns().iter().map(|column| column.name.clone()).collect();
     let positions: Vec<usize> = (0..titles.len()).filter(|&index| index != time && Some(index) != label).collect();
     let mut columns = named(&table, &positions);
-    let runs = read(&mut table, time, label, &positions, &mut columns)?;
+    let advised: fn(Error) -> Error =
+        if args.structure.as_deref() == Some("discrete") { at_gap } else { |error| error };
+    let runs = read(&mut table, (time, label), &positions, &mut columns, advised)?;
     let label = label.map(|label| titles[label].clone());
     Ok(Survey { time: titles[time].clone(), label, runs, columns })
 }
@@ -153,20 +159,26 @@ fn drives(title: &str) -> bool {
 }
 
 /// Position of a column by its name, with its unit or without.
-fn given(table: &Table, name: &str) -> Result<usize> {
+pub(super) fn given(table: &Table, name: &str) -> Result<usize> {
     let bare = name.split(['[', '(']).next().unwrap_or_default().trim();
     table.column(name).or_else(|error| table.column(bare).map_err(|_| error))
 }
 
-fn time_column(table: &Table, name: Option<&str>) -> Result<usize> {
+/// Position of the column that is known to be the time by its name.
+pub(super) fn known_time(table: &Table) -> Option<usize> {
     // `T` is a temperature more often than the time
     let is = |known: &str, title: &str| if known == "t" { title == "t" } else { title.to_lowercase() == known };
     let known = |known: &&str| table.columns().iter().position(|column| is(known, &column.name));
+    TIMES.iter().find_map(known)
+}
+
+fn time_column(table: &Table, name: Option<&str>) -> Result<usize> {
     let position = match name {
         Some(name) => given(table, name)?,
-        None => TIMES.iter().find_map(known).ok_or_else(|| {
+        None => known_time(table).ok_or_else(|| {
             let titles: Vec<&str> = table.columns().iter().take(20).map(|column| column.name.as_str()).collect();
-            let expected = "expected it to be called `time`, `t` or `Zeit`; say which it is with --time COLUMN";
+            let expected = "expected it to be called `time`, `t` or `Zeit`; say which it is with --time COLUMN, or that rows have none with \
+                            --structure static";
             table.mistake_in_header(&format!("none of the columns is the time ({}), {expected}", titles.join(", ")))
         })?,
     };
@@ -174,8 +186,8 @@ fn time_column(table: &Table, name: Option<&str>) -> Result<usize> {
     Ok(position)
 }
 
-/// The columns under their own names where nothing else has them.
-fn named(table: &Table, positions: &[usize]) -> Vec<ColumnProfile> {
+/// Columns by their names in the table, their names in a study, where nothing else has them, and their units.
+pub(super) fn columns_of(table: &Table, positions: &[usize]) -> Vec<(String, String, String)> {
     let reserved = BuiltIn::ALWAYS.iter().map(|variable| variable.name()).chain(["run", "time", "file"]);
     let mut taken: HashSet<String> = reserved.map(str::to_owned).collect();
     let column = |&position: &usize| {
@@ -184,28 +196,33 @@ fn named(table: &Table, positions: &[usize]) -> Vec<ColumnProfile> {
         while !taken.insert(name.clone()) {
             name.push('_');
         }
-        ColumnProfile {
-            title: column.name.clone(),
-            name,
-            unit: column.unit().unwrap_or_default().to_owned(),
-            min: f64::INFINITY,
-            max: f64::NEG_INFINITY,
-            first: f64::NAN,
-            is_constant_in_runs: true,
-            counts_runs: true,
-            is_text: false,
-        }
+        (column.name.clone(), name, column.unit().unwrap_or_default().to_owned())
     };
     positions.iter().map(column).collect()
+}
+
+fn named(table: &Table, positions: &[usize]) -> Vec<ColumnProfile> {
+    let profile = |(title, name, unit)| ColumnProfile {
+        title,
+        name,
+        unit,
+        min: f64::INFINITY,
+        max: f64::NEG_INFINITY,
+        first: f64::NAN,
+        is_constant_in_runs: true,
+        counts_runs: true,
+        is_text: false,
+    };
+    columns_of(table, positions).into_iter().map(profile).collect()
 }
 
 /// A new label begins a run; without labels a time that does not come after the one before does.
 fn read(
     table: &mut Table,
-    time: usize,
-    label: Option<usize>,
+    (time, label): (usize, Option<usize>),
     positions: &[usize],
     columns: &mut [ColumnProfile],
+    advised: fn(Error) -> Error,
 ) -> Result<RunsProfile> {
     let mut runs = RunsProfile { stop: f64::INFINITY, ..RunsProfile::default() };
     while table.next_row()? {
@@ -222,7 +239,7 @@ fn read(
             runs.times.push(now);
         }
         for (column, &position) in columns.iter_mut().zip(positions) {
-            column.see(table, position, begins, runs.count)?;
+            column.see(table, position, begins, runs.count).map_err(advised)?;
         }
         (runs.count, runs.label, runs.last_time) = (runs.count + usize::from(begins), name, now);
     }
@@ -233,7 +250,8 @@ fn read(
         let steps = (runs.stop / first).round().max(1.0);
         shortest(runs.stop / steps)
     });
-    let expected = "expected runs that begin at 0 s and have more than one row";
+    let expected =
+        "expected runs that begin at 0 s and have more than one row, or of rows without a time --structure static";
     if !(runs.stop > 0.0 && runs.step > 0.0) {
         return Err(table.mistake(&format!("{} runs, the shortest ends at {} s: {expected}", runs.count, runs.stop)));
     }

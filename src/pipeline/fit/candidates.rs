@@ -3,10 +3,14 @@
 use super::{FEW_ROWS, FOLDS, RowSplit, Task, chosen};
 use crate::{
     Error, Result,
-    baseline::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, comparison::NETWORK, worker},
+    baseline::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, worker},
+    dataset::Dataset,
     diagnostics::names::listed,
+    evaluation::{self, OutputMetrics},
     scaling::of_columns,
+    study::ModelKind,
     training::Outcome,
+    variable::SourceVariable,
 };
 use metafmu_runtime::{Graph, Scaling, graph::Step};
 use rayon::prelude::*;
@@ -27,15 +31,6 @@ pub enum ModelChoice {
     Only(ModelKind),
 }
 
-/// Kind of model.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ModelKind {
-    /// A network with the options of the fit.
-    Network,
-    /// A baseline with its default options, in double precision.
-    Baseline(BaselineKind),
-}
-
 /// Candidates, the simplest first: it is the best of equal ones.
 const CANDIDATES: [ModelKind; 3] = [
     ModelKind::Baseline(BaselineKind::Polynomial),
@@ -43,29 +38,19 @@ const CANDIDATES: [ModelKind; 3] = [
     ModelKind::Network,
 ];
 
-impl ModelKind {
-    /// Its name: `network`, or that of the baseline.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Network => NETWORK,
-            Self::Baseline(kind) => kind.name(),
-        }
+/// Largest number of rows that a model of a kind can be fitted to.
+fn most_rows(kind: ModelKind) -> usize {
+    let of_baseline = |kind| baseline::model(&Baselines::default(), kind).most_rows();
+    match kind {
+        ModelKind::Network => None,
+        ModelKind::Baseline(kind) => of_baseline(kind),
     }
+    .unwrap_or(usize::MAX)
+}
 
-    /// Kinds that can be exported: the prediction of nearest neighbors is no formula.
-    fn all() -> impl Iterator<Item = Self> {
-        let baselines = BaselineKind::ALL.into_iter().filter(|kind| *kind != BaselineKind::Knn);
-        [Self::Network].into_iter().chain(baselines.map(Self::Baseline))
-    }
-
-    /// Largest number of rows that it can be fitted to.
-    fn most_rows(self) -> usize {
-        let of_baseline = |kind| baseline::model(&Baselines::default(), kind).most_rows();
-        match self {
-            Self::Network => None,
-            Self::Baseline(kind) => of_baseline(kind),
-        }
-        .unwrap_or(usize::MAX)
+impl From<Option<ModelKind>> for ModelChoice {
+    fn from(kind: Option<ModelKind>) -> Self {
+        kind.map_or(Self::Auto, Self::Only)
     }
 }
 
@@ -92,11 +77,14 @@ pub struct Candidate {
     pub fit_seconds: Option<f64>,
     /// Remark, or the reason why it was not fitted; else empty.
     pub note: String,
+    /// Accuracy of each output on the same rows; empty if it was not measured.
+    #[serde(skip)]
+    pub outputs: Vec<OutputMetrics>,
 }
 
 impl Candidate {
     fn new(kind: ModelKind, note: String) -> Self {
-        Self { model: kind.name(), one_minus_r2: None, fit_seconds: None, note }
+        Self { model: kind.name(), one_minus_r2: None, fit_seconds: None, note, outputs: Vec::new() }
     }
 
     /// One line for people.
@@ -158,6 +146,7 @@ impl Task<'_> {
             false => None,
         };
         row.one_minus_r2 = unseen.as_ref().map(|found| Errors::of(self.outputs, order).mean(found, order));
+        row.outputs = unseen.as_ref().map_or(Vec::new(), |found| self.compared(found, order));
         Ok(Choice { kind, model, candidates: vec![row], unseen })
     }
 
@@ -177,6 +166,7 @@ impl Task<'_> {
                 return Err(Error::Interrupted);
             }
             trial.row.one_minus_r2 = trial.predictions.as_ref().map(|found| errors.mean(found, compared));
+            trial.row.outputs = trial.predictions.as_ref().map_or(Vec::new(), |found| self.compared(found, compared));
             self.note(format_args!("{}", trial.row.summary()));
             trials.push(trial);
         }
@@ -204,8 +194,17 @@ impl Task<'_> {
         Err(self.refusal(trials.iter().map(|Trial { row, .. }| format!("{}: {}", row.model, row.note)).collect()))
     }
 
+    /// Accuracy of each output of predictions in some rows.
+    fn compared(&self, predictions: &[Vec<f64>], rows: &[usize]) -> Vec<OutputMetrics> {
+        let names = (0..self.outputs.first().map_or(0, Vec::len))
+            .map(|output| SourceVariable::new(&output.to_string(), "", ""));
+        let labels = chosen(self.outputs, rows);
+        let test = Dataset::of_rows(&[], &names.collect::<Vec<_>>(), &vec![Vec::new(); rows.len()], &labels);
+        evaluation::compare(&test, &chosen(predictions, rows), None)
+    }
+
     fn trial(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<Trial> {
-        let (rows, most) = (order.len(), kind.most_rows());
+        let (rows, most) = (order.len(), most_rows(kind));
         if kind == ModelKind::Baseline(BaselineKind::GaussianProcess) && rows > most {
             return Ok(Trial::failed(kind, format!("{rows} rows, expected at most {most}")));
         }
@@ -325,7 +324,7 @@ fn reason(error: Error) -> String {
 }
 
 fn limit_note(kind: ModelKind, rows: usize) -> String {
-    let most = kind.most_rows();
+    let most = most_rows(kind);
     if rows > most { format!("fitted to {most} of {rows} rows") } else { String::new() }
 }
 

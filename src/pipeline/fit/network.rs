@@ -4,12 +4,9 @@ use super::{RowSplit, Task, chosen};
 use crate::{
     Result,
     network::Network,
-    pipeline::{
-        learn::per_instant::without_constants,
-        observer::{Control, CountedWork, Event},
-    },
+    pipeline::observer::{Control, CountedWork, Event},
     scaling::{of_columns, standardise_rows},
-    training::{self, EpochRecord, Observer, Outcome, Progress, TrainingRows},
+    training::{self, EpochRecord, Observer, Outcome, Progress, TrainingRows, without_constants},
 };
 use metafmu_runtime::{ScaledNetwork, Scaling};
 use std::{ops::ControlFlow, sync::atomic::Ordering};

@@ -7,6 +7,7 @@ mod motion_networks;
 mod network;
 pub(super) mod per_instant;
 mod state_space;
+mod static_map;
 mod trajectories;
 
 use super::{follower::Trained, project::Project};
@@ -43,6 +44,7 @@ pub(super) fn method(study: &Study) -> &'static dyn Method {
         StudyStructure::Dynamics if study.source.is_recorded() => &trajectories::RecordedMotions,
         StudyStructure::Dynamics => &motion::EquationsOfMotion,
         StudyStructure::Discrete => &discrete::DiscreteTime,
+        StudyStructure::Static => &static_map::StaticMap,
         StudyStructure::Response => match study.network.structure {
             TimeStructure::Full => &network::SingleNetwork,
             TimeStructure::Fixed => &per_instant::NetworkPerInstant,

@@ -1,11 +1,11 @@
 //! A network for each instant, trained side by side: `network.structure = "fixed"`.
 
 use super::{Beginning, Method};
+pub(super) use crate::training::without_constants;
 use crate::{
     Error, Result,
     dataset::Dataset,
     files,
-    network::Network,
     pipeline::{
         follower::Trained,
         observer::{CountedWork, Event},
@@ -17,7 +17,7 @@ use crate::{
     source::Journal,
     study::Study,
     surrogate,
-    training::{self, EpochRecord, Observer, Outcome, StopReason, TrainingRows},
+    training::{self, EpochRecord, Observer, Outcome, StopReason},
 };
 use metafmu_runtime::{Graph, ScaledNetwork};
 use std::{
@@ -25,9 +25,6 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
     time::{Duration, Instant},
 };
-
-/// Standardised outputs no farther than this from zero in any row are those of a column that is constant, up to rounding.
-const CONSTANT: f32 = 1e-6;
 
 /// A network for each time point.
 pub(super) struct NetworkPerInstant;
@@ -144,17 +141,6 @@ fn train_one(project: &Project, study: &Study, prepared: &PreparedTraining, goal
         return Err(Error::Interrupted);
     }
     Ok(Outcome { network: without_constants(&outcome.network, training), ..outcome })
-}
-
-/// The network with zero for outputs that are constant in the rows, as initial values are at their instant: an exact constant.
-pub fn without_constants(network: &Network, rows: &TrainingRows) -> Network {
-    let mut network = network.clone();
-    for output in 0..rows.n_outputs() {
-        if rows.outputs().iter().skip(output).step_by(rows.n_outputs()).all(|value| value.abs() <= CONSTANT) {
-            network.clear_output(output);
-        }
-    }
-    network
 }
 
 /// Ends a training at its goal, or at Ctrl-C.

@@ -5,6 +5,7 @@ mod motion;
 mod solver;
 mod speed;
 mod state_space;
+mod static_map;
 pub(super) mod trajectories;
 
 pub use discrete::DiscreteRecord;
@@ -12,6 +13,7 @@ pub use motion::{MotionRecord, ReactionRecord};
 pub use solver::SolverRecord;
 pub use speed::Speed;
 pub use state_space::StateSpaceRecord;
+pub use static_map::StaticRecord;
 pub use trajectories::TrajectoriesRecord;
 
 use crate::{
@@ -73,6 +75,9 @@ impl TrainingRecord {
     /// What may make the surrogate better, the surest first.
     fn advice(&self, study: &Study) -> Vec<String> {
         let Self { epochs, stopped, train_rows, .. } = self;
+        if let Some(MethodRecord::StaticMap(StaticRecord { rows, .. })) = &self.method {
+            return vec![format!("add rows to the table, which has {rows}")];
+        }
         let longer = match stopped {
             StopReason::Interrupted => Some("continue the training that was stopped: --resume".into()),
             StopReason::Finished => Some(format!("train longer: `training.epochs` above {epochs}")),
@@ -105,6 +110,8 @@ pub enum MethodRecord {
     Trajectories(TrajectoriesRecord),
     /// A discrete-time model of runs with inputs.
     Discrete(DiscreteRecord),
+    /// A static map of the rows of a table.
+    StaticMap(StaticRecord),
 }
 
 impl MethodRecord {
@@ -114,7 +121,7 @@ impl MethodRecord {
             Self::Motion(motion) => motion.problem(),
             Self::StateSpace(space) => space.problem(),
             Self::Trajectories(trajectories) => trajectories.problem(),
-            Self::Discrete(_) => None,
+            Self::Discrete(_) | Self::StaticMap(_) => None,
         }
     }
 
@@ -125,6 +132,7 @@ impl MethodRecord {
             Self::StateSpace(space) => space.describe(),
             Self::Trajectories(trajectories) => trajectories.describe(),
             Self::Discrete(discrete) => discrete.describe(),
+            Self::StaticMap(map) => map.describe(),
         }
     }
 }
@@ -132,10 +140,11 @@ impl MethodRecord {
 /// A way to learn the functions.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Candidate {
-    /// `dictionary`, `network`, `dictionary and network`, or of a mechanism `accelerations`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel).
+    /// `dictionary`, `network`, `dictionary and network`, or of a mechanism `accelerations`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel),
+    /// of rows that of a [`ModelKind`](crate::study::ModelKind).
     pub name: String,
     /// Root mean square error at states that were held out, relative to the standard deviation, of the worst of what it is measured of:
-    /// of an FMU the functions, of a mechanism the accelerations and the positions, of recorded runs the outputs.
+    /// of an FMU the functions, of a mechanism the accelerations and the positions, of recorded runs the outputs. Of rows of the mean over the outputs.
     pub error: f64,
     /// Wall time.
     pub seconds: f64,

@@ -5,11 +5,17 @@ use super::{
 };
 use crate::baseline::{Comparison, ModelRow, ModelStatus};
 
-pub fn section(comparison: &Comparison) -> Section {
+/// `is_of_rows`: whether the models are the candidates of a static map.
+pub fn section(comparison: &Comparison, is_of_rows: bool) -> Section {
     let Comparison { test_runs, test_rows, models, .. } = comparison;
+    let what = match is_of_rows {
+        true => format!("Kinds of model, compared on {test_rows} rows that they were not fitted to."),
+        false => format!(
+            "Simpler models, fitted to training rows of the same study and measured on the same {test_runs} test runs, {test_rows} rows."
+        ),
+    };
     let mut blocks = vec![paragraph(&format!(
-        "Simpler models, fitted to training rows of the same study and measured on the same {test_runs} test runs, {test_rows} rows. \
-         In the plots a model has its number from the table; lower and further left is better. 1 - R² is that of the output that \
+        "{what} In the plots a model has its number from the table; lower and further left is better. 1 - R² is that of the output that \
          a model predicts worst."
     ))];
     blocks.push(overview(models));
@@ -34,7 +40,8 @@ pub fn section(comparison: &Comparison) -> Section {
     });
     blocks.push(ReportBlock::Figures(figures.collect()));
     blocks.extend(scores(models));
-    Section { id: "comparison", title: "Beside simpler models".into(), blocks }
+    let title = if is_of_rows { "Kinds of model" } else { "Beside simpler models" };
+    Section { id: "comparison", title: title.into(), blocks }
 }
 
 fn overview(models: &[ModelRow]) -> ReportBlock {
@@ -131,8 +138,10 @@ mod tests {
             row("ridge", ModelStatus::Fine, Some(-0.5)),
             row("svr", ModelStatus::TooSlow, None),
         ];
-        let section =
-            section(&Comparison { name: "s".into(), content_digest: None, test_runs: 2, test_rows: 100, models });
+        let section = section(
+            &Comparison { name: "s".into(), content_digest: None, test_runs: 2, test_rows: 100, models },
+            false,
+        );
         let html: String = section
             .blocks
             .iter()

@@ -9,7 +9,8 @@ use metafmu_runtime::Bounds;
 use rayon::prelude::*;
 
 pub fn section(evaluated: &Evaluated) -> Option<Section> {
-    let bounds @ Bounds { coverage, runs, .. } = evaluated.surrogate.bounds()?;
+    // bounds of a static map were measured on the same rows
+    let bounds @ Bounds { coverage, runs, .. } = evaluated.surrogate.bounds().filter(|_| !evaluated.is_of_rows())?;
     let bounded: Vec<usize> = shown(evaluated).collect();
     let stated = *coverage;
     let text = format!(

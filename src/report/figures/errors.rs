@@ -2,7 +2,7 @@
 
 use super::{
     Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, left_out, lines, output, paragraph,
-    parameter, shown,
+    parameter, shown, words,
 };
 use crate::report::numbers::{Binned, evenly};
 use rayon::prelude::*;
@@ -16,20 +16,26 @@ const LINES: usize = 6;
 
 pub fn section(evaluated: &Evaluated) -> Section {
     let outputs: Vec<usize> = shown(evaluated).collect();
-    let over_time = outputs.par_iter().map(|&output| over_time_figure(evaluated, output)).collect();
-    let mut blocks = vec![
-        ReportBlock::Html("<h3>Over time</h3>".into()),
-        paragraph(
-            "Root mean square and largest error of all test runs at each instant, or over a few instants where there are many.",
-        ),
-        ReportBlock::Figures(over_time),
-        ReportBlock::Html("<h3>Over each parameter</h3>".into()),
-        paragraph(
-            "Root mean square error of the test runs in slices of a parameter's range, relative to the outputs' ranges.",
-        ),
+    let [tests, of] = words(evaluated);
+    let mut blocks = Vec::new();
+    if !evaluated.is_of_rows() {
+        let over_time = outputs.par_iter().map(|&output| over_time_figure(evaluated, output)).collect();
+        blocks = vec![
+            ReportBlock::Html("<h3>Over time</h3>".into()),
+            paragraph(
+                "Root mean square and largest error of all test runs at each instant, or over a few instants where there are many.",
+            ),
+            ReportBlock::Figures(over_time),
+        ];
+    }
+    blocks.extend([
+        ReportBlock::Html(format!("<h3>Over each {of}</h3>")),
+        paragraph(&format!(
+            "Root mean square error of the {tests} in slices of the range of each {of}, relative to the outputs' ranges."
+        )),
         ReportBlock::Figures(over_parameters(evaluated)),
-        ReportBlock::Html("<h3>Where the worst runs lie</h3>".into()),
-    ];
+        ReportBlock::Html(format!("<h3>Where the worst {} lie</h3>", last_word(tests))),
+    ]);
     blocks.extend(worst_runs(evaluated));
     blocks.extend(left_out(evaluated));
     Section { id: "errors", title: "Where the errors are".into(), blocks }
@@ -97,8 +103,15 @@ fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id
     numbered.chunks(LINES).enumerate().map(figure).collect()
 }
 
+/// `rows` of `unseen rows`.
+fn last_word(text: &'static str) -> &'static str {
+    text.rsplit(' ').next().unwrap_or(text)
+}
+
 /// All runs and the worst twentieth of them, over pairs of parameters.
 fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
+    let [tests, of] = words(evaluated);
+    let what = last_word(tests);
     let order = evaluated.runs_by_error();
     let (good, bad) = order.split_at(order.len() - (order.len() / 20).max(1));
     let good: Vec<usize> = evenly(good.len(), RUNS).into_iter().map(|index| good[index]).collect();
@@ -114,17 +127,17 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
     let chart = |x: Axis, y: Axis, place: &dyn Fn(usize) -> [f64; 2]| {
         let points = |runs: &[usize]| runs.iter().map(|&run| place(run)).collect::<Vec<_>>();
         let series = vec![
-            ChartSeries::named("other test runs", Ink::Grey, Shape::Circles(points(&good))),
-            ChartSeries::named("worst runs", Ink::Vermilion, Shape::Triangles(points(&bad_shown))),
+            ChartSeries::named(format!("other {tests}"), Ink::Grey, Shape::Circles(points(&good))),
+            ChartSeries::named(format!("worst {what}"), Ink::Vermilion, Shape::Triangles(points(&bad_shown))),
         ];
         Chart { x, y, series }
     };
-    let mut text = format!("The {} runs with the largest errors, a twentieth of all.", bad.len());
+    let mut text = format!("The {} {what} with the largest errors, a twentieth of all.", bad.len());
     if bad_shown.len() + good.len() < order.len() {
-        text += &format!(" Thinned: {} of {} runs are drawn.", bad_shown.len() + good.len(), order.len());
+        text += &format!(" Thinned: {} of {} {what} are drawn.", bad_shown.len() + good.len(), order.len());
     }
     if pairs.len() > PAIRS {
-        text += &format!(" Shown are {PAIRS} of {} pairs of parameters.", pairs.len());
+        text += &format!(" Shown are {PAIRS} of {} pairs of {of}s.", pairs.len());
     }
     let mut figures: Vec<Figure> = (0..count)
         .take(if count == 1 { 1 } else { 0 })
@@ -133,13 +146,17 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
             let y = Axis::log("RMS error / range", "", errors.iter().copied());
             let name = parameter(evaluated, column).0;
             let chart = chart(axis(column), y, &|run| [value(run, column), errors[run]]);
-            Figure::new(&format!("worst-{name}"), format!("Errors of the runs over {name}."), chart)
+            Figure::new(&format!("worst-{name}"), format!("Errors of the {what} over {name}."), chart)
         })
         .collect();
     figures.extend(pairs.into_iter().take(PAIRS).map(|(a, b)| {
         let (a_name, b_name) = (parameter(evaluated, a).0, parameter(evaluated, b).0);
         let chart = chart(axis(a), axis(b), &|run| [value(run, a), value(run, b)]);
-        Figure::new(&format!("worst-{a_name}-{b_name}"), format!("Runs over {a_name} and {b_name}."), chart)
+        Figure::new(
+            &format!("worst-{a_name}-{b_name}"),
+            format!("{} over {a_name} and {b_name}.", if evaluated.is_of_rows() { "Rows" } else { "Runs" }),
+            chart,
+        )
     }));
     vec![paragraph(&text), ReportBlock::Figures(figures)]
 }

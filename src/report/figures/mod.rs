@@ -28,14 +28,14 @@ pub fn sections(material: &Material) -> Vec<Section> {
     let all = [
         Some(summary::summary(material)),
         Some(accuracy::section(material.evaluated)),
-        Some(responses::section(material.evaluated)),
+        (!material.evaluated.is_of_rows()).then(|| responses::section(material.evaluated)),
         inputs::section(material.evaluated),
         motion::section(material),
         Some(errors::section(material.evaluated)),
         // its numbers are of parameters and time alone
         (!material.evaluated.surrogate.program().has_memory()).then(|| sensitivity::section(material.evaluated)),
         coverage::section(material.evaluated),
-        material.comparison.map(comparison::section),
+        material.comparison.map(|comparison| comparison::section(comparison, material.evaluated.is_of_rows())),
         beside::section(material),
         training::section(material),
         Some(summary::provenance(material)),
@@ -43,12 +43,16 @@ pub fn sections(material: &Material) -> Vec<Section> {
     all.into_iter().flatten().collect()
 }
 
-/// The figures of a model card: errors over time, and the worst test run of the output that is predicted worst.
+/// The figures of a model card: errors over time, and the worst test run of the output that is predicted worst; of a static map the
+/// predictions of that output.
 pub fn card_figures(evaluated: &Evaluated) -> Vec<Figure> {
-    let mut figures = errors::relative_over_time(evaluated);
-    figures.truncate(1);
     let r2 = |(output, metrics): (usize, &crate::evaluation::OutputMetrics)| (output, metrics.r2.unwrap_or(1.0));
     let worst = evaluated.accuracy.outputs.values().enumerate().map(r2).min_by(|a, b| a.1.total_cmp(&b.1));
+    if evaluated.is_of_rows() {
+        return worst.iter().map(|(output, _)| accuracy::density_figure(evaluated, *output, "density")).collect();
+    }
+    let mut figures = errors::relative_over_time(evaluated);
+    figures.truncate(1);
     let run = evaluated.runs_by_error().last().copied();
     if let (Some((output, _)), Some(run)) = (worst, run) {
         let mut figure = responses::response(evaluated, run, output, "worst");
@@ -75,6 +79,11 @@ fn shown(evaluated: &Evaluated) -> std::ops::Range<usize> {
     0..evaluated.outputs().min(OUTPUTS)
 }
 
+/// What test runs are, and their parameters: of a static map unseen rows and inputs.
+fn words(evaluated: &Evaluated) -> [&'static str; 2] {
+    if evaluated.is_of_rows() { ["unseen rows", "input"] } else { ["test runs", "parameter"] }
+}
+
 /// What is left out because there are too many outputs.
 fn left_out(evaluated: &Evaluated) -> Option<ReportBlock> {
     let count = evaluated.outputs();
@@ -82,7 +91,7 @@ fn left_out(evaluated: &Evaluated) -> Option<ReportBlock> {
         .then(|| ReportBlock::Html(format!("<p class=\"note\">Shown are the first {OUTPUTS} of {count} outputs.</p>")))
 }
 
-/// A run and its parameters: `test run 3 with L = 0.12 m, c = 0.05`.
+/// A run or row and its parameters: `test run 3 with L = 0.12 m, c = 0.05`.
 fn case(evaluated: &Evaluated, run: usize) -> String {
     let values = evaluated.test.parameters.iter().zip(&evaluated.test.runs[run].parameters);
     let values: Vec<String> = values
@@ -90,7 +99,10 @@ fn case(evaluated: &Evaluated, run: usize) -> String {
             format!("{} = {} {}", variable.name, number(value), variable.unit).trim_end().to_owned()
         })
         .collect();
-    format!("test run {run} with {}", values.join(", "))
+    match evaluated.is_of_rows() {
+        true => format!("row {} of unseen.csv with {}", run + 1, values.join(", ")),
+        false => format!("test run {run} with {}", values.join(", ")),
+    }
 }
 
 /// Lines of equal rank: name and points of each.

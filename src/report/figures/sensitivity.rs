@@ -2,7 +2,7 @@
 
 use super::{
     Axis, Chart, Evaluated, Figure, ReportBlock, Section, code, escape, left_out, lines, number, output, paragraph,
-    parameter, shown, table, unit,
+    parameter, shown, table, unit, words,
 };
 use crate::report::numbers::{SENSITIVITY_RUNS, Sensitivity};
 
@@ -12,23 +12,25 @@ const LINES: usize = 6;
 pub fn section(evaluated: &Evaluated) -> Section {
     let sensitivities = evaluated.sensitivities();
     let runs = evaluated.test.runs.len();
-    let mut text = "Mean magnitude of the derivative of an output with respect to a parameter, times the parameter's range: by how \
-                    much the output changes over the whole range if it were linear. Derivatives are the surrogate's own \
-                    and exact."
-        .to_owned();
+    let [tests, of] = words(evaluated);
+    let mut text = format!(
+        "Mean magnitude of the derivative of an output with respect to {} {of}, times the {of}'s range: by how much the output \
+         changes over the whole range if it were linear. Derivatives are the surrogate's own and exact.",
+        if evaluated.is_of_rows() { "an" } else { "a" }
+    );
     if evaluated.surrogate.inputs().iter().any(|input| input.nominal_values().is_some()) {
         text += " A nominal parameter has no derivatives and is shown as 0.";
     }
     if runs > SENSITIVITY_RUNS {
-        text += &format!(" Thinned: from {SENSITIVITY_RUNS} of {runs} test runs.");
+        text += &format!(" Thinned: from {SENSITIVITY_RUNS} of {runs} {tests}.");
     }
     let mut blocks = vec![paragraph(&text), overview(evaluated, &sensitivities)];
-    let outputs = shown(evaluated).zip(&sensitivities);
+    let outputs = shown(evaluated).zip(&sensitivities).filter(|_| !evaluated.is_of_rows());
     blocks.push(ReportBlock::Figures(
         outputs.flat_map(|(output, sensitivity)| over_time(evaluated, output, sensitivity)).collect(),
     ));
     blocks.extend(left_out(evaluated));
-    Section { id: "sensitivity", title: "Sensitivity to the parameters".into(), blocks }
+    Section { id: "sensitivity", title: format!("Sensitivity to the {of}s"), blocks }
 }
 
 /// A row an output, a column a parameter; shares of the row's sum as bars.

@@ -2,7 +2,7 @@
 
 use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, r2, table, unit};
 use crate::{
-    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts},
+    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, TestRows},
     study::NetworkOptions,
     surrogate::input_description,
 };
@@ -22,6 +22,7 @@ pub fn summary(material: &Material) -> Section {
             let parameters = evaluated.test.parameters.len() - inputs - outputs.len();
             (format!("past outputs, past inputs ({inputs}) and parameters ({parameters})"), "samples")
         }
+        0 if evaluated.is_of_rows() => (format!("{} inputs", evaluated.test.parameters.len()), "rows"),
         0 => (format!("{} parameters and the time", evaluated.test.parameters.len()), "rows"),
         states => {
             let parameters = evaluated.test.parameters.len() - states;
@@ -37,14 +38,21 @@ pub fn summary(material: &Material) -> Section {
             (from, learned)
         }
     };
+    let is_of_rows = evaluated.is_of_rows();
     let unseen = match material.study.sampling.train_stop {
         Some(stop) => format!("of which those up to {stop} s were learned from"),
         None => "that took no part in training".into(),
     };
+    let measured = match evaluated.accuracy.rows {
+        Some(TestRows::CrossValidated) => {
+            format!("{test_rows} rows, each predicted by a model that was fitted without it (cross-validation)")
+        }
+        Some(_) => format!("{test_rows} rows that took part neither in the fit nor in its choices"),
+        None => format!("{test_runs} runs of the original model, {test_rows} rows, {unseen}"),
+    };
     blocks.push(paragraph(&format!(
-        "{} {} outputs from {from}. It was trained on {} {learned}. Everything below was measured on {test_runs} runs of the \
-         original model, {test_rows} rows, {unseen}.",
-        network(material),
+        "{} {} outputs from {from}. It was trained on {} {learned}. Everything below was measured on {measured}.",
+        if is_of_rows { "A static map gives".into() } else { network(material) },
         outputs.len(),
         metadata.provenance.train_rows,
     )));
@@ -59,19 +67,34 @@ pub fn summary(material: &Material) -> Section {
             r2(*score),
             both(rms, Some(rms / evaluated.range(index))),
             both(*max_abs_error, *relative_max_error),
-            format!("test run {worst_run}, t = {} s", number(*worst_time)),
+            match is_of_rows {
+                true => format!("row {} of unseen.csv", worst_run + 1),
+                false => format!("test run {worst_run}, t = {} s", number(*worst_time)),
+            },
         ]
     });
     blocks.push(table(&headings, rows));
     let test_runs = evaluated.accuracy.test_runs;
     blocks.extend(evaluated.accuracy.roll_outs.iter().flat_map(|found| roll_outs(found, test_runs)));
+    if let Some(bounds) = evaluated.surrogate.bounds().filter(|_| is_of_rows) {
+        let of_output = |(index, output): (usize, &Output)| {
+            format!("{} ±{} {}", output.name, number(bounds.largest(index)), output.unit).trim_end().to_owned()
+        };
+        let widths: Vec<String> = evaluated.surrogate.outputs().iter().enumerate().map(of_output).collect();
+        blocks.push(paragraph(&format!(
+            "Error bounds, from the errors of these rows: {}. {} of further rows inside the ranges are expected within each.",
+            widths.join(", "),
+            percent(bounds.coverage)
+        )));
+    }
     let trust = if material.verdict.accepted { "It may be trusted inside these ranges only. " } else { "" };
-    blocks.push(paragraph(&format!("{trust}A range of an output is that of the training runs.")));
+    let learned = if is_of_rows { "its predictions at the rows of the table" } else { "the training runs" };
+    blocks.push(paragraph(&format!("{trust}A range of an output is that of {learned}.")));
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
         let kind = match input.role {
             Role::Time => "time",
             Role::Start => "value at the start",
-            Role::Input if evaluated.surrogate.program().has_memory() => "input",
+            Role::Input if is_of_rows || evaluated.surrogate.program().has_memory() => "input",
             Role::Input | Role::Parameter(_) => "parameter",
         };
         (&input.name, kind, input.min, input.max, &input.unit, input_description(input, evaluated.surrogate))

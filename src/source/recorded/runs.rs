@@ -1,7 +1,7 @@
 //! Rows on their way into runs, and what a run must be: rows in the order of time from zero to the end, in one place, of
 //! parameters that no other run has.
 
-use super::{super::list, Recorded, RecordedInput};
+use super::{super::list, Recorded, RecordedInput, at_gap};
 use crate::{
     Error, Result,
     dataset::Run,
@@ -140,7 +140,8 @@ impl<'a> Runs<'a> {
         let is_within = t <= stop + rounding || self.recorded.samples.is_some() && self.finished.is_empty();
         let inputs = self.recorded.inputs.len();
         for (index, &column) in values.iter().enumerate() {
-            let value = table.number(column)?;
+            let is_sampled = self.recorded.samples.is_some();
+            let value = table.number(column).map_err(|error| if is_sampled { at_gap(error) } else { error })?;
             if let Some(&RecordedInput { min, max, .. }) = self.recorded.inputs.get(index)
                 && !(min..=max).contains(&value)
             {

@@ -1,0 +1,379 @@
+//! A study of a table of rows without a time, from its columns and their content.
+
+use super::{
+    StudyTarget, key, quoted,
+    table::{columns_of, given},
+};
+use crate::{
+    cli::NewArgs,
+    commands::{say, terminal::control},
+};
+use metafmu::{
+    Result,
+    source::StaticRows,
+    study::Study,
+    table::{Table, stamps},
+};
+use std::{fmt::Write, path::Path};
+
+/// Names of columns that are results, in small letters without a number behind them; also the beginnings of longer names if they have more than
+/// three letters.
+const OUTPUTS: [&str; 20] = [
+    "y",
+    "f",
+    "out",
+    "output",
+    "result",
+    "response",
+    "target",
+    "objective",
+    "label",
+    "cost",
+    "loss",
+    "fitness",
+    "score",
+    "qoi",
+    "obj",
+    "ergebnis",
+    "ausgang",
+    "zielgr",
+    "sortie",
+    "salida",
+];
+
+/// Names of columns that number the rows, in small letters without punctuation.
+const NUMBERS: [&str; 22] = [
+    "id",
+    "idx",
+    "index",
+    "no",
+    "nr",
+    "num",
+    "number",
+    "nummer",
+    "run",
+    "case",
+    "point",
+    "sample",
+    "row",
+    "experiment",
+    "exp",
+    "trial",
+    "design",
+    "dp",
+    "lfd",
+    "lfdnr",
+    "unnamed0",
+    "n",
+];
+
+/// Fewest rows of a column that may be a time whose name is unknown.
+const MANY: usize = 30;
+
+/// A column of rows.
+struct RowColumn {
+    /// Name in the table.
+    title: String,
+    /// Name in the study.
+    name: String,
+    unit: String,
+    min: f64,
+    max: f64,
+    /// Cells that are numbers, and others that have content.
+    numbers: usize,
+    texts: usize,
+    /// Whether its values are 0, 1, 2, ... or 1, 2, 3, ...
+    counts: bool,
+}
+
+/// Roles of the columns.
+struct Roles<'a> {
+    inputs: Vec<&'a RowColumn>,
+    outputs: Vec<&'a RowColumn>,
+    /// Those that are neither, and why.
+    others: Vec<(&'a RowColumn, String)>,
+    /// How the outputs were found.
+    reason: &'static str,
+}
+
+/// Whether a table is of rows without a time: no column is known to be one, and the arguments name none.
+pub(super) fn has_no_time(file: &Path, args: &NewArgs) -> Result<bool> {
+    Ok(args.structure.is_none() && args.time.is_none() && super::table::known_time(&Table::open(file)?).is_none())
+}
+
+pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
+    let mut table = Table::open(file)?;
+    let (columns, rows, first) = survey(&mut table)?;
+    let roles = roles(&table, &columns, args)?;
+    for (RowColumn { title, .. }, why) in &roles.others {
+        say(format_args!("column `{title}`: {why}"));
+    }
+    let names = |columns: &[&RowColumn]| columns.iter().map(|of| of.title.as_str()).collect::<Vec<_>>().join(", ");
+    let (outputs, reason) = (names(&roles.outputs), roles.reason);
+    say(format_args!(
+        "a table without a time: outputs are {outputs} ({reason}), inputs {}; --inputs or --outputs COLUMNS changes that",
+        names(&roles.inputs)
+    ));
+    if let Some(title) = looks_like_time(&columns, &first, args) {
+        say(format_args!(
+            "column `{title}` grows evenly from row to row: if it is the time, --time {} makes a study of recorded runs",
+            quoted(title)
+        ));
+    }
+    let text = text(target, file, rows, &roles);
+    let study = Study::parse(&text, &target.file())?;
+    // cells that are no numbers are those of the table: a study would not help
+    let read = StaticRows::new(&study)?.read(&study, control()?.stop)?;
+    read.notes.iter().for_each(say);
+    Ok(text)
+}
+
+/// The columns, the number of rows, and the values of the first column.
+fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize, Vec<f64>)> {
+    let positions: Vec<usize> = (0..table.columns().len()).collect();
+    let column = |(title, name, unit)| RowColumn {
+        title,
+        name,
+        unit,
+        min: f64::INFINITY,
+        max: f64::NEG_INFINITY,
+        numbers: 0,
+        texts: 0,
+        counts: true,
+    };
+    let mut columns: Vec<RowColumn> = columns_of(table, &positions).into_iter().map(column).collect();
+    let (mut rows, mut first) = (0, Vec::new());
+    while table.next_row()? {
+        for (position, column) in columns.iter_mut().enumerate() {
+            let Ok(value) = table.number(position) else {
+                column.texts += usize::from(is_text(&table.text(position)?));
+                column.counts = false;
+                continue;
+            };
+            if position == 0 {
+                first.push(value);
+            }
+            column.numbers += 1;
+            (column.min, column.max) = (column.min.min(value), column.max.max(value));
+            column.counts &= value == rows as f64 + column.min && (column.min == 0.0 || column.min == 1.0);
+        }
+        rows += 1;
+    }
+    if rows == 0 {
+        return Err(table.mistake("no rows, expected at least two: one judges a model of the other"));
+    }
+    Ok((columns, rows, first))
+}
+
+/// Whether a cell is neither empty nor a number that is not finite.
+fn is_text(cell: &str) -> bool {
+    !cell.is_empty() && cell.replacen(',', ".", 1).parse::<f64>().is_err()
+}
+
+fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<Roles<'a>> {
+    let wanted = |names: &[String]| -> Result<Vec<usize>> { names.iter().map(|name| given(table, name)).collect() };
+    let (wanted_inputs, wanted_outputs) = (wanted(&args.inputs)?, wanted(&args.outputs)?);
+    if let Some(both) = wanted_inputs.iter().find(|position| wanted_outputs.contains(position)) {
+        let problem =
+            format!("column `{}` is among --inputs and --outputs, expected one of them", columns[*both].title);
+        return Err(table.mistake_in_header(&problem));
+    }
+    let (mut others, mut usable) = (Vec::new(), Vec::new());
+    for (position, column) in columns.iter().enumerate() {
+        let is_wanted = wanted_inputs.contains(&position) || wanted_outputs.contains(&position);
+        if column.texts > column.numbers {
+            others.push((column, "is text and left out".to_owned()));
+        } else if column.numbers == 0 {
+            others.push((column, "is empty and left out".to_owned()));
+        } else if column.min == column.max {
+            others.push((column, format!("is always {} and left out", column.min)));
+        } else if column.counts && is_number_of_rows(&column.title) && !is_wanted {
+            others.push((column, "numbers the rows and is left out".to_owned()));
+        } else {
+            usable.push((position, column));
+        }
+    }
+    let is_output = guess(&usable, &wanted_inputs, &wanted_outputs);
+    let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
+    for (place, (position, column)) in usable.iter().enumerate() {
+        let is_wanted = wanted_inputs.contains(position) || wanted_outputs.contains(position);
+        let is_neither = !(is_wanted || wanted_inputs.is_empty() || wanted_outputs.is_empty());
+        match (is_neither, is_output.0[place]) {
+            (true, _) => others.push((column, "is neither in --inputs nor in --outputs and left out".to_owned())),
+            (false, true) => outputs.push(*column),
+            (false, false) => inputs.push(*column),
+        }
+    }
+    if inputs.is_empty() || outputs.is_empty() {
+        let why: Vec<String> = others.iter().map(|(column, why)| format!("`{}` {why}", column.title)).collect();
+        let found = if why.is_empty() { String::new() } else { format!(" ({})", why.join("; ")) };
+        let what = if outputs.is_empty() && !usable.is_empty() { "output" } else { "input" };
+        let expected = "expected two columns of numbers that vary, or a column that is the time, which --time names";
+        return Err(table.mistake_in_header(&format!("no column is left for an {what}{found}: {expected}")));
+    }
+    Ok(Roles { inputs, outputs, others, reason: is_output.1 })
+}
+
+/// Which of the columns are outputs, and how that was found.
+fn guess(usable: &[(usize, &RowColumn)], inputs: &[usize], outputs: &[usize]) -> (Vec<bool>, &'static str) {
+    let of = |is: &dyn Fn(usize, &RowColumn) -> bool| {
+        usable.iter().map(|(position, column)| is(*position, column)).collect()
+    };
+    if !outputs.is_empty() {
+        return (of(&|position, _| outputs.contains(&position)), "by --outputs");
+    }
+    if !inputs.is_empty() {
+        return (of(&|position, _| !inputs.contains(&position)), "all but --inputs");
+    }
+    let has = |name: &str| usable.iter().any(|(_, column)| column.title.eq_ignore_ascii_case(name));
+    // a function of x and y is z
+    let is_surface = ["x", "y", "z"].into_iter().all(has);
+    let is_named = |_: usize, column: &RowColumn| match is_surface {
+        true => column.title.eq_ignore_ascii_case("z"),
+        false => is_result(&column.title),
+    };
+    let named: Vec<bool> = of(&is_named);
+    let count = named.iter().filter(|named| **named).count();
+    if count > 0 && count < usable.len() {
+        return (named, "by name");
+    }
+    let last = usable.last().map(|(position, _)| *position);
+    (of(&|position, _| Some(position) == last), "the last column")
+}
+
+/// Whether a column of this name is a result.
+fn is_result(title: &str) -> bool {
+    let title = title.to_lowercase();
+    let bare = title.split(['(', '[']).next().unwrap_or_default();
+    let bare = bare.trim_end_matches(|c: char| c.is_ascii_digit() || matches!(c, '_' | '.' | '-' | ' '));
+    OUTPUTS.iter().any(|name| bare == *name || name.len() > 3 && bare.starts_with(name))
+}
+
+/// Whether a column of this name may number the rows.
+fn is_number_of_rows(title: &str) -> bool {
+    let bare: String = title.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect();
+    // `#` and the like
+    bare.is_empty() || NUMBERS.iter().any(|name| bare == *name || bare.strip_suffix("id") == Some(name))
+}
+
+/// The first column, if it may be a time whose name is unknown.
+fn looks_like_time<'a>(columns: &'a [RowColumn], values: &[f64], args: &NewArgs) -> Option<&'a str> {
+    let first = columns.first()?;
+    let grows = values.windows(2).all(|pair| pair[0] < pair[1]);
+    let is_even = values.len() == first.numbers && values.len() >= MANY && grows && stamps::period(values).is_some();
+    (is_even && args.structure.is_none() && !is_number_of_rows(&first.title)).then_some(first.title.as_str())
+}
+
+fn text(target: &StudyTarget, file: &Path, rows: usize, roles: &Roles) -> String {
+    let Roles { inputs, outputs, others, reason } = roles;
+    let (name, file) = (target.name, target.path_from(file));
+    let renamed = inputs.iter().chain(outputs).filter(|column| column.name != column.title);
+    let renamed: Vec<String> =
+        renamed.map(|column| format!("{} = {}", key(&column.name), quoted(&column.title))).collect();
+    let columns = match renamed.is_empty() {
+        true => String::new(),
+        false => format!("columns = {{ {} }}    # names in the table\n", renamed.join(", ")),
+    };
+    let mut text = format!(
+        "# Made by `metafmu new {name} --table {file}`; build it with `metafmu build {name}.toml`.
+
+name = \"{name}\"    # names the outputs and the FMU
+structure = \"static\"        # outputs follow from inputs alone: the rows have no time
+seed = 1                    # everything random follows from it
+
+[source]
+table = {}    # {rows} rows; relative to this file
+{columns}
+[inputs]                    # inputs of the FMU; unless given, `min` and `max` are those of the table, and `start` is between them
+",
+        quoted(&file),
+    );
+    let entry = |column: &RowColumn| {
+        let unit = if column.unit.is_empty() { String::new() } else { format!(" unit = {} ", quoted(&column.unit)) };
+        format!("{} = {{{unit}}}", key(&column.name))
+    };
+    for column in inputs {
+        // writing to a string does not fail
+        let _ = writeln!(text, "{}    # {} to {}", entry(column), column.min, column.max);
+    }
+    for (column, why) in others {
+        let _ = writeln!(text, "# {} {why}", column.title.replace(char::is_control, " "));
+    }
+    let _ = writeln!(text, "\n[outputs]                   # {reason}; columns may be moved between inputs and outputs");
+    for column in outputs {
+        let _ = writeln!(text, "{}    # {} to {}", entry(column), column.min, column.max);
+    }
+    text + "
+[static]
+# model = \"network\"         # unless given, the best of a polynomial, a Gaussian process (up to 1000 rows) and a network
+
+# [bounds]                  # error bounds of the outputs
+# coverage = 0.95           # share of further rows that are expected within
+
+[export]                    # the FMU, and what it says about itself
+fmi = \"2\"                   # version of the standard: \"2\" (more hosts know it), \"3\" or \"both\"
+# author = \"...\"
+# copyright = \"...\"
+# license = \"...\"           # of the model: none is granted unless it is stated here
+"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cli::{Cli, Command};
+    use clap::Parser;
+
+    fn column(title: &str) -> RowColumn {
+        let (name, unit) = (title.to_owned(), String::new());
+        RowColumn { title: title.into(), name, unit, min: 0.0, max: 1.0, numbers: 9, texts: 0, counts: false }
+    }
+
+    /// The columns that are guessed to be outputs.
+    fn guessed(titles: &[&str]) -> Vec<String> {
+        let columns: Vec<RowColumn> = titles.iter().map(|title| column(title)).collect();
+        let usable: Vec<(usize, &RowColumn)> = columns.iter().enumerate().collect();
+        let (outputs, _) = guess(&usable, &[], &[]);
+        titles.iter().zip(outputs).filter(|(_, is_output)| *is_output).map(|(title, _)| (*title).to_owned()).collect()
+    }
+
+    #[test]
+    fn outputs_are_those_that_users_call_so_else_the_last_column() {
+        for (titles, expected) in [
+            (&["x1", "x2", "y"][..], &["y"][..]),
+            (&["y1", "a", "y_2"], &["y1", "y_2"]),
+            (&["x", "y", "z"], &["z"]),
+            (&["X", "Y"], &["Y"]),
+            (&["f(x)", "x"], &["f(x)"]),
+            (&["Output 1 [N]", "a", "b"], &["Output 1 [N]"]),
+            (&["result_drag", "cd", "speed"], &["result_drag"]),
+            (&["fuel", "yield", "outer"], &["outer"]),
+            (&["a", "b", "drag"], &["drag"]),
+            (&["y1", "y2", "y3"], &["y3"]),
+            (&["Ergebnis", "Druck"], &["Ergebnis"]),
+        ] {
+            assert_eq!(guessed(titles), expected, "{titles:?}");
+        }
+    }
+
+    #[test]
+    fn columns_that_number_rows_have_names_of_numbers() {
+        let is = ["id", "ID", "No.", "#", "run_id", "Lfd. Nr.", "Unnamed: 0", "index", "case"];
+        assert!(is.into_iter().all(is_number_of_rows), "{is:?}");
+        let is_not = ["x", "gear", "humid", "notch", "months"];
+        assert!(!is_not.into_iter().any(is_number_of_rows), "{is_not:?}");
+    }
+
+    #[test]
+    fn a_first_column_that_grows_evenly_may_be_a_time() {
+        let columns = [RowColumn { numbers: 40, ..column("stamp") }];
+        let arguments = ["metafmu", "new", "s", "--table", "t.csv"];
+        let Command::New(args) = Cli::try_parse_from(arguments).unwrap().command else { panic!("{arguments:?}") };
+        let even: Vec<f64> = (0..40).map(|row| 0.1 * f64::from(row)).collect();
+        assert_eq!(looks_like_time(&columns, &even, &args), Some("stamp"));
+        let mut uneven = even.clone();
+        uneven[20] += 0.03;
+        assert_eq!(looks_like_time(&columns, &uneven, &args), None);
+        assert_eq!(looks_like_time(&columns, &even[..20], &args), None);
+    }
+}
