@@ -279,6 +279,23 @@ def test_a_study_is_built(tmp_path, capfd):
         metafmu.Study.load(tmp_path / "study.toml")
 
 
+def test_a_study_of_a_table_without_a_time_is_the_same_fit(tmp_path, capfd):
+    x = np.random.default_rng(0).uniform(-1, 1, (40, 2))
+    y = np.sin(x[:, 0]) * x[:, 1]
+    rows = "".join(f"{a!r},{b!r},{c!r}\n" for (a, b), c in zip(x.tolist(), y.tolist()))
+    (tmp_path / "points.csv").write_text("a,b,y\n" + rows)
+    text = 'name = "map"\nstructure = "static"\nseed = 0\n[source]\ntable = "points.csv"\n[inputs]\na = {}\nb = {}\n[outputs]\ny = {}\n'
+    (tmp_path / "map.toml").write_text(text)
+    result = metafmu.Study.load(tmp_path / "map.toml").build(tmp_path / "out", fmi="both")
+    assert "fitting to 40 rows" in capfd.readouterr().err
+    assert result.accepted and not result.problems and [fmu.name for fmu in result.fmus] == ["map.fmu", "map-fmi3.fmu"]
+    assert result.metrics["rows"] == "cross-validated" and result.report._repr_html_().startswith("<iframe srcdoc=")
+    fitted = metafmu.fit(x, y, inputs=["a", "b"], outputs=["y"])
+    assert fitted.model == result.metrics["static_map"]["exported"]
+    assert np.array_equal(fitted.predict(x), result.surrogate.predict(x)) and result.surrogate.in_domain(x).all()
+    assert fitted.accuracy["y"]["r2"] == result.metrics["outputs"]["y"]["r2"]
+
+
 INTERRUPTED = """
 import os, signal, threading
 import numpy as np

@@ -54,6 +54,9 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
                 Clock::Sampled(_) =>
                     "It goes on from sample to sample, driven by its inputs; between samples outputs are linear in time, and any \
                      communication step size will do",
+                Clock::Static if surrogate.time_column().is_none() => {
+                    "It computes its outputs directly from its inputs and parameters, any step size will do"
+                }
                 Clock::Static => {
                     "It computes its outputs directly from its inputs, parameters and the time, any step size will do"
                 }

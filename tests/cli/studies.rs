@@ -209,6 +209,12 @@ fn a_study_of_a_table_keeps_the_names_of_its_columns_and_takes_no_number_of_a_ru
     let (code, study, says) = new(&header.replace("Zeit", "Uhr"), &rows, &["--time", "Uhr [s]", "--run", "Lauf"]);
     assert!(code == Some(0) && study.contains("columns = { time = \"Uhr\", run = \"Lauf\""), "{says}{study}");
     let (code, _, says) = new(&header.replace("Zeit", "Uhr"), &rows, &[]);
+    assert!(
+        code == Some(0)
+            && says.contains("column `Uhr` has seconds that grow from 0: if it is the time, --time \"Uhr\""),
+        "{says}"
+    );
+    let (code, _, says) = new(&header.replace("Zeit", "Uhr"), &rows, &["--structure", "response"]);
     assert!(code == Some(2) && says.contains("none of the columns is the time (Lauf, Uhr, "), "{says}");
     let (code, _, says) = new(&header.replace("[s]", "[ms]"), &rows, &[]);
     assert!(code == Some(2) && says.contains("runs.csv:1: column `Zeit`: unit `ms`, expected `s`"), "{says}");

@@ -67,6 +67,9 @@ const NUMBERS: [&str; 22] = [
     "n",
 ];
 
+/// Unit of a time.
+const SECONDS: &str = "s";
+
 /// Fewest rows of a column that may be a time whose name is unknown.
 const MANY: usize = 30;
 
@@ -84,6 +87,8 @@ struct RowColumn {
     texts: usize,
     /// Whether its values are 0, 1, 2, ... or 1, 2, 3, ...
     counts: bool,
+    /// Its values, of the first column and of those in seconds, which may be a time.
+    values: Vec<f64>,
 }
 
 /// Roles of the columns.
@@ -103,7 +108,7 @@ pub(super) fn has_no_time(file: &Path, args: &NewArgs) -> Result<bool> {
 
 pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let mut table = Table::open(file)?;
-    let (columns, rows, first) = survey(&mut table)?;
+    let (columns, rows) = survey(&mut table)?;
     let roles = roles(&table, &columns, args)?;
     for (RowColumn { title, .. }, why) in &roles.others {
         say(format_args!("column `{title}`: {why}"));
@@ -114,9 +119,9 @@ pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result
         "a table without a time: outputs are {outputs} ({reason}), inputs {}; --inputs or --outputs COLUMNS changes that",
         names(&roles.inputs)
     ));
-    if let Some(title) = looks_like_time(&columns, &first, args) {
+    if let Some((title, how)) = looks_like_time(&columns, args) {
         say(format_args!(
-            "column `{title}` grows evenly from row to row: if it is the time, --time {} makes a study of recorded runs",
+            "column `{title}` {how}: if it is the time, --time {} makes a study of recorded runs",
             quoted(title)
         ));
     }
@@ -128,8 +133,8 @@ pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result
     Ok(text)
 }
 
-/// The columns, the number of rows, and the values of the first column.
-fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize, Vec<f64>)> {
+/// The columns, and the number of rows.
+fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize)> {
     let positions: Vec<usize> = (0..table.columns().len()).collect();
     let column = |(title, name, unit)| RowColumn {
         title,
@@ -140,9 +145,10 @@ fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize, Vec<f64>)> {
         numbers: 0,
         texts: 0,
         counts: true,
+        values: Vec::new(),
     };
     let mut columns: Vec<RowColumn> = columns_of(table, &positions).into_iter().map(column).collect();
-    let (mut rows, mut first) = (0, Vec::new());
+    let mut rows = 0;
     while table.next_row()? {
         for (position, column) in columns.iter_mut().enumerate() {
             let Ok(value) = table.number(position) else {
@@ -150,8 +156,8 @@ fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize, Vec<f64>)> {
                 column.counts = false;
                 continue;
             };
-            if position == 0 {
-                first.push(value);
+            if position == 0 || column.unit == SECONDS {
+                column.values.push(value);
             }
             column.numbers += 1;
             (column.min, column.max) = (column.min.min(value), column.max.max(value));
@@ -162,7 +168,7 @@ fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize, Vec<f64>)> {
     if rows == 0 {
         return Err(table.mistake("no rows, expected at least two: one judges a model of the other"));
     }
-    Ok((columns, rows, first))
+    Ok((columns, rows))
 }
 
 /// Whether a cell is neither empty nor a number that is not finite.
@@ -256,12 +262,28 @@ fn is_number_of_rows(title: &str) -> bool {
     bare.is_empty() || NUMBERS.iter().any(|name| bare == *name || bare.strip_suffix("id") == Some(name))
 }
 
-/// The first column, if it may be a time whose name is unknown.
-fn looks_like_time<'a>(columns: &'a [RowColumn], values: &[f64], args: &NewArgs) -> Option<&'a str> {
-    let first = columns.first()?;
-    let grows = values.windows(2).all(|pair| pair[0] < pair[1]);
-    let is_even = values.len() == first.numbers && values.len() >= MANY && grows && stamps::period(values).is_some();
-    (is_even && args.structure.is_none() && !is_number_of_rows(&first.title)).then_some(first.title.as_str())
+/// A column that may be a time whose name is unknown, and why: the first one that grows evenly, or one in seconds that grows from 0, once or in every
+/// run again.
+fn looks_like_time<'a>(columns: &'a [RowColumn], args: &NewArgs) -> Option<(&'a str, &'static str)> {
+    let is_even = |(position, column): &(usize, &RowColumn)| {
+        let RowColumn { title, values, .. } = column;
+        let grows = values.windows(2).all(|pair| pair[0] < pair[1]);
+        *position == 0 && values.len() >= MANY && grows && stamps::period(values).is_some() && !is_number_of_rows(title)
+    };
+    let restarts = |column: &RowColumn| {
+        let values = &column.values;
+        let (rises, falls): (Vec<&[f64]>, Vec<&[f64]>) = values.windows(2).partition(|pair| pair[0] < pair[1]);
+        column.unit == SECONDS
+            && values.first() == Some(&0.0)
+            && rises.len() > falls.len()
+            && falls.iter().all(|pair| pair[1] == 0.0)
+    };
+    let found = |(position, column): (usize, &'a RowColumn)| match () {
+        () if is_even(&(position, column)) => Some((column.title.as_str(), "grows evenly from row to row")),
+        () if restarts(column) => Some((column.title.as_str(), "has seconds that grow from 0")),
+        () => None,
+    };
+    columns.iter().enumerate().filter(|_| args.structure.is_none()).find_map(found)
 }
 
 fn text(target: &StudyTarget, file: &Path, rows: usize, roles: &Roles) -> String {
@@ -326,7 +348,17 @@ mod tests {
 
     fn column(title: &str) -> RowColumn {
         let (name, unit) = (title.to_owned(), String::new());
-        RowColumn { title: title.into(), name, unit, min: 0.0, max: 1.0, numbers: 9, texts: 0, counts: false }
+        RowColumn {
+            title: title.into(),
+            name,
+            unit,
+            min: 0.0,
+            max: 1.0,
+            numbers: 9,
+            texts: 0,
+            counts: false,
+            values: Vec::new(),
+        }
     }
 
     /// The columns that are guessed to be outputs.
@@ -366,14 +398,19 @@ mod tests {
 
     #[test]
     fn a_first_column_that_grows_evenly_may_be_a_time() {
-        let columns = [RowColumn { numbers: 40, ..column("stamp") }];
+        let of =
+            |values: &[f64], unit: &str| [RowColumn { unit: unit.into(), values: values.to_vec(), ..column("stamp") }];
         let arguments = ["metafmu", "new", "s", "--table", "t.csv"];
         let Command::New(args) = Cli::try_parse_from(arguments).unwrap().command else { panic!("{arguments:?}") };
         let even: Vec<f64> = (0..40).map(|row| 0.1 * f64::from(row)).collect();
-        assert_eq!(looks_like_time(&columns, &even, &args), Some("stamp"));
+        assert_eq!(looks_like_time(&of(&even, ""), &args), Some(("stamp", "grows evenly from row to row")));
         let mut uneven = even.clone();
         uneven[20] += 0.03;
-        assert_eq!(looks_like_time(&columns, &uneven, &args), None);
-        assert_eq!(looks_like_time(&columns, &even[..20], &args), None);
+        assert_eq!(looks_like_time(&of(&uneven, ""), &args), None);
+        assert_eq!(looks_like_time(&of(&even[..20], ""), &args), None);
+        let runs = [0.0, 0.3, 1.0, 0.0, 0.5, 1.0];
+        assert_eq!(looks_like_time(&of(&runs, "s"), &args), Some(("stamp", "has seconds that grow from 0")));
+        assert_eq!(looks_like_time(&of(&runs, "m"), &args), None);
+        assert_eq!(looks_like_time(&of(&[0.0, 2.0, 1.0, 3.0], "s"), &args), None);
     }
 }

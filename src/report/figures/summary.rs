@@ -22,7 +22,7 @@ pub fn summary(material: &Material) -> Section {
             let parameters = evaluated.test.parameters.len() - inputs - outputs.len();
             (format!("past outputs, past inputs ({inputs}) and parameters ({parameters})"), "samples")
         }
-        0 if evaluated.is_of_rows() => (format!("{} inputs", evaluated.test.parameters.len()), "rows"),
+        0 if evaluated.is_of_rows() => (inputs(evaluated.test.parameters.len()), "rows"),
         0 => (format!("{} parameters and the time", evaluated.test.parameters.len()), "rows"),
         states => {
             let parameters = evaluated.test.parameters.len() - states;
@@ -51,9 +51,10 @@ pub fn summary(material: &Material) -> Section {
         None => format!("{test_runs} runs of the original model, {test_rows} rows, {unseen}"),
     };
     blocks.push(paragraph(&format!(
-        "{} {} outputs from {from}. It was trained on {} {learned}. Everything below was measured on {measured}.",
+        "{} {} output{} from {from}. It was trained on {} {learned}. Everything below was measured on {measured}.",
         if is_of_rows { "A static map gives".into() } else { network(material) },
         outputs.len(),
+        if outputs.len() == 1 { "" } else { "s" },
         metadata.provenance.train_rows,
     )));
     let headings = ["output", "unit", "R²", "RMS error, of the range", "largest error, of the range", "where"];
@@ -107,6 +108,11 @@ pub fn summary(material: &Material) -> Section {
     });
     blocks.push(table(&["variable", "kind", "from", "to", "unit", "meaning"], rows));
     Section { id: "summary", title: "Summary".into(), blocks }
+}
+
+/// So many inputs, as text.
+fn inputs(count: usize) -> String {
+    if count == 1 { "1 input".into() } else { format!("{count} inputs") }
 }
 
 /// An error in the output's unit and, below it, as a share of the output's range.
