@@ -54,7 +54,7 @@ pub enum Command {
   metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
   metafmu new my-component --table runs.csv --structure discrete --inputs force,voltage    # driven by columns of the table
   metafmu new my-map --table points.csv    # rows without a time: columns follow from columns
-  metafmu new my-map --table points.csv --inputs speed,torque
+  metafmu new my-loss --table points.csv --inputs speed,torque
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an \
 FMU without such parameters the first ones vary by a tenth around their start values: review the study.
