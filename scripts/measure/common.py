@@ -1,6 +1,27 @@
-"""Where the checkout and its command are."""
+"""Where the checkout and its command are, and how a study is built."""
 
+import re
+import subprocess
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 METAFMU = ROOT / "target" / "release" / "metafmu"
+
+
+def run(folder, *arguments):
+    """What a command prints; a surrogate that is rejected is measured as well."""
+    done = subprocess.run([METAFMU, *map(str, arguments)], cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    if done.returncode and "\nrejected: " not in done.stdout:
+        raise SystemExit(f"error: metafmu {' '.join(map(str, arguments))}: {done.stdout}")
+    return done.stdout
+
+
+def build_record(folder, table, seed):
+    """Builds the study that `metafmu new` writes for a record with an input `u`; what is printed is also in build.txt."""
+    study = folder / "study.toml"
+    study.unlink(missing_ok=True)
+    run(folder, "new", "study", "--table", table, "--structure", "discrete", "--inputs", "u")
+    study.write_text(re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study.read_text()))
+    text = run(folder, "build", "study.toml")
+    (folder / "build.txt").write_text(text)
+    return text

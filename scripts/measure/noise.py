@@ -9,11 +9,10 @@ Usage: .venv/bin/python scripts/measure noise [--rows 2000] [--noise 0.05] [--se
 
 import argparse
 import re
-import subprocess
 from pathlib import Path
 
 import numpy as np
-from common import METAFMU
+from common import build_record, run
 from scipy.signal import cont2discrete, dlsim
 
 STEP = 0.05
@@ -48,13 +47,6 @@ def arx(u, y, unseen):
     return found
 
 
-def run(folder, *arguments):
-    done = subprocess.run([METAFMU, *map(str, arguments)], cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    if done.returncode and "\nrejected: " not in done.stdout:
-        raise SystemExit(f"error: metafmu {' '.join(map(str, arguments))}: {done.stdout}")
-    return done.stdout
-
-
 def measure(rows, noise, seed, folder):
     random = np.random.default_rng(seed)
     (u, y), (unseen, truth) = record(random, rows), record(random, rows)
@@ -62,24 +54,17 @@ def measure(rows, noise, seed, folder):
     noisy, measured = (signal + deviation * random.standard_normal(rows) for signal in (y, truth))
     folder.mkdir(parents=True, exist_ok=True)
     times = np.arange(rows) * STEP
-    write = lambda name, *columns: np.savetxt(folder / name, np.column_stack(columns), fmt="%.12g", delimiter=",", header="time,u,y", comments="")
-    write("record.csv", times, u, noisy)
-    # a run from rest: its first output is what it would be without noise
-    write("test.csv", times, unseen, truth)
-    (folder / "study.toml").unlink(missing_ok=True)
+
+    def write(name, header, *columns):
+        np.savetxt(folder / name, np.column_stack([times, *columns]), fmt="%.12g", delimiter=",", header=header, comments="")
+
+    write("record.csv", "time,u,y", u, noisy)
+    write("inputs.csv", "time,u,y_start", unseen, np.zeros(rows))
+    kind = re.search(r"exported: ([\w-]+)", build_record(folder, "record.csv", seed)).group(1)
     (folder / "found.csv").unlink(missing_ok=True)
-    run(folder, "new", "study", "--table", "record.csv", "--structure", "discrete", "--inputs", "u")
-    study = (folder / "study.toml").read_text()
-    (folder / "study.toml").write_text(re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study))
-    (folder / "build.txt").write_text(run(folder, "build", "study.toml"))
-    start = ["--out", "found.csv"]
-    table = np.genfromtxt(folder / "test.csv", delimiter=",", names=True)
-    np.savetxt(folder / "inputs.csv", np.column_stack([times, unseen, np.full(rows, 0.0)]), fmt="%.12g", delimiter=",", header="time,u,y_start", comments="")
-    run(folder, "predict", "study.toml", "inputs.csv", *start)
+    run(folder, "predict", "study.toml", "inputs.csv", "--out", "found.csv")
     found = np.genfromtxt(folder / "found.csv", delimiter=",", names=True)["y"]
-    kind = re.search(r"exported: ([\w-]+)", (folder / "build.txt").read_text()).group(1)
     error = lambda values: np.sqrt(np.mean((values - measured) ** 2)) / deviation
-    del table
     return error(truth), error(found), error(arx(u, noisy, unseen)), kind
 
 

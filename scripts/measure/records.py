@@ -1,6 +1,6 @@
 """Measures surrogates of public records of measurements: Cascaded Tanks and Silverbox, by the studies that `metafmu new` writes.
 
-The surrogate of the rows for estimation simulates the official test rows, from 50 measured samples; errors are root mean squares of what follows.
+The FMU of the rows for estimation simulates the official test rows in fmpy, from 50 measured samples; errors are root mean squares of what follows.
 FOLDER has cascaded-tanks.csv and silverbox.csv (nonlinearbenchmark.org); results are written to out/.
 
 Usage: .venv/bin/python scripts/measure records --data FOLDER [--seeds 3] [--out FOLDER] [RECORD...]
@@ -9,11 +9,11 @@ Usage: .venv/bin/python scripts/measure records --data FOLDER [--seeds 3] [--out
 import argparse
 import re
 import resource
-import subprocess
 from pathlib import Path
 
 import numpy as np
-from common import METAFMU
+from common import build_record
+from fmpy import simulate_fmu
 
 GIVEN = 50
 
@@ -34,17 +34,18 @@ def silverbox(file):
 RECORDS = {"cascaded-tanks": (tanks, "V", 1), "silverbox": (silverbox, "mV", 1e3)}
 
 
-def write(file, rows, step, given=0):
-    times = (np.arange(len(rows)) - given) * step
-    np.savetxt(file, np.column_stack([times, rows]), fmt="%.12g", delimiter=",", header="time,u,y", comments="")
+def write(file, rows, step):
+    table = np.column_stack([np.arange(len(rows)) * step, rows])
+    np.savetxt(file, table, fmt="%.12g", delimiter=",", header="time,u,y", comments="")
 
 
-def run(folder, *arguments):
-    done = subprocess.run([METAFMU, *map(str, arguments)], cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
-    # a surrogate that is rejected is measured as well
-    if done.returncode and "\nrejected: " not in done.stdout:
-        raise SystemExit(f"error: metafmu {' '.join(map(str, arguments))}: {done.stdout}")
-    return done.stdout
+def simulated(fmu, rows, step):
+    """Outputs of the FMU in fmpy, from measured rows."""
+    times = np.arange(len(rows)) * step
+    signals = np.zeros(len(rows), [("time", float), ("u", float), ("y_measured", float), ("use_measured", bool)])
+    signals["time"], signals["u"], signals["y_measured"], signals["use_measured"] = times, rows[:, 0], rows[:, 1], np.arange(len(rows)) < GIVEN
+    result = simulate_fmu(str(fmu), input=signals, output=["y"], stop_time=times[-1], output_interval=step, fmi_type="CoSimulation")
+    return result["y"][: len(rows)]
 
 
 def measure(name, data, seed, folder):
@@ -53,24 +54,12 @@ def measure(name, data, seed, folder):
     folder = folder / f"{name}-{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     write(folder / "estimation.csv", training, step)
-    study = folder / "study.toml"
-    study.unlink(missing_ok=True)
-    run(folder, "new", "study", "--table", "estimation.csv", "--structure", "discrete", "--inputs", "u")
-    study.write_text(re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study.read_text()))
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    (folder / "build.txt").write_text(run(folder, "build", "study.toml"))
+    exported = re.search(r"exported: ([\w-]+)", build_record(folder, "estimation.csv", seed)).group(1)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    errors = []
-    for test, rows in tests.items():
-        file = folder / f"{test.replace(' ', '-')}.csv"
-        write(file, rows, step, GIVEN)
-        found = folder / f"{file.stem}-predicted.csv"
-        found.unlink(missing_ok=True)
-        run(folder, "predict", "study.toml", file, "--out", found)
-        outputs = np.genfromtxt(found, delimiter=",", names=True)
-        errors.append(factor * np.sqrt(np.mean((outputs["y"] - rows[len(rows) - len(outputs) :, 1])[-(len(rows) - GIVEN) :] ** 2)))
-    return errors, seconds
+    rests = [simulated(folder / "out/study/study.fmu", rows, step)[GIVEN:] - rows[GIVEN:, 1] for rows in tests.values()]
+    return [factor * np.sqrt(np.mean(rest**2)) for rest in rests], seconds, exported
 
 
 def main():
@@ -81,11 +70,13 @@ def main():
     parser.add_argument("--out", type=Path, default=Path("out/records"))
     options = parser.parse_args()
     for name in options.record or RECORDS:
-        found = [measured for seed in range(1, options.seeds + 1) for measured in [measure(name, options.data, seed, options.out.resolve())]]
-        for errors, seconds in found:
-            print(f"{name}: {' / '.join(f'{error:.3g}' for error in errors)} {RECORDS[name][1]}, {seconds:.0f} s", flush=True)
-        median = np.median([errors for errors, _ in found], axis=0)
-        print(f"{name}, median: {' / '.join(f'{error:.3g}' for error in median)} {RECORDS[name][1]}")
+        unit, listed = RECORDS[name][1], lambda errors: " / ".join(f"{error:.3g}" for error in errors)
+        found = []
+        for seed in range(1, options.seeds + 1):
+            errors, seconds, exported = measure(name, options.data, seed, options.out.resolve())
+            print(f"{name}, seed {seed}: {listed(errors)} {unit}, {seconds:.0f} s of processor time, {exported}", flush=True)
+            found.append(errors)
+        print(f"{name}, median: {listed(np.median(found, axis=0))} {unit}")
 
 
 if __name__ == "__main__":

@@ -368,11 +368,11 @@ def test_predict_starts_from_rows_before_the_start(tmp_path, model):
         np.testing.assert_allclose((errors[~is_given] ** 2).sum() / count, metrics["outputs"][name]["mse"], rtol=1e-9)
     # without measured outputs it starts from start values, and is wrong at first
     stripped = tmp_path / "stripped.csv"
-    names = [name for name in measured[0] if name not in ("position", "speed")]
+    names = [name for name in measured[0] if not name.startswith(("position", "speed"))]
     stripped.write_text("\n".join([",".join(names), *(",".join(row[name] for name in names) for row in measured)]) + "\n")
     metafmu("predict", tmp_path / "out" / "plant.safetensors", stripped, "--out", found)
-    first = int(np.flatnonzero(is_given[:-1] & ~is_given[1:])[0]) + 1
-    assert abs(float(read(found)[first]["position"]) - float(predicted[first]["position"])) > 1e-6
+    errors = [abs(float(a["position"]) - float(b["position"])) for a, b in zip(measured, read(found))]
+    assert max(np.array(errors)[is_given]) > 1e-6
 
 
 def test_predict_rolls_out_the_runs_of_a_table(built, tmp_path):

@@ -96,16 +96,16 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
         (order - 1) * samples.counts[2],
     )));
     let shape = search.shape(order, kind);
-    let mut model = |runs: &[Signals], is_seen: &dyn Fn(usize) -> bool| {
-        search.advance(&Data::new(runs, is_seen), &shape, penalty, LAST_ITERATIONS, &mut fitted);
+    let mut model = |runs: &[Signals], is_seen: &dyn Fn(usize) -> bool, iterations: usize| {
+        search.advance(&Data::new(runs, is_seen), &shape, penalty, iterations, &mut fitted);
         export::model(samples, &shape, &fitted.coefficients, &fitted.gain)
     };
     let of_training = |run: usize| run < samples.training.len();
     let learned = match &runs.all {
-        Some(all) => model(all, &of_training),
+        Some(all) => model(all, &of_training, LAST_ITERATIONS),
         None => {
-            let learned = model(&runs.few, &of_training);
-            LearnedDiscrete { refitted: Some(Box::new(model(&runs.few, &|_| true))), ..learned }
+            let learned = model(&runs.few, &of_training, 0);
+            LearnedDiscrete { refitted: Some(Box::new(model(&runs.few, &|_| true, ITERATIONS))), ..learned }
         }
     };
     let stopped = if is_stopped() { StopReason::Interrupted } else { StopReason::Solved };
