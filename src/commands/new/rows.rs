@@ -113,6 +113,11 @@ pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result
     for (RowColumn { title, .. }, why) in &roles.others {
         say(format_args!("column `{title}`: {why}"));
     }
+    for RowColumn { title, name, .. } in roles.inputs.iter().chain(&roles.outputs).filter(|of| of.name != of.title) {
+        say(format_args!(
+            "column `{title}`: called `{name}` in the study, and where the FMU or `predict` reads a table"
+        ));
+    }
     let names = |columns: &[&RowColumn]| columns.iter().map(|of| of.title.as_str()).collect::<Vec<_>>().join(", ");
     let (outputs, reason) = (names(&roles.outputs), roles.reason);
     say(format_args!(
@@ -182,6 +187,14 @@ fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<
     if let Some(both) = wanted_inputs.iter().find(|position| wanted_outputs.contains(position)) {
         let problem =
             format!("column `{}` is among --inputs and --outputs, expected one of them", columns[*both].title);
+        return Err(table.mistake_in_header(&problem));
+    }
+    let is_text = |position: &&usize| columns[**position].texts > columns[**position].numbers;
+    let texts: Vec<String> = (wanted_inputs.iter().chain(&wanted_outputs).filter(is_text))
+        .map(|position| format!("`{}`", columns[*position].title))
+        .collect();
+    if !texts.is_empty() {
+        let problem = format!("{} of --inputs and --outputs: text, expected columns of numbers", texts.join(", "));
         return Err(table.mistake_in_header(&problem));
     }
     let (mut others, mut usable) = (Vec::new(), Vec::new());

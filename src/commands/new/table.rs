@@ -46,6 +46,8 @@ pub(super) struct ColumnProfile {
     pub(super) max: f64,
     /// Value in the current run's first row.
     first: f64,
+    /// Value in the first row.
+    start: f64,
     /// Whether it has one value in every run.
     pub(super) is_constant_in_runs: bool,
     /// Whether its values in the runs are 0, 1, 2, ... or 1, 2, 3, ...
@@ -97,7 +99,7 @@ pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String
     let problem = match (roles.varied.is_empty() && !is_discrete, roles.outputs.is_empty()) {
         (true, _) => {
             "no column has one value in each run and others in other runs: there is no parameter; of columns that drive the others say \
-             --structure discrete --inputs COLUMNS"
+             --structure discrete --inputs COLUMNS, of a table without a time --structure static"
         }
         (_, true) => "no column changes in a run: there is no output",
         _ => "",
@@ -209,6 +211,7 @@ fn named(table: &Table, positions: &[usize]) -> Vec<ColumnProfile> {
         min: f64::INFINITY,
         max: f64::NEG_INFINITY,
         first: f64::NAN,
+        start: f64::NAN,
         is_constant_in_runs: true,
         counts_runs: true,
         is_text: false,
@@ -273,6 +276,7 @@ impl ColumnProfile {
         if begins {
             self.counts_runs &= value == count as f64 + self.min && (self.min == 0.0 || self.min == 1.0);
             self.first = value;
+            self.start = if count == 0 { value } else { self.start };
         } else if value != self.first {
             self.is_constant_in_runs = false;
         }
@@ -395,9 +399,14 @@ step = {step:?}                 # s; {steps}
     let sections = [("inputs", inputs), ("outputs", outputs)];
     for (section, columns) in sections.into_iter().filter(|(_, columns)| !columns.is_empty()) {
         let _ = writeln!(text, "\n[{section}]");
-        for ColumnProfile { name, unit: of, .. } in columns {
-            let unit = unit(of);
-            let _ = writeln!(text, "{} = {{{}}}", key(name), if unit.is_empty() { unit } else { format!(" {unit} ") });
+        for ColumnProfile { name, unit: of, min, max, start, .. } in columns {
+            // zero, the value before the start unless given, is far from such inputs
+            let is_away = section == "inputs" && !(*min..=*max).contains(&0.0);
+            let start = if is_away { format!("start = {start:?}") } else { String::new() };
+            let options: Vec<String> = [unit(of), start].into_iter().filter(|option| !option.is_empty()).collect();
+            let options = options.join(", ");
+            let braced = if options.is_empty() { options } else { format!(" {options} ") };
+            let _ = writeln!(text, "{} = {{{braced}}}", key(name));
         }
     }
     let test_runs = if pieces > 1.0 { run_count / 5 } else { run_count / 10 }.max(1);

@@ -199,6 +199,8 @@ struct DiscreteSamples<'a> {
     validation: Vec<&'a Run>,
     /// Mean and standard deviation of each parameter, input and output.
     scales: [ColumnMoments; 3],
+    /// Past samples that every run knows at its first prediction.
+    known: usize,
 }
 
 /// Regressors of all samples of some runs, standardised: `[samples, columns]`, and the outputs that follow.
@@ -234,7 +236,13 @@ impl<'a> DiscreteSamples<'a> {
         let points: Vec<Vec<f64>> = training.iter().map(|run| run.parameters[..counts[0]].to_vec()).collect();
         let scales =
             [scaling::of_columns(&points), rows(|run| &run.inputs, counts[1]), rows(|run| &run.outputs, counts[2])];
-        Self { counts, step: study.time.step, training, validation, scales }
+        // before a run from rest nothing moved, whatever the number
+        let known = |run: &&Run| match run.times.partition_point(|time| *time < 0.0) {
+            0 => usize::MAX,
+            given => given + 1,
+        };
+        let known = training.iter().chain(&validation).copied().map(|run| known(&run)).min().unwrap_or(usize::MAX);
+        Self { counts, step: study.time.step, training, validation, scales, known }
     }
 
     /// Number of samples that follow from those before.
@@ -245,16 +253,16 @@ impl<'a> DiscreteSamples<'a> {
     /// Models of a kind, with different numbers of samples or terms.
     fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<Vec<LearnedDiscrete>> {
         let study = &project.study;
-        let options = &study.discrete;
+        let [history, window] = [study.discrete.history, study.discrete.window].map(|samples| samples.min(self.known));
         match kind {
-            DiscreteModel::Polynomial => Ok(polynomial::learn(self, options.history)),
+            DiscreteModel::Polynomial => Ok(polynomial::learn(self, history)),
             DiscreteModel::StateSpace => state_space::learn(project, self),
             DiscreteModel::Linear => {
-                let LinearPart { history, linear, .. } = self.linear_part(study, [options.history; 2])?;
+                let LinearPart { history, linear, .. } = self.linear_part(study, [history; 2])?;
                 Ok(vec![LearnedDiscrete::solved(self.graph(history, &linear, None), history)])
             }
             DiscreteModel::Window => {
-                let part = self.linear_part(study, [0, options.window])?;
+                let part = self.linear_part(study, [0, window])?;
                 let LinearPart { history, seen, linear, gains } = &part;
                 let unseen = self.regressors(&self.validation, *history);
                 let rest = |regressors: &Regressors| plain(regressors, linear, gains);
@@ -272,12 +280,12 @@ impl<'a> DiscreteSamples<'a> {
                 }])
             }
             DiscreteModel::Feedback => {
-                let LinearPart { history, seen, linear, gains } = self.linear_part(study, [options.history; 2])?;
+                let LinearPart { history, seen, linear, gains } = self.linear_part(study, [history; 2])?;
                 let unseen = self.regressors(&self.validation, history);
                 let mut network = self.network(study, &linear)?;
                 let mut learned = LearnedDiscrete::solved(self.graph(history, &linear, None), history);
                 let shortest = |regressors: &Regressors| regressors.lengths.iter().copied().min().unwrap_or(1);
-                let longest = options.stretch.min(shortest(&seen));
+                let longest = study.discrete.stretch.min(shortest(&seen));
                 let mut stretches = vec![longest.div_ceil(SHORTER), longest];
                 stretches.dedup();
                 let most = (self.rows() / STRETCHES).max(1);
@@ -340,6 +348,7 @@ impl<'a> DiscreteSamples<'a> {
             let samples = run.times.len() - 1;
             // before the first row of a run that begins at rest nothing moved; of others nothing is known
             let first = if run.times[0] < 0.0 { history[0].max(history[1]).saturating_sub(1) } else { 0 };
+            let first = first.min(samples);
             found.lengths.push(samples - first);
             for k in first..samples {
                 let mut row = Vec::new();
