@@ -1,4 +1,4 @@
-//! Simulations of the FMU of a discrete-time surrogate that start from measured outputs: the rule of [`super::predict`] for its inputs.
+//! Simulations of the FMU of a discrete-time surrogate that start from measured outputs: the rule of [`super::predict()`] for its inputs.
 
 use super::predict::check_sample;
 use crate::{Result, diagnostics::names::listed, fmi::host::Inputs};

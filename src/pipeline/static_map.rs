@@ -10,7 +10,8 @@ pub(super) fn stage(project: &Project, resume: bool) -> Result<(Surrogate, Train
     train::once(project, &no_runs, 0, None, None, resume)
 }
 
-/// [`stage`], and the verdict by the unseen rows.
+/// Fits a model to the rows of the table and writes the surrogate; with the verdict by the unseen rows. To `resume` is to keep what an earlier fit has
+/// finished.
 ///
 /// # Errors
 /// [`Error::Rows`](crate::Error::Rows), [`Error::Study`](crate::Error::Study) and [`Error::Table`](crate::Error::Table) of the table,
