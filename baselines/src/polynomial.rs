@@ -82,10 +82,10 @@ fn usual_degrees(inputs: usize) -> Result<Vec<u8>, String> {
     usual.map_or_else(|| degrees(inputs, 1, MAX_TERMS), Ok)
 }
 
-/// Every combination of powers with a sum of at most `degree`, row by row; fails if there are more than `most`.
+/// Every combination of powers with a sum of at most `degree`, row by row.
 ///
 /// # Errors
-/// What there is to do if there are more.
+/// If there are more than `most` of them, with the option to change.
 pub fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String> {
     let mut all = vec![Vec::new()];
     for _ in 0..inputs {

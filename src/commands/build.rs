@@ -25,9 +25,8 @@ pub fn run(args: &BuildArgs) -> Result<CommandOutcome> {
         print(&files(&project, &built))?;
     }
     let outcome = conclude(&built.verdict, json)?;
-    for (WrittenFmu { fmu, .. }, report) in built.fmus.iter().filter(|(_, report)| !report.problems.is_empty() && !json)
-    {
-        print(&format!("{}: {} problems found in the validation, see above\n", fmu.display(), report.problems.len()))?;
+    for (WrittenFmu { fmu, .. }, _) in built.fmus.iter().filter(|(_, report)| !report.problems.is_empty() && !json) {
+        print(&format!("{}: the validation found problems, see above\n", fmu.display()))?;
     }
     let comparison_was = built.comparison.as_ref().is_some_and(Comparison::was_interrupted);
     let was_interrupted = built.metrics.training.was_interrupted() || comparison_was;

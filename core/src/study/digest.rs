@@ -22,7 +22,7 @@ struct DigestedSamples<'a> {
     outputs: &'a IndexMap<String, OutputOptions>,
     sampling: DigestedPlan<'a>,
     calibration_runs: usize,
-    /// Of a surrogate that has states or inputs.
+    /// States and inputs; none of a surrogate that has neither.
     #[serde(skip_serializing_if = "Option::is_none")]
     motion: Option<DigestedMotion<'a>>,
 }

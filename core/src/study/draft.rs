@@ -19,7 +19,7 @@ use toml::{Spanned, de::DeTable};
 pub struct Draft {
     study: Study,
     problems: Vec<Problem>,
-    /// Whether what its source is asked for is known: the source itself, parameters and outputs.
+    /// Whether source, parameters and outputs could be read: the source can then be asked for their names.
     names_are_known: bool,
 }
 
@@ -114,7 +114,7 @@ impl Draft {
         self.names_are_known.then_some(&self.study)
     }
 
-    /// Whether nothing is wrong.
+    /// Returns true if the study has no mistakes.
     pub fn is_valid(&self) -> bool {
         self.problems.is_empty()
     }
@@ -145,7 +145,7 @@ impl Draft {
     }
 }
 
-/// Sections that stand for damaged ones until their mistakes are told.
+/// Valid sections in place of damaged ones, so that the other mistakes can be found.
 pub(super) const PLACEHOLDER: &str = "name = 'study'\nsource = { system = 'none' }\ntime = { stop = 1, step = 1 }\n\
                            parameters = { p = { min = 0, max = 1 } }\noutputs = { y = {} }\nsampling = {}\n";
 

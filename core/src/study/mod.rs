@@ -215,7 +215,7 @@ pub struct Study {
     /// Digest of the FMU or of the tables of recorded runs.
     #[serde(skip)]
     source_files: Option<String>,
-    /// Whether the study says how many epochs a training has.
+    /// Whether `training.epochs` is given.
     #[serde(skip)]
     has_epochs: bool,
 }
@@ -232,7 +232,7 @@ pub enum StudyStructure {
     /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs, or from
     /// runs of an FMU for co-simulation.
     Discrete,
-    /// Of inputs alone: learned from the rows of a table, which have no time.
+    /// Of inputs alone, learned from the rows of a table without a time.
     Static,
 }
 
@@ -554,7 +554,7 @@ impl Study {
         self.structure == StudyStructure::Static
     }
 
-    /// Options of the training of a network on so many rows of a table.
+    /// Training options for a network on a table with this many rows.
     pub fn training_on(&self, rows: usize) -> TrainingOptions {
         let training = self.training.clone();
         let usual = static_map::epochs(training.held_in(rows), training.batch);

@@ -92,7 +92,7 @@ struct RowColumn {
 }
 
 /// Roles of the columns.
-struct Roles<'a> {
+struct RowRoles<'a> {
     inputs: Vec<&'a RowColumn>,
     outputs: Vec<&'a RowColumn>,
     /// Those that are neither, and why.
@@ -181,7 +181,7 @@ fn is_text(cell: &str) -> bool {
     !cell.is_empty() && cell.replacen(',', ".", 1).parse::<f64>().is_err()
 }
 
-fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<Roles<'a>> {
+fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<RowRoles<'a>> {
     let wanted = |names: &[String]| -> Result<Vec<usize>> { names.iter().map(|name| given(table, name)).collect() };
     let (wanted_inputs, wanted_outputs) = (wanted(&args.inputs)?, wanted(&args.outputs)?);
     if let Some(both) = wanted_inputs.iter().find(|position| wanted_outputs.contains(position)) {
@@ -230,7 +230,7 @@ fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<
         let expected = "expected two columns of numbers that vary, or a column that is the time, which --time names";
         return Err(table.mistake_in_header(&format!("no column is left for an {what}{found}: {expected}")));
     }
-    Ok(Roles { inputs, outputs, others, reason: is_output.1 })
+    Ok(RowRoles { inputs, outputs, others, reason: is_output.1 })
 }
 
 /// Which of the columns are outputs, and how that was found.
@@ -299,8 +299,8 @@ fn looks_like_time<'a>(columns: &'a [RowColumn], args: &NewArgs) -> Option<(&'a 
     columns.iter().enumerate().filter(|_| args.structure.is_none()).find_map(found)
 }
 
-fn text(target: &StudyTarget, file: &Path, rows: usize, roles: &Roles) -> String {
-    let Roles { inputs, outputs, others, reason } = roles;
+fn text(target: &StudyTarget, file: &Path, rows: usize, roles: &RowRoles) -> String {
+    let RowRoles { inputs, outputs, others, reason } = roles;
     let (name, file) = (target.name, target.path_from(file));
     let renamed = inputs.iter().chain(outputs).filter(|column| column.name != column.title);
     let renamed: Vec<String> =

@@ -270,13 +270,10 @@ impl<'a> DiscreteSamples<'a> {
                     follow(project, self.network(study, linear)?, &rest(seen)?, &rest(&unseen)?, &study.training)?;
                 let layers = outcome.network.to_layers();
                 Ok(vec![LearnedDiscrete {
-                    graph: self.graph(*history, linear, Some((gains, layers))),
-                    hidden: Vec::new(),
-                    past: *history,
                     history: outcome.history,
                     best_epoch: outcome.best_epoch,
                     stopped: outcome.reason,
-                    refitted: None,
+                    ..LearnedDiscrete::solved(self.graph(*history, linear, Some((gains, layers))), *history)
                 }])
             }
             DiscreteModel::Feedback => {
@@ -304,13 +301,13 @@ impl<'a> DiscreteSamples<'a> {
                     };
                     let best = learned.history.len() + outcome.best_epoch;
                     learned = LearnedDiscrete {
-                        graph: self.graph(history, &linear, Some((&gains, outcome.network.to_layers()))),
-                        hidden: Vec::new(),
-                        past: history,
                         history: training::joined([learned.history.as_slice(), &outcome.history]),
                         best_epoch: best,
                         stopped: outcome.reason,
-                        refitted: None,
+                        ..LearnedDiscrete::solved(
+                            self.graph(history, &linear, Some((&gains, outcome.network.to_layers()))),
+                            history,
+                        )
                     };
                     network = outcome.network;
                     if learned.stopped == StopReason::Interrupted {

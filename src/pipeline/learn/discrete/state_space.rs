@@ -22,16 +22,17 @@ use crate::{
     training::StopReason,
 };
 use features::Features;
-use fit::{Data, Goal, Shape, Signals, overwriting};
+use fit::{CountedRuns, Goal, Signals, StateShape, overwriting};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
-use start::Origin;
+use start::LinearStart;
 use std::{ops::Range, sync::atomic::Ordering};
 
 /// States for each output.
 const ORDERS: [usize; 6] = [1, 2, 3, 4, 5, 6];
 /// In this order: what is cheap first.
-const KINDS: [Kind; 4] = [Kind::OutputProducts(3), Kind::Products(2), Kind::Products(3), Kind::Nodes(6)];
+const KINDS: [Nonlinearity; 4] =
+    [Nonlinearity::OutputProducts(3), Nonlinearity::Products(2), Nonlinearity::Products(3), Nonlinearity::Nodes(6)];
 /// Penalties of the square of the distance from the linear state space, for each error.
 const PENALTIES: [f64; 12] = [1.0, 0.3, 0.1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10];
 /// Penalty of the linear state space.
@@ -57,7 +58,7 @@ const BUDGET: f64 = 1e11;
 
 /// Functions of a state space.
 #[derive(Clone, Copy, Debug)]
-enum Kind {
+enum Nonlinearity {
     Linear,
     /// Products of outputs and inputs up to a degree.
     OutputProducts(u8),
@@ -69,9 +70,9 @@ enum Kind {
 
 /// What is chosen.
 #[derive(Clone, Copy, Debug)]
-struct Choice {
+struct Setting {
     order: usize,
-    kind: Kind,
+    kind: Nonlinearity,
     penalty: f64,
 }
 
@@ -83,21 +84,21 @@ struct Choice {
 pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<LearnedDiscrete>> {
     let stop = project.control().stop;
     let is_stopped = || stop.load(Ordering::Relaxed);
-    let runs = Runs::new(samples);
+    let runs = SearchRuns::new(samples);
     let corners = runs.corners(samples.counts[2]);
     let search = Search { samples, seed: project.study.seed, is_stopped: &is_stopped, corners };
     let found = search.best(&runs);
-    let Some(Found { error, choice, mut fitted }) = found else {
+    let Some(BestSetting { error, choice, mut fitted }) = found else {
         return if is_stopped() { Err(Error::Interrupted) } else { Ok(Vec::new()) };
     };
-    let Choice { order, kind, penalty } = choice;
+    let Setting { order, kind, penalty } = choice;
     project.event(Event::Note(format_args!(
         "state space: {} hidden states, {kind}, penalty {penalty:.0e}, error {error:.2e} in a cross-validation",
         (order - 1) * samples.counts[2],
     )));
     let shape = search.shape(order, kind);
     let mut model = |runs: &[Signals], is_seen: &dyn Fn(usize) -> bool, iterations: usize| {
-        search.advance(&Data::new(runs, is_seen), &shape, penalty, iterations, &mut fitted);
+        search.advance(&CountedRuns::new(runs, is_seen), &shape, penalty, iterations, &mut fitted);
         export::model(samples, &shape, &fitted.coefficients, &fitted.gain)
     };
     let of_training = |run: usize| run < samples.training.len();
@@ -115,7 +116,7 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
 }
 
 /// Runs, standardized and numbered: those of the training, then those held out.
-struct Runs {
+struct SearchRuns {
     /// The rows that choose: all, or, of many, the first ones of each run.
     pieces: Vec<Signals>,
     /// The same, runs that follow each other as one.
@@ -127,7 +128,7 @@ struct Runs {
     training: usize,
 }
 
-impl Runs {
+impl SearchRuns {
     fn new(samples: &DiscreteSamples) -> Self {
         let runs = samples.training.iter().chain(&samples.validation).enumerate();
         let all: Vec<Signals> = runs.map(|(number, run)| Signals::of(samples, run, number)).collect();
@@ -146,7 +147,7 @@ impl Runs {
     }
 }
 
-impl Runs {
+impl SearchRuns {
     /// Runs from the ends of the outputs' ranges with inputs and parameters at the ends and in the middle of theirs.
     fn corners(&self, outputs: usize) -> Vec<Signals> {
         let rows = self.pieces.iter().map(Signals::rows).max().unwrap_or(1);
@@ -190,7 +191,7 @@ fn joined(runs: &[Signals]) -> Vec<Signals> {
 
 /// Coefficients that are fitted to some runs, on the path of falling penalties.
 #[derive(Clone)]
-struct Fitted {
+struct FittedStates {
     /// The linear state space, from which the distance counts.
     center: Vec<f64>,
     coefficients: Vec<f64>,
@@ -199,12 +200,12 @@ struct Fitted {
 }
 
 /// What a search finds.
-struct Found {
+struct BestSetting {
     /// Root mean square error in the cross-validation.
     error: f64,
-    choice: Choice,
+    choice: Setting,
     /// Of the training runs.
-    fitted: Fitted,
+    fitted: FittedStates,
 }
 
 struct Search<'a> {
@@ -217,7 +218,7 @@ struct Search<'a> {
 
 impl Search<'_> {
     /// What has the smallest error in a cross-validation of all runs.
-    fn best(&self, runs: &Runs) -> Option<Found> {
+    fn best(&self, runs: &SearchRuns) -> Option<BestSetting> {
         let is_cross_validated = runs.all.is_none() || runs.training == runs.count;
         let folds = if is_cross_validated { FOLDS.min(runs.count) } else { 1 };
         let is_unseen = |run: usize, fold: usize| match is_cross_validated {
@@ -226,30 +227,31 @@ impl Search<'_> {
             false => run >= runs.training,
         };
         let few = &runs.few;
-        // from what is given, and within simulations of the whole record
-        let unseen = |fold: usize| [&runs.pieces, few].map(|runs| Data::new(runs, |run| is_unseen(run, fold)));
-        let unseen: Vec<[Data; 2]> = (0..folds).map(unseen).collect();
-        let seen = |fold: usize| Data::new(few, |run| runs.count == 1 || !is_unseen(run, fold));
-        let mut sets: Vec<Data> = (0..folds).map(seen).collect();
+        // from what is given, and within simulations of a record that is one run here
+        let ways = if runs.pieces.len() == few.len() { vec![few] } else { vec![&runs.pieces, few] };
+        let unseen = |fold: usize| ways.iter().map(|runs| CountedRuns::new(runs, |run| is_unseen(run, fold))).collect();
+        let unseen: Vec<Vec<CountedRuns>> = (0..folds).map(unseen).collect();
+        let seen = |fold: usize| CountedRuns::new(few, |run| runs.count == 1 || !is_unseen(run, fold));
+        let mut sets: Vec<CountedRuns> = (0..folds).map(seen).collect();
         // of the training runs
         let own = if is_cross_validated { folds } else { 0 };
         if is_cross_validated {
-            sets.push(Data::new(few, |run| run < runs.training));
+            sets.push(CountedRuns::new(few, |run| run < runs.training));
         }
-        let count = (sets[..folds].iter().map(Data::rows).sum::<usize>() / folds.max(1)) as f64;
+        let count = (sets[..folds].iter().map(CountedRuns::rows).sum::<usize>() / folds.max(1)) as f64;
         let mut left = BUDGET;
-        let mut best: Option<Found> = None;
-        let mut keep = |choice: Choice, error: f64, fitted: &[Fitted]| {
+        let mut best: Option<BestSetting> = None;
+        let mut keep = |choice: Setting, error: f64, fitted: &[FittedStates]| {
             let is_better = best.as_ref().is_none_or(|best| error < BETTER * best.error);
             if error.is_finite() && is_better && self.is_stable(&self.shape(choice.order, choice.kind), &fitted[own]) {
-                best = Some(Found { error, choice, fitted: fitted[own].clone() });
+                best = Some(BestSetting { error, choice, fitted: fitted[own].clone() });
             }
         };
         // of two linear state spaces of an order, one after the other
-        let mut linear: Vec<(usize, Vec<Fitted>)> = Vec::new();
+        let mut linear: Vec<(usize, Vec<FittedStates>)> = Vec::new();
         for order in ORDERS {
-            for origin in [Origin::Arx, Origin::Realization] {
-                let shape = self.shape(order, Kind::Linear);
+            for origin in [LinearStart::Arx, LinearStart::Realization] {
+                let shape = self.shape(order, Nonlinearity::Linear);
                 let cost = ITERATIONS as f64 * sets.iter().map(|data| data.cost(&shape)).sum::<f64>();
                 if shape.coefficients() > MOST || cost > left || (self.is_stopped)() {
                     continue;
@@ -257,7 +259,7 @@ impl Search<'_> {
                 left -= cost;
                 let Some(fitted) = self.linear(origin, &sets, own, &shape, LEAST * count) else { continue };
                 let error = self.error(&shape, &unseen, &fitted);
-                keep(Choice { order, kind: Kind::Linear, penalty: LEAST * count }, error, &fitted);
+                keep(Setting { order, kind: Nonlinearity::Linear, penalty: LEAST * count }, error, &fitted);
                 linear.push((order, fitted));
             }
         }
@@ -268,20 +270,20 @@ impl Search<'_> {
                 if shape.coefficients() > MOST {
                     continue;
                 }
-                let mut fitted: Vec<Fitted> = linear.iter().map(|from| self.start(&shape, kind, from)).collect();
+                let mut fitted: Vec<FittedStates> = linear.iter().map(|from| self.start(&shape, kind, from)).collect();
                 let (mut least, mut since) = (f64::INFINITY, 0);
                 for penalty in PENALTIES {
                     if left <= 0.0 || (self.is_stopped)() || since >= PATIENCE {
                         break;
                     }
-                    let step = |(fitted, data): (&mut Fitted, &Data)| {
+                    let step = |(fitted, data): (&mut FittedStates, &CountedRuns)| {
                         self.advance(data, &shape, penalty * count, ITERATIONS, fitted)
                     };
                     let costs: Vec<f64> = fitted.par_iter_mut().zip(&sets).map(step).collect();
                     left -= costs.into_iter().sum::<f64>();
                     let error = self.error(&shape, &unseen, &fitted);
                     (least, since) = if error < least { (error, 0) } else { (least, since + 1) };
-                    keep(Choice { order, kind, penalty: penalty * count }, error, &fitted);
+                    keep(Setting { order, kind, penalty: penalty * count }, error, &fitted);
                 }
             }
         }
@@ -289,23 +291,30 @@ impl Search<'_> {
     }
 
     /// Root mean square error of the simulations of unseen runs.
-    fn error(&self, shape: &Shape, unseen: &[[Data; 2]], fitted: &[Fitted]) -> f64 {
-        let of_part = |(data, fitted): (&[Data; 2], &Fitted)| {
+    fn error(&self, shape: &StateShape, unseen: &[Vec<CountedRuns>], fitted: &[FittedStates]) -> f64 {
+        let of_part = |(data, fitted): (&Vec<CountedRuns>, &FittedStates)| {
             data.iter().map(|data| data.squares(shape, &fitted.coefficients, &fitted.gain)).sum::<f64>()
         };
         let squares: Vec<f64> = unseen.par_iter().zip(fitted).map(of_part).collect();
-        let values = unseen.iter().flatten().map(Data::rows).sum::<usize>().max(1) * shape.outputs;
+        let values = unseen.iter().flatten().map(CountedRuns::rows).sum::<usize>().max(1) * shape.outputs;
         (squares.into_iter().sum::<f64>() / values as f64).sqrt()
     }
 
     /// Whether it stays finite from the ends of the outputs' ranges with inputs at the ends and in the middle of theirs.
-    fn is_stable(&self, shape: &Shape, fitted: &Fitted) -> bool {
-        Data::new(&self.corners, |_| true).is_stable(shape, &fitted.coefficients, &fitted.gain)
+    fn is_stable(&self, shape: &StateShape, fitted: &FittedStates) -> bool {
+        CountedRuns::new(&self.corners, |_| true).is_stable(shape, &fitted.coefficients, &fitted.gain)
     }
 
     /// One step of the path; gives the number of multiplications.
-    fn advance(&self, data: &Data, shape: &Shape, penalty: f64, iterations: usize, fitted: &mut Fitted) -> f64 {
-        let Fitted { center, gain, .. } = &*fitted;
+    fn advance(
+        &self,
+        data: &CountedRuns,
+        shape: &StateShape,
+        penalty: f64,
+        iterations: usize,
+        fitted: &mut FittedStates,
+    ) -> f64 {
+        let FittedStates { center, gain, .. } = &*fitted;
         let goal = Goal { center, gain, penalty, stretch: usize::MAX, iterations };
         let found = data.fit(shape, &fitted.coefficients, &goal, self.is_stopped);
         fitted.gain = data.gain(shape, &found.coefficients, gain);
@@ -314,11 +323,18 @@ impl Search<'_> {
     }
 
     /// A linear state space of each set, all with the hidden states of that of the training runs; none if one diverges.
-    fn linear(&self, origin: Origin, sets: &[Data], own: usize, shape: &Shape, penalty: f64) -> Option<Vec<Fitted>> {
+    fn linear(
+        &self,
+        origin: LinearStart,
+        sets: &[CountedRuns],
+        own: usize,
+        shape: &StateShape,
+        penalty: f64,
+    ) -> Option<Vec<FittedStates>> {
         let training = sets.get(own)?;
         let start = start::linear(origin, self.samples, training, shape)?;
         let (zero, gain) = (vec![0.0; start.len()], overwriting(shape));
-        let fitted = |data: &Data, start: Vec<f64>, stretches: &[usize]| {
+        let fitted = |data: &CountedRuns, start: Vec<f64>, stretches: &[usize]| {
             let mut now = (f64::INFINITY, start);
             for stretch in stretches {
                 let goal = Goal { center: &zero, gain: &gain, penalty, stretch: *stretch, iterations: ITERATIONS };
@@ -328,23 +344,23 @@ impl Search<'_> {
             now.0.is_finite().then_some(now.1)
         };
         let common = fitted(training, start, &STRETCHES)?;
-        let of_set = |data: &Data| {
+        let of_set = |data: &CountedRuns| {
             let coefficients = fitted(data, common.clone(), &STRETCHES[2..])?;
             let gain = data.gain(shape, &coefficients, &gain);
-            Some(Fitted { center: coefficients.clone(), coefficients, gain })
+            Some(FittedStates { center: coefficients.clone(), coefficients, gain })
         };
         sets.par_iter().map(of_set).collect()
     }
 
     /// A linear state space with functions that have no effect yet; nodes are random.
-    fn start(&self, shape: &Shape, kind: Kind, linear: &Fitted) -> Fitted {
-        let of_linear = Shape { features: Features::Nodes(0), ..shape.clone() }.places();
+    fn start(&self, shape: &StateShape, kind: Nonlinearity, linear: &FittedStates) -> FittedStates {
+        let of_linear = StateShape { features: Features::Nodes(0), ..shape.clone() }.places();
         let places = shape.places();
         let mut center = vec![0.0; shape.coefficients()];
         for block in [0, 1, 5] {
             center[places[block].clone()].copy_from_slice(&linear.coefficients[of_linear[block].clone()]);
         }
-        if let Kind::Nodes(_) = kind {
+        if let Nonlinearity::Nodes(_) = kind {
             let mut random = ChaCha8Rng::seed_from_u64(self.seed);
             // a sum of uniform numbers is nearly normal, on every platform the same
             let mut normal = || (0..12).map(|_| random.random::<f64>()).sum::<f64>() - 6.0;
@@ -352,17 +368,17 @@ impl Search<'_> {
             center[places[3].clone()].iter_mut().for_each(|weight| *weight = normal() / spread);
             center[places[4].clone()].iter_mut().for_each(|bias| *bias = 0.5 * normal());
         }
-        Fitted { coefficients: center.clone(), center, gain: linear.gain.clone() }
+        FittedStates { coefficients: center.clone(), center, gain: linear.gain.clone() }
     }
 
-    fn shape(&self, order: usize, kind: Kind) -> Shape {
+    fn shape(&self, order: usize, kind: Nonlinearity) -> StateShape {
         let [parameters, inputs, outputs] = self.samples.counts;
         let (states, columns) = (order * outputs, order * outputs + inputs + parameters);
-        Shape { states, outputs, columns, features: kind.features(columns, outputs..states) }
+        StateShape { states, outputs, columns, features: kind.features(columns, outputs..states) }
     }
 }
 
-impl Kind {
+impl Nonlinearity {
     /// Functions of some columns, `hidden` ones among them.
     fn features(self, columns: usize, hidden: Range<usize>) -> Features {
         let products = match self {
@@ -378,7 +394,7 @@ impl Kind {
     }
 }
 
-impl std::fmt::Display for Kind {
+impl std::fmt::Display for Nonlinearity {
     fn fmt(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
         match self {
             Self::Linear => write!(f, "linear"),

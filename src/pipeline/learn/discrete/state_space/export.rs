@@ -3,13 +3,13 @@
 use super::{
     super::{DiscreteSamples, LearnedDiscrete},
     features::{Features, SPAN},
-    fit::{Shape, overwriting},
+    fit::{StateShape, overwriting},
 };
 use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling};
 
 /// The next sample, and the hidden states at the start. `gain` corrects the states by outputs that are given.
-pub fn model(samples: &DiscreteSamples, shape: &Shape, coefficients: &[f64], gain: &[f64]) -> LearnedDiscrete {
-    let Shape { states, outputs, columns, ref features } = *shape;
+pub fn model(samples: &DiscreteSamples, shape: &StateShape, coefficients: &[f64], gain: &[f64]) -> LearnedDiscrete {
+    let StateShape { states, outputs, columns, ref features } = *shape;
     let [linear, constant, last, first, bias, hidden] = shape.places().map(|place| &coefficients[place]);
     let of = samples.scaling([1, 1]);
     let with_hidden =

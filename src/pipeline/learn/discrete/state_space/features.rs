@@ -16,7 +16,7 @@ pub enum Features {
 }
 
 /// Values of features, and their slopes in the states.
-pub struct Evaluated {
+pub struct FeatureValues {
     pub values: Vec<f64>,
     /// Shape `[features, states]`.
     pub slopes: Vec<f64>,
@@ -53,7 +53,7 @@ impl Features {
     }
 }
 
-impl Evaluated {
+impl FeatureValues {
     /// Room for features of so many states.
     pub fn new(features: &Features, states: usize) -> Self {
         let count = features.count();

@@ -1,6 +1,6 @@
 //! Simulation of a state space with its sensitivities, and the least squares of its errors.
 
-use super::features::{Evaluated, Features};
+use super::features::{FeatureValues, Features};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -32,7 +32,7 @@ const BLOCK: usize = 64;
 /// Sizes of a state space, and the places of its coefficients: `L`, `c`, `G`, `W`, `b`, then the hidden states at the start, matrices row by
 /// row. `W` and `b` are those of nodes.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Shape {
+pub struct StateShape {
     /// Number of states, the outputs first.
     pub states: usize,
     pub outputs: usize,
@@ -41,7 +41,7 @@ pub struct Shape {
     pub features: Features,
 }
 
-impl Shape {
+impl StateShape {
     pub fn hidden(&self) -> usize {
         self.states - self.outputs
     }
@@ -123,7 +123,7 @@ impl Signals {
 }
 
 /// Runs to fit to; rows of some of them count.
-pub struct Data<'a> {
+pub struct CountedRuns<'a> {
     /// Each with the rows that count, up to the last of them.
     runs: Vec<(&'a Signals, Vec<bool>)>,
 }
@@ -143,7 +143,7 @@ pub struct Goal<'a> {
 }
 
 /// Result of a training.
-pub struct Fitted {
+pub struct Minimum {
     pub coefficients: Vec<f64>,
     /// Sum of squares and penalties, for each error.
     pub value: f64,
@@ -153,7 +153,7 @@ pub struct Fitted {
 
 /// Squares of the errors, and the normal equations of their sensitivities.
 #[derive(Clone)]
-struct Sums {
+struct NormalEquations {
     squares: f64,
     count: usize,
     /// `J^T e`
@@ -162,7 +162,7 @@ struct Sums {
     matrix: DMatrix<f64>,
 }
 
-impl<'a> Data<'a> {
+impl<'a> CountedRuns<'a> {
     /// Rows of the runs with some numbers count; what is before them is simulated.
     pub fn new(runs: &'a [Signals], counts: impl Fn(usize) -> bool) -> Self {
         let rows = |signals: &'a Signals| {
@@ -180,12 +180,12 @@ impl<'a> Data<'a> {
     }
 
     /// Multiplications of an evaluation with sensitivities.
-    pub fn cost(&self, shape: &Shape) -> f64 {
+    pub fn cost(&self, shape: &StateShape) -> f64 {
         shape.cost() * self.runs.iter().map(|(_, rows)| rows.len()).sum::<usize>() as f64
     }
 
     /// Sum of the squares of the errors of the simulations; infinite if one diverges.
-    pub fn squares(&self, shape: &Shape, coefficients: &[f64], gain: &[f64]) -> f64 {
+    pub fn squares(&self, shape: &StateShape, coefficients: &[f64], gain: &[f64]) -> f64 {
         let of_run = |(run, rows): &(&Signals, Vec<bool>)| {
             let mut squares = 0.0;
             simulate(shape, (coefficients, gain), run, [rows.len(), run.given], |row, states| {
@@ -200,7 +200,7 @@ impl<'a> Data<'a> {
     }
 
     /// Whether all simulations stay finite.
-    pub fn is_stable(&self, shape: &Shape, coefficients: &[f64], gain: &[f64]) -> bool {
+    pub fn is_stable(&self, shape: &StateShape, coefficients: &[f64], gain: &[f64]) -> bool {
         let is_stable = |(run, rows): &(&Signals, Vec<bool>)| {
             simulate(shape, (coefficients, gain), run, [rows.len(), run.given], |_, _| {}).is_some()
         };
@@ -208,7 +208,7 @@ impl<'a> Data<'a> {
     }
 
     /// Standard deviations of the states in simulations; none if one diverges.
-    pub fn deviations(&self, shape: &Shape, coefficients: &[f64]) -> Option<Vec<f64>> {
+    pub fn deviations(&self, shape: &StateShape, coefficients: &[f64]) -> Option<Vec<f64>> {
         let gain = overwriting(shape);
         let (mut sums, mut squares, mut count) = (vec![0.0; shape.states], vec![0.0; shape.states], 0.0);
         for (run, rows) in &self.runs {
@@ -228,12 +228,12 @@ impl<'a> Data<'a> {
         )
     }
 
-    fn sums(&self, shape: &Shape, coefficients: &[f64], goal: &Goal) -> Option<Sums> {
-        let parts: Option<Vec<Sums>> = self
+    fn sums(&self, shape: &StateShape, coefficients: &[f64], goal: &Goal) -> Option<NormalEquations> {
+        let parts: Option<Vec<NormalEquations>> = self
             .runs
             .par_chunks(self.runs.len().div_ceil(PARTS).max(1))
             .map(|runs| {
-                let mut sums = Sums::new(shape.coefficients());
+                let mut sums = NormalEquations::new(shape.coefficients());
                 runs.iter().try_for_each(|run| sums.add(shape, coefficients, run, goal))?;
                 Some(sums)
             })
@@ -250,7 +250,7 @@ impl<'a> Data<'a> {
     /// The correction after which simulations have the smallest errors, if so many rows are given first: by the method of Levenberg and Marquardt, with
     /// differences for slopes. It begins with the best of a known one, that which makes outputs what is measured, and Kalman filters of the
     /// linear part.
-    pub fn gain(&self, shape: &Shape, coefficients: &[f64], known: &[f64]) -> Vec<f64> {
+    pub fn gain(&self, shape: &StateShape, coefficients: &[f64], known: &[f64]) -> Vec<f64> {
         let parts = self.parts();
         let errors = |gain: &[f64]| {
             let mut errors = Vec::new();
@@ -310,16 +310,23 @@ impl<'a> Data<'a> {
     }
 
     /// Coefficients on the way from a start to a goal; the start if its simulations diverge.
-    pub fn fit(&self, shape: &Shape, start: &[f64], goal: &Goal, is_stopped: &(dyn Fn() -> bool + Sync)) -> Fitted {
+    pub fn fit(
+        &self,
+        shape: &StateShape,
+        start: &[f64],
+        goal: &Goal,
+        is_stopped: &(dyn Fn() -> bool + Sync),
+    ) -> Minimum {
         let center = DVector::from_column_slice(goal.center);
         let mut coefficients = DVector::from_column_slice(start);
         let mut evaluations = 1;
         let Some(mut sums) = self.sums(shape, start, goal) else {
-            return Fitted { coefficients: start.to_vec(), value: f64::INFINITY, evaluations };
+            return Minimum { coefficients: start.to_vec(), value: f64::INFINITY, evaluations };
         };
         let count = sums.count.max(1) as f64;
         let weight = goal.penalty;
-        let value_of = |sums: &Sums, at: &DVector<f64>| sums.squares + weight * (at - &center).norm_squared();
+        let value_of =
+            |sums: &NormalEquations, at: &DVector<f64>| sums.squares + weight * (at - &center).norm_squared();
         let mut value = value_of(&sums, &coefficients);
         let mut damping = DAMPING * count;
         for _ in 0..goal.iterations {
@@ -348,11 +355,11 @@ impl<'a> Data<'a> {
                 break;
             }
         }
-        Fitted { coefficients: coefficients.as_slice().to_vec(), value: value / count, evaluations }
+        Minimum { coefficients: coefficients.as_slice().to_vec(), value: value / count, evaluations }
     }
 }
 
-impl Sums {
+impl NormalEquations {
     fn new(count: usize) -> Self {
         Self { squares: 0.0, count: 0, gradient: DVector::zeros(count), matrix: DMatrix::zeros(count, count) }
     }
@@ -360,7 +367,7 @@ impl Sums {
     /// Adds the errors of a run; none if its simulation diverges.
     fn add(
         &mut self,
-        shape: &Shape,
+        shape: &StateShape,
         coefficients: &[f64],
         (run, rows): &(&Signals, Vec<bool>),
         goal: &Goal,
@@ -397,7 +404,7 @@ impl Sums {
 }
 
 /// The correction that makes outputs what is given.
-pub fn overwriting(shape: &Shape) -> Vec<f64> {
+pub fn overwriting(shape: &StateShape) -> Vec<f64> {
     let outputs = shape.outputs;
     let element = |place: usize| f64::from(u8::from(place / outputs == place % outputs));
     (0..shape.states * outputs).map(element).collect()
@@ -405,8 +412,8 @@ pub fn overwriting(shape: &Shape) -> Vec<f64> {
 
 /// The gain of the Kalman filter of the linear part, `K = P C' (C P C' + I)^-1` with the variance `P` of the states after many samples (Kalman
 /// (1960)), where each sample adds a variance of `ratio` to each state.
-fn kalman(shape: &Shape, coefficients: &[f64], ratio: f64) -> Option<Vec<f64>> {
-    let Shape { states, outputs, columns, .. } = *shape;
+fn kalman(shape: &StateShape, coefficients: &[f64], ratio: f64) -> Option<Vec<f64>> {
+    let StateShape { states, outputs, columns, .. } = *shape;
     let linear = &coefficients[shape.places()[0].clone()];
     let a = DMatrix::from_fn(states, states, |row, column| {
         f64::from(u8::from(row == column)) + linear[row * columns + column]
@@ -425,15 +432,15 @@ fn kalman(shape: &Shape, coefficients: &[f64], ratio: f64) -> Option<Vec<f64>> {
 
 /// Calls back with the states at each of the first rows of a run, before those that are given correct them; none if they diverge.
 fn simulate(
-    shape: &Shape,
+    shape: &StateShape,
     (coefficients, gain): (&[f64], &[f64]),
     run: &Signals,
     [rows, given]: [usize; 2],
     mut visit: impl FnMut(usize, &[f64]),
 ) -> Option<()> {
-    let Shape { states, outputs, columns, ref features } = *shape;
+    let StateShape { states, outputs, columns, ref features } = *shape;
     let [linear, constant, last, first, bias, hidden] = shape.places().map(|place| &coefficients[place]);
-    let mut active = Evaluated::new(features, states);
+    let mut active = FeatureValues::new(features, states);
     let count = active.values.len();
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     z[outputs..states].copy_from_slice(hidden);
@@ -463,17 +470,17 @@ fn simulate(
 /// As [`simulate`], with the sensitivities to the coefficients, shape `[states, coefficients]`. Outputs are made what was measured after each
 /// `stretch` of rows.
 fn simulate_with_sensitivities(
-    shape: &Shape,
+    shape: &StateShape,
     coefficients: &[f64],
     (run, rows): (&Signals, usize),
     goal: &Goal,
     mut visit: impl FnMut(usize, &[f64], &[f64]),
 ) -> Option<()> {
-    let Shape { states, outputs, columns, ref features } = *shape;
+    let StateShape { states, outputs, columns, ref features } = *shape;
     let places = shape.places();
     let [linear, constant, last, first, bias, hidden] = places.clone().map(|place| &coefficients[place]);
     let count = coefficients.len();
-    let mut active = Evaluated::new(features, states);
+    let mut active = FeatureValues::new(features, states);
     let terms = active.values.len();
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     let (mut sensitivities, mut changed) = (vec![0.0; states * count], vec![0.0; states * count]);
@@ -555,8 +562,8 @@ mod tests {
     use super::*;
 
     /// A run of a made-up state space with two outputs, a hidden state, an input and a parameter.
-    fn example(features: Features) -> (Shape, Vec<f64>, Signals) {
-        let shape = Shape { states: 3, outputs: 2, columns: 5, features };
+    fn example(features: Features) -> (StateShape, Vec<f64>, Signals) {
+        let shape = StateShape { states: 3, outputs: 2, columns: 5, features };
         let number = |index: usize| (1.3 * index as f64 + 0.2).sin();
         let coefficients: Vec<f64> = (0..shape.coefficients()).map(|index| 0.2 * number(index)).collect();
         let rows = 30;
@@ -626,10 +633,10 @@ mod tests {
             run
         };
         let runs: Vec<Signals> = (0..9).map(|from| signals(31 * from)).collect();
-        let [training, unseen] = [false, true].map(|is_last| Data::new(&runs, |run| (run == 8 * 31) == is_last));
+        let [training, unseen] = [false, true].map(|is_last| CountedRuns::new(&runs, |run| (run == 8 * 31) == is_last));
         let moved: Vec<f64> =
             coefficients.iter().enumerate().map(|(i, of)| of + 0.05 * (2.1 * i as f64).cos()).collect();
-        let mut found = Fitted { coefficients: moved.clone(), value: 0.0, evaluations: 0 };
+        let mut found = Minimum { coefficients: moved.clone(), value: 0.0, evaluations: 0 };
         for stretch in [4, 32, usize::MAX] {
             let goal = Goal { center: &moved, gain: &gain, penalty: 1e-10, stretch, iterations: 40 };
             found = training.fit(&shape, &found.coefficients, &goal, &|| false);
@@ -642,7 +649,7 @@ mod tests {
     /// `y' = 0.9 y + h + u`, `h' = 0.8 h + 0.5 u` with noise on the outputs that are measured.
     #[test]
     fn states_are_found_from_noisy_outputs_that_are_given() {
-        let shape = Shape { states: 2, outputs: 1, columns: 3, features: Features::Nodes(0) };
+        let shape = StateShape { states: 2, outputs: 1, columns: 3, features: Features::Nodes(0) };
         let coefficients = [[-0.1, 1.0, 1.0].as_slice(), &[0.0, -0.2, 0.5], &[0.0; 3]].concat();
         let rows = 400;
         let inputs: Vec<f64> = (0..rows).map(|row| (0.3 * row as f64).sin()).collect();
@@ -652,9 +659,9 @@ mod tests {
         let noise = |row: usize| 0.3 * (7.7 * (row * row) as f64).sin();
         outputs.iter_mut().enumerate().for_each(|(row, value)| *value += noise(row));
         let noisy = [Signals { outputs, ..quiet }];
-        let data = Data::new(&noisy, |_| true);
+        let data = CountedRuns::new(&noisy, |_| true);
         let parts = data.parts();
-        let unseen = Data::new(&parts, |_| true);
+        let unseen = CountedRuns::new(&parts, |_| true);
         let overwriting = overwriting(&shape);
         let gain = data.gain(&shape, &coefficients, &overwriting);
         let [before, after] = [&overwriting, &gain].map(|gain| unseen.squares(&shape, &coefficients, gain));

@@ -2,7 +2,7 @@
 
 use super::{
     super::{DiscreteSamples, solve},
-    fit::{Data, Shape},
+    fit::{CountedRuns, StateShape},
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -20,7 +20,7 @@ const SMALL: f64 = 1e-12;
 
 /// Where a linear state space comes from.
 #[derive(Clone, Copy, Debug)]
-pub enum Origin {
+pub enum LinearStart {
     /// An ARX model of its order.
     Arx,
     /// The balanced realization of a longer ARX model's responses to impulses.
@@ -28,11 +28,16 @@ pub enum Origin {
 }
 
 /// Coefficients of a linear state space of a shape in observer form, in which measured outputs make the hidden states forget; with hidden states of unit variance; none if it is not determined, or diverges.
-pub fn linear(origin: Origin, samples: &DiscreteSamples, data: &Data, shape: &Shape) -> Option<Vec<f64>> {
+pub fn linear(
+    origin: LinearStart,
+    samples: &DiscreteSamples,
+    data: &CountedRuns,
+    shape: &StateShape,
+) -> Option<Vec<f64>> {
     let order = shape.states / shape.outputs;
     let lags = match origin {
-        Origin::Arx => arx(samples, order),
-        Origin::Realization => realization(samples, order),
+        LinearStart::Arx => arx(samples, order),
+        LinearStart::Realization => realization(samples, order),
     }?;
     let (matrix, constants) = observer(&lags, shape);
     let mut coefficients = vec![0.0; shape.coefficients()];
@@ -45,8 +50,8 @@ pub fn linear(origin: Origin, samples: &DiscreteSamples, data: &Data, shape: &Sh
 }
 
 /// Gives the hidden states unit variance; none if the simulations diverge.
-fn scale_hidden(data: &Data, shape: &Shape, coefficients: &mut [f64]) -> Option<()> {
-    let Shape { states, outputs, columns, .. } = *shape;
+fn scale_hidden(data: &CountedRuns, shape: &StateShape, coefficients: &mut [f64]) -> Option<()> {
+    let StateShape { states, outputs, columns, .. } = *shape;
     let [linear, constant, ..] = shape.places();
     let deviations = data.deviations(shape, coefficients)?;
     for hidden in outputs..states {
@@ -68,8 +73,8 @@ struct Lag {
 
 /// `x[k+1] - x[k]` from the columns, shape `[states, columns]`, and the constants: the first lag gives the next outputs, each later one what is
 /// added a sample after.
-fn observer(lags: &[Lag], shape: &Shape) -> (DMatrix<f64>, Vec<f64>) {
-    let Shape { states, outputs, columns, .. } = *shape;
+fn observer(lags: &[Lag], shape: &StateShape) -> (DMatrix<f64>, Vec<f64>) {
+    let StateShape { states, outputs, columns, .. } = *shape;
     let mut matrix = DMatrix::zeros(states, columns);
     for (place, lag) in lags.iter().enumerate() {
         let first = place * outputs;
