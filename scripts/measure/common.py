@@ -16,12 +16,13 @@ def run(folder, *arguments):
     return done.stdout
 
 
-def build_record(folder, table, seed):
-    """Builds the study that `metafmu new` writes for a record with an input `u`; what is printed is also in build.txt."""
+def build_record(folder, table, seed, test=None):
+    """Builds the study that `metafmu new` writes for a record with an input `u`, tested on another table if there is one; what is printed is also in build.txt."""
     study = folder / "study.toml"
     study.unlink(missing_ok=True)
     run(folder, "new", "study", "--table", table, "--structure", "discrete", "--inputs", "u")
-    study.write_text(re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study.read_text()))
+    text = re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study.read_text())
+    study.write_text(re.sub(r"(?m)^test_runs = .*$", f'test = "{test}"', text) if test else text)
     text = run(folder, "build", "study.toml")
     (folder / "build.txt").write_text(text)
     return text

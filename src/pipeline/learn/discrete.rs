@@ -34,6 +34,8 @@ const LEAST_BATCH: usize = 32;
 /// Stretches that overlap at a sample, at the least; more if that does not make more stretches than the number below.
 const OVERLAP: usize = 4;
 const STRETCHES: usize = 2000;
+/// Parts of a cross-validation.
+const PARTS_UNSEEN: usize = 3;
 /// First stretches are as much shorter.
 const SHORTER: usize = 8;
 
@@ -51,7 +53,7 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let began = Instant::now();
     let drives = project.source.drives();
-    let samples = DiscreteSamples::new(project, dataset);
+    let samples = DiscreteSamples::new(study, dataset, prepare::split(&dataset.runs, &study.training, study.seed));
     let validation = held_out(study, dataset);
     let assembled = |one: &LearnedDiscrete| {
         let ranges = drives.iter().map(|(_, range)| *range);
@@ -60,14 +62,14 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
         surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)
     };
-    let mut learned: Vec<(Candidate, Surrogate, LearnedDiscrete)> = Vec::new();
+    let mut learned: Vec<LearnedKind> = Vec::new();
     let mut is_stopped = false;
     for kind in DiscreteModel::ALL {
         if study.discrete.model.is_some_and(|wanted| wanted != kind) {
             continue;
         }
         let start = Instant::now();
-        let has_earlier = learned.iter().any(|(.., other)| !other.history.is_empty());
+        let has_earlier = learned.iter().any(|other| !other.model.history.is_empty());
         let Some(found) = unless_interrupted(project, samples.learn(project, kind), has_earlier)? else {
             is_stopped = true;
             break;
@@ -78,10 +80,10 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         };
         let found = found.into_iter().map(simulated).collect::<Result<Vec<_>>>()?;
         let best = found.into_iter().min_by(|(a, ..), (b, ..)| a.total_cmp(b));
-        let Some((error, surrogate, one)) = best else { continue };
+        let Some((error, surrogate, model)) = best else { continue };
         let candidate = Candidate { name: kind.name().into(), error, seconds: start.elapsed().as_secs_f64() };
-        let was_interrupted = one.stopped == StopReason::Interrupted;
-        learned.push((candidate, surrogate, one));
+        let was_interrupted = model.stopped == StopReason::Interrupted;
+        learned.push(LearnedKind { kind, candidate, surrogate, model });
         if was_interrupted {
             break;
         }
@@ -89,15 +91,36 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     if learned.is_empty() {
         return Err(study.refusal("discrete.model", "the samples determine no polynomial: more runs, or another model"));
     }
-    learned.sort_by(|a, b| a.0.error.total_cmp(&b.0.error));
-    let candidates = learned.iter().map(|(candidate, ..)| candidate.clone()).collect();
-    let (Candidate { name, .. }, surrogate, one) = learned.swap_remove(0);
+    learned.sort_by(|a, b| a.candidate.error.total_cmp(&b.candidate.error));
+    let candidates = learned.iter().map(|one| one.candidate.clone()).collect();
+    let mut was_interrupted = is_stopped || learned.iter().any(|one| one.model.stopped == StopReason::Interrupted);
+    let mut best = 0;
+    // runs that ended the training of a network, or chose a polynomial, are no longer unseen
+    let states =
+        learned.iter().position(|one| one.model.unseen.is_some()).filter(|_| dataset.runs.len() >= PARTS_UNSEEN);
+    if let Some((place, error)) = states.and_then(|place| Some((place, learned[place].model.unseen?))) {
+        best = place;
+        let mut least = error;
+        for (other, one) in learned[..place].iter().enumerate() {
+            if was_interrupted {
+                break;
+            }
+            let Some(found) = cross_validation(project, dataset, one.kind, &assembled)? else {
+                was_interrupted = true;
+                break;
+            };
+            project.event(Event::Note(format_args!(
+                "{}: error {found:.2e} in a cross-validation, {}: {error:.2e}",
+                one.candidate.name, learned[place].candidate.name
+            )));
+            if found < least {
+                (best, least) = (other, found);
+            }
+        }
+    }
+    let LearnedKind { candidate: Candidate { name, .. }, surrogate, model: one, .. } = learned.swap_remove(best);
     let surrogate = one.refitted.as_deref().map_or(Ok(surrogate), assembled)?;
-    let stopped = if is_stopped || learned.iter().any(|(.., other)| other.stopped == StopReason::Interrupted) {
-        StopReason::Interrupted
-    } else {
-        one.stopped
-    };
+    let stopped = if was_interrupted { StopReason::Interrupted } else { one.stopped };
     let record = TrainingRecord {
         train_rows: samples.rows(),
         validation_runs: validation.runs.len(),
@@ -116,6 +139,49 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));
     Ok(Trained { surrogate, history: one.history, record })
+}
+
+/// Error of a kind of model in simulations of all runs, a part of them after the other, by models that are learned from the others: root mean square of
+/// standardized outputs, mean of the parts. None if Ctrl-C ended it.
+fn cross_validation(
+    project: &Project,
+    dataset: &Dataset,
+    kind: DiscreteModel,
+    assembled: &impl Fn(&LearnedDiscrete) -> Result<Surrogate>,
+) -> Result<Option<f64>> {
+    let parts = PARTS_UNSEEN;
+    let (_, scales) =
+        DiscreteSamples::new(&project.study, dataset, (dataset.runs.iter().collect(), Vec::new())).scales[2].clone();
+    let mut sum = 0.0;
+    for part in 0..parts {
+        let of_part =
+            |wanted: bool| dataset.runs.iter().enumerate().filter(move |(run, _)| (run % parts == part) == wanted);
+        let unseen: Vec<Run> = of_part(true).map(|(_, run)| run.clone()).collect();
+        let seen: Vec<Run> = of_part(false).map(|(_, run)| run.clone()).collect();
+        let samples = DiscreteSamples::new(
+            &project.study,
+            dataset,
+            prepare::split(&seen, &project.study.training, project.study.seed),
+        );
+        let Some(found) = unless_interrupted(project, samples.learn(project, kind), true)? else { return Ok(None) };
+        if found.iter().any(|one| one.stopped == StopReason::Interrupted) {
+            return Ok(None);
+        }
+        let [seen, unseen] = [seen, unseen].map(|runs| Dataset { runs, ..dataset.clone() });
+        let held_out = held_out(&project.study, &seen);
+        let mut best = (f64::INFINITY, f64::INFINITY);
+        for one in &found {
+            let surrogate = assembled(one)?;
+            let chosen_by = error(&Accuracy::of(&surrogate, &held_out));
+            if chosen_by < best.0 {
+                let outputs = &Accuracy::of(&surrogate, &unseen).outputs;
+                let squares = outputs.values().zip(&scales).map(|(output, scale)| output.mse / (scale * scale));
+                best = (chosen_by, (squares.sum::<f64>() / scales.len() as f64).sqrt());
+            }
+        }
+        sum += best.1;
+    }
+    Ok(Some(sum / parts as f64))
 }
 
 /// Run length over the time in which inputs are averaged and a distance fades.
@@ -157,6 +223,14 @@ fn error(accuracy: &Accuracy) -> f64 {
     accuracy.outputs.values().map(OutputMetrics::relative_error).fold(0.0, f64::max)
 }
 
+/// The best model of a kind.
+struct LearnedKind {
+    kind: DiscreteModel,
+    candidate: Candidate,
+    surrogate: Surrogate,
+    model: LearnedDiscrete,
+}
+
 /// Result of one way to learn a discrete-time model.
 struct LearnedDiscrete {
     graph: Graph,
@@ -170,6 +244,8 @@ struct LearnedDiscrete {
     stopped: StopReason,
     /// The same fitted to the runs that are held out as well, if that was done.
     refitted: Option<Box<LearnedDiscrete>>,
+    /// Error of simulations of runs that are not seen, if a cross-validation chose it: root mean square of standardized outputs, mean of the parts.
+    unseen: Option<f64>,
 }
 
 impl LearnedDiscrete {
@@ -183,6 +259,7 @@ impl LearnedDiscrete {
             best_epoch: 0,
             stopped: StopReason::Solved,
             refitted: None,
+            unseen: None,
         }
     }
 }
@@ -224,9 +301,7 @@ struct LinearPart {
 }
 
 impl<'a> DiscreteSamples<'a> {
-    fn new(project: &Project, dataset: &'a Dataset) -> Self {
-        let study = &project.study;
-        let (training, validation) = prepare::split(&dataset.runs, &study.training, study.seed);
+    fn new(study: &Study, dataset: &Dataset, (training, validation): (Vec<&'a Run>, Vec<&'a Run>)) -> Self {
         let counts = [study.parameters.len(), dataset.inputs.len(), dataset.outputs.len()];
         let rows = |of: fn(&Run) -> &[f64], count: usize| -> ColumnMoments {
             let rows: Vec<Vec<f64>> =

@@ -1,6 +1,6 @@
 //! Graphs composed of graphs: derivatives of states, the next sample, networks at time points.
 
-use super::{Graph, Operation, Step};
+use super::{Elementwise, Graph, Operation, Step};
 use crate::{
     ScaledNetwork,
     dictionary::{Dictionary, Factor, Term},
@@ -14,6 +14,24 @@ pub enum Given {
     State(usize),
     /// One of the functions.
     Function(usize),
+}
+
+/// What is known of the outputs of a model with an [observer](Graph::of_observer).
+#[derive(Clone, Debug)]
+pub struct Observer {
+    /// `K`, shape `[states, outputs]`.
+    pub gain: Vec<f64>,
+    /// Ends of the ranges in which the states stay, if there are any.
+    pub stops: Option<Vec<[f64; 2]>>,
+    /// Those in which outputs are measured.
+    pub measured: Option<Vec<[f64; 2]>>,
+}
+
+/// Numbers within the ends of ranges, which may be infinite.
+fn clip(of: usize, ranges: &[[f64; 2]]) -> Step {
+    // parameters of a graph are finite
+    let end = |end: usize| ranges.iter().map(move |range| range[end].clamp(f64::MIN, f64::MAX));
+    Step::Elementwise { of, function: Elementwise::Clip, parameters: end(0).chain(end(1)).collect() }
 }
 
 impl Graph {
@@ -80,41 +98,76 @@ impl Graph {
         }
     }
 
+    /// Its outputs within the ends of some ranges, one for each, if there are any.
+    #[must_use]
+    pub fn limited(mut self, ranges: Option<Vec<[f64; 2]>>) -> Self {
+        if let Some(ranges) = ranges {
+            let of = self.steps.len();
+            self.add(clip(of, &ranges));
+        }
+        self
+    }
+
     /// The next sample by a model whose states are corrected where the outputs are not what it predicted, as measured ones. The columns are the
-    /// states, of which the first ones are the outputs; these predictions; the number 1, which is 0 before the first of them; and the other columns of
-    /// the model. `correction` is `K`, shape `[columns, outputs]`; weights, constants and function are those of [`of_samples`](Self::of_samples).
+    /// outputs; the states of the model, of which the first ones are its outputs; the number 1, which is 0 before the first prediction, as the
+    /// model's outputs are; and the other columns of the model, `u`. Weights, constants and function are those of
+    /// [`of_samples`](Self::of_samples).
     ///
     /// ```text
-    /// x[k+1] = model(z + s K (y - p)),    p[k+1] = y[k+1],    s[k+1] = 1
+    /// z = x + s K (y - c(x_y)) + (1 - s) (y, 0)
+    /// x[k+1] = model(z, u),    y[k+1] = c(x_y[k+1]),    s[k+1] = 1
     /// ```
     ///
-    /// Outputs that are predicted are `p`: nothing is corrected.
+    /// where `c` keeps within the ranges that are measured. Outputs that are predicted correct nothing.
     pub fn of_observer(
         [states, outputs, columns]: [usize; 3],
-        correction: Vec<f64>,
+        Observer { gain, stops, measured }: Observer,
         linear: (Vec<f64>, Vec<f64>),
         function: Option<Graph>,
     ) -> Self {
-        let added = outputs + 1;
-        let mut graph = Self { inputs: columns + added, steps: Vec::new() };
+        let mut graph = Self { inputs: columns + outputs + 1, steps: Vec::new() };
         let picked =
-            |places: Vec<usize>| Step::Columns { columns: places.into_iter().map(|place| [0, place as u32]).collect() };
-        let own = graph.add(picked((0..states).chain(states + added..columns + added).collect()));
-        let found = graph.add(picked((0..outputs).collect()));
-        let predicted = graph.add(picked((states..states + outputs).collect()));
-        let is_predicted = graph.add(picked(vec![states + outputs; outputs]));
-        let errors = graph.add(Step::Combine { of: [found, predicted], operation: Operation::Subtract });
-        let errors = graph.add(Step::Combine { of: [is_predicted, errors], operation: Operation::Multiply });
-        let bias = vec![0.0; columns].into();
-        let corrections = graph.add(Step::Affine { of: errors, weight: correction.into(), bias });
+            |of: u32, places: Range<usize>| Step::Columns { columns: places.map(|place| [of, place as u32]).collect() };
+        let sensor = |graph: &mut Self, of: usize| match &measured {
+            Some(ranges) => graph.add(clip(of, ranges)),
+            None => of,
+        };
+        let begun = outputs + states;
+        let other = begun + 1..columns + outputs + 1;
+        let given = graph.add(picked(0, 0..outputs));
+        let own = (outputs..begun).chain(other).map(|place| [0, place as u32]).collect();
+        let own = graph.add(Step::Columns { columns: own });
+        let predicted = graph.add(picked(0, outputs..2 * outputs));
+        let predicted = sensor(&mut graph, predicted);
+        let begun = graph.add(Step::Columns { columns: vec![[0, begun as u32]; outputs] });
+        let errors = graph.add(Step::Combine { of: [given, predicted], operation: Operation::Subtract });
+        let errors = graph.add(Step::Combine { of: [begun, errors], operation: Operation::Multiply });
+        let first =
+            graph.add(Step::Elementwise { of: begun, function: Elementwise::Linear, parameters: vec![-1.0, 1.0] });
+        let first = graph.add(Step::Combine { of: [first, given], operation: Operation::Multiply });
+        let both = [errors, first].into_iter().flat_map(|of| (0..outputs).map(move |place| [of as u32, place as u32]));
+        let both = graph.add(Step::Columns { columns: both.collect() });
+        let element = |place: usize| {
+            let (row, column) = (place / (2 * outputs), place % (2 * outputs));
+            match column.checked_sub(outputs) {
+                None => gain.get(row * outputs + column).copied().unwrap_or(0.0),
+                Some(output) => f64::from(u8::from(row == output)),
+            }
+        };
+        let weight: Vec<f64> = (0..columns * 2 * outputs).map(element).collect();
+        let corrections = graph.add(Step::Affine { of: both, weight: weight.into(), bias: vec![0.0; columns].into() });
         let corrected = graph.add(Step::Combine { of: [own, corrections], operation: Operation::Add });
         let next = graph.add_sample(corrected, columns, linear, function);
-        let rows = (0..states).chain(0..outputs).map(Some).chain([None]);
-        let weight: Vec<f64> =
-            rows.flat_map(|row| (0..states).map(move |state| f64::from(u8::from(row == Some(state))))).collect();
-        let mut bias = vec![0.0; states + added];
-        bias[states + outputs] = 1.0;
-        graph.add(Step::Affine { of: next, weight: weight.into(), bias: bias.into() });
+        let next = match stops {
+            Some(ranges) => graph.add(clip(next, &ranges)),
+            None => next,
+        };
+        let one = graph.add(Step::Affine { of: next, weight: vec![0.0; states].into(), bias: vec![1.0].into() });
+        let found = graph.add(picked(next as u32, 0..outputs));
+        let found = sensor(&mut graph, found);
+        let places = [(found, outputs), (next, states), (one, 1)];
+        let of = |(of, count): (usize, usize)| (0..count).map(move |place| [of as u32, place as u32]);
+        graph.add(Step::Columns { columns: places.into_iter().flat_map(of).collect() });
         graph
     }
 

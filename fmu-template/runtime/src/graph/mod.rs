@@ -20,7 +20,7 @@ use crate::{
     simd::Simd,
     task::Task,
 };
-pub use composed::Given;
+pub use composed::{Given, Observer};
 pub use elementwise::Elementwise;
 use evaluate::check_instants;
 pub(crate) use evaluate::{GraphScratch, PreparedGraph};

@@ -12,6 +12,7 @@
 mod export;
 mod features;
 mod fit;
+mod saturation;
 mod start;
 
 use super::{DiscreteSamples, LearnedDiscrete, standardised};
@@ -22,9 +23,10 @@ use crate::{
     training::StopReason,
 };
 use features::Features;
-use fit::{CountedRuns, Goal, Signals, StateShape, overwriting};
+use fit::{CountedRuns, Goal, Limits, Signals, Simulated, StateShape, overwriting};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
+use saturation::Saturation;
 use start::LinearStart;
 use std::{ops::Range, sync::atomic::Ordering};
 
@@ -35,6 +37,8 @@ const KINDS: [Nonlinearity; 4] =
     [Nonlinearity::OutputProducts(3), Nonlinearity::Products(2), Nonlinearity::Products(3), Nonlinearity::Nodes(6)];
 /// Penalties of the square of the distance from the linear state space, for each error.
 const PENALTIES: [f64; 12] = [1.0, 0.3, 0.1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10];
+/// Share of the width of hidden states' ranges by which simulations may leave them, where they diverge otherwise.
+const MARGIN: f64 = 0.5;
 /// Penalty of the linear state space.
 const LEAST: f64 = 1e-8;
 /// Penalties without a better cross-validation, after which the others are left out.
@@ -50,8 +54,9 @@ const STRETCHES: [usize; 3] = [8, 64, usize::MAX];
 const ROWS: usize = 5000;
 /// Rows of a run, at the least, where it is cut.
 const SHORTEST: usize = 500;
-/// Parts of the cross-validation.
+/// Parts of the cross-validation, and runs up to which each is a part.
 const FOLDS: usize = 5;
+const FEW_RUNS: usize = 8;
 /// Coefficients at most, and multiplications of all trainings: about ten seconds on two cores.
 const MOST: usize = 400;
 const BUDGET: f64 = 1e11;
@@ -69,8 +74,9 @@ enum Nonlinearity {
 }
 
 /// What is chosen.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 struct Setting {
+    saturation: Saturation,
     order: usize,
     kind: Nonlinearity,
     penalty: f64,
@@ -88,31 +94,37 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
     let corners = runs.corners(samples.counts[2]);
     let search = Search { samples, seed: project.study.seed, is_stopped: &is_stopped, corners };
     let found = search.best(&runs);
-    let Some(BestSetting { error, choice, mut fitted }) = found else {
+    let Some(BestSetting { error, choice, fitted }) = found else {
         return if is_stopped() { Err(Error::Interrupted) } else { Ok(Vec::new()) };
     };
-    let Setting { order, kind, penalty } = choice;
+    let Setting { saturation, order, kind, penalty } = choice;
     project.event(Event::Note(format_args!(
-        "state space: {} hidden states, {kind}, penalty {penalty:.0e}, error {error:.2e} in a cross-validation",
+        "state space: {} hidden states, {kind}{saturation}, penalty {penalty:.0e}, error {error:.2e} in a cross-validation",
         (order - 1) * samples.counts[2],
     )));
     let shape = search.shape(order, kind);
-    let mut model = |runs: &[Signals], is_seen: &dyn Fn(usize) -> bool, iterations: usize| {
-        search.advance(&CountedRuns::new(runs, is_seen), &shape, penalty, iterations, &mut fitted);
-        export::model(samples, &shape, &fitted.coefficients, &fitted.gain)
+    // fitted to other rows; none if that does not stay finite
+    let advanced = |from: &FittedStates, runs: &[Signals], is_seen: &dyn Fn(usize) -> bool, iterations: usize| {
+        let (data, mut fitted) = (CountedRuns::new(runs, is_seen), from.clone());
+        search.advance(&data, &shape, penalty, iterations, &mut fitted);
+        let bounded = if search.is_stable(&shape, &fitted) { Some(fitted) } else { fitted.bounded(&shape, &data) };
+        bounded.filter(|bounded| search.is_stable(&shape, bounded))
     };
+    let model = |fitted: &FittedStates| export::model(samples, &shape, fitted.simulated());
     let of_training = |run: usize| run < samples.training.len();
     let learned = match &runs.all {
-        Some(all) => model(all, &of_training, LAST_ITERATIONS),
+        Some(all) => model(&advanced(&fitted, all, &of_training, LAST_ITERATIONS).unwrap_or(fitted)),
         None => {
-            let learned = model(&runs.few, &of_training, 0);
-            LearnedDiscrete { refitted: Some(Box::new(model(&runs.few, &|_| true, ITERATIONS))), ..learned }
+            let fitted = advanced(&fitted, &runs.few, &of_training, 0).unwrap_or(fitted);
+            let refitted = advanced(&fitted, &runs.few, &|_| true, ITERATIONS);
+            LearnedDiscrete { refitted: refitted.map(|refitted| Box::new(model(&refitted))), ..model(&fitted) }
         }
     };
     let stopped = if is_stopped() { StopReason::Interrupted } else { StopReason::Solved };
     // a Ctrl-C is used up: what follows is quick and uses the best model
     stop.store(false, Ordering::Relaxed);
-    Ok(vec![LearnedDiscrete { stopped, ..learned }])
+    let unseen = (runs.all.is_none() && runs.count > 1).then_some(error);
+    Ok(vec![LearnedDiscrete { stopped, unseen, ..learned }])
 }
 
 /// Runs, standardized and numbered: those of the training, then those held out.
@@ -197,6 +209,25 @@ struct FittedStates {
     coefficients: Vec<f64>,
     /// Correction of the states by outputs that are given.
     gain: Vec<f64>,
+    limits: Limits,
+}
+
+impl FittedStates {
+    fn simulated(&self) -> Simulated<'_> {
+        Simulated { coefficients: &self.coefficients, gain: &self.gain, limits: &self.limits }
+    }
+
+    /// With hidden states that stay near their ranges in some runs; none if they diverge there.
+    fn bounded(&self, shape: &StateShape, data: &CountedRuns) -> Option<Self> {
+        let mut bounded = self.clone();
+        let ranges = data.ranges(shape, self.simulated())?;
+        let hidden = shape.outputs..shape.states;
+        for (limit, [low, high]) in bounded.limits.states[hidden.clone()].iter_mut().zip(&ranges[hidden]) {
+            let margin = MARGIN * (high - low);
+            *limit = [low - margin, high + margin];
+        }
+        Some(bounded)
+    }
 }
 
 /// What a search finds.
@@ -206,6 +237,17 @@ struct BestSetting {
     choice: Setting,
     /// Of the training runs.
     fitted: FittedStates,
+}
+
+/// Runs of a cross-validation.
+#[derive(Clone, Copy)]
+struct Folds<'a> {
+    /// Runs to fit to: of each part, and of the training.
+    sets: &'a [CountedRuns<'a>],
+    /// Number of those of the training.
+    own: usize,
+    /// Of each part the runs that are not seen, simulated in different ways.
+    unseen: &'a [Vec<CountedRuns<'a>>],
 }
 
 struct Search<'a> {
@@ -220,7 +262,11 @@ impl Search<'_> {
     /// What has the smallest error in a cross-validation of all runs.
     fn best(&self, runs: &SearchRuns) -> Option<BestSetting> {
         let is_cross_validated = runs.all.is_none() || runs.training == runs.count;
-        let folds = if is_cross_validated { FOLDS.min(runs.count) } else { 1 };
+        let folds = match is_cross_validated {
+            true if runs.count <= FEW_RUNS => runs.count,
+            true => FOLDS,
+            false => 1,
+        };
         let is_unseen = |run: usize, fold: usize| match is_cross_validated {
             // a single run is both
             true => folds == 1 || run % folds == fold,
@@ -238,13 +284,40 @@ impl Search<'_> {
         if is_cross_validated {
             sets.push(CountedRuns::new(few, |run| run < runs.training));
         }
-        let count = (sets[..folds].iter().map(CountedRuns::rows).sum::<usize>() / folds.max(1)) as f64;
-        let mut left = BUDGET;
-        let mut best: Option<BestSetting> = None;
+        let mut best = None;
+        let saturations = Saturation::all(&runs.pieces, self.samples.counts[2]);
+        for saturation in &saturations {
+            let budget = BUDGET / saturations.len() as f64;
+            self.with(saturation, Folds { sets: &sets, own, unseen: &unseen }, budget, &mut best);
+        }
+        best
+    }
+
+    /// Replaces the best one by a better one with some saturation.
+    fn with(&self, saturation: &Saturation, folds: Folds, budget: f64, best: &mut Option<BestSetting>) {
+        let Folds { sets, own, unseen } = folds;
+        let count = (sets[..unseen.len()].iter().map(CountedRuns::rows).sum::<usize>() / unseen.len().max(1)) as f64;
+        let setting = |order, kind, penalty: f64| Setting {
+            saturation: saturation.clone(),
+            order,
+            kind,
+            penalty: penalty * count,
+        };
+        let mut left = budget;
         let mut keep = |choice: Setting, error: f64, fitted: &[FittedStates]| {
-            let is_better = best.as_ref().is_none_or(|best| error < BETTER * best.error);
-            if error.is_finite() && is_better && self.is_stable(&self.shape(choice.order, choice.kind), &fitted[own]) {
-                best = Some(BestSetting { error, choice, fitted: fitted[own].clone() });
+            let is_better = |error: f64, best: &Option<BestSetting>| {
+                error.is_finite() && best.as_ref().is_none_or(|best| error < BETTER * best.error)
+            };
+            let shape = self.shape(choice.order, choice.kind);
+            if is_better(error, best) && self.is_stable(&shape, &fitted[own]) {
+                *best = Some(BestSetting { error, choice, fitted: fitted[own].clone() });
+            } else if choice.order > 1 && !matches!(choice.kind, Nonlinearity::Linear) {
+                let bounded = fitted.iter().zip(sets).map(|(fitted, data)| fitted.bounded(&shape, data));
+                let Some(bounded) = bounded.collect::<Option<Vec<_>>>() else { return };
+                let error = self.error(&shape, unseen, &bounded);
+                if is_better(error, best) && self.is_stable(&shape, &bounded[own]) {
+                    *best = Some(BestSetting { error, choice, fitted: bounded[own].clone() });
+                }
             }
         };
         // of two linear state spaces of an order, one after the other
@@ -257,9 +330,10 @@ impl Search<'_> {
                     continue;
                 }
                 left -= cost;
-                let Some(fitted) = self.linear(origin, &sets, own, &shape, LEAST * count) else { continue };
-                let error = self.error(&shape, &unseen, &fitted);
-                keep(Setting { order, kind: Nonlinearity::Linear, penalty: LEAST * count }, error, &fitted);
+                let limits = saturation.limits(&shape);
+                let Some(fitted) = self.linear(origin, folds, &shape, &limits, LEAST * count) else { continue };
+                let error = self.error(&shape, unseen, &fitted);
+                keep(setting(order, Nonlinearity::Linear, LEAST), error, &fitted);
                 linear.push((order, fitted));
             }
         }
@@ -279,30 +353,33 @@ impl Search<'_> {
                     let step = |(fitted, data): (&mut FittedStates, &CountedRuns)| {
                         self.advance(data, &shape, penalty * count, ITERATIONS, fitted)
                     };
-                    let costs: Vec<f64> = fitted.par_iter_mut().zip(&sets).map(step).collect();
+                    let costs: Vec<f64> = fitted.par_iter_mut().zip(sets).map(step).collect();
                     left -= costs.into_iter().sum::<f64>();
-                    let error = self.error(&shape, &unseen, &fitted);
+                    let error = self.error(&shape, unseen, &fitted);
                     (least, since) = if error < least { (error, 0) } else { (least, since + 1) };
-                    keep(Setting { order, kind, penalty: penalty * count }, error, &fitted);
+                    keep(setting(order, kind, penalty), error, &fitted);
                 }
             }
         }
-        best
     }
 
-    /// Root mean square error of the simulations of unseen runs.
+    /// Root mean square error of the simulations of unseen runs, mean of the parts: that of a single hard part does not decide alone.
     fn error(&self, shape: &StateShape, unseen: &[Vec<CountedRuns>], fitted: &[FittedStates]) -> f64 {
         let of_part = |(data, fitted): (&Vec<CountedRuns>, &FittedStates)| {
-            data.iter().map(|data| data.squares(shape, &fitted.coefficients, &fitted.gain)).sum::<f64>()
+            data.iter().map(|data| data.squares(shape, fitted.simulated())).sum::<f64>()
         };
         let squares: Vec<f64> = unseen.par_iter().zip(fitted).map(of_part).collect();
-        let values = unseen.iter().flatten().map(CountedRuns::rows).sum::<usize>().max(1) * shape.outputs;
-        (squares.into_iter().sum::<f64>() / values as f64).sqrt()
+        let mean = |data: &Vec<CountedRuns>, squares: f64| {
+            let values = data.iter().map(CountedRuns::rows).sum::<usize>().max(1) * shape.outputs;
+            (squares / values as f64).sqrt()
+        };
+        let errors = unseen.iter().zip(squares).map(|(data, squares)| mean(data, squares));
+        errors.sum::<f64>() / unseen.len() as f64
     }
 
     /// Whether it stays finite from the ends of the outputs' ranges with inputs at the ends and in the middle of theirs.
     fn is_stable(&self, shape: &StateShape, fitted: &FittedStates) -> bool {
-        CountedRuns::new(&self.corners, |_| true).is_stable(shape, &fitted.coefficients, &fitted.gain)
+        CountedRuns::new(&self.corners, |_| true).is_stable(shape, fitted.simulated())
     }
 
     /// One step of the path; gives the number of multiplications.
@@ -314,11 +391,11 @@ impl Search<'_> {
         iterations: usize,
         fitted: &mut FittedStates,
     ) -> f64 {
-        let FittedStates { center, gain, .. } = &*fitted;
-        let goal = Goal { center, gain, penalty, stretch: usize::MAX, iterations };
+        let FittedStates { center, gain, limits, .. } = &*fitted;
+        let goal = Goal { center, gain, limits, penalty, stretch: usize::MAX, iterations };
         let found = data.fit(shape, &fitted.coefficients, &goal, self.is_stopped);
-        fitted.gain = data.gain(shape, &found.coefficients, gain);
         fitted.coefficients = found.coefficients;
+        fitted.gain = data.gain(shape, fitted.simulated());
         found.evaluations as f64 * data.cost(shape)
     }
 
@@ -326,18 +403,19 @@ impl Search<'_> {
     fn linear(
         &self,
         origin: LinearStart,
-        sets: &[CountedRuns],
-        own: usize,
+        Folds { sets, own, .. }: Folds,
         shape: &StateShape,
+        limits: &Limits,
         penalty: f64,
     ) -> Option<Vec<FittedStates>> {
         let training = sets.get(own)?;
-        let start = start::linear(origin, self.samples, training, shape)?;
+        let start = start::linear(origin, self.samples, training, shape, limits)?;
         let (zero, gain) = (vec![0.0; start.len()], overwriting(shape));
         let fitted = |data: &CountedRuns, start: Vec<f64>, stretches: &[usize]| {
             let mut now = (f64::INFINITY, start);
             for stretch in stretches {
-                let goal = Goal { center: &zero, gain: &gain, penalty, stretch: *stretch, iterations: ITERATIONS };
+                let goal =
+                    Goal { center: &zero, gain: &gain, limits, penalty, stretch: *stretch, iterations: ITERATIONS };
                 let found = data.fit(shape, &now.1, &goal, self.is_stopped);
                 now = (found.value, found.coefficients);
             }
@@ -345,9 +423,11 @@ impl Search<'_> {
         };
         let common = fitted(training, start, &STRETCHES)?;
         let of_set = |data: &CountedRuns| {
-            let coefficients = fitted(data, common.clone(), &STRETCHES[2..])?;
-            let gain = data.gain(shape, &coefficients, &gain);
-            Some(FittedStates { center: coefficients.clone(), coefficients, gain })
+            // one that diverges in runs that the training does not see becomes stable in stretches
+            let whole = fitted(data, common.clone(), &STRETCHES[2..]);
+            let coefficients = whole.or_else(|| fitted(data, common.clone(), &STRETCHES))?;
+            let gain = data.gain(shape, Simulated { coefficients: &coefficients, gain: &gain, limits });
+            Some(FittedStates { center: coefficients.clone(), coefficients, gain, limits: limits.clone() })
         };
         sets.par_iter().map(of_set).collect()
     }
@@ -368,7 +448,7 @@ impl Search<'_> {
             center[places[3].clone()].iter_mut().for_each(|weight| *weight = normal() / spread);
             center[places[4].clone()].iter_mut().for_each(|bias| *bias = 0.5 * normal());
         }
-        FittedStates { coefficients: center.clone(), center, gain: linear.gain.clone() }
+        FittedStates { coefficients: center.clone(), center, ..linear.clone() }
     }
 
     fn shape(&self, order: usize, kind: Nonlinearity) -> StateShape {

@@ -3,12 +3,13 @@
 use super::{
     super::{DiscreteSamples, LearnedDiscrete},
     features::{Features, SPAN},
-    fit::{StateShape, overwriting},
+    fit::{Limits, Simulated, StateShape, overwriting},
 };
-use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling};
+use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling, graph::Observer};
 
 /// The next sample, and the hidden states at the start. `gain` corrects the states by outputs that are given.
-pub fn model(samples: &DiscreteSamples, shape: &StateShape, coefficients: &[f64], gain: &[f64]) -> LearnedDiscrete {
+pub fn model(samples: &DiscreteSamples, shape: &StateShape, simulated: Simulated) -> LearnedDiscrete {
+    let Simulated { coefficients, gain, limits } = simulated;
     let StateShape { states, outputs, columns, ref features } = *shape;
     let [linear, constant, last, first, bias, hidden] = shape.places().map(|place| &coefficients[place]);
     let of = samples.scaling([1, 1]);
@@ -27,6 +28,7 @@ pub fn model(samples: &DiscreteSamples, shape: &StateShape, coefficients: &[f64]
         constants.push(output_mean[state] + output_scale[state] * constant[state] - at_means);
         weights.extend(row);
     }
+    let scales = output_scale.clone();
     let mut scaling = Scaling { input_mean, input_scale, output_mean: vec![0.0; states], output_scale };
     let function = match features {
         Features::Nodes(0) => None,
@@ -49,19 +51,22 @@ pub fn model(samples: &DiscreteSamples, shape: &StateShape, coefficients: &[f64]
             Some(Graph::of_polynomial(&scaling, products.clone(), last))
         }
     };
-    if *gain == overwriting(shape) {
-        let graph = Graph::of_samples(columns, weights, constants, function);
+    let ends = |ranges: &[[f64; 2]]| {
+        let is_limited = ranges.iter().any(|range| *range != Limits::NONE);
+        let in_units = |(state, range): (usize, &[f64; 2])| {
+            range.map(|end| if end.is_finite() { output_mean[state] + scales[state] * end } else { end })
+        };
+        is_limited.then(|| ranges.iter().enumerate().map(in_units).collect::<Vec<_>>())
+    };
+    let (stops, measured) = (ends(&limits.states), ends(&limits.measured));
+    if *gain == overwriting(shape) && measured.is_none() {
+        let graph = Graph::of_samples(columns, weights, constants, function).limited(stops);
         return LearnedDiscrete { hidden: hidden.to_vec(), ..LearnedDiscrete::solved(graph, [1, 1]) };
     }
-    let scales = &samples.scales[2].1;
-    let correction = (0..columns * outputs).map(|place| {
-        let (column, output) = (place / outputs, place % outputs);
-        let own = if column == output { 1.0 } else { 0.0 };
-        let scale = scales.get(column).copied().unwrap_or(1.0);
-        gain.get(place).map_or(0.0, |gain| scale * (gain - own) / scales[output])
-    });
-    let graph = Graph::of_observer([states, outputs, columns], correction.collect(), (weights, constants), function);
+    let in_units = |place: usize| scales[place / outputs] * gain[place] / scales[place % outputs];
+    let observer = Observer { gain: (0..states * outputs).map(in_units).collect(), stops, measured };
+    let graph = Graph::of_observer([states, outputs, columns], observer, (weights, constants), function);
     // at the start nothing was predicted
-    let hidden = [hidden, &vec![0.0; outputs + 1]].concat();
+    let hidden = [&vec![0.0; outputs], hidden, &[0.0]].concat();
     LearnedDiscrete { hidden, ..LearnedDiscrete::solved(graph, [1, 1]) }
 }

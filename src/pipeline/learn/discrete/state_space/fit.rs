@@ -68,6 +68,45 @@ impl StateShape {
     }
 }
 
+/// Ends of ranges that simulations do not leave, standardized.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Limits {
+    /// Of the states, where they stop.
+    pub states: Vec<[f64; 2]>,
+    /// Of what is measured of the outputs, which may be beyond.
+    pub measured: Vec<[f64; 2]>,
+}
+
+impl Limits {
+    /// Of numbers without ends.
+    pub const NONE: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
+
+    /// What is measured of an output.
+    pub fn measured(&self, output: usize, value: f64) -> f64 {
+        within(self.measured[output], value)
+    }
+}
+
+/// Not [`f64::clamp`], for it needs to keep NaN only.
+fn within([low, high]: [f64; 2], value: f64) -> f64 {
+    if value < low {
+        low
+    } else if value > high {
+        high
+    } else {
+        value
+    }
+}
+
+/// A state space to simulate.
+#[derive(Clone, Copy)]
+pub struct Simulated<'a> {
+    pub coefficients: &'a [f64],
+    /// Correction of the states by the errors of outputs that are given, shape `[states, outputs]`.
+    pub gain: &'a [f64],
+    pub limits: &'a Limits,
+}
+
 /// A run, standardized, or several that follow each other.
 #[derive(Clone)]
 pub struct Signals {
@@ -134,6 +173,7 @@ pub struct Goal<'a> {
     pub center: &'a [f64],
     /// Correction of the states by the errors of outputs that are given, shape `[states, outputs]`.
     pub gain: &'a [f64],
+    pub limits: &'a Limits,
     /// Penalty of the square of that distance.
     pub penalty: f64,
     /// Rows after which the outputs of a simulation are made what was measured; `usize::MAX` of whole simulations.
@@ -185,13 +225,13 @@ impl<'a> CountedRuns<'a> {
     }
 
     /// Sum of the squares of the errors of the simulations; infinite if one diverges.
-    pub fn squares(&self, shape: &StateShape, coefficients: &[f64], gain: &[f64]) -> f64 {
+    pub fn squares(&self, shape: &StateShape, model: Simulated) -> f64 {
         let of_run = |(run, rows): &(&Signals, Vec<bool>)| {
             let mut squares = 0.0;
-            simulate(shape, (coefficients, gain), run, [rows.len(), run.given], |row, states| {
+            simulate(shape, model, run, [rows.len(), run.given], |row, states| {
                 if rows[row] {
                     let measured = &run.outputs[row * shape.outputs..][..shape.outputs];
-                    squares += states.iter().zip(measured).map(|(found, value)| (found - value).powi(2)).sum::<f64>();
+                    squares += errors(model.limits, states, measured).map(|error| error * error).sum::<f64>();
                 }
             })
             .map_or(f64::INFINITY, |()| squares)
@@ -200,19 +240,19 @@ impl<'a> CountedRuns<'a> {
     }
 
     /// Whether all simulations stay finite.
-    pub fn is_stable(&self, shape: &StateShape, coefficients: &[f64], gain: &[f64]) -> bool {
+    pub fn is_stable(&self, shape: &StateShape, model: Simulated) -> bool {
         let is_stable = |(run, rows): &(&Signals, Vec<bool>)| {
-            simulate(shape, (coefficients, gain), run, [rows.len(), run.given], |_, _| {}).is_some()
+            simulate(shape, model, run, [rows.len(), run.given], |_, _| {}).is_some()
         };
         self.runs.par_iter().all(is_stable)
     }
 
     /// Standard deviations of the states in simulations; none if one diverges.
-    pub fn deviations(&self, shape: &StateShape, coefficients: &[f64]) -> Option<Vec<f64>> {
-        let gain = overwriting(shape);
+    pub fn deviations(&self, shape: &StateShape, coefficients: &[f64], limits: &Limits) -> Option<Vec<f64>> {
+        let model = Simulated { coefficients, gain: &overwriting(shape), limits };
         let (mut sums, mut squares, mut count) = (vec![0.0; shape.states], vec![0.0; shape.states], 0.0);
         for (run, rows) in &self.runs {
-            simulate(shape, (coefficients, &gain), run, [rows.len(), run.given], |_, states| {
+            simulate(shape, model, run, [rows.len(), run.given], |_, states| {
                 count += 1.0;
                 for ((state, sum), square) in states.iter().zip(&mut sums).zip(&mut squares) {
                     *sum += state;
@@ -226,6 +266,19 @@ impl<'a> CountedRuns<'a> {
                 .map(|(sum, square)| (square / count - (sum / count).powi(2)).max(0.0).sqrt())
                 .collect(),
         )
+    }
+
+    /// Ranges of the states in simulations; none if one diverges.
+    pub fn ranges(&self, shape: &StateShape, model: Simulated) -> Option<Vec<[f64; 2]>> {
+        let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; shape.states];
+        for (run, rows) in &self.runs {
+            simulate(shape, model, run, [rows.len(), run.given], |_, states| {
+                for ([low, high], state) in ranges.iter_mut().zip(states) {
+                    (*low, *high) = (low.min(*state), high.max(*state));
+                }
+            })?;
+        }
+        Some(ranges)
     }
 
     fn sums(&self, shape: &StateShape, coefficients: &[f64], goal: &Goal) -> Option<NormalEquations> {
@@ -250,19 +303,19 @@ impl<'a> CountedRuns<'a> {
     /// The correction after which simulations have the smallest errors, if so many rows are given first: by the method of Levenberg and Marquardt, with
     /// differences for slopes. It begins with the best of a known one, that which makes outputs what is measured, and Kalman filters of the
     /// linear part.
-    pub fn gain(&self, shape: &StateShape, coefficients: &[f64], known: &[f64]) -> Vec<f64> {
+    pub fn gain(&self, shape: &StateShape, model: Simulated) -> Vec<f64> {
         let parts = self.parts();
+        let Simulated { coefficients, gain: known, limits } = model;
         let errors = |gain: &[f64]| {
-            let mut errors = Vec::new();
+            let mut found = Vec::new();
             for part in &parts {
-                simulate(shape, (coefficients, gain), part, [part.rows(), part.given], |row, states| {
+                simulate(shape, Simulated { gain, ..model }, part, [part.rows(), part.given], |row, states| {
                     if row > part.given {
-                        let measured = &part.outputs[row * shape.outputs..][..shape.outputs];
-                        errors.extend(states.iter().zip(measured).map(|(found, measured)| found - measured));
+                        found.extend(errors(limits, states, &part.outputs[row * shape.outputs..][..shape.outputs]));
                     }
                 })?;
             }
-            Some(DVector::from_vec(errors))
+            Some(DVector::from_vec(found))
         };
         let filters = RATIOS.into_iter().filter_map(|ratio| kalman(shape, coefficients, ratio));
         let starts = [known.to_vec(), overwriting(shape)].into_iter().chain(filters);
@@ -381,11 +434,16 @@ impl NormalEquations {
                 return;
             }
             for output in 0..outputs {
-                let error = states[output] - run.outputs[row * outputs + output];
+                let seen = goal.limits.measured(output, states[output]);
+                let error = seen - run.outputs[row * outputs + output];
                 self.squares += error * error;
                 self.count += 1;
                 errors[filled] = error;
-                block.column_mut(filled).copy_from_slice(&sensitivities[output * count..][..count]);
+                if seen == states[output] {
+                    block.column_mut(filled).copy_from_slice(&sensitivities[output * count..][..count]);
+                } else {
+                    block.column_mut(filled).fill(0.0);
+                }
                 filled += 1;
                 if filled == BLOCK {
                     self.gradient.gemv(1.0, &block, &errors, 1.0);
@@ -433,7 +491,7 @@ fn kalman(shape: &StateShape, coefficients: &[f64], ratio: f64) -> Option<Vec<f6
 /// Calls back with the states at each of the first rows of a run, before those that are given correct them; none if they diverge.
 fn simulate(
     shape: &StateShape,
-    (coefficients, gain): (&[f64], &[f64]),
+    Simulated { coefficients, gain, limits }: Simulated,
     run: &Signals,
     [rows, given]: [usize; 2],
     mut visit: impl FnMut(usize, &[f64]),
@@ -451,7 +509,7 @@ fn simulate(
         }
         visit(row, &z[..states]);
         if row < given {
-            correct(&mut z[..states], gain, measured);
+            correct(&mut z[..states], gain, limits, measured);
         }
         z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
         active.evaluate(features, [first, bias], &z);
@@ -459,6 +517,7 @@ fn simulate(
             let change = constant[state] + dot(&linear[state * columns..][..columns], &z);
             *next = z[state] + change + dot(&last[state * count..][..count], &active.values);
         }
+        next.iter_mut().zip(&limits.states).for_each(|(state, range)| *state = within(*range, *state));
         if !next.iter().all(|value| value.abs() < DIVERGED) {
             return None;
         }
@@ -483,6 +542,7 @@ fn simulate_with_sensitivities(
     let mut active = FeatureValues::new(features, states);
     let terms = active.values.len();
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
+    let mut seen = vec![true; outputs];
     let (mut sensitivities, mut changed) = (vec![0.0; states * count], vec![0.0; states * count]);
     z[outputs..states].copy_from_slice(hidden);
     (outputs..states).zip(places[5].clone()).for_each(|(state, place)| sensitivities[state * count + place] = 1.0);
@@ -494,8 +554,10 @@ fn simulate_with_sensitivities(
         }
         visit(row, &z[..states], &sensitivities);
         if row < run.given {
-            correct(&mut z[..states], goal.gain, measured);
-            correct_sensitivities(&mut sensitivities, goal.gain, [states, outputs]);
+            let is_seen = |(output, range): (usize, &[f64; 2])| within(*range, z[output]) == z[output];
+            goal.limits.measured.iter().enumerate().map(is_seen).zip(&mut seen).for_each(|(is, seen)| *seen = is);
+            correct(&mut z[..states], goal.gain, goal.limits, measured);
+            correct_sensitivities(&mut sensitivities, goal.gain, &seen, states);
         } else if (row - run.given + 1).is_multiple_of(goal.stretch) {
             z[..outputs].copy_from_slice(measured);
             sensitivities[..outputs * count].fill(0.0);
@@ -524,6 +586,13 @@ fn simulate_with_sensitivities(
                 changed[places[4].start + node] += slope;
             }
         }
+        for (state, range) in goal.limits.states.iter().enumerate() {
+            let value = within(*range, next[state]);
+            if value != next[state] {
+                next[state] = value;
+                changed[state * count..][..count].fill(0.0);
+            }
+        }
         if !next.iter().all(|value| value.abs() < DIVERGED) {
             return None;
         }
@@ -533,19 +602,26 @@ fn simulate_with_sensitivities(
     Some(())
 }
 
-/// `x + K (y - x_y)`
-fn correct(states: &mut [f64], gain: &[f64], measured: &[f64]) {
-    let outputs = measured.len();
-    let errors: Vec<f64> = measured.iter().zip(states.iter()).map(|(measured, found)| measured - found).collect();
-    states.iter_mut().zip(gain.chunks_exact(outputs)).for_each(|(state, gain)| *state += dot(gain, &errors));
+/// Errors of what is measured of simulated outputs.
+fn errors(limits: &Limits, states: &[f64], measured: &[f64]) -> impl Iterator<Item = f64> {
+    let error = |(output, measured): (usize, &f64)| limits.measured(output, states[output]) - measured;
+    measured.iter().enumerate().map(error)
 }
 
-/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none.
-fn correct_sensitivities(sensitivities: &mut [f64], gain: &[f64], [states, outputs]: [usize; 2]) {
+/// `x + K (y - x_y)`, where `x_y` is in the range that is measured.
+fn correct(states: &mut [f64], gain: &[f64], limits: &Limits, measured: &[f64]) {
+    let outputs = measured.len();
+    let errors: Vec<f64> = errors(limits, states, measured).collect();
+    states.iter_mut().zip(gain.chunks_exact(outputs)).for_each(|(state, gain)| *state -= dot(gain, &errors));
+}
+
+/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none, and outputs beyond its range have no effect.
+fn correct_sensitivities(sensitivities: &mut [f64], gain: &[f64], seen: &[bool], states: usize) {
     let count = sensitivities.len() / states;
-    let of_outputs = sensitivities[..outputs * count].to_vec();
-    for (of_state, gain) in sensitivities.chunks_exact_mut(count).zip(gain.chunks_exact(outputs)) {
-        gain.iter().zip(of_outputs.chunks_exact(count)).for_each(|(gain, of)| add(of_state, of, -gain));
+    let of_outputs = sensitivities[..seen.len() * count].to_vec();
+    for (of_state, gain) in sensitivities.chunks_exact_mut(count).zip(gain.chunks_exact(seen.len())) {
+        let of_seen = gain.iter().zip(of_outputs.chunks_exact(count)).zip(seen).filter(|(_, seen)| **seen);
+        of_seen.for_each(|((gain, of), _)| add(of_state, of, -gain));
     }
 }
 
@@ -560,6 +636,10 @@ fn add(to: &mut [f64], from: &[f64], factor: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn limits(shape: &StateShape) -> Limits {
+        Limits { states: vec![Limits::NONE; shape.states], measured: vec![Limits::NONE; shape.outputs] }
+    }
 
     /// A run of a made-up state space with two outputs, a hidden state, an input and a parameter.
     fn example(features: Features) -> (StateShape, Vec<f64>, Signals) {
@@ -580,7 +660,11 @@ mod tests {
             let count = coefficients.len();
             let mut found = Vec::new();
             let gain: Vec<f64> = (0..6).map(|place| 0.3 * (place as f64).cos()).collect();
-            let goal = Goal { center: &[], gain: &gain, penalty: 0.0, stretch: usize::MAX, iterations: 0 };
+            // a hidden state stops, and the sensor of an output saturates
+            let mut limits = limits(&shape);
+            (limits.states[2], limits.measured[0]) = ([-0.05, 0.05], [-0.1, 0.2]);
+            let goal =
+                Goal { center: &[], gain: &gain, limits: &limits, penalty: 0.0, stretch: usize::MAX, iterations: 0 };
             simulate_with_sensitivities(&shape, &coefficients, (&run, 30), &goal, |row, states, of| {
                 if row == 12 {
                     found = [states, of].concat();
@@ -591,11 +675,17 @@ mod tests {
                 let mut moved = coefficients.clone();
                 moved[index] += by;
                 let mut states = Vec::new();
-                simulate(&shape, (&moved, &gain), &run, [30, 3], |row, found| {
-                    if row == 12 {
-                        states = found.to_vec();
-                    }
-                })
+                simulate(
+                    &shape,
+                    Simulated { coefficients: &moved, gain: &gain, limits: &limits },
+                    &run,
+                    [30, 3],
+                    |row, found| {
+                        if row == 12 {
+                            states = found.to_vec();
+                        }
+                    },
+                )
                 .unwrap();
                 states
             };
@@ -618,17 +708,15 @@ mod tests {
     fn a_state_space_is_found_again_from_its_outputs() {
         let (shape, coefficients, mut run) = example(Features::Nodes(4));
         run.given = 1;
-        let gain = overwriting(&shape);
+        let (gain, limits) = (overwriting(&shape), limits(&shape));
         let (start, rows) = (run.outputs[..2].to_vec(), run.rows());
         let signals = |from: usize| {
             let inputs: Vec<f64> = (0..2 * rows).map(|index| (0.7 * (index + from) as f64).sin()).collect();
             let outputs = [start.clone(), vec![0.0; 2 * rows - 2]].concat();
             let mut run = Signals { outputs, inputs, given: 1, runs: vec![from; rows] };
             let mut outputs = Vec::new();
-            simulate(&shape, (&coefficients, &gain), &run, [rows, 1], |_, states| {
-                outputs.extend_from_slice(&states[..2])
-            })
-            .unwrap();
+            let model = Simulated { coefficients: &coefficients, gain: &gain, limits: &limits };
+            simulate(&shape, model, &run, [rows, 1], |_, states| outputs.extend_from_slice(&states[..2])).unwrap();
             run.outputs = outputs;
             run
         };
@@ -638,11 +726,11 @@ mod tests {
             coefficients.iter().enumerate().map(|(i, of)| of + 0.05 * (2.1 * i as f64).cos()).collect();
         let mut found = Minimum { coefficients: moved.clone(), value: 0.0, evaluations: 0 };
         for stretch in [4, 32, usize::MAX] {
-            let goal = Goal { center: &moved, gain: &gain, penalty: 1e-10, stretch, iterations: 40 };
+            let goal = Goal { center: &moved, gain: &gain, limits: &limits, penalty: 1e-10, stretch, iterations: 40 };
             found = training.fit(&shape, &found.coefficients, &goal, &|| false);
         }
-        let errors =
-            [&moved, &found.coefficients].map(|coefficients| unseen.squares(&shape, coefficients, &gain).sqrt());
+        let squares = |coefficients| unseen.squares(&shape, Simulated { coefficients, gain: &gain, limits: &limits });
+        let errors = [&moved, &found.coefficients].map(|coefficients| squares(coefficients).sqrt());
         assert!(errors[1] < 1e-3 * errors[0], "{errors:?}");
     }
 
@@ -655,7 +743,9 @@ mod tests {
         let inputs: Vec<f64> = (0..rows).map(|row| (0.3 * row as f64).sin()).collect();
         let quiet = Signals { outputs: vec![0.0; rows], inputs: inputs.clone(), given: 1, runs: vec![0; rows] };
         let mut outputs = Vec::new();
-        simulate(&shape, (&coefficients, &[0.0; 2]), &quiet, [rows, 1], |_, states| outputs.push(states[0])).unwrap();
+        let limits = limits(&shape);
+        let model = Simulated { coefficients: &coefficients, gain: &[0.0; 2], limits: &limits };
+        simulate(&shape, model, &quiet, [rows, 1], |_, states| outputs.push(states[0])).unwrap();
         let noise = |row: usize| 0.3 * (7.7 * (row * row) as f64).sin();
         outputs.iter_mut().enumerate().for_each(|(row, value)| *value += noise(row));
         let noisy = [Signals { outputs, ..quiet }];
@@ -663,8 +753,8 @@ mod tests {
         let parts = data.parts();
         let unseen = CountedRuns::new(&parts, |_| true);
         let overwriting = overwriting(&shape);
-        let gain = data.gain(&shape, &coefficients, &overwriting);
-        let [before, after] = [&overwriting, &gain].map(|gain| unseen.squares(&shape, &coefficients, gain));
+        let gain = data.gain(&shape, Simulated { gain: &overwriting, ..model });
+        let [before, after] = [&overwriting, &gain].map(|gain| unseen.squares(&shape, Simulated { gain, ..model }));
         // errors of the right states
         let starts = (0..=rows - 2 * GIVEN).step_by(GIVEN);
         let least: f64 = starts.flat_map(|start| start + GIVEN..start + 2 * GIVEN).map(|row| noise(row).powi(2)).sum();

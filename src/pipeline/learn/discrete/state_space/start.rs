@@ -2,7 +2,7 @@
 
 use super::{
     super::{DiscreteSamples, solve},
-    fit::{CountedRuns, StateShape},
+    fit::{CountedRuns, Limits, StateShape},
 };
 use nalgebra::{DMatrix, DVector};
 
@@ -15,6 +15,8 @@ const SAMPLES: usize = 10;
 const LEAST_DEVIATION: f64 = 1e-9;
 /// Largest magnitude of the eigenvalues of a realization: responses that grow are those of noise.
 const STABLE: f64 = 0.999;
+/// Factors of the poles of linear state spaces: the first one that does not diverge counts.
+const RADII: [f64; 5] = [1.0, 0.99, 0.97, 0.9, 0.7];
 /// Singular values that count as zero.
 const SMALL: f64 = 1e-12;
 
@@ -33,27 +35,40 @@ pub fn linear(
     samples: &DiscreteSamples,
     data: &CountedRuns,
     shape: &StateShape,
+    limits: &Limits,
 ) -> Option<Vec<f64>> {
     let order = shape.states / shape.outputs;
     let lags = match origin {
         LinearStart::Arx => arx(samples, order),
         LinearStart::Realization => realization(samples, order),
     }?;
-    let (matrix, constants) = observer(&lags, shape);
-    let mut coefficients = vec![0.0; shape.coefficients()];
-    let [linear, constant, ..] = shape.places();
-    // columns of a matrix of nalgebra lie one after the other
-    coefficients[linear].copy_from_slice(matrix.transpose().as_slice());
-    coefficients[constant].copy_from_slice(&constants);
-    scale_hidden(data, shape, &mut coefficients)?;
-    Some(coefficients)
+    RADII.into_iter().find_map(|radius| {
+        let (matrix, constants) = observer(&with_poles(&lags, radius), shape);
+        let mut coefficients = vec![0.0; shape.coefficients()];
+        let [linear, constant, ..] = shape.places();
+        // columns of a matrix of nalgebra lie one after the other
+        coefficients[linear].copy_from_slice(matrix.transpose().as_slice());
+        coefficients[constant].copy_from_slice(&constants);
+        scale_hidden(data, shape, limits, &mut coefficients)?;
+        Some(coefficients)
+    })
+}
+
+/// With poles that are closer to 0 by a factor.
+fn with_poles(lags: &[Lag], factor: f64) -> Vec<Lag> {
+    let mut power = 1.0;
+    let closer = |lag: &Lag| {
+        power *= factor;
+        Lag { outputs: &lag.outputs * power, ..lag.clone() }
+    };
+    lags.iter().map(closer).collect()
 }
 
 /// Gives the hidden states unit variance; none if the simulations diverge.
-fn scale_hidden(data: &CountedRuns, shape: &StateShape, coefficients: &mut [f64]) -> Option<()> {
+fn scale_hidden(data: &CountedRuns, shape: &StateShape, limits: &Limits, coefficients: &mut [f64]) -> Option<()> {
     let StateShape { states, outputs, columns, .. } = *shape;
     let [linear, constant, ..] = shape.places();
-    let deviations = data.deviations(shape, coefficients)?;
+    let deviations = data.deviations(shape, coefficients, limits)?;
     for hidden in outputs..states {
         let scale = deviations[hidden].max(LEAST_DEVIATION);
         coefficients[linear.start + hidden * columns..][..columns].iter_mut().for_each(|weight| *weight /= scale);
@@ -65,6 +80,7 @@ fn scale_hidden(data: &CountedRuns, shape: &StateShape, coefficients: &mut [f64]
 
 /// A linear function of past samples, one lag after the other: that of the outputs, shape `[outputs, outputs]`; that of inputs and parameters,
 /// shape `[outputs, inputs + parameters]`, and the constants.
+#[derive(Clone)]
 struct Lag {
     outputs: DMatrix<f64>,
     inputs: DMatrix<f64>,
