@@ -80,6 +80,14 @@ training. Before the first epoch is complete nothing is written. Pressed again, 
 The same study has the same plan. With the methods \"random\", \"sobol\" and \"halton\" the first points of a longer plan are \
 the shorter plan; the first column of a printed plan says what a run is for.")]
     Sample(SampleArgs),
+    /// Write the next points to run, for a table of inputs and outputs without a time
+    #[command(after_help = "Examples:
+  metafmu plan study.toml --points 50 --out points.csv    # before the table exists: they fill the ranges of the study's inputs
+  metafmu plan study.toml --points 10 > next.csv          # beside the rows of the table: where the expected error is reduced the most
+
+The study has structure = \"static\", as `metafmu new NAME --table points.csv` writes it. The columns are those of the table; outputs are empty, \
+for you to fill in. Rows of the table without outputs are points that were planned before. The same study and table have the same points.")]
+    Plan(PlanArgs),
     /// Train the network on train.csv and write NAME.safetensors and history.csv
     #[command(after_help = "Examples:
   metafmu train examples/single-pendulum.toml
@@ -357,6 +365,19 @@ pub struct SampleArgs {
     /// Put the shards in DIR together, or those given, and write train.csv and test.csv
     #[arg(long, value_name = "FILE", num_args = 0.., conflicts_with_all = ["shard", "dry_run"])]
     pub merge: Option<Vec<PathBuf>>,
+}
+
+#[derive(Debug, Args)]
+pub struct PlanArgs {
+    /// Study file of a static map; its table need not exist, if all inputs have `min` and `max`
+    #[arg(value_name = "STUDY")]
+    pub study: PathBuf,
+    /// Number of points
+    #[arg(long, value_name = "N")]
+    pub points: usize,
+    /// CSV file to write [default: stdout]
+    #[arg(long, value_name = "FILE.csv", value_hint = ValueHint::FilePath)]
+    pub out: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]

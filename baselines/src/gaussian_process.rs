@@ -7,7 +7,10 @@
 //! Lengths and noise are those of the greatest likelihood, in which the mean and `s^2` have their best values (Rasmussen, Williams (2006),
 //! sections 2.7 and 5.4).
 
+mod design;
+
 use crate::{Baseline, Fitted, StandardizedRows, bfgs, for_each_output};
+pub use design::{DesignPlaces, design_points};
 use metafmu_core::study::baselines::GaussianProcess;
 use metafmu_runtime::graph::{Graph, KernelMachine};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};

@@ -19,7 +19,8 @@ mod testing;
 mod tree;
 pub mod worker;
 
-pub use metafmu_core::study::baselines::{BaselineKind, Baselines};
+pub use gaussian_process::{DesignPlaces, design_points};
+pub use metafmu_core::study::baselines::{BaselineKind, Baselines, GaussianProcess};
 use metafmu_runtime::graph::Graph;
 pub use polynomial::degrees as polynomial_degrees;
 pub use rows::StandardizedRows;

@@ -59,6 +59,11 @@ pub fn write_output(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Resul
     })
 }
 
+/// Returns true if the file exists and is not empty.
+pub fn has_content(path: &Path) -> bool {
+    path.metadata().is_ok_and(|of| of.len() > 0)
+}
+
 /// Finds out before the work whether [`write_output`] can write there.
 ///
 /// # Errors

@@ -57,6 +57,8 @@ pub enum Stream {
     Baselines = 6,
     /// Placing runs that are added until a target is met.
     Refinement = 7,
+    /// Placing the next rows of a table.
+    Design = 8,
 }
 
 /// The random numbers of a seed for one purpose: the same on every platform.
@@ -76,7 +78,7 @@ impl Plan {
     pub fn with_calibration(study: &Study, calibration_runs: usize) -> Self {
         let parameters: Vec<&ParameterOptions> = study.planned().map(|(_, options)| options).collect();
         let (count, runs) = (parameters.len(), study.sampling.runs.unwrap_or(0));
-        let (generator, faces) = (random(study.seed, Stream::Train), study.faces());
+        let (mut generator, faces) = (random(study.seed, Stream::Train), study.faces());
         let train = match study.sampling.method {
             None if study.has_memory() => {
                 place(&parameters, 0.0, uniform(count, generator)).take(study.train_runs() as usize).collect()
@@ -85,7 +87,7 @@ impl Plan {
             Some(Method::Mesh) => mesh(&parameters, study.sampling.levels),
             Some(Method::Random) => place(&parameters, faces, uniform(count, generator)).take(runs).collect(),
             Some(Method::LatinHypercube) => {
-                place(&parameters, faces, latin_hypercube(count, runs, generator).into_iter()).collect()
+                place(&parameters, faces, latin_hypercube(count, runs, &mut generator).into_iter()).collect()
             }
             Some(Method::Sobol) => place(&parameters, faces, sobol(count, generator)).take(runs).collect(),
             Some(Method::Halton) => place(&parameters, faces, halton(count, generator)).take(runs).collect(),
@@ -148,13 +150,13 @@ pub fn place(
 
 /// Latin hypercube (McKay, Beckman, Conover 1979) of the unit cube: each of `runs` equal slices of each coordinate has one point, at
 /// random in it. It is made for its number of runs: a longer plan does not begin with a shorter one.
-fn latin_hypercube(parameters: usize, runs: usize, mut generator: ChaCha8Rng) -> Vec<Vec<f64>> {
+pub fn latin_hypercube(parameters: usize, runs: usize, generator: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
     let mut points = vec![Vec::with_capacity(parameters); runs];
     for _ in 0..parameters {
         let mut slices: Vec<usize> = (0..runs).collect();
-        slices.shuffle(&mut generator);
+        slices.shuffle(generator);
         for (point, slice) in points.iter_mut().zip(slices) {
-            point.push((slice as f64 + unit_interval(&mut generator)) / runs as f64);
+            point.push((slice as f64 + unit_interval(generator)) / runs as f64);
         }
     }
     points

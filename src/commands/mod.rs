@@ -9,6 +9,7 @@ pub mod import;
 mod interrupt;
 pub mod man;
 pub mod new;
+pub mod plan;
 pub mod predict;
 pub mod report;
 pub mod sample;
@@ -82,6 +83,7 @@ fn run(command: Command) -> Result<CommandOutcome> {
     match command {
         Command::New(args) => new::run(&args),
         Command::Build(args) => build::run(&args),
+        Command::Plan(args) => plan::run(&args),
         Command::Sample(args) => sample::run(&args),
         Command::Train(args) => train::run(&args),
         Command::Search(args) => search::run(&args),

@@ -16,6 +16,7 @@ mod learn;
 pub mod measured;
 pub mod observer;
 mod parallel;
+pub mod plan;
 pub mod predict;
 mod prepare;
 pub mod project;

@@ -10,7 +10,7 @@ use crate::{
     diagnostics::{Place, Problems},
     scaling,
     study::Study,
-    table::Table,
+    table::{Table, TableColumn},
     variable::SourceVariable,
 };
 use std::{
@@ -40,6 +40,34 @@ pub struct ReadRows {
     pub places: Vec<u64>,
     /// What was dropped, and what is odd.
     pub notes: Vec<String>,
+}
+
+/// Rows of a design: some of them may have no outputs yet.
+#[derive(Clone, Debug)]
+pub struct DesignRows {
+    /// All columns of the table.
+    pub columns: Vec<TableColumn>,
+    /// Position of each input among the columns.
+    pub positions: Vec<usize>,
+    /// Of each row a number for each input.
+    pub points: Vec<Vec<f64>>,
+    /// Of each row a number for each output; None if these cells are empty.
+    pub outputs: Vec<Option<Vec<f64>>>,
+}
+
+impl DesignRows {
+    /// No rows of a table that does not exist yet: its columns are the inputs and outputs of the study.
+    pub fn of_study(study: &Study) -> Self {
+        let title = |name: &String| study.source.columns.get(name).unwrap_or(name).clone();
+        let inputs = study.inputs.iter().map(|(name, of)| TableColumn { name: title(name), unit: of.unit.clone() });
+        let outputs = study.outputs.iter().map(|(name, of)| TableColumn { name: title(name), unit: of.unit.clone() });
+        Self {
+            columns: inputs.chain(outputs).collect(),
+            positions: (0..study.inputs.len()).collect(),
+            points: Vec::new(),
+            outputs: Vec::new(),
+        }
+    }
 }
 
 /// Cells that a message names at most.
@@ -145,6 +173,42 @@ impl StaticRows {
             read.notes.push(format!("{again} of {rows} rows {what}"));
         }
         Ok(read)
+    }
+
+    /// Reads the rows of a design, those without outputs too.
+    ///
+    /// # Errors
+    /// [`Error::Rows`] with every other cell that is no finite number, [`Error::Table`], [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
+    pub fn design(&self, stop: &AtomicBool) -> Result<DesignRows> {
+        let mut table = Table::open(&self.path)?;
+        let (inputs, outputs) = self.positions.split_at(self.inputs.len());
+        let columns = table.columns().to_vec();
+        let mut rows = DesignRows { columns, positions: inputs.to_vec(), points: Vec::new(), outputs: Vec::new() };
+        let mut wrong = WrongCells::default();
+        while table.next_row()? {
+            if stop.load(Ordering::Relaxed) {
+                return Err(Error::Interrupted);
+            }
+            let mut is_planned = true;
+            for position in outputs {
+                is_planned &= table.text(*position)?.is_empty();
+            }
+            let mut numbers = |positions: &[usize]| -> Result<Vec<f64>> {
+                let mut values = Vec::with_capacity(positions.len());
+                for position in positions {
+                    match table.number(*position) {
+                        Ok(value) => values.push(value),
+                        Err(Error::Table { place, message, .. }) => wrong.add(place, message),
+                        Err(error) => return Err(error),
+                    }
+                }
+                Ok(values)
+            };
+            rows.points.push(numbers(inputs)?);
+            rows.outputs.push(if is_planned { None } else { Some(numbers(outputs)?) });
+        }
+        wrong.refuse(&self.path)?;
+        Ok(rows)
     }
 
     /// What cannot be learned of the rows.

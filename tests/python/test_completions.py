@@ -9,7 +9,7 @@ from conftest import METAFMU
 
 VERBS = {
     "new", "build", "sample", "train", "search", "evaluate", "compare", "report", "export", "import", "schema", "validate", "simulate",
-    "predict", "swap", "completions", "help",
+    "plan", "predict", "swap", "completions", "help",
 }  # fmt: skip
 # what Bash does when somebody presses Tab after the words
 COMPLETE = """

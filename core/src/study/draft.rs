@@ -32,11 +32,23 @@ impl Draft {
         Self::parse(&origin::read(path, "a study in TOML")?, path)
     }
 
+    /// Reads a study file whose table may not exist yet.
+    ///
+    /// # Errors
+    /// Those of [`Draft::load`].
+    pub fn load_without_table(path: &Path) -> Result<Self> {
+        Self::read(&origin::read(path, "a study in TOML")?, path, true)
+    }
+
     /// Reads a study file's text, and the files it names; `path` is for messages and tells the folder.
     ///
     /// # Errors
     /// [`Error::Study`] if it is not TOML, or a file of another kind.
     pub fn parse(text: &str, path: &Path) -> Result<Self> {
+        Self::read(text, path, false)
+    }
+
+    fn read(text: &str, path: &Path, may_lack_table: bool) -> Result<Self> {
         let origin = Origin::new(path, text);
         let mut root = origin.parse()?;
         let hint = "this is a mechanism, expected a study: `metafmu new NAME --mechanism FILE` writes one";
@@ -90,7 +102,7 @@ impl Draft {
         let time_is_known = !has_problems("time");
         let mut is_complete = damaged.is_empty();
         if !source {
-            names_are_known &= study.load_source(&mut found, &mut problems);
+            names_are_known &= study.load_source(&mut found, &mut problems, may_lack_table);
             names_are_known &= is_damaged("states") || study.load_ranges(&mut found);
             is_complete &= names_are_known;
         }

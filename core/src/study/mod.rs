@@ -285,9 +285,12 @@ impl Study {
 
     /// Reads the mechanism, or the digest of other files of the source. False if that failed: problems of a mechanism are in its own
     /// file.
-    fn load_source(&mut self, found: &mut Problems, problems: &mut Vec<Problem>) -> bool {
+    fn load_source(&mut self, found: &mut Problems, problems: &mut Vec<Problem>, may_lack_table: bool) -> bool {
         let Some((key, file)) = self.source.file() else { return self.load_system(found) };
         let (key, path) = (format!("source.{key}"), self.beside(file));
+        if may_lack_table && self.source.table.is_some() && !path.exists() {
+            return true;
+        }
         let loaded = if self.source.mechanism.is_some() {
             Mechanism::load(&path).map(|mechanism| self.mechanism = Some(Arc::new(mechanism)))
         } else {
