@@ -30,6 +30,8 @@ impl Baseline for GaussianProcess {
 const FIRST_ROWS: usize = 200;
 /// Lengths at which they begin, in standard deviations of one input; of `d` inputs `d^(1/4)` of these, as distances grow with `d^(1/2)`.
 const FIRST_LENGTHS: [f64; 3] = [2.7, 7.4, 1.0];
+/// Shorter lengths: of all inputs, or of one beside the first of the others. The likeliest is a further start.
+const SHORT_LENGTHS: [f64; 3] = [0.4, 0.15, 0.06];
 /// Logarithms of the lengths: from features that rows cannot show to what is linear over all rows.
 const LENGTHS: [f64; 2] = [-3.0, 7.0];
 /// Smallest square of the noise: a covariance is singular with less.
@@ -60,17 +62,34 @@ fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -
         })
     };
     let few = Rows::of(rows, output, model.kernel_rows.min(FIRST_ROWS));
-    let first = FIRST_LENGTHS.iter().filter_map(|length| {
-        let mut start = vec![(length * inputs.powf(0.25)).ln(); rows.inputs];
-        start.push(2.0 * model.noise.ln());
-        search(&few, start)
-    });
+    let usual = |length: f64| (length * inputs.powf(0.25)).ln();
+    let with_noise = |lengths: Vec<f64>| [lengths, vec![2.0 * model.noise.ln()]].concat();
+    let starts = FIRST_LENGTHS.map(|length| with_noise(vec![usual(length); rows.inputs]));
+    let first = starts.into_iter().chain(short_start(model, &few)).filter_map(|start| search(&few, start));
     let best = first.min_by(|a, b| a.value.total_cmp(&b.value))?;
     if model.kernel_rows.min(rows.len()) <= FIRST_ROWS {
         return Some(best.point);
     }
     let more = Rows::of(rows, output, model.kernel_rows);
     search(&more, best.point).map(|best| best.point)
+}
+
+/// The likeliest start with short lengths: functions that change many times within the range of an input are noise to long ones.
+fn short_start(model: &GaussianProcess, rows: &Rows) -> Option<Vec<f64>> {
+    let usual = FIRST_LENGTHS[0] * (rows.inputs as f64).powf(0.25);
+    let of_column = |column: usize, length: f64| {
+        let mut lengths = vec![usual.ln(); rows.inputs];
+        lengths[column] = length.ln();
+        lengths
+    };
+    let columns = (0..rows.inputs).filter(|_| rows.inputs > 1);
+    let alone = columns.flat_map(|column| SHORT_LENGTHS.map(|length| of_column(column, length)));
+    let all = SHORT_LENGTHS.map(|length| vec![length.ln(); rows.inputs]);
+    let rated = all.into_iter().chain(alone).filter_map(|lengths| {
+        let start = [lengths, vec![2.0 * model.noise.ln()]].concat();
+        Some((Process::new(rows, &start)?.likelihood_cost(), start))
+    });
+    rated.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, start)| start)
 }
 
 /// Inputs and one output of the first rows.
@@ -137,12 +156,17 @@ impl Process {
         is_fine.then_some(Self { kernel, covariance, mean, weights, variance })
     }
 
-    /// The negative logarithm of the likelihood but for a constant, and its derivatives with respect to the parameters.
+    /// The negative logarithm of the likelihood but for a constant.
+    fn likelihood_cost(&self) -> f64 {
+        let half_determinant: f64 = self.covariance.l_dirty().diagonal().iter().map(|pivot| pivot.ln()).sum();
+        0.5 * self.kernel.nrows() as f64 * self.variance.ln() + half_determinant
+    }
+
+    /// [`Self::likelihood_cost`] and its derivatives with respect to the parameters.
     fn unlikelihood(&self, rows: &Rows, parameters: &[f64]) -> (f64, Vec<f64>) {
         let Self { kernel, covariance, weights, variance, .. } = self;
         let (count, inputs) = (rows.len(), rows.inputs);
-        let half_determinant: f64 = covariance.l_dirty().diagonal().iter().map(|pivot| pivot.ln()).sum();
-        let value = 0.5 * count as f64 * variance.ln() + half_determinant;
+        let value = self.likelihood_cost();
         // half the trace of (covariance^-1 - weights weights^T / variance) times the derivative of the covariance
         let inverse = covariance.inverse();
         let mut gradient = vec![0.0; inputs + 1];
@@ -226,6 +250,32 @@ mod tests {
             };
             let expected = (moved(1e-5) - moved(-1e-5)) / 2e-5;
             assert!((slope - expected).abs() < 1e-5 * (1.0 + expected.abs()), "{index}: {slope} {expected}");
+        }
+    }
+
+    #[test]
+    fn a_function_that_changes_many_times_within_a_range_is_fitted() {
+        use metafmu_runtime::Scaling;
+        let (mut state, mut x, mut y) = (1u64, Vec::new(), Vec::new());
+        let mut uniform = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 53) as f64
+        };
+        for _ in 0..300 {
+            let (a, b) = (uniform(), uniform());
+            x.extend([a, b]);
+            y.extend([(40.0 * a).sin(), (40.0 * a).sin() + b]);
+        }
+        let scaling = Scaling {
+            input_mean: vec![0.5; 2],
+            input_scale: vec![0.29; 2],
+            output_mean: vec![0.0; 2],
+            output_scale: vec![0.7; 2],
+        };
+        let rows = StandardizedRows::new(x, y, scaling);
+        let fitted = model().fit(&rows.choose(&(0..200).collect::<Vec<_>>()), 1).unwrap();
+        for output in 0..2 {
+            assert!(1.0 - r2(&fitted, &rows, output) < 1e-4, "{output}: {}", 1.0 - r2(&fitted, &rows, output));
         }
     }
 

@@ -2,7 +2,7 @@
 
 Points are Latin hypercubes in the unit cube, one a seed; errors are relative RMSEs at 5,000 other points, relative to the standard deviation there.
 The table has medians over the seeds: of `metafmu.fit` with its default, which chooses the kind of model, of a network by it, of SMT's kriging (KRG), and
-of scikit-learn's MLPRegressor with L-BFGS on standardized columns; and processor seconds of each, on one thread. Needs the Python package, and
+of scikit-learn's MLPRegressor with L-BFGS on standardized columns, the best of three sizes by cross-validation; and processor seconds of each, on one thread. Needs the Python package, and
 
     pip install smt==2.15.0 scikit-learn==1.9.1 scipy
 
@@ -61,7 +61,20 @@ def robot_arm(u):
     return np.hypot((lengths * np.cos(angles)).sum(axis=1), (lengths * np.sin(angles)).sum(axis=1))
 
 
-FUNCTIONS = {"branin": (branin, 2), "borehole": (borehole, 8), "otl": (otl, 6), "wing-weight": (wing_weight, 10), "robot-arm": (robot_arm, 8)}
+def torsion(u):
+    """Lowest frequency of two disks on three shafts."""
+    # of each shaft: diameter, length, shear modulus; of each disk: diameter, thickness, density
+    shafts = [(1.8, 2.2), (9, 11), (1.053e7, 1.287e7), (1.6425, 2.0075), (10.8, 13.2), (5.58e6, 6.82e6), (2.025, 2.475), (7.2, 8.8), (3.51e6, 4.29e6)]
+    disks = [(10.8, 13.2), (2.7, 3.3), (0.252, 0.308), (12.6, 15.4), (3.6, 4.4), (0.09, 0.11)]
+    columns = scaled(u, shafts + disks)
+    stiffness = [np.pi * modulus * diameter / (32 * length) for diameter, length, modulus in (columns[:3], columns[3:6], columns[6:9])]
+    inertia = [density * np.pi * thickness * diameter / (4 * 9.80665) * diameter**2 / 8 for diameter, thickness, density in (columns[9:12], columns[12:])]
+    sum_of = (stiffness[0] + stiffness[1]) / inertia[0] + (stiffness[1] + stiffness[2]) / inertia[1]
+    product = (stiffness[0] * stiffness[1] + stiffness[1] * stiffness[2] + stiffness[2] * stiffness[0]) / (inertia[0] * inertia[1])
+    return np.sqrt((sum_of - np.sqrt(sum_of**2 - 4 * product)) / 2) / (2 * np.pi)
+
+
+FUNCTIONS = {"branin": (branin, 2), "borehole": (borehole, 8), "otl": (otl, 6), "wing-weight": (wing_weight, 10), "robot-arm": (robot_arm, 8), "torsion": (torsion, 15)}
 
 
 def kriging(x, y):
@@ -79,14 +92,20 @@ def perceptron(x, y):
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
 
-    network = make_pipeline(StandardScaler(), MLPRegressor(solver="lbfgs", max_iter=5000, random_state=0))
-    return TransformedTargetRegressor(network, transformer=StandardScaler()).fit(x, y).predict
+    from sklearn.model_selection import cross_val_score
+
+    def of_size(hidden):
+        network = make_pipeline(StandardScaler(), MLPRegressor(hidden, solver="lbfgs", max_iter=5000, random_state=0))
+        return TransformedTargetRegressor(network, transformer=StandardScaler())
+
+    best = max([(8, 8), (32, 32), (64, 64)], key=lambda hidden: cross_val_score(of_size(hidden), x, y, cv=5).mean())
+    return of_size(best).fit(x, y).predict
 
 
 def ours(model):
-    import metafmu
-
     def fit(x, y):
+        import metafmu
+
         surrogate = metafmu.fit(x, y, model=model)
         predict = lambda x: np.ravel(surrogate.predict(x))
         predict.model = surrogate.model
@@ -98,13 +117,18 @@ def ours(model):
 METHODS = {"metafmu.fit": ours(None), "its network": ours("network"), "SMT kriging": kriging, "scikit-learn MLP": perceptron}
 
 
-def measured(fit, function, rows, seed):
-    """Relative RMSE, processor seconds, and the kind of model that was chosen."""
+def points(function, rows, seed):
+    """A Latin hypercube to fit to, and other points."""
     from scipy.stats import qmc
 
-    of, columns = FUNCTIONS[function]
-    x = qmc.LatinHypercube(columns, rng=seed).random(rows)
-    unseen = np.random.default_rng(99).random((TEST_POINTS, columns))
+    columns = FUNCTIONS[function][1]
+    return qmc.LatinHypercube(columns, rng=seed).random(rows), np.random.default_rng(99).random((TEST_POINTS, columns))
+
+
+def measured(fit, function, rows, seed):
+    """Relative RMSE, processor seconds, and the kind of model that was chosen."""
+    of = FUNCTIONS[function][0]
+    x, unseen = points(function, rows, seed)
     begin = time.process_time()
     predict = fit(x, of(x))
     seconds = time.process_time() - begin

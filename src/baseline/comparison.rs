@@ -120,7 +120,7 @@ impl Comparison {
             models.iter().flat_map(|row| row.outputs.keys()).collect::<IndexSet<_>>().into_iter().collect();
         // a static map has rows, each of which is a run
         let on = match test_runs == test_rows {
-            true => format!("{test_rows} unseen rows"),
+            true => format!("{test_rows} unseen rows, each kind of model separately"),
             false => format!("{test_runs} unseen runs, {test_rows} rows"),
         };
         let mut text = format!("{name} on {on}\n\n{:<18}", "R² of");

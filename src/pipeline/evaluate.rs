@@ -146,7 +146,9 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     let runs = seen_until.map_or("unseen runs".into(), |stop| format!("runs, unseen after {stop} s"));
     let on = match (metrics.accuracy.rows, given_rows) {
         (Some(TestRows::CrossValidated), _) => {
-            format!("{test_rows} rows, each predicted by a model that was fitted without it")
+            format!(
+                "{test_rows} rows, each predicted by a model that was fitted without it, of the kind that the other rows choose"
+            )
         }
         (Some(_), _) => format!("{test_rows} unseen rows"),
         (None, 0) => format!("{test_runs} {runs}, {test_rows} rows"),

@@ -12,7 +12,7 @@ use crate::{
     import::{self, About},
     interface::ModelInterface,
     sampling::{self, Stream},
-    study::{NetworkOptions, TimeStructure, TrainingOptions},
+    study::{NetworkOptions, SmallNetworks, TimeStructure, TrainingOptions},
     training::{EpochRecord, StopReason},
 };
 use candidates::Choice;
@@ -31,6 +31,8 @@ pub struct FitOptions {
     pub network: NetworkOptions,
     /// Its training; `validation` is a share of the rows.
     pub training: TrainingOptions,
+    /// Which networks of few rows are trained by Levenberg-Marquardt steps instead: without rows that are held out, and without epochs.
+    pub small_networks: SmallNetworks,
     /// Decides which rows are held out, how the network begins, the order of the rows, and what is random in a baseline.
     pub seed: u64,
     /// Whether the accuracy on unseen rows is measured: on half of the rows that are held out, or, of few rows, by cross-validation.
@@ -55,7 +57,8 @@ pub struct Fit {
     pub train_rows: usize,
     /// Rows that were held out of the training of a network to choose the best epoch; 0 of another model.
     pub validation_rows: usize,
-    /// Epochs of a network that were done; 0 of another model.
+    /// Epochs of a network that were done; 0 of another model, and of a network that was trained by Levenberg-Marquardt steps, to which all of the following
+    /// applies as well.
     pub epochs: usize,
     /// The epoch that is kept, the best on the rows that choose it; None of another model than a network.
     pub best_epoch: Option<usize>,
@@ -91,8 +94,8 @@ pub struct UnseenRows {
 }
 
 /// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a network on unseen rows: fewer than
-/// 1000 by five-fold cross-validation, of more on those that choose the best epoch. A single row makes a network, which it both trains and
-/// chooses. A training that is stopped keeps its best epoch.
+/// 1000 by five-fold cross-validation, of more on those that choose the best epoch. Networks of few rows are small and trained by Levenberg-Marquardt steps, if
+/// [`FitOptions::small_networks`] has it so. A single row makes a network, which it both trains and chooses. A training that is stopped keeps its best epoch.
 ///
 /// # Errors
 /// [`Error::Interrupted`] if no epoch is complete, and during a comparison; [`Error::Training`], those of the interface; [`Error::Import`] for rows without

@@ -3,8 +3,8 @@
 
 use super::{
     BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, Excitation, ExportOptions, InputOptions,
-    NetworkOptions, OutputOptions, ParameterOptions, ParameterVariability, SamplingOptions, SourceOptions,
-    StateOptions, StaticOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
+    NetworkOptions, OutputOptions, ParameterOptions, ParameterVariability, SamplingOptions, SmallNetworks,
+    SourceOptions, StateOptions, StaticOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -113,6 +113,7 @@ struct DigestedTraining<'a> {
 struct DigestedMap {
     options: StaticOptions,
     has_epochs: bool,
+    small_networks: SmallNetworks,
 }
 
 /// Content of the digest that decides an exported baseline.
@@ -238,6 +239,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         recordings: _,
         source_files: _,
         has_epochs,
+        small_networks,
         // these decide nothing about the network
         accept: _,
         baselines: _,
@@ -257,7 +259,11 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         target: *target,
         states: sampling.states,
         discrete: study.is_discrete().then_some(*discrete),
-        static_map: study.is_static().then_some(DigestedMap { options: *static_map, has_epochs: *has_epochs }),
+        static_map: study.is_static().then_some(DigestedMap {
+            options: *static_map,
+            has_epochs: *has_epochs,
+            small_networks: *small_networks,
+        }),
         dynamics: (*dynamics != DynamicsOptions::default()).then_some(*dynamics),
         samples: of_samples(study),
     })

@@ -1,7 +1,8 @@
 //! A study on its way from the text: every mistake is found before it is refused.
 
 use super::{
-    NetworkOptions, SCHEMA, Study, StudyStructure, TimeOptions, TrainingOptions, discrete, states, static_map,
+    NetworkOptions, SCHEMA, SmallNetworks, Study, StudyStructure, TimeOptions, TrainingOptions, discrete, states,
+    static_map,
 };
 use crate::{
     Error, Result,
@@ -86,6 +87,7 @@ impl Draft {
             discrete::set_defaults(&mut study, given);
         }
         study.has_epochs = has_epochs;
+        study.small_networks = SmallNetworks::of(of_rows[0], has_training);
         if is_static {
             static_map::set_defaults(&mut study, of_rows);
         }

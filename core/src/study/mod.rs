@@ -113,7 +113,7 @@ pub use search::{SearchMethod, SearchOptions, SearchRange, SearchScale, Space};
 use serde::{Deserialize, Serialize};
 pub use source::SourceOptions;
 pub use states::{StateOptions, is_angle, velocity_name};
-pub use static_map::{ModelKind, NETWORK, StaticOptions};
+pub use static_map::{ModelKind, NETWORK, SmallNetworks, StaticOptions};
 use std::{
     path::{Path, PathBuf},
     sync::{Arc, LazyLock},
@@ -218,6 +218,9 @@ pub struct Study {
     /// Whether `training.epochs` is given.
     #[serde(skip)]
     has_epochs: bool,
+    /// How the network of a static map is trained.
+    #[serde(skip)]
+    small_networks: SmallNetworks,
 }
 
 /// What a surrogate is a function of.
@@ -562,6 +565,11 @@ impl Study {
         let training = self.training.clone();
         let usual = static_map::epochs(training.held_in(rows), training.batch);
         TrainingOptions { epochs: if self.has_epochs { training.epochs } else { usual }, ..training }
+    }
+
+    /// Which networks of a static map are trained by Levenberg-Marquardt steps: none if the study has options of the training.
+    pub fn small_networks(&self) -> SmallNetworks {
+        self.small_networks
     }
 
     /// How the parameters' values become columns of the network.

@@ -12,7 +12,8 @@ use std::borrow::Cow;
 #[serde(deny_unknown_fields, default)]
 pub struct StaticOptions {
     /// Kind of model that is exported; unless given, the best of a polynomial, a Gaussian process (of up to 1000 rows) and a network on rows
-    /// that they were not fitted to. The others have their default options.
+    /// that they were not fitted to. The others have their default options. A small network of few rows is trained by Levenberg-Marquardt steps with Bayesian
+    /// regularization, unless there is a section `[training]`.
     pub model: Option<ModelKind>,
 }
 
@@ -70,7 +71,31 @@ impl JsonSchema for ModelKind {
     }
 }
 
-/// Hidden layers unless given: few rows are usual.
+/// Which networks of few rows are trained by Levenberg-Marquardt steps with Bayesian regularization.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SmallNetworks {
+    /// None: the options of the training are given.
+    #[default]
+    Never,
+    /// Those with the given hidden layers, if they are small.
+    OfGivenSize,
+    /// Those with hidden layers that are chosen by their evidence.
+    OfChosenSize,
+}
+
+impl SmallNetworks {
+    /// Those of a study; whether it has hidden layers and options of the training.
+    pub(super) fn of(has_hidden: bool, has_training: bool) -> Self {
+        match (has_training, has_hidden) {
+            (true, _) => Self::Never,
+            (false, true) => Self::OfGivenSize,
+            (false, false) => Self::OfChosenSize,
+        }
+    }
+}
+
+/// Hidden layers unless given, of rows that are too many for Levenberg-Marquardt steps.
 const HIDDEN: [usize; 2] = [64, 64];
 
 /// Optimizer steps of a training whose epochs are not given, and fewest epochs of it.

@@ -7,9 +7,13 @@
 //!
 //! Rows with a [`Recurrence`] are trained by stretches: what the network gives at one row is an input of the rows that follow.
 //!
+//! Few rows are learned by small networks in double precision, by Levenberg-Marquardt steps: [`train_small`].
+//!
 //! The same rows, options, seed and processor give the same bits for any number of threads.
 
+mod bayesian;
 mod checkpoint;
+mod damping;
 pub mod drawn;
 mod gradient;
 mod history;
@@ -23,6 +27,8 @@ mod schedule;
 mod team;
 mod trainer;
 
+pub use bayesian::{FewRows, IterationFollower, SmallNetwork, train_small};
+pub use damping::Damping;
 pub use history::{joined, read_history, write_history};
 pub use rows::{Recurrence, Tangents, TrainingRows, without_constants};
 pub use run::{resume, train};

@@ -86,7 +86,10 @@ class Regressor(RegressorMixin, BaseEstimator):
     ``"svr"``, ``"decision-tree"``, ``"random-forest"``, ``"extra-trees"``, ``"gradient-boosting"``, with its default options. Unless given it is ``"auto"``,
     or ``"network"`` if one of the parameters of networks has another value than the default.
 
-    Parameters of networks, feed-forward ones that are trained by SOAP in single precision: ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid,
+    Networks of few rows are small and trained by Levenberg-Marquardt steps with Bayesian regularization, with hidden layers that are chosen unless ``hidden`` is given;
+    if one of ``epochs``, ``batch``, ``learning_rate`` and ``training`` has another value than the default, and of many rows, they are trained by SOAP in single precision.
+
+    Parameters of networks: ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid,
     relu, gelu, silu or sine; ``epochs``: passes over the rows at most, unless given 150, of few rows as many as make 2000 steps; ``batch``: rows of a step;
     ``learning_rate``; ``training``: further keys of `[training]` in a study file, as a dict.
 
@@ -99,7 +102,7 @@ class Regressor(RegressorMixin, BaseEstimator):
     >>> model.export("model.fmu")
 
     After `fit` there are `surrogate_`, `model_` (the kind of model), `candidates_` (a list of dicts: ``model``, ``one_minus_r2``, the mean over outputs of 1 - R² on
-    unseen rows, ``fit_seconds`` and ``note``), `history_` (a dict with the losses of each epoch, lists without items of other models than networks),
+    unseen rows, ``fit_seconds`` and ``note``), `history_` (a dict with the losses of each epoch, lists without items but of networks that were trained in epochs),
     `n_features_in_` and, of a DataFrame, `feature_names_in_`.
     """
 
@@ -150,6 +153,7 @@ class Regressor(RegressorMixin, BaseEstimator):
                 # of few rows the losses of restarts go up and down too much to judge by
                 "schedule": "cosine", **(self.training or {}),
             },
+            "small_networks": self._small_networks(),
             "seed": self._seed(),
             "measure": measure,
         }
@@ -167,6 +171,13 @@ class Regressor(RegressorMixin, BaseEstimator):
         if given and self.model not in ("auto", "network"):
             raise _metafmu.Error(f"{', '.join(given)}: belongs to networks, expected the default with model=\"{self.model}\"")
         return self.model
+
+    def _small_networks(self):
+        """Which networks of few rows are trained by Levenberg-Marquardt steps: none if a parameter of the training is given."""
+        given = {name for name, default in _OF_NETWORKS.items() if not _is_same(getattr(self, name), default)}
+        if given & {"epochs", "batch", "learning_rate", "training"}:
+            return "never"
+        return "of-given-size" if "hidden" in given else "of-chosen-size"
 
     def _epochs(self, rows):
         if self.epochs is not None:

@@ -245,12 +245,12 @@ fn guess(usable: &[(usize, &RowColumn)], inputs: &[usize], outputs: &[usize]) ->
         return (of(&|position, _| !inputs.contains(&position)), "all but --inputs");
     }
     let has = |name: &str| usable.iter().any(|(_, column)| column.title.eq_ignore_ascii_case(name));
-    // a function of x and y is z
-    let is_surface = ["x", "y", "z"].into_iter().all(has);
-    let is_named = |_: usize, column: &RowColumn| match is_surface {
-        true => column.title.eq_ignore_ascii_case("z"),
-        false => is_result(&column.title),
-    };
+    // beside x and z, y may be a coordinate
+    let coordinates = ["x", "y", "z"];
+    let is_surface = coordinates.into_iter().all(has);
+    let is_coordinate = |title: &str| coordinates.iter().any(|name| title.eq_ignore_ascii_case(name));
+    let is_named =
+        |_: usize, column: &RowColumn| is_result(&column.title) && !(is_surface && is_coordinate(&column.title));
     let named: Vec<bool> = of(&is_named);
     let count = named.iter().filter(|named| **named).count();
     if count > 0 && count < usable.len() {
@@ -388,6 +388,9 @@ mod tests {
             (&["x1", "x2", "y"][..], &["y"][..]),
             (&["y1", "a", "y_2"], &["y1", "y_2"]),
             (&["x", "y", "z"], &["z"]),
+            (&["x", "z", "y"], &["y"]),
+            (&["x", "y", "z", "w"], &["w"]),
+            (&["result", "x", "y", "z"], &["result"]),
             (&["X", "Y"], &["Y"]),
             (&["f(x)", "x"], &["f(x)"]),
             (&["Output 1 [N]", "a", "b"], &["Output 1 [N]"]),

@@ -213,15 +213,14 @@ impl Task<'_> {
             let (predictions, seconds) = self.cross_validated(kind, order)?.ok_or(Error::Interrupted)?;
             (predictions, seconds, None)
         } else {
-            let fitted_to = match kind {
-                ModelKind::Network => parts,
-                ModelKind::Baseline(_) => RowSplit { choosing: &[], ..parts },
-            };
-            let model = self.fitted(kind, fitted_to, true)?;
+            // rows that choose its best epoch are those that choose the kind
+            let has_epochs = kind == ModelKind::Network && !self.has_small_network();
+            let model =
+                self.fitted(kind, if has_epochs { parts } else { RowSplit { choosing: &[], ..parts } }, true)?;
             let found = model.graph.evaluate(&chosen(self.inputs, parts.choosing));
             let mut predictions = vec![Vec::new(); rows];
             parts.choosing.iter().zip(found).for_each(|(row, values)| predictions[*row] = values);
-            (predictions, model.seconds, (kind == ModelKind::Network).then_some(model))
+            (predictions, model.seconds, has_epochs.then_some(model))
         };
         if !predictions.iter().flatten().all(|value| value.is_finite()) {
             return Ok(Trial::failed(kind, "its predictions are not finite".into()));
@@ -234,6 +233,10 @@ impl Task<'_> {
     fn fitted(&self, kind: ModelKind, parts: RowSplit, is_shown: bool) -> Result<FittedModel> {
         let began = Instant::now();
         let (graph, outcome, rows) = match kind {
+            ModelKind::Network if self.has_small_network() => {
+                let rows = parts.usable();
+                (Graph::from(&self.small_network(&rows, is_shown)?), None, rows.len())
+            }
             ModelKind::Network => {
                 let (network, outcome) = self.network(parts, is_shown)?;
                 (Graph::from(&network), Some(outcome.completed()?), parts.seen.len())

@@ -1,17 +1,71 @@
 //! Training of the network of a fit.
 
-use super::{RowSplit, Task, chosen};
+use super::{FitOptions, RowSplit, Task, chosen};
 use crate::{
-    Result,
+    Error, Result,
+    baseline::StandardizedRows,
     network::Network,
     pipeline::observer::{Control, CountedWork, Event},
     scaling::{of_columns, standardise_rows},
-    training::{self, EpochRecord, Observer, Outcome, Progress, TrainingRows, without_constants},
+    study::SmallNetworks,
+    training::{
+        self, EpochRecord, FewRows, IterationFollower, Observer, Outcome, Progress, SmallNetwork, TrainingRows,
+        train_small, without_constants,
+    },
 };
-use metafmu_runtime::{ScaledNetwork, Scaling};
+use metafmu_runtime::{Activation, ScaledNetwork, Scaling};
 use std::{ops::ControlFlow, sync::atomic::Ordering};
 
 impl Task<'_> {
+    /// Returns true if networks are trained by Levenberg-Marquardt steps: those of parts of the rows are as that of all.
+    pub(super) fn has_small_network(&self) -> bool {
+        let rows = self.inputs.len();
+        let columns = [self.inputs, self.outputs].map(|rows| rows.first().map_or(0, Vec::len));
+        rows > 1 && self.small().is_some_and(|small| small.is_quick(columns, rows))
+    }
+
+    fn small(&self) -> Option<SmallNetwork> {
+        let FitOptions { small_networks, network, seed, .. } = self.options;
+        let hidden = match small_networks {
+            SmallNetworks::Never => return None,
+            SmallNetworks::OfGivenSize => Some(network.hidden.clone()),
+            SmallNetworks::OfChosenSize => None,
+        };
+        Some(SmallNetwork { hidden, activation: network.activation, seed: *seed })
+    }
+
+    /// The network of some of the rows by Levenberg-Marquardt steps; `is_shown`: whether its progress is reported.
+    pub(super) fn small_network(&self, rows: &[usize], is_shown: bool) -> Result<ScaledNetwork> {
+        let Self { inputs, outputs, control, .. } = self;
+        let (x, y) = (chosen(inputs, rows), chosen(outputs, rows));
+        let scaling = scaling_of(&x, &y);
+        let columns = [x[0].len(), y[0].len()];
+        let standardized = StandardizedRows::new(x.concat(), y.concat(), scaling);
+        let StandardizedRows { x, y, scaling, .. } = &standardized;
+        let rows_of = FewRows { x, y, inputs: columns[0], outputs: columns[1] };
+        let small = self.small().unwrap_or(SmallNetwork { hidden: None, activation: Activation::Tanh, seed: 0 });
+        let show = |event: Event<'_>| {
+            if is_shown {
+                control.observer.event(event);
+            }
+        };
+        show(Event::Begin { work: CountedWork::Steps, total: small.iterations(columns, rows.len()) });
+        let progress = |done| show(Event::Progress { done, about: format_args!("Levenberg-Marquardt") });
+        let is_stopped = || self.is_stopped();
+        let follower = IterationFollower { progress: &progress, is_stopped: &is_stopped };
+        let layers = train_small(rows_of, &small, &follower);
+        show(Event::End);
+        let layers = layers.ok_or(Error::Interrupted)?;
+        if is_shown && let Some((_, hidden)) = layers.split_last() {
+            let nodes: Vec<String> = hidden.iter().map(|layer| layer.outputs.to_string()).collect();
+            show(Event::Note(format_args!(
+                "network: hidden layers of {} nodes, trained with Bayesian regularization",
+                nodes.join(", ")
+            )));
+        }
+        Ok(ScaledNetwork { scaling: scaling.clone(), layers })
+    }
+
     /// The network of some of the rows; `is_shown`: whether its progress is reported.
     pub(super) fn network(
         &self,
@@ -21,8 +75,7 @@ impl Task<'_> {
         let Self { inputs, outputs, options, control, .. } = self;
         let columns = [inputs, outputs].map(|rows| rows.first().map_or(0, Vec::len));
         let (x, y) = (chosen(inputs, seen), chosen(outputs, seen));
-        let ((input_mean, input_scale), (output_mean, output_scale)) = (of_columns(&x), of_columns(&y));
-        let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
+        let scaling = scaling_of(&x, &y);
         let rows = |x: &[Vec<f64>], y: &[Vec<f64>]| {
             let x = standardise_rows(x, &scaling.input_mean, &scaling.input_scale);
             let y = standardise_rows(y, &scaling.output_mean, &scaling.output_scale);
@@ -42,6 +95,12 @@ impl Task<'_> {
         let network = without_constants(&outcome.network, &training_rows);
         Ok((ScaledNetwork { scaling, layers: network.to_layers() }, outcome))
     }
+}
+
+/// Means and standard deviations of inputs and outputs.
+fn scaling_of(x: &[Vec<f64>], y: &[Vec<f64>]) -> Scaling {
+    let ((input_mean, input_scale), (output_mean, output_scale)) = (of_columns(x), of_columns(y));
+    Scaling { input_mean, input_scale, output_mean, output_scale }
 }
 
 /// Reports the progress, and ends the training if it must stop.

@@ -69,6 +69,27 @@ fn a_smooth_function_of_few_rows_is_a_gaussian_process_of_the_same_bytes_each_ti
 }
 
 #[test]
+fn a_small_network_of_few_rows_is_better_than_one_of_epochs_and_uses_all_rows() {
+    let x = points(60, 1);
+    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let of_epochs = TrainingOptions { epochs: 300, ..TrainingOptions::default() };
+    let options = FitOptions { training: of_epochs, ..quick(model_choice("network").unwrap()) };
+    let small = FitOptions { small_networks: SmallNetworks::OfChosenSize, ..options.clone() };
+    let error = |fit: &Fit| 1.0 - fit.accuracy.as_ref().unwrap().outputs["y"].r2.unwrap();
+    let [(surrogate, fit), (_, large)] = [&small, &options].map(|options| fitted(&x, &y, options).unwrap());
+    assert!(100.0 * error(&fit) < error(&large), "{} {}", error(&fit), error(&large));
+    assert_eq!((fit.model, fit.train_rows, fit.validation_rows, fit.epochs), ("network", 60, 0, 0));
+    assert_eq!(fit.accuracy.unwrap().outputs["constant"].mse, 0.0);
+    for threads in [1, 3] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let (again, _) = pool.install(|| fitted(&x, &y, &small)).unwrap();
+        assert_eq!(again.to_bytes().unwrap(), surrogate.to_bytes().unwrap(), "{threads} threads");
+    }
+    let stopped = fitted_unless(&x, &y, &small, &AtomicBool::new(true));
+    assert!(matches!(stopped, Err(Error::Interrupted)));
+}
+
+#[test]
 fn each_fold_is_judged_with_the_candidate_that_the_other_folds_choose() {
     let order: Vec<usize> = (0..20).collect();
     let outputs: Rows = order.iter().map(|row| vec![*row as f64]).collect();

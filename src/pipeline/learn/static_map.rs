@@ -44,6 +44,7 @@ impl Method for StaticMap {
             model: study.static_map.model.into(),
             network: study.network.clone(),
             training: study.training_on(rows),
+            small_networks: study.small_networks(),
             seed: study.seed,
             measure: true,
         };
