@@ -1,5 +1,6 @@
 //! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
+mod dead_time;
 mod polynomial;
 mod state_space;
 
@@ -21,6 +22,7 @@ use crate::{
     surrogate,
     training::{self, EpochRecord, Recurrence, StopReason, TrainingRows},
 };
+use dead_time::DeadTimes;
 use metafmu_runtime::{Clock, Graph, Layer, Program, Sampling, ScaledNetwork, Scaling, Support, Surrogate, Transition};
 use nalgebra::DMatrix;
 use std::{sync::atomic::Ordering, time::Instant};
@@ -34,6 +36,8 @@ const LEAST_BATCH: usize = 32;
 /// Stretches that overlap at a sample, at the least; more if that does not make more stretches than the number below.
 const OVERLAP: usize = 4;
 const STRETCHES: usize = 2000;
+/// Error on held-out runs that is too small to be luck.
+const SURE: f64 = 1e-3;
 /// Parts of a cross-validation.
 const PARTS_UNSEEN: usize = 3;
 /// First stretches are as much shorter.
@@ -53,13 +57,21 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let study = &project.study;
     let began = Instant::now();
     let drives = project.source.drives();
-    let samples = DiscreteSamples::new(study, dataset, prepare::split(&dataset.runs, &study.training, study.seed));
+    let dead_times = DeadTimes::of(study.time.step, dataset);
+    if let Some(found) = dead_times.describe(dataset) {
+        project.event(Event::Note(format_args!("dead time: {found}")));
+    }
+    let late = dead_times.shifted(dataset);
+    let samples = DiscreteSamples::new(study.time.step, &late, prepare::split(&late.runs, &study.training, study.seed));
     let validation = held_out(study, dataset);
     let assembled = |one: &LearnedDiscrete| {
         let ranges = drives.iter().map(|(_, range)| *range);
-        let support = Some(support(study, dataset, one.past[1] > 1, ranges));
-        let sampling = Sampling { hidden: one.hidden.clone(), history: one.past, step: samples.step, support };
-        let program = Program { graph: one.graph.clone(), clock: Clock::Sampled(Box::new(sampling)) };
+        let history = [one.past[0], one.past[1] + dead_times.longest()];
+        let numbers = one.past[0] * (dataset.outputs.len() + one.hidden.len());
+        let graph = dead_times.delayed(&one.graph, numbers, one.past[1]);
+        let support = Some(support(study, dataset, history[1] > 1, ranges));
+        let sampling = Sampling { hidden: one.hidden.clone(), history, step: samples.step, support };
+        let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
         surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)
     };
     let mut learned: Vec<LearnedKind> = Vec::new();
@@ -96,22 +108,19 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let mut was_interrupted = is_stopped || learned.iter().any(|one| one.model.stopped == StopReason::Interrupted);
     let mut best = 0;
     // runs that ended the training of a network, or chose a polynomial, are no longer unseen
-    let states =
-        learned.iter().position(|one| one.model.unseen.is_some()).filter(|_| dataset.runs.len() >= PARTS_UNSEEN);
-    if let Some((place, error)) = states.and_then(|place| Some((place, learned[place].model.unseen?))) {
+    let states = learned.iter().position(|one| one.model.unseen.is_some());
+    let is_compared = dataset.runs.len() >= PARTS_UNSEEN && learned[0].candidate.error > SURE;
+    let compared = states.filter(|_| is_compared).and_then(|place| Some((place, learned[place].model.unseen?)));
+    if let Some((place, mut least)) = compared {
         best = place;
-        let mut least = error;
         for (other, one) in learned[..place].iter().enumerate() {
-            if was_interrupted {
-                break;
-            }
-            let Some(found) = cross_validation(project, dataset, one.kind, &assembled)? else {
+            let Some(found) = cross_validation(project, [dataset, &late], one.kind, &assembled)? else {
                 was_interrupted = true;
                 break;
             };
             project.event(Event::Note(format_args!(
-                "{}: error {found:.2e} in a cross-validation, {}: {error:.2e}",
-                one.candidate.name, learned[place].candidate.name
+                "{}: error {found:.2e} in a cross-validation, {}: {least:.2e}",
+                one.candidate.name, learned[best].candidate.name
             )));
             if found < least {
                 (best, least) = (other, found);
@@ -130,7 +139,11 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         train_seconds: began.elapsed().as_secs_f64(),
         added_runs: 0,
         target_met: None,
-        method: Some(MethodRecord::Discrete(DiscreteRecord { candidates, exported: name, history: one.past })),
+        method: Some(MethodRecord::Discrete(DiscreteRecord {
+            candidates,
+            exported: name,
+            history: [one.past[0], one.past[1] + dead_times.longest()],
+        })),
     };
     project.finish(format_args!(
         "learned from {} samples in {:.1} s: {}",
@@ -142,40 +155,37 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
 }
 
 /// Error of a kind of model in simulations of all runs, a part of them after the other, by models that are learned from the others: root mean square of
-/// standardized outputs, mean of the parts. None if Ctrl-C ended it.
+/// standardized outputs, mean of the parts. Models are learned from inputs that are `late`. None if Ctrl-C ended it.
 fn cross_validation(
     project: &Project,
-    dataset: &Dataset,
+    [dataset, late]: [&Dataset; 2],
     kind: DiscreteModel,
     assembled: &impl Fn(&LearnedDiscrete) -> Result<Surrogate>,
 ) -> Result<Option<f64>> {
-    let parts = PARTS_UNSEEN;
+    let (study, parts) = (&project.study, PARTS_UNSEEN);
     let (_, scales) =
-        DiscreteSamples::new(&project.study, dataset, (dataset.runs.iter().collect(), Vec::new())).scales[2].clone();
+        &DiscreteSamples::new(study.time.step, dataset, (dataset.runs.iter().collect(), Vec::new())).scales[2];
     let mut sum = 0.0;
     for part in 0..parts {
-        let of_part =
-            |wanted: bool| dataset.runs.iter().enumerate().filter(move |(run, _)| (run % parts == part) == wanted);
-        let unseen: Vec<Run> = of_part(true).map(|(_, run)| run.clone()).collect();
-        let seen: Vec<Run> = of_part(false).map(|(_, run)| run.clone()).collect();
-        let samples = DiscreteSamples::new(
-            &project.study,
-            dataset,
-            prepare::split(&seen, &project.study.training, project.study.seed),
-        );
+        let of_part = |of: &Dataset, wanted: bool| -> Vec<Run> {
+            let runs = of.runs.iter().enumerate().filter(|(run, _)| (run % parts == part) == wanted);
+            runs.map(|(_, run)| run.clone()).collect()
+        };
+        let seen = of_part(late, false);
+        let samples = DiscreteSamples::new(study.time.step, late, prepare::split(&seen, &study.training, study.seed));
         let Some(found) = unless_interrupted(project, samples.learn(project, kind), true)? else { return Ok(None) };
         if found.iter().any(|one| one.stopped == StopReason::Interrupted) {
             return Ok(None);
         }
-        let [seen, unseen] = [seen, unseen].map(|runs| Dataset { runs, ..dataset.clone() });
-        let held_out = held_out(&project.study, &seen);
+        let [seen, unseen] = [false, true].map(|wanted| Dataset { runs: of_part(dataset, wanted), ..dataset.clone() });
+        let held_out = held_out(study, &seen);
         let mut best = (f64::INFINITY, f64::INFINITY);
         for one in &found {
             let surrogate = assembled(one)?;
             let chosen_by = error(&Accuracy::of(&surrogate, &held_out));
             if chosen_by < best.0 {
                 let outputs = &Accuracy::of(&surrogate, &unseen).outputs;
-                let squares = outputs.values().zip(&scales).map(|(output, scale)| output.mse / (scale * scale));
+                let squares = outputs.values().zip(scales).map(|(output, scale)| output.mse / (scale * scale));
                 best = (chosen_by, (squares.sum::<f64>() / scales.len() as f64).sqrt());
             }
         }
@@ -301,8 +311,10 @@ struct LinearPart {
 }
 
 impl<'a> DiscreteSamples<'a> {
-    fn new(study: &Study, dataset: &Dataset, (training, validation): (Vec<&'a Run>, Vec<&'a Run>)) -> Self {
-        let counts = [study.parameters.len(), dataset.inputs.len(), dataset.outputs.len()];
+    fn new(step: f64, dataset: &Dataset, (training, validation): (Vec<&'a Run>, Vec<&'a Run>)) -> Self {
+        let [inputs, outputs] = [dataset.inputs.len(), dataset.outputs.len()];
+        // what inputs and outputs were before the start are parameters too
+        let counts = [dataset.parameters.len() - inputs - outputs, inputs, outputs];
         let rows = |of: fn(&Run) -> &[f64], count: usize| -> ColumnMoments {
             let rows: Vec<Vec<f64>> =
                 training.iter().flat_map(|run| of(run).chunks(count.max(1)).map(<[f64]>::to_vec)).collect();
@@ -317,7 +329,7 @@ impl<'a> DiscreteSamples<'a> {
             given => given + 1,
         };
         let known = training.iter().chain(&validation).copied().map(|run| known(&run)).min().unwrap_or(usize::MAX);
-        Self { counts, step: study.time.step, training, validation, scales, known }
+        Self { counts, step, training, validation, scales, known }
     }
 
     /// Number of samples that follow from those before.

@@ -98,6 +98,14 @@ impl Graph {
         }
     }
 
+    /// The same function of columns that are among others, `inputs` in number.
+    #[must_use]
+    pub fn of_columns(mut self, inputs: usize, columns: impl IntoIterator<Item = usize>) -> Self {
+        self.steps.iter_mut().for_each(Step::advance);
+        self.steps.insert(0, Step::Columns { columns: columns.into_iter().map(|column| [0, column as u32]).collect() });
+        Self { inputs, ..self }
+    }
+
     /// Its outputs within the ends of some ranges, one for each, if there are any.
     #[must_use]
     pub fn limited(mut self, ranges: Option<Vec<[f64; 2]>>) -> Self {

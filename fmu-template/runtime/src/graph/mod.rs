@@ -315,6 +315,28 @@ impl Step {
         few.iter().copied().chain(columns.iter().map(|[of, _]| *of as usize))
     }
 
+    /// Takes the values after its operands instead of these.
+    pub(super) fn advance(&mut self) {
+        match self {
+            Self::Affine { of, .. }
+            | Self::Elementwise { of, .. }
+            | Self::Standardize { of, .. }
+            | Self::Rescale { of, .. }
+            | Self::Normalize { of, .. }
+            | Self::Softmax { of }
+            | Self::Distances { of, .. }
+            | Self::Forest { of, .. }
+            | Self::Products { of, .. }
+            | Self::Call { of, .. }
+            | Self::Interpolate { of, .. }
+            | Self::Dictionary { of, .. }
+            | Self::Motion { of, .. } => *of += 1,
+            Self::Combine { of, .. } => of.iter_mut().for_each(|of| *of += 1),
+            Self::Select { of } => of.iter_mut().for_each(|of| *of += 1),
+            Self::Columns { columns } => columns.iter_mut().for_each(|[of, _]| *of += 1),
+        }
+    }
+
     /// Returns true if the step has separate working memory.
     pub(crate) fn is_nested(&self) -> bool {
         matches!(self, Self::Call { .. } | Self::Interpolate { .. } | Self::Dictionary { .. } | Self::Motion { .. })

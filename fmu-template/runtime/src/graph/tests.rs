@@ -538,3 +538,12 @@ fn an_observer_corrects_states_where_outputs_are_not_what_it_predicted() {
     let [beyond, before] = [state(9.0, 4.0)[0] - 13.0, state(9.0 - 0.125, 3.75)[0] - 13.0];
     assert_eq!(graph.evaluate(&rows), [vec![2.5, beyond, 3.5, 1.0], vec![2.5, before, 3.375, 1.0]]);
 }
+
+#[test]
+fn a_function_of_some_columns_is_that_of_the_others_without_them() {
+    let whole = graph();
+    let row = vec![0.3, -0.2, 0.7];
+    let more = whole.clone().of_columns(5, [4, 0, 2]);
+    more.check(5, 2).unwrap();
+    assert_eq!(more.evaluate(&[vec![-0.2, 9.0, 0.7, 9.0, 0.3]]), whole.evaluate(&[row]));
+}
