@@ -1,10 +1,10 @@
 /*
  * How long a step takes at worst, in multiplications, additions and divisions:
  *
- *     K (G + 5 (m + y) + 5 + 8 f) + 8
+ *     K (G + 5 (m + y) + 5 + 8 w + 2 c d + 6 f) + 8
  *
- * with m inputs, y outputs, K = ceil(size of the step / model_sample_time) samples, f features that are compared with the support of
- * the training, and G for the graph: graph.c says what it takes. model_data.h has the number for a step of
+ * with m inputs, y outputs, K = ceil(size of the step / model_sample_time) samples, w inputs, d coordinates, c components and f measures
+ * of the support of the training, and G for the graph: graph.c says what it takes. model_data.h has the number for a step of
  * model_time_step. Numbers that are remembered are moved by one sample, which takes as long as there are numbers.
  * Outputs between two samples take three operations each when a host asks for them.
  */
@@ -29,8 +29,10 @@ void model_start(double point[COLUMN_COUNT])
     const size_t starts = PAST_STARTS;
     const size_t past_inputs = PAST_INPUTS;
 #if MODEL_HAS_SUPPORT
-    memcpy(point + MEMORY_MEANS, inputs, MEAN_COUNT * sizeof *point);
-    point[MEMORY_DISTANCE] = 0.0;
+    for (size_t i = MEMORY_MEANS; i < MEMORY_DISTANCE; i++) {
+        point[i] = 0.0;
+    }
+    point[MEMORY_DISTANCE] = -1.0;
 #endif
     /* a past in which nothing moved */
     for (size_t i = MEMORY; i < MEMORY_INPUTS; i += SAMPLE_SIZE) {
@@ -163,11 +165,11 @@ static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 }
 
 #if MODEL_HAS_SUPPORT
-/* Distance of a value from its feature's range, relative to the width of the range. */
-static Real beyond(size_t feature, Real value)
+/* Distance of a value from its measure's range, relative to the width of the range. */
+static Real beyond(size_t measure, Real value)
 {
-    const Real min = model_support_ranges[2 * feature];
-    const Real max = model_support_ranges[2 * feature + 1];
+    const Real min = model_support_ranges[2 * measure];
+    const Real max = model_support_ranges[2 * measure + 1];
     Real width = max - min;
     if (!(width > R(0.0))) {
         width = max != R(0.0) ? MATH(fabs)(max) : R(1.0);
@@ -175,30 +177,87 @@ static Real beyond(size_t feature, Real value)
     return (min - value > value - max ? min - value : value - max) / width;
 }
 
+/* Makes the inputs before the first sample those of the start, or, if these are not known, those of the sample. */
+static void begin_inputs(double point[COLUMN_COUNT])
+{
+    const size_t starts = PAST_STARTS;
+    const size_t watched = WATCHED_COUNT;
+    const bool known = starts > 0 && !uses_measured(point);
+    const double *before = known ? point + PARAMETER_COUNT + OUTPUT_COUNT : point + MEMORY_INPUTS;
+    for (size_t i = 0; i < watched; i++) {
+        point[MEMORY_MEANS + i] = before[i];
+        point[MEMORY_LAST + i] = before[i];
+        point[MEMORY_CHANGES + i] = 0.0;
+    }
+    point[MEMORY_DISTANCE] = 0.0;
+}
+
+/* The measures of the transition to the next sample. */
+static void measure(double point[COLUMN_COUNT], Real measures[MEASURE_COUNT])
+{
+    Real *coordinates = measures + 3 * WATCHED_COUNT;
+    Real *components = coordinates + COORDINATE_COUNT;
+    Real *pairs = components + COMPONENT_COUNT;
+    const double *input = point + MEMORY_INPUTS;
+    const size_t watched = WATCHED_COUNT;
+    const size_t component_count = COMPONENT_COUNT;
+    const size_t paired = PAIRED_COUNT;
+    for (size_t i = 0; i < watched; i++) {
+        const Real now = (Real)input[i];
+        const Real change = now - (Real)point[MEMORY_LAST + i];
+        Real mean = (Real)point[MEMORY_MEANS + i];
+        Real changes = (Real)point[MEMORY_CHANGES + i];
+        mean += (now - mean) / model_support_samples;
+        changes += (MATH(fabs)(change) - changes) / model_support_samples;
+        point[MEMORY_MEANS + i] = (double)mean;
+        point[MEMORY_LAST + i] = (double)now;
+        point[MEMORY_CHANGES + i] = (double)changes;
+        measures[i] = now;
+        measures[WATCHED_COUNT + i] = change;
+        measures[2 * WATCHED_COUNT + i] = changes;
+        coordinates[i] = mean;
+    }
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        const Real next = (Real)point[MEMORY_NEXT + i];
+        coordinates[WATCHED_COUNT + i] = next;
+        coordinates[WATCHED_COUNT + OUTPUT_COUNT + i] = next - (Real)point[MEMORY + i];
+    }
+    for (size_t i = OUTPUT_COUNT; i < SAMPLE_SIZE; i++) {
+        coordinates[WATCHED_COUNT + OUTPUT_COUNT + i] = (Real)point[MEMORY_NEXT + i];
+    }
+    for (size_t i = 0; i < component_count; i++) {
+        const Real *weights = model_support_components + COORDINATE_COUNT * i;
+        Real sum = R(0.0);
+        for (size_t j = 0; j < COORDINATE_COUNT; j++) {
+            sum += weights[j] * coordinates[j];
+        }
+        components[i] = sum;
+    }
+    for (size_t i = 1; i < paired; i++) {
+        for (size_t j = 0; j < i; j++) {
+            *pairs++ = components[i] + components[j];
+            *pairs++ = components[i] - components[j];
+        }
+    }
+}
+
 /* Updates the distance of the transition to the next sample from those of the training. */
 static void compare(double point[COLUMN_COUNT])
 {
     static const Real negligible = R(0.003); /* relative to the width of a range */
-    const double *input = point + MEMORY_INPUTS;
-    const size_t mean_count = MEAN_COUNT;
-    Real features[FEATURE_COUNT];
+    Real measures[MEASURE_COUNT];
+    bool outside = false;
+    if (point[MEMORY_DISTANCE] < 0.0) {
+        begin_inputs(point);
+    }
+    measure(point, measures);
     Real lasting = (Real)point[MEMORY_DISTANCE] * (uses_measured(point) ? model_support_settling : model_support_fading);
-    for (size_t i = 0; i < mean_count; i++) {
-        const Real now = (Real)input[i];
-        Real mean = (Real)point[MEMORY_MEANS + i];
-        mean += (now - mean) / model_support_samples;
-        point[MEMORY_MEANS + i] = (double)mean;
-        features[i] = now;
-        features[MEAN_COUNT + i] = mean;
-        features[2 * MEAN_COUNT + i] = now - (Real)input[DRIVEN_COUNT + i];
+    for (size_t i = 0; i < MEASURE_COUNT; i++) {
+        outside |= measures[i] < model_support_ranges[2 * i] || measures[i] > model_support_ranges[2 * i + 1];
     }
-    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
-        const Real next = (Real)point[MEMORY_NEXT + i];
-        features[3 * MEAN_COUNT + i] = next;
-        features[3 * MEAN_COUNT + OUTPUT_COUNT + i] = next - (Real)point[MEMORY + i];
-    }
-    for (size_t i = 0; i < FEATURE_COUNT; i++) {
-        const Real distance = beyond(i, features[i]);
+    /* usually all are inside, which takes less time than their distances */
+    for (size_t i = 0; outside && i < MEASURE_COUNT; i++) {
+        const Real distance = beyond(i, measures[i]);
         lasting = distance > lasting ? distance : lasting;
     }
     if (lasting < negligible) {

@@ -6,7 +6,8 @@
  * with parameters p and a graph f (graph.c). The last numbers of y may be hidden: they are
  * no outputs, and begin with numbers of the model. The inputs of a point are p, the starts of the outputs, the starts
  * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to the
- * first; averages of inputs and the distance from the support of the training (below), if it is known; measured outputs,
+ * first; averages, last values and average changes of inputs and the distance from the support of the training (below), -1 before the
+ * first sample, if it is known; measured outputs,
  * and 1 while they replace those of y[k] before y[k + 1] is computed, else 0; the next y; the
  * time since sample k in sample times. The model advances at multiples of the sample time
  * since the start; an input counts at the sample; between samples the outputs are linear. A sample is at a communication point
@@ -23,7 +24,9 @@ enum {
     MEMORY = INPUT_COUNT,
     MEMORY_INPUTS = MEMORY + PAST_OUTPUTS,
     MEMORY_MEANS = MEMORY_INPUTS + PAST_INPUTS,
-    MEMORY_DISTANCE = MEMORY_MEANS + MEAN_COUNT,
+    MEMORY_LAST = MEMORY_MEANS + WATCHED_COUNT,
+    MEMORY_CHANGES = MEMORY_LAST + WATCHED_COUNT,
+    MEMORY_DISTANCE = MEMORY_CHANGES + WATCHED_COUNT,
     MEMORY_MEASURED = MEMORY_DISTANCE + MODEL_HAS_SUPPORT, /* FIRST_MEASURED */
     MEMORY_USE_MEASURED = MEMORY_MEASURED + OUTPUT_COUNT,
     MEMORY_NEXT = MEMORY_USE_MEASURED + 1,
@@ -38,14 +41,17 @@ extern const double model_sample_time; /* s */
 extern const Real model_hidden[];              /* what is hidden, at the start */
 #if MODEL_HAS_SUPPORT
 /*
- * Ranges of the transitions from sample k to sample k + 1 in training, of their features
+ * Training ranges of measures of the transition from sample k to sample k + 1. The first measures are features of it,
  *
- *     u[k],  s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
+ *     u[k],  u[k] - u[k - 1],  r[k] = r[k - 1] + (|u[k] - u[k - 1]| - r[k - 1]) / M,
+ *     s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  y[k + 1],  y[k + 1] - y[k],  hidden states after it
  *
- * without those of inputs if m = 1. The distance of a transition is that of its farthest feature from the feature's range,
- * relative to the width of the range. A distance lasts, and fades.
+ * without those of inputs if none is watched. The features from s on are coordinates: linear combinations of them are components, and the
+ * sums and differences of any two of the first PAIRED_COUNT components are further measures. The distance of a transition is that of
+ * its farthest measure from its range, relative to the width of the range. A distance lasts, and fades.
  */
-extern const Real model_support_ranges[FEATURE_COUNT * 2];
+extern const Real model_support_ranges[MEASURE_COUNT * 2];
+extern const Real model_support_components[];
 extern const Real model_support_samples; /* M */
 extern const Real model_support_fading;  /* of a distance, from sample to sample */
 extern const Real model_support_settling; /* the same while measured outputs are used: all past samples become measured */

@@ -127,7 +127,7 @@ impl Domain {
     /// Distance from the support of the training, which a point contains.
     #[inline]
     fn own_distance(&self, point: &[f64]) -> f64 {
-        self.distance.and_then(|column| point.get(column)).copied().unwrap_or(0.0)
+        self.distance.and_then(|column| point.get(column)).map_or(0.0, |distance| distance.max(0.0))
     }
 
     /// The range that counts for a value: of a nominal input the one that holds the nearest value only.

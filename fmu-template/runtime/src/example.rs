@@ -3,7 +3,7 @@
 use crate::{
     Activation, Bounds, Clock, Cover, Dynamics, Efforts, Encoder, Encoding, Graph, Input, Integration, Layer, Metadata,
     Motion, Output, OutputArray, Precision, Program, Provenance, Reactions, Role, Sampling, ScaledNetwork, Scaling,
-    Shown, State, Support, Surrogate, Transition, Variability,
+    Shown, State, Support, Surrogate, Variability,
     dictionary::{Dictionary, Factor, Term},
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
     graph::{Elementwise, Given, Operation, Step},
@@ -582,13 +582,16 @@ pub fn supported() -> Surrogate {
     let recorded = recorded();
     let Program { graph, clock } = recorded.program().clone();
     let Clock::Sampled(sampling) = clock else { unreachable!("it has samples") };
-    let transition = |k: u32| {
-        let [now, next] = [k, k + 1].map(|k| 0.5 * (f64::from(k) / 10.0).sin());
-        let transition =
-            Transition { means: &[2.0 * now], inputs: [&[now], &[2.0 * next]], outputs: [&[now], &[next]] };
-        transition.features().collect()
-    };
-    let support = Some(Support::of((0..200).map(transition), 10.0));
+    // force, its change, average change and average; position and its change
+    let of_features = [[-1.0, 1.0], [-0.5, 0.5], [0.0, 0.1], [-1.0, 1.0], [-0.5, 0.5], [-0.05, 0.05]];
+    // two components, their sum and their difference
+    let of_shape = [[-0.6, 0.6], [-0.6, 0.6], [-1.1, 1.1], [-0.2, 0.2]];
+    let support = Some(Support {
+        inputs: 1,
+        ranges: [&of_features[..], &of_shape].concat(),
+        components: vec![-0.1, 1.0, 0.0, 0.0, 1.0, 2.0],
+        samples: 10.0,
+    });
     let clock = Clock::Sampled(Box::new(Sampling { support, ..*sampling }));
     Surrogate::new(recorded.metadata().clone(), Program { graph, clock }).expect("the example is valid")
 }

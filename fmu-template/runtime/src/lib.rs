@@ -62,7 +62,7 @@ pub use network::{Layer, Numbers, ScaledNetwork, Scaling};
 pub use numbers::{activation::Activation, jet::Jet};
 pub use program::{
     Clock, CommunicationStep, Drive, Evaluator, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Ports,
-    Program, Sampling, Scale, StepError, Support, Transition,
+    Program, Sampling, Scale, StepError, Support,
 };
 pub use surrogate::Surrogate;
 pub use variables::{BuiltIn, Known, Quantity, Variable, Variables};

@@ -3,6 +3,7 @@
 mod dead_time;
 mod polynomial;
 mod state_space;
+mod support;
 
 use super::{Beginning, Method, learned::unless_interrupted, per_instant::without_constants};
 use crate::{
@@ -18,12 +19,13 @@ use crate::{
         record::{Candidate, DiscreteRecord, MethodRecord, TrainingRecord},
     },
     scaling,
+    source::Source,
     study::{DiscreteModel, Study, TrainingOptions},
     surrogate,
     training::{self, EpochRecord, Recurrence, StopReason, TrainingRows},
 };
 use dead_time::DeadTimes;
-use metafmu_runtime::{Clock, Graph, Layer, Program, Sampling, ScaledNetwork, Scaling, Support, Surrogate, Transition};
+use metafmu_runtime::{Clock, Graph, Layer, Program, Sampling, ScaledNetwork, Scaling, Support, Surrogate};
 use nalgebra::DMatrix;
 use std::{sync::atomic::Ordering, time::Instant};
 
@@ -64,16 +66,15 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let late = dead_times.shifted(dataset);
     let samples = DiscreteSamples::new(study.time.step, &late, prepare::split(&late.runs, &study.training, study.seed));
     let validation = held_out(study, dataset);
-    let assembled = |one: &LearnedDiscrete| {
-        let ranges = drives.iter().map(|(_, range)| *range);
+    let with_support = |one: &LearnedDiscrete, support: Option<Support>| {
         let history = [one.past[0], one.past[1] + dead_times.longest()];
         let numbers = one.past[0] * (dataset.outputs.len() + one.hidden.len());
         let graph = dead_times.delayed(&one.graph, numbers, one.past[1]);
-        let support = Some(support(study, dataset, history[1] > 1, ranges));
         let sampling = Sampling { hidden: one.hidden.clone(), history, step: samples.step, support };
         let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
         surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)
     };
+    let assembled = |one: &LearnedDiscrete| with_support(one, None);
     let mut learned: Vec<LearnedKind> = Vec::new();
     let mut is_stopped = false;
     for kind in DiscreteModel::ALL {
@@ -129,6 +130,14 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     }
     let LearnedKind { candidate: Candidate { name, .. }, surrogate, model: one, .. } = learned.swap_remove(best);
     let surrogate = one.refitted.as_deref().map_or(Ok(surrogate), assembled)?;
+    let exported = one.refitted.as_deref().unwrap_or(&one);
+    // an FMU holds its inputs between samples; how those of a table change there is not known
+    let inputs = exported.past[1] + dead_times.longest() > 1
+        || !exported.hidden.is_empty()
+        || matches!(project.source, Source::Recorded(_));
+    let ranges = drives.iter().map(|(_, range)| *range);
+    let support = support::support(study, dataset, &surrogate, inputs, ranges);
+    let surrogate = with_support(exported, Some(support))?;
     let stopped = if was_interrupted { StopReason::Interrupted } else { one.stopped };
     let record = TrainingRecord {
         train_rows: samples.rows(),
@@ -192,40 +201,6 @@ fn cross_validation(
         sum += best.1;
     }
     Ok(Some(sum / parts as f64))
-}
-
-/// Run length over the time in which inputs are averaged and a distance fades.
-const PARTS: f64 = 20.0;
-
-/// Support of the transitions in all runs. `of_inputs`: `true` with more than one past input, which adds features of inputs. `ranges`:
-/// stated ranges of the inputs, which replace those of the training where they are finite.
-fn support(study: &Study, dataset: &Dataset, of_inputs: bool, ranges: impl Iterator<Item = [f64; 2]>) -> Support {
-    let (inputs, outputs) = (dataset.inputs.len(), dataset.outputs.len());
-    let starts = study.parameters.len() + outputs;
-    let unknown = Support { ranges: Vec::new(), samples: (study.time.stop / study.time.step / PARTS).max(1.0) };
-    let of_run = |run: &Run| {
-        let outputs = |k: usize| &run.outputs[k * outputs..][..outputs];
-        let inputs = |k: usize| &run.inputs[k * inputs..][..inputs];
-        // what was before rows that are given is not known
-        let mut before = if run.times[0] < 0.0 { inputs(0) } else { &run.parameters[starts..] };
-        let mut means = before.to_vec();
-        let transition = |k: usize| {
-            unknown.average(&mut means, inputs(k));
-            let outputs = [outputs(k), outputs(k + 1)];
-            let transition = match of_inputs {
-                true => Transition { means: &means, inputs: [before, inputs(k)], outputs },
-                false => Transition { means: &[], inputs: [&[]; 2], outputs },
-            };
-            before = inputs(k);
-            transition.features().collect()
-        };
-        (0..run.times.len() - 1).map(transition).collect::<Vec<Vec<f64>>>()
-    };
-    let mut support = Support::of(dataset.runs.iter().flat_map(of_run), unknown.samples);
-    for ([low, high], [min, max]) in support.ranges.iter_mut().zip(ranges).filter(|_| of_inputs) {
-        (*low, *high) = (if min.is_finite() { min } else { *low }, if max.is_finite() { max } else { *high });
-    }
-    support
 }
 
 /// Root mean square error in simulations, relative to the standard deviation, of the worst output.

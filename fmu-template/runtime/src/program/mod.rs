@@ -13,7 +13,7 @@ use crate::{
 };
 pub use evaluator::{Evaluator, MAX_OUTPUT_DERIVATIVE_ORDER};
 pub use ports::Ports;
-pub use samples::{Sampling, Support, Transition};
+pub use samples::{Sampling, Support};
 pub use solver::{CommunicationStep, Drive, Integration, MAX_SOLVER_STEPS, Scale, StepError};
 
 /// Function from a point to the outputs of a surrogate. A point consists of one value per input, the time included, and one per state.

@@ -52,7 +52,7 @@ impl Ports {
     }
 
     /// Number of columns before the states or the memory.
-    pub(super) fn known(&self) -> usize {
+    pub fn known(&self) -> usize {
         self.input_columns().end
     }
 

@@ -11,7 +11,7 @@
 //! | `p` | parameters |
 //! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too; the latter if m > 1, as else they do not count |
 //! | `u` | inputs |
-//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages of the inputs and the distance from the [`Support`] of the training, if it is known; measured outputs, and 1 while they are used, else 0; `y[k + 1]`; the time since sample k over `T` |
+//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages, last values and average changes of the inputs, if the [`Support`] of the training has them, and the distance from it, -1 before the first sample, if it is known; measured outputs, and 1 while they are used, else 0; `y[k + 1]`; the time since sample k over `T` |
 //!
 //! and the results are the outputs. The last numbers of `y` may be hidden: they advance like outputs, start from values of the program,
 //! and are not outputs. The rule for communication points between samples:
@@ -34,7 +34,7 @@ use crate::{
 };
 use std::ops::Range;
 use support::NEGLIGIBLE;
-pub use support::{Support, Transition};
+pub use support::Support;
 
 /// History from which the next sample is computed, see the table above.
 #[derive(Clone, Debug, PartialEq)]
@@ -45,10 +45,12 @@ pub struct Sampling {
     pub history: [usize; 2],
     /// Time between two samples, in seconds.
     pub step: f64,
-    /// Ranges of the transitions in training, if they are known.
+    /// Domain of the transitions in training, if it is known.
     pub support: Option<Support>,
 }
 
+/// Distance from the support before the first sample.
+const UNKNOWN: f64 = -1.0;
 /// Part of a sample by which a communication point may miss it.
 const SAME: f64 = 1e-6;
 
@@ -71,36 +73,31 @@ impl Sampling {
     /// Number of columns of the memory.
     pub(super) fn memory(&self, ports: &Ports) -> usize {
         let [past_outputs, past_inputs] = self.past(ports);
-        past_outputs + past_inputs + self.supported(ports) + ports.outputs + 1 + self.numbers(ports) + 1
+        past_outputs + past_inputs + self.supported() + ports.outputs + 1 + self.numbers(ports) + 1
     }
 
     /// Columns of a point that are measured outputs. The column after them is 1 while they are used, else 0.
     pub fn measured_columns(&self, ports: &Ports) -> Range<usize> {
         let [past_outputs, past_inputs] = self.past(ports);
-        let first = ports.known() + past_outputs + past_inputs + self.supported(ports);
+        let first = ports.known() + past_outputs + past_inputs + self.supported();
         first..first + ports.outputs
     }
 
-    /// Number of values for the support: averages of inputs, and the distance.
-    fn supported(&self, ports: &Ports) -> usize {
-        if self.support.is_some() { self.past_starts(ports) + 1 } else { 0 }
+    /// Number of values for the support: its memory of inputs, and the distance.
+    fn supported(&self) -> usize {
+        self.support.as_ref().map_or(0, |support| support.memory() + 1)
     }
 
     /// Column of a point that has the distance from the support.
     pub fn distance_column(&self, ports: &Ports) -> Option<usize> {
         let [past_outputs, past_inputs] = self.past(ports);
-        self.support.as_ref().map(|_| ports.known() + past_outputs + past_inputs + self.supported(ports) - 1)
+        self.support.as_ref().map(|_| ports.known() + past_outputs + past_inputs + self.supported() - 1)
     }
 
     /// Factor by which the distance from the support fades from sample to sample while measured outputs are used: a distance of 1 ends when all
     /// past samples that count are measured.
     pub fn settling(&self) -> f64 {
         NEGLIGIBLE.powf(1.0 / self.history[0].max(self.history[1]) as f64)
-    }
-
-    /// Number of features of a transition.
-    fn features(&self, ports: &Ports) -> usize {
-        3 * self.past_starts(ports) + 2 * ports.outputs
     }
 
     /// Numbers that the memory has of past outputs and inputs.
@@ -121,7 +118,7 @@ impl Sampling {
         expect_shape("inputs", &[ports.starts], &[ports.outputs + self.past_starts(ports)])?;
         expect_finite("samples.hidden", self.hidden.iter().copied())?;
         if let Some(support) = &self.support {
-            support.check(self.features(ports))?;
+            support.check(ports.inputs, ports.outputs, self.hidden.len())?;
         }
         expect_step(self.step)?;
         Ok((self.width(ports), self.numbers(ports)))
@@ -142,6 +139,8 @@ pub(super) struct PreparedSampling {
 pub(super) struct SamplesScratch {
     /// `z`
     columns: Vec<f64>,
+    /// Measures of a transition.
+    measures: Vec<f64>,
     /// The memory before a step.
     before: Vec<f64>,
 }
@@ -150,7 +149,7 @@ pub(super) struct SamplesScratch {
 struct Memory<'a> {
     outputs: &'a mut [f64],
     inputs: &'a mut [f64],
-    /// Averages of the inputs, and the distance from the support.
+    /// Memory of inputs of the support, and the distance from it.
     support: &'a mut [f64],
     next: &'a mut [f64],
     phase: &'a mut f64,
@@ -166,6 +165,7 @@ impl PreparedSampling {
     pub(super) fn scratch(&self) -> SamplesScratch {
         SamplesScratch {
             columns: vec![0.0; self.sampling.width(&self.ports)],
+            measures: vec![0.0; self.sampling.support.as_ref().map_or(0, |support| support.ranges.len())],
             before: vec![0.0; self.sampling.memory(&self.ports)],
         }
     }
@@ -182,9 +182,9 @@ impl PreparedSampling {
             shown.copy_from_slice(of_outputs);
             rest.copy_from_slice(&self.sampling.hidden);
         }
-        if let Some((distance, means)) = memory.support.split_last_mut() {
-            means.copy_from_slice(of_inputs);
-            *distance = 0.0;
+        if let Some((distance, past)) = memory.support.split_last_mut() {
+            past.fill(0.0);
+            *distance = UNKNOWN;
         }
         // of a single sample it does not count: the first step takes what the inputs are then
         match of_inputs {
@@ -214,7 +214,7 @@ impl PreparedSampling {
         let [past_outputs, past_inputs] = sampling.past(ports);
         let (outputs, rest) = memory.split_at_mut(past_outputs);
         let (inputs, rest) = rest.split_at_mut(past_inputs);
-        let (support, rest) = rest.split_at_mut(sampling.supported(ports));
+        let (support, rest) = rest.split_at_mut(sampling.supported());
         let (_, rest) = rest.split_at_mut(ports.outputs + 1);
         let (next, phase) = rest.split_at_mut(sampling.numbers(ports));
         Memory { outputs, inputs, support, next, phase: &mut phase[0] }
@@ -273,7 +273,7 @@ impl PreparedSampling {
     ) -> Result<(), StepError> {
         let known = self.ports.known();
         scratch.before.copy_from_slice(&point[known..]);
-        let result = self.samples(point, size, drive, &mut scratch.columns, next);
+        let result = self.samples(point, size, drive, scratch, next);
         if result.is_err() {
             point[known..].copy_from_slice(&scratch.before);
         }
@@ -285,7 +285,7 @@ impl PreparedSampling {
         point: &mut [f64],
         size: f64,
         drive: Drive,
-        columns: &mut [f64],
+        SamplesScratch { columns, measures, .. }: &mut SamplesScratch,
         mut next: impl FnMut(&[f64], &mut [f64]),
     ) -> Result<(), StepError> {
         let step = self.sampling.step;
@@ -309,7 +309,7 @@ impl PreparedSampling {
                 if !outputs.iter().chain(&*memory.next).all(|value| value.is_finite()) {
                     return Err(StepError::NotFinite { after: since + step });
                 }
-                self.compare(point);
+                self.compare(point, measures);
             }
             if end - passed < 1.0 - SAME {
                 break;
@@ -353,20 +353,24 @@ impl PreparedSampling {
     }
 
     /// Updates the distance of the transition to the next outputs from those of the training.
-    fn compare(&self, point: &mut [f64]) {
+    fn compare(&self, point: &mut [f64], measures: &mut [f64]) {
         let Some(support) = &self.sampling.support else { return };
-        let outputs = self.ports.outputs;
-        let fading = self.fading[usize::from(self.is_measured(point))];
-        let Memory { support: [means @ .., lasting], outputs: now, inputs, next, .. } =
-            self.parts(&mut point[self.ports.known()..])
-        else {
+        let Ports { inputs: count, outputs, .. } = self.ports;
+        let is_measured = self.is_measured(point);
+        let (known, memory) = point.split_at_mut(self.ports.known());
+        let Memory { support: [past @ .., lasting], outputs: now, inputs, next, .. } = self.parts(memory) else {
             return;
         };
-        support.average(means, inputs);
-        let count = means.len();
-        let past = if count > 0 { [&inputs[count..2 * count], &inputs[..count]] } else { [&[][..]; 2] };
-        let transition = Transition { means, inputs: past, outputs: [&now[..outputs], &next[..outputs]] };
-        *lasting = support.distance(&transition, *lasting, fading);
+        let inputs = &inputs[..count];
+        if *lasting < 0.0 {
+            // what was before measured outputs is not known
+            let before = &known[self.ports.start_columns()][outputs..];
+            support.begin(past, if is_measured || before.is_empty() { inputs } else { before });
+            *lasting = 0.0;
+        }
+        let (next, hidden) = next.split_at(outputs);
+        support.measure(past, inputs, [&now[..outputs], next], hidden, measures);
+        *lasting = support.distance(measures, *lasting, self.fading[usize::from(is_measured)]);
     }
 
     /// `z` from a point.

@@ -1,13 +1,14 @@
 //! Sizes and weights of a model of samples.
 
 use super::{ModelSources, array, double, graph::GraphSources, operations::Operations, real};
-use metafmu_runtime::{Ports, Sampling, Surrogate};
+use metafmu_runtime::{Ports, Sampling, Support, Surrogate};
 
-const NAMES: [&str; 8] = [
+const NAMES: [&str; 9] = [
     "model_advance",
     "model_hidden",
     "model_sample_time",
     "model_start",
+    "model_support_components",
     "model_support_fading",
     "model_support_ranges",
     "model_support_samples",
@@ -40,9 +41,8 @@ pub fn part(surrogate: &Surrogate, sampling: &Sampling) -> ModelSources {
                 ),
                 ("PAST_INPUTS", past_inputs * inputs, "and of inputs"),
                 ("FED_BACK", past_outputs * numbers, "of the former those that count"),
-                ("MEAN_COUNT", sampling.support.as_ref().map_or(0, |_| past_starts), "inputs that are averaged"),
-                ("FEATURE_COUNT", features(sampling), "of a transition from sample to sample"),
             ],
+            measures(sampling, &ports).sizes().to_vec(),
             graph.sizes,
         ]
         .concat(),
@@ -52,9 +52,36 @@ pub fn part(surrogate: &Surrogate, sampling: &Sampling) -> ModelSources {
     }
 }
 
-/// Number of features of a transition; none if the support of the training is not known.
-fn features(sampling: &Sampling) -> usize {
-    sampling.support.as_ref().map_or(0, |support| support.ranges.len())
+/// Numbers of what is compared with the support of the training; zero if it is not known.
+#[derive(Default)]
+struct MeasureCounts {
+    inputs: usize,
+    coordinates: usize,
+    components: usize,
+    measures: usize,
+}
+
+fn measures(sampling: &Sampling, ports: &Ports) -> MeasureCounts {
+    let Some(support) = &sampling.support else { return MeasureCounts::default() };
+    let coordinates = support.coordinates(ports.outputs, sampling.hidden.len());
+    MeasureCounts {
+        inputs: support.inputs,
+        coordinates,
+        components: support.components.len() / coordinates,
+        measures: support.ranges.len(),
+    }
+}
+
+impl MeasureCounts {
+    fn sizes(&self) -> [(&'static str, usize, &'static str); 5] {
+        [
+            ("WATCHED_COUNT", self.inputs, "inputs with features of a transition from sample to sample"),
+            ("COORDINATE_COUNT", self.coordinates, "further features"),
+            ("COMPONENT_COUNT", self.components, "linear combinations of the latter"),
+            ("PAIRED_COUNT", self.components.min(Support::PAIRED), "components with sums and differences"),
+            ("MEASURE_COUNT", self.measures, "of a transition"),
+        ]
+    }
 }
 
 /// Samples in the step that hosts are told.
@@ -64,7 +91,9 @@ fn samples(surrogate: &Surrogate, sampling: &Sampling) -> f64 {
 
 /// Multiplications, additions and divisions of a step over `samples` samples, without the graph. `discrete.c` has the formula.
 fn operations(sampling: &Sampling, ports: &Ports, samples: f64) -> f64 {
-    samples * (5 * (ports.inputs + ports.outputs) + 5 + 8 * features(sampling)) as f64 + 8.0
+    let MeasureCounts { inputs, coordinates, components, measures } = measures(sampling, ports);
+    let of_support = 8 * inputs + 2 * components * coordinates + 6 * measures;
+    samples * (5 * (ports.inputs + ports.outputs) + 5 + of_support) as f64 + 8.0
 }
 
 fn data(sampling: &Sampling) -> String {
@@ -74,6 +103,10 @@ fn data(sampling: &Sampling) -> String {
     array(&mut text, "const Real model_hidden", &hidden);
     if let Some(support) = &sampling.support {
         array(&mut text, "const Real model_support_ranges", support.ranges.as_flattened());
+        // C has no empty arrays
+        let none = vec![0.0];
+        let components = if support.components.is_empty() { &none } else { &support.components };
+        array(&mut text, "const Real model_support_components", components);
         text.push_str(&format!(
             "\nconst Real model_support_samples = {};\nconst Real model_support_fading = {};\n\
              const Real model_support_settling = {};\n",

@@ -1,4 +1,4 @@
-//! Training ranges of the outputs that a model feeds back, and of the inputs that drove it.
+//! Domain of the motion: where the outputs that a model feeds back, its hidden states, and the inputs that drove it were in training.
 
 use crate::{
     FormatError,
@@ -8,70 +8,122 @@ use crate::{
 /// Smallest distance that counts as outside, relative to the width of a range.
 pub(super) const NEGLIGIBLE: f64 = 0.003;
 
-/// Ranges of the transitions in training. The features of the transition from sample k to sample k + 1 are
+/// Training ranges of measures of the transition from sample k to sample k + 1. The first measures are features of it,
 ///
 /// ```text
-/// u[k],  s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  u[k] - u[k - 1],  y[k + 1],  y[k + 1] - y[k]
+/// u[k],  u[k] - u[k - 1],  r[k] = r[k - 1] + (|u[k] - u[k - 1]| - r[k - 1]) / M,
+/// s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  y[k + 1],  y[k + 1] - y[k],  h[k + 1]
 /// ```
 ///
-/// `s` is the average of the inputs. A constant input at an end of its range never leaves the range, but its average leaves that of inputs
-/// that change. A model with one past input has no features of inputs. The distance of a transition is that of its farthest feature from the
-/// feature's range, relative to the width of the range. Errors made outside are fed back, so a distance lasts: it fades by a factor
-/// `exp(-1 / M)` from sample to sample, and ends where it is negligible. Measured outputs end it sooner, see [`Sampling::settling`](super::Sampling::settling).
+/// with outputs `y` and hidden states `h`. A constant input at an end of its range never leaves the range, but its average `s` leaves that of
+/// inputs that change; an input that changes at each sample by no more than in training leaves the range of the average change `r`.
+/// Features from `s` on have a shape as well: their components, linear combinations with weights, and the sums and differences of any two of the
+/// first four components are further measures.
+///
+/// The distance of a transition is that of its farthest measure from its range, relative to the width of the range. Errors made outside are
+/// fed back, so a distance lasts: it fades by a factor `exp(-1 / M)` from sample to sample, and ends where it is negligible. Measured outputs
+/// end it sooner, see [`Sampling::settling`](super::Sampling::settling).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Support {
-    /// Smallest and largest value of each feature.
+    /// Number of inputs with features: all or none.
+    pub inputs: usize,
+    /// Smallest and largest value of each measure.
     pub ranges: Vec<[f64; 2]>,
+    /// Weights of the components, shape `[components, features from s on]`.
+    pub components: Vec<f64>,
     /// `M`, at least 1.
     pub samples: f64,
 }
 
-/// Values that determine the features of a transition.
-#[derive(Clone, Copy, Debug)]
-pub struct Transition<'a> {
-    /// Averages of the inputs; empty with one past input.
-    pub means: &'a [f64],
-    /// Inputs at the previous sample and at this one, one for each average.
-    pub inputs: [&'a [f64]; 2],
-    /// Outputs at the sample and at the next one.
-    pub outputs: [&'a [f64]; 2],
-}
-
-impl<'a> Transition<'a> {
-    /// The features, in order. Does not allocate.
-    pub fn features(&self) -> impl Iterator<Item = f64> + 'a {
-        let Self { means, inputs: [before, at], outputs: [now, next] } = *self;
-        let changes = |from: &'a [f64], to: &'a [f64]| to.iter().zip(from).map(|(to, from)| to - from);
-        let of_inputs = at.iter().chain(means).copied().chain(changes(before, at));
-        of_inputs.chain(next.iter().copied()).chain(changes(now, next))
-    }
-}
-
 impl Support {
-    /// The support of transitions with these features; `samples`: see [`Support::samples`].
-    pub fn of(transitions: impl IntoIterator<Item = Vec<f64>>, samples: f64) -> Self {
-        let mut ranges: Vec<[f64; 2]> = Vec::new();
-        for features in transitions {
-            ranges.resize(features.len(), [f64::INFINITY, f64::NEG_INFINITY]);
-            for ([min, max], value) in ranges.iter_mut().zip(features) {
-                (*min, *max) = (min.min(value), max.max(value));
+    /// Largest number of components whose pairs have ranges.
+    pub const PAIRED: usize = 4;
+
+    /// Number of features from `s` on.
+    pub fn coordinates(&self, outputs: usize, hidden: usize) -> usize {
+        self.inputs + 2 * outputs + hidden
+    }
+
+    /// Number of measures.
+    pub fn measures(&self, outputs: usize, hidden: usize) -> usize {
+        let coordinates = self.coordinates(outputs, hidden);
+        let components = self.components.len() / coordinates;
+        let paired = components.min(Self::PAIRED);
+        3 * self.inputs + coordinates + components + paired * paired.saturating_sub(1)
+    }
+
+    /// Number of values that it remembers of inputs: averages, last values and average changes.
+    pub fn memory(&self) -> usize {
+        3 * self.inputs
+    }
+
+    /// Fills the memory of inputs that have always been these.
+    pub fn begin(&self, memory: &mut [f64], inputs: &[f64]) {
+        let (levels, changes) = memory.split_at_mut(2 * self.inputs);
+        for (level, input) in levels.iter_mut().zip(inputs.iter().cycle()) {
+            *level = *input;
+        }
+        changes.fill(0.0);
+    }
+
+    /// Fills the measures of a transition with these inputs, outputs before and after it, and hidden states after it; and updates the memory of
+    /// inputs. Does not allocate.
+    pub fn measure(
+        &self,
+        memory: &mut [f64],
+        inputs: &[f64],
+        [now, next]: [&[f64]; 2],
+        hidden: &[f64],
+        measures: &mut [f64],
+    ) {
+        let (count, outputs) = (self.inputs, now.len());
+        let (of_inputs, rest) = measures.split_at_mut(3 * count);
+        let (coordinates, rest) = rest.split_at_mut(self.coordinates(outputs, hidden.len()));
+        for (i, input) in inputs.iter().take(count).enumerate() {
+            let change = input - memory[count + i];
+            memory[i] += (input - memory[i]) / self.samples;
+            memory[count + i] = *input;
+            memory[2 * count + i] += (change.abs() - memory[2 * count + i]) / self.samples;
+            of_inputs[i] = *input;
+            of_inputs[count + i] = change;
+            of_inputs[2 * count + i] = memory[2 * count + i];
+            coordinates[i] = memory[i];
+        }
+        for (i, (next, now)) in next.iter().zip(now).enumerate() {
+            coordinates[count + i] = *next;
+            coordinates[count + outputs + i] = next - now;
+        }
+        coordinates[count + 2 * outputs..].copy_from_slice(hidden);
+        let components = self.components.len() / coordinates.len();
+        let (found, pairs) = rest.split_at_mut(components);
+        for (component, weights) in found.iter_mut().zip(self.components.chunks_exact(coordinates.len())) {
+            *component = weights.iter().zip(&*coordinates).fold(0.0, |sum, (weight, value)| sum + weight * value);
+        }
+        let mut place = 0;
+        for i in 1..components.min(Self::PAIRED) {
+            for j in 0..i {
+                pairs[place] = found[i] + found[j];
+                pairs[place + 1] = found[i] - found[j];
+                place += 2;
             }
         }
-        Self { ranges, samples }
     }
 
-    /// Averages of the inputs after one more sample: `s[k]` from `s[k - 1]` and `u[k]`.
-    pub fn average(&self, means: &mut [f64], inputs: &[f64]) {
-        means.iter_mut().zip(inputs).for_each(|(mean, input)| *mean += (input - *mean) / self.samples);
-    }
-
-    /// Checks the number of features, and that ranges and `M` are valid.
+    /// Checks the number of measures, and that ranges, weights and `M` are valid.
     ///
     /// # Errors
     /// A [`FormatError`].
-    pub(super) fn check(&self, features: usize) -> Result<(), FormatError> {
-        expect_shape("support.ranges", &[self.ranges.len()], &[features])?;
+    pub(super) fn check(&self, inputs: usize, outputs: usize, hidden: usize) -> Result<(), FormatError> {
+        if self.inputs != 0 {
+            expect_shape("support.inputs", &[self.inputs], &[inputs])?;
+        }
+        let coordinates = self.coordinates(outputs, hidden);
+        if !self.components.len().is_multiple_of(coordinates) {
+            return Err(FormatError::Support);
+        }
+        expect_shape("support.ranges", &[self.ranges.len()], &[self.measures(outputs, hidden)])?;
         expect_finite("support.ranges", self.ranges.iter().flatten().copied())?;
+        expect_finite("support.components", self.components.iter().copied())?;
         let is_in_order = self.ranges.iter().all(|[min, max]| min <= max);
         let fits = self.samples.is_finite() && self.samples >= 1.0;
         if fits && is_in_order { Ok(()) } else { Err(FormatError::Support) }
@@ -82,15 +134,19 @@ impl Support {
         (-1.0 / self.samples).exp()
     }
 
-    /// Distance after a transition, from the distance before it; `fading`: [`Support::fading`]. Does not allocate.
-    pub(super) fn distance(&self, transition: &Transition, before: f64, fading: f64) -> f64 {
-        let distances = transition.features().zip(&self.ranges).map(|(value, range)| distance(value, *range));
-        let lasting = distances.fold(before * fading, f64::max);
+    /// Distance after a transition with these measures, from the distance before it; `fading`: [`Support::fading`]. Does not allocate.
+    pub fn distance(&self, measures: &[f64], before: f64, fading: f64) -> f64 {
+        let measures = || measures.iter().zip(&self.ranges);
+        let mut lasting = before * fading;
+        // usually all are inside, which takes less time than their distances
+        if measures().fold(false, |outside, (value, [min, max])| outside | (value < min) | (value > max)) {
+            lasting = measures().map(|(value, range)| distance(*value, *range)).fold(lasting, f64::max);
+        }
         if lasting < NEGLIGIBLE { 0.0 } else { lasting.min(f64::MAX) }
     }
 }
 
-/// Distance of a value from its range, relative to the width of the range, or to the magnitude of a constant feature.
+/// Distance of a value from its range, relative to the width of the range, or to the magnitude of a constant measure.
 #[inline]
 fn distance(value: f64, [min, max]: [f64; 2]) -> f64 {
     let width = match max - min {
@@ -105,56 +161,77 @@ fn distance(value: f64, [min, max]: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Average of an input, its change, an output and the next one.
-    type Row = [f64; 4];
-
-    fn with<T>([mean, change, now, next]: Row, of: impl Fn(&Transition) -> T) -> T {
-        of(&Transition { means: &[mean], inputs: [&[0.0], &[change]], outputs: [&[now], &[next]] })
-    }
-
-    /// An output from 0 to 10 that changes by at most 2 a sample, and an input that is 0.5 on average at most.
+    /// Input from -1 to 1 that changes by 0.5 on average, an output from 0 to 10 that changes by at most 2 a sample; the output is ten times
+    /// the average of the input, up to 1.
     fn support() -> Support {
-        let rows = [[0.0, 0.0, 0.0, 2.0], [0.5, 1.0, 2.0, 0.0], [0.1, -1.0, 9.0, 10.0]];
-        let support = Support::of(rows.map(|row| with(row, |transition| transition.features().collect())), 5.0);
-        support.check(5).unwrap();
+        let ranges = vec![[-1.0, 1.0], [-2.0, 2.0], [0.0, 0.5], [0.0, 1.0], [0.0, 10.0], [-2.0, 2.0], [-1.0, 1.0]];
+        let support = Support { inputs: 1, ranges, components: vec![-10.0, 1.0, 0.0], samples: 5.0 };
+        support.check(1, 1, 0).unwrap();
         support
     }
 
-    fn distance(row: Row, before: f64) -> f64 {
+    /// Distance after a transition from a memory: average, last value and average change of the input.
+    fn distance(mut memory: [f64; 3], input: f64, outputs: [f64; 2], before: f64) -> f64 {
         let support = support();
-        with(row, |transition| support.distance(transition, before, support.fading()))
+        let mut measures = [0.0; 7];
+        let [now, next] = outputs.map(|output| [output]);
+        support.measure(&mut memory, &[input], [&now, &next], &[], &mut measures);
+        support.distance(&measures, before, support.fading())
     }
 
     #[test]
-    fn a_transition_is_outside_if_an_average_a_change_or_an_output_leaves_its_range() {
-        assert_eq!(support().ranges, [[-1.0, 1.0], [0.0, 0.5], [-1.0, 1.0], [0.0, 10.0], [-2.0, 2.0]]);
-        assert_eq!(distance([0.2, 0.5, 4.0, 5.0], 0.0), 0.0);
-        assert_eq!(distance([1.0, 0.5, 4.0, 5.0], 0.0), 1.0);
-        assert_eq!(distance([0.2, -2.0, 4.0, 5.0], 0.0), 0.5);
-        assert_eq!(distance([0.2, 0.5, 9.5, 11.0], 0.0), 0.1);
-        assert_eq!(distance([0.2, 0.5, 4.0, 7.0], 0.0), 0.25);
-        assert_eq!(distance([0.2, 0.5, 9.5, 10.02], 0.0), 0.0, "a negligible part of the range");
-        assert_eq!(distance([0.2, 0.5, 4.0, f64::INFINITY], 0.0), f64::MAX);
+    fn a_transition_is_outside_if_a_feature_leaves_its_range() {
+        assert_eq!(distance([0.45, 0.5, 0.3], 0.5, [4.0, 4.5], 0.0), 0.0);
+        assert!((distance([0.5, 0.5, 0.3], 1.2, [6.0, 6.4], 0.0) - 0.1).abs() < 1e-12, "the input itself");
+        assert!((distance([0.5, -1.9, 0.0], 1.0, [6.0, 6.0], 0.0) - 0.225).abs() < 1e-12, "a large change");
+        let often = distance([0.5, -0.5, 0.5], 0.5, [4.0, 5.0], 0.0);
+        assert!((often - 0.2).abs() < 1e-12, "changes that are more frequent: {often}");
+        assert!((distance([1.2, 1.0, 0.0], 1.0, [9.5, 10.0], 0.0) - 0.3).abs() < 1e-12, "0.16 and the component");
+        assert!((distance([0.9, 0.9, 0.0], 0.9, [7.0, 9.9], 0.0) - 0.225).abs() < 1e-12, "an output that jumps");
+        assert_eq!(distance([0.5, 0.5, 0.0], 0.5, [4.0, f64::INFINITY], 0.0), f64::MAX);
+        assert_eq!(distance([1.0, 1.0, 0.0], 1.0, [10.0, 10.02], 0.0), 0.0, "a negligible part of the range");
+    }
+
+    #[test]
+    fn a_transition_is_outside_if_features_in_their_ranges_do_not_fit_together() {
+        let apart = distance([0.2, 0.2, 0.0], 0.2, [6.5, 7.0], 0.0);
+        assert!((apart - 2.0).abs() < 1e-12, "{apart}");
+    }
+
+    #[test]
+    fn pairs_of_components_cut_the_corners_of_their_ranges() {
+        // two outputs on a circle, without inputs
+        let components = vec![1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
+        let support = Support { inputs: 0, ranges: Vec::new(), components, samples: 5.0 };
+        assert_eq!((support.measures(2, 0), support.memory()), (8, 0));
+        let mut measures = [0.0; 8];
+        support.measure(&mut [], &[], [&[0.6, 0.8], &[0.8, 0.6]], &[], &mut measures);
+        let expected = [0.8, 0.6, 0.2, -0.2, 0.8, 0.6, 1.4, -0.2];
+        assert!(
+            measures.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-12),
+            "{measures:?}"
+        );
     }
 
     #[test]
     fn a_distance_fades_and_ends() {
-        let inside = [0.2, 0.5, 4.0, 5.0];
-        let mut lasting = distance([1.0, 0.5, 4.0, 5.0], 0.0);
+        let inside = |before| distance([0.45, 0.5, 0.3], 0.5, [4.0, 4.5], before);
+        let mut lasting = 1.0;
         let mut samples = 0;
         while lasting > 0.0 {
-            lasting = distance(inside, lasting);
+            lasting = inside(lasting);
             samples += 1;
         }
         assert_eq!(samples, (5.0 * (1.0 / NEGLIGIBLE).ln()).ceil() as i32);
-        assert_eq!(distance([0.2, 0.5, 9.5, 11.0], 0.01), 0.1, "the larger one counts");
     }
 
     #[test]
     fn a_support_that_makes_no_sense_is_refused() {
-        assert!(support().check(4).is_err());
-        assert!(Support { samples: 0.5, ..support() }.check(5).is_err());
-        assert!(Support { ranges: vec![[1.0, 0.0]; 5], samples: 5.0 }.check(5).is_err());
-        assert!(Support { ranges: vec![[0.0, f64::NAN]; 5], samples: 5.0 }.check(5).is_err());
+        assert!(support().check(1, 2, 0).is_err() && support().check(2, 1, 0).is_err());
+        assert!(Support { samples: 0.5, ..support() }.check(1, 1, 0).is_err());
+        assert!(Support { components: vec![1.0; 2], ..support() }.check(1, 1, 0).is_err());
+        assert!(Support { components: vec![f64::NAN; 3], ..support() }.check(1, 1, 0).is_err());
+        assert!(Support { ranges: vec![[1.0, 0.0]; 7], ..support() }.check(1, 1, 0).is_err());
+        assert!(Support { ranges: vec![[0.0, f64::NAN]; 7], ..support() }.check(1, 1, 0).is_err());
     }
 }

@@ -217,6 +217,26 @@ fn free_run(measured: &[f64], forces: &[f64]) -> Vec<f64> {
     outputs
 }
 
+#[test]
+fn an_input_that_changes_at_each_sample_leaves_the_domain_though_each_change_is_in_its_range() {
+    let surrogate = example::supported();
+    let (mut evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
+    let none = vec![0.0; evaluator.columns()];
+    let mut inside = |period: usize| {
+        let mut point = point(&evaluator, 0.39, 0.25);
+        let mut rows = 0;
+        for k in 0..40 {
+            point[3] = if k / period % 2 == 0 { 0.3 } else { 0.05 };
+            evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
+            rows += u32::from(domain.contains_point(&point, 0));
+        }
+        rows
+    };
+    // the change is 0.25 N; the average of changes, over ten samples, was at most 0.1 N
+    assert_eq!(inside(10), 40);
+    assert!((4..10).contains(&inside(1)), "{}", inside(1));
+}
+
 const MEASURED: [f64; 3] = [0.7, -0.2, 0.9];
 
 #[test]
@@ -302,7 +322,6 @@ fn a_distance_ends_when_all_past_samples_are_measured() {
     let (mut evaluator, domain) = (Evaluator::new(&surrogate), Domain::of(&surrogate));
     let none = vec![0.0; evaluator.columns()];
     let mut samples = |measured: Option<&[f64]>| {
-        // outside by a jump of the force at the first sample
         let mut point = point(&evaluator, 0.4, -0.6);
         let mut count = 0;
         for force in [-0.6, 0.3].into_iter().chain([0.3; 100]) {
@@ -313,7 +332,7 @@ fn a_distance_ends_when_all_past_samples_are_measured() {
         }
         count
     };
-    // two jumps; three past forces count, that of the sample itself among them
+    // the position jumps, then the force; three past forces count, that of the sample itself among them
     assert_eq!(samples(Some(&[0.39])), 2 + 2);
     assert!(samples(None) > 20);
 }

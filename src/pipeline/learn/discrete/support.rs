@@ -1,0 +1,277 @@
+//! Domain of validity of a discrete-time model: the transitions of its training.
+
+use crate::{
+    dataset::{Dataset, Run},
+    evaluation::RollOut,
+    study::Study,
+};
+use metafmu_runtime::{Evaluator, Support, Surrogate};
+use nalgebra::DMatrix;
+use rayon::prelude::*;
+
+/// Run length over the time in which inputs are averaged and a distance fades.
+const PARTS: f64 = 20.0;
+/// Share of the rows of runs like those of the training that are to be inside.
+const INSIDE: f64 = 0.995;
+/// Largest widening of a range at each end, relative to its width, of outputs and of other measures. Errors beyond the range of an output grow and
+/// last; a model that is wrong everywhere has no domain.
+const WIDEST: [f64; 2] = [0.03, 0.1];
+/// Smallest variance of a component, relative to that of a feature.
+const LEAST_VARIANCE: f64 = 1e-8;
+const BISECTIONS: usize = 16;
+
+/// Support of the transitions in all runs. `inputs`: `true` if inputs are among the features. `ranges`: stated ranges of the inputs, which
+/// replace those of the training where they are finite.
+///
+/// Each range spans the recorded outputs, with the hidden states of `surrogate` in its simulation of the run. Ranges are then widened so that the
+/// simulation of a run is inside the ranges of the other runs in most of its rows.
+pub(super) fn support(
+    study: &Study,
+    dataset: &Dataset,
+    surrogate: &Surrogate,
+    inputs: bool,
+    ranges: impl Iterator<Item = [f64; 2]>,
+) -> Support {
+    let evaluator = Evaluator::new(surrogate);
+    let counts = Counts {
+        inputs: dataset.inputs.len(),
+        outputs: dataset.outputs.len(),
+        hidden: surrogate.program().sampling().map_or(0, |sampling| sampling.hidden.len()),
+    };
+    let samples = (study.time.stop / study.time.step / PARTS).max(1.0);
+    let watched = if inputs { counts.inputs } else { 0 };
+    let mut support = Support { inputs: watched, ranges: Vec::new(), components: Vec::new(), samples };
+    let starts = study.parameters.len() + counts.outputs;
+    let has_starts = surrogate.program().sampling().is_some_and(|sampling| sampling.history[1] > 1);
+    let motions: Vec<Motion> = (dataset.runs.par_iter())
+        .map(|run| Motion {
+            run,
+            // what was before rows that are given is not known
+            before: if run.times[0] < 0.0 || !has_starts {
+                &run.inputs[..counts.inputs]
+            } else {
+                &run.parameters[starts..]
+            },
+            simulated: simulated(surrogate, &evaluator, run, counts),
+        })
+        .collect();
+    support.components = components(&support, &motions, counts);
+    let extremes: Vec<Ranges> = motions.par_iter().map(|motion| motion.extremes(&support, counts)).collect();
+    support.ranges = of_all(&extremes, None);
+    let width: Vec<f64> = support.ranges.iter().map(|[min, max]| max - min).collect();
+    let widening = widening(&support, &motions, &extremes, counts);
+    for (([min, max], width), widening) in support.ranges.iter_mut().zip(&width).zip(widening) {
+        (*min, *max) = (*min - widening * width, *max + widening * width);
+    }
+    for ([low, high], [min, max]) in support.ranges.iter_mut().zip(ranges).take(watched) {
+        (*low, *high) = (if min.is_finite() { min } else { *low }, if max.is_finite() { max } else { *high });
+    }
+    support
+}
+
+#[derive(Clone, Copy)]
+struct Counts {
+    inputs: usize,
+    outputs: usize,
+    hidden: usize,
+}
+
+/// Smallest and largest value of each measure.
+type Ranges = Vec<[f64; 2]>;
+
+/// Row, measure, and how far it is from the range, relative to the width.
+type Stray = (usize, usize, f64);
+
+/// A run, and the model's simulation of it.
+struct Motion<'a> {
+    run: &'a Run,
+    /// Inputs before the first row.
+    before: &'a [f64],
+    /// Outputs and hidden states of the rows that could be simulated.
+    simulated: Vec<f64>,
+}
+
+impl Motion<'_> {
+    /// Calls a function with the row and the measures of each transition of the recorded or of the simulated outputs. Recorded outputs have the
+    /// hidden states of the simulation: without them there is no transition.
+    fn transitions(&self, support: &Support, counts: Counts, is_recorded: bool, mut each: impl FnMut(usize, &[f64])) {
+        let Counts { inputs, outputs, hidden } = counts;
+        let mut memory = vec![0.0; support.memory()];
+        support.begin(&mut memory, self.before);
+        let mut measures = vec![0.0; support.measures(outputs, hidden)];
+        let numbers = outputs + hidden;
+        let simulated = |row: usize| &self.simulated[row * numbers..][..numbers];
+        let shown = |row: usize| match is_recorded {
+            true => &self.run.outputs[row * outputs..][..outputs],
+            false => &simulated(row)[..outputs],
+        };
+        let rows = if is_recorded && hidden == 0 { self.run.times.len() } else { self.simulated.len() / numbers };
+        for row in 0..rows.saturating_sub(1) {
+            let hidden = if hidden > 0 { &simulated(row + 1)[outputs..] } else { &[] };
+            let input = &self.run.inputs[row * inputs..][..inputs];
+            support.measure(&mut memory, input, [shown(row), shown(row + 1)], hidden, &mut measures);
+            each(row, &measures);
+        }
+    }
+
+    fn extremes(&self, support: &Support, counts: Counts) -> Ranges {
+        let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; support.measures(counts.outputs, counts.hidden)];
+        self.transitions(support, counts, true, |_, measures| {
+            for ([min, max], value) in ranges.iter_mut().zip(measures) {
+                (*min, *max) = (min.min(*value), max.max(*value));
+            }
+        });
+        ranges
+    }
+}
+
+/// Outputs and hidden states of the simulation of a run, up to the row where an output is farther from those of the run than they are from
+/// each other.
+fn simulated(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, counts: Counts) -> Vec<f64> {
+    let Counts { outputs, hidden, .. } = counts;
+    let known = surrogate.ports().known();
+    let ranges: Vec<[f64; 2]> = (0..outputs)
+        .map(|output| {
+            let values = run.outputs.iter().skip(output).step_by(outputs);
+            let [min, max] =
+                values.fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], value| [min.min(*value), max.max(*value)]);
+            [2.0 * min - max, 2.0 * max - min]
+        })
+        .collect();
+    let mut roll_out = RollOut::along(surrogate, evaluator, run);
+    let mut found = Vec::new();
+    for row in 0..run.times.len() {
+        let Some((point, results)) = roll_out.at(row) else { break };
+        let is_near = |(value, [min, max]): (&f64, &[f64; 2])| min <= value && value <= max;
+        if !results[..outputs].iter().zip(&ranges).all(is_near) {
+            break;
+        }
+        found.extend(&results[..outputs]);
+        found.extend(&point[known + outputs..][..hidden]);
+    }
+    found
+}
+
+/// Principal components of the standardised coordinates, of unit variance, those of the largest variance first. Directions in which nothing
+/// moves are left out.
+fn components(support: &Support, motions: &[Motion], counts: Counts) -> Vec<f64> {
+    let first = 3 * support.inputs;
+    let width = support.coordinates(counts.outputs, counts.hidden);
+    let sums = |mean: &[f64]| -> (f64, Vec<f64>, DMatrix<f64>) {
+        let of_motion = |motion: &Motion| {
+            let (mut rows, mut sum, mut products) = (0.0, vec![0.0; width], DMatrix::zeros(width, width));
+            motion.transitions(support, counts, true, |_, measures| {
+                let off: Vec<f64> = measures[first..].iter().zip(mean).map(|(value, mean)| value - mean).collect();
+                rows += 1.0;
+                for i in 0..width {
+                    sum[i] += off[i];
+                    for j in 0..=i {
+                        products[(i, j)] += off[i] * off[j];
+                    }
+                }
+            });
+            (rows, sum, products)
+        };
+        // added in the order of the runs, whatever the number of threads
+        let parts: Vec<_> = motions.par_iter().map(of_motion).collect();
+        parts.into_iter().fold((0.0, vec![0.0; width], DMatrix::zeros(width, width)), |all, one| {
+            (all.0 + one.0, all.1.iter().zip(one.1).map(|(a, b)| a + b).collect(), all.2 + one.2)
+        })
+    };
+    let (rows, total, _) = sums(&vec![0.0; width]);
+    if rows < 2.0 {
+        return Vec::new();
+    }
+    let mean: Vec<f64> = total.iter().map(|sum| sum / rows).collect();
+    let (_, _, products) = sums(&mean);
+    let deviation: Vec<f64> = (0..width).map(|i| (products[(i, i)] / rows).sqrt()).collect();
+    let moves = |i: usize| deviation[i] > f64::EPSILON * mean[i].abs();
+    let correlation = DMatrix::from_fn(width, width, |i, j| match moves(i) && moves(j) {
+        true => products[(i.max(j), i.min(j))] / rows / (deviation[i] * deviation[j]),
+        false => 0.0,
+    });
+    let eigen = correlation.symmetric_eigen();
+    let mut order: Vec<usize> = (0..width).filter(|&i| eigen.eigenvalues[i] > LEAST_VARIANCE).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*b].total_cmp(&eigen.eigenvalues[*a]));
+    let weights = |&component: &usize| {
+        let scale = eigen.eigenvalues[component].sqrt();
+        let vector = eigen.eigenvectors.column(component).into_owned();
+        let weight = |i: usize| if moves(i) { vector[i] / (scale * deviation[i]) } else { 0.0 };
+        (0..width).map(weight).collect::<Vec<f64>>()
+    };
+    order.iter().flat_map(weights).collect()
+}
+
+/// Ranges that hold those of all runs but one.
+fn of_all(extremes: &[Ranges], but: Option<usize>) -> Ranges {
+    let others = extremes.iter().enumerate().filter(|(run, _)| Some(*run) != but).map(|(_, ranges)| ranges);
+    let mut all = vec![[f64::INFINITY, f64::NEG_INFINITY]; extremes.first().map_or(0, Vec::len)];
+    for ranges in others {
+        for ([min, max], [low, high]) in all.iter_mut().zip(ranges) {
+            (*min, *max) = (min.min(*low), max.max(*high));
+        }
+    }
+    all
+}
+
+/// Widening of each range at both ends, relative to its width, from the simulations of the runs and the ranges of the other runs.
+fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: Counts) -> Vec<f64> {
+    let measures = support.ranges.len();
+    let outputs = 4 * support.inputs..4 * support.inputs + counts.outputs;
+    let widest = |measure: usize| WIDEST[usize::from(!outputs.contains(&measure))];
+    let of_run = |run: usize| {
+        let others = of_all(extremes, Some(run));
+        let mut beyond: Vec<Stray> = Vec::new();
+        let mut rows = 0;
+        motions[run].transitions(support, counts, false, |row, values| {
+            rows = row + 1;
+            for (measure, (value, ([low, high], [min, max]))) in
+                values.iter().zip(others.iter().zip(&support.ranges)).enumerate()
+            {
+                let distance = (low - value).max(value - high) / (max - min);
+                if distance > 0.0 && max > min {
+                    beyond.push((row, measure, distance.min(1.0)));
+                }
+            }
+        });
+        (rows, beyond)
+    };
+    if motions.len() < 2 {
+        return vec![0.0; measures];
+    }
+    let found: Vec<(usize, Vec<Stray>)> = (0..motions.len()).into_par_iter().map(of_run).collect();
+    let rows: usize = found.iter().map(|(rows, _)| rows).sum();
+    // no range is wider than what was found beyond it
+    let mut farthest = vec![0.0f64; measures];
+    for (_, measure, distance) in found.iter().flat_map(|(_, beyond)| beyond) {
+        farthest[*measure] = farthest[*measure].max(*distance);
+    }
+    let widened = |measure: usize, by: f64| by.min(farthest[measure]).min(widest(measure));
+    let outside = |by: f64| -> usize {
+        let of_run = |(rows, beyond): &(usize, Vec<Stray>)| {
+            let (mut lasting, mut count, mut beyond) = (0.0, 0, beyond.iter().peekable());
+            for row in 0..*rows {
+                let mut distance = lasting * support.fading();
+                while let Some((_, measure, beyond)) = beyond.next_if(|(at, ..)| *at == row) {
+                    distance = distance.max(beyond - widened(*measure, by));
+                }
+                // the support itself ends a distance that is negligible
+                lasting = support.distance(&[], distance, 1.0);
+                count += usize::from(lasting > 0.0);
+            }
+            count
+        };
+        found.iter().map(of_run).sum()
+    };
+    let is_enough = |by: f64| outside(by) as f64 <= (1.0 - INSIDE) * rows as f64;
+    let mut by = 0.0;
+    if !is_enough(0.0) {
+        let mut low = 0.0;
+        by = WIDEST[1];
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + by);
+            if is_enough(middle) { by = middle } else { low = middle }
+        }
+    }
+    (0..measures).map(|measure| widened(measure, by)).collect()
+}
