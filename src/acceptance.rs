@@ -229,6 +229,7 @@ mod tests {
             worst_time: 0.0,
             bound: None,
             within_bound: None,
+            noise: None,
         }
     }
 

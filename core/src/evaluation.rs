@@ -1,6 +1,7 @@
 //! How good a surrogate is on runs it has not seen.
 
 mod coverage;
+mod noise;
 mod roll_outs;
 mod verdict;
 
@@ -12,6 +13,7 @@ use crate::{
 pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
+pub use noise::NoiseEstimate;
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
 pub use roll_outs::{CHAOTIC, Horizon, OFF, RollOuts, constraint_residual};
@@ -42,6 +44,9 @@ pub struct OutputMetrics {
     /// Share of the rows whose error is within the bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub within_bound: Option<f64>,
+    /// Noise of the measured output and error of the model apart from it, of a discrete-time surrogate whose errors show noise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub noise: Option<NoiseEstimate>,
 }
 
 impl OutputMetrics {
@@ -161,6 +166,17 @@ impl Accuracy {
         }
         found
     }
+
+    /// Description of the noise of each output that has some.
+    pub fn noise(&self, surrogate: &Surrogate) -> Vec<String> {
+        let unit =
+            |name: &String| surrogate.outputs().iter().find(|output| output.name == *name).map(|output| &output.unit);
+        let of_output = |(name, metrics): (&String, &OutputMetrics)| {
+            let unit = unit(name).map_or("", String::as_str);
+            Some(metrics.noise?.describe(name, unit, metrics.bound.is_some()))
+        };
+        self.outputs.iter().filter_map(of_output).collect()
+    }
 }
 
 /// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
@@ -261,7 +277,18 @@ fn output_metrics(
     let (bound, within_bound) = (bounds.map(|bounds| bounds.largest(column)), bounds.map(|_| within as f64 / rows));
     let mse = finite(residual / rows);
     let relative_max_error = range.filter(|&range| range > 0.0).map(|range| finite(max_abs_error / range));
-    OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound }
+    let of_run = |&index: &usize| {
+        let run = &test.runs[index];
+        let inputs = run.inputs.len() / run.times.len().max(1);
+        let predicted = predictions[index].iter().skip(column).step_by(width).skip(first(run));
+        let differences = labels(run).iter().zip(predicted).map(|(label, prediction)| label - prediction).collect();
+        (differences, &run.inputs[first(run) * inputs..])
+    };
+    let is_sampled = surrogate.is_some_and(|surrogate| surrogate.program().sampling().is_some());
+    let noise = is_sampled
+        .then(|| noise::estimate(&runs.iter().map(of_run).collect::<Vec<_>>(), (total / rows).sqrt()))
+        .flatten();
+    OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound, noise }
 }
 
 /// Largest spread that counts as rounding, relative to the magnitude of the values and to their range in training.

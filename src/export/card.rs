@@ -191,6 +191,9 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         line(page, &format!("<tr><td>{name} {unit}</td>{cells}</tr>"));
     }
     line(page, "</table>");
+    for text in accuracy.noise(surrogate) {
+        line(page, &format!("<p>{}.</p>", escape(&text)));
+    }
     roll_outs(page, accuracy.roll_outs.as_ref());
     if let Some(bounds @ Bounds { coverage, runs, times, .. }) = surrogate.bounds() {
         let of_output = surrogate.outputs().iter().enumerate().map(|(index, output)| {
@@ -261,7 +264,7 @@ fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
          model, the motion's own sensitivity.</p>\n<table><tr><th>After</th><th>Median of the \
          runs</th><th>90 % of the runs</th><th>Start off by 1e-9: median</th><th>90 %</th></tr>",
     );
-    for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] } in horizons {
+    for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. } in horizons {
         let numbers = [median, q90, changed, changed_q90].map(|value| format!("<td class=\"n\">{value:.1e}</td>"));
         line(page, &format!("<tr><td class=\"n\">{} s</td>{}</tr>", number(*seconds), numbers.concat()));
     }
@@ -525,6 +528,7 @@ mod tests {
             worst_time: 1.0,
             bound: None,
             within_bound: None,
+            noise: None,
         };
         let accuracy = Accuracy {
             outputs: [("angle".into(), metrics(Some(0.99987))), ("velocity".into(), metrics(None))].into(),

@@ -173,6 +173,10 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
         let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
     }
+    let noise = outputs.iter().zip(project.source.outputs()).filter_map(|((name, of_output), variable)| {
+        Some(of_output.noise?.describe(name, &variable.unit, of_output.bound.is_some()))
+    });
+    noise.for_each(|line| _ = writeln!(text, "{line}"));
     if let Some(roll_outs) = &metrics.accuracy.roll_outs {
         let _ = write!(text, "\n{}", roll_out_table(roll_outs));
         if let Some(chaos) = roll_outs.describe_chaos(*test_runs) {
@@ -200,7 +204,7 @@ fn roll_out_table(
 ) -> String {
     let mut text =
         format!("{:<10} {:>15} {:>10}   start off by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
-    for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] } in horizons {
+    for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. } in horizons {
         let time = format!("{} s", number(*seconds));
         let _ = writeln!(text, "{time:<10} {median:>15.1e} {q90:>10.1e}   {changed:.1e}, {changed_q90:.1e}");
     }

@@ -75,6 +75,9 @@ pub fn summary(material: &Material) -> Section {
         ]
     });
     blocks.push(table(&headings, rows));
+    blocks.extend(
+        evaluated.accuracy.noise(evaluated.surrogate).into_iter().map(|text| paragraph(&format!("{}.", escape(&text)))),
+    );
     let test_runs = evaluated.accuracy.test_runs;
     blocks.extend(evaluated.accuracy.roll_outs.iter().flat_map(|found| roll_outs(found, test_runs)));
     if let Some(bounds) = evaluated.surrogate.bounds().filter(|_| is_of_rows) {
@@ -127,7 +130,7 @@ fn roll_outs(
 ) -> [ReportBlock; 2] {
     let chaos = found.describe_chaos(test_runs).map_or(String::new(), |chaos| format!(" {chaos}."));
     let headings = ["after", "relative RMS error, median", "90 % of the runs", "start off by 1e-9, median", "90 %"];
-    let rows = horizons.iter().map(|Horizon { seconds, median, q90, sensitivity: [changed, changed_q90] }| {
+    let rows = horizons.iter().map(|Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. }| {
         let numbers = [median, q90, changed, changed_q90].map(|value| format!("{value:.1e}"));
         [vec![format!("{} s", number(*seconds))], numbers.to_vec()].concat()
     });
