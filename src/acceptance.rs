@@ -95,10 +95,12 @@ impl Judged<'_> {
         }
     }
 
-    /// The relative error `e` of the median run is an R² of `1 - e²`.
+    /// The relative error `e` of the median run is an R² of `1 - e²`. The beginning of a run may be slower than the rest, or little more than
+    /// noise: its error counts relative to the whole run, unless the motion is chaotic and nothing else of it counts.
     fn strayed(&mut self, roll_outs: &RollOuts, is_chaotic: bool) {
-        let Some(Horizon { seconds, median, .. }) = roll_outs.horizons.first() else { return };
-        let r2 = (1.0 - median * median).max(f64::MIN);
+        let Some(Horizon { seconds, median, of_run, .. }) = roll_outs.horizons.first() else { return };
+        let error = if is_chaotic { median } else { of_run };
+        let r2 = (1.0 - error * error).max(f64::MIN);
         let chaos = if is_chaotic { ": the motion is chaotic, a shorter `time.stop` can be judged" } else { "" };
         self.grade("", r2, &format!("in the median of the {} up to {} s", self.runs, number(*seconds)), chaos);
     }
@@ -364,8 +366,13 @@ mod tests {
     #[test]
     fn motions_are_judged_to_their_end_unless_they_are_chaotic() {
         let of = |sensitivity: f64, median: f64| {
-            let horizon =
-                |seconds, median, sensitivity| Horizon { seconds, median, q90: 1.0, sensitivity: [sensitivity; 2] };
+            let horizon = |seconds, median, sensitivity| Horizon {
+                seconds,
+                median,
+                q90: 1.0,
+                of_run: 0.5 * median,
+                sensitivity: [sensitivity; 2],
+            };
             let roll_outs = RollOuts {
                 horizons: vec![horizon(1.0, median, 1e-9), horizon(6.0, 0.5, sensitivity)],
                 chaotic_runs: Vec::new(),
@@ -384,6 +391,14 @@ mod tests {
         let found = of(0.3, 0.5);
         let expected = "R² 0.750 in the median of the test runs up to 1 s, expected at least 0.9 (accept.r2): the motion is chaotic";
         assert!(found.len() == 1 && found[0].starts_with(expected), "{found:?}");
+        // the beginning of a motion that is not chaotic counts relative to whole runs
+        let found = of(1e-8, 0.5);
+        assert!(found.len() == 2 && found[0].starts_with("angle"), "{found:?}");
+        let found = of(1e-8, 1.5);
+        assert!(
+            found.len() == 3 && found[0].starts_with("R² 0.438 in the median of the test runs up to 1 s"),
+            "{found:?}"
+        );
     }
 
     #[test]

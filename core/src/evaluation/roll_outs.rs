@@ -44,6 +44,9 @@ pub struct Horizon {
     pub median: f64,
     /// 90 % quantile.
     pub q90: f64,
+    /// Median over the runs relative to the truth of the whole run, where that varies more than up to this time.
+    #[serde(default)]
+    pub of_run: f64,
     /// The same of what a start that is off by 1e-9 in every state changes: the motion's own sensitivity.
     pub sensitivity: [f64; 2],
 }
@@ -88,7 +91,7 @@ impl RollOuts {
         let rows = test.runs.iter().map(|run| run.times.len() - first(run)).max().unwrap_or(0);
         let relative = |run: &Run, truth: &[f64], found: &[f64], rows: usize| {
             let from = first(run) * width;
-            relative_error(&truth[from..], &found[from..], &ranges, rows)
+            relative_error(&truth[from..], &found[from..], &ranges, (rows, rows))
         };
         let sensitivities = |rows: usize| -> Vec<f64> {
             let changes = test.runs.par_iter().zip(exact).zip(&off);
@@ -97,9 +100,14 @@ impl RollOuts {
         let horizon = |rows: usize| {
             let errors = quantiles(pairs().map(|(run, found)| relative(run, &run.outputs, found, rows)).collect());
             let changes = quantiles(sensitivities(rows));
+            let of_run = |(run, found): (&Run, &Vec<f64>)| {
+                let from = first(run) * width;
+                relative_error(&run.outputs[from..], &found[from..], &ranges, (rows, usize::MAX))
+            };
+            let [of_run, _] = quantiles(pairs().map(of_run).collect());
             let times = test.runs.iter().filter_map(|run| run.times.get(first(run) + rows - 1));
             let seconds = times.copied().fold(0.0, f64::max);
-            Horizon { seconds, median: errors[0], q90: errors[1], sensitivity: changes }
+            Horizon { seconds, median: errors[0], q90: errors[1], of_run, sensitivity: changes }
         };
         // of a state at the start the first row tells nothing
         let mut lengths = vec![(rows.saturating_sub(1) / 6 + 1).max(2).min(rows.max(1)), rows.max(1)];
@@ -148,16 +156,23 @@ fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
     [at(0.5), at(0.9)].map(|value| if value.is_nan() { f64::MAX } else { value.min(f64::MAX) })
 }
 
-/// The largest of the outputs' relative errors in the first rows: relative to the truth's variation or, if it does not vary, to the
-/// output's range in training.
-fn relative_error(truth: &[f64], found: &[f64], ranges: &[f64], rows: usize) -> f64 {
+/// The largest of the outputs' relative errors in the first `rows`: relative to the larger of the truth's variations in these and in the first
+/// `varying` rows or, if it does not vary, to the output's range in training.
+fn relative_error(truth: &[f64], found: &[f64], ranges: &[f64], (rows, varying): (usize, usize)) -> f64 {
     let width = ranges.len();
     let of = |column: usize| {
-        let values = |of: &[f64]| of.iter().skip(column).step_by(width).take(rows).copied().collect::<Vec<_>>();
-        let (truth, found) = (values(truth), values(found));
+        let values = |of: &[f64], rows| of.iter().skip(column).step_by(width).take(rows).copied().collect::<Vec<_>>();
+        let whole = values(truth, varying.max(rows));
+        let (truth, found) = (values(truth, rows), values(found, rows));
         let error: f64 = truth.iter().zip(&found).map(|(a, b)| (a - b).powi(2)).sum();
         let error = (error / truth.len().max(1) as f64).sqrt();
-        if error == 0.0 { 0.0 } else { error / scale(&truth, ranges[column]) }
+        let scales = [&truth, &whole].map(|truth| (varies(truth, ranges[column]), scale(truth, ranges[column])));
+        let scale = match scales {
+            [(true, first), (true, whole)] => first.max(whole),
+            [(false, _), (true, whole)] => whole,
+            [(_, first), _] => first,
+        };
+        if error == 0.0 { 0.0 } else { error / scale }
     };
     // a maximum would leave out what is not a number
     (0..width).map(of).fold(0.0, |largest, error| if error > largest || error.is_nan() { error } else { largest })
@@ -346,7 +361,6 @@ impl<'a> RollOut<'a> {
         let is_given = self.run.times[row] < 0.0 && self.run.outputs.len() > row * width;
         let given = is_given.then(|| &self.run.outputs[row * width..][..width]);
         self.evaluator.measure(&mut self.point, given);
-        Some(())
     }
 
     /// The whole run so many times; none if the motion cannot be computed to the end.
