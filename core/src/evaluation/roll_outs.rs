@@ -343,19 +343,33 @@ impl<'a> RollOut<'a> {
 
     /// Goes from the row before to a row: the point there, with inputs and states, and its results; none if the motion cannot be
     /// computed.
+    ///
+    /// The results at a row that is given are those before it was measured: what an FMU has there.
     pub fn at(&mut self, row: usize) -> Option<(&[f64], &[f64])> {
-        self.go_to(row)?;
+        self.advance_to(row)?;
         self.evaluator.evaluate(&self.point, &mut self.results);
+        self.measure(row);
         Some((&self.point, &self.results))
     }
 
     /// From the row before to a row; none if the motion cannot be computed.
     fn go_to(&mut self, row: usize) -> Option<()> {
+        self.advance_to(row)?;
+        self.measure(row);
+        Some(())
+    }
+
+    fn advance_to(&mut self, row: usize) -> Option<()> {
         if let Some(before) = row.checked_sub(1) {
             let size = self.run.times[row] - self.run.times[before];
             self.go_from(before, row, size)?;
         }
         self.set_inputs(row);
+        Some(())
+    }
+
+    /// Makes the outputs of a row before the start measured ones.
+    fn measure(&mut self, row: usize) {
         let width = self.surrogate.outputs().len();
         // rows before the start tell how the run began; a table to predict may not have them
         let is_given = self.run.times[row] < 0.0 && self.run.outputs.len() > row * width;
