@@ -13,7 +13,7 @@ use rayon::prelude::*;
 const PARTS: f64 = 20.0;
 /// Share of the rows of runs like those of the training that are to be inside.
 const INSIDE: f64 = 0.995;
-/// Largest widening of a range at each end, relative to its width, of outputs and of other measures. Errors beyond the range of an output grow and
+/// Largest widening of a range at each end, relative to its width, of inputs, their changes and outputs, and of other measures. Errors beyond the range of an output grow and
 /// last; a model that is wrong everywhere has no domain.
 const WIDEST: [f64; 2] = [0.03, 0.1];
 /// Smallest variance of a component, relative to that of a feature.
@@ -79,7 +79,7 @@ struct Counts {
 /// Smallest and largest value of each measure.
 type Ranges = Vec<[f64; 2]>;
 
-/// Row, measure, and how far it is from the range, relative to the width.
+/// Row, measure, and how far it is from its range, relative to the width.
 type Stray = (usize, usize, f64);
 
 /// A run, and the model's simulation of it.
@@ -217,8 +217,9 @@ fn of_all(extremes: &[Ranges], but: Option<usize>) -> Ranges {
 /// Widening of each range at both ends, relative to its width, from the simulations of the runs and the ranges of the other runs.
 fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: Counts) -> Vec<f64> {
     let measures = support.ranges.len();
-    let outputs = 4 * support.inputs..4 * support.inputs + counts.outputs;
-    let widest = |measure: usize| WIDEST[usize::from(!outputs.contains(&measure))];
+    let means = 3 * support.inputs..4 * support.inputs;
+    let is_signal = |measure: usize| measure < means.end + counts.outputs && !means.contains(&measure);
+    let widest = |measure: usize| WIDEST[usize::from(!is_signal(measure))];
     let of_run = |run: usize| {
         let others = of_all(extremes, Some(run));
         let mut beyond: Vec<Stray> = Vec::new();
@@ -241,12 +242,7 @@ fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: 
     }
     let found: Vec<(usize, Vec<Stray>)> = (0..motions.len()).into_par_iter().map(of_run).collect();
     let rows: usize = found.iter().map(|(rows, _)| rows).sum();
-    // no range is wider than what was found beyond it
-    let mut farthest = vec![0.0f64; measures];
-    for (_, measure, distance) in found.iter().flat_map(|(_, beyond)| beyond) {
-        farthest[*measure] = farthest[*measure].max(*distance);
-    }
-    let widened = |measure: usize, by: f64| by.min(farthest[measure]).min(widest(measure));
+    let widened = |measure: usize, by: f64| by.min(widest(measure));
     let outside = |by: f64| -> usize {
         let of_run = |(rows, beyond): &(usize, Vec<Stray>)| {
             let (mut lasting, mut count, mut beyond) = (0.0, 0, beyond.iter().peekable());

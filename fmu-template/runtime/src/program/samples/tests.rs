@@ -226,7 +226,7 @@ fn an_input_that_changes_at_each_sample_leaves_the_domain_though_each_change_is_
         let mut point = point(&evaluator, 0.39, 0.25);
         let mut rows = 0;
         for k in 0..40 {
-            point[3] = if k / period % 2 == 0 { 0.3 } else { 0.05 };
+            point[3] = if (k / period).is_multiple_of(2) { 0.3 } else { 0.05 };
             evaluator.advance(&mut point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
             rows += u32::from(domain.contains_point(&point, 0));
         }
