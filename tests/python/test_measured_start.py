@@ -197,7 +197,7 @@ def test_the_command_says_what_it_does_not_use_and_which_row_is_no_sample(surrog
     assert read(tmp_path / "found.csv", ["time"])[0, 0] == 0.0
     # outputs after the start count for nothing
     after = simulate("\n".join([lines[0], *lines[1 + GIVEN :]]) + "\n")
-    assert (after.returncode, after.stderr) == (0, "") and read(tmp_path / "found.csv", ["time"])[0, 0] == 0.0
+    assert after.returncode == 0 and "not used" not in after.stderr and read(tmp_path / "found.csv", ["time"])[0, 0] == 0.0
     late = [*lines[:3], "-0.35," + lines[3].split(",", 1)[1], *lines[4:]]
     message = ".csv:4: time -0.35 s, expected -0.36 s: rows before time 0 are 0.02 s apart, as their outputs are measured samples"
     refused = simulate("\n".join(late) + "\n")
