@@ -113,7 +113,7 @@ impl Builder {
         let mut last = of;
         for (step, width) in graph.steps.iter().zip(&widths[1..]) {
             let mut step = step.clone();
-            rename(&mut step, |value| if value == 0 { of } else { before + value });
+            step.rename(|value| if value == 0 { of } else { before + value });
             last = self.add(step, *width)?;
         }
         Ok(last)
@@ -126,7 +126,7 @@ impl Builder {
         let mut all = vec![first];
         all.extend(steps);
         // every value is one place further, and the old columns are the value of the new step
-        all[1..].iter_mut().for_each(|step| rename(step, |of| of + 1));
+        all[1..].iter_mut().for_each(|step| step.rename(|of| of + 1));
         Self { widths: [vec![inputs], widths].concat(), steps: all, numbers: numbers + inputs, weights }
     }
 
@@ -334,7 +334,7 @@ fn together(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, numb
         found.iter().zip(columns).map(|(found, column)| found.map_or(*column, |(of, _)| of)).collect();
     let each = |row: usize| found.iter().map(move |found| found.map_or([1.0, 0.0], |(_, linear)| linear)[row]);
     let parameters = each(0).chain(each(1)).collect();
-    turned.iter_mut().skip(number + 1).for_each(|step| rename(step, |value| value + usize::from(value > number)));
+    turned.iter_mut().skip(number + 1).for_each(|step| step.rename(|value| value + usize::from(value > number)));
     turned[number] = Step::Columns { columns: of };
     turned.insert(number + 1, Step::Elementwise { of: number + 1, function: Elementwise::Linear, parameters });
     Some(turned)
@@ -362,32 +362,8 @@ fn without(steps: &[Step], removed: usize, instead: usize) -> Vec<Step> {
     };
     let mut rest: Vec<Step> = steps.to_vec();
     rest.remove(removed);
-    rest.iter_mut().for_each(|step| rename(step, renamed));
+    rest.iter_mut().for_each(|step| step.rename(renamed));
     rest
-}
-
-/// Gives the values that a step takes other numbers.
-fn rename(step: &mut Step, renamed: impl Fn(usize) -> usize) {
-    match step {
-        Step::Affine { of, .. }
-        | Step::Elementwise { of, .. }
-        | Step::Standardize { of, .. }
-        | Step::Rescale { of, .. }
-        | Step::Normalize { of, .. }
-        | Step::Softmax { of }
-        | Step::Distances { of, .. }
-        | Step::Forest { of, .. }
-        | Step::Products { of, .. }
-        | Step::Call { of, .. }
-        | Step::Interpolate { of, .. }
-        | Step::Dictionary { of, .. }
-        | Step::Motion { of, .. } => *of = renamed(*of),
-        Step::Combine { of, .. } => *of = of.map(renamed),
-        Step::Select { of } => *of = of.map(renamed),
-        Step::Columns { columns } => {
-            columns.iter_mut().for_each(|[of, _]| *of = renamed(*of as usize) as u32);
-        }
-    }
 }
 
 /// The value that a step only repeats.

@@ -101,7 +101,7 @@ impl Graph {
     /// The same function of columns that are among others, `inputs` in number.
     #[must_use]
     pub fn of_columns(mut self, inputs: usize, columns: impl IntoIterator<Item = usize>) -> Self {
-        self.steps.iter_mut().for_each(Step::advance);
+        self.steps.iter_mut().for_each(|step| step.rename(|of| of + 1));
         self.steps.insert(0, Step::Columns { columns: columns.into_iter().map(|column| [0, column as u32]).collect() });
         Self { inputs, ..self }
     }

@@ -315,8 +315,8 @@ impl Step {
         few.iter().copied().chain(columns.iter().map(|[of, _]| *of as usize))
     }
 
-    /// Takes the values after its operands instead of these.
-    pub(super) fn advance(&mut self) {
+    /// Gives the operand values other numbers.
+    pub fn rename(&mut self, renamed: impl Fn(usize) -> usize) {
         match self {
             Self::Affine { of, .. }
             | Self::Elementwise { of, .. }
@@ -330,10 +330,12 @@ impl Step {
             | Self::Call { of, .. }
             | Self::Interpolate { of, .. }
             | Self::Dictionary { of, .. }
-            | Self::Motion { of, .. } => *of += 1,
-            Self::Combine { of, .. } => of.iter_mut().for_each(|of| *of += 1),
-            Self::Select { of } => of.iter_mut().for_each(|of| *of += 1),
-            Self::Columns { columns } => columns.iter_mut().for_each(|[of, _]| *of += 1),
+            | Self::Motion { of, .. } => *of = renamed(*of),
+            Self::Combine { of, .. } => *of = of.map(renamed),
+            Self::Select { of } => *of = of.map(renamed),
+            Self::Columns { columns } => {
+                columns.iter_mut().for_each(|[of, _]| *of = renamed(*of as usize) as u32);
+            }
         }
     }
 
