@@ -31,7 +31,7 @@ pub enum ModelChoice {
     Only(ModelKind),
 }
 
-/// Candidates, the simplest first: it is the best of equal ones.
+/// Candidates, the simplest first.
 const CANDIDATES: [ModelKind; 3] = [
     ModelKind::Baseline(BaselineKind::Polynomial),
     ModelKind::Baseline(BaselineKind::GaussianProcess),
@@ -172,10 +172,10 @@ impl Task<'_> {
         }
         let measured: Vec<&[Vec<f64>]> = trials.iter().filter_map(|trial| trial.predictions.as_deref()).collect();
         let unseen = (is_few && !measured.is_empty()).then(|| judged(self.outputs, &measured, order));
-        let mut ranking: Vec<usize> = (0..trials.len()).filter(|place| trials[*place].predictions.is_some()).collect();
-        let error = |place: &usize| trials[*place].row.one_minus_r2.unwrap_or(f64::INFINITY);
-        ranking.sort_by(|a, b| error(a).total_cmp(&error(b)));
-        for place in ranking {
+        let errors: Vec<f64> = trials.iter().map(|trial| trial.row.one_minus_r2.unwrap_or(f64::INFINITY)).collect();
+        let usable = |place: &usize| trials[*place].predictions.is_some();
+        let ranked: Vec<usize> = ranking(&errors, compared.len()).into_iter().filter(usable).collect();
+        for place in ranked {
             let kind = trials[place].kind;
             let fitted = match trials[place].model.take() {
                 Some(model) => Ok(model),
@@ -183,7 +183,7 @@ impl Task<'_> {
             };
             match fitted {
                 Ok(model) => {
-                    self.note(format_args!("{} has the smallest error", kind.name()));
+                    self.note(format_args!("{} is the simplest with an error like the smallest one", kind.name()));
                     let candidates = trials.into_iter().map(|trial| trial.row).collect();
                     return Ok(Choice { kind, model, candidates, unseen });
                 }
@@ -338,6 +338,21 @@ fn fold_rows(order: &[usize], fold: usize, folds: usize) -> (Vec<usize>, Vec<usi
     (rows(of_fold), rows(others))
 }
 
+/// Places of mean square errors on so many rows: first the simplest model that no other one is clearly better than, then the others by their errors.
+/// A mean of `n` squares of normal errors has a relative standard error of `sqrt(2 / n)` (the rule of one standard error: Hastie, Tibshirani, Friedman
+/// (2009), section 7.10).
+fn ranking(errors: &[f64], rows: usize) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..errors.len()).collect();
+    places.sort_by(|a, b| errors[*a].total_cmp(&errors[*b]));
+    let least = errors.iter().copied().fold(f64::INFINITY, f64::min);
+    let limit = least * (1.0 + (2.0 / rows.max(1) as f64).sqrt());
+    if let Some(first) = errors.iter().position(|error| *error <= limit) {
+        places.retain(|place| *place != first);
+        places.insert(0, first);
+    }
+    places
+}
+
 /// Predictions of all rows, those of each fold by the candidate that the other folds choose.
 pub(super) fn judged(outputs: &[Vec<f64>], candidates: &[&[Vec<f64>]], order: &[usize]) -> Vec<Vec<f64>> {
     let folds = FOLDS.min(order.len());
@@ -346,7 +361,8 @@ pub(super) fn judged(outputs: &[Vec<f64>], candidates: &[&[Vec<f64>]], order: &[
         let (judging, others) = fold_rows(order, fold, folds);
         let errors = Errors::of(outputs, &others);
         let error = |candidate: &[Vec<f64>]| errors.mean(candidate, &others);
-        let best = candidates.iter().min_by(|a, b| error(a).total_cmp(&error(b)));
+        let errors: Vec<f64> = candidates.iter().map(|candidate| error(candidate)).collect();
+        let best = ranking(&errors, others.len()).first().map(|best| candidates[*best]);
         for (row, best) in judging.into_iter().zip(best.into_iter().cycle()) {
             predictions[row].clone_from(&best[row]);
         }
