@@ -60,7 +60,6 @@ def expected(surrogate, tmp_path_factory):
     subprocess.run(command, check=True, capture_output=True)
     with open(folder / "found.csv", newline="") as file:
         found = np.array([[float(row["position"]), float(row["speed"])] for row in csv.DictReader(file)])
-    assert np.array_equal(found[:GIVEN], TRUTH[:GIVEN, 1:])
     return found[GIVEN:]
 
 

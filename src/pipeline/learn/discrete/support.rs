@@ -13,9 +13,9 @@ use rayon::prelude::*;
 const PARTS: f64 = 20.0;
 /// Share of the rows of runs like those of the training that are to be inside.
 const INSIDE: f64 = 0.995;
-/// Largest widening of a range at each end, relative to its width, of inputs, their changes and outputs, and of other measures. Errors beyond the range of an output grow and
-/// last; a model that is wrong everywhere has no domain.
-const WIDEST: [f64; 2] = [0.03, 0.1];
+/// Largest widening of a range at each end, relative to its width. Errors beyond the range of an output grow and last; a model that is wrong
+/// everywhere has no domain.
+const WIDEST: f64 = 0.03;
 /// Smallest variance of a component, relative to that of a feature.
 const LEAST_VARIANCE: f64 = 1e-8;
 const BISECTIONS: usize = 16;
@@ -60,7 +60,7 @@ pub(super) fn support(
     support.ranges = of_all(&extremes, None);
     let width: Vec<f64> = support.ranges.iter().map(|[min, max]| max - min).collect();
     let widening = widening(&support, &motions, &extremes, counts);
-    for (([min, max], width), widening) in support.ranges.iter_mut().zip(&width).zip(widening) {
+    for ([min, max], width) in support.ranges.iter_mut().zip(&width) {
         (*min, *max) = (*min - widening * width, *max + widening * width);
     }
     for ([low, high], [min, max]) in support.ranges.iter_mut().zip(ranges).take(watched) {
@@ -79,8 +79,8 @@ struct Counts {
 /// Smallest and largest value of each measure.
 type Ranges = Vec<[f64; 2]>;
 
-/// Row, measure, and how far it is from its range, relative to the width.
-type Stray = (usize, usize, f64);
+/// Row, and how far a measure is from its range there, relative to the width.
+type Stray = (usize, f64);
 
 /// A run, and the model's simulation of it.
 struct Motion<'a> {
@@ -214,42 +214,35 @@ fn of_all(extremes: &[Ranges], but: Option<usize>) -> Ranges {
     all
 }
 
-/// Widening of each range at both ends, relative to its width, from the simulations of the runs and the ranges of the other runs.
-fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: Counts) -> Vec<f64> {
-    let measures = support.ranges.len();
-    let means = 3 * support.inputs..4 * support.inputs;
-    let is_signal = |measure: usize| measure < means.end + counts.outputs && !means.contains(&measure);
-    let widest = |measure: usize| WIDEST[usize::from(!is_signal(measure))];
+/// Widening of the ranges at both ends, relative to their widths, from the simulations of the runs and the ranges of the other runs.
+fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: Counts) -> f64 {
     let of_run = |run: usize| {
         let others = of_all(extremes, Some(run));
         let mut beyond: Vec<Stray> = Vec::new();
         let mut rows = 0;
         motions[run].transitions(support, counts, false, |row, values| {
             rows = row + 1;
-            for (measure, (value, ([low, high], [min, max]))) in
-                values.iter().zip(others.iter().zip(&support.ranges)).enumerate()
-            {
+            for (value, ([low, high], [min, max])) in values.iter().zip(others.iter().zip(&support.ranges)) {
                 let distance = (low - value).max(value - high) / (max - min);
                 if distance > 0.0 && max > min {
-                    beyond.push((row, measure, distance.min(1.0)));
+                    beyond.push((row, distance.min(1.0)));
                 }
             }
         });
         (rows, beyond)
     };
     if motions.len() < 2 {
-        return vec![0.0; measures];
+        return 0.0;
     }
     let found: Vec<(usize, Vec<Stray>)> = (0..motions.len()).into_par_iter().map(of_run).collect();
     let rows: usize = found.iter().map(|(rows, _)| rows).sum();
-    let widened = |measure: usize, by: f64| by.min(widest(measure));
     let outside = |by: f64| -> usize {
         let of_run = |(rows, beyond): &(usize, Vec<Stray>)| {
             let (mut lasting, mut count, mut beyond) = (0.0, 0, beyond.iter().peekable());
             for row in 0..*rows {
                 let mut distance = lasting * support.fading();
-                while let Some((_, measure, beyond)) = beyond.next_if(|(at, ..)| *at == row) {
-                    distance = distance.max(beyond - widened(*measure, by));
+                while let Some((_, beyond)) = beyond.next_if(|(at, ..)| *at == row) {
+                    distance = distance.max(beyond - by);
                 }
                 // the support itself ends a distance that is negligible
                 lasting = support.distance(&[], distance, 1.0);
@@ -263,11 +256,11 @@ fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: 
     let mut by = 0.0;
     if !is_enough(0.0) {
         let mut low = 0.0;
-        by = WIDEST[1];
+        by = WIDEST;
         for _ in 0..BISECTIONS {
             let middle = 0.5 * (low + by);
             if is_enough(middle) { by = middle } else { low = middle }
         }
     }
-    (0..measures).map(|measure| widened(measure, by)).collect()
+    by
 }
