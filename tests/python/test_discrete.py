@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -552,6 +553,16 @@ def test_mistakes_in_a_study_are_found_with_key_and_line(tmp_path, old, new, mes
     result = metafmu("sample", tmp_path / "plant.toml", "--dry-run", check=False)
     assert result.returncode != 0 and message in result.stderr, result.stderr
     assert "plant.toml:" in result.stderr
+
+
+def test_a_budget_limits_the_epochs(tmp_path):
+    table(tmp_path / "runs.csv")
+    study = STUDY.replace("history = 3", 'history = 3\nmodel = "window"\nbudget = 1').replace("[12]", "[512, 512]")
+    (tmp_path / "plant.toml").write_text(study)
+    result = metafmu("build", tmp_path / "plant.toml", "--out", tmp_path / "out", check=False)
+    epochs = re.search(r"(\d+) of 300 epochs are within the budget \(discrete.budget\)", result.stderr)
+    history = (tmp_path / "out" / "history.csv").read_text().splitlines()
+    assert epochs and len(history) - 1 <= int(epochs[1]) < 50, result.stderr
 
 
 def test_a_new_study_of_a_table_names_inputs_and_builds(tmp_path):

@@ -19,6 +19,9 @@ pub struct DiscreteOptions {
     /// Samples of a stretch: so many predictions in a row are trained at a time, each from those before.
     #[schemars(range(min = 1, max = MOST))]
     pub stretch: usize,
+    /// About how many seconds of two cores the models take together, counted in multiplications: what is learned does not depend on the machine.
+    #[schemars(range(min = 1, max = LONGEST))]
+    pub budget: usize,
     /// The model that is exported; unless given, the one whose simulations of the held-out runs are best.
     pub model: Option<DiscreteModel>,
 }
@@ -31,7 +34,7 @@ pub enum DiscreteModel {
     Linear,
     /// A sum of products of powers of up to four past samples, by least squares; degree and number of samples are chosen.
     Polynomial,
-    /// A network that gives the next outputs and hidden states, fitted to whole simulations by the method of Levenberg and Marquardt.
+    /// Outputs and hidden states follow from those of the last sample; fitted to whole simulations by the method of Levenberg and Marquardt.
     StateSpace,
     /// A network on a window of past inputs, without feedback: it has nothing that could drift.
     Window,
@@ -57,7 +60,7 @@ impl DiscreteModel {
 
 impl Default for DiscreteOptions {
     fn default() -> Self {
-        Self { history: 8, window: 64, stretch: 64, model: None }
+        Self { history: 8, window: 64, stretch: 64, budget: 60, model: None }
     }
 }
 
@@ -68,6 +71,10 @@ const CLIP_NORM: f64 = 1.0;
 
 /// Samples of a history, a window or a stretch at most.
 const MOST: usize = 10_000;
+/// Longest budget in seconds: a week.
+const LONGEST: usize = 604_800;
+/// Multiplications in a second, of two cores.
+const RATE: f64 = 1e10;
 
 impl DiscreteOptions {
     /// Number of samples before a run that its models can go on from.
@@ -77,12 +84,18 @@ impl DiscreteOptions {
 
     /// Every mistake, by key within the section.
     pub(super) fn problems(&self) -> Problems {
-        let Self { history, window, stretch, model: _ } = *self;
+        let Self { history, window, stretch, budget, model: _ } = *self;
         let mut problems = Problems::default();
         for (key, value) in [("history", history), ("window", window), ("stretch", stretch)] {
             problems.expect((1..=MOST).contains(&value), key, value, &format!("a number from 1 to {MOST}"));
         }
+        problems.expect((1..=LONGEST).contains(&budget), "budget", budget, &format!("seconds from 1 to {LONGEST}"));
         problems
+    }
+
+    /// Multiplications that a share of the budget allows.
+    pub fn multiplications(&self, share: f64) -> f64 {
+        share * RATE * self.budget as f64
     }
 }
 
@@ -123,8 +136,11 @@ fn refused(study: &Study) -> Problems {
     let of_response = "belongs to the structure \"response\"";
     let has_margin = study.time.margin > 0.0 && !study.source.is_recorded();
     problems.expect_absent(has_margin, "time.margin", of_response);
-    problems.expect_absent(study.target.is_some(), "target", of_response);
-    problems.expect_absent(study.search.is_some(), "search", of_response);
+    let instead =
+        "belongs to the structure \"response\": for smaller errors record more runs, or raise discrete.budget";
+    problems.expect_absent(study.target.is_some(), "target", instead);
+    let instead = "belongs to the structure \"response\": the build chooses the kind of model, its order and its functions (discrete.budget)";
+    problems.expect_absent(study.search.is_some(), "search", instead);
     problems.expect_absent(study.baselines != Baselines::default(), "baselines", of_response);
     let is_fixed = study.network.structure != NetworkOptions::default().structure;
     problems.expect_absent(is_fixed, "network.structure", of_response);

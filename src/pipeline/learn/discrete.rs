@@ -31,6 +31,8 @@ use std::{sync::atomic::Ordering, time::Instant};
 
 /// Share of the sum of squares that keeps the coefficients of columns apart that are nearly the same, as those of fast sampling are.
 const RIDGE: f64 = 1e-10;
+/// Share of the budget for each training of a network.
+const TRAINING_BUDGET: f64 = 1.0 / 3.0;
 /// Smallest weight of a network beside what is linear.
 const LEAST_GAIN: f64 = 1e-6;
 /// Stretches of a batch at least.
@@ -541,6 +543,16 @@ fn recurrent(
     }))
 }
 
+/// Epochs that a training may have: each predicts all rows and passes their gradients back, or predicts those that are held out.
+fn affordable(project: &Project, network: &Network, training: &TrainingRows, validation: &TrainingRows) -> usize {
+    let rows =
+        |of: &TrainingRows| of.recurrence().map_or(of.len(), |stretches| stretches.starts.len() * stretches.stretch);
+    let passes = (3 * rows(training) + rows(validation)) as f64;
+    let of_epoch = passes * network.parameters().len() as f64;
+    let epochs = project.study.discrete.multiplications(TRAINING_BUDGET) / of_epoch.max(1.0);
+    (epochs as usize).max(1)
+}
+
 fn follow(
     project: &Project,
     network: Network,
@@ -548,6 +560,14 @@ fn follow(
     validation: &TrainingRows,
     options: &TrainingOptions,
 ) -> Result<training::Outcome> {
+    let epochs = options.epochs.min(affordable(project, &network, training, validation));
+    if epochs < options.epochs {
+        project.event(Event::Note(format_args!(
+            "{epochs} of {} epochs are within the budget (discrete.budget)",
+            options.epochs
+        )));
+    }
+    let options = &TrainingOptions { epochs, ..options.clone() };
     let mut follower = Follower::with(project, options, training.len()).without_checkpoints();
     let outcome = training::train(network, training, validation, options, project.study.seed, &mut follower)?;
     let outcome = at_least_one_epoch(project, outcome)?;

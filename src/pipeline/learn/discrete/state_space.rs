@@ -57,9 +57,9 @@ const SHORTEST: usize = 500;
 /// Parts of the cross-validation, and runs up to which each is a part.
 const FOLDS: usize = 5;
 const FEW_RUNS: usize = 8;
-/// Coefficients at most, and multiplications of all trainings: about ten seconds on two cores.
+/// Coefficients at most, and share of the budget for all trainings.
 const MOST: usize = 400;
-const BUDGET: f64 = 1e11;
+const BUDGET: f64 = 1.0 / 6.0;
 
 /// Functions of a state space.
 #[derive(Clone, Copy, Debug)]
@@ -92,7 +92,8 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
     let is_stopped = || stop.load(Ordering::Relaxed);
     let runs = SearchRuns::new(samples);
     let corners = runs.corners(samples.counts[2]);
-    let search = Search { samples, seed: project.study.seed, is_stopped: &is_stopped, corners };
+    let budget = project.study.discrete.multiplications(BUDGET);
+    let search = Search { samples, budget, seed: project.study.seed, is_stopped: &is_stopped, corners };
     let found = search.best(&runs);
     let Some(BestSetting { error, choice, fitted }) = found else {
         return if is_stopped() { Err(Error::Interrupted) } else { Ok(Vec::new()) };
@@ -252,6 +253,8 @@ struct Folds<'a> {
 
 struct Search<'a> {
     samples: &'a DiscreteSamples<'a>,
+    /// Multiplications of all trainings.
+    budget: f64,
     seed: u64,
     is_stopped: &'a (dyn Fn() -> bool + Sync),
     /// Runs with constant inputs.
@@ -287,7 +290,7 @@ impl Search<'_> {
         let mut best = None;
         let saturations = Saturation::all(&runs.pieces, self.samples.counts[2]);
         for saturation in &saturations {
-            let budget = BUDGET / saturations.len() as f64;
+            let budget = self.budget / saturations.len() as f64;
             self.with(saturation, Folds { sets: &sets, own, unseen: &unseen }, budget, &mut best);
         }
         best
