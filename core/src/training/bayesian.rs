@@ -11,7 +11,7 @@
 //! No row is held out.
 
 use super::damping::Damping;
-use metafmu_runtime::{Activation, Layer};
+use metafmu_runtime::{Activation, Layer, graph::Elementwise};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
@@ -73,7 +73,7 @@ pub struct IterationFollower<'a> {
 }
 
 impl SmallNetwork {
-    /// The sizes that rows of this number are learned with in seconds; empty if there are none.
+    /// Hidden layers that are trained in seconds on this number of rows; empty if all take longer.
     fn sizes(&self, [inputs, outputs]: [usize; 2], rows: usize) -> Vec<Vec<usize>> {
         let candidates: Vec<Vec<usize>> = match &self.hidden {
             Some(hidden) => vec![hidden.clone()],
@@ -87,9 +87,9 @@ impl SmallNetwork {
         candidates.into_iter().filter(is_small).collect()
     }
 
-    /// Returns true if a network of so many inputs, outputs and rows is learned in seconds, and its activation is smooth.
+    /// Returns true if a network with these numbers of inputs, outputs and rows is trained in seconds, and its activation is smooth.
     pub fn is_quick(&self, columns: [usize; 2], rows: usize) -> bool {
-        derivative(self.activation).is_some() && !self.sizes(columns, rows).is_empty()
+        is_smooth(self.activation) && !self.sizes(columns, rows).is_empty()
     }
 
     /// Iterations of a training at most.
@@ -99,34 +99,15 @@ impl SmallNetwork {
     }
 }
 
-/// Value and derivative of an activation.
-type Slope = fn(f64) -> (f64, f64);
-
-/// Of smooth activations.
-fn derivative(activation: Activation) -> Option<Slope> {
-    let sigmoid: Slope = |x| {
-        let y = 1.0 / (1.0 + (-x).exp());
-        (y, y * (1.0 - y))
-    };
-    Some(match activation {
-        Activation::Tanh => |x| {
-            let y = x.tanh();
-            (y, 1.0 - y * y)
-        },
-        Activation::Sigmoid => sigmoid,
-        Activation::Silu => |x| {
-            let y = 1.0 / (1.0 + (-x).exp());
-            (x * y, y + x * y * (1.0 - y))
-        },
-        Activation::Sine => |x| (x.sin(), x.cos()),
-        Activation::Gelu | Activation::Relu | Activation::Identity => return None,
-    })
+/// Returns true if the activation has a second derivative that is not zero everywhere.
+fn is_smooth(activation: Activation) -> bool {
+    !matches!(activation, Activation::Relu | Activation::Identity)
 }
 
 /// Layers of a network with one output; its weights are `W_1 | b_1 | W_2 | b_2 | ...`.
 struct Shape {
     sizes: Vec<usize>,
-    slope: Slope,
+    activation: Activation,
 }
 
 /// How weights share their regularization.
@@ -138,8 +119,7 @@ enum Groups {
 
 impl Shape {
     fn new(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
-        let slope = derivative(activation).unwrap_or(|x| (x, 1.0));
-        Self { sizes: [&[inputs], hidden, &[1]].concat(), slope }
+        Self { sizes: [&[inputs], hidden, &[1]].concat(), activation }
     }
 
     fn weights(&self) -> usize {
@@ -175,6 +155,7 @@ impl Shape {
     /// Outputs at rows `x`, and their derivatives by the weights, a column for each row.
     fn evaluate(&self, weights: &[f64], x: &[f64], mut jacobian: Option<&mut DMatrix<f64>>) -> DVector<f64> {
         let layers = self.sizes.len() - 1;
+        let function = Elementwise::Activation(self.activation);
         let mut values: Vec<Vec<f64>> = self.sizes.iter().map(|size| vec![0.0; *size]).collect();
         let (mut slopes, mut deltas) = (values.clone(), values.clone());
         let mut starts = vec![0; layers];
@@ -192,8 +173,9 @@ impl Shape {
                 for (node, line) in matrix.chunks_exact(inputs).enumerate() {
                     let sum: f64 = line.iter().zip(&before[layer]).map(|(weight, value)| weight * value).sum();
                     let sum = sum + biases[node];
-                    (after[0][node], slopes[layer + 1][node]) =
-                        if layer + 1 < layers { (self.slope)(sum) } else { (sum, 1.0) };
+                    let [value, slope, _] =
+                        if layer + 1 < layers { function.series(sum, [0.0; 2]) } else { [sum, 1.0, 0.0] };
+                    (after[0][node], slopes[layer + 1][node]) = (value, slope);
                 }
             }
             outputs[row] = values[layers][0];
@@ -240,7 +222,7 @@ struct Training<'a> {
     x: &'a [f64],
     y: &'a DVector<f64>,
     weights: DVector<f64>,
-    /// Of each weight.
+    /// Regularization of each weight.
     alpha: Vec<f64>,
     beta: f64,
     damping: Damping,
@@ -264,7 +246,7 @@ impl<'a> Training<'a> {
         0.5 * (self.beta * errors.norm_squared() + penalty)
     }
 
-    /// At most so many iterations; the regularization of weights in a group is the same.
+    /// Trains for a number of iterations at most; weights in a group share their regularization.
     fn iterate(&mut self, by: Groups, iterations: usize, count: &dyn Fn(), is_stopped: &dyn Fn() -> bool) {
         let groups = self.shape.groups(by);
         let (number, rows) = (self.weights.len(), self.y.len());
@@ -343,8 +325,8 @@ impl<'a> Training<'a> {
     }
 }
 
-/// Layers of a network of standardized columns in double precision; None if the training was stopped. Each output has separate nodes, trained for it alone;
-/// all have as many layers. The same rows and seed give the same network for any number of threads.
+/// Layers of a network of standardized columns in double precision; None if the training was stopped. Each output has separate nodes. All have
+/// the same number of layers. The same rows and seed give the same network for any number of threads.
 pub fn train_small(rows: FewRows, network: &SmallNetwork, follower: &IterationFollower) -> Option<Vec<Layer>> {
     let FewRows { x, y, inputs, outputs } = rows;
     let count = x.len() / inputs.max(1);

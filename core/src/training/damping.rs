@@ -10,7 +10,7 @@ const LEAST: f64 = 1e-8;
 /// Dampings that are tried for one step.
 const TRIES: usize = 10;
 
-/// What is added to the diagonal of the matrix of second derivatives.
+/// Damping of least squares: a number that is added to the diagonal of the matrix of second derivatives.
 #[derive(Clone, Copy, Debug)]
 pub struct Damping(f64);
 
@@ -20,8 +20,8 @@ impl Damping {
         Self(value)
     }
 
-    /// Solves `(matrix + damping) change = gradient` for growing dampings until `try_change` accepts the change, that is, returns a result. Returns None if it
-    /// accepts none.
+    /// Solves `(matrix + damping I) change = gradient` with growing damping until `try_change` returns a result for the change. Returns None if
+    /// it rejects all changes.
     pub fn step<T>(
         &mut self,
         matrix: &DMatrix<f64>,

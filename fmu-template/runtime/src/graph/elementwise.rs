@@ -115,7 +115,7 @@ impl Elementwise {
     }
 
     /// The value with its first and second derivative; what has a kink has the derivatives of one side there.
-    pub(super) fn series(self, x: f64, p: [f64; 2]) -> [f64; 3] {
+    pub fn series(self, x: f64, p: [f64; 2]) -> [f64; 3] {
         match self {
             Self::Activation(activation) => activation::series(activation, x),
             Self::Linear => [p[0] * x + p[1], p[0], 0.0],

@@ -3,7 +3,7 @@
 use super::{
     super::{DiscreteSamples, LearnedDiscrete},
     features::{Features, SPAN},
-    fit::{Limits, Simulated, StateShape, overwriting},
+    simulate::{Limits, Simulated, StateShape, overwriting},
 };
 use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling, graph::Observer};
 

@@ -1,6 +1,6 @@
-//! Outputs that stay at an end of their range: of a sensor that measures nothing beyond, or of a state that stops there.
+//! Saturation of outputs, which stay at an end of their range: of a sensor, or of a state that stops there.
 
-use super::fit::{Limits, Signals, StateShape};
+use super::simulate::{Limits, Signals, StateShape};
 use std::fmt;
 
 /// Rows in a stretch at an end, and in all of them: number, and share of all rows.
@@ -14,14 +14,14 @@ const OFTEN: usize = 5;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Saturation {
     None,
-    /// The sensor: the output may be beyond what is measured.
+    /// Saturated sensor: the output may leave the measured range.
     Sensor(Vec<[f64; 2]>),
-    /// The output, as a motion at a stop.
+    /// Output that stops at the ends, as a motion at an end stop.
     Stop(Vec<[f64; 2]>),
 }
 
 impl Saturation {
-    /// What is possible: none, and if an output stays at an end of its range, each of the others.
+    /// Saturations to compare: none, and the others if an output stays at an end of its range.
     pub fn all(runs: &[Signals], outputs: usize) -> Vec<Self> {
         let ends: Vec<[f64; 2]> = (0..outputs).map(|output| ends(runs, outputs, output)).collect();
         if ends.iter().all(|range| *range == Limits::NONE) {
@@ -61,7 +61,7 @@ fn ends(runs: &[Signals], outputs: usize, output: usize) -> [f64; 2] {
     [end(&negative).map_or(f64::NEG_INFINITY, |value| -value), high.unwrap_or(f64::INFINITY)]
 }
 
-/// The largest value, if stretches of rows have it that do not begin a run.
+/// Largest value, if it lasts in stretches of rows that do not begin a run.
 fn end(runs: &[Vec<f64>]) -> Option<f64> {
     let largest = |below: f64| runs.iter().flatten().filter(|value| **value < below).copied().reduce(f64::max);
     let end = largest(f64::INFINITY)?;

@@ -2,7 +2,8 @@
 
 use super::{
     super::{DiscreteSamples, solve},
-    fit::{CountedRuns, Limits, StateShape},
+    fit::CountedRuns,
+    simulate::{Limits, StateShape},
 };
 use nalgebra::{DMatrix, DVector};
 
