@@ -1,5 +1,6 @@
 //! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
 
+mod cross_validation;
 mod dead_time;
 mod polynomial;
 mod state_space;
@@ -24,6 +25,7 @@ use crate::{
     surrogate,
     training::{self, EpochRecord, Recurrence, StopReason, TrainingRows},
 };
+use cross_validation::cross_validation;
 use dead_time::DeadTimes;
 use metafmu_runtime::{Clock, Graph, Layer, Program, Sampling, ScaledNetwork, Scaling, Support, Surrogate};
 use nalgebra::DMatrix;
@@ -42,8 +44,6 @@ const OVERLAP: usize = 4;
 const STRETCHES: usize = 2000;
 /// Error on held-out runs that is too small to be luck.
 const SURE: f64 = 1e-3;
-/// Parts of a cross-validation.
-const PARTS_UNSEEN: usize = 3;
 /// First stretches are as much shorter.
 const SHORTER: usize = 8;
 
@@ -112,7 +112,7 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let mut best = 0;
     // runs that ended the training of a network, or chose a polynomial, are no longer unseen
     let states = learned.iter().position(|one| one.model.unseen.is_some());
-    let is_compared = dataset.runs.len() >= PARTS_UNSEEN && learned[0].candidate.error > SURE;
+    let is_compared = dataset.runs.len() >= cross_validation::PARTS && learned[0].candidate.error > SURE;
     let compared = states.filter(|_| is_compared).and_then(|place| Some((place, learned[place].model.unseen?)));
     if let Some((place, mut least)) = compared {
         best = place;
@@ -163,46 +163,6 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));
     Ok(Trained { surrogate, history: one.history, record })
-}
-
-/// Error of a kind of model in simulations of all runs, a part of them after the other, by models that are learned from the others: root mean square of
-/// standardized outputs, mean of the parts. Models are learned from inputs that are `late`. None if Ctrl-C ended it.
-fn cross_validation(
-    project: &Project,
-    [dataset, late]: [&Dataset; 2],
-    kind: DiscreteModel,
-    assembled: &impl Fn(&LearnedDiscrete) -> Result<Surrogate>,
-) -> Result<Option<f64>> {
-    let (study, parts) = (&project.study, PARTS_UNSEEN);
-    let (_, scales) =
-        &DiscreteSamples::new(study.time.step, dataset, (dataset.runs.iter().collect(), Vec::new())).scales[2];
-    let mut sum = 0.0;
-    for part in 0..parts {
-        let of_part = |of: &Dataset, wanted: bool| -> Vec<Run> {
-            let runs = of.runs.iter().enumerate().filter(|(run, _)| (run % parts == part) == wanted);
-            runs.map(|(_, run)| run.clone()).collect()
-        };
-        let seen = of_part(late, false);
-        let samples = DiscreteSamples::new(study.time.step, late, prepare::split(&seen, &study.training, study.seed));
-        let Some(found) = unless_interrupted(project, samples.learn(project, kind), true)? else { return Ok(None) };
-        if found.iter().any(|one| one.stopped == StopReason::Interrupted) {
-            return Ok(None);
-        }
-        let [seen, unseen] = [false, true].map(|wanted| Dataset { runs: of_part(dataset, wanted), ..dataset.clone() });
-        let held_out = held_out(study, &seen);
-        let mut best = (f64::INFINITY, f64::INFINITY);
-        for one in &found {
-            let surrogate = assembled(one)?;
-            let chosen_by = error(&Accuracy::of(&surrogate, &held_out));
-            if chosen_by < best.0 {
-                let outputs = &Accuracy::of(&surrogate, &unseen).outputs;
-                let squares = outputs.values().zip(scales).map(|(output, scale)| output.mse / (scale * scale));
-                best = (chosen_by, (squares.sum::<f64>() / scales.len() as f64).sqrt());
-            }
-        }
-        sum += best.1;
-    }
-    Ok(Some(sum / parts as f64))
 }
 
 /// Root mean square error in simulations, relative to the standard deviation, of the worst output.
