@@ -21,19 +21,18 @@ import resource
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
+import peer_models
 from common import METAFMU, ROOT
 
 EXAMPLE = ROOT / "examples" / "dynamics" / "bouc-wen"
 sys.path.insert(0, str(EXAMPLE))
 import make_table  # noqa: E402
 
-# of the LSTM: runs that choose the best weights; learning rate, windows of a batch, their rows, and those that do not count
-HELD_OUT = 2
-RATE, BATCH, WINDOW, WASHOUT = 1e-2, 32, 300, 100
+# of the LSTM: runs that choose the best weights, rows of a window, those that do not count, and updates between two choices
+HELD_OUT, WINDOW, WASHOUT, LOOK = 2, 300, 100, 50
 
 
 def error(found, truth):
@@ -73,88 +72,23 @@ def standardised(runs):
 
 
 def jax_sysid(runs, unseen, budget, states, nodes):
-    """States `x+ = A x + B u + W3 tanh(W1 x + W2 u + b1)`, output `y = C x`."""
-    began = time.process_time()
-    import jax
-    import jax.numpy as jnp
-    from jax_sysid.models import LinearModel, Model
-
-    jax.config.update("jax_enable_x64", True)
     (forces, positions, scale), force_scale = standardised(runs), runs[0].std()
-    U, Y = [force[:, None] for force in forces], [position[:, None] for position in positions]
-    linear = LinearModel(states, 1, 1, feedthrough=False)
-    linear.loss(rho_x0=1e-3, rho_th=1e-6, train_x0=False)
-    linear.optimization(adam_epochs=100, lbfgs_epochs=100, iprint=-1)
-    linear.fit(list(Y), list(U))
-    A, B, C = (np.array(matrix) for matrix in linear.ssdata()[:3])
-
-    def state_fcn(x, u, params):
-        A, B, W1, W2, b1, W3, _ = params
-        return A @ x + B @ u + W3 @ jnp.tanh(W1 @ x + W2 @ u + b1)
-
-    def output_fcn(x, u, params):
-        return params[-1] @ x
-
-    random = np.random.default_rng(1)
-    draw = lambda *shape: 0.1 * random.standard_normal(shape)
-    parameters = [A, B, draw(nodes, states), draw(nodes, 1), np.zeros(nodes), 0.1 * draw(states, nodes), C]
-    best, first = None, True
-    # Adam, then L-BFGS, in parts as long as there is time
-    while time.process_time() - began < budget:
-        model = Model(states, 1, 1, state_fcn=state_fcn, output_fcn=output_fcn)
-        model.init(params=[jnp.array(value) for value in parameters], x0=jnp.zeros(states))
-        model.loss(rho_x0=1e-3, rho_th=1e-8, train_x0=False)
-        model.optimization(adam_eta=1e-3, adam_epochs=300 if first else 0, lbfgs_epochs=0 if first else 200, iprint=-1)
-        model.fit(list(Y), list(U))
-        parameters, first, best = [np.array(value) for value in model.params], False, model
-    found = []
-    for force in unseen[0]:
-        found.append(np.array(best.predict(np.zeros(states), (force / force_scale)[:, None])[0]).ravel() * scale)
-    return error(np.array(found), unseen[1]), time.process_time() - began
+    columns = [(force[:, None], position[:, None]) for force, position in zip(forces, positions)]
+    model, seconds = peer_models.state_space(columns, budget, (states, nodes), 1, True, (100, 100, 200), 1e-8)
+    found = [np.array(model.predict(np.zeros(states), (force / force_scale)[:, None])[0]).ravel() * scale for force in unseen[0]]
+    return error(np.array(found), unseen[1]), seconds
 
 
 def lstm(runs, unseen, budget, nodes):
-    began = time.process_time()
-    import torch
-
-    torch.manual_seed(1)
     (forces, positions, scale), force_scale = standardised(runs), runs[0].std()
-    u, y = (torch.tensor(values, dtype=torch.float32)[:, :, None] for values in (forces, positions))
 
-    class Network(torch.nn.Module):
-        def __init__(self):
-            super().__init__()
-            self.lstm = torch.nn.LSTM(1, nodes, batch_first=True)
-            self.output = torch.nn.Linear(nodes, 1)
+    def window(random):
+        run, row = random.integers(0, len(forces) - HELD_OUT), random.integers(0, forces.shape[1] - WINDOW)
+        return forces[run, row : row + WINDOW], positions[run, row : row + WINDOW]
 
-        def forward(self, u):
-            return self.output(self.lstm(u)[0])
-
-    network = Network()
-    optimizer = torch.optim.Adam(network.parameters(), lr=RATE)
-    held_out = np.arange(len(u) - HELD_OUT, len(u))
-    random = np.random.default_rng(1)
-    best, kept, updates = np.inf, None, 0
-    while (share := (time.process_time() - began) / budget) < 1:
-        for group in optimizer.param_groups:
-            group["lr"] = RATE * 0.5 * (1 + np.cos(np.pi * share))
-        # windows of the runs from a state of zero, of which the first rows do not count
-        drawn = random.integers(0, len(u) - HELD_OUT, BATCH), random.integers(0, u.shape[1] - WINDOW, BATCH)
-        x, target = (torch.stack([values[run, row : row + WINDOW] for run, row in zip(*drawn)]) for values in (u, y))
-        optimizer.zero_grad()
-        torch.mean((network(x) - target)[:, WASHOUT:] ** 2).backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-        optimizer.step()
-        updates += 1
-        if updates % 50 == 0:
-            with torch.no_grad():
-                now = float(torch.mean((network(u[held_out]) - y[held_out]) ** 2))
-            if now < best:
-                best, kept = now, {name: value.clone() for name, value in network.state_dict().items()}
-    network.load_state_dict(kept)
-    with torch.no_grad():
-        found = network(torch.tensor(unseen[0] / force_scale, dtype=torch.float32)[:, :, None])[:, :, 0].numpy() * scale
-    return error(found, unseen[1]), time.process_time() - began
+    held_out = forces[-HELD_OUT:], positions[-HELD_OUT:]
+    simulated, seconds = peer_models.lstm(window, held_out, budget, nodes, 1, WASHOUT, LOOK)
+    return error(simulated(unseen[0] / force_scale) * scale, unseen[1]), seconds
 
 
 def main():

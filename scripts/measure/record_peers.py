@@ -7,116 +7,50 @@ Rows, splits, the 50 measured samples before a simulation and the errors are tho
 - LSTM: windows of the rows, Adam with a cosine schedule over the budget; the weights that are best on the last tenth of the rows. In a test it has seen
   the inputs of the measured samples.
 
-FOLDER has cascaded-tanks.csv and silverbox.csv (nonlinearbenchmark.org). Needs numpy, and
+FOLDER has cascaded-tanks.csv and silverbox.csv (nonlinearbenchmark.org). Needs
 
-    pip install torch==2.15.0 jax-sysid==1.1.0
+    pip install torch==2.15.0 jax-sysid==1.1.0 fmpy
 
 Usage: python scripts/measure record-peers --data FOLDER --seconds S [--seeds 3] [--only jax-sysid|lstm] RECORD...
 """
 
 import argparse
-import time
 from pathlib import Path
 
 import numpy as np
+import peer_models
 
 GIVEN = 50
 # rows of a part, states and nodes of jax-sysid; rows of a window of the LSTM, those that do not count, and nodes
 SIZES = {"cascaded-tanks": (1024, 3, 6, 150, 50, 24), "silverbox": (2048, 2, 8, 300, 50, 24)}
-# of the LSTM: learning rate, windows of a batch, and updates between two looks at the last rows
-RATE, BATCH, LOOK = 1e-2, 32, 25
+# updates of the LSTM between two choices
+LOOK = 25
 
 
 def jax_sysid(training, tests, seconds, seed, sizes):
-    """States `x+ = A x + B u + W3 tanh(W1 x + W2 u + b1)`, output `y = C x + d`."""
-    began = time.process_time()
-    import jax
-    import jax.numpy as jnp
-    from jax_sysid.models import LinearModel, Model
-
-    jax.config.update("jax_enable_x64", True)
-    rows, states, nodes = sizes[:3]
+    rows, *sizes = sizes[:3]
     count = max(len(training) // rows, 1)
-    parts = np.array_split(training[: count * rows], count)
-    U, Y = [part[:, :1] for part in parts], [part[:, 1:] for part in parts]
-    linear = LinearModel(states, 1, 1, feedthrough=False)
-    linear.loss(rho_x0=1e-3, rho_th=1e-6)
-    linear.optimization(adam_epochs=200, lbfgs_epochs=100, iprint=-1)
-    linear.fit(list(Y), list(U))
-    A, B, C = (np.array(matrix) for matrix in linear.ssdata()[:3])
-
-    def state_fcn(x, u, params):
-        A, B, W1, W2, b1, W3, _, _ = params
-        return A @ x + B @ u + W3 @ jnp.tanh(W1 @ x + W2 @ u + b1)
-
-    def output_fcn(x, u, params):
-        return params[-2] @ x + params[-1]
-
-    random = np.random.default_rng(seed)
-    draw = lambda *shape: 0.1 * random.standard_normal(shape)
-    parameters = [A, B, draw(nodes, states), draw(nodes, 1), np.zeros(nodes), 0.1 * draw(states, nodes), C, np.zeros(1)]
-    first, best = True, None
-    # Adam, then L-BFGS, in parts as long as there is time
-    while best is None or time.process_time() - began < seconds:
-        model = Model(states, 1, 1, state_fcn=state_fcn, output_fcn=output_fcn)
-        model.init(params=[jnp.array(value) for value in parameters])
-        model.loss(rho_x0=1e-3, rho_th=1e-6)
-        model.optimization(adam_eta=1e-3, adam_epochs=300 if first else 0, lbfgs_epochs=0 if first else 100, iprint=-1)
-        model.fit(list(Y), list(U))
-        parameters, first, best = [np.array(value) for value in model.params], False, model
-    spent = time.process_time() - began
+    parts = [(part[:, :1], part[:, 1:]) for part in np.array_split(training[: count * rows], count)]
+    model, spent = peer_models.state_space(parts, seconds, sizes, seed, False, (200, 100, 100), 1e-6)
 
     def simulated(test):
-        start = best.learn_x0(test[:GIVEN, :1], test[:GIVEN, 1:])
-        return np.array(best.predict(start, test[:, :1])[0]).ravel()
+        start = model.learn_x0(test[:GIVEN, :1], test[:GIVEN, 1:])
+        return np.array(model.predict(start, test[:, :1])[0]).ravel()
 
     return [simulated(test) for test in tests], spent
 
 
 def lstm(training, tests, seconds, seed, sizes):
-    """A layer of LSTM cells, and a linear one."""
-    began = time.process_time()
-    import torch
+    rows, washout, nodes = sizes[3:]
+    held_out = training[-(len(training) // 10) :]
+    seen = training[: -len(held_out)]
 
-    torch.manual_seed(seed)
-    window, washout, nodes = sizes[3:]
-    single = lambda values: torch.tensor(np.array(values), dtype=torch.float32)[..., None]
+    def window(random):
+        start = random.integers(0, len(seen) - rows)
+        return seen[start : start + rows].T
 
-    class Network(torch.nn.Module):
-        def __init__(self):
-            super().__init__()
-            self.lstm = torch.nn.LSTM(1, nodes, batch_first=True)
-            self.output = torch.nn.Linear(nodes, 1)
-
-        def forward(self, u):
-            return self.output(self.lstm(u)[0])
-
-    network = Network()
-    optimizer = torch.optim.Adam(network.parameters(), lr=RATE)
-    held_out = training[-len(training) // 10 :]
-    seen = training[: len(training) - len(held_out) + washout]
-    random = np.random.default_rng(seed)
-    best, kept, updates = np.inf, None, 0
-    while kept is None or time.process_time() - began < seconds:
-        share = min((time.process_time() - began) / seconds, 1)
-        for group in optimizer.param_groups:
-            group["lr"] = RATE * 0.5 * (1 + np.cos(np.pi * share))
-        starts = random.integers(0, len(seen) - window, BATCH)
-        u, y = (single([seen[start : start + window, column] for start in starts]) for column in (0, 1))
-        optimizer.zero_grad()
-        torch.mean((network(u) - y)[:, washout:] ** 2).backward()
-        torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
-        optimizer.step()
-        updates += 1
-        if updates % LOOK == 0:
-            with torch.no_grad():
-                now = float(torch.mean((network(single([held_out[:, 0]])) - single([held_out[:, 1]]))[:, washout:] ** 2))
-            if now < best:
-                best, kept = now, {name: value.clone() for name, value in network.state_dict().items()}
-    spent = time.process_time() - began
-    network.load_state_dict(kept)
-    with torch.no_grad():
-        return [network(single([test[:, 0]])).numpy().ravel() for test in tests], spent
+    simulated, spent = peer_models.lstm(window, held_out.T[:, None], seconds, nodes, seed, washout, LOOK)
+    return [simulated(test[None, :, 0])[0] for test in tests], spent
 
 
 METHODS = {"jax-sysid": jax_sysid, "lstm": lstm}
