@@ -3,9 +3,9 @@
 The study must have been built, and its source is an FMU, or `--source` names one with the same inputs, outputs and parameters. Both FMUs run
 from rest for ten times `time.stop`, with the parameters at their ends and in the middle, and the inputs constant at both ends, zero, with one
 step, with a release to zero, or with a square wave. Printed for each study: the largest error in multiples of the bound (the largest one of
-`[bounds]`, without that section the largest error on the test runs); the same where `in_domain` is true; the share of the rows there whose error is
-beyond the bound; in how many runs it is; and how many rows of the test runs have `in_domain` false. The script exits with 1 if more rows inside the
-domain are beyond the bound than its coverage allows, and without `[bounds]` if any are.
+`[bounds]`, without that section the largest error on the test runs); the same where `in_domain` is true, also as a share of the output's range in the
+test runs; the share of the rows there whose error is beyond the bound; in how many runs it is; and how many rows of the test runs have `in_domain`
+false. The script exits with 1 if more rows inside the domain are beyond the bound than its coverage allows, and without `[bounds]` if any are.
 
 Usage: .venv/bin/python scripts/measure discrete-corners [--out FOLDER] [--source FMU] [--runs N] [--json FILE] STUDY ...
 """
@@ -91,6 +91,7 @@ def check(study: Path, out: Path, source: Path | None, runs: int | None) -> dict
     coverage = options["bounds"].get("coverage", 0.95) if "bounds" in options else 1.0
     bounds = np.array([metrics["outputs"][output].get("bound", metrics["outputs"][output]["max_abs_error"]) for output in outputs])
     test = pd.read_csv(out / name / "test.csv")
+    widths = np.array([test[output].max() - test[output].min() for output in outputs])
     described = read_model_description(str(out / name / f"{name}.fmu"))
     variables = {variable.name: variable for variable in described.modelVariables}
     ranges = [(float(variables[name].min), float(variables[name].max)) for name in inputs]
@@ -113,12 +114,14 @@ def check(study: Path, out: Path, source: Path | None, runs: int | None) -> dict
             starts, driven = dict(zip(parameters, point)), dict(zip(inputs, driven))
             true, _ = truth.simulate(starts, driven, outputs, step, False)
             found, inside = surrogate.simulate(starts, driven, outputs, step, True)
-            ratio = np.max(np.abs(found - true) / bounds, axis=1)
+            errors = np.abs(found - true)
+            ratio, share = np.max(errors / bounds, axis=1), np.max(errors / widths, axis=1)
             cases.append({
                 "parameters": starts,
                 "inputs": kinds,
                 "largest": float(ratio.max()),
                 "inside": float(np.max(ratio, where=inside, initial=0.0)),
+                "inside_share": float(np.max(share, where=inside, initial=0.0)),
                 "rows": int(inside.sum()),
                 "beyond": int(((ratio > 1.0) & inside).sum()),
                 "left": float(np.argmin(inside) * step) if not inside.all() else None,
@@ -137,13 +140,13 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write all figures to this file")
     options = parser.parse_args()
     found = [check(study, options.out, options.source, options.runs) for study in options.study]
-    print(f"{'errors in multiples of the bound':40} largest   inside   rows beyond it   runs beyond it   test rows outside")
+    print(f"{'errors in multiples of the bound':40} largest   inside  of the range   rows beyond it   runs beyond it   test rows outside")
     for result in found:
         cases = result["cases"]
         late = [case for case in cases if case["inside"] > 1.0]
-        largest, inside = (max(case[key] for case in cases) for key in ("largest", "inside"))
+        largest, inside, share = (max(case[key] for case in cases) for key in ("largest", "inside", "inside_share"))
         shares = f"{100 * result['beyond']:14.2f} % {len(late):9} of {len(cases):4} {100 * result['alarms']:17.2f} %"
-        print(f"{result['study']:40} {largest:7.2f} {inside:8.2f} {shares}")
+        print(f"{result['study']:40} {largest:7.2f} {inside:8.2f} {100 * share:11.2f} % {shares}")
         for case in sorted(late, key=lambda case: -case["inside"])[:10]:
             point = ", ".join(f"{name} = {value:g}" for name, value in case["parameters"].items())
             left = "never" if case["left"] is None else f"first at {case['left']:g} s"
