@@ -20,7 +20,7 @@ use toml::{Spanned, de::DeTable};
 pub struct Draft {
     study: Study,
     problems: Vec<Problem>,
-    /// Whether source, parameters and outputs could be read: the source can then be asked for their names.
+    /// `true` if source, parameters and outputs were read: then the source can check their names.
     names_are_known: bool,
 }
 

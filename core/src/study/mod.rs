@@ -215,7 +215,7 @@ pub struct Study {
     /// Digest of the FMU or of the tables of recorded runs.
     #[serde(skip)]
     source_files: Option<String>,
-    /// Whether `training.epochs` is given.
+    /// `true` if the study has `training.epochs`.
     #[serde(skip)]
     has_epochs: bool,
     /// How the network of a static map is trained.
@@ -235,7 +235,7 @@ pub enum StudyStructure {
     /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs, or from
     /// runs of an FMU for co-simulation.
     Discrete,
-    /// Of inputs alone, learned from the rows of a table without a time.
+    /// Of inputs: a static map, learned from the rows of a table without a time.
     Static,
 }
 

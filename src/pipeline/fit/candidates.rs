@@ -183,7 +183,10 @@ impl Task<'_> {
             };
             match fitted {
                 Ok(model) => {
-                    self.note(format_args!("{} is the simplest with an error like the smallest one", kind.name()));
+                    self.note(format_args!(
+                        "{} is chosen: the simplest within one standard error of the smallest error",
+                        kind.name()
+                    ));
                     let candidates = trials.into_iter().map(|trial| trial.row).collect();
                     return Ok(Choice { kind, model, candidates, unseen });
                 }
@@ -338,9 +341,8 @@ fn fold_rows(order: &[usize], fold: usize, folds: usize) -> (Vec<usize>, Vec<usi
     (rows(of_fold), rows(others))
 }
 
-/// Places of mean square errors on so many rows: first the simplest model that no other one is clearly better than, then the others by their errors.
-/// A mean of `n` squares of normal errors has a relative standard error of `sqrt(2 / n)` (the rule of one standard error: Hastie, Tibshirani, Friedman
-/// (2009), section 7.10).
+/// Ranking of models by their mean square errors on a number of rows, with the simplest model first whose error is within one standard error of the
+/// smallest (Hastie, Tibshirani, Friedman (2009), section 7.10). A mean of `n` squares of normal errors has the relative standard error `sqrt(2 / n)`.
 fn ranking(errors: &[f64], rows: usize) -> Vec<usize> {
     let mut places: Vec<usize> = (0..errors.len()).collect();
     places.sort_by(|a, b| errors[*a].total_cmp(&errors[*b]));

@@ -16,18 +16,18 @@ pub enum Given {
     Function(usize),
 }
 
-/// What is known of the outputs of a model with an [observer](Graph::of_observer).
+/// Gain and ranges of an [observer](Graph::of_observer).
 #[derive(Clone, Debug)]
 pub struct Observer {
     /// `K`, shape `[states, outputs]`.
     pub gain: Vec<f64>,
-    /// Ends of the ranges in which the states stay, if there are any.
+    /// Range of each state, if states stop.
     pub stops: Option<Vec<[f64; 2]>>,
-    /// Those in which outputs are measured.
+    /// Range of the sensor of each output, if sensors saturate.
     pub measured: Option<Vec<[f64; 2]>>,
 }
 
-/// Numbers within the ends of ranges, which may be infinite.
+/// Step that clips each number to a range, which may be infinite.
 fn clip(of: usize, ranges: &[[f64; 2]]) -> Step {
     // parameters of a graph are finite
     let end = |end: usize| ranges.iter().map(move |range| range[end].clamp(f64::MIN, f64::MAX));
@@ -98,7 +98,7 @@ impl Graph {
         }
     }
 
-    /// The same function of columns that are among others, `inputs` in number.
+    /// The same function of some of `inputs` columns.
     #[must_use]
     pub fn of_columns(mut self, inputs: usize, columns: impl IntoIterator<Item = usize>) -> Self {
         self.steps.iter_mut().for_each(|step| step.rename(|of| of + 1));
@@ -106,7 +106,7 @@ impl Graph {
         Self { inputs, ..self }
     }
 
-    /// Its outputs within the ends of some ranges, one for each, if there are any.
+    /// The same function with each output clipped to a range, if there are ranges.
     #[must_use]
     pub fn limited(mut self, ranges: Option<Vec<[f64; 2]>>) -> Self {
         if let Some(ranges) = ranges {
@@ -116,7 +116,7 @@ impl Graph {
         self
     }
 
-    /// The next sample by a model whose states are corrected where the outputs are not what it predicted, as measured ones. The columns are the
+    /// The next sample by a model whose states are corrected by measured outputs, which differ from its predictions. The columns are the
     /// outputs; the states of the model, of which the first ones are its outputs; the number 1, which is 0 before the first prediction, as the
     /// model's outputs are; and the other columns of the model, `u`. Weights, constants and function are those of
     /// [`of_samples`](Self::of_samples).
@@ -126,7 +126,7 @@ impl Graph {
     /// x[k+1] = model(z, u),    y[k+1] = c(x_y[k+1]),    s[k+1] = 1
     /// ```
     ///
-    /// where `c` keeps within the ranges that are measured. Outputs that are predicted correct nothing.
+    /// where `c` clips to the measured ranges. Predicted outputs correct nothing.
     pub fn of_observer(
         [states, outputs, columns]: [usize; 3],
         Observer { gain, stops, measured }: Observer,

@@ -315,7 +315,7 @@ impl Step {
         few.iter().copied().chain(columns.iter().map(|[of, _]| *of as usize))
     }
 
-    /// Gives the operand values other numbers.
+    /// Renumbers the operand values.
     pub fn rename(&mut self, renamed: impl Fn(usize) -> usize) {
         match self {
             Self::Affine { of, .. }

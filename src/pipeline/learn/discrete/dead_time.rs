@@ -1,4 +1,4 @@
-//! Dead times: samples after which outputs begin to follow an input. Models are learned from inputs that come as much later.
+//! Dead times: number of samples after which outputs begin to follow an input. Models are learned from delayed inputs.
 
 use super::{DiscreteSamples, gains, solve};
 use crate::dataset::{Dataset, Run};
@@ -12,16 +12,16 @@ const SHARE: usize = 4;
 const LAGS: usize = 4;
 /// Rows of these.
 const ROWS: usize = 10_000;
-/// Share of the error without a dead time, below which there is one; the smallest one counts whose error is nearly the least.
+/// Error with a dead time over that without, below which the input is delayed; the smallest dead time with nearly the least error is used.
 const CLEAR: f64 = 0.5;
 const NEARLY: f64 = 1.05;
 
-/// Number of samples by which each input is late.
+/// Dead time of each input, in samples.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct DeadTimes(Vec<usize>);
 
 impl DeadTimes {
-    /// Those with which ARX models predict the next sample clearly better than without, one input after the other.
+    /// Dead times with which ARX models predict the next sample clearly better than without, one input after the other.
     pub fn of(step: f64, dataset: &Dataset) -> Self {
         let mut rows = 0;
         let few = dataset.runs.iter().take_while(|run| {
@@ -52,13 +52,13 @@ impl DeadTimes {
         found
     }
 
-    /// The longest one.
+    /// Longest dead time.
     pub fn longest(&self) -> usize {
         self.0.iter().copied().max().unwrap_or(0)
     }
 
-    /// Runs whose inputs come as much later. Before a run from rest they are what they were before the start; rows of other runs of which nothing
-    /// is known are left out.
+    /// Runs with delayed inputs. In a run from rest, inputs before the start have their start values. Other runs lose the rows whose inputs are
+    /// unknown.
     pub fn shifted<'a>(&self, dataset: &'a Dataset) -> Cow<'a, Dataset> {
         if self.longest() == 0 {
             return Cow::Borrowed(dataset);
@@ -84,7 +84,7 @@ impl DeadTimes {
         Cow::Owned(Dataset { runs: dataset.runs.iter().map(of_run).collect(), ..dataset.clone() })
     }
 
-    /// A graph of past samples, `numbers` of the outputs and what is hidden, and `history` of the inputs, that takes these later ones.
+    /// Graph of undelayed inputs, from one of delayed inputs, which has `numbers` of past outputs and hidden states and `history` samples of the inputs.
     pub fn delayed(&self, graph: &Graph, numbers: usize, history: usize) -> Graph {
         if self.longest() == 0 {
             return graph.clone();
@@ -99,7 +99,7 @@ impl DeadTimes {
         graph.clone().of_columns(numbers + all + parameters, columns)
     }
 
-    /// For people: `u 20 samples`.
+    /// Description for people, `u 20 samples`; None without dead time.
     pub fn describe(&self, dataset: &Dataset) -> Option<String> {
         let late = dataset.inputs.iter().zip(&self.0).filter(|(_, samples)| **samples > 0);
         let late: Vec<String> = late.map(|(input, samples)| format!("{} {samples} samples", input.name)).collect();

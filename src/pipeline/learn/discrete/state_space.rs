@@ -13,6 +13,7 @@ mod export;
 mod features;
 mod fit;
 mod saturation;
+mod simulate;
 mod start;
 
 use super::{DiscreteSamples, LearnedDiscrete, standardised};
@@ -23,10 +24,11 @@ use crate::{
     training::StopReason,
 };
 use features::Features;
-use fit::{CountedRuns, Goal, Limits, Signals, Simulated, StateShape, overwriting};
+use fit::{CountedRuns, Goal};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use saturation::Saturation;
+use simulate::{Limits, Signals, Simulated, StateShape, overwriting};
 use start::LinearStart;
 use std::{ops::Range, sync::atomic::Ordering};
 
@@ -218,7 +220,7 @@ impl FittedStates {
         Simulated { coefficients: &self.coefficients, gain: &self.gain, limits: &self.limits }
     }
 
-    /// With hidden states that stay near their ranges in some runs; none if they diverge there.
+    /// The same with hidden states that stay near their ranges in these runs; none if the simulations diverge.
     fn bounded(&self, shape: &StateShape, data: &CountedRuns) -> Option<Self> {
         let mut bounded = self.clone();
         let ranges = data.ranges(shape, self.simulated())?;
@@ -247,7 +249,7 @@ struct Folds<'a> {
     sets: &'a [CountedRuns<'a>],
     /// Number of those of the training.
     own: usize,
-    /// Of each part the runs that are not seen, simulated in different ways.
+    /// Unseen runs of each part, simulated in different ways.
     unseen: &'a [Vec<CountedRuns<'a>>],
 }
 
