@@ -241,29 +241,43 @@ static void measure(double point[COLUMN_COUNT], Real measures[MEASURE_COUNT])
     }
 }
 
-/* Updates the distance of the transition to the next sample from those of the training. */
+static Real larger(Real a, Real b)
+{
+    return a > b ? a : b;
+}
+
+/* Updates the distance of the transition to the next sample from those of the training, and what is left of errors made outside. */
 static void compare(double point[COLUMN_COUNT])
 {
     static const Real negligible = R(0.003); /* relative to the width of a range */
+    static const Real least = R(1e-6);       /* that is kept in mind */
+    const bool measured = uses_measured(point) && model_support_settling < model_support_fading;
     Real measures[MEASURE_COUNT];
+    Real own = R(0.0);
     bool outside = false;
     if (point[MEMORY_DISTANCE] < 0.0) {
         begin_inputs(point);
     }
     measure(point, measures);
-    Real lasting = (Real)point[MEMORY_DISTANCE] * (uses_measured(point) ? model_support_settling : model_support_fading);
     for (size_t i = 0; i < MEASURE_COUNT; i++) {
         outside |= measures[i] < model_support_ranges[2 * i] || measures[i] > model_support_ranges[2 * i + 1];
     }
     /* usually all are inside, which takes less time than their distances */
     for (size_t i = 0; outside && i < MEASURE_COUNT; i++) {
-        const Real distance = beyond(i, measures[i]);
-        lasting = distance > lasting ? distance : lasting;
+        own = larger(own, beyond(i, measures[i]));
     }
-    if (lasting < negligible) {
-        lasting = R(0.0);
+    if (own < negligible) {
+        own = R(0.0);
     }
-    point[MEMORY_DISTANCE] = lasting < REAL_HUGE ? (double)lasting : DBL_MAX;
+    const Real kept = measured ? model_support_settling : model_support_fading;
+    const Real added = own < R(1.0) ? own : R(1.0);
+    const Real error = kept * (Real)point[MEMORY_ERROR] + (R(1.0) - model_support_fading) * added;
+    const Real distance = larger(larger(own, model_support_settling * (Real)point[MEMORY_DISTANCE]), error);
+    point[MEMORY_ERROR] = error < least ? 0.0 : (double)error;
+    point[MEMORY_DISTANCE] = distance < negligible ? 0.0 : (double)distance;
+    if (!(distance < REAL_HUGE)) {
+        point[MEMORY_DISTANCE] = DBL_MAX;
+    }
 }
 #endif
 

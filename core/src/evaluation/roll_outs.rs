@@ -316,8 +316,13 @@ impl<'a> RollOut<'a> {
     /// The same from a start that is off by [`OFF`] in every state.
     #[must_use]
     pub fn off(mut self) -> Self {
-        self.point[self.inputs.end..].iter_mut().for_each(|state| *state += OFF);
+        self.disturb(std::iter::repeat(OFF));
         self
+    }
+
+    /// Adds to the states at the row that was reached, or to the past samples of a discrete-time model, the newest first.
+    pub fn disturb(&mut self, by: impl Iterator<Item = f64>) {
+        self.point[self.inputs.end..].iter_mut().zip(by).for_each(|(state, by)| *state += by);
     }
 
     /// Number of steps of the solver so far.

@@ -591,6 +591,7 @@ pub fn supported() -> Surrogate {
         ranges: [&of_features[..], &of_shape].concat(),
         components: vec![-0.1, 1.0, 0.0, 0.0, 1.0, 2.0],
         samples: 10.0,
+        lasting: 10.0,
     });
     let clock = Clock::Sampled(Box::new(Sampling { support, ..*sampling }));
     Surrogate::new(recorded.metadata().clone(), Program { graph, clock }).expect("the example is valid")

@@ -80,14 +80,14 @@
 //! | `support.ranges` | F64 | `[measures, 2]` | smallest and largest value of each measure of a transition in training, if they are known: [`Support`] |
 //! | `support.inputs` | U32 | `[1]` | number of inputs among the features: all or none |
 //! | `support.components` | F64 | `[components * features]` | weights of the components, features from the averages of inputs on |
-//! | `support.samples` | F64 | `[1]` | `M`: over how many samples inputs are averaged, and a distance fades |
+//! | `support.samples` | F64 | `[2]` | `M` and `L`: over how many samples inputs are averaged, and a distance fades |
 //!
 //! The container's string metadata has one entry, `metafmu`: the JSON text of [`Metadata`] beside two more fields, and a single
 //! entry keeps the bytes independent of hash-map order. No other tensor may be present.
 //!
 //! | field | |
 //! |---|---|
-//! | `format` | 5, the version of this layout |
+//! | `format` | 6, the version of this layout |
 //! | `clock` | `"static"`, `"continuous"` or `"sampled"` |
 //!
 //! Older formats are refused: what made them can make them again.
@@ -200,12 +200,12 @@ impl Sampling {
         if !hidden.is_empty() {
             tensors.push(double("samples.hidden", &[hidden.len()], hidden));
         }
-        if let Some(Support { inputs, ranges, components, samples }) = support {
+        if let Some(Support { inputs, ranges, components, samples, lasting }) = support {
             let count = [*inputs as u32];
             tensors.push(("support.inputs".into(), Dtype::U32, vec![1], bytes(&count, u32::to_le_bytes)));
             tensors.push(double("support.components", &[components.len()], components));
             tensors.push(double("support.ranges", &[ranges.len(), 2], ranges.as_flattened()));
-            tensors.push(double("support.samples", &[1], &[*samples]));
+            tensors.push(double("support.samples", &[2], &[*samples, *lasting]));
         }
         tensors
     }
@@ -225,12 +225,13 @@ impl Sampling {
                 let (ranges, shape) = doubles(tensors, "support.ranges", 2)?;
                 expect_shape("support.ranges", &shape, &[shape[0], 2])?;
                 let (samples, shape) = doubles(tensors, "support.samples", 1)?;
-                expect_shape("support.samples", &shape, &[1])?;
+                expect_shape("support.samples", &shape, &[2])?;
                 let inputs = take(tensors, "support.inputs", Dtype::U32, 1)?;
                 expect_shape("support.inputs", inputs.shape(), &[1])?;
                 let inputs = elements(inputs.data(), u32::from_le_bytes)[0] as usize;
                 let (components, _) = doubles(tensors, "support.components", 1)?;
-                Some(Support { inputs, ranges: ranges.as_chunks().0.to_vec(), components, samples: samples[0] })
+                let ranges = ranges.as_chunks().0.to_vec();
+                Some(Support { inputs, ranges, components, samples: samples[0], lasting: samples[1] })
             }
             false => None,
         };

@@ -11,7 +11,7 @@
 //! | `p` | parameters |
 //! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too; the latter if m > 1, as else they do not count |
 //! | `u` | inputs |
-//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages, last values and average changes of the inputs, if the [`Support`] of the training has them, and the distance from it, -1 before the first sample, if it is known; measured outputs, and 1 while they are used, else 0; `y[k + 1]`; the time since sample k over `T` |
+//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages, last values and average changes of the inputs, if the [`Support`] of the training has them, what is left of errors outside it and the distance from it, -1 before the first sample, if it is known; measured outputs, and 1 while they are used, else 0; `y[k + 1]`; the time since sample k over `T` |
 //!
 //! and the results are the outputs. The last numbers of `y` may be hidden: they advance like outputs, start from values of the program,
 //! and are not outputs. The rule for communication points between samples:
@@ -83,9 +83,9 @@ impl Sampling {
         first..first + ports.outputs
     }
 
-    /// Number of values for the support: its memory of inputs, and the distance.
+    /// Number of values for the support: its memory of inputs, what is left of errors, and the distance.
     fn supported(&self) -> usize {
-        self.support.as_ref().map_or(0, |support| support.memory() + 1)
+        self.support.as_ref().map_or(0, |support| support.memory() + 2)
     }
 
     /// Column of a point that has the distance from the support.
@@ -94,8 +94,7 @@ impl Sampling {
         self.support.as_ref().map(|_| ports.known() + past_outputs + past_inputs + self.supported() - 1)
     }
 
-    /// Factor by which the distance from the support fades from sample to sample while measured outputs are used: a distance of 1 ends when all
-    /// past samples that count are measured.
+    /// Factor by which the distance of a transition from the support fades from sample to sample: one of 1 ends when all past samples that count came after it.
     pub fn settling(&self) -> f64 {
         NEGLIGIBLE.powf(1.0 / self.history[0].max(self.history[1]) as f64)
     }
@@ -130,7 +129,7 @@ impl Sampling {
 pub(super) struct PreparedSampling {
     sampling: Sampling,
     ports: Ports,
-    /// Factors by which the distance from the support fades from sample to sample: usually, and while measured outputs are used.
+    /// Factors by which errors made outside the support, and the distance from it, fade from sample to sample.
     fading: [f64; 2],
 }
 
@@ -149,7 +148,7 @@ pub(super) struct SamplesScratch {
 struct Memory<'a> {
     outputs: &'a mut [f64],
     inputs: &'a mut [f64],
-    /// Memory of inputs of the support, and the distance from it.
+    /// Memory of inputs of the support, what is left of errors, and the distance from it.
     support: &'a mut [f64],
     next: &'a mut [f64],
     phase: &'a mut f64,
@@ -358,19 +357,21 @@ impl PreparedSampling {
         let Ports { inputs: count, outputs, .. } = self.ports;
         let is_measured = self.is_measured(point);
         let (known, memory) = point.split_at_mut(self.ports.known());
-        let Memory { support: [past @ .., lasting], outputs: now, inputs, next, .. } = self.parts(memory) else {
+        let Memory { support: [past @ .., error, distance], outputs: now, inputs, next, .. } = self.parts(memory)
+        else {
             return;
         };
         let inputs = &inputs[..count];
-        if *lasting < 0.0 {
+        if *distance < 0.0 {
             // what was before measured outputs is not known
             let before = &known[self.ports.start_columns()][outputs..];
             support.begin(past, if is_measured || before.is_empty() { inputs } else { before });
-            *lasting = 0.0;
+            *distance = 0.0;
         }
         let (next, hidden) = next.split_at(outputs);
         support.measure(past, inputs, [&now[..outputs], next], hidden, measures);
-        *lasting = support.distance(measures, *lasting, self.fading[usize::from(is_measured)]);
+        let own = support.distance(measures);
+        [*error, *distance] = Support::after(own, [*error, *distance], self.fading, is_measured);
     }
 
     /// `z` from a point.

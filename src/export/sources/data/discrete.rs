@@ -92,7 +92,8 @@ fn samples(surrogate: &Surrogate, sampling: &Sampling) -> f64 {
 /// Multiplications, additions and divisions of a step over `samples` samples, without the graph. `discrete.c` has the formula.
 fn operations(sampling: &Sampling, ports: &Ports, samples: f64) -> f64 {
     let MeasureCounts { inputs, coordinates, components, measures } = measures(sampling, ports);
-    let of_support = 8 * inputs + 2 * components * coordinates + 6 * measures;
+    let of_distance = if sampling.support.is_some() { 5 } else { 0 };
+    let of_support = 8 * inputs + 2 * components * coordinates + 6 * measures + of_distance;
     samples * (5 * (ports.inputs + ports.outputs) + 5 + of_support) as f64 + 8.0
 }
 

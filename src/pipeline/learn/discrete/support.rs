@@ -5,20 +5,25 @@ use crate::{
     evaluation::RollOut,
     study::Study,
 };
-use metafmu_runtime::{Evaluator, Support, Surrogate};
+use metafmu_runtime::{Evaluator, Sampling, Support, Surrogate};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-/// Run length over the time in which inputs are averaged and a distance fades.
+/// Run length over the time in which inputs are averaged, and a distance fades at the least.
 const PARTS: f64 = 20.0;
 /// Share of the rows of runs like those of the training that are to be inside.
 const INSIDE: f64 = 0.995;
 /// Largest widening of a range at each end, relative to its width. Errors beyond the range of an output grow and last; a model that is wrong
 /// everywhere has no domain.
-const WIDEST: f64 = 0.03;
+const WIDEST: f64 = 0.01;
 /// Smallest variance of a component, relative to that of a feature.
 const LEAST_VARIANCE: f64 = 1e-8;
 const BISECTIONS: usize = 16;
+/// Share of an output's range by which past samples are changed to see how long the model remembers it.
+const DISTURBANCE: f64 = 0.05;
+/// Number of runs in which that is seen, and the share of them that are to have forgotten it.
+const DISTURBED_RUNS: usize = 20;
+const FORGOTTEN: f64 = 0.9;
 
 /// Support of the transitions in all runs. `inputs`: `true` if inputs are among the features. `ranges`: stated ranges of the inputs, which
 /// replace those of the training where they are finite.
@@ -40,7 +45,8 @@ pub(super) fn support(
     };
     let samples = (study.time.stop / study.time.step / PARTS).max(1.0);
     let watched = if inputs { counts.inputs } else { 0 };
-    let mut support = Support { inputs: watched, ranges: Vec::new(), components: Vec::new(), samples };
+    let mut support =
+        Support { inputs: watched, ranges: Vec::new(), components: Vec::new(), samples, lasting: samples };
     let starts = study.parameters.len() + counts.outputs;
     let has_starts = surrogate.program().sampling().is_some_and(|sampling| sampling.history[1] > 1);
     let motions: Vec<Motion> = (dataset.runs.par_iter())
@@ -58,8 +64,11 @@ pub(super) fn support(
     support.components = components(&support, &motions, counts);
     let extremes: Vec<Ranges> = motions.par_iter().map(|motion| motion.extremes(&support, counts)).collect();
     support.ranges = of_all(&extremes, None);
+    let settling = surrogate.program().sampling().map_or(0.0, Sampling::settling);
     let width: Vec<f64> = support.ranges.iter().map(|[min, max]| max - min).collect();
-    let widening = widening(&support, &motions, &extremes, counts);
+    let widths = [&width[4 * watched..][..counts.outputs], &width[4 * watched + 2 * counts.outputs..][..counts.hidden]];
+    support.lasting = samples.max(lasting(surrogate, &evaluator, dataset, &widths.concat()));
+    let widening = widening(&support, settling, &motions, &extremes, counts);
     for ([min, max], width) in support.ranges.iter_mut().zip(&width) {
         (*min, *max) = (*min - widening * width, *max + widening * width);
     }
@@ -123,6 +132,54 @@ impl Motion<'_> {
         });
         ranges
     }
+}
+
+/// Number of samples after which the model has forgotten a disturbance of its past: the largest deviation of an output, relative to its width, has
+/// fallen to a third for good. At most the length of a run.
+fn lasting(surrogate: &Surrogate, evaluator: &Evaluator, dataset: &Dataset, widths: &[f64]) -> f64 {
+    let samples = surrogate.program().sampling().map_or(1, |sampling| sampling.history[0].max(1));
+    let of_run = |run: &Run| -> usize {
+        let start = run.times.partition_point(|time| *time < 0.0);
+        let rows = run.times.len() - start;
+        let outputs = surrogate.outputs().len();
+        let along = |disturbance: &[f64]| -> Vec<f64> {
+            let mut roll_out = RollOut::along(surrogate, evaluator, run);
+            let mut found = Vec::new();
+            for row in 0..run.times.len() {
+                let Some((_, results)) = roll_out.at(row) else { break };
+                if row >= start {
+                    found.extend(&results[..outputs]);
+                }
+                if row == start {
+                    roll_out.disturb((0..samples).flat_map(|_| disturbance.iter().copied()));
+                }
+            }
+            found
+        };
+        let usual = along(&[]);
+        let of_number = |number: usize| {
+            let disturbance: Vec<f64> = (0..widths.len())
+                .map(|other| if other == number { DISTURBANCE * widths[other] } else { 0.0 })
+                .collect();
+            let disturbed = along(&disturbance);
+            let pairs = usual.chunks(outputs).zip(disturbed.chunks(outputs)).skip(1);
+            let deviations: Vec<f64> = pairs
+                .map(|(usual, disturbed)| {
+                    let of_outputs = usual.iter().zip(disturbed).zip(widths);
+                    of_outputs.map(|((usual, disturbed), width)| (disturbed - usual).abs() / width).fold(0.0, f64::max)
+                })
+                .collect();
+            let largest = deviations.iter().copied().fold(0.0, f64::max);
+            deviations.iter().rposition(|deviation| *deviation > largest / std::f64::consts::E).map_or(0, |row| row + 1)
+        };
+        (0..widths.len()).map(of_number).max().unwrap_or(0).min(rows)
+    };
+    let every = dataset.runs.len().div_ceil(DISTURBED_RUNS).max(1);
+    let runs: Vec<&Run> = dataset.runs.iter().step_by(every).collect();
+    let mut found: Vec<usize> = runs.into_par_iter().map(of_run).collect();
+    found.sort_unstable();
+    let place = ((found.len() as f64 * FORGOTTEN) as usize).min(found.len().saturating_sub(1));
+    found.get(place).map_or(1.0, |samples| *samples as f64)
 }
 
 /// Outputs and hidden states of the simulation of a run, up to the row where an output is farther from those of the run than they are from
@@ -215,7 +272,8 @@ fn of_all(extremes: &[Ranges], but: Option<usize>) -> Ranges {
 }
 
 /// Widening of the ranges at both ends, relative to their widths, from the simulations of the runs and the ranges of the other runs.
-fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: Counts) -> f64 {
+fn widening(support: &Support, settling: f64, motions: &[Motion], extremes: &[Ranges], counts: Counts) -> f64 {
+    let fading = [support.fading(), settling];
     let of_run = |run: usize| {
         let others = of_all(extremes, Some(run));
         let mut beyond: Vec<Stray> = Vec::new();
@@ -238,15 +296,14 @@ fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: 
     let rows: usize = found.iter().map(|(rows, _)| rows).sum();
     let outside = |by: f64| -> usize {
         let of_run = |(rows, beyond): &(usize, Vec<Stray>)| {
-            let (mut lasting, mut count, mut beyond) = (0.0, 0, beyond.iter().peekable());
+            let (mut state, mut count, mut beyond) = ([0.0; 2], 0, beyond.iter().peekable());
             for row in 0..*rows {
-                let mut distance = lasting * support.fading();
+                let mut own = 0.0_f64;
                 while let Some((_, beyond)) = beyond.next_if(|(at, ..)| *at == row) {
-                    distance = distance.max(beyond - by);
+                    own = own.max(beyond - by);
                 }
-                // the support itself ends a distance that is negligible
-                lasting = support.distance(&[], distance, 1.0);
-                count += usize::from(lasting > 0.0);
+                state = Support::after(own, state, fading, false);
+                count += usize::from(state[1] > 0.0);
             }
             count
         };
@@ -263,4 +320,36 @@ fn widening(support: &Support, motions: &[Motion], extremes: &[Ranges], counts: 
         }
     }
     by
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use metafmu_runtime::{Clock, Graph, Program, Sampling, example};
+
+    #[test]
+    fn a_model_forgets_a_disturbance_as_fast_as_its_outputs_decay() {
+        let recorded = example::recorded();
+        let surrogate = |decay: f64| {
+            // position, force and mass
+            let graph = Graph::of_samples(3, vec![decay, 0.0, 0.0], vec![0.1], None);
+            let sampling = Sampling { hidden: Vec::new(), history: [1, 1], step: 0.1, support: None };
+            let mut metadata = recorded.metadata().clone();
+            metadata.inputs.remove(2);
+            Surrogate::new(metadata, Program { graph, clock: Clock::Sampled(Box::new(sampling)) }).unwrap()
+        };
+        let run = Run {
+            parameters: vec![1.5, 0.5],
+            times: (0..41).map(|row| 0.1 * f64::from(row)).collect(),
+            inputs: vec![0.0; 41],
+            outputs: vec![0.0; 41],
+        };
+        let dataset = Dataset { parameters: Vec::new(), inputs: Vec::new(), outputs: Vec::new(), runs: vec![run] };
+        let forgets = |decay: f64| {
+            let surrogate = surrogate(decay);
+            lasting(&surrogate, &Evaluator::new(&surrogate), &dataset, &[2.0])
+        };
+        // 0.9^k falls to a third after 9.5 samples
+        assert_eq!([0.9, 0.5, 1.0].map(forgets), [10.0, 2.0, 40.0]);
+    }
 }

@@ -7,6 +7,8 @@ use crate::{
 
 /// Smallest distance that counts as outside, relative to the width of a range.
 pub(super) const NEGLIGIBLE: f64 = 0.003;
+/// Smallest part of a distance that is kept in mind.
+const LEAST: f64 = 1e-6;
 
 /// Training ranges of measures of the transition from sample k to sample k + 1. The first measures are features of it,
 ///
@@ -20,9 +22,15 @@ pub(super) const NEGLIGIBLE: f64 = 0.003;
 /// Features from `s` on have a shape as well: their components, linear combinations with weights, and the sums and differences of any two of the
 /// first four components are further measures.
 ///
-/// The distance of a transition is that of its farthest measure from its range, relative to the width of the range. Errors made outside are
-/// fed back, so a distance lasts: it fades by a factor `exp(-1 / M)` from sample to sample, and ends where it is negligible. Measured outputs
-/// end it sooner, see [`Sampling::settling`](super::Sampling::settling).
+/// The distance `d` of a transition is that of its farthest measure from its range, relative to the width of the range. It ends when no past sample of that
+/// time counts any more. Errors made outside are fed back, though: what may be left of them is
+///
+/// ```text
+/// e[k] = f e[k - 1] + (1 - f) min(d[k], 1),  f = exp(-1 / L)
+/// ```
+///
+/// with the number `L` of samples after which the model has forgotten an error of its outputs. The larger of both is the distance; where it is negligible, it
+/// is 0. Measured outputs end both when all past samples that count are measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Support {
     /// Number of inputs with features: all or none.
@@ -33,6 +41,8 @@ pub struct Support {
     pub components: Vec<f64>,
     /// `M`, at least 1.
     pub samples: f64,
+    /// `L`, at least 1: over how many samples the model forgets an error of its outputs.
+    pub lasting: f64,
 }
 
 impl Support {
@@ -125,24 +135,33 @@ impl Support {
         expect_finite("support.ranges", self.ranges.iter().flatten().copied())?;
         expect_finite("support.components", self.components.iter().copied())?;
         let is_in_order = self.ranges.iter().all(|[min, max]| min <= max);
-        let fits = self.samples.is_finite() && self.samples >= 1.0;
+        let fits = [self.samples, self.lasting].iter().all(|samples| samples.is_finite() && *samples >= 1.0);
         if fits && is_in_order { Ok(()) } else { Err(FormatError::Support) }
     }
 
-    /// Factor by which a distance fades from sample to sample.
+    /// Factor `f` by which errors fade from sample to sample.
     pub fn fading(&self) -> f64 {
-        (-1.0 / self.samples).exp()
+        (-1.0 / self.lasting).exp()
     }
 
-    /// Distance after a transition with these measures, from the distance before it; `fading`: [`Support::fading`]. Does not allocate.
-    pub fn distance(&self, measures: &[f64], before: f64, fading: f64) -> f64 {
+    /// Distance of a transition with these measures. Does not allocate.
+    pub fn distance(&self, measures: &[f64]) -> f64 {
         let measures = || measures.iter().zip(&self.ranges);
-        let mut lasting = before * fading;
         // usually all are inside, which takes less time than their distances
         if measures().fold(false, |outside, (value, [min, max])| outside | (value < min) | (value > max)) {
-            lasting = measures().map(|(value, range)| distance(*value, *range)).fold(lasting, f64::max);
+            return measures().map(|(value, range)| distance(*value, *range)).fold(0.0, f64::max).min(f64::MAX);
         }
-        if lasting < NEGLIGIBLE { 0.0 } else { lasting.min(f64::MAX) }
+        0.0
+    }
+
+    /// What is left of errors, and the distance that counts, after a transition at distance `own`, from those before it. `fading`: [`Support::fading`], and
+    /// [`Sampling::settling`](super::Sampling::settling).
+    pub fn after(own: f64, [error, distance]: [f64; 2], [fading, settling]: [f64; 2], is_measured: bool) -> [f64; 2] {
+        let own = if own < NEGLIGIBLE { 0.0 } else { own };
+        let kept = if is_measured { fading.min(settling) } else { fading };
+        let error = kept * error + (1.0 - fading) * own.min(1.0);
+        let distance = own.max(settling * distance).max(error);
+        [if error < LEAST { 0.0 } else { error }, if distance < NEGLIGIBLE { 0.0 } else { distance }]
     }
 }
 
@@ -165,36 +184,36 @@ mod tests {
     /// the average of the input, up to 1.
     fn support() -> Support {
         let ranges = vec![[-1.0, 1.0], [-2.0, 2.0], [0.0, 0.5], [0.0, 1.0], [0.0, 10.0], [-2.0, 2.0], [-1.0, 1.0]];
-        let support = Support { inputs: 1, ranges, components: vec![-10.0, 1.0, 0.0], samples: 5.0 };
+        let support = Support { inputs: 1, ranges, components: vec![-10.0, 1.0, 0.0], samples: 5.0, lasting: 5.0 };
         support.check(1, 1, 0).unwrap();
         support
     }
 
-    /// Distance after a transition from a memory: average, last value and average change of the input.
-    fn distance(mut memory: [f64; 3], input: f64, outputs: [f64; 2], before: f64) -> f64 {
+    /// Distance of a transition from a memory: average, last value and average change of the input.
+    fn distance(mut memory: [f64; 3], input: f64, outputs: [f64; 2]) -> f64 {
         let support = support();
         let mut measures = [0.0; 7];
         let [now, next] = outputs.map(|output| [output]);
         support.measure(&mut memory, &[input], [&now, &next], &[], &mut measures);
-        support.distance(&measures, before, support.fading())
+        Support::after(support.distance(&measures), [0.0; 2], [support.fading(), 0.5], false)[1]
     }
 
     #[test]
     fn a_transition_is_outside_if_a_feature_leaves_its_range() {
-        assert_eq!(distance([0.45, 0.5, 0.3], 0.5, [4.0, 4.5], 0.0), 0.0);
-        assert!((distance([0.5, 0.5, 0.3], 1.2, [6.0, 6.4], 0.0) - 0.1).abs() < 1e-12, "the input itself");
-        assert!((distance([0.5, -1.9, 0.0], 1.0, [6.0, 6.0], 0.0) - 0.225).abs() < 1e-12, "a large change");
-        let often = distance([0.5, -0.5, 0.5], 0.5, [4.0, 5.0], 0.0);
+        assert_eq!(distance([0.45, 0.5, 0.3], 0.5, [4.0, 4.5]), 0.0);
+        assert!((distance([0.5, 0.5, 0.3], 1.2, [6.0, 6.4]) - 0.1).abs() < 1e-12, "the input itself");
+        assert!((distance([0.5, -1.9, 0.0], 1.0, [6.0, 6.0]) - 0.225).abs() < 1e-12, "a large change");
+        let often = distance([0.5, -0.5, 0.5], 0.5, [4.0, 5.0]);
         assert!((often - 0.2).abs() < 1e-12, "changes that are more frequent: {often}");
-        assert!((distance([1.2, 1.0, 0.0], 1.0, [9.5, 10.0], 0.0) - 0.3).abs() < 1e-12, "0.16 and the component");
-        assert!((distance([0.9, 0.9, 0.0], 0.9, [7.0, 9.9], 0.0) - 0.225).abs() < 1e-12, "an output that jumps");
-        assert_eq!(distance([0.5, 0.5, 0.0], 0.5, [4.0, f64::INFINITY], 0.0), f64::MAX);
-        assert_eq!(distance([1.0, 1.0, 0.0], 1.0, [10.0, 10.02], 0.0), 0.0, "a negligible part of the range");
+        assert!((distance([1.2, 1.0, 0.0], 1.0, [9.5, 10.0]) - 0.3).abs() < 1e-12, "0.16 and the component");
+        assert!((distance([0.9, 0.9, 0.0], 0.9, [7.0, 9.9]) - 0.225).abs() < 1e-12, "an output that jumps");
+        assert_eq!(distance([0.5, 0.5, 0.0], 0.5, [4.0, f64::INFINITY]), f64::MAX);
+        assert_eq!(distance([1.0, 1.0, 0.0], 1.0, [10.0, 10.02]), 0.0, "a negligible part of the range");
     }
 
     #[test]
     fn a_transition_is_outside_if_features_in_their_ranges_do_not_fit_together() {
-        let apart = distance([0.2, 0.2, 0.0], 0.2, [6.5, 7.0], 0.0);
+        let apart = distance([0.2, 0.2, 0.0], 0.2, [6.5, 7.0]);
         assert!((apart - 2.0).abs() < 1e-12, "{apart}");
     }
 
@@ -202,7 +221,7 @@ mod tests {
     fn pairs_of_components_cut_the_corners_of_their_ranges() {
         // two outputs on a circle, without inputs
         let components = vec![1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
-        let support = Support { inputs: 0, ranges: Vec::new(), components, samples: 5.0 };
+        let support = Support { inputs: 0, ranges: Vec::new(), components, samples: 5.0, lasting: 5.0 };
         assert_eq!((support.measures(2, 0), support.memory()), (8, 0));
         let mut measures = [0.0; 8];
         support.measure(&mut [], &[], [&[0.6, 0.8], &[0.8, 0.6]], &[], &mut measures);
@@ -214,21 +233,31 @@ mod tests {
     }
 
     #[test]
-    fn a_distance_fades_and_ends() {
-        let inside = |before| distance([0.45, 0.5, 0.3], 0.5, [4.0, 4.5], before);
-        let mut lasting = 1.0;
-        let mut samples = 0;
-        while lasting > 0.0 {
-            lasting = inside(lasting);
-            samples += 1;
-        }
-        assert_eq!(samples, (5.0 * (1.0 / NEGLIGIBLE).ln()).ceil() as i32);
+    fn a_distance_lasts_as_long_as_its_errors() {
+        let fading = [support().fading(), NEGLIGIBLE.sqrt()];
+        let samples = |outside: usize, own: f64, is_measured: bool| {
+            let mut state = [0.0; 2];
+            for _ in 0..outside {
+                state = Support::after(own, state, fading, false);
+            }
+            let after = |state: &[f64; 2]| Some(Support::after(0.0, *state, fading, is_measured));
+            std::iter::successors(Some(state), after).skip(1).take_while(|state| state[1] > 0.0).count()
+        };
+        // after long enough the error is the distance, which fades within five samples by a factor e
+        assert_eq!(samples(100, 0.5, false), (5.0 * (0.5_f64 / NEGLIGIBLE).ln()).floor() as usize);
+        // a single sample makes a fifth of it
+        let part = 0.5 * (1.0 - fading[0]);
+        assert_eq!(samples(1, 0.5, false), (5.0 * (part / NEGLIGIBLE).ln()).floor() as usize);
+        assert_eq!(samples(1, 2.0 * NEGLIGIBLE, false), 0, "a little outside for a moment");
+        assert_eq!(samples(100, 0.5, true), 1, "two past samples count, and both are measured");
+        assert_eq!(Support::after(f64::MAX, [0.0; 2], fading, false)[0], 1.0 - fading[0], "an error ends");
     }
 
     #[test]
     fn a_support_that_makes_no_sense_is_refused() {
         assert!(support().check(1, 2, 0).is_err() && support().check(2, 1, 0).is_err());
         assert!(Support { samples: 0.5, ..support() }.check(1, 1, 0).is_err());
+        assert!(Support { lasting: 0.5, ..support() }.check(1, 1, 0).is_err());
         assert!(Support { components: vec![1.0; 2], ..support() }.check(1, 1, 0).is_err());
         assert!(Support { components: vec![f64::NAN; 3], ..support() }.check(1, 1, 0).is_err());
         assert!(Support { ranges: vec![[1.0, 0.0]; 7], ..support() }.check(1, 1, 0).is_err());
