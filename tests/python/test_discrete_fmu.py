@@ -218,7 +218,7 @@ def test_runs_of_an_fmu_of_another_tool_are_those_of_the_script_it_is_made_of(hy
     assert {"damping", "force", "force_start", "position", "position_start"} <= set(names)
 
 
-def test_inputs_that_stay_at_the_ends_of_their_ranges_leave_the_domain_before_the_error_passes_that_of_the_tests(tmp_path, monkeypatch):
+def test_inputs_that_stay_at_the_ends_of_their_ranges_leave_the_domain_before_the_error_passes_2_percent_of_the_range(tmp_path, monkeypatch):
     folder = ROOT / "examples" / "dynamics" / "dc-motor"
     make_fmus.build_python(folder / "motor.py", tmp_path)
     study, _, training = (folder / "dc-motor.toml").read_text().partition("[bounds]")
@@ -236,15 +236,14 @@ def test_inputs_that_stay_at_the_ends_of_their_ranges_leave_the_domain_before_th
         model.do_step(0.0, 0.01)
     found = simulate_fmu(
         str(tmp_path / "out" / "dc-motor.fmu"), stop_time=30.0, output_interval=0.01, step_size=0.01,
-        start_values={"inertia": 0.02, "voltage": 24.0, "voltage_start": 0.0},
+        start_values={"inertia": 0.02, "voltage": 24.0},
         output=["speed", "torque", "in_domain"],
     )  # fmt: skip
-    outputs = json.loads((tmp_path / "out" / "metrics.json").read_text())["outputs"]
-    errors = np.abs(np.array([found["speed"], found["torque"]]).T - truth) / [outputs[name]["max_abs_error"] for name in ("speed", "torque")]
-    inside = found["in_domain"].astype(bool)
-    assert errors.max() > 5.0 and errors[inside].max() < 1.0 and inside[:10].all() and not inside[100:].any()
-    # runs like those of the training
     rows = pd.read_csv(tmp_path / "out" / "test.csv")
+    errors = np.abs(np.array([found["speed"], found["torque"]]).T - truth) / np.ptp(rows[["speed", "torque"]].to_numpy(), axis=0)
+    inside = found["in_domain"].astype(bool)
+    assert errors.max() > 0.05 and errors[inside].max() < 0.02 and inside[:10].all() and not inside[300:].any()
+    # runs like those of the training
     metafmu("predict", tmp_path / "out" / "dc-motor.fmu", tmp_path / "out" / "test.csv", "--out", tmp_path / "found.csv")
     assert len(rows) == 3010 and pd.read_csv(tmp_path / "found.csv")["in_domain"].mean() > 0.95
 

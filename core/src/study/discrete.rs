@@ -73,8 +73,6 @@ const CLIP_NORM: f64 = 1.0;
 const MOST: usize = 10_000;
 /// Longest budget in seconds: a week.
 const LONGEST: usize = 604_800;
-/// Multiplications in a second, of two cores.
-const RATE: f64 = 1e10;
 
 impl DiscreteOptions {
     /// Number of samples before a run that its models can go on from.
@@ -93,9 +91,9 @@ impl DiscreteOptions {
         problems
     }
 
-    /// Multiplications that a share of the budget allows.
-    pub fn multiplications(&self, share: f64) -> f64 {
-        share * RATE * self.budget as f64
+    /// Seconds of two cores in a share of the budget.
+    pub fn seconds(&self, share: f64) -> f64 {
+        share * self.budget as f64
     }
 }
 

@@ -2,18 +2,19 @@
 
 mod cross_validation;
 mod dead_time;
+mod linear;
+mod network;
 mod polynomial;
 mod state_space;
 mod support;
 
-use super::{Beginning, Method, learned::unless_interrupted, per_instant::without_constants};
+use super::{Beginning, Method, learned::unless_interrupted};
 use crate::{
     Result,
     dataset::{Dataset, Run},
     evaluation::{Accuracy, OutputMetrics},
-    network::Network,
     pipeline::{
-        follower::{Follower, Trained, at_least_one_epoch},
+        follower::Trained,
         observer::Event,
         prepare::{self, held_out},
         project::Project,
@@ -21,31 +22,17 @@ use crate::{
     },
     scaling,
     source::Source,
-    study::{DiscreteModel, Study, TrainingOptions},
+    study::DiscreteModel,
     surrogate,
-    training::{self, EpochRecord, Recurrence, StopReason, TrainingRows},
+    training::{EpochRecord, StopReason},
 };
 use cross_validation::cross_validation;
 use dead_time::DeadTimes;
-use metafmu_runtime::{Clock, Graph, Layer, Program, Sampling, ScaledNetwork, Scaling, Support, Surrogate};
-use nalgebra::DMatrix;
-use std::{sync::atomic::Ordering, time::Instant};
+use metafmu_runtime::{Clock, Graph, Program, Sampling, Scaling, Support, Surrogate};
+use std::time::Instant;
 
-/// Share of the sum of squares that keeps the coefficients of columns apart that are nearly the same, as those of fast sampling are.
-const RIDGE: f64 = 1e-10;
-/// Share of the budget for each training of a network.
-const TRAINING_BUDGET: f64 = 1.0 / 3.0;
-/// Smallest weight of a network beside what is linear.
-const LEAST_GAIN: f64 = 1e-6;
-/// Stretches of a batch at least.
-const LEAST_BATCH: usize = 32;
-/// Stretches that overlap at a sample, at the least; more if that does not make more stretches than the number below.
-const OVERLAP: usize = 4;
-const STRETCHES: usize = 2000;
 /// Error on held-out runs that is too small to be luck.
 const SURE: f64 = 1e-3;
-/// First stretches are as much shorter.
-const SHORTER: usize = 8;
 
 /// Models that give the next sample.
 pub(super) struct DiscreteTime;
@@ -235,16 +222,11 @@ struct Regressors {
     lengths: Vec<usize>,
 }
 
-/// Linear part of a model, by least squares.
-struct LinearPart {
-    /// Number of past samples of the outputs and of the inputs that count.
-    history: [usize; 2],
-    /// Of the training runs.
-    seen: Regressors,
-    /// Coefficients, and constants below them, shape `[columns + 1, outputs]`.
-    linear: DMatrix<f64>,
-    /// Standard deviation of each output's rest.
-    gains: Vec<f64>,
+impl Regressors {
+    /// Samples of the shortest run.
+    fn shortest(&self) -> usize {
+        self.lengths.iter().copied().min().unwrap_or(1)
+    }
 }
 
 impl<'a> DiscreteSamples<'a> {
@@ -274,88 +256,21 @@ impl<'a> DiscreteSamples<'a> {
         self.training.iter().map(|run| run.times.len() - 1).sum()
     }
 
+    /// So many past samples, or as many as every run knows.
+    fn past(&self, samples: usize) -> usize {
+        samples.min(self.known)
+    }
+
     /// Models of a kind, with different numbers of samples or terms.
     fn learn(&self, project: &Project, kind: DiscreteModel) -> Result<Vec<LearnedDiscrete>> {
         let study = &project.study;
-        let [history, window] = [study.discrete.history, study.discrete.window].map(|samples| samples.min(self.known));
         match kind {
-            DiscreteModel::Polynomial => Ok(polynomial::learn(self, history)),
+            DiscreteModel::Linear => Ok(vec![linear::learn(self, study)?]),
+            DiscreteModel::Polynomial => Ok(polynomial::learn(self, self.past(study.discrete.history))),
             DiscreteModel::StateSpace => state_space::learn(project, self),
-            DiscreteModel::Linear => {
-                let LinearPart { history, linear, .. } = self.linear_part(study, [history; 2])?;
-                Ok(vec![LearnedDiscrete::solved(self.graph(history, &linear, None), history)])
-            }
-            DiscreteModel::Window => {
-                let part = self.linear_part(study, [0, window])?;
-                let LinearPart { history, seen, linear, gains } = &part;
-                let unseen = self.regressors(&self.validation, *history);
-                let rest = |regressors: &Regressors| plain(regressors, linear, gains);
-                let outcome =
-                    follow(project, self.network(study, linear)?, &rest(seen)?, &rest(&unseen)?, &study.training)?;
-                let layers = outcome.network.to_layers();
-                Ok(vec![LearnedDiscrete {
-                    history: outcome.history,
-                    best_epoch: outcome.best_epoch,
-                    stopped: outcome.reason,
-                    ..LearnedDiscrete::solved(self.graph(*history, linear, Some((gains, layers))), *history)
-                }])
-            }
-            DiscreteModel::Feedback => {
-                let LinearPart { history, seen, linear, gains } = self.linear_part(study, [history; 2])?;
-                let unseen = self.regressors(&self.validation, history);
-                let mut network = self.network(study, &linear)?;
-                let mut learned = LearnedDiscrete::solved(self.graph(history, &linear, None), history);
-                let shortest = |regressors: &Regressors| regressors.lengths.iter().copied().min().unwrap_or(1);
-                let longest = study.discrete.stretch.min(shortest(&seen));
-                let mut stretches = vec![longest.div_ceil(SHORTER), longest];
-                stretches.dedup();
-                let most = (self.rows() / STRETCHES).max(1);
-                let apart = |stretch: usize| stretch.div_ceil(OVERLAP).min(most);
-                for stretch in stretches {
-                    let training = recurrent(&seen, &linear, &gains, history[0], (stretch, apart(stretch)))?;
-                    let length = shortest(&unseen);
-                    let validation = recurrent(&unseen, &linear, &gains, history[0], (length, length))?;
-                    let batch = (study.training.batch / stretch).max(LEAST_BATCH);
-                    let with = TrainingOptions { batch, ..study.training.clone() };
-                    let has_earlier = !learned.history.is_empty();
-                    let outcome = follow(project, network, &training, &validation, &with);
-                    let Some(outcome) = unless_interrupted(project, outcome, has_earlier)? else {
-                        learned.stopped = StopReason::Interrupted;
-                        break;
-                    };
-                    let best = learned.history.len() + outcome.best_epoch;
-                    learned = LearnedDiscrete {
-                        history: training::joined([learned.history.as_slice(), &outcome.history]),
-                        best_epoch: best,
-                        stopped: outcome.reason,
-                        ..LearnedDiscrete::solved(
-                            self.graph(history, &linear, Some((&gains, outcome.network.to_layers()))),
-                            history,
-                        )
-                    };
-                    network = outcome.network;
-                    if learned.stopped == StopReason::Interrupted {
-                        break;
-                    }
-                }
-                Ok(vec![learned])
-            }
+            DiscreteModel::Window => Ok(vec![network::window(project, self)?]),
+            DiscreteModel::Feedback => Ok(vec![network::feedback(project, self)?]),
         }
-    }
-
-    /// The linear part of a model with this number of past samples.
-    fn linear_part(&self, study: &Study, history: [usize; 2]) -> Result<LinearPart> {
-        let seen = self.regressors(&self.training, history);
-        let linear = solve(&seen).ok_or_else(|| {
-            study.refusal("discrete", "the samples do not determine the linear part: more runs or a shorter history")
-        })?;
-        let gains = gains(&seen, &linear);
-        Ok(LinearPart { history, seen, linear, gains })
-    }
-
-    /// A network with random weights beside a linear part.
-    fn network(&self, study: &Study, linear: &DMatrix<f64>) -> Result<Network> {
-        Ok(Network::new(linear.nrows() - 1, self.counts[2], &study.network, study.seed)?)
     }
 
     /// Standardised past samples at each sample but the last, and the outputs of the next one.
@@ -401,143 +316,8 @@ impl<'a> DiscreteSamples<'a> {
         let (input_mean, input_scale) = (repeated(|(means, _)| means), repeated(|(_, scales)| scales));
         Scaling { input_mean, input_scale, output_mean, output_scale }
     }
-
-    /// The next sample from those before, in the units of the table.
-    fn graph(&self, history: [usize; 2], linear: &DMatrix<f64>, network: Option<(&[f64], Vec<Layer>)>) -> Graph {
-        let scaling = self.scaling(history);
-        let (means, scales) = (&scaling.input_mean, &scaling.input_scale);
-        let columns = means.len();
-        let mut weights = Vec::new();
-        let mut constants = Vec::new();
-        for output in 0..self.counts[2] {
-            let (mean, scale) = (scaling.output_mean[output], scaling.output_scale[output]);
-            let row: Vec<f64> =
-                (0..scales.len()).map(|column| scale * linear[(column, output)] / scales[column]).collect();
-            let at_means = mean + scale * linear[(scales.len(), output)];
-            constants.push(at_means - row.iter().zip(means).map(|(weight, mean)| weight * mean).sum::<f64>());
-            weights.extend(row);
-        }
-        let network = network.map(|(gains, layers)| {
-            let output_scale = scaling.output_scale.iter().zip(gains).map(|(scale, gain)| scale * gain).collect();
-            let output_mean = vec![0.0; self.counts[2]];
-            Graph::from(&ScaledNetwork { scaling: Scaling { output_mean, output_scale, ..scaling }, layers })
-        });
-        Graph::of_samples(columns, weights, constants, network)
-    }
 }
 
 fn standardised<'a>(values: &'a [f64], (means, scales): &'a ColumnMoments) -> impl Iterator<Item = f64> + 'a {
     values.iter().zip(means).zip(scales).map(|((value, mean), scale)| (value - mean) / scale)
-}
-
-/// Coefficients of least squares, and constants below them, shape `[columns + 1, outputs]`; none if they are not determined.
-fn solve(regressors: &Regressors) -> Option<DMatrix<f64>> {
-    let Regressors { inputs, outputs, .. } = regressors;
-    let (rows, columns, functions) = (inputs.len(), inputs.first()?.len(), outputs.first()?.len());
-    let ridge = (RIDGE * rows as f64).sqrt();
-    let element = |row: usize, column: usize| match row.checked_sub(rows) {
-        None => inputs[row].get(column).copied().unwrap_or(1.0),
-        Some(row) => f64::from(u8::from(row == column)) * ridge,
-    };
-    let matrix = DMatrix::from_fn(rows + columns, columns + 1, element);
-    let mut sides = DMatrix::from_fn(rows + columns, functions, |row, output| {
-        outputs.get(row).map_or(0.0, |outputs| outputs[output])
-    });
-    let decomposition = matrix.qr();
-    decomposition.q_tr_mul(&mut sides);
-    let sides = sides.rows(0, columns + 1).into_owned();
-    let solution = decomposition.r().solve_upper_triangular(&sides)?;
-    Some(solution).filter(|solution| solution.iter().all(|value| value.is_finite()))
-}
-
-/// What the linear part gives at a row.
-fn linear_part(linear: &DMatrix<f64>, row: &[f64], output: usize) -> f64 {
-    row.iter().enumerate().map(|(column, value)| value * linear[(column, output)]).sum::<f64>()
-        + linear[(row.len(), output)]
-}
-
-/// Standard deviation of what the linear part leaves over, of each output.
-fn gains(regressors: &Regressors, linear: &DMatrix<f64>) -> Vec<f64> {
-    let rows = || regressors.inputs.iter().zip(&regressors.outputs);
-    let of = |output: usize| {
-        let squares = rows().map(|(row, outputs)| (outputs[output] - linear_part(linear, row, output)).powi(2));
-        (squares.sum::<f64>() / regressors.inputs.len().max(1) as f64).sqrt().max(LEAST_GAIN)
-    };
-    (0..linear.ncols()).map(of).collect()
-}
-
-/// Rows of what the linear part leaves over.
-fn plain(regressors: &Regressors, linear: &DMatrix<f64>, gains: &[f64]) -> Result<TrainingRows> {
-    let rest = regressors.inputs.iter().zip(&regressors.outputs).flat_map(|(row, outputs)| {
-        let rest = |(output, gain): (usize, &f64)| (outputs[output] - linear_part(linear, row, output)) / gain;
-        gains.iter().enumerate().map(rest).map(|rest| rest as f32).collect::<Vec<_>>()
-    });
-    let inputs = regressors.inputs.iter().flatten().map(|value| *value as f32).collect();
-    Ok(TrainingRows::new(linear.nrows() - 1, linear.ncols(), inputs, rest.collect())?)
-}
-
-/// Rows of stretches of a length, which begin so many samples after each other.
-fn recurrent(
-    regressors: &Regressors,
-    linear: &DMatrix<f64>,
-    gains: &[f64],
-    history: usize,
-    (stretch, apart): (usize, usize),
-) -> Result<TrainingRows> {
-    let single = |rows: &[Vec<f64>]| rows.iter().flatten().map(|value| *value as f32).collect();
-    let rows =
-        TrainingRows::new(linear.nrows() - 1, linear.ncols(), single(&regressors.inputs), single(&regressors.outputs))?;
-    let mut starts = Vec::new();
-    let mut first = 0;
-    for length in &regressors.lengths {
-        starts.extend((0..=length.saturating_sub(stretch)).step_by(apart).map(|begin| (first + begin) as u32));
-        first += length;
-    }
-    Ok(rows.with_recurrence(Recurrence {
-        history,
-        // columns of a matrix of nalgebra lie one after the other
-        linear: linear.iter().map(|weight| *weight as f32).collect(),
-        gains: gains.iter().map(|gain| *gain as f32).collect(),
-        starts,
-        stretch,
-    }))
-}
-
-/// Epochs that a training may have: each predicts all rows and passes their gradients back, or predicts those that are held out.
-fn affordable(project: &Project, network: &Network, training: &TrainingRows, validation: &TrainingRows) -> usize {
-    let rows =
-        |of: &TrainingRows| of.recurrence().map_or(of.len(), |stretches| stretches.starts.len() * stretches.stretch);
-    let passes = (3 * rows(training) + rows(validation)) as f64;
-    let of_epoch = passes * network.parameters().len() as f64;
-    let epochs = project.study.discrete.multiplications(TRAINING_BUDGET) / of_epoch.max(1.0);
-    (epochs as usize).max(1)
-}
-
-fn follow(
-    project: &Project,
-    network: Network,
-    training: &TrainingRows,
-    validation: &TrainingRows,
-    options: &TrainingOptions,
-) -> Result<training::Outcome> {
-    let epochs = options.epochs.min(affordable(project, &network, training, validation));
-    if epochs < options.epochs {
-        project.event(Event::Note(format_args!(
-            "{epochs} of {} epochs are within the budget (discrete.budget)",
-            options.epochs
-        )));
-    }
-    let options = &TrainingOptions { epochs, ..options.clone() };
-    let mut follower = Follower::with(project, options, training.len()).without_checkpoints();
-    let outcome = training::train(network, training, validation, options, project.study.seed, &mut follower)?;
-    let outcome = at_least_one_epoch(project, outcome)?;
-    let (done, epochs) = (outcome.history.len(), options.epochs);
-    if done < epochs && outcome.reason != StopReason::Interrupted {
-        project
-            .event(Event::Note(format_args!("the training ended after {done} of {epochs} epochs: {}", outcome.reason)));
-    }
-    // a Ctrl-C that ended the training is used up: what follows is quick and uses the best network
-    project.control().stop.store(false, Ordering::Relaxed);
-    let network = without_constants(&outcome.network, training);
-    Ok(training::Outcome { network, ..outcome })
 }

@@ -1,6 +1,9 @@
 //! Dead times: number of samples after which outputs begin to follow an input. Models are learned from delayed inputs.
 
-use super::{DiscreteSamples, gains, solve};
+use super::{
+    DiscreteSamples,
+    linear::{gains, solve},
+};
 use crate::dataset::{Dataset, Run};
 use metafmu_runtime::Graph;
 use std::borrow::Cow;

@@ -62,6 +62,8 @@ const FEW_RUNS: usize = 8;
 /// Coefficients at most, and share of the budget for all trainings.
 const MOST: usize = 400;
 const BUDGET: f64 = 1.0 / 6.0;
+/// Multiplications of trainings in a second of two cores.
+const RATE: f64 = 1e10;
 
 /// Functions of a state space.
 #[derive(Clone, Copy, Debug)]
@@ -94,7 +96,7 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
     let is_stopped = || stop.load(Ordering::Relaxed);
     let runs = SearchRuns::new(samples);
     let corners = runs.corners(samples.counts[2]);
-    let budget = project.study.discrete.multiplications(BUDGET);
+    let budget = project.study.discrete.seconds(BUDGET) * RATE;
     let search = Search { samples, budget, seed: project.study.seed, is_stopped: &is_stopped, corners };
     let found = search.best(&runs);
     let Some(BestSetting { error, choice, fitted }) = found else {

@@ -1,7 +1,7 @@
 //! Linear state spaces from which trainings begin, of ARX models.
 
 use super::{
-    super::{DiscreteSamples, solve},
+    super::{DiscreteSamples, linear::solve},
     fit::CountedRuns,
     simulate::{Limits, StateShape},
 };
