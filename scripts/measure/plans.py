@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from common import METAFMU
-from fits import FUNCTIONS, TEST_POINTS
+from functions import FUNCTIONS, TEST_POINTS
 
 
 
