@@ -147,8 +147,9 @@ impl Table {
             _ => {
                 let text = self.text(column)?;
                 let found = if text.is_empty() { "is empty".into() } else { format!("`{text}`") };
+                let hint = if has_commas(&text) { COMMAS } else { "" };
                 let name = &self.columns[column].name;
-                Err(self.mistake(&format!("column `{name}`: {found}, expected a finite number")))
+                Err(self.mistake(&format!("column `{name}`: {found}, expected a finite number{hint}")))
             }
         }
     }
@@ -254,6 +255,19 @@ fn wrong(path: &Path, place: Place, message: String) -> Error {
     Error::Table { path: path.to_owned(), place, message }
 }
 
+/// What helps against commas within numbers.
+const COMMAS: &str = " without commas; where commas are decimal, columns are separated by semicolons or tabs";
+
+/// Returns true for a number with separators of thousands, or with a decimal comma.
+pub fn has_commas(text: &str) -> bool {
+    text.contains(',') && text.replace(',', "").parse::<f64>().is_ok()
+}
+
+/// Returns true for what is neither empty nor a number, whatever its commas are.
+pub fn is_text(text: &str) -> bool {
+    !(text.is_empty() || text.parse::<f64>().is_ok() || has_commas(text))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -344,5 +358,13 @@ mod tests {
         assert!(message.contains("y18, y19 and 79980 more"), "{message}");
         // comparing each name with each takes half a minute
         assert!(begin.elapsed().as_secs() < 10, "{:?}", begin.elapsed());
+    }
+
+    #[test]
+    fn commas_within_numbers_are_told_from_text() {
+        let numbers = ["1,5", "1,500.5", "-1,5e-3", "1,500"];
+        assert!(numbers.into_iter().all(|text| has_commas(text) && !is_text(text)));
+        let others = [("", false), ("NaN", false), ("1.5", false), ("true", true), ("a,b", true), ("1 500", true)];
+        assert!(others.into_iter().all(|(text, expected)| !has_commas(text) && is_text(text) == expected));
     }
 }

@@ -12,7 +12,7 @@ use metafmu::{
     Result,
     source::StaticRows,
     study::Study,
-    table::{Table, stamps},
+    table::{Table, has_commas, is_text, stamps},
 };
 use std::{fmt::Write, path::Path};
 
@@ -85,6 +85,8 @@ struct RowColumn {
     /// Cells that are numbers, and others that have content.
     numbers: usize,
     texts: usize,
+    /// The first of the latter.
+    text: Option<String>,
     /// Whether its values are 0, 1, 2, ... or 1, 2, 3, ...
     counts: bool,
     /// Its values, of the first column and of those in seconds, which may be a time.
@@ -149,6 +151,7 @@ fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize)> {
         max: f64::NEG_INFINITY,
         numbers: 0,
         texts: 0,
+        text: None,
         counts: true,
         values: Vec::new(),
     };
@@ -156,10 +159,20 @@ fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize)> {
     let mut rows = 0;
     while table.next_row()? {
         for (position, column) in columns.iter_mut().enumerate() {
-            let Ok(value) = table.number(position) else {
-                column.texts += usize::from(is_text(&table.text(position)?));
-                column.counts = false;
-                continue;
+            let value = match table.number(position) {
+                Ok(value) => value,
+                Err(error) => {
+                    let cell = table.text(position)?;
+                    if has_commas(&cell) {
+                        return Err(error);
+                    }
+                    if is_text(&cell) {
+                        column.text.get_or_insert_with(|| cell.into_owned());
+                        column.texts += 1;
+                    }
+                    column.counts = false;
+                    continue;
+                }
             };
             if position == 0 || column.unit == SECONDS {
                 column.values.push(value);
@@ -174,11 +187,6 @@ fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize)> {
         return Err(table.mistake("no rows, expected at least two: one judges a model of the other"));
     }
     Ok((columns, rows))
-}
-
-/// Whether a cell is neither empty nor a number that is not finite.
-fn is_text(cell: &str) -> bool {
-    !cell.is_empty() && cell.replacen(',', ".", 1).parse::<f64>().is_err()
 }
 
 fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<RowRoles<'a>> {
@@ -201,7 +209,8 @@ fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<
     for (position, column) in columns.iter().enumerate() {
         let is_wanted = wanted_inputs.contains(&position) || wanted_outputs.contains(&position);
         if column.texts > column.numbers {
-            others.push((column, "is text and left out".to_owned()));
+            let text = column.text.as_deref().unwrap_or_default();
+            others.push((column, format!("is text and left out: `{text}`")));
         } else if column.numbers == 0 {
             others.push((column, "is empty and left out".to_owned()));
         } else if column.min == column.max {
@@ -369,6 +378,7 @@ mod tests {
             max: 1.0,
             numbers: 9,
             texts: 0,
+            text: None,
             counts: false,
             values: Vec::new(),
         }

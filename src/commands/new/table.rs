@@ -5,7 +5,7 @@ use crate::{cli::NewArgs, commands::say};
 use metafmu::{
     Error, Result,
     source::recorded::at_gap,
-    table::{Table, stamps},
+    table::{Table, is_text, stamps},
 };
 use metafmu_runtime::BuiltIn;
 use std::{collections::HashSet, fmt::Write, path::Path};
@@ -266,7 +266,7 @@ impl ColumnProfile {
     fn see(&mut self, table: &mut Table, position: usize, begins: bool, count: usize) -> Result<()> {
         if begins && count == 0 {
             let text = table.text(position)?;
-            self.is_text = !text.is_empty() && text.replacen(',', ".", 1).parse::<f64>().is_err();
+            self.is_text = is_text(&text);
         }
         if self.is_text {
             return Ok(());
