@@ -14,6 +14,7 @@
 //! follow each other, each with the samples before it.
 
 mod motions;
+mod outliers;
 mod runs;
 
 use crate::{
@@ -55,6 +56,8 @@ pub struct Recorded {
     test: Option<PathBuf>,
     calibration_runs: usize,
     seed: u64,
+    /// Whether outliers are what the component does.
+    keeps_outliers: bool,
     /// Whether its rows must be equally far apart in time, and runs may have the same parameters.
     is_motion: bool,
     motions: Option<Box<Motions>>,
@@ -117,6 +120,7 @@ impl Recorded {
             test: study.sampling.test.as_ref().map(|file| study.beside(file)),
             calibration_runs: study.calibration_runs(),
             seed: study.seed,
+            keeps_outliers: study.source.outliers || !study.is_discrete(),
             is_motion: false,
             motions: None,
         };
@@ -204,12 +208,14 @@ impl Recorded {
         }
         let mut runs = Runs::new(self, stop);
         let table = self.read_table(&self.path, &mut runs)?;
+        runs.refuse_outliers()?;
         let is_record = runs.finished.len() == 1 && self.samples.is_some();
         let odd = runs.cut();
         let chosen = self.choose(runs.finished.len(), is_record).map_err(|message| table.mistake(&message))?;
         let tests = self.test.as_ref().map(|path| {
             let mut tests = runs.followed();
             let table = self.read_table(path, &mut tests)?;
+            tests.refuse_outliers()?;
             tests.cut();
             if tests.finished.is_empty() { Err(table.mistake("no test runs")) } else { Ok(tests.finished) }
         });

@@ -513,6 +513,7 @@ def with_row(number, **values):
         (with_row(5, time="0.0601"), "runs.csv:5: time 0.0601 s, expected 0.06 s: rows are 0.02 s apart (time.step)"),
         (with_row(5, force="2.5"), "runs.csv:5: column `force`: 2.5, expected -2 to 2, the study's range"),
         (with_row(5, force=""), "runs.csv:5: column `force`: is empty"),
+        (with_row(5, y="40"), "runs.csv:5: column `y`: 40 is an outlier, all other rows are from "),
         (lambda rows: [rows[0], *rows[1:50], *rows[102:]], "ends before this line at 0.96 s, expected 2 s"),
         (with_row(2, time="-0.04"), "runs.csv:2: run `r0` begins at -0.04 s, expected 0 s, or at least 12 rows before it"),
         (lambda rows: [row[:3] + row[4:] for row in rows], "runs.csv:1: no column `force`"),

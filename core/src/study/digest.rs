@@ -157,6 +157,7 @@ fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> DigestedSource
         fmu: _,
         table: _,
         index: _,
+        outliers: _,
         columns,
         constants,
         step,

@@ -29,6 +29,9 @@ pub struct SourceOptions {
     #[serde(default)]
     #[schemars(extend("examples" = [{"theta": "Angle"}]))]
     pub columns: IndexMap<String, String>,
+    /// Keeps rows of recorded runs of the structure "discrete" with outputs far beyond all others for one or two samples; they are refused otherwise.
+    #[serde(default)]
+    pub outliers: bool,
     /// Values of the source's quantities that are not parameters; it has a default for each.
     #[serde(default)]
     #[schemars(extend("examples" = [{"m": 0.3}]))]
@@ -88,7 +91,7 @@ impl SourceOptions {
 
     /// Every mistake, by dotted key.
     pub(super) fn problems(&self) -> Problems {
-        let Self { fmu, columns, constants, step, tolerance, time_limit, retries, max_failed, .. } = self;
+        let Self { fmu, columns, outliers, constants, step, tolerance, time_limit, retries, max_failed, .. } = self;
         let mut problems = Problems::default();
         let is_recorded = self.is_recorded();
         if self.count() != 1 {
@@ -96,6 +99,7 @@ impl SourceOptions {
         } else {
             let tables = "belongs to `table` and `index`";
             problems.expect_absent(!is_recorded && !columns.is_empty(), "source.columns", tables);
+            problems.expect_absent(!is_recorded && *outliers, "source.outliers", tables);
             problems.expect_absent(is_recorded && !constants.is_empty(), "source.constants", SIMULATED);
         }
         problems.expect_absent(step.is_some() && fmu.is_none(), "source.step", "belongs to `fmu`");

@@ -1,7 +1,11 @@
 //! Rows on their way into runs, and what a run must be: rows in the order of time from zero to the end, in one place, of
 //! parameters that no other run has.
 
-use super::{super::list, Recorded, RecordedInput, at_gap};
+use super::{
+    super::list,
+    Recorded, RecordedInput, at_gap,
+    outliers::{self, Outliers},
+};
 use crate::{
     Error, Result,
     dataset::Run,
@@ -17,6 +21,7 @@ use nalgebra::DMatrix;
 use std::{
     collections::HashMap,
     hash::{DefaultHasher, Hash, Hasher},
+    path::PathBuf,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -41,6 +46,8 @@ pub(super) struct Runs<'a> {
     shared_times: Arc<[f64]>,
     /// Of the stamps so far.
     unit: StampUnit,
+    /// Where the rows of finished runs with samples are.
+    origins: Vec<(PathBuf, Vec<Place>)>,
 }
 
 /// The run that is being read.
@@ -54,7 +61,7 @@ pub(super) struct Current {
     before: usize,
     /// Time of the last row, those past the end included.
     last: Option<f64>,
-    /// Where the rows of a motion are in the table.
+    /// Where the rows of a motion, or of a run with samples, are in the table.
     places: Vec<Place>,
 }
 
@@ -81,6 +88,7 @@ impl<'a> Runs<'a> {
             recordings,
             shared_times: Arc::new([]),
             unit: StampUnit::default(),
+            origins: Vec::new(),
         }
     }
 
@@ -164,7 +172,7 @@ impl<'a> Runs<'a> {
                 time = expected;
             }
             current.times.push(time);
-            if self.recorded.is_motion {
+            if self.recorded.is_motion || self.recorded.samples.is_some() {
                 current.places.push(table.place());
             }
         }
@@ -210,8 +218,28 @@ impl<'a> Runs<'a> {
             parameters.extend_from_slice(&outputs[..self.recorded.outputs.len()]);
             parameters.extend(self.recorded.inputs.iter().map(|input| input.start));
         }
+        if self.recorded.samples.is_some() {
+            self.origins.push((table.path().to_owned(), places));
+        }
         self.finished.push(Run { inputs, parameters, times: Arc::clone(&self.shared_times), outputs });
         Ok(())
+    }
+
+    /// Refuses outliers, unless the study keeps them.
+    pub(super) fn refuse_outliers(&self) -> Result<()> {
+        let outputs = self.recorded.outputs.len();
+        let found = if self.recorded.keeps_outliers { None } else { outliers::find(&self.finished, outputs) };
+        let Some(Outliers { output, rows, range: [low, high] }) = found else { return Ok(()) };
+        let (run, row) = rows[0];
+        let value = self.finished[run].outputs[row * outputs + output];
+        let (path, places) = &self.origins[run];
+        let count = if rows.len() == 1 { String::new() } else { format!(", the first of {}", rows.len()) };
+        let name = &self.recorded.names.outputs[output];
+        let message = format!(
+            "column `{name}`: {value} is an outlier{count}, all other rows are from {low} to {high}: correct it, or leave it out and \
+             divide the record there into runs; `source.outliers = true` keeps it, if the component does that"
+        );
+        Err(Error::Table { path: path.clone(), place: places[row], message })
     }
 
     /// Ends runs with inputs at the study's `time.stop`; a single one is cut into as many as it gives, each with the rows before it. The first
