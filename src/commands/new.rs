@@ -204,7 +204,7 @@ test_runs = 200             # random runs that are never part of training
 
 /// The end of a study of the structure "discrete".
 const DISCRETE: &str = "[discrete]
-history = 8                 # past samples of outputs and inputs that the next outputs follow from
+history = 8                 # past samples of outputs and inputs that the next outputs follow from, at most
 stretch = 64                # samples that are predicted in a row in the training
 
 [network]

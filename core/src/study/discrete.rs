@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DiscreteOptions {
-    /// Number of past samples of the outputs and of the inputs that the next outputs follow from, in models with feedback.
+    /// Number of past samples of the outputs and of the inputs that the next outputs follow from, in models with feedback, at most.
     #[schemars(range(min = 1, max = MOST))]
     pub history: usize,
     /// Number of past samples of the inputs that the next outputs follow from, in the model without feedback.

@@ -22,8 +22,7 @@ impl DiscreteRecord {
             self.candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
         let [outputs, inputs] = self.history;
         format!(
-            "error in simulations of held-out runs: {}; exported: {}, which goes on from {outputs} samples of outputs and {inputs} of \
-             inputs",
+            "error in simulations of held-out runs: {}; exported: {} (past samples: outputs {outputs}, inputs {inputs})",
             list.join(", "),
             self.exported
         )
