@@ -554,6 +554,8 @@ SECTIONS = {
         "an index": static(('table = "points.csv"', 'index = "points.csv"')),
         "no input": static(("a = {}\nb = {}\n", "")),
         "a model that cannot be exported": static(more='[static]\nmodel = "knn"\n'),
+        "a standard deviation of a model without one": static(more='[static]\nmodel = "network"\nstd = true\n'),
+        "an input with the name of a standard deviation": static(("a = {}", "y_std = {}"), more="[static]\nstd = true\n"),
         "the structure is missing": static(('structure = "static"\n', ""), more="[static]\n"),
         "columns that are not there": static(("a = {}", "c = {}"), ("y = {", "z = {")),
         "a name of no variable": static(("[inputs]", 'columns = { speed = "a" }\n[inputs]')),

@@ -231,6 +231,7 @@ mod tests {
             worst_time: 0.0,
             bound: None,
             within_bound: None,
+            within_two_std: None,
             noise: None,
         }
     }

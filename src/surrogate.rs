@@ -222,7 +222,7 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         let values = dataset.runs.iter().flat_map(|run| run.outputs.iter().skip(column).step_by(dataset.outputs.len()));
         let (min, max) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(min, max), &y| (min.min(y), max.max(y)));
         let SourceVariable { name, unit, description, .. } = variable.clone();
-        Output { name, unit, description, min, max }
+        Output { name, unit, description, min, max, std_of: None }
     });
     Metadata {
         name: study.name.clone(),

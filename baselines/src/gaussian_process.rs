@@ -8,6 +8,7 @@
 //! sections 2.7 and 5.4).
 
 mod design;
+mod deviation;
 
 use crate::{Baseline, Fitted, StandardizedRows, bfgs, for_each_output};
 pub use design::{DesignPlaces, design_points};
@@ -21,8 +22,13 @@ impl Baseline for GaussianProcess {
     }
 
     fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
-        let machines = for_each_output(rows, |output| machine(self, rows, output))?;
+        let machines = for_each_output(rows, |output| machine(self, rows, output, false))?;
         Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))
+    }
+
+    fn fit_with_std(&self, rows: &StandardizedRows, _: u64) -> Result<Graph, String> {
+        let machines = for_each_output(rows, |output| machine(self, rows, output, true))?;
+        Ok(Graph::of_kernels(&rows.scaling, &machines))
     }
 }
 
@@ -37,17 +43,23 @@ const LENGTHS: [f64; 2] = [-3.0, 7.0];
 /// Smallest square of the noise: a covariance is singular with less.
 const LEAST_NOISE: f64 = 100.0 * f64::EPSILON;
 
-/// The mean of the process as a sum of kernels around the rows.
-fn machine(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -> Result<KernelMachine, String> {
+/// The mean of the process as a sum of kernels around the rows, and its standard deviation if that is wanted.
+fn machine(
+    model: &GaussianProcess,
+    rows: &StandardizedRows,
+    output: usize,
+    has_std: bool,
+) -> Result<KernelMachine, String> {
     let parameters = parameters(model, rows, output).ok_or("the covariance of the rows is singular")?;
     let all = Rows::of(rows, output, rows.len());
     let process = Process::new(&all, &parameters).ok_or("the covariance of the rows is singular: raise `noise`")?;
-    let (_, lengths) = parameters.split_last().ok_or("no input")?;
+    let (noise, lengths) = parameters.split_last().ok_or("no input")?;
     Ok(KernelMachine {
         lengths: lengths.iter().map(|length| length.exp()).collect(),
         centres: rows.x.clone(),
         weights: process.weights.as_slice().to_vec(),
         bias: process.mean,
+        deviation: has_std.then(|| deviation::of(&process, noise.exp())).transpose()?,
     })
 }
 

@@ -37,6 +37,14 @@ pub trait Baseline {
     /// # Errors
     /// Why it cannot be fitted, in words.
     fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String>;
+
+    /// The same with the predicted standard deviation of a further row for each output behind all outputs.
+    ///
+    /// # Errors
+    /// Those of [`Self::fit`], and if the model has no predicted standard deviation.
+    fn fit_with_std(&self, _: &StandardizedRows, _: u64) -> Result<Graph, String> {
+        Err("has no predicted standard deviation".into())
+    }
 }
 
 /// The model of a kind, with its options.

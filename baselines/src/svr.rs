@@ -45,7 +45,7 @@ fn machine(model: &Svr, x: &DenseMatrix<f64>, y: &Vec<f64>) -> Result<KernelMach
     let inputs = instances.first().map_or(0, Vec::len);
     // exp(-gamma d^2) = exp(-1/2 (d / length)^2)
     let lengths = vec![(0.5 / model.gamma).sqrt(); inputs];
-    Ok(KernelMachine { lengths, centres: instances.concat(), weights: w, bias: b })
+    Ok(KernelMachine { lengths, centres: instances.concat(), weights: w, bias: b, deviation: None })
 }
 
 /// Rows as smartcore takes them.

@@ -44,6 +44,9 @@ pub struct OutputMetrics {
     /// Share of the rows whose error is within the bound.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub within_bound: Option<f64>,
+    /// Share of the rows whose error is within two predicted standard deviations, of an output that has one: 0.954 of normal errors.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub within_two_std: Option<f64>,
     /// Noise of the measured output and error of the model apart from it, of a discrete-time surrogate whose errors show noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise: Option<NoiseEstimate>,
@@ -119,7 +122,7 @@ impl Accuracy {
         let roll_outs = surrogate.program().has_memory().then(|| RollOuts::of(surrogate, test, predictions));
         let chaotic = roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
         let of_runs = |runs: &[usize]| -> IndexMap<String, OutputMetrics> {
-            let names = surrogate.outputs().iter().map(|output| output.name.clone());
+            let names = surrogate.predictions().iter().map(|output| output.name.clone());
             names.zip(compare_runs(test, runs, predictions, Some(surrogate))).collect()
         };
         let all: Vec<usize> = (0..test.runs.len()).collect();
@@ -155,7 +158,7 @@ impl Accuracy {
         labels: &[Vec<f64>],
     ) -> Self {
         let outputs: Vec<SourceVariable> =
-            surrogate.outputs().iter().map(|output| SourceVariable::new(&output.name, &output.unit, "")).collect();
+            surrogate.predictions().iter().map(|output| SourceVariable::new(&output.name, &output.unit, "")).collect();
         let test = Dataset::of_rows(&[], &outputs, &vec![Vec::new(); labels.len()], labels);
         let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, predictions) };
         // the surrogate's ranges are those of its own predictions
@@ -165,6 +168,16 @@ impl Accuracy {
             metrics.relative_max_error = (range > 0.0).then(|| finite(metrics.max_abs_error / range));
         }
         found
+    }
+
+    /// Description of how often rows are within two predicted standard deviations; None without these.
+    pub fn within_two_std(&self) -> Option<String> {
+        let shares = self.outputs.values().filter_map(|metrics| metrics.within_two_std);
+        let shares: Vec<String> = shares.map(|share| format!("{:.1} %", 100.0 * share)).collect();
+        let expected = "95.4 % of normal errors would be";
+        (!shares.is_empty()).then(|| {
+            format!("Within two predicted standard deviations: {} of these rows; {expected}", shares.join(", "))
+        })
     }
 
     /// Description of the noise of each output that has some.
@@ -220,8 +233,8 @@ pub fn first_predicted(surrogate: &Surrogate, run: &Run) -> usize {
     }
 }
 
-/// Accuracy of predictions of the test runs, each of shape `[times, outputs]`, for every output, over the predicted rows; `surrogate`:
-/// whose they are, if it has ranges and bounds.
+/// Accuracy of predictions of the test runs, each of shape `[times, columns]`, for every output of the runs, over the predicted rows: the first
+/// columns, which predicted standard deviations may follow. `surrogate`: whose they are, if it has ranges and bounds.
 pub fn compare(test: &Dataset, predictions: &[Vec<f64>], surrogate: Option<&Surrogate>) -> Vec<OutputMetrics> {
     let all: Vec<usize> = (0..test.runs.len()).collect();
     compare_runs(test, &all, predictions, surrogate)
@@ -255,13 +268,17 @@ fn output_metrics(
     let mean = all.iter().sum::<f64>() / rows;
     let (mut residual, mut total) = (0.0, 0.0);
     let mut worst = (0.0, 0, 0.0);
-    let mut within = 0;
+    let (mut within, mut within_two_std) = (0, 0);
+    let std = surrogate.and_then(|surrogate| surrogate.std_column(column));
+    // of a surrogate with predicted standard deviations more than the outputs of the runs
+    let columns = |index: usize| predictions[index].len() / test.runs[index].times.len().max(1);
     for &index in runs {
         let run = &test.runs[index];
         let first = first(run);
-        let predicted = predictions[index].iter().skip(column).step_by(width).skip(first);
-        for ((label, prediction), &time) in labels(run).iter().zip(predicted).zip(&run.times[first..]) {
-            let error = finite((label - prediction).abs());
+        let predicted = predictions[index].chunks(columns(index)).skip(first);
+        for ((label, predicted), &time) in labels(run).iter().zip(predicted).zip(&run.times[first..]) {
+            let error = finite((label - predicted[column]).abs());
+            within_two_std += usize::from(std.is_some_and(|std| error <= 2.0 * predicted[std]));
             residual += error * error;
             total += (label - mean).powi(2);
             within += usize::from(bounds.is_some_and(|bounds| error <= bounds.at(column, time)));
@@ -275,12 +292,13 @@ fn output_metrics(
     let r2 = varies(&all, range.unwrap_or(0.0))
         .then(|| if residual.is_finite() { finite(1.0 - residual / total) } else { f64::MIN });
     let (bound, within_bound) = (bounds.map(|bounds| bounds.largest(column)), bounds.map(|_| within as f64 / rows));
+    let within_two_std = std.map(|_| within_two_std as f64 / rows);
     let mse = finite(residual / rows);
     let relative_max_error = range.filter(|&range| range > 0.0).map(|range| finite(max_abs_error / range));
     let of_run = |&index: &usize| {
         let run = &test.runs[index];
         let inputs = run.inputs.len() / run.times.len().max(1);
-        let predicted = predictions[index].iter().skip(column).step_by(width).skip(first(run));
+        let predicted = predictions[index].iter().skip(column).step_by(columns(index)).skip(first(run));
         let differences = labels(run).iter().zip(predicted).map(|(label, prediction)| label - prediction).collect();
         (differences, &run.inputs[first(run) * inputs..])
     };
@@ -288,7 +306,18 @@ fn output_metrics(
     let noise = is_sampled
         .then(|| noise::estimate(&runs.iter().map(of_run).collect::<Vec<_>>(), (total / rows).sqrt()))
         .flatten();
-    OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, within_bound, noise }
+    OutputMetrics {
+        r2,
+        mse,
+        max_abs_error,
+        relative_max_error,
+        worst_run,
+        worst_time,
+        bound,
+        within_bound,
+        within_two_std,
+        noise,
+    }
 }
 
 /// Largest spread that counts as rounding, relative to the magnitude of the values and to their range in training.

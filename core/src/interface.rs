@@ -1,6 +1,7 @@
 //! The interface of a model of another tool: which of its columns is which variable of the FMU.
 
 mod of_study;
+mod with_std;
 
 use crate::{
     Error, Result,
@@ -215,6 +216,9 @@ pub struct InterfaceOutput {
     pub unit: String,
     /// One sentence for people.
     pub description: String,
+    /// Position of the output whose predicted standard deviation it is.
+    #[serde(skip)]
+    pub std_of: Option<u32>,
 }
 
 static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<ModelInterface>);

@@ -123,9 +123,17 @@ impl PyGraph {
         self.made(made)
     }
 
-    /// Outputs of a surrogate without states, as steps: that of a regressor of ours in a pipeline.
+    /// Predictions of a surrogate without states, as steps: that of a regressor of ours in a pipeline.
     fn surrogate(&mut self, of: usize, surrogate: &PySurrogate) -> PyResult<usize> {
         surrogate.stateless()?;
+        let predictions = surrogate.surrogate.predictions().len() as u32;
+        if surrogate.surrogate.outputs().len() as u32 > predictions {
+            let builder = self.of(&[of])?;
+            let made = builder.append(of, &surrogate.surrogate.program().graph);
+            let made =
+                made.and_then(|made| builder.columns((0..predictions).map(|column| [made as u32, column]).collect()));
+            return self.made(made);
+        }
         let Some(ScaledNetwork { scaling, layers }) = surrogate.surrogate.network() else {
             let made = self.of(&[of])?.append(of, &surrogate.surrogate.program().graph);
             return self.made(made);

@@ -158,7 +158,8 @@ impl PySurrogate {
 
     /// How far predictions are from what they should be, as JSON.
     fn evaluate(&self, py: Python<'_>, x: &[u8], y: &[u8]) -> PyResult<String> {
-        let (points, labels) = (rows(Some(x), self.evaluator.columns()), rows(Some(y), self.evaluator.results()));
+        let (points, labels) =
+            (rows(Some(x), self.evaluator.columns()), rows(Some(y), self.surrogate.predictions().len()));
         let (points, labels) = (points.unwrap_or_default(), labels.unwrap_or_default());
         let accuracy = detached(py, || Accuracy::of_rows(&self.surrogate, TestRows::Given, &points, &labels));
         serde_json::to_string(&accuracy).map_err(refused)

@@ -483,6 +483,74 @@ def test_a_gaussian_process_is_exported_as_onnx_and_read_in_a_pipeline(agrees, t
     assert np.abs(found[:, 0] - model.predict(x)).max() < 1e-9 * np.ptp(y)
 
 
+def with_noise(rows=100, seed=5, noise=0.1):
+    random = np.random.default_rng(seed)
+    x = random.uniform(-1, 1, (rows, 2))
+    return x, smooth(x) + noise * random.normal(size=(rows, 2))
+
+
+def test_a_gaussian_process_predicts_standard_deviations_as_scikit_learn_does(agrees, tmp_path):
+    x, y = with_noise()
+    surrogate = metafmu.fit(x, y, outputs=["a", "b"], std=True)
+    assert surrogate.model == "gaussian-process" and len(surrogate.candidates) == 1 and surrogate.has_std
+    unseen, truth = with_noise(2000, seed=6)
+    found, std = surrogate.predict(unseen, return_std=True)
+    assert found.shape == std.shape == (2000, 2) and np.array_equal(found, surrogate.predict(unseen))
+    assert [item.name for item in surrogate.outputs] == ["a", "b"] and surrogate.jacobian(x).shape == (100, 2, 2)
+    within = (np.abs(found - truth) <= 2 * std).mean(axis=0)
+    assert (0.92 < within).all() and (within < 0.98).all(), within
+    measured = surrogate.evaluate(unseen, truth)
+    assert [measured[name]["within_two_std"] for name in "ab"] == pytest.approx(within)
+    agrees(surrogate, x[:20], surrogate.predict(x[:20]), 1e-9)
+    path, *_ = surrogate.export(tmp_path / "x.fmu")
+    loaded = metafmu.Surrogate.load(path)
+    assert loaded.has_std and np.array_equal(loaded.predict(x, return_std=True)[1], surrogate.predict(x, return_std=True)[1])
+    runtime = pytest.importorskip("onnxruntime")
+    surrogate.to_onnx(tmp_path / "x.onnx")
+    session = runtime.InferenceSession(tmp_path / "x.onnx")
+    [values] = session.run(None, {session.get_inputs()[0].name: unseen})
+    np.testing.assert_allclose(values, np.hstack([found, std]), rtol=1e-7)
+
+
+def test_an_estimator_returns_standard_deviations_of_the_shape_of_y(agrees):
+    processes = pytest.importorskip("sklearn.gaussian_process")
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    x, y = with_noise()
+    unseen = with_noise(500, seed=6)[0]
+    model = metafmu.Regressor(std=True).fit(x, y[:, 0])
+    found, std = model.predict(unseen, return_std=True)
+    assert found.shape == std.shape == model.predict(unseen).shape == (500,)
+    kernels = processes.kernels
+    kernel = kernels.ConstantKernel() * kernels.RBF([1.0, 1.0]) + kernels.WhiteKernel(1e-2)
+    peer = processes.GaussianProcessRegressor(kernel, normalize_y=True, n_restarts_optimizer=2, random_state=0).fit(x, y[:, 0])
+    of_peer = peer.predict(unseen, return_std=True)[1]
+    # there the mean is 0
+    assert np.abs(std / of_peer - 1).max() < 0.05, np.abs(std / of_peer - 1).max()
+    both = metafmu.Regressor(std=True).fit(x, y)
+    assert [part.shape for part in both.predict(unseen, return_std=True)] == [(500, 2)] * 2 and both.predict(unseen).shape == (500, 2)
+    # in a pipeline it is its prediction
+    pipeline = make_pipeline(StandardScaler(), metafmu.Regressor(std=True)).fit(x, y)
+    surrogate = metafmu.from_sklearn(pipeline, data=x)
+    agrees(surrogate, x[:20], pipeline.predict(x[:20]), 1e-9)
+    assert not surrogate.has_std
+
+
+def test_standard_deviations_of_other_models_are_refused():
+    x, y = with_noise()
+    with pytest.raises(ValueError, match="std: linear has no predicted standard deviation, expected gaussian-process"):
+        metafmu.fit(x, y, model="linear", std=True)
+    with pytest.raises(ValueError, match="std: network has no predicted standard deviation"):
+        metafmu.Regressor(hidden=(4,), std=True).fit(x, y)
+    with pytest.raises(ValueError, match="has no predicted standard deviation, expected a Gaussian process that was fitted with std=True"):
+        metafmu.Regressor(model="gaussian-process").fit(x, y).predict(x, return_std=True)
+    with pytest.raises(ValueError, match="std: 1100 rows, expected 2 to 1000 for a predicted standard deviation"):
+        metafmu.fit(np.tile(x, (11, 1)), np.tile(y, (11, 1)), std=True)
+    with pytest.raises(ValueError, match="inputs.y_std: is the name of the predicted standard deviation of `y`"):
+        metafmu.fit(x, y[:, 0], inputs=["a", "y_std"], outputs=["y"], std=True)
+
+
 @pytest.mark.filterwarnings("ignore::metafmu.AccuracyWarning")
 @pytest.mark.parametrize("rows", [40, 1200])
 def test_of_noisy_rows_the_choice_is_about_as_good_as_the_best_candidate(rows):

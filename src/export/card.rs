@@ -132,7 +132,7 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
         row(page, name, "state", &range, unit, description);
     }
     for output in surrogate.outputs() {
-        let Output { name, unit, description, min, max } = output;
+        let Output { name, unit, description, min, max, .. } = output;
         let range = match output.constant() {
             Some(constant) => format!("constant, {}", number(constant)),
             None => format!("{} to {} in training", number(*min), number(*max)),
@@ -194,9 +194,12 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     for text in accuracy.noise(surrogate) {
         line(page, &format!("<p>{}.</p>", escape(&text)));
     }
+    if let Some(text) = accuracy.within_two_std() {
+        line(page, &format!("<p>{text}. The FMU has the standard deviations as outputs, <code>…_std</code>.</p>"));
+    }
     roll_outs(page, accuracy.roll_outs.as_ref());
     if let Some(bounds @ Bounds { coverage, runs, times, .. }) = surrogate.bounds() {
-        let of_output = surrogate.outputs().iter().enumerate().map(|(index, output)| {
+        let of_output = surrogate.predictions().iter().enumerate().map(|(index, output)| {
             let unit = if output.unit.is_empty() { String::new() } else { format!(" {}", escape(&output.unit)) };
             let width = match times.as_slice() {
                 [] => format!("±{}", number(bounds.largest(index))),
@@ -528,6 +531,7 @@ mod tests {
             worst_time: 1.0,
             bound: None,
             within_bound: None,
+            within_two_std: None,
             noise: None,
         };
         let accuracy = Accuracy {

@@ -219,6 +219,7 @@ fn metadata(about: About, interface: &ModelInterface, inputs: Vec<Input>, rows: 
         description: output.description.clone(),
         min: 0.0,
         max: 0.0,
+        std_of: output.std_of,
     });
     let digest = Sha256::new().chain_update(interface.text().as_bytes()).chain_update(content).finalize();
     Metadata {

@@ -188,6 +188,11 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
         let _ = writeln!(text, "\nwithin the bound, % of these rows: {}", shares.join(", "));
     }
+    if outputs.values().any(|metrics| metrics.within_two_std.is_some()) {
+        let shares = outputs.values().filter_map(|metrics| metrics.within_two_std);
+        let shares: Vec<String> = shares.map(|share| format!("{:.1}", 100.0 * share)).collect();
+        let _ = writeln!(text, "\nwithin two predicted standard deviations, % of these rows: {}", shares.join(", "));
+    }
     for KindCoverage { kind, runs, within } in &metrics.accuracy.calibration {
         let shares: Vec<String> = within.values().map(|share| format!("{:.1}", 100.0 * share)).collect();
         let _ = writeln!(text, "  of {runs} calibration runs, {kind}: {}", shares.join(", "));

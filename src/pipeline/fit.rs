@@ -27,6 +27,8 @@ use std::{path::Path, sync::atomic::Ordering};
 pub struct FitOptions {
     /// Kind of model; chosen among several unless given.
     pub model: ModelChoice,
+    /// Whether each output has its predicted standard deviation, an output `NAME_std`, behind all outputs: only kinds of model that have one are candidates.
+    pub std: bool,
     /// The network.
     pub network: NetworkOptions,
     /// Its training; `validation` is a share of the rows.
@@ -89,11 +91,12 @@ pub struct UnseenRows {
     pub kind: TestRows,
     /// Their numbers, counted from 0.
     pub rows: Vec<usize>,
-    /// The outputs of each that were predicted without it.
+    /// The outputs of each that were predicted without it, and their predicted standard deviations if the fit has them.
     pub predictions: Vec<Vec<f64>>,
 }
 
-/// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a network on unseen rows: fewer than
+/// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a network, or those of them with the
+/// predicted standard deviations of [`FitOptions::std`], on unseen rows: fewer than
 /// 1000 by five-fold cross-validation, of more on those that choose the best epoch. Networks of few rows are small and trained by Levenberg-Marquardt steps, if
 /// [`FitOptions::small_networks`] has it so. A single row makes a network, which it both trains and chooses. A training that is stopped keeps its best epoch.
 ///
@@ -121,10 +124,13 @@ pub fn fit(
         );
         return Err(Error::Import { path: path.to_owned(), problems: vec![problem] });
     }
-    let problems = problems(options, columns);
+    let mut problems = problems(options, columns);
+    problems.extend(std_problem(options, inputs.len()));
     if !problems.is_empty() {
         return Err(Error::Import { path: path.to_owned(), problems });
     }
+    let with_std = if options.std { Some(interface.with_std()?) } else { None };
+    let interface = with_std.as_ref().unwrap_or(interface);
     // what is wrong with ranges, before anything is trained
     import::inputs(interface, Some(&inputs))?;
     let task = Task { path, inputs: &inputs, outputs, options, control };
@@ -133,7 +139,7 @@ pub fn fit(
     let Choice { kind, model, candidates, unseen } = match options.model {
         ModelChoice::Only(kind) => task.only(kind, &order, parts)?,
         // nothing is left to compare by
-        ModelChoice::Auto if inputs.len() < 2 => task.only(ModelKind::Network, &order, parts)?,
+        ModelChoice::Auto if inputs.len() < 2 && !options.std => task.only(ModelKind::Network, &order, parts)?,
         ModelChoice::Auto => task.best(&order, parts)?,
     };
     let is_measured = options.measure && !task.is_stopped();
@@ -242,6 +248,15 @@ impl Task<'_> {
     fn note(&self, line: std::fmt::Arguments<'_>) {
         self.control.observer.event(Event::Note(line));
     }
+}
+
+/// Why predicted standard deviations cannot be had of a fit to so many rows; None if they can or are not wanted.
+pub fn std_problem(FitOptions { std, model, .. }: &FitOptions, rows: usize) -> Option<String> {
+    let of_model = || match model {
+        ModelChoice::Only(kind) => kind.std_problem().map(|problem| format!("std: {problem}")),
+        ModelChoice::Auto => None,
+    };
+    std.then(|| of_model().or_else(|| candidates::std_rows_problem(rows))).flatten()
 }
 
 /// What a study would say of its `[network]` and `[training]`, of networks between so many columns.

@@ -274,7 +274,9 @@ impl<'a> Predictor<'a> {
     /// What is known before the first row.
     fn predicted(&self) -> Predicted {
         let bounds = self.surrogate.bounds();
-        let bounds = self.outputs.iter().filter_map(|&index| Some((index, bounds?.largest(index))));
+        let predictions = self.surrogate.predictions().len();
+        let bounded = self.outputs.iter().filter(|&&index| index < predictions);
+        let bounds = bounded.filter_map(|&index| Some((index, bounds?.largest(index))));
         Predicted {
             name: self.surrogate.metadata().name.clone(),
             content_digest: self.surrogate.metadata().provenance.content_digest.clone(),

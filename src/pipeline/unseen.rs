@@ -14,7 +14,7 @@ use crate::{
     variable::SourceVariable,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{Output, Surrogate};
 use std::fmt::Write;
 
 /// Unseen rows of a static map.
@@ -25,11 +25,13 @@ pub(super) struct Unseen {
     kind: TestRows,
 }
 
-/// The rows as CSV: where each is in the table, inputs, outputs and predictions.
+/// The rows as CSV: where each is in the table, inputs, outputs and predictions, with their standard deviations if there are any.
 pub(super) fn csv(places: &[u64], test: &Dataset, predictions: &[Vec<f64>]) -> String {
     let names = |variables: &[SourceVariable]| variables.iter().map(|of| of.name.clone()).collect::<Vec<_>>();
     let mut columns = vec!["row".to_owned()];
-    let predicted = names(&test.outputs).into_iter().map(|name| format!("predicted {name}"));
+    let has_std = predictions.first().is_some_and(|predicted| predicted.len() > test.outputs.len());
+    let stds = names(&test.outputs).into_iter().filter(|_| has_std).map(|name| Output::std_name(&name));
+    let predicted = names(&test.outputs).into_iter().chain(stds).map(|name| format!("predicted {name}"));
     for mut name in names(&test.parameters).into_iter().chain(names(&test.outputs)).chain(predicted) {
         while columns.contains(&name) {
             name.push('_');
@@ -65,6 +67,7 @@ pub(super) fn load(project: &Project, training: &TrainingRecord) -> Result<Unsee
         return Err(stale("was changed since it was written"));
     }
     let (inputs, outputs) = (project.source.inputs(), project.source.outputs());
+    let predicted = if project.study.static_map.std { 2 * outputs.len() } else { outputs.len() };
     let mut table = Table::open(&path)?;
     let (mut points, mut labels, mut predictions) = (Vec::new(), Vec::new(), Vec::new());
     while table.next_row()? {
@@ -76,7 +79,7 @@ pub(super) fn load(project: &Project, training: &TrainingRecord) -> Result<Unsee
         };
         points.push(next(inputs.len())?);
         labels.push(next(outputs.len())?);
-        predictions.push(next(outputs.len())?);
+        predictions.push(next(predicted)?);
     }
     Ok(Unseen { test: Dataset::of_rows(inputs, outputs, &points, &labels), predictions, kind: record.unseen })
 }

@@ -18,7 +18,7 @@ pub struct Evaluated<'a> {
     pub surrogate: &'a Surrogate,
     /// The runs, unseen in training.
     pub test: &'a Dataset,
-    /// Of each run, shape `[times, outputs]`.
+    /// Of each run, shape `[times, columns]`: those of all outputs of the surrogate.
     predictions: Vec<Vec<f64>>,
     /// Accuracy of each output.
     pub accuracy: Accuracy,
@@ -134,11 +134,11 @@ impl<'a> Evaluated<'a> {
 
     /// The predicted rows of a run, of one output.
     pub fn rows(&self, run: usize, output: usize) -> impl Iterator<Item = TestRow> {
-        let width = self.outputs();
         let Run { times, outputs, .. } = &self.test.runs[run];
-        let column = |values: &'a [f64]| values.iter().skip(output).step_by(width).copied();
-        let predictions = self.predictions[run].iter().skip(output).step_by(width).copied();
-        let rows = times.iter().zip(column(outputs)).zip(predictions);
+        // standard deviations follow the predictions
+        let predictions = self.predictions[run].iter().skip(output).step_by(self.surrogate.outputs().len());
+        let labels = outputs.iter().skip(output).step_by(self.outputs());
+        let rows = times.iter().zip(labels.copied()).zip(predictions.copied());
         rows.map(|((&time, label), prediction)| TestRow { time, label, prediction }).skip(self.first(run))
     }
 
@@ -242,7 +242,8 @@ impl<'a> Evaluated<'a> {
         let parameters = self.test.parameters.len();
         let of = |output: usize| {
             let mut evaluator = evaluator.clone();
-            let (mut gradient, mut weights) = (vec![0.0; self.surrogate.inputs().len()], vec![0.0; self.outputs()]);
+            let (mut gradient, mut weights) =
+                (vec![0.0; self.surrogate.inputs().len()], vec![0.0; self.surrogate.outputs().len()]);
             weights[output] = 1.0;
             let mut over_time = vec![vec![0.0; instants.len()]; parameters];
             for &run in &runs {

@@ -4,12 +4,16 @@ import csv
 import json
 import re
 import subprocess
+import sys
 
 import fmpy
 import numpy as np
 import pytest
 from conftest import ANY, METAFMU, ROOT, metafmu
 from fmpy import simulate_fmu
+
+sys.path.insert(0, str(ROOT / "scripts" / "measure"))
+from model_file import load
 
 RANGES = {
     "rw": (0.05, 0.15), "r": (100, 50000), "Tu": (63070, 115600), "Hu": (990, 1110),
@@ -179,6 +183,66 @@ def test_the_study_names_the_kind_of_model(tmp_path, model):
         (tmp_path / "s.toml").write_text((tmp_path / "s.toml").read_text() + "[training]\nepochs = 20\n")
         result, folder = built(tmp_path, check=False)
         assert json.loads((folder / "training.json").read_text())["epochs"] == 20 and "history.csv" in result.stdout
+
+
+def kriging(x, y, lengths, noise, at):
+    """Predicted standard deviation of a further observation of a Gaussian process, relative to that of the process, by dense algebra."""
+    kernel = lambda a, b: np.exp(-0.5 * (((a[:, None] - b[None]) / lengths) ** 2).sum(-1))
+    factor = np.linalg.cholesky(kernel(x, x) + noise * np.eye(len(x)))
+    whiten = lambda values: np.linalg.solve(factor, values)
+    ones, k = whiten(np.ones(len(x))), whiten(kernel(x, at))
+    return np.sqrt(1 + noise - (k**2).sum(0) + (1 - ones @ k) ** 2 / (ones @ ones))
+
+
+def test_predicted_standard_deviations_are_outputs_of_the_fmu(tmp_path):
+    random = np.random.default_rng(8)
+    x = random.uniform([-1, 0], [1, 2], (120, 2))
+    y = np.sin(3 * x[:, 0]) * x[:, 1] + random.normal(0, 0.1, 120)
+    _, study = notes(tmp_path, {"a": x[:, 0], "b": x[:, 1], "y": y})
+    study = study.replace('fmi = "2"', 'fmi = "both"').replace("# [bounds]", "[bounds]").replace("# coverage = 0.95", "coverage = 0.95")
+    (tmp_path / "s.toml").write_text(study.replace("# std = true", "std = true"))
+    result, folder = built(tmp_path, "--sources")
+    assert "within two predicted standard deviations, % of these rows: 9" in result.stdout, result.stdout
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert list(metrics["outputs"]) == ["y"] and metrics["static_map"]["exported"] == "gaussian-process"
+    with open(folder / "unseen.csv") as file:
+        rows = [{name: float(value) for name, value in row.items()} for row in csv.DictReader(file)]
+    within = np.mean([abs(row["predicted y"] - row["y"]) <= 2 * row["predicted y_std"] for row in rows])
+    assert within == pytest.approx(metrics["outputs"]["y"]["within_two_std"]) and 0.9 < within < 1.0
+    assert metrics["outputs"]["y"]["mse"] == pytest.approx(np.mean([(row["predicted y"] - row["y"]) ** 2 for row in rows]))
+    # the formula, with the numbers of the model file
+    _, model = load(folder / "s.safetensors")
+    centres, lengths = next((model[name], model[name.replace("centres", "lengths")]) for name in model if name.endswith(".centres"))
+    mean, scale = model["graph.0.mean"], model["graph.0.scale"]
+    predicted = list(csv.DictReader(metafmu("predict", "s.toml", "t.csv", cwd=tmp_path).stdout.splitlines()))
+    assert list(predicted[0]) == ["y", "y_std", "in_domain", "domain_distance"]
+    stds = np.array([float(row["y_std"]) for row in predicted])
+    numbers = [values for name, values in model.items() if name.endswith(".parameters")]
+    noise = next(values[1] for values in numbers if len(values) == 2 and values[0] == 1.0 and values[1] > 0)
+    of_process = next(values[0] for values in numbers if len(values) == 2 and values[1] == 0.0)
+    expected = of_process * kriging(centres, y, lengths, noise, (x - mean) / scale)
+    assert np.allclose(stds, expected, rtol=1e-6, atol=0) and 0.09 < np.median(stds) < 0.12
+    # scikit-learn has the same process without the uncertainty of the mean
+    assert of_process * np.sqrt(noise) == pytest.approx(0.1, rel=0.2)
+    for name in ("s.fmu", "s-fmi3.fmu"):
+        variables = {variable.name: variable for variable in fmpy.read_model_description(str(folder / name)).modelVariables}
+        assert variables["y_std"].causality == "output" and variables["y_std"].description == "predicted standard deviation of y"
+        assert "y_bound" in variables and "y_std_bound" not in variables
+        for row in (0, 7):
+            assert fmpy_outputs(folder / name, {"a": x[row, 0], "b": x[row, 1]}, "y_std")[0] == pytest.approx(stds[row], rel=1e-9)
+        assert metafmu("validate", folder / name).returncode == 0
+    assert "Within two predicted standard deviations" in (folder / "report.html").read_text()
+    card = fmpy.extract(str(folder / "s.fmu"))
+    assert "…_std" in (tmp_path / card / "documentation" / "index.html").read_text()
+    # what has none is refused before anything is fitted
+    text = (tmp_path / "s.toml").read_text()
+    (tmp_path / "s.toml").write_text(text.replace("std = true", 'std = true\nmodel = "network"'))
+    result, _ = built(tmp_path, check=False)
+    assert result.returncode == 2 and "static.std: network has no predicted standard deviation, expected gaussian-process" in result.stderr
+    (tmp_path / "s.toml").write_text(text)
+    write(tmp_path / "t.csv", {"a": random.uniform(-1, 1, 1001), "b": random.uniform(0, 2, 1001), "y": random.uniform(0, 2, 1001)})
+    result, _ = built(tmp_path, check=False)
+    assert result.returncode == 2 and "1001 rows, expected 2 to 1000" in result.stderr and "fitting" not in result.stderr, result.stderr
 
 
 def test_of_a_thousand_rows_some_choose_and_others_judge(tmp_path):

@@ -3,7 +3,7 @@
 use super::Study;
 use crate::diagnostics::Problems;
 use indexmap::IndexMap;
-use metafmu_runtime::BuiltIn;
+use metafmu_runtime::{BuiltIn, Output};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -64,18 +64,23 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             problems.add(&key, format!("`{output}` is not an output"));
         }
     }
-    for name in outputs.keys().filter(|_| study.bounds.is_some()) {
-        let bound = format!("{name}_bound");
-        let sections = [
-            ("parameters", parameters.contains_key(&bound)),
-            ("outputs", outputs.contains_key(&bound)),
-            ("arrays", arrays.contains_key(&bound)),
-            ("inputs", study.inputs.contains_key(&bound)),
-            ("states", study.states.contains_key(&bound)),
+    for name in outputs.keys() {
+        let derived = [
+            (study.bounds.is_some(), format!("{name}_bound"), "error bound"),
+            (study.static_map.std, Output::std_name(name), "predicted standard deviation"),
         ];
-        for (section, _) in sections.iter().filter(|(_, is_there)| *is_there) {
-            let message = format!("`{bound}` is the name of the error bound of `{name}`");
-            problems.add(format!("{section}.{bound}"), message);
+        for (_, derived, what) in derived.iter().filter(|(is_made, ..)| *is_made) {
+            let sections = [
+                ("parameters", parameters.contains_key(derived)),
+                ("outputs", outputs.contains_key(derived)),
+                ("arrays", arrays.contains_key(derived)),
+                ("inputs", study.inputs.contains_key(derived)),
+                ("states", study.states.contains_key(derived)),
+            ];
+            for (section, _) in sections.iter().filter(|(_, is_there)| *is_there) {
+                problems
+                    .add(format!("{section}.{derived}"), format!("`{derived}` is the name of the {what} of `{name}`"));
+            }
         }
     }
     problems

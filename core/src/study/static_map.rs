@@ -15,6 +15,10 @@ pub struct StaticOptions {
     /// that they were not fitted to. The others have their default options. A small network of few rows is trained by Levenberg-Marquardt steps with Bayesian
     /// regularization, unless there is a section `[training]`.
     pub model: Option<ModelKind>,
+    /// Whether each output `NAME` has a further output `NAME_std` of the same unit: the predicted standard deviation of a further row, its noise included. Only
+    /// a Gaussian process, of up to 1000 rows, has one, so that no other kind is a candidate.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub std: bool,
 }
 
 /// Name of the network among other kinds of model.
@@ -37,6 +41,17 @@ impl ModelKind {
             Self::Network => NETWORK,
             Self::Baseline(kind) => kind.name(),
         }
+    }
+
+    /// Returns true if the kind has a predicted standard deviation.
+    pub fn has_std(self) -> bool {
+        self == Self::Baseline(BaselineKind::GaussianProcess)
+    }
+
+    /// Message on a given kind without a predicted standard deviation.
+    pub fn std_problem(self) -> Option<String> {
+        let names = || Self::all().filter(|kind| kind.has_std()).map(Self::name).collect::<Vec<_>>().join(", ");
+        (!self.has_std()).then(|| format!("{} has no predicted standard deviation, expected {}", self.name(), names()))
     }
 
     /// All kinds: the prediction of nearest neighbors is no formula and cannot be exported.
@@ -174,5 +189,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     let is_single = study.export.precision == Precision::Single;
     let message = "\"single\" belongs to networks of runs: a static map is computed in double precision";
     problems.expect_absent(is_single, "export.precision", message);
+    let without_std = study.static_map.model.filter(|_| study.static_map.std).and_then(ModelKind::std_problem);
+    without_std.into_iter().for_each(|problem| problems.add("static.std", problem));
     problems
 }

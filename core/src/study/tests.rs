@@ -415,6 +415,7 @@ fn static_study(more: &str) -> Vec<String> {
 fn a_static_map_has_inputs_and_outputs_and_no_section_of_runs() {
     assert_eq!(static_study(""), [""; 0]);
     assert_eq!(static_study("static.model = 'gaussian-process'\nbounds = {}\naccept.r2 = 0.5"), [""; 0]);
+    assert_eq!(static_study("static = { model = 'gaussian-process', std = true }\ninputs.y_stds = {}"), [""; 0]);
     for section in ["time", "parameters", "states", "dynamics", "discrete", "sampling", "target", "baselines", "search"]
     {
         let found = static_study(&format!("[{section}]"));
@@ -432,6 +433,11 @@ fn a_static_map_has_inputs_and_outputs_and_no_section_of_runs() {
         ("inputs.y = {}", "inputs.y: `y` is a parameter or output already"),
         ("static.model = 'knn'", "static.model: \"knn\", expected one of \"network\", \"linear\""),
         ("network.hidden = [16384, 16384]", "network.hidden: 2.685e8 weights"),
+        ("static = { model = 'network', std = true }", "static.std: network has no predicted standard deviation"),
+        (
+            "static.std = true\ninputs.y_std = {}",
+            "inputs.y_std: `y_std` is the name of the predicted standard deviation of `y`",
+        ),
     ] {
         let found = static_study(more);
         assert!(found.len() == 1 && found[0].starts_with(says), "{more}: {found:?}");

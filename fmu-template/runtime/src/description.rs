@@ -154,9 +154,17 @@ pub struct Output {
     pub min: f64,
     /// Largest value seen in training.
     pub max: f64,
+    /// Position of the output whose predicted standard deviation it is; none of an output that predicts a quantity.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub std_of: Option<u32>,
 }
 
 impl Output {
+    /// Name of the output that holds the predicted standard deviation of another one.
+    pub fn std_name(name: &str) -> String {
+        format!("{name}_std")
+    }
+
     /// Name of the variable that holds the error bound.
     pub fn bound_name(&self) -> String {
         format!("{}_bound", self.name)
@@ -167,9 +175,9 @@ impl Output {
         format!("{name}_measured")
     }
 
-    /// The value of an output that did not vary in training.
+    /// The value of an output that did not vary in training. A standard deviation that is the same at all rows may vary between them.
     pub fn constant(&self) -> Option<f64> {
-        (self.min == self.max).then_some(self.min)
+        (self.min == self.max && self.std_of.is_none()).then_some(self.min)
     }
 }
 

@@ -319,6 +319,12 @@ pub enum FormatError {
         /// Unit of the array's first element.
         expected: String,
     },
+    /// A standard deviation that does not follow the outputs in their order.
+    #[error("output `{name}`: predicted standard deviations follow all other outputs, in their order")]
+    MisplacedStd {
+        /// Name of the output at its place.
+        name: String,
+    },
     /// More or fewer error bounds than outputs.
     #[error("{found} error bounds, expected {expected}: one for each output")]
     BoundCount {

@@ -85,7 +85,7 @@ fn variable(name: &str, role: Role, unit: &str, [min, max, start]: [f64; 3]) -> 
 
 fn shown(name: &str, unit: &str, largest: f64) -> Output {
     let description = format!("example output {name}");
-    Output { name: name.into(), unit: unit.into(), description, min: -largest, max: largest }
+    Output { name: name.into(), unit: unit.into(), description, min: -largest, max: largest, std_of: None }
 }
 
 /// The same with a network for each of four instants, which are not evenly spaced.

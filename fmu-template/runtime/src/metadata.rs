@@ -43,3 +43,11 @@ pub struct Metadata {
     /// Where the surrogate comes from.
     pub provenance: Provenance,
 }
+
+impl Metadata {
+    /// The outputs that predict quantities: those before the first predicted standard deviation.
+    pub fn predictions(&self) -> &[Output] {
+        let count = self.outputs.iter().take_while(|output| output.std_of.is_none()).count();
+        &self.outputs[..count]
+    }
+}

@@ -62,6 +62,16 @@ impl Surrogate {
         &self.metadata.outputs
     }
 
+    /// The outputs that predict quantities. Their predicted standard deviations follow them, if the model has any.
+    pub fn predictions(&self) -> &[Output] {
+        self.metadata.predictions()
+    }
+
+    /// Position of the predicted standard deviation of an output, if it has one.
+    pub fn std_column(&self, output: usize) -> Option<usize> {
+        self.outputs().iter().position(|other| other.std_of.is_some_and(|of| of as usize == output))
+    }
+
     /// The continuous states, in order.
     pub fn states(&self) -> &[State] {
         &self.metadata.states
@@ -213,6 +223,12 @@ fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), F
             return Err(FormatError::DuplicateVariable { name: name.clone() });
         }
     }
+    let stds = metadata.outputs[metadata.predictions().len()..].iter().enumerate();
+    for (index, Output { name, std_of, .. }) in stds {
+        if *std_of != Some(index as u32) || index >= metadata.predictions().len() {
+            return Err(FormatError::MisplacedStd { name: name.clone() });
+        }
+    }
     let inputs = metadata.inputs.iter().map(|v| (&v.name, v.min, v.max));
     let outputs = metadata.outputs.iter().map(|v| (&v.name, v.min, v.max));
     for (name, min, max) in inputs.chain(outputs) {
@@ -242,7 +258,7 @@ fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), F
         return Err(FormatError::SeveralTimes { count: times });
     }
     if let Some(bounds) = &metadata.bounds {
-        bounds.check(metadata.outputs.len())?;
+        bounds.check(metadata.predictions().len())?;
     }
     if let Some(cover) = &metadata.cover {
         cover.check(&metadata.inputs)?;

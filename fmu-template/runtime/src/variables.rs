@@ -151,7 +151,7 @@ impl Variables {
         let Metadata { inputs, outputs, states, arrays, bounds, .. } = metadata;
         let has_time = inputs.iter().any(|input| input.role == Role::Time);
         let built_in = BuiltIn::ALWAYS.into_iter().chain((!has_time).then_some(BuiltIn::Time));
-        let bounded = bounds.iter().flat_map(|_| outputs.iter().enumerate());
+        let bounded = bounds.iter().flat_map(|_| metadata.predictions().iter().enumerate());
         let followed = is_discrete.then(|| outputs.iter().enumerate()).into_iter().flatten();
         let switch = is_discrete.then(|| Variable::built_in(BuiltIn::UseMeasured));
         let inputs = inputs.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Input(index)));

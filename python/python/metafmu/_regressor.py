@@ -73,7 +73,7 @@ class AccuracyWarning(UserWarning):
     """A surrogate that predicts hardly better than a mean does."""
 
 
-_PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "validation", "random_state", "training", "verbose", "model")
+_PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "validation", "random_state", "training", "verbose", "model", "std")
 # parameters of networks, which only a network can have in other than the default
 _OF_NETWORKS = {"hidden": (64, 64), "activation": "tanh", "epochs": None, "batch": 256, "learning_rate": 5e-3, "training": None}
 
@@ -93,6 +93,9 @@ class Regressor(RegressorMixin, BaseEstimator):
     relu, gelu, silu or sine; ``epochs``: passes over the rows at most, unless given 150, of few rows as many as make 2000 steps; ``batch``: rows of a step;
     ``learning_rate``; ``training``: further keys of `[training]` in a study file, as a dict.
 
+    ``std``: whether there are predicted standard deviations, for ``predict(X, return_std=True)`` and as outputs ``NAME_std`` of the FMU: then a Gaussian process
+    is fitted, to 1000 rows at most.
+
     ``validation``: share of the rows that is held out to choose the best epoch, and of 1000 or more rows the kind of model; ``random_state``: an
     integer, 0 unless given; ``verbose``: lines of progress on stderr.
 
@@ -107,7 +110,7 @@ class Regressor(RegressorMixin, BaseEstimator):
     """
 
     def __init__(self, hidden=(64, 64), activation="tanh", epochs=None, batch=256, learning_rate=5e-3, validation=0.1, random_state=None,
-                 training=None, verbose=False, model=None):
+                 training=None, verbose=False, model=None, std=False):
         self.hidden = hidden
         self.activation = activation
         self.epochs = epochs
@@ -118,6 +121,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         self.training = training
         self.verbose = verbose
         self.model = model
+        self.std = std
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -146,6 +150,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         text, rows = interface(x.shape[1], y.shape[1], data=x, input_names=inputs, output_names=outputs, **about)
         options = {
             "model": self._kind(),
+            "std": bool(self.std),
             "network": {"hidden": [_whole(nodes, "hidden") for nodes in np.atleast_1d(np.asarray(self.hidden, dtype=object)).ravel()], "activation": self.activation},
             "training": {
                 "epochs": self._epochs(len(x)), "batch": _whole(self.batch, "batch"), "learning_rate": number(self.learning_rate, "learning_rate"),
@@ -194,13 +199,15 @@ class Regressor(RegressorMixin, BaseEstimator):
             raise _metafmu.Error(f"random_state: {self.random_state!r}, expected an integer, a RandomState of numpy or None")
         return int(self.random_state.randint(2**31 - 1))
 
-    def predict(self, X):
-        """Outputs of rows of inputs, of the shape of ``y``."""
+    def predict(self, X, return_std=False):
+        """Outputs of rows of inputs, of the shape of ``y``. With ``return_std`` also the predicted standard deviation of further rows there, noise
+        included, of the same shape: of a model that was fitted with ``std=True``."""
         check_is_fitted(self)
         _refuse_times(X)
         x = validate_data(self, X, reset=False, dtype=np.float64)
-        found = self.surrogate_.predict(x)
-        return found[:, 0] if self._is_vector else found
+        found = self.surrogate_.predict(x, return_std)
+        shaped = (lambda columns: columns[:, 0]) if self._is_vector else (lambda columns: columns)
+        return tuple(map(shaped, found)) if return_std else shaped(found)
 
     def to_surrogate(self):
         """The fitted model as a :class:`Surrogate`."""
@@ -248,7 +255,8 @@ def fit(
     """Fits a model to rows of inputs and outputs; returns a :class:`Surrogate`.
 
     ``X``, ``y``: arrays or DataFrames; ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts, those of the DataFrames unless
-    given; ``options``: those of :class:`Regressor`, among them ``model``: unless given the best of a polynomial, a Gaussian process and a network on unseen rows.
+    given; ``options``: those of :class:`Regressor`, among them ``model``: unless given the best of a polynomial, a Gaussian process and a network on unseen rows;
+    and ``std``: predicted standard deviations.
 
     A share of the rows is held out: half of them choose the kind of model and the best epoch, the other half measure `Surrogate.accuracy`. Fewer than 1000 rows
     choose and measure by five-fold cross-validation: each row is predicted by a model that was fitted without it, of the kind that the other folds choose. An

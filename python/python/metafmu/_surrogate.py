@@ -114,6 +114,8 @@ class Surrogate:
     def __init__(self, core, accuracy=None, fit=None):
         self._core = core
         self._metadata = json.loads(core.metadata())
+        # predicted standard deviations follow them
+        self._predictions = [item for item in self._metadata["outputs"] if "std_of" not in item]
         # what was measured last, as the model card has it
         self._accuracy = accuracy
         # kind of model and candidates of a fit
@@ -146,28 +148,39 @@ class Surrogate:
 
     @property
     def outputs(self) -> list[Variable]:
-        """The outputs, in the order of the columns of a prediction."""
+        """The outputs, in the order of the columns of a prediction; without predicted standard deviations, which are outputs of the FMU."""
         keys = ("name", "unit", "min", "max", "description")
-        return [Variable(**{key: item[key] for key in keys}) for item in self._metadata["outputs"]]
+        return [Variable(**{key: item[key] for key in keys}) for item in self._predictions]
 
     def _rows(self, x):
         self._core.stateless()
         return rows_of(x, [item["name"] for item in self._metadata["inputs"]])
 
-    def predict(self, X: Any) -> np.ndarray:
+    def predict(self, X: Any, return_std: bool = False) -> Any:
         """Outputs of shape (rows, outputs), in double precision; all cores work on them.
 
-        ``X``: rows of the inputs, as an array or a DataFrame with a column for each input.
+        ``X``: rows of the inputs, as an array or a DataFrame with a column for each input; ``return_std``: whether the predicted standard deviations, of
+        the same shape, are returned as well, of a surrogate that was fitted with ``std=True``.
         """
-        rows = self._rows(X)
+        rows, predictions = self._rows(X), len(self._predictions)
+        if return_std and not self.has_std:
+            raise _metafmu.Error(f"`{self.name}` has no predicted standard deviation, expected a Gaussian process that was fitted with std=True")
         values = np.frombuffer(self._core.predict(rows.tobytes()), dtype=np.float64)
-        return values.reshape(len(rows), len(self._metadata["outputs"]))
+        values = values.reshape(len(rows), len(self._metadata["outputs"]))
+        found = values[:, :predictions]
+        return (found, values[:, predictions:]) if return_std else found
+
+    @property
+    def has_std(self) -> bool:
+        """Whether each output has a predicted standard deviation."""
+        return len(self._metadata["outputs"]) > len(self._predictions)
 
     def jacobian(self, X: Any) -> np.ndarray:
         """Derivatives of each output by each input, of shape (rows, outputs, inputs): exact but for rounding."""
         rows = self._rows(X)
         values = np.frombuffer(self._core.jacobian(rows.tobytes()), dtype=np.float64)
-        return values.reshape(len(rows), len(self._metadata["outputs"]), rows.shape[1])
+        values = values.reshape(len(rows), len(self._metadata["outputs"]), rows.shape[1])
+        return values[:, : len(self._predictions)]
 
     def domain_distance(self, X: Any) -> np.ndarray:
         """How far each row is from the domain of validity, relative to the ranges of the inputs: 0 inside, as the FMU's output of that name."""
@@ -183,7 +196,8 @@ class Surrogate:
 
         ``X``: rows of the inputs; ``y``: outputs of the original model there, an array or a DataFrame; both unseen in training, or the figures
         say little. ``r2``: coefficient of determination, None if ``y`` is constant; ``rmse``: root mean square error; ``max_error``: the largest
-        error, ``worst_row``: where it is; ``relative_max_error``: the largest error as a share of the range of ``y``.
+        error, ``worst_row``: where it is; ``relative_max_error``: the largest error as a share of the range of ``y``;
+        ``within_two_std``: share of the rows within two predicted standard deviations, if there are any.
 
         FMUs that are exported afterwards have the figures in their model card.
 
@@ -191,9 +205,9 @@ class Surrogate:
         """
         x = self._rows(X)
         y = y if is_frame(y) else numbers_of(y, "y")
-        if not is_frame(y) and y.ndim == 1 and len(self._metadata["outputs"]) == 1:
+        if not is_frame(y) and y.ndim == 1 and len(self._predictions) == 1:
             y = y[:, None]
-        y = rows_of(y, [item["name"] for item in self._metadata["outputs"]], "y")
+        y = rows_of(y, [item["name"] for item in self._predictions], "y")
         if len(x) != len(y) or not len(x):
             raise _metafmu.Error(f"X has {len(x)} rows and y {len(y)}, expected as many, at least one")
         for what, rows in (("X", x), ("y", y)):
@@ -212,6 +226,8 @@ class Surrogate:
         figures = {}
         for name, of in self._accuracy["outputs"].items():
             figures[name] = {"r2": of["r2"], "rmse": math.sqrt(of["mse"]), "max_error": of["max_abs_error"], "relative_max_error": of.get("relative_max_error")}
+            if of.get("within_two_std") is not None:
+                figures[name]["within_two_std"] = of["within_two_std"]
             if self._accuracy["rows"] == "given":
                 figures[name]["worst_row"] = of["worst_run"]
         return figures

@@ -350,6 +350,7 @@ table = {}    # {rows} rows; relative to this file
     text + "
 [static]
 # model = \"network\"         # unless given, the best of a polynomial, a Gaussian process (up to 1000 rows) and a network
+# std = true                # predicted standard deviations as outputs NAME_std, of a Gaussian process
 
 # [bounds]                  # error bounds of the outputs
 # coverage = 0.95           # share of further rows that are expected within

@@ -17,7 +17,7 @@ use metafmu_runtime::{
     StepError,
     dictionary::{Dictionary, Factor, Term},
     example,
-    graph::{Elementwise, Forest, Given, KernelMachine, LEAF, Node, Operation, Products, Step, Tree},
+    graph::{Elementwise, Forest, Given, KernelMachine, LEAF, Node, Operation, ProcessDeviation, Products, Step, Tree},
 };
 use nalgebra::{Matrix2, SVector, Vector2};
 use std::{

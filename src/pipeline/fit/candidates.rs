@@ -38,6 +38,16 @@ const CANDIDATES: [ModelKind; 3] = [
     ModelKind::Network,
 ];
 
+/// Fewest rows of a Gaussian process.
+const LEAST_PROCESS_ROWS: usize = 2;
+
+/// Message on a number of rows that no kind of model with a predicted standard deviation is fitted to.
+pub(super) fn std_rows_problem(rows: usize) -> Option<String> {
+    let most = CANDIDATES.into_iter().filter(|kind| kind.has_std()).map(most_rows).max().unwrap_or_default();
+    let expected = format!("expected {LEAST_PROCESS_ROWS} to {most} for a predicted standard deviation");
+    (!(LEAST_PROCESS_ROWS..=most).contains(&rows)).then(|| format!("std: {rows} rows, {expected}"))
+}
+
 /// Largest number of rows that a model of a kind can be fitted to.
 fn most_rows(kind: ModelKind) -> usize {
     let of_baseline = |kind| baseline::model(&Baselines::default(), kind).most_rows();
@@ -157,7 +167,7 @@ impl Task<'_> {
         let compared = if is_few { order } else { parts.choosing };
         let errors = Errors::of(self.outputs, &parts.usable());
         let mut trials = Vec::new();
-        for kind in CANDIDATES {
+        for kind in CANDIDATES.into_iter().filter(|kind| kind.has_std() || !self.options.std) {
             let mut trial = match self.trial(kind, order, parts) {
                 Ok(trial) => trial,
                 Err(error) => Trial::failed(kind, reason(error)),
@@ -291,8 +301,18 @@ impl Task<'_> {
         let inputs = first.len();
         let varying: Vec<usize> =
             (0..constants.len()).filter(|output| y.iter().any(|row| row[*output] != constants[*output])).collect();
+        let has_std = self.options.std;
+        // constants have a standard deviation of 0
+        let with_constants = |graph| match has_std {
+            true => {
+                let stds = varying.iter().map(|output| constants.len() + output);
+                let columns: Vec<usize> = varying.iter().copied().chain(stds).collect();
+                with_constants(graph, &columns, &[&constants[..], &vec![0.0; constants.len()]].concat())
+            }
+            false => with_constants(graph, &varying, constants),
+        };
         if varying.is_empty() {
-            return Ok((with_constants(Graph { inputs, steps: Vec::new() }, &varying, constants), which.len()));
+            return Ok((with_constants(Graph { inputs, steps: Vec::new() }), which.len()));
         }
         let varying_outputs = |row: &Vec<f64>| varying.iter().map(|output| row[*output]).collect::<Vec<_>>();
         let of_varying: Vec<Vec<f64>> = y.iter().map(varying_outputs).collect();
@@ -302,12 +322,17 @@ impl Task<'_> {
         let (options, seed) = (Baselines::default(), self.options.seed);
         let model = baseline::model(&options, kind);
         let rows = choose_rows(&rows, model.most_rows(), seed);
-        let graph = match worker::caught(|| model.fit(&rows, seed))? {
+        let fitted = match has_std {
+            true => worker::caught(|| model.fit_with_std(&rows, seed).map(Fitted::Formula)),
+            false => worker::caught(|| model.fit(&rows, seed)),
+        };
+        let graph = match fitted? {
             Fitted::Formula(graph) => graph,
             Fitted::Library(model) => return Err(model.not_exportable.into()),
         };
-        graph.check(inputs, varying.len()).map_err(|error| error.to_string())?;
-        Ok((with_constants(graph, &varying, constants), rows.len()))
+        let outputs = if has_std { 2 * varying.len() } else { varying.len() };
+        graph.check(inputs, outputs).map_err(|error| error.to_string())?;
+        Ok((with_constants(graph), rows.len()))
     }
 
     fn refusal(&self, problems: Vec<String>) -> Error {

@@ -69,6 +69,51 @@ fn a_smooth_function_of_few_rows_is_a_gaussian_process_of_the_same_bytes_each_ti
 }
 
 #[test]
+fn predicted_standard_deviations_follow_the_outputs_of_a_gaussian_process() {
+    let x = points(100, 1);
+    let mut random = sampling::random(9, Stream::Test);
+    // a uniform error with a standard deviation of 0.05
+    let error = 0.05 * 3f64.sqrt();
+    let y: Rows = x.iter().map(|point| vec![smooth(point)[0] + random.random_range(-error..error), 7.0]).collect();
+    let options = FitOptions { std: true, ..quick(ModelChoice::Auto) };
+    let (surrogate, fit) = fitted(&x, &y, &options).unwrap();
+    assert_eq!((fit.model, fit.candidates.len()), ("gaussian-process", 1));
+    let names: Vec<(&str, Option<u32>)> = surrogate.outputs().iter().map(|of| (of.name.as_str(), of.std_of)).collect();
+    assert_eq!(names, [("y", None), ("constant", None), ("y_std", Some(0)), ("constant_std", Some(1))]);
+    let found = evaluation::predict_rows(&surrogate, &[vec![0.1, 0.2], vec![30.0, 0.0]]);
+    assert!((0.04..0.07).contains(&found[0][2]) && found[1][2] > 0.5, "{found:?}");
+    assert!(found.iter().all(|row| (row[1], row[3]) == (7.0, 0.0)), "{found:?}");
+    // the predictions are those of the same model without them
+    let (alone, of_alone) = fitted(&x, &y, &quick(model_choice("gaussian-process").unwrap())).unwrap();
+    assert_eq!(evaluation::predict_rows(&alone, &[vec![0.1, 0.2]])[0], found[0][..2]);
+    let accuracy = fit.accuracy.unwrap();
+    let within = accuracy.outputs["y"].within_two_std.unwrap();
+    assert!(
+        (0.9..=1.0).contains(&within) && accuracy.outputs["y"].mse > 0.0 && accuracy.outputs.len() == 2,
+        "{within}"
+    );
+    let without = |accuracy: &Accuracy| {
+        let mut outputs = accuracy.outputs.clone();
+        outputs.values_mut().for_each(|metrics| metrics.within_two_std = None);
+        outputs
+    };
+    assert_eq!(without(&accuracy), without(&of_alone.accuracy.unwrap()));
+    assert!(fit.unseen.unwrap().predictions.iter().all(|row| row.len() == 4 && row[2] > 0.0));
+    let refused = |options: FitOptions, rows: usize| {
+        let x = points(rows, 1);
+        let y: Rows = x.iter().map(|point| smooth(point)).collect();
+        fitted(&x, &y, &options).unwrap_err().to_string()
+    };
+    let message = refused(FitOptions { std: true, ..quick(model_choice("polynomial").unwrap()) }, 50);
+    assert!(
+        message.contains("std: polynomial has no predicted standard deviation, expected gaussian-process"),
+        "{message}"
+    );
+    let message = refused(options, 1001);
+    assert!(message.contains("std: 1001 rows, expected 2 to 1000 for a predicted standard deviation"), "{message}");
+}
+
+#[test]
 fn a_small_network_of_few_rows_is_better_than_one_of_epochs_and_uses_all_rows() {
     let x = points(60, 1);
     let y: Rows = x.iter().map(|point| smooth(point)).collect();

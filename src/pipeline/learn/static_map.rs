@@ -42,12 +42,16 @@ impl Method for StaticMap {
         let (rows, read_seconds) = (inputs.len(), began.elapsed().as_secs_f64());
         let options = FitOptions {
             model: study.static_map.model.into(),
+            std: study.static_map.std,
             network: study.network.clone(),
             training: study.training_on(rows),
             small_networks: study.small_networks(),
             seed: study.seed,
             measure: true,
         };
+        if let Some(problem) = fit::std_problem(&options, rows) {
+            return Err(study.refusal("static.std", problem));
+        }
         expect_bounds(study, fit::unseen_rows(rows, &options.training))?;
         project.say(format_args!("fitting to {rows} rows: inputs {}, outputs {}", inputs[0].len(), outputs[0].len()));
         let began = Instant::now();
@@ -123,7 +127,7 @@ fn measured(candidates: &[FittedKind]) -> Vec<Candidate> {
 
 /// The candidates as a table, the network first.
 fn comparison(study: &Study, surrogate: &Surrogate, fit: &Fit) -> Comparison {
-    let names = || surrogate.outputs().iter().map(|output| output.name.clone());
+    let names = || surrogate.predictions().iter().map(|output| output.name.clone());
     let row = |FittedKind { model, fit_seconds, note, outputs, .. }: &FittedKind| {
         let is_exported = *model == fit.model;
         // of a single kind and many rows nothing else is measured than the accuracy itself

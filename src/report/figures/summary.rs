@@ -84,13 +84,14 @@ pub fn summary(material: &Material) -> Section {
         let of_output = |(index, output): (usize, &Output)| {
             format!("{} ±{} {}", output.name, number(bounds.largest(index)), output.unit).trim_end().to_owned()
         };
-        let widths: Vec<String> = evaluated.surrogate.outputs().iter().enumerate().map(of_output).collect();
+        let widths: Vec<String> = evaluated.surrogate.predictions().iter().enumerate().map(of_output).collect();
         blocks.push(paragraph(&format!(
             "Error bounds, from the errors of these rows: {}. {} of further rows inside the ranges are expected within each.",
             widths.join(", "),
             percent(bounds.coverage)
         )));
     }
+    blocks.extend(evaluated.accuracy.within_two_std().map(|text| paragraph(&format!("{text}."))));
     let trust = if material.verdict.accepted { "It may be trusted inside these ranges only. " } else { "" };
     let learned = if is_of_rows { "its predictions at the rows of the table" } else { "the training runs" };
     blocks.push(paragraph(&format!("{trust}A range of an output is that of {learned}.")));

@@ -154,7 +154,7 @@ structures! {
     }
     Input { name, role, unit, description, min, max, start; encoding }
     State { name, unit, rate_unit, description, nominal; range }
-    Output { name, unit, description, min, max }
+    Output { name, unit, description, min, max; std_of }
     OutputArray { name, description, outputs }
     Provenance { tool, study_digest, seed, train_rows, content_digest }
     Bounds { coverage, runs, half_widths; times }

@@ -211,6 +211,30 @@ fn arrays_that_make_no_sense_are_refused_by_name() {
 }
 
 #[test]
+fn predicted_standard_deviations_follow_all_outputs_in_their_order() {
+    let with = |stds: &[Option<u32>]| {
+        let stds = stds.to_vec();
+        changed(move |metadata| metadata.outputs.iter_mut().zip(stds).for_each(|(output, of)| output.std_of = of))
+    };
+    assert_eq!(with(&[None, None]).unwrap().predictions().len(), 2);
+    let surrogate = with(&[None, Some(0)]).unwrap();
+    assert_eq!((surrogate.predictions().len(), surrogate.std_column(0), surrogate.std_column(1)), (1, Some(1), None));
+    assert_eq!(Surrogate::from_bytes(&surrogate.to_bytes().unwrap()).unwrap(), surrogate);
+    let message = "predicted standard deviations follow all other outputs, in their order";
+    for (stds, name) in [([None, Some(1)], "y"), ([Some(0), None], "x"), ([Some(0), Some(1)], "x")] {
+        assert_eq!(with(&stds).unwrap_err().to_string(), format!("output `{name}`: {message}"));
+    }
+    // a bound for each output that predicts a quantity
+    let bounds = |half_widths: &[f64]| {
+        let bounds = Bounds { coverage: 0.9, runs: 100, times: Vec::new(), half_widths: half_widths.into() };
+        surrogate.clone().with_bounds(bounds)
+    };
+    let bounded = bounds(&[0.1]).unwrap();
+    assert_eq!(bounded.variables().iter().filter(|(_, v)| v.name.ends_with("_bound")).count(), 1);
+    assert_eq!(bounds(&[0.1, 0.2]).unwrap_err().to_string(), "2 error bounds, expected 1: one for each output");
+}
+
+#[test]
 fn error_bounds_that_make_no_sense_are_refused() {
     let refused = |coverage: f64, half_widths: &[f64]| {
         let bounds = Bounds { coverage, runs: 100, times: Vec::new(), half_widths: half_widths.into() };

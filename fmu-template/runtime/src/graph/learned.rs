@@ -2,7 +2,7 @@
 //! standardized columns `z = (x - mean) / scale` and outputs. Means are subtracted first: in `x / scale - mean / scale` digits would cancel
 //! far from zero.
 
-use super::{Elementwise, Forest, Graph, LEAF, Products, Step};
+use super::{Elementwise, Forest, Graph, LEAF, ProcessDeviation, Products, Step};
 use crate::{Activation, Layer, Numbers, ScaledNetwork, Scaling};
 
 /// `y = bias + sum_c weights[c] * exp(-1/2 sum_i ((z_i - centres[c, i]) / lengths[i])^2)`: support vector regression, Gaussian processes.
@@ -16,6 +16,8 @@ pub struct KernelMachine {
     pub weights: Vec<f64>,
     /// Far from every centre.
     pub bias: f64,
+    /// Predicted standard deviation, of a Gaussian process.
+    pub deviation: Option<ProcessDeviation>,
 }
 
 /// Numbers of a network: mean and scale of inputs and outputs; weights, biases and activation of each layer.
@@ -115,11 +117,14 @@ impl Graph {
         graph
     }
 
-    /// `y_o = mean_o + scale_o machine_o(z)`. Machines with the same centres and lengths share their kernels.
+    /// `y_o = mean_o + scale_o machine_o(z)`, then the [standard deviations](ProcessDeviation) of the machines that have one. Machines with the same
+    /// centres and lengths share their kernels.
     pub fn of_kernels(scaling: &Scaling, machines: &[KernelMachine]) -> Self {
         let mut graph = Self::standardized(scaling);
+        let Scaling { output_mean, output_scale, .. } = scaling;
         let (inputs, z) = (graph.inputs, graph.steps.len());
         let mut columns = vec![[0; 2]; machines.len()];
+        let mut deviations = vec![None; machines.len()];
         let mut rest: Vec<usize> = (0..machines.len()).collect();
         while let Some(first) = rest.first() {
             let KernelMachine { lengths, centres, .. } = &machines[*first];
@@ -137,11 +142,15 @@ impl Graph {
             };
             let biases: Vec<f64> = shared.iter().map(|output| machines[*output].bias).collect();
             let of_shared = |column: &[f64]| shared.iter().map(|output| column[*output]).collect::<Vec<f64>>();
-            let scaling = (&*of_shared(&scaling.output_mean), &*of_shared(&scaling.output_scale));
+            let scaling = (&*of_shared(output_mean), &*of_shared(output_scale));
             let made = graph.add(scaled(kernels, &weights, &biases, scaling));
             (0..).zip(&shared).for_each(|(row, output)| columns[*output] = [made as u32, row]);
+            for (output, deviation) in shared.iter().filter_map(|o| Some((*o, machines[*o].deviation.as_ref()?))) {
+                deviations[output] = Some([graph.add_deviation(kernels, deviation, output_scale[output]) as u32, 0]);
+            }
             rest = others;
         }
+        columns.extend(deviations.into_iter().flatten());
         if columns.iter().any(|[of, _]| *of != columns[0][0]) {
             graph.add(Step::Columns { columns });
         }

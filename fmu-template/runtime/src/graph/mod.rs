@@ -6,6 +6,7 @@ mod elementwise;
 mod evaluate;
 mod forest;
 mod learned;
+mod process;
 mod products;
 mod series;
 mod tensors;
@@ -26,6 +27,7 @@ use evaluate::check_instants;
 pub(crate) use evaluate::{GraphScratch, PreparedGraph};
 pub use forest::{Forest, LEAF, Node, Tree};
 pub use learned::KernelMachine;
+pub use process::ProcessDeviation;
 pub use products::Products;
 use std::fmt;
 

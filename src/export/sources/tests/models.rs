@@ -62,6 +62,7 @@ pub(super) fn regressions(example: &Surrogate) -> [Surrogate; 3] {
         centres: (0..centres * n).map(|index| (1.3 * index as f64).sin()).collect(),
         weights: (0..centres).map(|index| (0.9 * index as f64).cos()).collect(),
         bias,
+        deviation: None,
     };
     [
         Graph::of_polynomial(&scaling, Products { inputs: n, degrees }, &coefficients),
@@ -69,6 +70,34 @@ pub(super) fn regressions(example: &Surrogate) -> [Surrogate; 3] {
         Graph::of_kernels(&scaling, &[machine(0.1, 7), machine(-2.0, 0)]),
     ]
     .map(|graph| Surrogate::new(example.metadata().clone(), graph).unwrap())
+}
+
+/// A Gaussian process of the example's columns with its predicted standard deviation; of so many centres that rows are in several blocks.
+pub(super) fn process(example: &Surrogate) -> Surrogate {
+    let (n, count) = (Encoder::of(example.inputs()).width(), 70);
+    let whitening = (0..count).flat_map(|row| (0..=row).map(move |column| (row, column)));
+    let machine = |scale: f64| KernelMachine {
+        lengths: (0..n).map(|column| 0.7 + 0.3 * column as f64).collect(),
+        centres: (0..count * n).map(|index| (1.3 * index as f64).sin()).collect(),
+        weights: (0..count).map(|index| (0.9 * index as f64).cos()).collect(),
+        bias: 0.2,
+        deviation: Some(ProcessDeviation {
+            whitening: whitening.clone().map(|(row, column)| 0.02 * (0.7 * (row + 3 * column) as f64).sin()).collect(),
+            trend: (0..count).map(|index| 0.1 * (0.4 * index as f64).sin()).collect(),
+            trend_origin: 0.3,
+            noise: 1e-3,
+            least: 1e-2,
+            scale,
+        }),
+    };
+    let mut metadata = example.metadata().clone();
+    let stds = (0..).zip(&metadata.outputs).map(|(index, output)| {
+        let name = metafmu_runtime::Output::std_name(&output.name);
+        metafmu_runtime::Output { name, std_of: Some(index), ..output.clone() }
+    });
+    metadata.outputs = metadata.outputs.iter().cloned().chain(stds).collect();
+    let scaling = example.network().unwrap().scaling;
+    Surrogate::new(metadata, Graph::of_kernels(&scaling, &[machine(1.5), machine(0.5)])).unwrap()
 }
 
 /// A graph with steps of all kinds, and all elementwise functions.

@@ -32,7 +32,7 @@ fn networks_for_instants_are_interpolated_as_by_the_evaluator() {
 fn the_outputs_and_derivatives_of_a_regression_are_those_of_the_evaluator() {
     let example = example::surrogate();
     for example in [&example, &example::encoded(&example)] {
-        for surrogate in regressions(example).into_iter().chain([graph(example)]) {
+        for surrogate in regressions(example).into_iter().chain([graph(example), process(example)]) {
             compare(&surrogate, [10.0, 0.03], &SANITIZERS);
         }
     }

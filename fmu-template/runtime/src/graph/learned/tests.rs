@@ -34,6 +34,7 @@ fn machines() -> [KernelMachine; 2] {
         centres: vec![0.1, -0.3, 0.5, -0.8, 0.2, 0.9],
         weights: vec![1.5, -0.7],
         bias,
+        deviation: None,
     })
 }
 
