@@ -38,6 +38,8 @@ const FIRST_ROWS: usize = 200;
 const FIRST_LENGTHS: [f64; 3] = [2.7, 7.4, 1.0];
 /// Shorter lengths: of all inputs, or of one beside the first of the others. The likeliest is a further start.
 const SHORT_LENGTHS: [f64; 3] = [0.4, 0.15, 0.06];
+/// Standard deviation of the noise, relative to that of the function, of a further start: few rows of many inputs can also be interpolated.
+const NOISY_START: f64 = 0.1;
 /// Logarithms of the lengths: from features that rows cannot show to what is linear over all rows.
 const LENGTHS: [f64; 2] = [-3.0, 7.0];
 /// Smallest square of the noise: a covariance is singular with less.
@@ -75,9 +77,11 @@ fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -
     };
     let few = Rows::of(rows, output, model.kernel_rows.min(FIRST_ROWS));
     let usual = |length: f64| (length * inputs.powf(0.25)).ln();
-    let with_noise = |lengths: Vec<f64>| [lengths, vec![2.0 * model.noise.ln()]].concat();
-    let starts = FIRST_LENGTHS.map(|length| with_noise(vec![usual(length); rows.inputs]));
-    let first = starts.into_iter().chain(short_start(model, &few)).filter_map(|start| search(&few, start));
+    let start = |length: f64, noise: f64| [vec![usual(length); rows.inputs], vec![2.0 * noise.ln()]].concat();
+    let starts = FIRST_LENGTHS.map(|length| start(length, model.noise));
+    let noisy = (model.noise < NOISY_START).then(|| start(FIRST_LENGTHS[0], NOISY_START));
+    let first = starts.into_iter().chain(short_start(model, &few)).chain(noisy);
+    let first = first.filter_map(|start| search(&few, start));
     let best = first.min_by(|a, b| a.value.total_cmp(&b.value))?;
     if model.kernel_rows.min(rows.len()) <= FIRST_ROWS {
         return Some(best.point);
@@ -245,6 +249,37 @@ mod tests {
         // an error well below the noise, of what is behind it
         let fitted = model().fit(&rows, 1).unwrap();
         assert!(1.0 - r2(&fitted, &clean, 0) < 3e-3, "{}", 1.0 - r2(&fitted, &clean, 0));
+    }
+
+    #[test]
+    fn noise_in_few_rows_of_many_inputs_is_not_interpolated() {
+        use metafmu_runtime::Scaling;
+        let (count, inputs, noise) = (50, 8, 0.2);
+        for seed in [5, 6, 7, 8, 9] {
+            let (mut state, mut x, mut y) = (seed, Vec::new(), Vec::new());
+            let mut uniform = || {
+                state =
+                    u64::wrapping_add(u64::wrapping_mul(state, 6_364_136_223_846_793_005), 1_442_695_040_888_963_407);
+                (state >> 11) as f64 / (1u64 << 53) as f64
+            };
+            for _ in 0..count {
+                let row: Vec<f64> = (0..inputs).map(|_| uniform()).collect();
+                let sum: f64 = (1..).zip(&row).map(|(factor, x)| 0.25 * f64::from(factor) * x).sum();
+                y.push(sum + row[0] * row[1] + noise * (0..12).map(|_| uniform() - 0.5).sum::<f64>());
+                x.extend(row);
+            }
+            let scaling = Scaling {
+                input_mean: vec![0.5; inputs],
+                input_scale: vec![0.29; inputs],
+                output_mean: vec![4.5],
+                output_scale: vec![1.0],
+            };
+            let rows = StandardizedRows::new(x, y, scaling);
+            let parameters = parameters(&model(), &rows, 0).unwrap();
+            let process = Process::new(&Rows::of(&rows, 0, count), &parameters).unwrap();
+            let found = (parameters[inputs].exp() * process.variance).sqrt();
+            assert!((0.5..1.5).contains(&(found / noise)), "{seed}: {found}");
+        }
     }
 
     #[test]
