@@ -242,7 +242,8 @@ def test_inputs_that_stay_at_the_ends_of_their_ranges_leave_the_domain_before_th
     rows = pd.read_csv(tmp_path / "out" / "test.csv")
     errors = np.abs(np.array([found["speed"], found["torque"]]).T - truth) / np.ptp(rows[["speed", "torque"]].to_numpy(), axis=0)
     inside = found["in_domain"].astype(bool)
-    assert errors.max() > 0.05 and errors[inside].max() < 0.02 and inside[:10].all() and not inside[300:].any()
+    # of one past sample the voltage counts as what it has always been: the highest average is outside from the first sample on
+    assert errors.max() > 0.05 and errors[inside].max() < 0.02 and inside[0] and not inside[300:].any()
     # runs like those of the training
     metafmu("predict", tmp_path / "out" / "dc-motor.fmu", tmp_path / "out" / "test.csv", "--out", tmp_path / "found.csv")
     assert len(rows) == 3010 and pd.read_csv(tmp_path / "found.csv")["in_domain"].mean() > 0.95

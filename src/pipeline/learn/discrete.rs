@@ -117,12 +117,14 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
             }
         }
     }
-    let LearnedKind { candidate: Candidate { name, .. }, surrogate, model: one, .. } = learned.swap_remove(best);
+    let LearnedKind { kind, candidate: Candidate { name, .. }, surrogate, model: one } = learned.swap_remove(best);
     let surrogate = one.refitted.as_deref().map_or(Ok(surrogate), assembled)?;
     let exported = one.refitted.as_deref().unwrap_or(&one);
-    // an FMU holds its inputs between samples; how those of a table change there is not known
+    // an FMU holds its inputs between samples, so that a function of one past sample may be as good for other signals; how those of a table change
+    // there is not known, and a network is good for what it has seen
     let inputs = exported.past[1] + dead_times.longest() > 1
         || !exported.hidden.is_empty()
+        || kind == DiscreteModel::Feedback
         || matches!(project.source, Source::Recorded(_));
     let ranges = drives.iter().map(|(_, range)| *range);
     let support = support::support(study, dataset, &surrogate, inputs, ranges);
