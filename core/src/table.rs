@@ -255,7 +255,7 @@ fn wrong(path: &Path, place: Place, message: String) -> Error {
     Error::Table { path: path.to_owned(), place, message }
 }
 
-/// What helps against commas within numbers.
+/// Advice on commas within numbers.
 const COMMAS: &str = " without commas; where commas are decimal, columns are separated by semicolons or tabs";
 
 /// Returns true for a number with separators of thousands, or with a decimal comma.

@@ -27,7 +27,7 @@ use std::{path::Path, sync::atomic::Ordering};
 pub struct FitOptions {
     /// Kind of model; chosen among several unless given.
     pub model: ModelChoice,
-    /// Whether each output has its predicted standard deviation, an output `NAME_std`, behind all outputs: only kinds of model that have one are candidates.
+    /// `true` if predicted standard deviations `NAME_std` follow the outputs. Only kinds of model with predicted standard deviations are then candidates.
     pub std: bool,
     /// The network.
     pub network: NetworkOptions,
@@ -250,7 +250,7 @@ impl Task<'_> {
     }
 }
 
-/// Why predicted standard deviations cannot be had of a fit to so many rows; None if they can or are not wanted.
+/// Reason why a fit to this number of rows has no predicted standard deviations; None if it has them, or if they are not requested.
 pub fn std_problem(FitOptions { std, model, .. }: &FitOptions, rows: usize) -> Option<String> {
     let of_model = || match model {
         ModelChoice::Only(kind) => kind.std_problem().map(|problem| format!("std: {problem}")),

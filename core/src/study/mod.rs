@@ -227,15 +227,15 @@ pub struct Study {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum StudyStructure {
-    /// Of parameters and time: it plays back the runs of its source.
+    /// Response surrogate: outputs are functions of parameters and time.
     #[default]
     Response,
-    /// Of states, inputs and parameters: equations of motion, learned by their structure from a mechanism.
+    /// Equations of motion: derivatives are functions of states, inputs and parameters, learned by their structure from a mechanism.
     Dynamics,
-    /// Of past outputs, past inputs and parameters, at samples of a fixed time: learned from recorded runs of a component with inputs, or from
-    /// runs of an FMU for co-simulation.
+    /// Discrete-time model: outputs are functions of past outputs, past inputs and parameters, learned from recorded runs of a component with
+    /// inputs, or from runs of an FMU for co-simulation.
     Discrete,
-    /// Of inputs: a static map, learned from the rows of a table without a time.
+    /// Static map: outputs are functions of inputs, learned from the rows of a table without a time.
     Static,
 }
 

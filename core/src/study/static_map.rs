@@ -15,8 +15,8 @@ pub struct StaticOptions {
     /// that they were not fitted to. The others have their default options. A small network of few rows is trained by Levenberg-Marquardt steps with Bayesian
     /// regularization, unless there is a section `[training]`.
     pub model: Option<ModelKind>,
-    /// Whether each output `NAME` has a further output `NAME_std` of the same unit: the predicted standard deviation of a further row, its noise included. Only
-    /// a Gaussian process, of up to 1000 rows, has one, so that no other kind is a candidate.
+    /// `true` adds the predicted standard deviation of each output `NAME` as an output `NAME_std` of the same unit, noise included. The model is then a Gaussian
+    /// process, of up to 1000 rows.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub std: bool,
 }

@@ -172,7 +172,7 @@ class Surrogate:
 
     @property
     def has_std(self) -> bool:
-        """Whether each output has a predicted standard deviation."""
+        """True if each output has a predicted standard deviation."""
         return len(self._metadata["outputs"]) > len(self._predictions)
 
     def jacobian(self, X: Any) -> np.ndarray:

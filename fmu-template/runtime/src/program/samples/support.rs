@@ -154,8 +154,8 @@ impl Support {
         0.0
     }
 
-    /// What is left of errors, and the distance that counts, after a transition at distance `own`, from those before it. `fading`: [`Support::fading`], and
-    /// [`Sampling::settling`](super::Sampling::settling).
+    /// Estimated error and reported distance after a transition at distance `own`, from those before it. `fading` has the factors
+    /// [`Support::fading`] and [`Sampling::settling`](super::Sampling::settling).
     pub fn after(own: f64, [error, distance]: [f64; 2], [fading, settling]: [f64; 2], is_measured: bool) -> [f64; 2] {
         let own = if own < NEGLIGIBLE { 0.0 } else { own };
         let kept = if is_measured { fading.min(settling) } else { fading };
