@@ -19,6 +19,7 @@ from fmpy.simulation import instantiate_fmu
 from fmpy.validation import validate_fmu
 
 sys.path.insert(0, str(ROOT / "scripts" / "measure"))
+import noise
 from model_file import evaluate, load
 
 RUNS, ROWS, STEP = 14, 101, 0.02
@@ -505,6 +506,32 @@ def with_row(number, **values):
         return rows
 
     return change
+
+
+def test_noise_of_the_first_row_has_little_effect_on_a_simulation_from_rest(tmp_path):
+    random = np.random.default_rng(3)
+    (force, quiet), (unseen, truth) = (noise.record(random, 2000) for _ in range(2))
+    deviation = 0.05 * quiet.std()
+    times = noise.STEP * np.arange(2000)
+
+    def write(name, header, *columns):
+        np.savetxt(tmp_path / name, np.column_stack([times, *columns]), fmt="%.12g", delimiter=",", header=header, comments="")
+
+    write("record.csv", "time,force,position", force, quiet + deviation * random.standard_normal(2000))
+    metafmu("new", tmp_path / "study", "--table", tmp_path / "record.csv", "--structure", "discrete")
+    study = tmp_path / "study.toml"
+    # of the training runs, none begins at rest
+    text = study.read_text().replace("seed = 1", "seed = 3").replace("[discrete]", '[discrete]\nmodel = "state-space"')
+    study.write_text(text)
+    metafmu("build", study, "--out", tmp_path / "out")
+    errors = []
+    for start in [0.0, deviation, -deviation]:
+        write("inputs.csv", "time,force,position_start", unseen, np.full(2000, start))
+        found = np.genfromtxt(
+            metafmu("predict", tmp_path / "out" / "study.safetensors", tmp_path / "inputs.csv").stdout.splitlines(), delimiter=",", names=True
+        )["position"]
+        errors.append(np.sqrt(np.mean((found - truth)[:100] ** 2)) / deviation)
+    assert max(errors) < 0.6, errors
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,8 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
     let runs = SearchRuns::new(samples);
     let corners = runs.corners(samples.counts[2]);
     let budget = project.study.discrete.seconds(BUDGET) * RATE;
-    let search = Search { samples, budget, seed: project.study.seed, is_stopped: &is_stopped, corners };
+    let common_start = start::common(samples, &project.study);
+    let search = Search { samples, budget, seed: project.study.seed, is_stopped: &is_stopped, corners, common_start };
     let found = search.best(&runs);
     let Some(BestSetting { error, choice, fitted }) = found else {
         return if is_stopped() { Err(Error::Interrupted) } else { Ok(Vec::new()) };
@@ -263,6 +264,7 @@ struct Search<'a> {
     is_stopped: &'a (dyn Fn() -> bool + Sync),
     /// Runs with constant inputs.
     corners: Vec<Signals>,
+    common_start: Option<Vec<f64>>,
 }
 
 impl Search<'_> {
@@ -386,7 +388,8 @@ impl Search<'_> {
 
     /// Whether it stays finite from the ends of the outputs' ranges with inputs at the ends and in the middle of theirs.
     fn is_stable(&self, shape: &StateShape, fitted: &FittedStates) -> bool {
-        CountedRuns::new(&self.corners, |_| true).is_stable(shape, fitted.simulated())
+        let gain = overwriting(shape);
+        CountedRuns::new(&self.corners, |_| true).is_stable(shape, Simulated { gain: &gain, ..fitted.simulated() })
     }
 
     /// One step of the path; gives the number of multiplications.
@@ -417,12 +420,12 @@ impl Search<'_> {
     ) -> Option<Vec<FittedStates>> {
         let training = sets.get(own)?;
         let start = start::linear(origin, self.samples, training, shape, limits)?;
-        let (zero, gain) = (vec![0.0; start.len()], overwriting(shape));
+        let (center, gain) = (shape.constant(), overwriting(shape));
         let fitted = |data: &CountedRuns, start: Vec<f64>, stretches: &[usize]| {
             let mut now = (f64::INFINITY, start);
             for stretch in stretches {
                 let goal =
-                    Goal { center: &zero, gain: &gain, limits, penalty, stretch: *stretch, iterations: ITERATIONS };
+                    Goal { center: &center, gain: &gain, limits, penalty, stretch: *stretch, iterations: ITERATIONS };
                 let found = data.fit(shape, &now.1, &goal, self.is_stopped);
                 now = (found.value, found.coefficients);
             }
@@ -443,7 +446,7 @@ impl Search<'_> {
     fn start(&self, shape: &StateShape, kind: Nonlinearity, linear: &FittedStates) -> FittedStates {
         let of_linear = StateShape { features: Features::Nodes(0), ..shape.clone() }.places();
         let places = shape.places();
-        let mut center = vec![0.0; shape.coefficients()];
+        let mut center = shape.constant();
         for block in [0, 1, 5] {
             center[places[block].clone()].copy_from_slice(&linear.coefficients[of_linear[block].clone()]);
         }
@@ -461,7 +464,8 @@ impl Search<'_> {
     fn shape(&self, order: usize, kind: Nonlinearity) -> StateShape {
         let [parameters, inputs, outputs] = self.samples.counts;
         let (states, columns) = (order * outputs, order * outputs + inputs + parameters);
-        StateShape { states, outputs, columns, features: kind.features(columns, outputs..states) }
+        let (features, common_start) = (kind.features(columns, outputs..states), self.common_start.clone());
+        StateShape { states, outputs, columns, features, common_start }
     }
 }
 

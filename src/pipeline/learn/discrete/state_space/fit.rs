@@ -383,7 +383,7 @@ mod tests {
     /// `y' = 0.9 y + h + u`, `h' = 0.8 h + 0.5 u` with noise on the outputs that are measured.
     #[test]
     fn states_are_found_from_noisy_outputs_that_are_given() {
-        let shape = StateShape { states: 2, outputs: 1, columns: 3, features: Features::Nodes(0) };
+        let shape = StateShape { states: 2, outputs: 1, columns: 3, features: Features::Nodes(0), common_start: None };
         let coefficients = [[-0.1, 1.0, 1.0].as_slice(), &[0.0, -0.2, 0.5], &[0.0; 3]].concat();
         let rows = 400;
         let inputs: Vec<f64> = (0..rows).map(|row| (0.3 * row as f64).sin()).collect();

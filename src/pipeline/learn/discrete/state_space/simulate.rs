@@ -6,8 +6,8 @@ use std::ops::Range;
 /// Standardized magnitude from which on a simulation has diverged.
 const DIVERGED: f64 = 1e3;
 
-/// Sizes of a state space, and the places of its coefficients: `L`, `c`, `G`, `W`, `b`, then the hidden states at the start, matrices row by
-/// row. `W` and `b` are those of nodes.
+/// Sizes of a state space, and the places of its coefficients: `L`, `c`, `G`, `W`, `b`, then the states at the start, matrices row by row. `W` and
+/// `b` are those of nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateShape {
     /// Number of states, the outputs first.
@@ -16,6 +16,10 @@ pub struct StateShape {
     /// Number of columns: states, inputs, parameters.
     pub columns: usize,
     pub features: Features,
+    /// Measured outputs at the start of runs from rest, if they differ by no more than noise: all states at the start are then coefficients, which
+    /// the difference of a run's first outputs from these corrects. Otherwise a run begins with its first outputs, and only hidden states are
+    /// coefficients.
+    pub common_start: Option<Vec<f64>>,
 }
 
 impl StateShape {
@@ -23,12 +27,35 @@ impl StateShape {
         self.states - self.outputs
     }
 
-    /// Places of `L`, `c`, `G`, `W`, `b` and the hidden start.
+    /// States that have the same value at the start of every run.
+    pub fn started(&self) -> Range<usize> {
+        let first = if self.common_start.is_some() { 0 } else { self.outputs };
+        first..self.states
+    }
+
+    /// Coefficients of states that keep their start values.
+    pub fn constant(&self) -> Vec<f64> {
+        let mut coefficients = vec![0.0; self.coefficients()];
+        let start = self.places()[5].start;
+        let outputs = self.common_start.as_deref().unwrap_or_default();
+        coefficients[start..start + outputs.len()].copy_from_slice(outputs);
+        coefficients
+    }
+
+    /// Errors of outputs that are given, those of the first row from a common start.
+    fn errors_of_given(&self, limits: &Limits, row: usize, states: &[f64], measured: &[f64]) -> Vec<f64> {
+        match &self.common_start {
+            Some(first) if row == 0 => first.iter().zip(measured).map(|(first, measured)| first - measured).collect(),
+            _ => errors(limits, states, measured).collect(),
+        }
+    }
+
+    /// Places of `L`, `c`, `G`, `W`, `b` and the start.
     pub fn places(&self) -> [Range<usize>; 6] {
         let Self { states, columns, .. } = *self;
         let (features, nodes) = (self.features.count(), self.features.nodes());
         let mut end = 0;
-        [states * columns, states, states * features, nodes * columns, nodes, self.hidden()].map(|length| {
+        [states * columns, states, states * features, nodes * columns, nodes, self.started().len()].map(|length| {
             end += length;
             end - length..end
         })
@@ -153,20 +180,22 @@ pub fn simulate(
     [rows, given]: [usize; 2],
     mut visit: impl FnMut(usize, &[f64]),
 ) -> Option<()> {
-    let StateShape { states, outputs, columns, ref features } = *shape;
-    let [linear, constant, last, first, bias, hidden] = shape.places().map(|place| &coefficients[place]);
+    let StateShape { states, outputs, columns, ref features, .. } = *shape;
+    let [linear, constant, last, first, bias, start] = shape.places().map(|place| &coefficients[place]);
     let mut active = FeatureValues::new(features, states);
     let count = active.values.len();
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
-    z[outputs..states].copy_from_slice(hidden);
+    z[shape.started()].copy_from_slice(start);
     for row in 0..rows {
         let measured = &run.outputs[row * outputs..][..outputs];
         if row == 0 {
-            z[..outputs].copy_from_slice(measured);
+            let begun = shape.started().start;
+            z[..begun].copy_from_slice(&measured[..begun]);
         }
         visit(row, &z[..states]);
         if row < given {
-            correct(&mut z[..states], gain, limits, measured);
+            let errors = shape.errors_of_given(limits, row, &z, measured);
+            correct(&mut z[..states], gain, &errors);
         }
         z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
         active.evaluate(features, [first, bias], &z);
@@ -192,28 +221,30 @@ pub fn simulate_with_sensitivities(
     stretch: usize,
     mut visit: impl FnMut(usize, &[f64], &[f64]),
 ) -> Option<()> {
-    let StateShape { states, outputs, columns, ref features } = *shape;
+    let StateShape { states, outputs, columns, ref features, .. } = *shape;
     let places = shape.places();
-    let [linear, constant, last, first, bias, hidden] = places.clone().map(|place| &coefficients[place]);
+    let [linear, constant, last, first, bias, start] = places.clone().map(|place| &coefficients[place]);
     let count = coefficients.len();
     let mut active = FeatureValues::new(features, states);
     let terms = active.values.len();
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     let mut seen = vec![true; outputs];
     let (mut sensitivities, mut changed) = (vec![0.0; states * count], vec![0.0; states * count]);
-    z[outputs..states].copy_from_slice(hidden);
-    (outputs..states).zip(places[5].clone()).for_each(|(state, place)| sensitivities[state * count + place] = 1.0);
+    z[shape.started()].copy_from_slice(start);
+    shape.started().zip(places[5].clone()).for_each(|(state, place)| sensitivities[state * count + place] = 1.0);
     for row in 0..rows {
         let measured = &run.outputs[row * outputs..][..outputs];
         if row == 0 {
-            z[..outputs].copy_from_slice(measured);
-            sensitivities[..outputs * count].fill(0.0);
+            let begun = shape.started().start;
+            z[..begun].copy_from_slice(&measured[..begun]);
         }
         visit(row, &z[..states], &sensitivities);
         if row < run.given {
-            let is_seen = |(output, range): (usize, &[f64; 2])| within(*range, z[output]) == z[output];
+            let is_first = row == 0 && shape.common_start.is_some();
+            let is_seen = |(output, range): (usize, &[f64; 2])| !is_first && within(*range, z[output]) == z[output];
             limits.measured.iter().enumerate().map(is_seen).zip(&mut seen).for_each(|(is, seen)| *seen = is);
-            correct(&mut z[..states], gain, limits, measured);
+            let errors = shape.errors_of_given(limits, row, &z, measured);
+            correct(&mut z[..states], gain, &errors);
             correct_sensitivities(&mut sensitivities, gain, &seen, states);
         } else if (row - run.given + 1).is_multiple_of(stretch) {
             z[..outputs].copy_from_slice(measured);
@@ -265,14 +296,12 @@ pub fn errors(limits: &Limits, states: &[f64], measured: &[f64]) -> impl Iterato
     measured.iter().enumerate().map(error)
 }
 
-/// `x + K (y - x_y)`, where `x_y` is in the range that is measured.
-fn correct(states: &mut [f64], gain: &[f64], limits: &Limits, measured: &[f64]) {
-    let outputs = measured.len();
-    let errors: Vec<f64> = errors(limits, states, measured).collect();
-    states.iter_mut().zip(gain.chunks_exact(outputs)).for_each(|(state, gain)| *state -= dot(gain, &errors));
+/// `x + K (y - x_y)`, from the errors `x_y - y`.
+fn correct(states: &mut [f64], gain: &[f64], errors: &[f64]) {
+    states.iter_mut().zip(gain.chunks_exact(errors.len())).for_each(|(state, gain)| *state -= dot(gain, errors));
 }
 
-/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none, and outputs beyond its range have no effect.
+/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none, and outputs that are not seen have no effect.
 fn correct_sensitivities(sensitivities: &mut [f64], gain: &[f64], seen: &[bool], states: usize) {
     let count = sensitivities.len() / states;
     let of_outputs = sensitivities[..seen.len() * count].to_vec();
@@ -300,7 +329,7 @@ pub mod tests {
 
     /// A run of a made-up state space with two outputs, a hidden state, an input and a parameter.
     pub fn example(features: Features) -> (StateShape, Vec<f64>, Signals) {
-        let shape = StateShape { states: 3, outputs: 2, columns: 5, features };
+        let shape = StateShape { states: 3, outputs: 2, columns: 5, features, common_start: None };
         let number = |index: usize| (1.3 * index as f64 + 0.2).sin();
         let coefficients: Vec<f64> = (0..shape.coefficients()).map(|index| 0.2 * number(index)).collect();
         let rows = 30;
@@ -311,8 +340,13 @@ pub mod tests {
 
     #[test]
     fn sensitivities_are_those_of_differences() {
-        for features in [Features::Nodes(4), Features::products(5, 3, |_| true, 100).unwrap()] {
-            let (shape, coefficients, run) = example(features);
+        let products = Features::products(5, 3, |_| true, 100).unwrap();
+        for (features, common_start) in [(Features::Nodes(4), None), (products, Some(vec![0.3, -0.2]))] {
+            let (mut shape, mut coefficients, run) = example(features);
+            if common_start.is_some() {
+                coefficients.extend([0.4, -0.3]);
+            }
+            shape.common_start = common_start;
             let coefficients: Vec<f64> = coefficients.iter().map(|value| 0.2 * value).collect();
             let count = coefficients.len();
             let mut found = Vec::new();

@@ -1,10 +1,15 @@
 //! Linear state spaces from which trainings begin, of ARX models.
 
 use super::{
-    super::{DiscreteSamples, linear::solve},
+    super::{
+        DiscreteSamples,
+        linear::{LinearPart, solve},
+        standardised,
+    },
     fit::CountedRuns,
     simulate::{Limits, StateShape},
 };
+use crate::{dataset::Run, study::Study};
 use nalgebra::{DMatrix, DVector};
 
 /// Past samples of the ARX model whose responses to impulses are realized, and its columns, at the most.
@@ -20,6 +25,31 @@ const STABLE: f64 = 0.999;
 const RADII: [f64; 5] = [1.0, 0.99, 0.97, 0.9, 0.7];
 /// Singular values that count as zero.
 const SMALL: f64 = 1e-12;
+
+/// Standardized outputs at the start of all runs from rest, if they differ by no more than the errors of a linear model; none without such runs.
+pub fn common(samples: &DiscreteSamples, study: &Study) -> Option<Vec<f64>> {
+    let runs = samples.training.iter().chain(&samples.validation).filter(|run| run.times[0] >= 0.0);
+    let outputs = samples.counts[2];
+    let first = |run: &&Run| standardised(&run.outputs[..outputs], &samples.scales[2]).collect::<Vec<f64>>();
+    let starts: Vec<Vec<f64>> = runs.map(first).collect();
+    let count = starts.len() as f64;
+    let mean = |output: usize| starts.iter().map(|start| start[output]).sum::<f64>() / count;
+    let means: Vec<f64> = (0..outputs).map(mean).collect();
+    let is_common = |errors: &[f64]| {
+        (0..outputs).all(|output| {
+            let squares: f64 = starts.iter().map(|start| (start[output] - means[output]).powi(2)).sum();
+            squares <= count * errors[output].powi(2)
+        })
+    };
+    match starts.len() {
+        0 => None,
+        1 => Some(means),
+        _ => {
+            let linear = LinearPart::of(samples, study, [samples.past(study.discrete.history); 2]).ok()?;
+            is_common(&linear.gains).then_some(means)
+        }
+    }
+}
 
 /// Where a linear state space comes from.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +75,7 @@ pub fn linear(
     }?;
     RADII.into_iter().find_map(|radius| {
         let (matrix, constants) = observer(&with_poles(&lags, radius), shape);
-        let mut coefficients = vec![0.0; shape.coefficients()];
+        let mut coefficients = shape.constant();
         let [linear, constant, ..] = shape.places();
         // columns of a matrix of nalgebra lie one after the other
         coefficients[linear].copy_from_slice(matrix.transpose().as_slice());
