@@ -25,10 +25,11 @@ use crate::{
 };
 use features::Features;
 use fit::{CountedRuns, Goal};
+use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use saturation::Saturation;
-use simulate::{Limits, Signals, Simulated, StateShape, overwriting};
+use simulate::{Limits, Signals, Simulated, StateShape, correct, overwriting};
 use start::LinearStart;
 use std::{ops::Range, sync::atomic::Ordering};
 
@@ -41,6 +42,8 @@ const KINDS: [Nonlinearity; 4] =
 const PENALTIES: [f64; 12] = [1.0, 0.3, 0.1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8, 1e-10];
 /// Share of the width of hidden states' ranges by which simulations may leave them, where they diverge otherwise.
 const MARGIN: f64 = 0.5;
+/// Largest standardized difference of a common start from its outputs, if the gain changes.
+const FARTHEST: f64 = 1.0;
 /// Penalty of the linear state space.
 const LEAST: f64 = 1e-8;
 /// Penalties without a better cross-validation, after which the others are left out.
@@ -221,6 +224,27 @@ struct FittedStates {
 impl FittedStates {
     fn simulated(&self) -> Simulated<'_> {
         Simulated { coefficients: &self.coefficients, gain: &self.gain, limits: &self.limits }
+    }
+
+    /// Another gain. From a common start, the states after the correction by its outputs stay the same: a small change of outputs alone may excite
+    /// large motions.
+    fn replace_gain(&mut self, shape: &StateShape, gain: Vec<f64>) {
+        let before = std::mem::replace(&mut self.gain, gain);
+        let Some(first) = &shape.common_start else { return };
+        let start = &mut self.coefficients[shape.places()[5].clone()];
+        let mut states = start.to_vec();
+        correct(&mut states, &before, &self.limits, first);
+        // (1 - K) (x_y - y) is what the correction leaves of the outputs' errors
+        let outputs = shape.outputs;
+        let kept = DMatrix::from_fn(outputs, outputs, |row, column| {
+            f64::from(u8::from(row == column)) - self.gain[row * outputs + column]
+        });
+        let left = DVector::from_fn(outputs, |output, _| states[output] - first[output]);
+        let Some(errors) = kept.lu().solve(&left).filter(|errors| errors.amax() < FARTHEST) else { return };
+        for (state, value) in start.iter_mut().enumerate() {
+            let corrected: f64 = (0..outputs).map(|output| self.gain[state * outputs + output] * errors[output]).sum();
+            *value = states[state] + corrected;
+        }
     }
 
     /// The same with hidden states that stay near their ranges in these runs; none if the simulations diverge.
@@ -405,7 +429,7 @@ impl Search<'_> {
         let goal = Goal { center, gain, limits, penalty, stretch: usize::MAX, iterations };
         let found = data.fit(shape, &fitted.coefficients, &goal, self.is_stopped);
         fitted.coefficients = found.coefficients;
-        fitted.gain = data.gain(shape, fitted.simulated());
+        fitted.replace_gain(shape, data.gain(shape, fitted.simulated()));
         found.evaluations as f64 * data.cost(shape)
     }
 
@@ -436,8 +460,10 @@ impl Search<'_> {
             // one that diverges in runs that the training does not see becomes stable in stretches
             let whole = fitted(data, common.clone(), &STRETCHES[2..]);
             let coefficients = whole.or_else(|| fitted(data, common.clone(), &STRETCHES))?;
-            let gain = data.gain(shape, Simulated { coefficients: &coefficients, gain: &gain, limits });
-            Some(FittedStates { center: coefficients.clone(), coefficients, gain, limits: limits.clone() })
+            let mut fitted =
+                FittedStates { center: Vec::new(), coefficients, gain: gain.clone(), limits: limits.clone() };
+            fitted.replace_gain(shape, data.gain(shape, fitted.simulated()));
+            Some(FittedStates { center: fitted.coefficients.clone(), ..fitted })
         };
         sets.par_iter().map(of_set).collect()
     }

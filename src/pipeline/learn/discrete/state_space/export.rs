@@ -59,33 +59,20 @@ pub fn model(samples: &DiscreteSamples, shape: &StateShape, simulated: Simulated
         is_limited.then(|| ranges.iter().enumerate().map(in_units).collect::<Vec<_>>())
     };
     let (stops, measured) = (ends(&limits.states), ends(&limits.measured));
-    let replacing = overwriting(shape);
-    if *gain == replacing && measured.is_none() && shape.common_start.is_none() {
+    let (first_outputs, hidden) = start.split_at(start.len() - shape.hidden());
+    if *gain == overwriting(shape) && measured.is_none() {
         let graph = Graph::of_samples(columns, weights, constants, function).limited(stops);
-        return LearnedDiscrete { hidden: start.to_vec(), ..LearnedDiscrete::solved(graph, [1, 1]) };
+        return LearnedDiscrete { hidden: hidden.to_vec(), ..LearnedDiscrete::solved(graph, [1, 1]) };
     }
-    let of_outputs = |of: &[f64]| -> Vec<f64> {
-        let in_units = |(place, value): (usize, &f64)| scales[place / outputs] * value / scales[place % outputs];
-        of.iter().enumerate().map(in_units).collect()
-    };
-    let first = of_outputs(if shape.common_start.is_some() { gain } else { &replacing });
-    let hidden = match &shape.common_start {
-        None => [&vec![0.0; outputs], start].concat(),
-        // with the mean first outputs they are the states at the start
-        Some(first_outputs) => {
-            let of_first = |state: usize, output: usize| {
-                first[state * outputs + output] * (output_mean[output] + scales[output] * first_outputs[output])
-            };
-            let before = |(state, value): (usize, &f64)| {
-                let acted: f64 = (0..outputs).map(|output| of_first(state, output)).sum();
-                output_mean[state] + scales[state] * value - acted
-            };
-            start.iter().enumerate().map(before).collect()
-        }
-    };
-    let observer = Observer { gain: of_outputs(gain), first, stops, measured };
+    let in_units = |place: usize| scales[place / outputs] * gain[place] / scales[place % outputs];
+    let observer = Observer { gain: (0..states * outputs).map(in_units).collect(), stops, measured };
     let graph = Graph::of_observer([states, outputs, columns], observer, (weights, constants), function);
-    // nothing was predicted
-    let hidden = [hidden, vec![0.0]].concat();
+    // a common start counts as a prediction; otherwise nothing was predicted
+    let in_units = |(output, value): (usize, &f64)| output_mean[output] + scales[output] * value;
+    let [predicted, begun] = match shape.common_start {
+        Some(_) => [first_outputs.iter().enumerate().map(in_units).collect(), vec![1.0]],
+        None => [vec![0.0; outputs], vec![0.0]],
+    };
+    let hidden = [&predicted, hidden, &begun].concat();
     LearnedDiscrete { hidden, ..LearnedDiscrete::solved(graph, [1, 1]) }
 }

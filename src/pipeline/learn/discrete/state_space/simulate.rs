@@ -16,9 +16,8 @@ pub struct StateShape {
     /// Number of columns: states, inputs, parameters.
     pub columns: usize,
     pub features: Features,
-    /// Measured outputs at the start of runs from rest, if they differ by no more than noise: all states at the start are then coefficients, which
-    /// the difference of a run's first outputs from these corrects. Otherwise a run begins with its first outputs, and only hidden states are
-    /// coefficients.
+    /// Outputs at the start of runs from rest, if they differ by no more than noise: all states at the start are then coefficients, and the first
+    /// outputs correct them as those of later rows do. Otherwise a run begins with its first outputs, and only hidden states are coefficients.
     pub common_start: Option<Vec<f64>>,
 }
 
@@ -40,14 +39,6 @@ impl StateShape {
         let outputs = self.common_start.as_deref().unwrap_or_default();
         coefficients[start..start + outputs.len()].copy_from_slice(outputs);
         coefficients
-    }
-
-    /// Errors of outputs that are given, those of the first row from a common start.
-    fn errors_of_given(&self, limits: &Limits, row: usize, states: &[f64], measured: &[f64]) -> Vec<f64> {
-        match &self.common_start {
-            Some(first) if row == 0 => first.iter().zip(measured).map(|(first, measured)| first - measured).collect(),
-            _ => errors(limits, states, measured).collect(),
-        }
     }
 
     /// Places of `L`, `c`, `G`, `W`, `b` and the start.
@@ -194,8 +185,7 @@ pub fn simulate(
         }
         visit(row, &z[..states]);
         if row < given {
-            let errors = shape.errors_of_given(limits, row, &z, measured);
-            correct(&mut z[..states], gain, &errors);
+            correct(&mut z[..states], gain, limits, measured);
         }
         z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
         active.evaluate(features, [first, bias], &z);
@@ -240,11 +230,9 @@ pub fn simulate_with_sensitivities(
         }
         visit(row, &z[..states], &sensitivities);
         if row < run.given {
-            let is_first = row == 0 && shape.common_start.is_some();
-            let is_seen = |(output, range): (usize, &[f64; 2])| !is_first && within(*range, z[output]) == z[output];
+            let is_seen = |(output, range): (usize, &[f64; 2])| within(*range, z[output]) == z[output];
             limits.measured.iter().enumerate().map(is_seen).zip(&mut seen).for_each(|(is, seen)| *seen = is);
-            let errors = shape.errors_of_given(limits, row, &z, measured);
-            correct(&mut z[..states], gain, &errors);
+            correct(&mut z[..states], gain, limits, measured);
             correct_sensitivities(&mut sensitivities, gain, &seen, states);
         } else if (row - run.given + 1).is_multiple_of(stretch) {
             z[..outputs].copy_from_slice(measured);
@@ -296,12 +284,14 @@ pub fn errors(limits: &Limits, states: &[f64], measured: &[f64]) -> impl Iterato
     measured.iter().enumerate().map(error)
 }
 
-/// `x + K (y - x_y)`, from the errors `x_y - y`.
-fn correct(states: &mut [f64], gain: &[f64], errors: &[f64]) {
-    states.iter_mut().zip(gain.chunks_exact(errors.len())).for_each(|(state, gain)| *state -= dot(gain, errors));
+/// `x + K (y - x_y)`, where `x_y` is in the range that is measured.
+pub fn correct(states: &mut [f64], gain: &[f64], limits: &Limits, measured: &[f64]) {
+    let outputs = measured.len();
+    let errors: Vec<f64> = errors(limits, states, measured).collect();
+    states.iter_mut().zip(gain.chunks_exact(outputs)).for_each(|(state, gain)| *state -= dot(gain, &errors));
 }
 
-/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none, and outputs that are not seen have no effect.
+/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none, and outputs beyond its range have no effect.
 fn correct_sensitivities(sensitivities: &mut [f64], gain: &[f64], seen: &[bool], states: usize) {
     let count = sensitivities.len() / states;
     let of_outputs = sensitivities[..seen.len() * count].to_vec();
