@@ -80,6 +80,17 @@ static void zero_clamped(const Instance *instance, double columns[COLUMN_COUNT])
     }
 }
 
+/* Until the simulation runs, outputs of a model of samples are what parameters say, whatever the inputs are. */
+static void zero_at_start(const Instance *instance, double columns[COLUMN_COUNT])
+{
+    const bool is_of_samples = MODEL_GOES_ON && !MODEL_HAS_STATES;
+    for (size_t i = 0; is_of_samples && i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT && is_starting(instance)) {
+            columns[i] = 0.0;
+        }
+    }
+}
+
 /* The change of an unknown, given those of the results, the columns, the distance from the domain and the time. */
 static double change_of(const Instance *instance, uint32_t unknown, const double results[RESULT_COUNT],
                         const double columns[COLUMN_COUNT], double distance_change, double time_change)
@@ -119,6 +130,7 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
     const double of_distance = farthest.slope * direction[farthest.column];
     instance_update_point(instance);
     zero_clamped(instance, direction);
+    zero_at_start(instance, direction);
     model_directional(&instance->scratch, instance->point, direction, derivative);
     for (size_t i = 0; i < unknown_count; i++) {
         sensitivity[i] = change_of(instance, unknowns[i], derivative, direction, of_distance, of_time);
@@ -157,6 +169,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
         gradient[i] += direct[i];
     }
     zero_clamped(instance, gradient);
+    zero_at_start(instance, gradient);
     gradient[farthest.column] += farthest.slope * weight_of_distance;
     for (size_t i = 0; i < known_count; i++) {
         const size_t column = column_of(instance, knowns[i]);

@@ -6,7 +6,8 @@
  * with m inputs, y outputs, K = ceil(size of the step / model_sample_time) samples, w inputs, d coordinates, c components and f measures
  * of the support of the training, and G for the graph: graph.c says what it takes. model_data.h has the number for a step of
  * model_time_step. Numbers that are remembered are moved by one sample, which takes as long as there are numbers.
- * Outputs between two samples take three operations each when a host asks for them.
+ * Outputs between two samples take three operations each when a host asks for them, and 2 m more if inputs act directly, which measured outputs
+ * take as well.
  */
 #include "evaluator.h"
 #include <float.h>
@@ -16,9 +17,28 @@
 /* Part of a sample time by which a communication point may miss a sample. */
 static const double SAME = 1e-6;
 
-static void start_sample(double sample[SAMPLE_SIZE], const double outputs[OUTPUT_COUNT])
+/* Adds a multiple of the direct effect of inputs, from the first driven one on, to outputs. */
+static void add_direct(Real factor, const double *inputs, double outputs[OUTPUT_COUNT])
+{
+#if MODEL_HAS_DIRECT
+    for (size_t i = 0; i < OUTPUT_COUNT; i++) {
+        Real sum = R(0.0);
+        for (size_t j = 0; j < DRIVEN_COUNT; j++) {
+            sum += model_direct[DRIVEN_COUNT * i + j] * (Real)inputs[j];
+        }
+        outputs[i] = (double)((Real)outputs[i] + factor * sum);
+    }
+#else
+    (void)factor;
+    (void)inputs;
+    (void)outputs;
+#endif
+}
+
+static void start_sample(double sample[SAMPLE_SIZE], const double outputs[OUTPUT_COUNT], const double *inputs)
 {
     memcpy(sample, outputs, OUTPUT_COUNT * sizeof *sample);
+    add_direct(R(-1.0), inputs, sample);
     memcpy(sample + OUTPUT_COUNT, model_hidden, (SAMPLE_SIZE - OUTPUT_COUNT) * sizeof *sample);
 }
 
@@ -36,17 +56,17 @@ void model_start(double point[COLUMN_COUNT])
 #endif
     /* a past in which nothing moved */
     for (size_t i = MEMORY; i < MEMORY_INPUTS; i += SAMPLE_SIZE) {
-        start_sample(point + i, outputs);
+        start_sample(point + i, outputs, point + FIRST_DRIVEN);
     }
     for (size_t i = 0; i < past_inputs; i++) {
         /* of a single sample it does not count: the first step takes what the inputs are then */
         point[MEMORY_INPUTS + i] = starts == 0 ? 0.0 : inputs[i % starts];
     }
-    start_sample(point + MEMORY_NEXT, outputs);
+    start_sample(point + MEMORY_NEXT, outputs, point + FIRST_DRIVEN);
     point[MEMORY_PHASE] = 0.0;
 }
 
-/* ---- Outputs and their derivatives: they depend on what is remembered only ---- */
+/* ---- Outputs and their derivatives: they depend on what is remembered, and on inputs that act directly ---- */
 
 /* The share of the next sample in the outputs. */
 static Real share_of_next(const double point[COLUMN_COUNT])
@@ -66,6 +86,7 @@ static void blend(Real share, const double columns[COLUMN_COUNT], double outputs
         const Real next = (Real)columns[MEMORY_NEXT + i];
         outputs[i] = (double)(now + share * (next - now));
     }
+    add_direct(R(1.0), columns + FIRST_DRIVEN, outputs);
 }
 
 void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double results[RESULT_COUNT])
@@ -102,6 +123,12 @@ void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const dou
         const Real weight = (Real)weights[i];
         gradient[MEMORY + i] = (double)((R(1.0) - share) * weight);
         gradient[MEMORY_NEXT + i] = (double)(share * weight);
+#if MODEL_HAS_DIRECT
+        for (size_t j = 0; j < DRIVEN_COUNT; j++) {
+            double *of_input = gradient + FIRST_DRIVEN + j;
+            *of_input = (double)((Real)*of_input + weight * model_direct[DRIVEN_COUNT * i + j]);
+        }
+#endif
     }
 }
 
@@ -124,7 +151,7 @@ static bool uses_measured(const double point[COLUMN_COUNT])
     return point[MEMORY_USE_MEASURED] > 0.5;
 }
 
-/* Makes measured outputs, `since` seconds after the beginning of the step, those of the last sample while they are used. */
+/* Makes measured outputs, `since` seconds after the beginning of the step, those of the last sample while they are used; its inputs have been taken. */
 static void take_measured(double point[COLUMN_COUNT], const Step *step, Real since)
 {
     if (!uses_measured(point)) {
@@ -135,6 +162,7 @@ static void take_measured(double point[COLUMN_COUNT], const Step *step, Real sin
         const Real rate = (Real)step->rates[column] + R(0.5) * since * (Real)step->second_rates[column];
         point[MEMORY + i] = (double)((Real)point[column] + since * rate);
     }
+    add_direct(R(-1.0), point + MEMORY_INPUTS, point + MEMORY);
 }
 
 static void take(const double *values, size_t count, Real *to)

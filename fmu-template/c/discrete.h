@@ -4,13 +4,13 @@
  *     y[k + 1] = f(z[k]),    z[k] = (y[k], ..., y[k - n + 1], u[k], ..., u[k - m + 1], p)
  *
  * with parameters p and a graph f (graph.c). The last numbers of y may be hidden: they are
- * no outputs, and begin with numbers of the model. The inputs of a point are p, the starts of the outputs, the starts
+ * no outputs, and begin with numbers of the model. Inputs may act on outputs at the same instant: these are then y + D u. The inputs of a point are p, the starts of the outputs, the starts
  * of u if m > 1, u; after them is what is remembered: the past y, of one sample at least, and inputs, from the last to the
  * first; averages, last values and average changes of inputs and the distance from the support of the training (below), -1 before the
  * first sample, if it is known; measured outputs,
- * and 1 while they replace those of y[k] before y[k + 1] is computed, else 0; the next y; the
+ * and 1 while they, less D u[k], replace those of y[k] before y[k + 1] is computed, else 0; the next y; the
  * time since sample k in sample times. The model advances at multiples of the sample time
- * since the start; an input counts at the sample; between samples the outputs are linear. A sample is at a communication point
+ * since the start; an input counts at the sample; between samples y is linear. A sample is at a communication point
  * that is nearer to it than a millionth of the sample time.
  */
 #ifndef DISCRETE_H
@@ -40,6 +40,9 @@ enum { REGRESSOR_COUNT = FED_BACK + PAST_INPUTS + PARAMETER_COUNT };
 
 extern const double model_sample_time; /* s */
 extern const Real model_hidden[];              /* what is hidden, at the start */
+#if MODEL_HAS_DIRECT
+extern const Real model_direct[OUTPUT_COUNT * DRIVEN_COUNT]; /* D, output by output */
+#endif
 #if MODEL_HAS_SUPPORT
 /*
  * Training ranges of measures of the transition from sample k to sample k + 1. The first measures are features of it,

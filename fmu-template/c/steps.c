@@ -54,11 +54,29 @@ Status instance_update_results(Instance *instance)
 
 /* ---- Continuous states ---- */
 
+#if MODEL_GOES_ON
+/* Those that the host has set, and those of the point. */
+static void swap_inputs(Instance *instance)
+{
+    for (size_t i = 0; i < INPUT_COUNT; i++) {
+        if (model_columns[i].role == ROLE_INPUT) {
+            const double value = instance->now.columns[i];
+            instance->now.columns[i] = instance->point[i];
+            instance->point[i] = value;
+        }
+    }
+}
+#endif
+
 void instance_initialize_states(Instance *instance)
 {
 #if MODEL_GOES_ON
     if (is_starting(instance)) {
+        /* inputs that act directly do so as clamped */
+        instance_update_point(instance);
+        swap_inputs(instance);
         model_start(instance->now.columns);
+        swap_inputs(instance);
     }
 #else
     (void)instance;

@@ -266,6 +266,9 @@ static Status set_policy(Instance *instance, Policy policy)
     }
     instance->now.policy = policy;
     instance->stale = true;
+    if (MODEL_GOES_ON && !MODEL_HAS_STATES) {
+        instance_initialize_states(instance);
+    }
     return STATUS_OK;
 }
 

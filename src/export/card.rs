@@ -401,7 +401,7 @@ fn outputs(graph: &Graph) -> usize {
 
 /// What the next outputs are computed from, and with what.
 fn size_of_samples(graph: &Graph, sampling: &Sampling) -> String {
-    let Sampling { hidden, history: [outputs, inputs], step, .. } = sampling;
+    let Sampling { hidden, direct, history: [outputs, inputs], step, .. } = sampling;
     let is_linear = graph.steps.iter().any(|step| matches!(step, Step::Affine { .. }));
     let linear = is_linear.then(|| "a linear function".into());
     let given: Vec<String> = linear.into_iter().chain(graph.called().map(of_function)).collect();
@@ -409,9 +409,10 @@ fn size_of_samples(graph: &Graph, sampling: &Sampling) -> String {
         0 => String::new(),
         count => format!(" and of {count} hidden states"),
     };
+    let at_once = if direct.is_empty() { "" } else { ", and inputs act on outputs at once as well" };
     format!(
         "samples {step} s apart: the next outputs are {} of the parameters, the last {outputs} samples of the outputs{hidden} and the last \
-         {inputs} of the inputs; before the start nothing has moved",
+         {inputs} of the inputs{at_once}; before the start nothing has moved",
         given.join(" and "),
     )
 }

@@ -13,7 +13,7 @@ use crate::{
 };
 use metafmu_runtime::{
     Bounds, BuiltIn, Clock, DomainPolicy, Encoding, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output,
-    OutputArray, Ports, Quantity, Role, Shown, State, Surrogate, Variable, graph::Step,
+    OutputArray, Ports, Quantity, Role, Sampling, Shown, State, Surrogate, Variable, graph::Step,
 };
 
 /// Categories of the messages that the library inside every FMU logs.
@@ -379,9 +379,10 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             (Clock::Continuous(_), None) => {
                 return known_of_rates(table[position].1.quantity, surrogate, &states, &later);
             }
-            // what is remembered is no variable, and an input counts from the next sample on
-            (Clock::Sampled(_), _) => match table[position].1.quantity {
-                Quantity::Output(_) | Quantity::Array(_) => return Vec::new(),
+            // what is remembered is no variable, and an input that does not act directly counts from the next sample on
+            (Clock::Sampled(sampling), _) => match table[position].1.quantity {
+                Quantity::Output(output) => return direct_inputs(sampling, &driven, &[output]),
+                Quantity::Array(array) => return direct_inputs(sampling, &driven, surrogate.array_elements(array).1),
                 _ => return later.clone(),
             },
             (Clock::Static, _) => return later.clone(),
@@ -429,6 +430,16 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             .collect(),
         ..ModelStructure::default()
     }
+}
+
+/// Of the driven variables, those that act directly on one of the outputs.
+fn direct_inputs(sampling: &Sampling, driven: &[usize], outputs: &[usize]) -> Vec<usize> {
+    let acts = |(place, _): &(usize, &usize)| {
+        outputs
+            .iter()
+            .any(|output| sampling.direct.get(output * driven.len() + place).is_some_and(|direct| *direct != 0.0))
+    };
+    driven.iter().enumerate().filter(acts).map(|(_, variable)| *variable).collect()
 }
 
 /// Variables on which an output or a derivative depends during a simulation: one state, all states, or all states and inputs.

@@ -282,8 +282,13 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
     let graph = into_graph(builder, &sources, width, numbers.iter().map(next).collect());
     let graph = graph.map_err(|problem| known.refused(problem))?;
     let step = interface.time.sample.unwrap_or(metadata.time_step);
-    let sampling =
-        Sampling { hidden: numbers[outputs..].iter().map(start).collect(), history: [1, 1], step, support: None };
+    let sampling = Sampling {
+        hidden: numbers[outputs..].iter().map(start).collect(),
+        direct: Vec::new(),
+        history: [1, 1],
+        step,
+        support: None,
+    };
     let program = Program {
         graph: Graph::of_samples(width, Vec::new(), vec![0.0; numbers.len()], Some(graph)),
         clock: Clock::Sampled(Box::new(sampling)),

@@ -289,6 +289,8 @@ impl<'a> RollOut<'a> {
         let first = surrogate.inputs().iter().filter(|input| input.role != Role::Input).count();
         let mut point = run.parameters[..first.min(run.parameters.len())].to_vec();
         point.resize(evaluator.columns(), 0.0);
+        // inputs may act directly on outputs
+        point[first..first + inputs].copy_from_slice(&run.inputs[..inputs]);
         evaluator.start(&mut point);
         let zeros = vec![0.0; point.len()];
         Self {

@@ -572,7 +572,7 @@ pub fn recorded() -> Surrogate {
     };
     let weights = vec![1.2, -0.5, 0.1, 0.05, -0.02, 0.03];
     let graph = Graph::of_samples(6, weights, vec![0.01], Some(Graph::from(&ScaledNetwork { scaling, layers })));
-    let sampling = Sampling { hidden: Vec::new(), history: [2, 3], step: 0.1, support: None };
+    let sampling = Sampling { hidden: Vec::new(), direct: Vec::new(), history: [2, 3], step: 0.1, support: None };
     let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
     Surrogate::new(metadata, program).expect("the example is valid")
 }
@@ -595,6 +595,15 @@ pub fn supported() -> Surrogate {
     });
     let clock = Clock::Sampled(Box::new(Sampling { support, ..*sampling }));
     Surrogate::new(recorded.metadata().clone(), Program { graph, clock }).expect("the example is valid")
+}
+
+/// [`supported`] with a direct effect of the force on the position.
+pub fn direct() -> Surrogate {
+    let supported = supported();
+    let Program { graph, clock } = supported.program().clone();
+    let Clock::Sampled(sampling) = clock else { unreachable!("it has samples") };
+    let clock = Clock::Sampled(Box::new(Sampling { direct: vec![0.2], ..*sampling }));
+    Surrogate::new(supported.metadata().clone(), Program { graph, clock }).expect("the example is valid")
 }
 
 /// A recurrent cell with made-up numbers, 0.1 s from sample to sample: a mass is a parameter, a force the input, a position the output, and two
@@ -626,7 +635,7 @@ pub fn cell() -> Surrogate {
         Step::Combine { of: [4, 7], operation: Operation::Add },
     ];
     let graph = Graph::of_samples(5, Vec::new(), vec![0.0; 3], Some(Graph { inputs: 5, steps }));
-    let sampling = Sampling { hidden: vec![0.1, -0.2], history: [1, 1], step: 0.1, support: None };
+    let sampling = Sampling { hidden: vec![0.1, -0.2], direct: Vec::new(), history: [1, 1], step: 0.1, support: None };
     let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
     Surrogate::new(metadata, program).expect("the example is valid")
 }

@@ -77,6 +77,7 @@
 //! | `samples.history` | U32 | `[2]` | number of past samples of the outputs and of the inputs |
 //! | `samples.time` | F64 | `[1]` | time between two samples, in seconds |
 //! | `samples.hidden` | F64 | `[hidden numbers]` | of a sample, what they are at the start; left out if there are none |
+//! | `samples.direct` | F64 | `[outputs * inputs]` | direct effect of the inputs on the outputs; left out if there is none |
 //! | `support.ranges` | F64 | `[measures, 2]` | smallest and largest value of each measure of a transition in training, if they are known: [`Support`] |
 //! | `support.inputs` | U32 | `[1]` | number of inputs among the features: all or none |
 //! | `support.components` | F64 | `[components * features]` | weights of the components, features from the averages of inputs on |
@@ -98,7 +99,7 @@ use crate::{
     Clock, Metadata, Program, Sampling, Support, Surrogate,
     check::expect_shape,
     graph::Graph,
-    tensors::{Tensor, Views, bytes, elements, take},
+    tensors::{Tensor, Views, bytes, counts, elements, take, whole_rows},
 };
 use fields::{Fields, Read};
 use motion::{double, doubles, integration, of_integration};
@@ -191,7 +192,7 @@ impl Surrogate {
 impl Sampling {
     /// Name, type, shape and content of each.
     fn tensors(&self) -> Vec<Tensor> {
-        let Self { hidden, history, step, support } = self;
+        let Self { hidden, direct, history, step, support } = self;
         let history = history.map(|count| count as u32);
         let mut tensors: Vec<Tensor> = vec![
             ("samples.history".into(), Dtype::U32, vec![2], bytes(&history, u32::to_le_bytes)),
@@ -199,6 +200,9 @@ impl Sampling {
         ];
         if !hidden.is_empty() {
             tensors.push(double("samples.hidden", &[hidden.len()], hidden));
+        }
+        if !direct.is_empty() {
+            tensors.push(double("samples.direct", &[direct.len()], direct));
         }
         if let Some(Support { inputs, ranges, components, samples, lasting }) = support {
             let count = [*inputs as u32];
@@ -211,36 +215,36 @@ impl Sampling {
     }
 
     fn read(tensors: &mut Views) -> Result<Self, FormatError> {
-        let history = take(tensors, "samples.history", Dtype::U32, 1)?;
-        expect_shape("samples.history", history.shape(), &[2])?;
-        let history = elements(history.data(), u32::from_le_bytes);
-        let mut one = |name: &str| -> Result<f64, FormatError> {
-            let (value, shape) = doubles(tensors, name, 1)?;
-            expect_shape(name, &shape, &[1])?;
-            Ok(value[0])
-        };
-        let step = one("samples.time")?;
+        let history = counts(tensors, "samples.history", 2)?;
+        let step = exactly(tensors, "samples.time", 1)?[0];
         let support = match tensors.contain("support.ranges") {
             true => {
                 let (ranges, shape) = doubles(tensors, "support.ranges", 2)?;
                 expect_shape("support.ranges", &shape, &[shape[0], 2])?;
-                let (samples, shape) = doubles(tensors, "support.samples", 1)?;
-                expect_shape("support.samples", &shape, &[2])?;
-                let inputs = take(tensors, "support.inputs", Dtype::U32, 1)?;
-                expect_shape("support.inputs", inputs.shape(), &[1])?;
-                let inputs = elements(inputs.data(), u32::from_le_bytes)[0] as usize;
+                let samples = exactly(tensors, "support.samples", 2)?;
+                let inputs = counts(tensors, "support.inputs", 1)?[0] as usize;
                 let (components, _) = doubles(tensors, "support.components", 1)?;
                 let ranges = ranges.as_chunks().0.to_vec();
                 Some(Support { inputs, ranges, components, samples: samples[0], lasting: samples[1] })
             }
             false => None,
         };
-        let hidden = match tensors.contain("samples.hidden") {
-            true => doubles(tensors, "samples.hidden", 1)?.0,
-            false => Vec::new(),
-        };
-        Ok(Self { hidden, history: [history[0] as usize, history[1] as usize], step, support })
+        let hidden = if_any(tensors, "samples.hidden")?;
+        let direct = if_any(tensors, "samples.direct")?;
+        Ok(Self { hidden, direct, history: [history[0] as usize, history[1] as usize], step, support })
     }
+}
+
+/// So many numbers.
+fn exactly(tensors: &mut Views, name: &str, count: usize) -> Result<Vec<f64>, FormatError> {
+    let (values, shape) = doubles(tensors, name, 1)?;
+    expect_shape(name, &shape, &[count])?;
+    Ok(values)
+}
+
+/// Numbers that are left out if there are none.
+fn if_any(tensors: &mut Views, name: &str) -> Result<Vec<f64>, FormatError> {
+    if tensors.contain(name) { doubles(tensors, name, 1).map(|(values, _)| values) } else { Ok(Vec::new()) }
 }
 
 /// Checks the version before the fields, so that a newer file is named as such and not by its first unknown field.

@@ -1,6 +1,6 @@
 //! Tensors of the model file; `format` says what they are.
 
-use crate::{FormatError, Numbers};
+use crate::{FormatError, Numbers, check::expect_shape};
 use safetensors::{Dtype, tensor::TensorView};
 use std::{collections::HashMap, iter};
 
@@ -118,4 +118,18 @@ pub(crate) fn take_one_of<'a>(
 #[inline(never)]
 pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) -> Vec<T> {
     bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
+}
+
+/// So many whole numbers.
+pub(crate) fn counts(tensors: &mut Views, name: &str, count: usize) -> Result<Vec<u32>, FormatError> {
+    let view = take(tensors, name, Dtype::U32, 1)?;
+    expect_shape(name, view.shape(), &[count])?;
+    Ok(elements(view.data(), u32::from_le_bytes))
+}
+
+/// Rows of whole numbers.
+pub(crate) fn whole_rows<const N: usize>(tensors: &mut Views, name: &str) -> Result<Vec<[u32; N]>, FormatError> {
+    let view = take(tensors, name, Dtype::U32, 2)?;
+    expect_shape(name, &view.shape()[1..], &[N])?;
+    Ok(elements(view.data(), u32::from_le_bytes).as_chunks().0.to_vec())
 }

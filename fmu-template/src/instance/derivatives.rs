@@ -32,6 +32,7 @@ impl Instance {
         let distance = self.distance_rate(0);
         self.update_point();
         self.zero_clamped(0);
+        self.zero_at_start();
         let [derivative, _] = &mut self.sensitivities;
         self.evaluator.directional(&self.point, &self.columns[0], derivative);
         for (result, unknown) in sensitivity.iter_mut().zip(self.variables.unknowns(unknowns)) {
@@ -77,6 +78,7 @@ impl Instance {
         self.evaluator.adjoint(&self.point, &self.sensitivities[0], gradient);
         gradient.iter_mut().zip(direct).for_each(|(gradient, direct)| *gradient += *direct);
         self.zero_clamped(0);
+        self.zero_at_start();
         if let Some((column, slope)) = self.domain.distance_derivative(&self.now.values) {
             self.columns[0][column] += slope * weight_of_distance;
         }
@@ -178,6 +180,13 @@ impl Instance {
             Quantity::Input(column) if self.metadata.inputs[column].role == Role::Input => Ok(column),
             Quantity::Measured(output) => Ok(self.measured.start + output),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: "input" }),
+        }
+    }
+
+    /// Until the simulation runs, outputs of a model of samples are what parameters say, whatever the inputs are.
+    fn zero_at_start(&mut self) {
+        if self.is_starting() && !self.is_smooth {
+            self.input_columns.iter().for_each(|&column| self.columns[0][column] = 0.0);
         }
     }
 

@@ -6,6 +6,7 @@ use crate::{
     status::{Implausible, Refusal, Status},
 };
 use metafmu_runtime::{CommunicationStep, DomainPolicy, Drive, StepError};
+use std::mem::swap;
 
 impl Instance {
     /// Whether outputs follow from what was before: whether there are states, or a memory.
@@ -49,9 +50,15 @@ impl Instance {
 
     /// Gives the states, or the memory, their values at the start, until the simulation runs.
     pub(super) fn initialize_states(&mut self) {
-        if self.is_starting() {
-            self.evaluator.start(&mut self.now.values);
+        if !self.is_starting() {
+            return;
         }
+        // inputs that act directly do so as clamped
+        self.update_point();
+        let Self { input_columns, now, point, .. } = self;
+        input_columns.iter().for_each(|&column| swap(&mut now.values[column], &mut point[column]));
+        self.evaluator.start(&mut now.values);
+        input_columns.iter().for_each(|&column| swap(&mut now.values[column], &mut point[column]));
     }
 
     /// Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow the derivatives the host gave.

@@ -153,6 +153,9 @@ impl Instance {
         self.check_point(new)?;
         self.stale |= new != self.now.policy;
         self.now.policy = new;
+        if !self.is_smooth {
+            self.initialize_states();
+        }
         Ok(())
     }
 

@@ -132,8 +132,14 @@ fn holds(instance: &FmuInstance, surrogate: &Surrogate, policy: DomainPolicy, po
         return Ok(Some(format!("domain_distance is {}, expected {expected}", distance[0])));
     }
     if policy == DomainPolicy::Clamp {
-        let inputs = used.iter_mut().take(point.len()).enumerate();
-        inputs.for_each(|(column, value)| *value = domain.clamp(column, *value));
+        let clamp = |used: &mut [f64], is_clamped: fn(Role) -> bool| {
+            let columns = surrogate.inputs().iter().enumerate().filter(|(_, input)| is_clamped(input.role));
+            columns.for_each(|(column, _)| used[column] = domain.clamp(column, used[column]));
+        };
+        // inputs that act directly do so as clamped
+        clamp(&mut used, |role| role == Role::Input);
+        evaluator.start(&mut used);
+        clamp(&mut used, |_| true);
     }
     let mut expected = vec![0.0; evaluator.results()];
     evaluator.evaluate(&used, &mut expected);

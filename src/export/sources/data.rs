@@ -1,7 +1,7 @@
 //! The generated files: sizes, names for the linker, and the surrogate's numbers.
 
 use metafmu_runtime::{
-    Activation, BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role,
+    Activation, BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role, Sampling,
     ScaledNetwork, State, Surrogate, Variability, Variable, graph::Elementwise,
 };
 use std::fmt::Write;
@@ -182,6 +182,7 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
             ("COVER_COUNT", centres.len() / columns.len(), "centres of training data"),
         ]
     });
+    let has = |is: fn(&Sampling) -> bool| surrogate.program().sampling().is_some_and(is);
     let of_all = [
         ("MODEL_HEADER", format!("\"{header}\"")),
         ("MODEL_GOES_ON", u8::from(columns > inputs).to_string()),
@@ -189,10 +190,8 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         ("MODEL_HAS_EQUATIONS", u8::from(surrogate.program().integration().is_some()).to_string()),
         ("MODEL_HAS_MAPS", u8::from(!surrogate.program().has_memory()).to_string()),
         ("MODEL_HAS_COVER", u8::from(surrogate.metadata().cover.is_some()).to_string()),
-        (
-            "MODEL_HAS_SUPPORT",
-            u8::from(surrogate.program().sampling().is_some_and(|of| of.support.is_some())).to_string(),
-        ),
+        ("MODEL_HAS_SUPPORT", u8::from(has(|sampling| sampling.support.is_some())).to_string()),
+        ("MODEL_HAS_DIRECT", u8::from(has(|sampling| !sampling.direct.is_empty())).to_string()),
     ];
     text.push('\n');
     for (name, value) in of_all.into_iter().chain(defines) {

@@ -2,6 +2,7 @@
 
 mod cross_validation;
 mod dead_time;
+mod direct;
 mod linear;
 mod network;
 mod polynomial;
@@ -28,6 +29,7 @@ use crate::{
 };
 use cross_validation::cross_validation;
 use dead_time::DeadTimes;
+use direct::DirectEffects;
 use metafmu_runtime::{Clock, Graph, Program, Sampling, Scaling, Support, Surrogate};
 use std::time::Instant;
 
@@ -53,13 +55,24 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         project.event(Event::Note(format_args!("dead time: {found}")));
     }
     let late = dead_times.shifted(dataset);
+    let direct = DirectEffects::of(study.time.step, &late, &dead_times);
+    if let Some(found) = direct.describe(dataset) {
+        project.event(Event::Note(format_args!("direct effects: {found}")));
+    }
+    let late = direct.removed(late);
     let samples = DiscreteSamples::new(study.time.step, &late, prepare::split(&late.runs, &study.training, study.seed));
     let validation = held_out(study, dataset);
     let with_support = |one: &LearnedDiscrete, support: Option<Support>| {
         let history = [one.past[0], one.past[1] + dead_times.longest()];
         let numbers = one.past[0] * (dataset.outputs.len() + one.hidden.len());
         let graph = dead_times.delayed(&one.graph, numbers, one.past[1]);
-        let sampling = Sampling { hidden: one.hidden.clone(), history, step: samples.step, support };
+        let sampling = Sampling {
+            hidden: one.hidden.clone(),
+            direct: direct.matrix().to_vec(),
+            history,
+            step: samples.step,
+            support,
+        };
         let program = Program { graph, clock: Clock::Sampled(Box::new(sampling)) };
         surrogate::assemble_discrete(study, (dataset, samples.rows()), &drives, program)
     };
@@ -127,7 +140,7 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         || kind == DiscreteModel::Feedback
         || matches!(project.source, Source::Recorded(_));
     let ranges = drives.iter().map(|(_, range)| *range);
-    let support = support::support(study, dataset, &surrogate, inputs, ranges);
+    let support = support::support(study, dataset, &direct, (&surrogate, inputs), ranges);
     let surrogate = with_support(exported, Some(support))?;
     let stopped = if was_interrupted { StopReason::Interrupted } else { one.stopped };
     let record = TrainingRecord {

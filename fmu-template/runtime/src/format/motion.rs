@@ -1,6 +1,6 @@
 //! The tensors of equations of motion.
 
-use super::{Tensor, Views, bytes, elements, take};
+use super::{Tensor, Views, bytes, counts, elements, exactly, take, whole_rows};
 use crate::{
     Efforts, FormatError, Graph, Integration, Motion, Reactions, Shown,
     check::{expect_finite, expect_shape},
@@ -62,10 +62,8 @@ impl Motion {
         let efforts = efforts(tensors, prefix, factors.len().saturating_sub(coordinates), coordinates)?;
         let count = efforts.count();
         expect_shape(name("positions.windings"), &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
-        let shown = take(tensors, &name("outputs.shown"), Dtype::U32, 2)?;
-        expect_shape(name("outputs.shown"), &shown.shape()[1..], &[2])?;
-        let shown = elements(shown.data(), u32::from_le_bytes);
-        let outputs = shown.as_chunks::<2>().0.iter().enumerate().map(|(index, &[kind, position])| {
+        let shown = whole_rows(tensors, &name("outputs.shown"))?;
+        let outputs = shown.iter().enumerate().map(|(index, &[kind, position])| {
             let position = position as usize;
             Ok(match kind {
                 0 => Shown::Position(position),
@@ -156,9 +154,7 @@ fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTabl
         }
         let (values, shape) = doubles(tensors, &name("values"), axes.len())?;
         expect_shape(name("values"), &shape, &axes.iter().map(Vec::len).collect::<Vec<_>>())?;
-        let kinds = take(tensors, &name("kinds"), Dtype::U32, 1)?;
-        expect_shape(name("kinds"), kinds.shape(), &[2])?;
-        let kinds = elements(kinds.data(), u32::from_le_bytes);
+        let kinds = counts(tensors, &name("kinds"), 2)?;
         let unknown = |index: usize| FormatError::Unknown { name: name("kinds"), index, found: kinds[index] };
         let interpolation = Interpolation::ALL.get(kinds[0] as usize).ok_or_else(|| unknown(0))?;
         let extrapolation = Extrapolation::ALL.get(kinds[1] as usize).ok_or_else(|| unknown(1))?;
@@ -169,16 +165,12 @@ fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTabl
 /// The inverse of [`of_efforts`].
 fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
     let name = |what: &str| format!("{prefix}efforts.{what}");
-    let inputs = take(tensors, &name("inputs"), Dtype::U32, 1)?;
-    expect_shape(name("inputs"), inputs.shape(), &[1])?;
-    let inputs = elements(inputs.data(), u32::from_le_bytes)[0] as usize;
+    let inputs = counts(tensors, &name("inputs"), 1)?[0] as usize;
     let (windings, shape) = doubles(tensors, &name("windings"), 2)?;
     expect_shape(name("windings"), &shape[1..], &[coordinates])?;
     let (constants, _) = doubles(tensors, &name("constants"), 1)?;
     let tables = lookup_tables(tensors, prefix)?;
-    let steps = take(tensors, &name("steps"), Dtype::U32, 2)?;
-    expect_shape(name("steps"), &steps.shape()[1..], &[2])?;
-    let steps = elements(steps.data(), u32::from_le_bytes);
+    let steps = whole_rows(tensors, &name("steps"))?;
     let step = |(index, &[kind, argument]): (usize, &[u32; 2])| {
         let at = argument as usize;
         let known = match kind {
@@ -193,7 +185,7 @@ fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: us
         let (name, found) = (name("steps"), if is_argument { argument } else { kind });
         known.ok_or(FormatError::Unknown { name, index: 2 * index + usize::from(is_argument), found })
     };
-    let steps = steps.as_chunks::<2>().0.iter().enumerate().map(step).collect::<Result<Vec<_>, _>>()?;
+    let steps = steps.iter().enumerate().map(step).collect::<Result<Vec<_>, _>>()?;
     let formulas = Formula::one_after_the_other(&steps)?;
     Efforts::new([parameters, inputs, coordinates], windings, formulas)
 }
@@ -222,10 +214,8 @@ fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, For
     if !tensors.contain(&columns_name) {
         return Ok(None);
     }
-    let columns = take(tensors, &columns_name, Dtype::U32, 2)?;
-    expect_shape(&columns_name, &columns.shape()[1..], &[2])?;
-    let columns = elements(columns.data(), u32::from_le_bytes);
-    let columns = columns.as_chunks::<2>().0.iter().enumerate().map(|(index, &[of, found])| {
+    let columns = whole_rows(tensors, &columns_name)?;
+    let columns = columns.iter().enumerate().map(|(index, &[of, found])| {
         let unknown = || FormatError::Unknown { name: columns_name.clone(), index: 2 * index + 1, found };
         let kind = KINDS.get(found as usize).ok_or_else(unknown)?;
         Ok(NetworkColumn { of: of as usize, kind: *kind })
@@ -299,14 +289,11 @@ pub(super) fn of_integration(integration: Integration) -> Vec<Tensor> {
 
 /// The inverse of [`of_integration`].
 pub(super) fn integration(tensors: &mut Views) -> Result<Integration, FormatError> {
-    let one = |tensors: &mut Views, name: &str| -> Result<f64, FormatError> {
-        let (value, shape) = doubles(tensors, name, 1)?;
-        expect_shape(name, &shape, &[1])?;
-        Ok(value[0])
-    };
-    let step = one(tensors, "solver.step")?;
+    let step = exactly(tensors, "solver.step", 1)?[0];
     match tensors.contain("solver.tolerance") {
-        true => Ok(Integration::ErrorControlled { tolerance: one(tensors, "solver.tolerance")?, longest: step }),
+        true => {
+            Ok(Integration::ErrorControlled { tolerance: exactly(tensors, "solver.tolerance", 1)?[0], longest: step })
+        }
         false => Ok(Integration::Fixed { step }),
     }
 }

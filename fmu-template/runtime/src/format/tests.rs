@@ -776,7 +776,7 @@ fn programs_of_samples_and_by_graphs_survive_the_round_trip() {
 #[test]
 fn samples_that_make_no_sense_are_refused() {
     type Change<'a> = &'a dyn Fn(&mut Metadata, &mut Numbers, &mut Numbers, &mut Sampling);
-    let changes: [(&str, Change); 11] = [
+    let changes: [(&str, Change); 12] = [
         ("nothing", &|_, _, _, _| {}),
         ("tensor `graph.inputs` has shape [6], expected [5]", &|metadata, _, _, _| drop(metadata.inputs.remove(0))),
         ("tensor `inputs` has shape [2], expected [3]", &|metadata, _, _, _| {
@@ -797,6 +797,7 @@ fn samples_that_make_no_sense_are_refused() {
         ("tensor `samples.hidden`, element 0: inf is not finite", &|_, _, _, sampling| {
             sampling.hidden = vec![f64::INFINITY];
         }),
+        ("tensor `samples.direct` has shape [3], expected [1]", &|_, _, _, sampling| sampling.direct = vec![0.0; 3]),
     ];
     for (expected, change) in changes {
         let surrogate = example::recorded();

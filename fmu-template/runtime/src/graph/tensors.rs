@@ -5,7 +5,7 @@ use crate::{
     FormatError, Motion, Numbers,
     check::expect_shape,
     dictionary::Dictionary,
-    tensors::{Tensor, Views, bytes, elements, numbers, stacked, take, take_one_of},
+    tensors::{Tensor, Views, bytes, counts, elements, numbers, stacked, take, take_one_of, whole_rows},
 };
 use safetensors::Dtype;
 
@@ -48,15 +48,9 @@ impl Graph {
 
     /// The graph of the tensors whose names begin with this. One that a step calls has no steps that call others.
     pub(crate) fn read(tensors: &mut Views, prefix: &str, is_called: bool) -> Result<Self, FormatError> {
-        let indices = |view: &[u8]| elements(view, u32::from_le_bytes);
         let name = [prefix, "steps"].concat();
-        let steps = take(tensors, &name, Dtype::U32, 2)?;
-        expect_shape(&name, &steps.shape()[1..], &[4])?;
-        let steps = indices(steps.data());
-        let of_inputs = [prefix, "inputs"].concat();
-        let inputs = take(tensors, &of_inputs, Dtype::U32, 1)?;
-        expect_shape(&of_inputs, inputs.shape(), &[1])?;
-        let inputs = indices(inputs.data())[0] as usize;
+        let steps = whole_rows(tensors, &name)?;
+        let inputs = counts(tensors, &[prefix, "inputs"].concat(), 1)?[0] as usize;
         let step = |(number, codes): (usize, &[u32; 4])| {
             let unknown = |place: usize| FormatError::Unknown {
                 name: name.clone(),
@@ -68,7 +62,7 @@ impl Graph {
             }
             Step::read(tensors, &format!("{prefix}{number}."), *codes, unknown)
         };
-        let steps = steps.as_chunks::<4>().0.iter().enumerate().map(step).collect::<Result<_, _>>()?;
+        let steps = steps.iter().enumerate().map(step).collect::<Result<_, _>>()?;
         Ok(Self { inputs, steps })
     }
 }
@@ -177,12 +171,7 @@ impl Step {
                 Ok(Self::Combine { of: [of, b as usize], operation })
             }
             SELECT => Ok(Self::Select { of: [code as usize, of, b as usize] }),
-            COLUMNS => {
-                let view = take(tensors, &name("columns"), Dtype::U32, 2)?;
-                expect_shape(name("columns"), &view.shape()[1..], &[2])?;
-                let columns = elements(view.data(), u32::from_le_bytes).as_chunks::<2>().0.to_vec();
-                Ok(Self::Columns { columns })
-            }
+            COLUMNS => Ok(Self::Columns { columns: whole_rows(tensors, &name("columns"))? }),
             STANDARDIZE => Ok(Self::Standardize { of, mean: doubles("mean")?, scale: doubles("scale")? }),
             RESCALE => Ok(Self::Rescale { of, mean: doubles("mean")?, scale: doubles("scale")? }),
             NORMALIZE => {

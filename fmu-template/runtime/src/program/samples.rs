@@ -14,12 +14,13 @@
 //! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages, last values and average changes of the inputs, if the [`Support`] of the training has them, what is left of errors outside it and the distance from it, -1 before the first sample, if it is known; measured outputs, and 1 while they are used, else 0; `y[k + 1]`; the time since sample k over `T` |
 //!
 //! and the results are the outputs. The last numbers of `y` may be hidden: they advance like outputs, start from values of the program,
-//! and are not outputs. The rule for communication points between samples:
+//! and are not outputs. Inputs may act on outputs at the same instant: the outputs are then `y + D u`, with the inputs of the point. The rule for
+//! communication points between samples:
 //!
 //! - the program advances at multiples of `T` after the start, independently of the communication steps;
 //! - an input has its value at the sample. Within a communication step its derivatives give that value;
-//! - measured outputs are inputs as well: while they are used, they replace the outputs of `y[k]` before `y[k + 1]` is computed;
-//! - between two samples the outputs are linear.
+//! - measured outputs are inputs as well: while they are used, less `D u[k]` they replace the outputs of `y[k]` before `y[k + 1]` is computed;
+//! - between two samples `y` is linear.
 //!
 //! A sample is at a communication point that is nearer to it than a millionth of `T`; such differences do not add up.
 
@@ -41,6 +42,8 @@ pub use support::Support;
 pub struct Sampling {
     /// Hidden numbers of `y` at the start.
     pub hidden: Vec<f64>,
+    /// Direct effect of the inputs on the outputs, `D`, shape `[outputs, inputs]`; empty if there is none.
+    pub direct: Vec<f64>,
     /// Number of past samples of the outputs, `n`, and of the inputs, `m`, that count.
     pub history: [usize; 2],
     /// Time between two samples, in seconds.
@@ -116,6 +119,10 @@ impl Sampling {
         expect_shape("states", &[ports.states], &[0])?;
         expect_shape("inputs", &[ports.starts], &[ports.outputs + self.past_starts(ports)])?;
         expect_finite("samples.hidden", self.hidden.iter().copied())?;
+        expect_finite("samples.direct", self.direct.iter().copied())?;
+        if !self.direct.is_empty() {
+            expect_shape("samples.direct", &[self.direct.len()], &[ports.outputs * ports.inputs])?;
+        }
         if let Some(support) = &self.support {
             support.check(ports.inputs, ports.outputs, self.hidden.len())?;
         }
@@ -179,6 +186,7 @@ impl PreparedSampling {
         for sample in memory.outputs.chunks_mut(self.sampling.numbers(&self.ports)).chain([memory.next]) {
             let (shown, rest) = sample.split_at_mut(outputs);
             shown.copy_from_slice(of_outputs);
+            self.add_direct(-1.0, &known[self.ports.input_columns()], shown);
             rest.copy_from_slice(&self.sampling.hidden);
         }
         if let Some((distance, past)) = memory.support.split_last_mut() {
@@ -198,8 +206,20 @@ impl PreparedSampling {
         let measured = self.measured_columns();
         point[measured.end] = if outputs.is_some() { 1.0 } else { 0.0 };
         if let Some(outputs) = outputs {
-            point[self.ports.known()..][..outputs.len()].copy_from_slice(outputs);
             point[measured].copy_from_slice(outputs);
+            let (known, memory) = point.split_at_mut(self.ports.known());
+            let shown = &mut memory[..outputs.len()];
+            shown.copy_from_slice(outputs);
+            self.add_direct(-1.0, &known[self.ports.input_columns()], shown);
+        }
+    }
+
+    /// Adds a multiple of the direct effect of inputs to outputs.
+    #[inline(never)]
+    fn add_direct(&self, factor: f64, inputs: &[f64], outputs: &mut [f64]) {
+        let rows = self.sampling.direct.chunks_exact(self.ports.inputs.max(1));
+        for (output, row) in outputs.iter_mut().zip(rows) {
+            *output += factor * row.iter().zip(inputs).map(|(direct, input)| direct * input).sum::<f64>();
         }
     }
 
@@ -230,13 +250,14 @@ impl PreparedSampling {
         (first..first + outputs, next..next + outputs, share)
     }
 
-    /// Does a task at a point. Does not allocate. Outputs depend on the memory only.
+    /// Does a task at a point. Does not allocate. Outputs depend on the memory, and on inputs that act directly.
     pub(super) fn perform(&self, point: &[f64], task: Task) {
         let (now, next, share) = self.around(point);
         let blend = |from: &[f64], to: &mut [f64]| {
             for ((to, now), next) in to.iter_mut().zip(&from[now.clone()]).zip(&from[next.clone()]) {
                 *to = now + share * (next - now);
             }
+            self.add_direct(1.0, &from[self.ports.input_columns()], to);
         };
         match task {
             Task::Outputs(results) => blend(point, results),
@@ -253,6 +274,10 @@ impl PreparedSampling {
                 for (output, weight) in weights.iter().enumerate() {
                     gradient[now.start + output] = (1.0 - share) * weight;
                     gradient[next.start + output] = share * weight;
+                }
+                let inputs = &mut gradient[self.ports.input_columns()];
+                for (row, weight) in self.sampling.direct.chunks_exact(inputs.len().max(1)).zip(weights) {
+                    inputs.iter_mut().zip(row).for_each(|(gradient, direct)| *gradient += weight * direct);
                 }
             }
         }
@@ -340,7 +365,8 @@ impl PreparedSampling {
         point[self.measured_columns().end] > 0.5
     }
 
-    /// While measured outputs are used, makes them the outputs at the last sample, `since` seconds after the beginning of the step.
+    /// While measured outputs are used, makes them the outputs at the last sample, `since` seconds after the beginning of the step, whose inputs
+    /// have been taken.
     fn take_measured(&self, point: &mut [f64], since: f64, drive: Drive) {
         let measured = self.measured_columns();
         if !self.is_measured(point) {
@@ -349,6 +375,8 @@ impl PreparedSampling {
         for (output, column) in measured.enumerate() {
             point[self.ports.known() + output] = drive.at(column, point[column], since);
         }
+        let memory = self.parts(&mut point[self.ports.known()..]);
+        self.add_direct(-1.0, &memory.inputs[..self.ports.inputs], &mut memory.outputs[..self.ports.outputs]);
     }
 
     /// Updates the distance of the transition to the next outputs from those of the training.

@@ -3,8 +3,9 @@
 use super::{ModelSources, array, double, graph::GraphSources, operations::Operations, real};
 use metafmu_runtime::{Ports, Sampling, Support, Surrogate};
 
-const NAMES: [&str; 9] = [
+const NAMES: [&str; 10] = [
     "model_advance",
+    "model_direct",
     "model_hidden",
     "model_sample_time",
     "model_start",
@@ -102,6 +103,9 @@ fn data(sampling: &Sampling) -> String {
     // C has no empty arrays
     let hidden = if sampling.hidden.is_empty() { vec![0.0] } else { sampling.hidden.clone() };
     array(&mut text, "const Real model_hidden", &hidden);
+    if !sampling.direct.is_empty() {
+        array(&mut text, "const Real model_direct", &sampling.direct);
+    }
     if let Some(support) = &sampling.support {
         array(&mut text, "const Real model_support_ranges", support.ranges.as_flattened());
         // C has no empty arrays

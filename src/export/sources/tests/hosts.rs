@@ -87,6 +87,7 @@ fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
     compare_run(without_states(true), &[("mu", 1.3)], &["domain_distance"], 0.013);
     compare_run(example::recorded(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
     compare_run(example::supported(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
+    compare_run(example::direct(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
     compare_run(window(), &[("force_start", 0.8)], &[], 0.013);
     compare_run(example::cell(), &[("mass", 1.3), ("position_start", 0.8)], &["domain_distance"], 0.013);
 }

@@ -34,6 +34,7 @@ fn in_single_precision_results_and_derivatives_are_those_of_the_evaluator_but_fo
         example::oscillator_by_graph(),
         example::recorded(),
         example::supported(),
+        example::direct(),
         example::cell(),
         window(),
     ] {
@@ -141,6 +142,7 @@ fn in_single_precision_nothing_is_computed_in_double_precision_but_times_turns_a
         example::oscillator_by_graph(),
         example::recorded(),
         example::supported(),
+        example::direct(),
         example::cell(),
     ] {
         let folder = tempfile::tempdir().unwrap();

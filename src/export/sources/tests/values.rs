@@ -98,7 +98,9 @@ fn the_results_and_derivatives_of_a_state_space_are_those_of_the_evaluator() {
 
 #[test]
 fn the_outputs_of_a_model_of_samples_are_those_of_the_evaluator() {
-    for surrogate in [example::recorded(), example::supported(), window(), two_by_two(), example::cell(), alone()] {
+    for surrogate in
+        [example::recorded(), example::supported(), example::direct(), window(), two_by_two(), example::cell(), alone()]
+    {
         compare(&surrogate, [1.0, 1.0], &SANITIZERS);
     }
 }

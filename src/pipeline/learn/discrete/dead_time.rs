@@ -12,7 +12,7 @@ use std::borrow::Cow;
 const LONGEST: usize = 50;
 const SHARE: usize = 4;
 /// Past samples of the ARX models that are compared.
-const LAGS: usize = 4;
+pub(super) const LAGS: usize = 4;
 /// Rows of these.
 const ROWS: usize = 10_000;
 /// Error with a dead time over that without, below which the input is delayed; the smallest dead time with nearly the least error is used.
@@ -26,12 +26,7 @@ pub(super) struct DeadTimes(Vec<usize>);
 impl DeadTimes {
     /// Dead times with which ARX models predict the next sample clearly better than without, one input after the other.
     pub fn of(step: f64, dataset: &Dataset) -> Self {
-        let mut rows = 0;
-        let few = dataset.runs.iter().take_while(|run| {
-            rows += run.times.len();
-            rows - run.times.len() < ROWS
-        });
-        let few = Dataset { runs: few.cloned().collect(), ..dataset.clone() };
+        let few = few(dataset);
         let mut found = Self(vec![0; dataset.inputs.len()]);
         // of a run that does not begin at rest, rows before its start have to be left
         let room = |run: &Run| match run.times.partition_point(|time| *time < 0.0) {
@@ -53,6 +48,11 @@ impl DeadTimes {
             }
         }
         found
+    }
+
+    /// Returns true if an input has one.
+    pub fn delays(&self, input: usize) -> bool {
+        self.0[input] > 0
     }
 
     /// Longest dead time.
@@ -108,6 +108,16 @@ impl DeadTimes {
         let late: Vec<String> = late.map(|(input, samples)| format!("{} {samples} samples", input.name)).collect();
         (!late.is_empty()).then(|| late.join(", "))
     }
+}
+
+/// The first runs, enough for a linear model.
+pub(super) fn few(dataset: &Dataset) -> Dataset {
+    let mut rows = 0;
+    let few = dataset.runs.iter().take_while(|run| {
+        rows += run.times.len();
+        rows - run.times.len() < ROWS
+    });
+    Dataset { runs: few.cloned().collect(), ..dataset.clone() }
 }
 
 /// Root mean square error of the next sample by an ARX model; none if it is not determined.

@@ -1,5 +1,6 @@
 //! Domain of validity of a discrete-time model: the transitions of its training.
 
+use super::direct::DirectEffects;
 use crate::{
     dataset::{Dataset, Run},
     evaluation::RollOut,
@@ -25,7 +26,7 @@ const DISTURBANCE: f64 = 0.05;
 const DISTURBED_RUNS: usize = 20;
 const FORGOTTEN: f64 = 0.9;
 
-/// Support of the transitions in all runs. `inputs`: `true` if inputs are among the features. `ranges`: stated ranges of the inputs, which
+/// Support of the transitions in all runs, without `direct` effects. `inputs`: `true` if inputs are among the features. `ranges`: stated ranges of the inputs, which
 /// replace those of the training where they are finite.
 ///
 /// Each range spans the recorded outputs, with the hidden states of `surrogate` in its simulation of the run. Ranges are then widened so that the
@@ -33,8 +34,8 @@ const FORGOTTEN: f64 = 0.9;
 pub(super) fn support(
     study: &Study,
     dataset: &Dataset,
-    surrogate: &Surrogate,
-    inputs: bool,
+    direct: &DirectEffects,
+    (surrogate, inputs): (&Surrogate, bool),
     ranges: impl Iterator<Item = [f64; 2]>,
 ) -> Support {
     let evaluator = Evaluator::new(surrogate);
@@ -51,14 +52,14 @@ pub(super) fn support(
     let has_starts = surrogate.program().sampling().is_some_and(|sampling| sampling.history[1] > 1);
     let motions: Vec<Motion> = (dataset.runs.par_iter())
         .map(|run| Motion {
-            run,
+            recorded: direct.without(run, counts.inputs),
             // what was before rows that are given is not known
             before: if run.times[0] < 0.0 || !has_starts {
                 &run.inputs[..counts.inputs]
             } else {
                 &run.parameters[starts..]
             },
-            simulated: simulated(surrogate, &evaluator, run, counts),
+            simulated: simulated(surrogate, &evaluator, (run, direct), counts),
         })
         .collect();
     support.components = components(&support, &motions, counts);
@@ -93,10 +94,11 @@ type Stray = (usize, f64);
 
 /// A run, and the model's simulation of it.
 struct Motion<'a> {
-    run: &'a Run,
+    /// The run without direct effects.
+    recorded: Run,
     /// Inputs before the first row.
     before: &'a [f64],
-    /// Outputs and hidden states of the rows that could be simulated.
+    /// Outputs without direct effects and hidden states of the rows that could be simulated.
     simulated: Vec<f64>,
 }
 
@@ -111,13 +113,13 @@ impl Motion<'_> {
         let numbers = outputs + hidden;
         let simulated = |row: usize| &self.simulated[row * numbers..][..numbers];
         let shown = |row: usize| match is_recorded {
-            true => &self.run.outputs[row * outputs..][..outputs],
+            true => &self.recorded.outputs[row * outputs..][..outputs],
             false => &simulated(row)[..outputs],
         };
-        let rows = if is_recorded && hidden == 0 { self.run.times.len() } else { self.simulated.len() / numbers };
+        let rows = if is_recorded && hidden == 0 { self.recorded.times.len() } else { self.simulated.len() / numbers };
         for row in 0..rows.saturating_sub(1) {
             let hidden = if hidden > 0 { &simulated(row + 1)[outputs..] } else { &[] };
-            let input = &self.run.inputs[row * inputs..][..inputs];
+            let input = &self.recorded.inputs[row * inputs..][..inputs];
             support.measure(&mut memory, input, [shown(row), shown(row + 1)], hidden, &mut measures);
             each(row, &measures);
         }
@@ -182,10 +184,15 @@ fn lasting(surrogate: &Surrogate, evaluator: &Evaluator, dataset: &Dataset, widt
     found.get(place).map_or(1.0, |samples| *samples as f64)
 }
 
-/// Outputs and hidden states of the simulation of a run, up to the row where an output is farther from those of the run than they are from
+/// Outputs without direct effects and hidden states of the simulation of a run, up to the row where an output is farther from those of the run than they are from
 /// each other.
-fn simulated(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, counts: Counts) -> Vec<f64> {
-    let Counts { outputs, hidden, .. } = counts;
+fn simulated(
+    surrogate: &Surrogate,
+    evaluator: &Evaluator,
+    (run, direct): (&Run, &DirectEffects),
+    counts: Counts,
+) -> Vec<f64> {
+    let Counts { inputs, outputs, hidden } = counts;
     let known = surrogate.ports().known();
     let ranges: Vec<[f64; 2]> = (0..outputs)
         .map(|output| {
@@ -203,7 +210,8 @@ fn simulated(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run, counts: Co
         if !results[..outputs].iter().zip(&ranges).all(is_near) {
             break;
         }
-        found.extend(&results[..outputs]);
+        let input = &run.inputs[row * inputs..][..inputs];
+        found.extend(results[..outputs].iter().enumerate().map(|(output, value)| value - direct.effect(input, output)));
         found.extend(&point[known + outputs..][..hidden]);
     }
     found
@@ -333,7 +341,8 @@ mod tests {
         let surrogate = |decay: f64| {
             // position, force and mass
             let graph = Graph::of_samples(3, vec![decay, 0.0, 0.0], vec![0.1], None);
-            let sampling = Sampling { hidden: Vec::new(), history: [1, 1], step: 0.1, support: None };
+            let sampling =
+                Sampling { hidden: Vec::new(), direct: Vec::new(), history: [1, 1], step: 0.1, support: None };
             let mut metadata = recorded.metadata().clone();
             metadata.inputs.remove(2);
             Surrogate::new(metadata, Program { graph, clock: Clock::Sampled(Box::new(sampling)) }).unwrap()

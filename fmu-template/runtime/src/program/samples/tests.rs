@@ -178,6 +178,36 @@ fn hidden_states_go_on_as_outputs_do() {
 }
 
 #[test]
+fn an_output_follows_an_input_that_acts_directly_at_once() {
+    let (direct, plain) = (example::direct(), example::supported());
+    assert_eq!(Surrogate::from_bytes(&direct.to_bytes().unwrap()).unwrap(), direct);
+    let mut evaluators = [&direct, &plain].map(Evaluator::new);
+    let none = vec![0.0; evaluators[0].columns()];
+    // the start is the output with the input there
+    let mut points = [point(&evaluators[0], 0.4, 1.0), point(&evaluators[1], 0.2, 1.0)];
+    assert_eq!(output(&mut evaluators[0], &points[0]), 0.4);
+    for (k, force) in FORCES.into_iter().enumerate() {
+        // measured for a while, each way
+        for (place, (evaluator, point)) in evaluators.iter_mut().zip(&mut points).enumerate() {
+            point[3] = force;
+            let measured = 0.1 * k as f64 - 0.2 * force * place as f64;
+            evaluator.measure(point, (k < 3).then_some(&[measured]));
+        }
+        let [found, expected] = std::array::from_fn(|place| output(&mut evaluators[place], &points[place]));
+        assert!((found - (expected + 0.2 * force)).abs() < 1e-15, "{found} {expected}");
+        let mut gradient = vec![0.0; evaluators[0].columns()];
+        evaluators[0].adjoint(&points[0], &[1.0], &mut gradient);
+        assert_eq!(gradient[3], 0.2);
+        let mut derivative = [0.0];
+        evaluators[0].directional(&points[0], &gradient, &mut derivative);
+        assert_eq!(derivative[0], gradient.iter().map(|of| of * of).sum::<f64>());
+        for (evaluator, point) in evaluators.iter_mut().zip(&mut points) {
+            evaluator.advance(point, CommunicationStep::of(0.1), drive([&none, &none])).unwrap();
+        }
+    }
+}
+
+#[test]
 fn an_output_that_leaves_its_range_in_training_leaves_the_domain_though_inputs_are_in_theirs() {
     let surrogate = example::supported();
     assert_eq!(Surrogate::from_bytes(&surrogate.to_bytes().unwrap()).unwrap(), surrogate);
