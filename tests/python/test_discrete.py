@@ -17,6 +17,7 @@ from conftest import METAFMU, OTHER_THREADS, ROOT, compiled_from_sources, fmu_of
 from fmpy import extract, read_model_description, simulate_fmu
 from fmpy.simulation import instantiate_fmu
 from fmpy.validation import validate_fmu
+from scipy.signal import cont2discrete
 
 sys.path.insert(0, str(ROOT / "scripts" / "measure"))
 import noise
@@ -506,6 +507,40 @@ def with_row(number, **values):
         return rows
 
     return change
+
+
+def test_a_state_space_starts_from_positions_where_nothing_was_at_rest(tmp_path):
+    # of two masses on springs that are released with the force at 0, the first one's position is recorded
+    a = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-10, 6, -0.4, 0], [6, -6, 0, -0.3]])
+    step, random = 0.05, np.random.default_rng(4)
+    a, b, *_ = cont2discrete((a, np.array([[0], [0], [0], [1]]), np.eye(4), np.zeros((4, 1))), step)
+
+    def motion(force, start):
+        state, found = np.array([start, start, 0, 0]), []
+        for value in force:
+            found.append(state[0])
+            state = a @ state + b[:, 0] * value
+        return np.array(found)
+
+    def run(start):
+        force = np.repeat(random.uniform(-2, 2, 20), 10)
+        return np.column_stack([np.round(step * np.arange(200), 6), force, motion(force, start)])
+
+    runs = [np.column_stack([np.full(200, number), run(random.uniform(-0.5, 0.5))]) for number in range(12)]
+    np.savetxt(tmp_path / "runs.csv", np.concatenate(runs), fmt="%.17g", delimiter=",", header="run,time,force,position", comments="")
+    metafmu("new", tmp_path / "study", "--table", tmp_path / "runs.csv", "--structure", "discrete")
+    study = tmp_path / "study.toml"
+    study.write_text(study.read_text().replace("[discrete]", '[discrete]\nmodel = "state-space"'))
+    metafmu("build", study, "--out", tmp_path / "out")
+    for start in [-0.5, 0.0, 0.5]:
+        unseen = run(start)
+        np.savetxt(
+            tmp_path / "inputs.csv", np.column_stack([unseen[:, :2], np.full(200, start)]), fmt="%.17g", delimiter=",",
+            header="time,force,position_start", comments="",
+        )  # fmt: skip
+        lines = metafmu("predict", tmp_path / "out" / "study.safetensors", tmp_path / "inputs.csv").stdout.splitlines()
+        found = np.genfromtxt(lines, delimiter=",", names=True)["position"]
+        assert np.abs(found - unseen[:, 2]).max() < 1e-6 * np.ptp(unseen[:, 2])
 
 
 def test_noise_of_the_first_row_has_little_effect_on_a_simulation_from_rest(tmp_path):

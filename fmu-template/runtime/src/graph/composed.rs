@@ -21,6 +21,8 @@ pub enum Given {
 pub struct Observer {
     /// `K`, shape `[states, outputs]`.
     pub gain: Vec<f64>,
+    /// `F`, by which the first outputs act on the states, shape `[states, outputs]`.
+    pub first: Vec<f64>,
     /// Range of each state, if states stop.
     pub stops: Option<Vec<[f64; 2]>>,
     /// Range of the sensor of each output, if sensors saturate.
@@ -117,19 +119,19 @@ impl Graph {
     }
 
     /// The next sample by a model whose states are corrected by measured outputs, which differ from its predictions. The columns are the
-    /// outputs; the states of the model, of which the first ones are its outputs; the number 1, which is 0 before the first prediction, as the
-    /// model's outputs are; and the other columns of the model, `u`. Weights, constants and function are those of
+    /// outputs; the states of the model, of which the first ones are its outputs; the number 1, which is 0 before the first prediction; and the other
+    /// columns of the model, `u`. Weights, constants and function are those of
     /// [`of_samples`](Self::of_samples).
     ///
     /// ```text
-    /// z = x + s K (y - c(x_y)) + (1 - s) (y, 0)
+    /// z = x + s K (y - c(x_y)) + (1 - s) F y
     /// x[k+1] = model(z, u),    y[k+1] = c(x_y[k+1]),    s[k+1] = 1
     /// ```
     ///
     /// where `c` clips to the measured ranges. Predicted outputs correct nothing.
     pub fn of_observer(
         [states, outputs, columns]: [usize; 3],
-        Observer { gain, stops, measured }: Observer,
+        Observer { gain, first: at_start, stops, measured }: Observer,
         linear: (Vec<f64>, Vec<f64>),
         function: Option<Graph>,
     ) -> Self {
@@ -157,10 +159,12 @@ impl Graph {
         let both = graph.add(Step::Columns { columns: both.collect() });
         let element = |place: usize| {
             let (row, column) = (place / (2 * outputs), place % (2 * outputs));
-            match column.checked_sub(outputs) {
-                None => gain.get(row * outputs + column).copied().unwrap_or(0.0),
-                Some(output) => f64::from(u8::from(row == output)),
-            }
+            let (of, column) = match column.checked_sub(outputs) {
+                None => (&gain, column),
+                Some(output) => (&at_start, output),
+            };
+            // columns after the states are not corrected
+            of.get(row * outputs + column).copied().unwrap_or(0.0)
         };
         let weight: Vec<f64> = (0..columns * 2 * outputs).map(element).collect();
         let corrections = graph.add(Step::Affine { of: both, weight: weight.into(), bias: vec![0.0; columns].into() });

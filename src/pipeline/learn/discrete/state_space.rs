@@ -44,6 +44,8 @@ const PENALTIES: [f64; 12] = [1.0, 0.3, 0.1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4, 1e-5,
 const MARGIN: f64 = 0.5;
 /// Largest standardized difference of a common start from its outputs, if the gain changes.
 const FARTHEST: f64 = 1.0;
+/// Linear state spaces of an order that get functions: those with the smallest errors.
+const CONTINUED: usize = 2;
 /// Penalty of the linear state space.
 const LEAST: f64 = 1e-8;
 /// Penalties without a better cross-validation, after which the others are left out.
@@ -356,7 +358,8 @@ impl Search<'_> {
         // of two linear state spaces of an order, one after the other
         let mut linear: Vec<(usize, Vec<FittedStates>)> = Vec::new();
         for order in ORDERS {
-            for origin in [LinearStart::Arx, LinearStart::Realization] {
+            let mut of_order = Vec::new();
+            for origin in start::STARTS {
                 let shape = self.shape(order, Nonlinearity::Linear);
                 let cost = ITERATIONS as f64 * sets.iter().map(|data| data.cost(&shape)).sum::<f64>();
                 if shape.coefficients() > MOST || cost > left || (self.is_stopped)() {
@@ -367,8 +370,10 @@ impl Search<'_> {
                 let Some(fitted) = self.linear(origin, folds, &shape, &limits, LEAST * count) else { continue };
                 let error = self.error(&shape, unseen, &fitted);
                 keep(setting(order, Nonlinearity::Linear, LEAST), error, &fitted);
-                linear.push((order, fitted));
+                of_order.push((error, fitted));
             }
+            of_order.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+            linear.extend(of_order.into_iter().take(CONTINUED).map(|(_, fitted)| (order, fitted)));
         }
         for kind in KINDS {
             for (order, linear) in &linear {

@@ -59,20 +59,36 @@ pub fn model(samples: &DiscreteSamples, shape: &StateShape, simulated: Simulated
         is_limited.then(|| ranges.iter().enumerate().map(in_units).collect::<Vec<_>>())
     };
     let (stops, measured) = (ends(&limits.states), ends(&limits.measured));
-    let (first_outputs, hidden) = start.split_at(start.len() - shape.hidden());
-    if *gain == overwriting(shape) && measured.is_none() {
+    if *gain == overwriting(shape) && measured.is_none() && start.is_empty() {
         let graph = Graph::of_samples(columns, weights, constants, function).limited(stops);
-        return LearnedDiscrete { hidden: hidden.to_vec(), ..LearnedDiscrete::solved(graph, [1, 1]) };
+        return LearnedDiscrete::solved(graph, [1, 1]);
     }
-    let in_units = |place: usize| scales[place / outputs] * gain[place] / scales[place % outputs];
-    let observer = Observer { gain: (0..states * outputs).map(in_units).collect(), stops, measured };
-    let graph = Graph::of_observer([states, outputs, columns], observer, (weights, constants), function);
-    // a common start counts as a prediction; otherwise nothing was predicted
-    let in_units = |(output, value): (usize, &f64)| output_mean[output] + scales[output] * value;
-    let [predicted, begun] = match shape.common_start {
-        Some(_) => [first_outputs.iter().enumerate().map(in_units).collect(), vec![1.0]],
-        None => [vec![0.0; outputs], vec![0.0]],
+    let in_units = |of: &[f64]| -> Vec<f64> {
+        let one = |(place, value): (usize, &f64)| scales[place / outputs] * value / scales[place % outputs];
+        of.iter().enumerate().map(one).collect()
     };
-    let hidden = [&predicted, hidden, &begun].concat();
+    let (first, hidden) = match shape.common_start {
+        // it counts as a prediction
+        Some(_) => {
+            let states = start.iter().zip(&output_mean).zip(&scales);
+            (overwriting(shape), states.map(|((value, mean), scale)| mean + scale * value).chain([1.0]).collect())
+        }
+        // nothing was predicted
+        None => {
+            let (constants, of_outputs) = start.split_at(shape.hidden());
+            let mut first = overwriting(shape);
+            first[outputs * outputs..].copy_from_slice(of_outputs);
+            let first = in_units(&first);
+            let constant = |(hidden, value): (usize, &f64)| {
+                let row = &first[(outputs + hidden) * outputs..][..outputs];
+                value - row.iter().zip(&output_mean).map(|(weight, mean)| weight * mean).sum::<f64>()
+            };
+            let constants = constants.iter().enumerate().map(constant);
+            let hidden: Vec<f64> = vec![0.0; outputs].into_iter().chain(constants).chain([0.0]).collect();
+            (first, hidden)
+        }
+    };
+    let observer = Observer { gain: in_units(gain), first, stops, measured };
+    let graph = Graph::of_observer([states, outputs, columns], observer, (weights, constants), function);
     LearnedDiscrete { hidden, ..LearnedDiscrete::solved(graph, [1, 1]) }
 }

@@ -384,7 +384,7 @@ mod tests {
     #[test]
     fn states_are_found_from_noisy_outputs_that_are_given() {
         let shape = StateShape { states: 2, outputs: 1, columns: 3, features: Features::Nodes(0), common_start: None };
-        let coefficients = [[-0.1, 1.0, 1.0].as_slice(), &[0.0, -0.2, 0.5], &[0.0; 3]].concat();
+        let coefficients = [[-0.1, 1.0, 1.0].as_slice(), &[0.0, -0.2, 0.5], &[0.0; 4]].concat();
         let rows = 400;
         let inputs: Vec<f64> = (0..rows).map(|row| (0.3 * row as f64).sin()).collect();
         let quiet = Signals { outputs: vec![0.0; rows], inputs: inputs.clone(), given: 1, runs: vec![0; rows] };

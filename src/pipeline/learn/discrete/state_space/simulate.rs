@@ -17,7 +17,8 @@ pub struct StateShape {
     pub columns: usize,
     pub features: Features,
     /// Outputs at the start of runs from rest, if they differ by no more than noise: all states at the start are then coefficients, and the first
-    /// outputs correct them as those of later rows do. Otherwise a run begins with its first outputs, and only hidden states are coefficients.
+    /// outputs correct them as those of later rows do. Otherwise a run begins with its first outputs, and hidden states are a linear function of these,
+    /// `h = h0 + H y`, whose coefficients are `h0` and `H`.
     pub common_start: Option<Vec<f64>>,
 }
 
@@ -26,10 +27,38 @@ impl StateShape {
         self.states - self.outputs
     }
 
-    /// States that have the same value at the start of every run.
-    pub fn started(&self) -> Range<usize> {
-        let first = if self.common_start.is_some() { 0 } else { self.outputs };
-        first..self.states
+    /// Number of coefficients of the start.
+    fn started(&self) -> usize {
+        if self.common_start.is_some() { self.states } else { self.hidden() * (1 + self.outputs) }
+    }
+
+    /// States at the start, from their coefficients and a run's first outputs.
+    fn begin(&self, start: &[f64], measured: &[f64], states: &mut [f64]) {
+        if self.common_start.is_some() {
+            return states.copy_from_slice(start);
+        }
+        let (hidden, of_outputs) = start.split_at(self.hidden());
+        states[..self.outputs].copy_from_slice(measured);
+        for ((state, value), row) in
+            states[self.outputs..].iter_mut().zip(hidden).zip(of_outputs.chunks_exact(self.outputs))
+        {
+            *state = value + dot(row, measured);
+        }
+    }
+
+    /// Sensitivities of these states, shape `[states, coefficients]`.
+    fn begin_sensitivities(&self, measured: &[f64], sensitivities: &mut [f64]) {
+        let count = self.coefficients();
+        let first = self.places()[5].start;
+        if self.common_start.is_some() {
+            return (0..self.states).for_each(|state| sensitivities[state * count + first + state] = 1.0);
+        }
+        for hidden in 0..self.hidden() {
+            let row = &mut sensitivities[(self.outputs + hidden) * count..][..count];
+            row[first + hidden] = 1.0;
+            let of_outputs = first + self.hidden() + hidden * self.outputs;
+            row[of_outputs..of_outputs + self.outputs].copy_from_slice(measured);
+        }
     }
 
     /// Coefficients of states that keep their start values.
@@ -46,7 +75,7 @@ impl StateShape {
         let Self { states, columns, .. } = *self;
         let (features, nodes) = (self.features.count(), self.features.nodes());
         let mut end = 0;
-        [states * columns, states, states * features, nodes * columns, nodes, self.started().len()].map(|length| {
+        [states * columns, states, states * features, nodes * columns, nodes, self.started()].map(|length| {
             end += length;
             end - length..end
         })
@@ -176,12 +205,10 @@ pub fn simulate(
     let mut active = FeatureValues::new(features, states);
     let count = active.values.len();
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
-    z[shape.started()].copy_from_slice(start);
     for row in 0..rows {
         let measured = &run.outputs[row * outputs..][..outputs];
         if row == 0 {
-            let begun = shape.started().start;
-            z[..begun].copy_from_slice(&measured[..begun]);
+            shape.begin(start, measured, &mut z[..states]);
         }
         visit(row, &z[..states]);
         if row < given {
@@ -220,13 +247,11 @@ pub fn simulate_with_sensitivities(
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     let mut seen = vec![true; outputs];
     let (mut sensitivities, mut changed) = (vec![0.0; states * count], vec![0.0; states * count]);
-    z[shape.started()].copy_from_slice(start);
-    shape.started().zip(places[5].clone()).for_each(|(state, place)| sensitivities[state * count + place] = 1.0);
     for row in 0..rows {
         let measured = &run.outputs[row * outputs..][..outputs];
         if row == 0 {
-            let begun = shape.started().start;
-            z[..begun].copy_from_slice(&measured[..begun]);
+            shape.begin(start, measured, &mut z[..states]);
+            shape.begin_sensitivities(measured, &mut sensitivities);
         }
         visit(row, &z[..states], &sensitivities);
         if row < run.given {
@@ -332,10 +357,7 @@ pub mod tests {
     fn sensitivities_are_those_of_differences() {
         let products = Features::products(5, 3, |_| true, 100).unwrap();
         for (features, common_start) in [(Features::Nodes(4), None), (products, Some(vec![0.3, -0.2]))] {
-            let (mut shape, mut coefficients, run) = example(features);
-            if common_start.is_some() {
-                coefficients.extend([0.4, -0.3]);
-            }
+            let (mut shape, coefficients, run) = example(features);
             shape.common_start = common_start;
             let coefficients: Vec<f64> = coefficients.iter().map(|value| 0.2 * value).collect();
             let count = coefficients.len();

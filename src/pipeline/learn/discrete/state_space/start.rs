@@ -2,12 +2,12 @@
 
 use super::{
     super::{
-        DiscreteSamples,
+        DiscreteSamples, Regressors,
         linear::{LinearPart, solve},
         standardised,
     },
     fit::CountedRuns,
-    simulate::{Limits, StateShape},
+    simulate::{Limits, Signals, Simulated, StateShape, overwriting, simulate},
 };
 use crate::{dataset::Run, study::Study};
 use nalgebra::{DMatrix, DVector};
@@ -55,10 +55,27 @@ pub fn common(samples: &DiscreteSamples, study: &Study) -> Option<Vec<f64>> {
 #[derive(Clone, Copy, Debug)]
 pub enum LinearStart {
     /// An ARX model of its order.
-    Arx,
+    Arx(Pasts),
     /// The balanced realization of a longer ARX model's responses to impulses.
-    Realization,
+    Realization(Pasts),
 }
+
+/// Rows that an ARX model is fitted to.
+#[derive(Clone, Copy, Debug)]
+pub enum Pasts {
+    /// Those whose whole past is in the run: components that are released from a position were not at rest there before.
+    Known,
+    /// All: runs from rest begin as they were before.
+    AtRest,
+}
+
+/// Linear state spaces to begin with.
+pub const STARTS: [LinearStart; 4] = [
+    LinearStart::Arx(Pasts::AtRest),
+    LinearStart::Realization(Pasts::AtRest),
+    LinearStart::Arx(Pasts::Known),
+    LinearStart::Realization(Pasts::Known),
+];
 
 /// Coefficients of a linear state space of a shape in observer form, in which measured outputs make the hidden states forget; with hidden states of unit variance; none if it is not determined, or diverges.
 pub fn linear(
@@ -70,8 +87,8 @@ pub fn linear(
 ) -> Option<Vec<f64>> {
     let order = shape.states / shape.outputs;
     let lags = match origin {
-        LinearStart::Arx => arx(samples, order),
-        LinearStart::Realization => realization(samples, order),
+        LinearStart::Arx(pasts) => arx(samples, order, pasts),
+        LinearStart::Realization(pasts) => realization(samples, order, pasts),
     }?;
     RADII.into_iter().find_map(|radius| {
         let (matrix, constants) = observer(&with_poles(&lags, radius), shape);
@@ -81,6 +98,9 @@ pub fn linear(
         coefficients[linear].copy_from_slice(matrix.transpose().as_slice());
         coefficients[constant].copy_from_slice(&constants);
         scale_hidden(data, shape, limits, &mut coefficients)?;
+        if shape.common_start.is_none() {
+            hold_outputs(shape, limits, &mut coefficients);
+        }
         Some(coefficients)
     })
 }
@@ -93,6 +113,35 @@ fn with_poles(lags: &[Lag], factor: f64) -> Vec<Lag> {
         Lag { outputs: &lag.outputs * power, ..lag.clone() }
     };
     lags.iter().map(closer).collect()
+}
+
+/// Makes the start what the states are after outputs and inputs that have not moved for long: measured outputs make the hidden states forget.
+fn hold_outputs(shape: &StateShape, limits: &Limits, coefficients: &mut [f64]) {
+    let StateShape { states, outputs, columns, .. } = *shape;
+    let rows = states + 1;
+    let gain = overwriting(shape);
+    let held = |values: Vec<f64>| {
+        let run = Signals {
+            outputs: values.repeat(rows),
+            inputs: vec![0.0; rows * (columns - states)],
+            given: rows,
+            runs: vec![0; rows],
+        };
+        let mut found = vec![0.0; states];
+        let model = Simulated { coefficients: &*coefficients, gain: &gain, limits };
+        simulate(shape, model, &run, [rows, rows], |_, states| found.copy_from_slice(states))?;
+        Some(found.split_off(outputs))
+    };
+    let unit = |output: Option<usize>| (0..outputs).map(|of| f64::from(u8::from(Some(of) == output))).collect();
+    let found: Option<Vec<Vec<f64>>> =
+        [None].into_iter().chain((0..outputs).map(Some)).map(|of| held(unit(of))).collect();
+    let Some([constants, by_output @ ..]) = found.as_deref() else { return };
+    let start = shape.places()[5].start;
+    let mut of_outputs = Vec::new();
+    for (hidden, constant) in constants.iter().enumerate() {
+        of_outputs.extend(by_output.iter().map(|states| states[hidden] - constant));
+    }
+    coefficients[start..].copy_from_slice(&[constants.as_slice(), &of_outputs].concat());
 }
 
 /// Gives the hidden states unit variance; none if the simulations diverge.
@@ -137,10 +186,28 @@ fn observer(lags: &[Lag], shape: &StateShape) -> (DMatrix<f64>, Vec<f64>) {
     (matrix, lags.iter().flat_map(|lag| lag.constants.iter().copied().collect::<Vec<_>>()).collect())
 }
 
+/// Regressors of rows whose whole past is in the run.
+fn with_known_pasts(samples: &DiscreteSamples, regressors: Regressors, order: usize) -> Regressors {
+    let Regressors { inputs, outputs, lengths } = regressors;
+    let is_known = samples.training.iter().zip(&lengths).flat_map(|(run, length)| {
+        let unknown = if run.times[0] < 0.0 { 0 } else { order - 1 };
+        (0..*length).map(move |row| row >= unknown)
+    });
+    let is_known: Vec<bool> = is_known.collect();
+    let known = |rows: Vec<Vec<f64>>| -> Vec<Vec<f64>> {
+        rows.into_iter().zip(&is_known).filter(|(_, is_known)| **is_known).map(|(row, _)| row).collect()
+    };
+    Regressors { inputs: known(inputs), outputs: known(outputs), lengths }
+}
+
 /// The ARX model with so many lags, by least squares.
-fn arx(samples: &DiscreteSamples, order: usize) -> Option<Vec<Lag>> {
+fn arx(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>> {
     let [parameters, inputs, outputs] = samples.counts;
-    let found = solve(&samples.regressors(&samples.training, [order; 2]))?;
+    let regressors = samples.regressors(&samples.training, [order; 2]);
+    let found = match pasts {
+        Pasts::AtRest => solve(&regressors),
+        Pasts::Known => solve(&with_known_pasts(samples, regressors, order)),
+    }?;
     let beside = order * (outputs + inputs);
     let lag = |lag: usize| {
         let mut of_inputs = DMatrix::zeros(outputs, inputs + parameters);
@@ -159,14 +226,14 @@ fn arx(samples: &DiscreteSamples, order: usize) -> Option<Vec<Lag>> {
 
 /// A model with so many lags from the responses of a long ARX model to impulses: the lags of the outputs are those of the balanced realization
 /// (Ho, Kalman (1966)), those of the inputs give its first responses.
-fn realization(samples: &DiscreteSamples, order: usize) -> Option<Vec<Lag>> {
+fn realization(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>> {
     let [parameters, inputs, outputs] = samples.counts;
     let states = order * outputs;
     let length = (samples.rows() / (SAMPLES * (inputs + outputs))).min(LONGEST).min(COLUMNS / (inputs + outputs));
     if length < 2 * order {
         return None;
     }
-    let long = arx(samples, length)?;
+    let long = arx(samples, length, pasts)?;
     let driven = inputs + outputs;
     let responses = responses(&long, [inputs, outputs]);
     let hankel = DMatrix::from_fn(length * outputs, length * driven, |row, column| {
