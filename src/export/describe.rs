@@ -432,7 +432,7 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
     }
 }
 
-/// Of the driven variables, those that act directly on one of the outputs.
+/// Driven variables that act directly on one of the outputs.
 fn direct_inputs(sampling: &Sampling, driven: &[usize], outputs: &[usize]) -> Vec<usize> {
     let acts = |(place, _): &(usize, &usize)| {
         outputs

@@ -133,8 +133,8 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let LearnedKind { kind, candidate: Candidate { name, .. }, surrogate, model: one } = learned.swap_remove(best);
     let surrogate = one.refitted.as_deref().map_or(Ok(surrogate), assembled)?;
     let exported = one.refitted.as_deref().unwrap_or(&one);
-    // an FMU holds its inputs between samples, so that a function of one past sample may be as good for other signals; how those of a table change
-    // there is not known, and a network is good for what it has seen
+    // an FMU as source holds its inputs between samples, so a polynomial of one past sample is valid for any signal. Between the rows of a table
+    // inputs are unknown, and a network is valid near its training data only
     let inputs = exported.past[1] + dead_times.longest() > 1
         || !exported.hidden.is_empty()
         || kind == DiscreteModel::Feedback
