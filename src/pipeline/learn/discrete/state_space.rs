@@ -290,6 +290,7 @@ struct Search<'a> {
     is_stopped: &'a (dyn Fn() -> bool + Sync),
     /// Runs with constant inputs.
     corners: Vec<Signals>,
+    /// As in [`StateShape`].
     common_start: Option<Vec<f64>>,
 }
 
@@ -355,7 +356,7 @@ impl Search<'_> {
                 }
             }
         };
-        // of two linear state spaces of an order, one after the other
+        // one order after the other
         let mut linear: Vec<(usize, Vec<FittedStates>)> = Vec::new();
         for order in ORDERS {
             let mut of_order = Vec::new();

@@ -3,7 +3,7 @@
 use super::{
     super::{DiscreteSamples, LearnedDiscrete},
     features::{Features, SPAN},
-    simulate::{Limits, Simulated, StateShape, overwriting},
+    simulate::{Limits, Simulated, StateShape, correct, overwriting},
 };
 use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling, graph::Observer};
 
@@ -67,27 +67,26 @@ pub fn model(samples: &DiscreteSamples, shape: &StateShape, simulated: Simulated
         let one = |(place, value): (usize, &f64)| scales[place / outputs] * value / scales[place % outputs];
         of.iter().enumerate().map(one).collect()
     };
-    let (first, hidden) = match shape.common_start {
-        // it counts as a prediction
+    // states at the start are a linear function of the first outputs: those for their means, and weights
+    let (at_means, first) = match shape.common_start {
         Some(_) => {
-            let states = start.iter().zip(&output_mean).zip(&scales);
-            (overwriting(shape), states.map(|((value, mean), scale)| mean + scale * value).chain([1.0]).collect())
+            let mut states = start.to_vec();
+            correct(&mut states, gain, limits, &vec![0.0; outputs]);
+            (states, gain.to_vec())
         }
-        // nothing was predicted
         None => {
             let (constants, of_outputs) = start.split_at(shape.hidden());
-            let mut first = overwriting(shape);
-            first[outputs * outputs..].copy_from_slice(of_outputs);
-            let first = in_units(&first);
-            let constant = |(hidden, value): (usize, &f64)| {
-                let row = &first[(outputs + hidden) * outputs..][..outputs];
-                value - row.iter().zip(&output_mean).map(|(weight, mean)| weight * mean).sum::<f64>()
-            };
-            let constants = constants.iter().enumerate().map(constant);
-            let hidden: Vec<f64> = vec![0.0; outputs].into_iter().chain(constants).chain([0.0]).collect();
-            (first, hidden)
+            let own = overwriting(shape)[..outputs * outputs].to_vec();
+            ([&vec![0.0; outputs], constants].concat(), [&own, of_outputs].concat())
         }
     };
+    let first = in_units(&first);
+    let before = |(state, value): (usize, &f64)| {
+        let of_means = first[state * outputs..].iter().zip(&output_mean[..outputs]);
+        output_mean[state] + scales[state] * value - of_means.map(|(weight, mean)| weight * mean).sum::<f64>()
+    };
+    // the last number: nothing was predicted
+    let hidden = at_means.iter().enumerate().map(before).chain([0.0]).collect();
     let observer = Observer { gain: in_units(gain), first, stops, measured };
     let graph = Graph::of_observer([states, outputs, columns], observer, (weights, constants), function);
     LearnedDiscrete { hidden, ..LearnedDiscrete::solved(graph, [1, 1]) }

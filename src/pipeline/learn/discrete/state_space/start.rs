@@ -9,7 +9,7 @@ use super::{
     fit::CountedRuns,
     simulate::{Limits, Signals, Simulated, StateShape, overwriting, simulate},
 };
-use crate::{dataset::Run, study::Study};
+use crate::{dataset::Run, scaling, study::Study};
 use nalgebra::{DMatrix, DVector};
 
 /// Past samples of the ARX model whose responses to impulses are realized, and its columns, at the most.
@@ -32,23 +32,16 @@ pub fn common(samples: &DiscreteSamples, study: &Study) -> Option<Vec<f64>> {
     let outputs = samples.counts[2];
     let first = |run: &&Run| standardised(&run.outputs[..outputs], &samples.scales[2]).collect::<Vec<f64>>();
     let starts: Vec<Vec<f64>> = runs.map(first).collect();
-    let count = starts.len() as f64;
-    let mean = |output: usize| starts.iter().map(|start| start[output]).sum::<f64>() / count;
-    let means: Vec<f64> = (0..outputs).map(mean).collect();
-    let is_common = |errors: &[f64]| {
-        (0..outputs).all(|output| {
-            let squares: f64 = starts.iter().map(|start| (start[output] - means[output]).powi(2)).sum();
-            squares <= count * errors[output].powi(2)
-        })
-    };
-    match starts.len() {
-        0 => None,
-        1 => Some(means),
-        _ => {
-            let linear = LinearPart::of(samples, study, [samples.past(study.discrete.history); 2]).ok()?;
-            is_common(&linear.gains).then_some(means)
-        }
+    if let [] | [_] = starts[..] {
+        return starts.into_iter().next();
     }
+    let (means, _) = scaling::of_columns(&starts);
+    let linear = LinearPart::of(samples, study, [samples.past(study.discrete.history); 2]).ok()?;
+    let is_common = |output: usize| {
+        let squares: f64 = starts.iter().map(|start| (start[output] - means[output]).powi(2)).sum();
+        squares <= starts.len() as f64 * linear.gains[output].powi(2)
+    };
+    (0..outputs).all(is_common).then_some(means)
 }
 
 /// Where a linear state space comes from.
