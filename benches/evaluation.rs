@@ -3,8 +3,9 @@
 //! `cargo bench -p metafmu-benches --bench evaluation` prints the time of each pass over that of the chain: minimum and median of pairs of
 //! measurements, one of either in turn.
 
+use metafmu_example as example;
 use metafmu_runtime::{
-    Activation, Evaluator, Graph, Numbers, Precision, Surrogate, example,
+    Activation, Evaluator, Graph, Numbers, Precision, Surrogate,
     graph::{Elementwise, Operation, Step},
 };
 use std::{hint::black_box, time::Instant};

@@ -21,10 +21,10 @@ dataset dynamics
 layout
 scaling
 study
-sampling network interface
+sampling network
 training evaluation fmi
-baseline calibration html source swap
-acceptance search surrogate refinement
+acceptance baselines calibration html refinement source swap
+search surrogate
 import report
 export
 pipeline

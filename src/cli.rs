@@ -6,7 +6,7 @@ use clap::{
 };
 use clap_complete::Shell;
 use metafmu::{
-    baseline::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS, table::writer::Format,
+    baselines::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS, table::writer::Format,
 };
 use std::{path::PathBuf, time::Duration};
 

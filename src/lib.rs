@@ -54,9 +54,6 @@
 // only commands print
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
-pub mod acceptance;
-pub mod baseline;
-pub mod calibration;
 mod cli;
 mod commands;
 pub mod export;
@@ -64,7 +61,6 @@ pub mod fmi;
 mod html;
 pub mod import;
 pub mod pipeline;
-pub mod refinement;
 pub mod report;
 pub mod search;
 pub mod source;
@@ -75,9 +71,11 @@ pub mod swap;
 extern crate self as metafmu;
 
 pub use commands::command;
+#[doc(inline)]
+pub use metafmu_baselines as baselines;
 use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{
-    Error, Result, dataset, diagnostics, dynamics, evaluation, files, integrate, interface, layout, multibody, network,
-    sampling, scaling, signal, study, systems, table, training, variable,
+    Error, Result, acceptance, calibration, dataset, diagnostics, dynamics, evaluation, files, integrate, layout,
+    multibody, network, refinement, sampling, scaling, signal, study, systems, table, training, variable,
 };

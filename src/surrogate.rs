@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result,
-    baseline::BaselineKind,
+    baselines::BaselineKind,
     dataset::Dataset,
     files::write_whole,
     layout,
@@ -323,7 +323,8 @@ pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::{FormatError, example};
+    use metafmu_example as example;
+    use metafmu_runtime::FormatError;
 
     #[test]
     fn a_sealed_surrogate_loads_as_it_was_saved() {

@@ -11,6 +11,7 @@ mod knn;
 mod lasso;
 mod linear;
 mod polynomial;
+mod prepare;
 mod ridge;
 mod rows;
 mod svr;
@@ -23,6 +24,7 @@ pub use gaussian_process::{DesignPlaces, design_points};
 pub use metafmu_core::study::baselines::{BaselineKind, Baselines, GaussianProcess};
 use metafmu_runtime::graph::Graph;
 pub use polynomial::degrees as polynomial_degrees;
+pub use prepare::{choose_rows, rows};
 pub use rows::StandardizedRows;
 
 /// A model that can be fitted to rows.

@@ -1,5 +1,6 @@
 //! How good a surrogate is on runs it has not seen.
 
+pub mod comparison;
 mod coverage;
 mod noise;
 mod roll_outs;
@@ -343,7 +344,7 @@ fn finite(value: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
     use std::sync::Arc;
 
     #[test]

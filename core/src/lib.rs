@@ -5,6 +5,8 @@
 // only commands print
 #![warn(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod acceptance;
+pub mod calibration;
 pub mod dataset;
 pub mod diagnostics;
 pub mod dynamics;
@@ -12,10 +14,10 @@ pub mod evaluation;
 pub mod fail_points;
 pub mod files;
 pub mod integrate;
-pub mod interface;
 pub mod layout;
 pub mod multibody;
 pub mod network;
+pub mod refinement;
 pub mod sampling;
 pub mod scaling;
 pub mod signal;

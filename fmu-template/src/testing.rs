@@ -2,7 +2,9 @@
 
 #![allow(clippy::undocumented_unsafe_blocks)] // an allocator that passes everything on
 
-use metafmu_runtime::{Evaluator, Surrogate, example};
+use metafmu_example as example;
+
+use metafmu_runtime::{Evaluator, Surrogate};
 use std::{
     alloc::{GlobalAlloc, Layout, System},
     cell::Cell,

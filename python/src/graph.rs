@@ -2,8 +2,8 @@
 
 use crate::{Error, PySurrogate, bytes, doubles, refused, rows, threads::shared};
 use metafmu::{
+    import::interface::ModelInterface,
     import::{self, About, Imported, builder::Builder},
-    interface::ModelInterface,
 };
 use metafmu_runtime::{
     Activation, Layer, Numbers, ScaledNetwork,

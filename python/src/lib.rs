@@ -15,8 +15,8 @@ use metafmu::{
     evaluation::{self, Accuracy, TestRows},
     export::validate_apart,
     fmi::{Watch, Workers},
+    import::interface::ModelInterface,
     import::{self, Imported, onnx},
-    interface::ModelInterface,
     pipeline::{
         self, Project,
         export::{ExportPlan, ExportRequest, WrittenFmu},

@@ -4,7 +4,7 @@ use super::{CommandOutcome, conclude, print, print_json, project};
 use crate::cli::BuildArgs;
 use metafmu::{
     Result,
-    baseline::Comparison,
+    evaluation::comparison::Comparison,
     pipeline::{
         Built, Project, build, evaluate,
         export::{ExportPlan, WrittenFmu},

@@ -2,13 +2,13 @@
 
 use super::{CommandOutcome, print_json};
 use crate::cli::{SchemaArgs, SchemaOf};
-use metafmu::{Result, interface, multibody, study};
+use metafmu::{Result, import, multibody, study};
 
 pub fn run(args: &SchemaArgs) -> Result<CommandOutcome> {
     print_json(match args.file {
         SchemaOf::Study => study::json_schema(),
         SchemaOf::Mechanism => multibody::json_schema(),
-        SchemaOf::Interface => interface::json_schema(),
+        SchemaOf::Interface => import::interface::json_schema(),
     })?;
     Ok(CommandOutcome::Fine)
 }

@@ -6,8 +6,9 @@ use super::{
     reference::{OPTIONS_FILE, RESULT_FILE},
 };
 use crate::{
+    diagnostics::numbers::{self, number},
     evaluation::{Accuracy, Horizon, KindCoverage, RollOuts, TestRows, Verdict},
-    html::{self, escape, number},
+    html::{self, escape},
     report::Drawn,
     study::ExportOptions,
 };
@@ -182,7 +183,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     );
     for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
     {
-        let r2 = metrics.r2.map_or("constant output".into(), html::r2);
+        let r2 = metrics.r2.map_or("constant output".into(), numbers::r2);
         let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
         let (name, unit) = (code(&output.name), escape(&output.unit));
         let share =
@@ -517,7 +518,7 @@ fn line(page: &mut String, text: &str) {
 mod tests {
     use super::*;
     use crate::evaluation::OutputMetrics;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
 
     #[test]
     fn a_card_has_variables_accuracy_and_licence_and_loads_nothing() {

@@ -472,7 +472,7 @@ fn known_of_rates(quantity: Quantity, surrogate: &Surrogate, states: &[usize], a
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
 
     #[test]
     fn nominals_are_powers_of_ten_and_never_zero() {

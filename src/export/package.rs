@@ -175,7 +175,7 @@ fn write_zip(entries: &[PackageEntry]) -> ZipResult<Vec<u8>> {
 mod tests {
     use super::*;
     use crate::{fmi::Platform, surrogate::seal};
-    use metafmu_runtime::example;
+    use metafmu_example as example;
     use std::io::Read;
 
     fn pack_example(version: FmiVersion, binaries: &[Binary]) -> Result<Vec<u8>> {

@@ -134,7 +134,7 @@ fn rows(surrogate: &Surrogate, evaluator: &Evaluator, point: &[f64], (times, ste
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
 
     #[test]
     fn a_reference_covers_the_time_with_few_rows_inside_the_ranges() {

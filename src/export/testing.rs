@@ -2,7 +2,8 @@
 
 use super::{Binary, Contents, pack};
 use crate::{fmi::FmiVersion, study::ExportOptions, surrogate::seal};
-use metafmu_runtime::{Surrogate, example};
+use metafmu_example as example;
+use metafmu_runtime::Surrogate;
 use std::{
     io::{Cursor, Read, Write},
     path::{Path, PathBuf},

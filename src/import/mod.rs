@@ -2,21 +2,17 @@
 
 pub mod builder;
 mod cover;
+pub mod interface;
 pub mod onnx;
 mod stateful;
 pub mod tensors;
 
-use crate::{
-    Error, Result,
-    diagnostics::Problems,
-    interface::{
-        ColumnSource, InterfaceCausality, InterfaceDomain, InterfaceInput, InterfaceVariability, Mapping,
-        ModelInterface, OutputSource,
-    },
-    surrogate,
-    table::Table,
-};
+use crate::{Error, Result, diagnostics::Problems, surrogate, table::Table};
 use builder::Builder;
+use interface::{
+    ColumnSource, InterfaceCausality, InterfaceDomain, InterfaceInput, InterfaceVariability, Mapping, ModelInterface,
+    OutputSource,
+};
 use metafmu_runtime::{
     Encoding, Evaluator, Graph, Input, Metadata, Output, Precision, Provenance, Role, Surrogate, Variability,
     graph::{Elementwise, Step},

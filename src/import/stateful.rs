@@ -1,7 +1,7 @@
 //! Models with states: columns of the outputs are the next values, or the derivatives, of columns of the inputs.
 
+use super::interface::{Evolution, Followed, NO_SAMPLE_TIME};
 use super::*;
-use crate::interface::{Evolution, Followed, NO_SAMPLE_TIME};
 use metafmu_runtime::{
     Clock, CommunicationStep, Domain, Drive, Integration, Program, Sampling, State,
     dictionary::{Dictionary, Factor},

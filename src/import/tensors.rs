@@ -1,10 +1,8 @@
 //! Models that are only tensors by name, `.npz` of numpy or `.safetensors`: the interface says which are the layers.
 
+use super::interface::{LayerOptions, ModelInterface};
 use super::{Imported, builder::Builder};
-use crate::{
-    diagnostics::{Problems, names::expected_one_of},
-    interface::{LayerOptions, ModelInterface},
-};
+use crate::diagnostics::{Problems, names::expected_one_of};
 use metafmu_runtime::{Activation, Numbers, graph::Elementwise};
 use safetensors::{Dtype, SafeTensors};
 use std::{

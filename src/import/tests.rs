@@ -1,6 +1,7 @@
 use super::{builder::Builder, *};
+use metafmu_example as example;
 use metafmu_runtime::{
-    Activation, example,
+    Activation,
     graph::{Elementwise, Operation},
 };
 

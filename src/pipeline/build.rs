@@ -9,8 +9,13 @@ use super::{
     report, rounds, sample, static_map, unseen,
 };
 use crate::{
-    Result, baseline::Comparison, dataset::Dataset, evaluation::Accuracy, evaluation::Verdict, export::validate_apart,
-    fmi::Report, report::Evaluated, sampling::Sets,
+    Result,
+    dataset::Dataset,
+    evaluation::{Accuracy, Verdict, comparison::Comparison},
+    export::validate_apart,
+    fmi::Report,
+    report::Evaluated,
+    sampling::Sets,
 };
 use metafmu_runtime::Surrogate;
 

@@ -8,13 +8,15 @@ use super::{
 };
 use crate::{
     Error, Result,
-    baseline::{
-        self, BaselineKind, Comparison, ModelRow, ModelStatus, StandardizedRows, choose_rows,
-        comparison::NETWORK,
+    baselines::{
+        self, BaselineKind, StandardizedRows, choose_rows,
         worker::{self, BaselineFit, FitResult, FitTask},
     },
     dataset::{Dataset, Run},
-    evaluation::{self, Accuracy, OutputMetrics},
+    evaluation::{
+        self, Accuracy, OutputMetrics,
+        comparison::{Comparison, ModelRow, ModelStatus, NETWORK},
+    },
     files,
     layout::RowLayout,
     study::Study,
@@ -214,7 +216,7 @@ pub(super) fn measure(
         return Ok(row(name, ModelStatus::Stopped, "by Ctrl-C".into()));
     }
     let all = rows.len();
-    let rows = choose_rows(rows, baseline::model(&study.baselines, kind).most_rows(), study.seed).into_owned();
+    let rows = choose_rows(rows, baselines::model(&study.baselines, kind).most_rows(), study.seed).into_owned();
     let layout = RowLayout::new(study.encoder());
     let mut points = Vec::new();
     for run in &test.runs {

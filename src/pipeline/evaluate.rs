@@ -6,14 +6,13 @@ use super::{
     speed, unseen,
 };
 use crate::{
-    Result,
-    baseline::Comparison,
-    calibration,
+    Result, calibration,
     dataset::Dataset,
+    diagnostics::numbers::{self, number},
     dynamics::Assembly,
+    evaluation::comparison::Comparison,
     evaluation::{Accuracy, Horizon, KindCoverage, OutputMetrics, RollOuts, TestRows, Verdict, constraint_residual},
     files,
-    html::{self, number},
     source::driven::Driven,
 };
 use indexmap::IndexMap;
@@ -162,7 +161,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     let _ = writeln!(text, "{header}");
     for ((name, of_output), variable) in outputs.iter().zip(project.source.outputs()) {
         let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = of_output;
-        let r2 = r2.map_or("constant".into(), html::r2);
+        let r2 = r2.map_or("constant".into(), numbers::r2);
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
         let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
         let place = match metrics.accuracy.rows {

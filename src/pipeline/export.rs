@@ -4,7 +4,7 @@ use super::{compare, predict::load_file, prepare::baseline_rows, project::Projec
 use crate::{
     Error, Result,
     acceptance::{self, OfTraining},
-    baseline::{self, BaselineKind, Fitted, choose_rows},
+    baselines::{self, BaselineKind, Fitted, choose_rows},
     evaluation::Accuracy,
     evaluation::Verdict,
     export::{Binary, Contents, onnx, pack},
@@ -190,7 +190,7 @@ pub fn export_baseline(project: &Project, plan: &ExportPlan, kind: BaselineKind)
     let (study, model) = (&project.study, kind.name());
     let (train, test) = (project.load_table("train")?, project.load_table("test")?);
     project.prepare_folder()?;
-    let baseline = baseline::model(&study.baselines, kind);
+    let baseline = baselines::model(&study.baselines, kind);
     let rows = baseline_rows(study, &train);
     let rows = choose_rows(&rows, baseline.most_rows(), study.seed);
     let failed = |problem| Error::Baseline { model, problem };

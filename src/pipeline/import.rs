@@ -8,12 +8,12 @@ use crate::{
         names::{listed, out_of_order_problem},
     },
     files,
+    import::interface::ModelInterface,
     import::{
         self, Imported,
         onnx::{self, Described},
         tensors,
     },
-    interface::ModelInterface,
     study::MAX_NAME,
     surrogate,
     table::{Table, TableColumn},

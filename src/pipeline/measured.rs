@@ -67,7 +67,7 @@ fn remove(inputs: &mut Inputs, columns: &[usize]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
     use std::cell::RefCell;
 
     fn read(text: &str) -> (Result<(Inputs, Option<f64>)>, Vec<String>) {

@@ -3,7 +3,7 @@
 use super::observer::{Control, Event};
 use crate::{
     Error, Result,
-    baseline::{DesignPlaces, GaussianProcess, StandardizedRows, choose_rows, design_points},
+    baselines::{DesignPlaces, GaussianProcess, StandardizedRows, choose_rows, design_points},
     diagnostics::Problems,
     files,
     sampling::{self, Stream},

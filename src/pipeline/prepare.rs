@@ -1,7 +1,7 @@
 //! From a study and its runs to what a training begins with.
 
 use crate::{
-    Result, baseline,
+    Result, baselines,
     dataset::{Dataset, Run},
     diagnostics::KeyProblem,
     layout::RowLayout,
@@ -93,17 +93,17 @@ fn common_times(study: &Study, runs: &[Run]) -> Result<Arc<[f64]>> {
 }
 
 /// The rows a baseline may be fitted to: those the network is trained on.
-pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baseline::StandardizedRows {
+pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baselines::StandardizedRows {
     baseline_rows_and_held_out(study, dataset).0
 }
 
 /// The same, and the runs that are held out of the training.
-pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baseline::StandardizedRows, Dataset) {
+pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baselines::StandardizedRows, Dataset) {
     let (training_runs, held_out) = split(&dataset.runs, &study.training, study.seed);
     let Dataset { parameters, outputs, .. } = dataset;
     let runs = held_out.into_iter().cloned().collect();
     let held_out = Dataset { inputs: Vec::new(), parameters: parameters.clone(), outputs: outputs.clone(), runs };
-    (baseline::rows(dataset, &RowLayout::new(study.encoder()), &training_runs), held_out)
+    (baselines::rows(dataset, &RowLayout::new(study.encoder()), &training_runs), held_out)
 }
 
 /// Training and validation runs: whole runs, chosen at random; at least one of each.

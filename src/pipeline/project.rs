@@ -6,10 +6,9 @@ use super::{
 };
 use crate::{
     Error, Result, acceptance,
-    baseline::{BaselineKind, Comparison},
+    baselines::BaselineKind,
     dataset::Dataset,
-    evaluation::Accuracy,
-    evaluation::Verdict,
+    evaluation::{Accuracy, Verdict, comparison::Comparison},
     files,
     fmi::{Watch, Workers},
     multibody::Mechanism,

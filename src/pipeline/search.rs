@@ -10,8 +10,9 @@ use super::{
 };
 use crate::{
     Error, Result,
-    baseline::{self, BaselineKind},
+    baselines::BaselineKind,
     dataset::Dataset,
+    evaluation::comparison::ModelStatus,
     files,
     network::Network,
     sampling::Plan,
@@ -429,9 +430,9 @@ fn fit_baseline(
     let (rows, held_out) = baseline_rows_and_held_out(study, dataset);
     let row = compare::measure(project, study, kind, &rows, &held_out)?;
     let (status, message) = match row.status {
-        baseline::ModelStatus::Fine => (TrialStatus::Finished, String::new()),
-        baseline::ModelStatus::Stopped => return Err(Error::Interrupted),
-        baseline::ModelStatus::Failed | baseline::ModelStatus::TooSlow => (TrialStatus::Failed, row.note),
+        ModelStatus::Fine => (TrialStatus::Finished, String::new()),
+        ModelStatus::Stopped => return Err(Error::Interrupted),
+        ModelStatus::Failed | ModelStatus::TooSlow => (TrialStatus::Failed, row.note),
     };
     let unexplained: Vec<f64> = row.outputs.values().filter_map(|output| Some(1.0 - output.r2?)).collect();
     let mean = unexplained.iter().sum::<f64>() / unexplained.len() as f64;

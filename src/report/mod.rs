@@ -10,7 +10,8 @@ mod page;
 mod plot;
 
 use crate::{
-    Error, Result, baseline::Comparison, evaluation::Verdict, source::MovingPoint, study::Study, training::EpochRecord,
+    Error, Result, evaluation::Verdict, evaluation::comparison::Comparison, source::MovingPoint, study::Study,
+    training::EpochRecord,
 };
 use chart::Chart;
 pub use figures::{Beside, card_figures};

@@ -5,7 +5,8 @@ use crate::{
     evaluation::predict_all,
     variable::SourceVariable,
 };
-use metafmu_runtime::{Surrogate, example};
+use metafmu_example as example;
+use metafmu_runtime::Surrogate;
 use std::sync::Arc;
 
 pub fn exact() -> (Surrogate, Dataset) {

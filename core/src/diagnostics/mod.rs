@@ -3,11 +3,12 @@
 pub mod error;
 pub mod kinds;
 pub mod names;
+pub mod numbers;
 pub mod origin;
 mod place;
 pub mod problem;
 mod problems;
-pub(crate) mod schema;
+pub mod schema;
 
 pub use place::Place;
 pub use problems::{KeyProblem, Problems};

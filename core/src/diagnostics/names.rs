@@ -26,7 +26,7 @@ pub fn listed(names: &[&str]) -> String {
 
 /// The known name that differs from `found` by case only, by few letters, or in that one of them goes on; the first of several that
 /// are equally close.
-pub(crate) fn closest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
+pub fn closest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let found = folded(found);
     let ranked = known.into_iter().filter_map(|name| Some((difference(&found, &folded(name))?, name)));
     ranked.min_by_key(|(difference, _)| *difference).map(|(_, name)| name)

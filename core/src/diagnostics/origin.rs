@@ -21,7 +21,7 @@ use toml::{Spanned, de::DeTable, de::DeValue};
 ///
 /// # Errors
 /// [`Error::Io`], or [`Error::Study`] if it is something else than text in UTF-8.
-pub(crate) fn read(path: &Path, expected: &str) -> Result<String> {
+pub fn read(path: &Path, expected: &str) -> Result<String> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     if let Some(kind) = kinds::of(path).filter(|kind| *kind != FileKind::Toml) {
         let message = kind.instead(expected);
@@ -46,26 +46,29 @@ pub(crate) fn read(path: &Path, expected: &str) -> Result<String> {
 
 /// The file a study or mechanism was read from.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Origin {
+pub struct Origin {
     path: PathBuf,
     text: String,
 }
 
 impl Origin {
-    pub(crate) fn new(path: &Path, text: &str) -> Self {
+    /// Text of a file; the path is for messages.
+    pub fn new(path: &Path, text: &str) -> Self {
         Self { path: path.to_owned(), text: text.to_owned() }
     }
 
-    pub(crate) fn path(&self) -> &Path {
+    /// Path of the file.
+    pub fn path(&self) -> &Path {
         &self.path
     }
 
-    pub(crate) fn text(&self) -> &str {
+    /// The text as it was read.
+    pub fn text(&self) -> &str {
         &self.text
     }
 
     /// The folder of the file.
-    pub(crate) fn folder(&self) -> &Path {
+    pub fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
@@ -73,7 +76,7 @@ impl Origin {
     ///
     /// # Errors
     /// [`Error::Study`] with the first mistake of each line.
-    pub(crate) fn parse(&self) -> Result<Spanned<DeTable<'_>>> {
+    pub fn parse(&self) -> Result<Spanned<DeTable<'_>>> {
         let (root, errors) = DeTable::parse_recoverable(&self.text);
         if errors.is_empty() {
             Ok(root)
@@ -83,7 +86,7 @@ impl Origin {
     }
 
     /// What is wrong with the structure: unknown and missing keys, values of the wrong type. Also the sections where something is.
-    pub(crate) fn structure(
+    pub fn structure(
         &self,
         root: &DeTable,
         schema: &serde_json::Value,
@@ -106,7 +109,7 @@ impl Origin {
     ///
     /// # Errors
     /// [`Error::Study`] with the first thing that the type refuses although its schema does not.
-    pub(crate) fn deserialize<T: DeserializeOwned>(&self, root: Spanned<DeTable<'_>>) -> Result<T> {
+    pub fn deserialize<T: DeserializeOwned>(&self, root: Spanned<DeTable<'_>>) -> Result<T> {
         T::deserialize(toml::de::Deserializer::from(root)).map_err(|error: toml::de::Error| {
             let span = error.span().unwrap_or(0..0);
             let (line, message) = (self.line_at(span.start), error.message().replace('\n', ", "));
@@ -147,7 +150,7 @@ impl Origin {
     }
 
     /// Fails if the text has a section that only files of another kind have.
-    pub(crate) fn refuse_section(&self, section: &str, message: &str) -> Result<()> {
+    pub fn refuse_section(&self, section: &str, message: &str) -> Result<()> {
         let root = DeTable::parse_recoverable(&self.text).0;
         let Some((name, _)) = root.get_ref().get_key_value(section) else { return Ok(()) };
         let line = self.line_at(name.span().start);
@@ -156,7 +159,7 @@ impl Origin {
     }
 
     /// Fails if there are problems.
-    pub(crate) fn refuse(&self, problems: Problems) -> Result<()> {
+    pub fn refuse(&self, problems: Problems) -> Result<()> {
         if problems.is_empty() {
             return Ok(());
         }
@@ -164,7 +167,7 @@ impl Origin {
     }
 
     /// Gives problems their lines.
-    pub(crate) fn locate(&self, problems: Problems) -> Vec<Problem> {
+    pub fn locate(&self, problems: Problems) -> Vec<Problem> {
         if problems.is_empty() {
             return Vec::new();
         }

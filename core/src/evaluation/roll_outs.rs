@@ -436,7 +436,7 @@ mod tests {
         multibody::Mechanism,
         variable::SourceVariable,
     };
-    use metafmu_runtime::example;
+    use metafmu_example as example;
     use std::path::Path;
 
     /// The crane of [`example::crane`], with a rope that is longer by this factor.

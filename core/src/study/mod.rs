@@ -102,7 +102,7 @@ pub use limits::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, MAX_VARIABLES};
 use metafmu_runtime::{Encoder, Encoding};
 pub use network::{NetworkOptions, TimeStructure};
 pub use outputs::OutputOptions;
-pub(crate) use outputs::check_variable_name;
+pub use outputs::check_variable_name;
 pub use parameters::{ParameterOptions, ParameterVariability};
 pub use points::read_value;
 pub use recording::Recording;
@@ -445,7 +445,7 @@ impl Study {
     }
 
     /// Where its keys are.
-    pub(crate) fn origin(&self) -> &Origin {
+    pub fn origin(&self) -> &Origin {
         &self.origin
     }
 

@@ -87,7 +87,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
 }
 
 /// FMI takes any text on one line, and so do the tables but for spaces at its ends.
-pub(crate) fn check_variable_name(problems: &mut Problems, key: &str, name: &str) {
+pub fn check_variable_name(problems: &mut Problems, key: &str, name: &str) {
     if name.is_empty() || name.contains(char::is_control) || name.trim() != name {
         let expected = "expected a text on one line without spaces at its ends";
         problems.add(key, format!("`{}` is not a valid name of a variable, {expected}", name.escape_debug()));

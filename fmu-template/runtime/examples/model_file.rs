@@ -3,7 +3,9 @@
 //! `cargo run -p metafmu-runtime --example model_file -- FILE [per-instant] [single] [SIZE OF HIDDEN LAYER]...`, or `FILE NAME` with a name of
 //! `NAMED`.
 
-use metafmu_runtime::{Activation, Precision, Surrogate, example};
+use metafmu_example as example;
+
+use metafmu_runtime::{Activation, Precision, Surrogate};
 use std::{env, error::Error, fs};
 
 type Named = (&'static str, fn() -> Surrogate);

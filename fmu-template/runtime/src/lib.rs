@@ -11,7 +11,7 @@
 //!
 //! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! # let surrogate = metafmu_runtime::example::surrogate();
+//! # let surrogate = metafmu_example::surrogate();
 //! # let bytes = surrogate.to_bytes()?;
 //! let surrogate = metafmu_runtime::Surrogate::from_bytes(&bytes)?;
 //! let mut evaluator = metafmu_runtime::Evaluator::new(&surrogate);
@@ -22,6 +22,9 @@
 //! # }
 //! ```
 
+#[cfg(test)]
+extern crate self as metafmu_runtime;
+
 mod bounds;
 mod check;
 mod cover;
@@ -30,7 +33,9 @@ mod domain;
 mod encoding;
 mod equations;
 mod error;
-#[cfg(feature = "example")]
+// as tests of this crate see it: of its types, not of those of the crate that others link
+#[cfg(test)]
+#[path = "../../example/src/lib.rs"]
 pub mod example;
 pub mod format;
 pub mod graph;

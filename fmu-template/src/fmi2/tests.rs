@@ -7,7 +7,8 @@
 
 use super::{model_exchange::*, *};
 use crate::{component::Component, state::State, testing::*};
-use metafmu_runtime::{Activation, Surrogate, example};
+use metafmu_example as example;
+use metafmu_runtime::{Activation, Surrogate};
 use std::{fs, ptr::null, sync::Mutex};
 
 mod derivatives;

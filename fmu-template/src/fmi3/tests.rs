@@ -7,7 +7,8 @@
 
 use super::{clocks::*, derivatives::*, model_exchange::*, values::*, *};
 use crate::{component::Component, state::State, testing::*};
-use metafmu_runtime::{Activation, Surrogate, example};
+use metafmu_example as example;
+use metafmu_runtime::{Activation, Surrogate};
 use std::{
     ffi::{CStr, c_int},
     path::Path,

@@ -11,12 +11,12 @@ use crate::{
     study::ExportOptions,
     surrogate::seal,
 };
+use metafmu_example as example;
 use metafmu_runtime::{
     Activation, BuiltIn, Clock, CommunicationStep, Domain, Drive, Dynamics, Encoder, Evaluator, Graph, Input,
     Integration, Layer, Metadata, Motion, Precision, Program, Quantity, Role, Sampling, ScaledNetwork, Scaling, Shown,
     StepError,
     dictionary::{Dictionary, Factor, Term},
-    example,
     graph::{Elementwise, Forest, Given, KernelMachine, LEAF, Node, Operation, ProcessDeviation, Products, Step, Tree},
 };
 use nalgebra::{Matrix2, SVector, Vector2};

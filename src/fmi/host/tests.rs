@@ -2,7 +2,8 @@
 
 use super::*;
 use crate::export::testing::{changed_fmu, entry, fmu, fmu_described_as, fmu_of, fmu_with_arrays, fmu_with_input};
-use metafmu_runtime::{Evaluator, example};
+use metafmu_example as example;
+use metafmu_runtime::Evaluator;
 
 fn predict(inputs: [f64; 3]) -> [f64; 2] {
     let mut evaluator = Evaluator::new(&example::surrogate());

@@ -3,7 +3,7 @@
 use super::{FEW_ROWS, FOLDS, RowSplit, Task, chosen};
 use crate::{
     Error, Result,
-    baseline::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, worker},
+    baselines::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, worker},
     dataset::Dataset,
     diagnostics::names::listed,
     evaluation::{self, OutputMetrics},
@@ -50,7 +50,7 @@ pub(super) fn std_rows_problem(rows: usize) -> Option<String> {
 
 /// Largest number of rows that a model of a kind can be fitted to.
 fn most_rows(kind: ModelKind) -> usize {
-    let of_baseline = |kind| baseline::model(&Baselines::default(), kind).most_rows();
+    let of_baseline = |kind| baselines::model(&Baselines::default(), kind).most_rows();
     match kind {
         ModelKind::Network => None,
         ModelKind::Baseline(kind) => of_baseline(kind),
@@ -320,7 +320,7 @@ impl Task<'_> {
         let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
         let rows = StandardizedRows::new(x.concat(), of_varying.concat(), scaling);
         let (options, seed) = (Baselines::default(), self.options.seed);
-        let model = baseline::model(&options, kind);
+        let model = baselines::model(&options, kind);
         let rows = choose_rows(&rows, model.most_rows(), seed);
         let fitted = match has_std {
             true => worker::caught(|| model.fit_with_std(&rows, seed).map(Fitted::Formula)),

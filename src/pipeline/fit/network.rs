@@ -3,7 +3,7 @@
 use super::{FitOptions, RowSplit, Task, chosen};
 use crate::{
     Error, Result,
-    baseline::StandardizedRows,
+    baselines::StandardizedRows,
     network::Network,
     pipeline::observer::{Control, CountedWork, Event},
     scaling::{of_columns, standardise_rows},

@@ -1,5 +1,5 @@
 use super::{candidates::judged, *};
-use crate::{baseline::BaselineKind, pipeline::Silent};
+use crate::{baselines::BaselineKind, pipeline::Silent};
 use rand::RngExt as _;
 use std::sync::atomic::AtomicBool;
 

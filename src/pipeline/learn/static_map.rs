@@ -2,15 +2,11 @@
 
 use super::{Beginning, Method};
 use crate::{
-    Error, Result,
-    baseline::{
-        Comparison,
-        comparison::{ModelRow, ModelStatus},
-    },
-    calibration,
+    Error, Result, calibration,
     dataset::Dataset,
+    evaluation::comparison::{Comparison, ModelRow, ModelStatus},
     files,
-    interface::ModelInterface,
+    import::interface::ModelInterface,
     pipeline::{
         fit::{self, Candidate as FittedKind, Fit, FitOptions, UnseenRows},
         follower::Trained,

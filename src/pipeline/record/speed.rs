@@ -1,6 +1,6 @@
 //! Speed of a surrogate beside that of its source.
 
-use crate::html::number;
+use crate::diagnostics::numbers::number;
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
 

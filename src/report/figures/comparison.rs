@@ -3,7 +3,7 @@
 use super::{
     Axis, Chart, ChartSeries, Figure, Ink, ReportBlock, Section, Shape, code, escape, number, paragraph, r2, table,
 };
-use crate::baseline::{Comparison, ModelRow, ModelStatus};
+use crate::evaluation::comparison::{Comparison, ModelRow, ModelStatus};
 
 /// `is_of_rows`: whether the models are the candidates of a static map.
 pub fn section(comparison: &Comparison, is_of_rows: bool) -> Section {
@@ -115,7 +115,7 @@ fn scatter(models: &[ModelRow], name: &str, unit: &str, cost: impl Fn(&ModelRow)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::baseline::ModelAccuracy;
+    use crate::evaluation::comparison::ModelAccuracy;
 
     #[test]
     fn every_model_has_a_row_and_those_with_figures_a_number_in_the_plots() {

@@ -17,7 +17,7 @@ use super::{
     axis::Axis,
     chart::{Chart, ChartSeries, INKS, Ink, Shape},
 };
-use crate::html::{escape, number};
+use crate::{diagnostics::numbers::number, html::escape};
 pub use beside::Beside;
 
 /// Outputs that a section shows at the most, in the study's order.

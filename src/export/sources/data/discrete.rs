@@ -126,7 +126,7 @@ fn data(sampling: &Sampling) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
 
     #[test]
     fn operations_are_those_of_a_count_by_hand() {

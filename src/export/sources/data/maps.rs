@@ -98,7 +98,8 @@ fn turns(inputs: &[Input]) -> String {
 mod tests {
     use super::*;
     use crate::export::sources::data::network;
-    use metafmu_runtime::{Activation, Graph, Precision, example};
+    use metafmu_example as example;
+    use metafmu_runtime::{Activation, Graph, Precision};
 
     #[test]
     fn operations_are_those_of_a_count_by_hand() {

@@ -71,7 +71,7 @@ fn operations(sub_steps: f64, integration: Integration, stage: f64, states: usiz
 #[cfg(test)]
 mod tests {
     use super::{super::tape, *};
-    use metafmu_runtime::example;
+    use metafmu_example as example;
 
     #[test]
     fn operations_are_those_of_a_count_by_hand() {

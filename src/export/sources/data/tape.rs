@@ -96,7 +96,7 @@ fn row(instruction: &Instruction, listing: &Listing) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
 
     #[test]
     fn operations_are_those_of_a_count_by_hand() {

@@ -2,7 +2,7 @@
 
 use super::{DiscreteSamples, LearnedDiscrete};
 use crate::{
-    baseline::{Baseline, Fitted, StandardizedRows},
+    baselines::{Baseline, Fitted, StandardizedRows},
     study::baselines::Polynomial,
 };
 use metafmu_runtime::Graph;

@@ -333,7 +333,8 @@ fn widening(support: &Support, settling: f64, motions: &[Motion], extremes: &[Ra
 #[cfg(test)]
 mod tests {
     use super::*;
-    use metafmu_runtime::{Clock, Graph, Program, Sampling, example};
+    use metafmu_example as example;
+    use metafmu_runtime::{Clock, Graph, Program, Sampling};
 
     #[test]
     fn a_model_forgets_a_disturbance_as_fast_as_its_outputs_decay() {

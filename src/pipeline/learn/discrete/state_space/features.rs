@@ -1,6 +1,6 @@
 //! Nonlinear functions of the columns of a state space: none, nodes of a network, or products.
 
-use crate::baseline::polynomial_degrees;
+use crate::baselines::polynomial_degrees;
 use metafmu_runtime::graph::Products;
 
 /// Standardized magnitude at which products take the end of a column's range: `z / SPAN` is in `[-1, 1]`.

@@ -123,7 +123,7 @@ mod tests {
     use std::path::Path;
 
     fn study(edit: impl Fn(String) -> String) -> Study {
-        let text = edit(include_str!("../examples/single-pendulum.toml").to_owned());
+        let text = edit(include_str!("../../examples/single-pendulum.toml").to_owned());
         Study::parse(&text, Path::new("s.toml")).unwrap()
     }
 

@@ -1,9 +1,11 @@
 //! Verdict on a surrogate by `[accept]` of the study: good, usable, or rejected.
 
 use crate::{
-    baseline::{Comparison, ModelRow, ModelStatus, comparison::NETWORK},
-    evaluation::{Accuracy, CHAOTIC, Horizon, OutputMetrics, RollOuts, Verdict},
-    html::number,
+    diagnostics::numbers::number,
+    evaluation::{
+        Accuracy, CHAOTIC, Horizon, OutputMetrics, RollOuts, Verdict,
+        comparison::{Comparison, ModelRow, ModelStatus, NETWORK},
+    },
     study::{AcceptOptions, Study},
 };
 use metafmu_runtime::{Output, Surrogate};
@@ -214,12 +216,12 @@ fn told_apart(value: f64, other: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::baseline::ModelAccuracy;
     use crate::evaluation::Grade;
-    use metafmu_runtime::example;
+    use crate::evaluation::comparison::ModelAccuracy;
+    use metafmu_example as example;
     use std::path::Path;
 
-    const STUDY: &str = include_str!("../examples/single-pendulum.toml");
+    const STUDY: &str = include_str!("../../examples/single-pendulum.toml");
 
     fn metrics(r2: Option<f64>, mse: f64) -> OutputMetrics {
         OutputMetrics {

@@ -1,6 +1,6 @@
 //! The table of models side by side: `comparison.json` and `comparison.csv`.
 
-use crate::evaluation::OutputMetrics;
+use super::OutputMetrics;
 use indexmap::{IndexMap, IndexSet};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;

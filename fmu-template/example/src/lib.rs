@@ -1,6 +1,6 @@
 //! A small surrogate with made-up weights, for documentation, tests and benches.
 
-use crate::{
+use metafmu_runtime::{
     Activation, Bounds, Clock, Cover, Dynamics, Efforts, Encoder, Encoding, Graph, Input, Integration, Layer, Metadata,
     Motion, Output, OutputArray, Precision, Program, Provenance, Reactions, Role, Sampling, ScaledNetwork, Scaling,
     Shown, State, Support, Surrogate, Variability,

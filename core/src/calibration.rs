@@ -208,7 +208,7 @@ fn quantile(mut rows: Vec<(f64, f64)>, needed: f64) -> Option<f64> {
 mod tests {
     use super::*;
     use crate::variable::SourceVariable;
-    use metafmu_runtime::example;
+    use metafmu_example as example;
     use rand::{Rng, SeedableRng, rngs::ChaCha8Rng};
 
     /// Runs of the example whose labels are off by a noise that is the same in a whole run, but for its sign.

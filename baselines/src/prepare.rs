@@ -1,7 +1,7 @@
 //! The rows of a study that baselines are fitted to.
 
-use super::StandardizedRows;
-use crate::{
+use crate::StandardizedRows;
+use metafmu_core::{
     dataset::{Dataset, Run},
     layout::RowLayout,
     sampling::{self, Stream},
@@ -36,7 +36,7 @@ pub fn choose_rows(rows: &StandardizedRows, most: Option<usize>, seed: u64) -> C
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::variable::SourceVariable;
+    use metafmu_core::variable::SourceVariable;
     use metafmu_runtime::{Encoder, Encoding};
 
     #[test]
