@@ -23,187 +23,76 @@ static Status never(void *instance, const char *function, unsigned allowed)
     return STATUS_ERROR;
 }
 
-/* ---- Getting variables of other types ---- */
+/* ---- Variables of other types ---- */
 
-Status fmi3GetFloat32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, float values[],
-                      size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetFloat32), "Float32", nValueReferences, nValues);
-}
+#define ABSENT(name, type, value, modifier) \
+    Status fmi3Get##name(void *instance, const uint32_t valueReferences[], size_t nValueReferences, value values[], \
+                         size_t nValues) \
+    { \
+        (void)valueReferences; \
+        (void)values; \
+        return none(instance, CALL(fmi3Get##name), type, nValueReferences, nValues); \
+    } \
+    Status fmi3Set##name(void *instance, const uint32_t valueReferences[], size_t nValueReferences, \
+                         modifier values[], size_t nValues) \
+    { \
+        (void)valueReferences; \
+        (void)values; \
+        return none(instance, CALL(fmi3Set##name), type, nValueReferences, nValues); \
+    }
 
-Status fmi3GetInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int8_t values[],
-                   size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetInt8), "Int8", nValueReferences, nValues);
-}
+ABSENT(Float32, "Float32", float, const float)
+ABSENT(Int8, "Int8", int8_t, const int8_t)
+ABSENT(UInt8, "UInt8", uint8_t, const uint8_t)
+ABSENT(Int16, "Int16", int16_t, const int16_t)
+ABSENT(UInt16, "UInt16", uint16_t, const uint16_t)
+ABSENT(UInt32, "UInt32", uint32_t, const uint32_t)
+ABSENT(Int64, "Int64", int64_t, const int64_t)
+ABSENT(UInt64, "UInt64", uint64_t, const uint64_t)
+ABSENT(String, "String", const char *, const char *const)
 
-Status fmi3GetUInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint8_t values[],
-                    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetUInt8), "UInt8", nValueReferences, nValues);
-}
+#define ABSENT_BINARY(name, size, value) \
+    Status fmi3##name(void *instance, const uint32_t valueReferences[], size_t nValueReferences, size valueSizes[], \
+                value values[], size_t nValues) \
+    { \
+        (void)valueReferences; \
+        (void)valueSizes; \
+        (void)values; \
+        return none(instance, CALL(fmi3##name), "Binary", nValueReferences, nValues); \
+    }
 
-Status fmi3GetInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int16_t values[],
-                    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetInt16), "Int16", nValueReferences, nValues);
-}
-
-Status fmi3GetUInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint16_t values[],
-                     size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetUInt16), "UInt16", nValueReferences, nValues);
-}
-
-Status fmi3GetUInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint32_t values[],
-                     size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetUInt32), "UInt32", nValueReferences, nValues);
-}
-
-Status fmi3GetInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, int64_t values[],
-                    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetInt64), "Int64", nValueReferences, nValues);
-}
-
-Status fmi3GetUInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, uint64_t values[],
-                     size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetUInt64), "UInt64", nValueReferences, nValues);
-}
-
-Status fmi3GetString(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const char *values[],
-                     size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetString), "String", nValueReferences, nValues);
-}
-
-Status fmi3GetBinary(void *instance, const uint32_t valueReferences[], size_t nValueReferences, size_t valueSizes[],
-                     const uint8_t *values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)valueSizes;
-    (void)values;
-    return none(instance, CALL(fmi3GetBinary), "Binary", nValueReferences, nValues);
-}
-
-/* ---- Setting variables of other types ---- */
-
-Status fmi3SetFloat32(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const float values[],
-                      size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetFloat32), "Float32", nValueReferences, nValues);
-}
-
-Status fmi3SetInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int8_t values[],
-                   size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetInt8), "Int8", nValueReferences, nValues);
-}
-
-Status fmi3SetUInt8(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const uint8_t values[],
-                    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetUInt8), "UInt8", nValueReferences, nValues);
-}
-
-Status fmi3SetInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int16_t values[],
-                    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetInt16), "Int16", nValueReferences, nValues);
-}
-
-Status fmi3SetUInt16(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                     const uint16_t values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetUInt16), "UInt16", nValueReferences, nValues);
-}
-
-Status fmi3SetUInt32(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                     const uint32_t values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetUInt32), "UInt32", nValueReferences, nValues);
-}
-
-Status fmi3SetInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const int64_t values[],
-                    size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetInt64), "Int64", nValueReferences, nValues);
-}
-
-Status fmi3SetUInt64(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                     const uint64_t values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetUInt64), "UInt64", nValueReferences, nValues);
-}
-
-Status fmi3SetString(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                     const char *const values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetString), "String", nValueReferences, nValues);
-}
-
-Status fmi3SetBinary(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                     const size_t valueSizes[], const uint8_t *const values[], size_t nValues)
-{
-    (void)valueReferences;
-    (void)valueSizes;
-    (void)values;
-    return none(instance, CALL(fmi3SetBinary), "Binary", nValueReferences, nValues);
-}
+ABSENT_BINARY(GetBinary, size_t, const uint8_t *)
+ABSENT_BINARY(SetBinary, const size_t, const uint8_t *const)
 
 /* ---- Clocks ---- */
 
-Status fmi3GetClock(void *instance, const uint32_t valueReferences[], size_t nValueReferences, bool values[])
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3GetClock), "Clock", nValueReferences, 0);
-}
+#define ABSENT_CLOCK(name, value) \
+    Status fmi3##name(void *instance, const uint32_t valueReferences[], size_t nValueReferences, value values[]) \
+    { \
+        (void)valueReferences; \
+        (void)values; \
+        return none(instance, CALL(fmi3##name), "Clock", nValueReferences, 0); \
+    }
 
-Status fmi3SetClock(void *instance, const uint32_t valueReferences[], size_t nValueReferences, const bool values[])
-{
-    (void)valueReferences;
-    (void)values;
-    return none(instance, CALL(fmi3SetClock), "Clock", nValueReferences, 0);
-}
+ABSENT_CLOCK(GetClock, bool)
+ABSENT_CLOCK(SetClock, const bool)
+ABSENT_CLOCK(SetIntervalDecimal, const double)
+ABSENT_CLOCK(GetShiftDecimal, double)
+ABSENT_CLOCK(SetShiftDecimal, const double)
+
+#define ABSENT_FRACTION(name, value) \
+    Status fmi3##name(void *instance, const uint32_t valueReferences[], size_t nValueReferences, value counters[], \
+                value resolutions[]) \
+    { \
+        (void)valueReferences; \
+        (void)counters; \
+        (void)resolutions; \
+        return none(instance, CALL(fmi3##name), "Clock", nValueReferences, 0); \
+    }
+
+ABSENT_FRACTION(SetIntervalFraction, const uint64_t)
+ABSENT_FRACTION(GetShiftFraction, uint64_t)
+ABSENT_FRACTION(SetShiftFraction, const uint64_t)
 
 Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
                               double intervals[], int qualifiers[])
@@ -222,56 +111,6 @@ Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[],
     (void)resolutions;
     (void)qualifiers;
     return none(instance, CALL(fmi3GetIntervalFraction), "Clock", nValueReferences, 0);
-}
-
-Status fmi3SetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                              const double intervals[])
-{
-    (void)valueReferences;
-    (void)intervals;
-    return none(instance, CALL(fmi3SetIntervalDecimal), "Clock", nValueReferences, 0);
-}
-
-Status fmi3SetIntervalFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                               const uint64_t counters[], const uint64_t resolutions[])
-{
-    (void)valueReferences;
-    (void)counters;
-    (void)resolutions;
-    return none(instance, CALL(fmi3SetIntervalFraction), "Clock", nValueReferences, 0);
-}
-
-Status fmi3GetShiftDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences, double shifts[])
-{
-    (void)valueReferences;
-    (void)shifts;
-    return none(instance, CALL(fmi3GetShiftDecimal), "Clock", nValueReferences, 0);
-}
-
-Status fmi3GetShiftFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                            uint64_t counters[], uint64_t resolutions[])
-{
-    (void)valueReferences;
-    (void)counters;
-    (void)resolutions;
-    return none(instance, CALL(fmi3GetShiftFraction), "Clock", nValueReferences, 0);
-}
-
-Status fmi3SetShiftDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                           const double shifts[])
-{
-    (void)valueReferences;
-    (void)shifts;
-    return none(instance, CALL(fmi3SetShiftDecimal), "Clock", nValueReferences, 0);
-}
-
-Status fmi3SetShiftFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                            const uint64_t counters[], const uint64_t resolutions[])
-{
-    (void)valueReferences;
-    (void)counters;
-    (void)resolutions;
-    return none(instance, CALL(fmi3SetShiftFraction), "Clock", nValueReferences, 0);
 }
 
 /* ---- Structural parameters, scheduled execution ---- */
