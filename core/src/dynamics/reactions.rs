@@ -2,8 +2,7 @@
 
 use crate::multibody::{
     measure::Measure,
-    model::MultibodyModel,
-    model::Sample,
+    model::{Sample, Spring},
     reduced::{Reduced, Terms},
 };
 use metafmu_runtime::Reactions;
@@ -55,10 +54,8 @@ pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Mea
     };
     let mut functions = Vec::with_capacity(each * measures.len());
     for measure in measures {
-        if let Measure::SpringEffort(_) = measure {
-            functions.extend(of_spring(model, measure, n, m, |k| {
-                sample(k.map_or(still.clone(), |k| terms.velocities.column(k).into_owned()), DVector::zeros(0))
-            }));
+        if let Measure::SpringEffort(spring) = measure {
+            functions.extend(of_spring(&model.springs[*spring], terms));
             continue;
         }
         let of_column =
@@ -68,21 +65,19 @@ pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Mea
     Ok(Forces { functions, sizes })
 }
 
-/// Of a spring: its stiffness acts at rest, its damping by velocities; `sample` has the velocities of a unit of a coordinate's.
-fn of_spring(
-    model: &MultibodyModel,
-    measure: &Measure,
-    n: usize,
-    m: usize,
-    sample: impl Fn(Option<usize>) -> Sample,
-) -> Vec<f64> {
-    let rest = measure.value(model, &sample(None));
+/// Functions of a spring's force: stiffness acts at rest, damping by velocities, and a formula as an effort.
+fn of_spring(spring: &Spring, terms: &Terms) -> Vec<f64> {
+    let (n, m) = terms.effort_map.shape();
+    let [_, _, damping, at_rest, efforts] = parts(n, m);
+    let rest = spring.effort(&terms.q, &DVector::zeros(terms.q.len()));
     let mut functions = vec![0.0; Reactions::functions_of_each(n, m)];
-    let [_, _, damping, at_rest, _] = parts(n, m);
-    for (k, function) in functions[damping].iter_mut().enumerate() {
-        *function = measure.value(model, &sample(Some(k))) - rest;
+    for (function, velocities) in functions[damping].iter_mut().zip(terms.velocities.column_iter()) {
+        *function = spring.effort(&terms.q, &velocities.into_owned()) - rest;
     }
     functions[at_rest.start] = rest;
+    if let Some(effort) = spring.further {
+        functions[efforts.start + effort] = 1.0;
+    }
     functions
 }
 

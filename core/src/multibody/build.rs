@@ -3,19 +3,23 @@
 use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
     coordinate::{BodyPoint, Coordinate, Frame},
-    description::{Description, DriverOptions, JointOptions, JointType, MechanismInput, PlaneVector},
+    description::{
+        CouplingOptions, Description, DriverOptions, JointOptions, JointType, MechanismInput, PlaneVector, StopOptions,
+    },
     expression::{Expression, Tables},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
     model::{Effort, MultibodyInput, MultibodyModel, Prescribed, Spring},
     review::is_zero,
     tables::tables,
+    variables::variables,
 };
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
     integrate::TOLERANCE,
     signal::Signal,
 };
+use indexmap::IndexMap;
 use nalgebra::{DVector, Vector2};
 use std::ops::Range;
 
@@ -79,10 +83,36 @@ const POINT_MEASURES: [&str; 6] = ["x", "y", "vx", "vy", "ax", "ay"];
 /// Further measures of bodies.
 const BODY_MEASURES: [&str; 3] = ["angle", "angular_velocity", "angular_acceleration"];
 
+/// What an expression may name beside parameters.
+#[derive(Clone, Copy, PartialEq)]
+enum Names {
+    /// The time: what is prescribed.
+    Time,
+    /// Positions: what follows them.
+    Positions,
+    /// Time, inputs, positions and velocities: what acts.
+    State,
+}
+
+/// Name of the rate of a position.
+fn rate_of(position: &str) -> Option<String> {
+    let (owner, what) = position.rsplit_once('.')?;
+    let rate = match what {
+        "angle" => "angular_velocity",
+        "position" | "length" => "velocity",
+        "x" => "vx",
+        "y" => "vy",
+        _ => return None,
+    };
+    Some(format!("{owner}.{rate}"))
+}
+
 struct MultibodyBuilder<'a> {
     description: &'a Description,
     values: &'a [f64],
     tables: Tables,
+    /// Without variables in them.
+    variables: IndexMap<String, Expression>,
     /// In the order of the description.
     joints: Vec<Joint>,
     problems: Problems,
@@ -90,8 +120,10 @@ struct MultibodyBuilder<'a> {
 
 impl<'a> MultibodyBuilder<'a> {
     fn new(description: &'a Description, values: &'a [f64]) -> Self {
-        let (tables, problems) = tables(description);
-        let mut builder = Self { description, values, tables, joints: Vec::new(), problems };
+        let (tables, mut problems) = tables(description);
+        let (variables, more) = variables(&description.variables);
+        problems.extend(more);
+        let mut builder = Self { description, values, tables, variables, joints: Vec::new(), problems };
         builder.joints = description.joints.iter().map(|(name, options)| builder.joint(name, options)).collect();
         builder
     }
@@ -111,6 +143,7 @@ impl<'a> MultibodyBuilder<'a> {
             velocities.extend([velocity.x, velocity.y, self.number(&key("angular_velocity"), &body.angular_velocity)]);
         }
         let (initial_positions, initial_velocities) = self.initial();
+        let springs = self.springs();
         MultibodyModel {
             formulation: description.formulation,
             tolerance: TOLERANCE,
@@ -118,8 +151,8 @@ impl<'a> MultibodyBuilder<'a> {
             gravity: self.vector("gravity", &description.gravity),
             constraints: self.constraints(),
             prescribed: self.prescribed(),
-            springs: self.springs(),
-            efforts: self.efforts(),
+            efforts: self.efforts(&springs),
+            springs,
             inputs: self.inputs(),
             position_guess: DVector::from_vec(positions),
             velocity_guess: DVector::from_vec(velocities),
@@ -128,7 +161,7 @@ impl<'a> MultibodyBuilder<'a> {
         }
     }
 
-    /// Those of the joints, then those of the drivers of motions: the order of [`MultibodyBuilder::joint_rows`].
+    /// Those of the joints, of the couplings, and of the drivers of motions: the order of [`MultibodyBuilder::joint_rows`].
     fn constraints(&mut self) -> Constraints {
         let mut constraints = Vec::new();
         for (name, joint) in self.description.joints.keys().zip(&self.joints) {
@@ -138,10 +171,18 @@ impl<'a> MultibodyBuilder<'a> {
                 owner: format!("joints.{name}"),
             }));
         }
+        for (name, CouplingOptions { coordinate, follows }) in &self.description.couplings {
+            let owner = format!("couplings.{name}");
+            let coordinate = self.coordinate_of(&owner, coordinate);
+            let follows = self.bound(&format!("{owner}.follows"), follows, Names::Positions);
+            if let (Some(coordinate), Some(follows)) = (coordinate, follows) {
+                constraints.push(Constraint { coordinate, target: Target::Follows(follows), owner });
+            }
+        }
         for (name, driver) in &self.description.drivers {
             let Some(motion) = &driver.motion else { continue };
-            let coordinate = self.driven(name, driver);
-            let motion = self.bound(&format!("drivers.{name}.motion"), motion, false);
+            let coordinate = self.coordinate_of(&format!("drivers.{name}"), &driver.coordinate);
+            let motion = self.bound(&format!("drivers.{name}.motion"), motion, Names::Time);
             if let (Some(coordinate), Some(motion)) = (coordinate, motion) {
                 let (coordinate, target) = Driver { coordinate, motion }.held();
                 constraints.push(Constraint { coordinate, target, owner: format!("drivers.{name}") });
@@ -165,8 +206,8 @@ impl<'a> MultibodyBuilder<'a> {
                     continue;
                 }
             };
-            let coordinate = self.driven(name, driver);
-            let expression = self.bound(&format!("{owner}.acceleration"), acceleration, true);
+            let coordinate = self.coordinate_of(&owner, &driver.coordinate);
+            let expression = self.bound(&format!("{owner}.acceleration"), acceleration, Names::State);
             if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
                 prescribed.push(Prescribed { coordinate, expression, name: driver.coordinate.clone(), owner });
             }
@@ -174,9 +215,10 @@ impl<'a> MultibodyBuilder<'a> {
         prescribed
     }
 
-    fn driven(&mut self, name: &str, driver: &DriverOptions) -> Option<Coordinate> {
-        let coordinate = self.coordinate(&driver.coordinate);
-        self.noted(&format!("drivers.{name}.coordinate"), coordinate)
+    /// The coordinate that a part names.
+    fn coordinate_of(&mut self, owner: &str, name: &str) -> Option<Coordinate> {
+        let coordinate = self.coordinate(name);
+        self.noted(&format!("{owner}.coordinate"), coordinate)
     }
 
     /// Numbers put in for a joint; one whose points are not found is a joint of the ground.
@@ -214,8 +256,9 @@ impl<'a> MultibodyBuilder<'a> {
         axis.normalize()
     }
 
+    /// Those of the description, whose forces are the first of the efforts, then three for each bushing.
     fn springs(&mut self) -> Vec<Spring> {
-        let mut springs = Vec::new();
+        let (mut springs, mut efforts) = (Vec::new(), 0..);
         for (name, spring) in &self.description.springs {
             let key = |field: &str| format!("springs.{name}.{field}");
             let stiffness = self.not_negative(&key("stiffness"), &spring.stiffness);
@@ -235,20 +278,50 @@ impl<'a> MultibodyBuilder<'a> {
                     self.noted(&format!("springs.{name}"), Err(message.into()))
                 }
             };
+            let owner = format!("springs.{name}");
+            let further = spring.force.as_ref().and_then(|_| efforts.next());
             springs.extend(coordinate.map(|coordinate| Spring {
                 coordinate,
                 stiffness,
                 damping,
                 rest,
-                owner: format!("springs.{name}"),
+                further,
+                owner,
             }));
+        }
+        for (name, bushing) in &self.description.bushings {
+            let owner = format!("bushings.{name}");
+            let ends = self.ends(&format!("{owner}.between"), &bushing.between);
+            let [stiffness, damping] =
+                [("stiffness", &bushing.stiffness), ("damping", &bushing.damping)].map(|(field, values)| {
+                    values.each_ref().map(|value| self.not_negative(&format!("{owner}.{field}"), value))
+                });
+            let angle = self.number(&format!("{owner}.angle"), &bushing.angle);
+            let Some([from, to]) = ends else { continue };
+            let along = |axis| Coordinate::Projection { from, to, frame: from.frame, axis };
+            let about = Coordinate::Angle { from: from.frame, to: to.frame };
+            let coordinates = [(along(Vector2::x()), 0.0), (along(Vector2::y()), 0.0), (about, angle)];
+            for ((coordinate, rest), (stiffness, damping)) in
+                coordinates.into_iter().zip(stiffness.into_iter().zip(damping))
+            {
+                springs.push(Spring { coordinate, stiffness, damping, rest, further: None, owner: owner.clone() });
+            }
         }
         springs
     }
 
-    /// Forces at points, component by component, then actuators.
-    fn efforts(&mut self) -> Vec<Effort> {
+    /// Forces of springs, forces at points, component by component, actuators, then stops.
+    fn efforts(&mut self, springs: &[Spring]) -> Vec<Effort> {
         let mut efforts = Vec::new();
+        for (name, spring) in &self.description.springs {
+            let owner = format!("springs.{name}");
+            let Some(force) = &spring.force else { continue };
+            let expression = self.bound(&format!("{owner}.force"), force, Names::State);
+            let coordinate = springs.iter().find(|spring| spring.owner == owner).map(|spring| spring.coordinate);
+            if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
+                efforts.push(Effort { coordinate, expression, owner });
+            }
+        }
         for (name, force) in &self.description.forces {
             let point = self.point(&force.point);
             let point = point.and_then(|point| match point.frame {
@@ -257,7 +330,7 @@ impl<'a> MultibodyBuilder<'a> {
             });
             let point = self.noted(&format!("forces.{name}.point"), point);
             let key = format!("forces.{name}.force");
-            let components = force.force.each_ref().map(|component| self.bound(&key, component, true));
+            let components = force.force.each_ref().map(|component| self.bound(&key, component, Names::State));
             let Some(point) = point else { continue };
             for (axis, expression) in
                 components.into_iter().enumerate().filter(|(axis, _)| !is_zero(&force.force[*axis]))
@@ -267,14 +340,44 @@ impl<'a> MultibodyBuilder<'a> {
             }
         }
         for (name, actuator) in &self.description.actuators {
-            let coordinate = self.coordinate(&actuator.coordinate);
-            let coordinate = self.noted(&format!("actuators.{name}.coordinate"), coordinate);
-            let expression = self.bound(&format!("actuators.{name}.effort"), &actuator.effort, true);
+            let owner = format!("actuators.{name}");
+            let coordinate = self.coordinate_of(&owner, &actuator.coordinate);
+            let expression = self.bound(&format!("{owner}.effort"), &actuator.effort, Names::State);
             if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
-                efforts.push(Effort { coordinate, expression, owner: format!("actuators.{name}") });
+                efforts.push(Effort { coordinate, expression, owner });
+            }
+        }
+        for (name, stop) in &self.description.stops {
+            let owner = format!("stops.{name}");
+            let coordinate = self.coordinate_of(&owner, &stop.coordinate);
+            let expression = self.stop(&owner, stop);
+            if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
+                efforts.push(Effort { coordinate, expression, owner });
             }
         }
         efforts
+    }
+
+    /// Force of a stop: with `d` beyond a limit, `stiffness d (1 + damping d')` back to the limit, where that does not pull.
+    fn stop(&mut self, owner: &str, stop: &StopOptions) -> Option<BoundExpression> {
+        let StopOptions { coordinate, min, max, stiffness, damping } = stop;
+        self.not_negative(&format!("{owner}.stiffness"), stiffness);
+        self.not_negative(&format!("{owner}.damping"), damping);
+        let limits = [("min", min), ("max", max)]
+            .map(|(field, limit)| limit.as_ref().map(|limit| self.number(&format!("{owner}.{field}"), limit)));
+        match limits {
+            [None, None] => self.problem(owner, "neither `min` nor `max`, expected at least one of them".into()),
+            [Some(min), Some(max)] if min >= max => {
+                self.problem(&format!("{owner}.min"), format!("{min} is not below max {max}"));
+            }
+            _ => {}
+        }
+        let rate = rate_of(coordinate)?;
+        let below = min.as_ref().map(|min| format!("max(({min}) - {coordinate}, 0)*max(1 - ({damping})*{rate}, 0)"));
+        let above = max.as_ref().map(|max| format!("max({coordinate} - ({max}), 0)*max(1 + ({damping})*{rate}, 0)"));
+        let text = format!("({stiffness})*({} - {})", below.unwrap_or("0".into()), above.unwrap_or("0".into()));
+        let expression = self.noted(owner, Expression::parse(&text))?;
+        self.bound(owner, &expression, Names::State)
     }
 
     fn inputs(&self) -> Vec<MultibodyInput> {
@@ -346,6 +449,13 @@ impl<'a> MultibodyBuilder<'a> {
                 (_, None) => unknown(&["force"]),
             };
         }
+        if let Some(index) = description.bushings.get_index_of(owner) {
+            let springs = (description.springs.len() + 3 * index..).map(Measure::SpringEffort);
+            return one_of(["fx", "fy", "moment"].into_iter().zip(springs).collect());
+        }
+        if let Some(index) = description.couplings.get_index_of(owner) {
+            return one_of(Driver::measures(self.joint_rows(self.joints.len()).start + index));
+        }
         if let Some(index) = description.drivers.get_index_of(owner) {
             return one_of(Driver::measures(self.driver_row(index)));
         }
@@ -377,14 +487,14 @@ impl<'a> MultibodyBuilder<'a> {
         }
     }
 
-    /// A joint's constraints; those of the joint after the last are empty and where the drivers begin.
+    /// A joint's constraints; those of the joint after the last are empty and where the couplings begin.
     fn joint_rows(&self, index: usize) -> Range<usize> {
         let count = |joint: &Joint| joint.held().len();
         let before: usize = self.joints.iter().take(index).map(count).sum();
         before..before + self.joints.get(index).map_or(0, count)
     }
 
-    /// A driver's multiplier: after those of the joints those of motions, then those of accelerations.
+    /// A driver's multiplier: after those of joints and couplings those of motions, then those of accelerations.
     fn driver_row(&self, index: usize) -> usize {
         let drivers = || self.description.drivers.values();
         let is_motion = |driver: &&DriverOptions| driver.motion.is_some();
@@ -393,7 +503,7 @@ impl<'a> MultibodyBuilder<'a> {
             Some(_) => before.filter(is_motion).count(),
             None => drivers().filter(is_motion).count() + before.filter(|driver| !is_motion(driver)).count(),
         };
-        self.joint_rows(self.joints.len()).start + before
+        self.joint_rows(self.joints.len()).start + self.description.couplings.len() + before
     }
 
     fn coordinate(&mut self, name: &str) -> Result<Coordinate, String> {
@@ -463,6 +573,8 @@ impl<'a> MultibodyBuilder<'a> {
 
     /// A number that depends on the parameters only.
     fn number(&mut self, key: &str, expression: &Expression) -> f64 {
+        let expanded = expression.with_variables(&self.variables);
+        let Some(expression) = &self.noted(key, expanded) else { return 1.0 };
         for name in expression.names() {
             if !self.description.parameters.contains_key(name) {
                 let known: Vec<&str> = self.description.parameters.keys().map(String::as_str).collect();
@@ -486,8 +598,11 @@ impl<'a> MultibodyBuilder<'a> {
         self.description.parameters.get_index_of(name).map_or(f64::NAN, |index| self.values[index])
     }
 
-    /// An expression of the parameters and `time`, and of inputs, positions and velocities where they are allowed.
-    fn bound(&mut self, key: &str, expression: &Expression, of_state: bool) -> Option<BoundExpression> {
+    /// An expression of the parameters and of what else it may name.
+    fn bound(&mut self, key: &str, expression: &Expression, allowed: Names) -> Option<BoundExpression> {
+        let expanded = expression.with_variables(&self.variables);
+        let expression = &self.noted(key, expanded)?;
+        let (of_state, of_time) = (allowed == Names::State, allowed != Names::Positions);
         let mut slots = Vec::new();
         for name in expression.names() {
             let input = self.description.inputs.get_index_of(name).filter(|_| of_state);
@@ -495,19 +610,24 @@ impl<'a> MultibodyBuilder<'a> {
             let value = parameter.map(|index| Slot::Parameter(index, self.values[index]));
             let slot = match value.or(input.map(Slot::Input)) {
                 Some(slot) => Ok(slot),
-                None if name == "time" => Ok(Slot::Time),
-                None if of_state && name.contains('.') => self.measure(name).and_then(|measure| match measure {
-                    Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
-                    Measure::Velocity(coordinate) => Ok(Slot::Velocity(coordinate)),
-                    _ => Err(format!("`{name}` is neither a position nor a velocity")),
-                }),
+                None if name == "time" && of_time => Ok(Slot::Time),
+                None if allowed != Names::Time && name.contains('.') => {
+                    self.measure(name).and_then(|measure| match measure {
+                        Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
+                        Measure::Velocity(coordinate) if of_state => Ok(Slot::Velocity(coordinate)),
+                        _ if of_state => Err(format!("`{name}` is neither a position nor a velocity")),
+                        _ => Err(format!("`{name}` is not a position")),
+                    })
+                }
                 None if self.tables.contains_key(name) => {
                     Err(format!("`{name}` is a table, expected its arguments, as in `{name}(time)`"))
                 }
                 None => {
-                    let parameters = self.description.parameters.keys().map(String::as_str);
+                    let parameters = self.description.parameters.keys().chain(self.description.variables.keys());
+                    let parameters = parameters.map(String::as_str);
                     let inputs = self.description.inputs.keys().map(String::as_str).filter(|_| of_state);
-                    let known: Vec<&str> = parameters.chain(inputs).chain(["time"]).collect();
+                    let known = parameters.chain(inputs).chain(["time"].into_iter().filter(|_| of_time));
+                    let known: Vec<&str> = known.collect();
                     Err(format!("no `{name}`, {}", expected_one_of(name, &known)))
                 }
             };

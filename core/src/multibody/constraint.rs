@@ -62,6 +62,30 @@ impl BoundExpression {
     pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
         self.formula.value(|position| self.slots[position].value(t, q, v, u))
     }
+
+    /// Value of an expression of positions alone, its rate, and the part of its second derivative that accelerations do not enter.
+    fn of_positions(&self, q: &DVector<f64>, v: &DVector<f64>) -> Jet {
+        self.formula.series(|position| match self.slots[position] {
+            Slot::Parameter(_, value) => Jet::from(value),
+            Slot::Position(coordinate) => {
+                Jet { value: coordinate.value(q), first: coordinate.rate(q, v), second: coordinate.curvature(q, v) }
+            }
+            Slot::Time | Slot::Input(_) | Slot::Velocity(_) => Jet::from(f64::NAN),
+        })
+    }
+
+    /// Adds `factor * f_q` of an expression of positions alone to a row of as many entries as `q`.
+    fn add_gradient(&self, q: &DVector<f64>, factor: f64, gradient: &mut [f64]) {
+        for (changed, slot) in self.slots.iter().enumerate() {
+            let Slot::Position(coordinate) = slot else { continue };
+            let slope = self.formula.series(|position| match self.slots[position] {
+                Slot::Position(of) => Jet { first: f64::from(u8::from(position == changed)), ..Jet::from(of.value(q)) },
+                Slot::Parameter(_, value) => Jet::from(value),
+                Slot::Time | Slot::Input(_) | Slot::Velocity(_) => Jet::from(f64::NAN),
+            });
+            coordinate.add_gradient(q, factor * slope.first, gradient);
+        }
+    }
 }
 
 /// Where a constraint holds its coordinate.
@@ -76,14 +100,17 @@ pub enum Target {
     },
     /// At a function of time.
     Motion(BoundExpression),
+    /// At a function of other coordinates.
+    Follows(BoundExpression),
 }
 
 impl Target {
-    /// Value and time derivatives.
+    /// Value and time derivatives of what depends on time alone; zero for a function of coordinates.
     pub fn at(&self, t: f64) -> Jet {
         match self {
             Self::Fixed { value, rate } => Jet { value: *value, first: *rate, second: 0.0 },
             Self::Motion(formula) => formula.of_time(t),
+            Self::Follows(_) => Jet::from(0.0),
         }
     }
 }
@@ -97,6 +124,31 @@ pub struct Constraint {
     pub target: Target,
     /// Key of what it belongs to in the description, for messages: `joints.A`.
     pub owner: String,
+}
+
+impl Constraint {
+    /// `C(q, t)`
+    fn residual(&self, t: f64, q: &DVector<f64>) -> f64 {
+        let target = match &self.target {
+            Target::Follows(of) => of.value(t, q, q, &[]),
+            target => target.at(t).value,
+        };
+        self.coordinate.value(q) - target
+    }
+
+    /// Adds `C_q` to a row of as many entries as `q`.
+    fn add_gradient(&self, q: &DVector<f64>, gradient: &mut [f64]) {
+        self.coordinate.add_gradient(q, 1.0, gradient);
+        if let Target::Follows(of) = &self.target {
+            of.add_gradient(q, -1.0, gradient);
+        }
+    }
+
+    /// `(C_q qd)_q qd`, in m/s² or rad/s².
+    pub fn curvature(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+        let of_target = if let Target::Follows(of) = &self.target { of.of_positions(q, v).second } else { 0.0 };
+        self.coordinate.curvature(q, v) - of_target
+    }
 }
 
 /// All scalar constraints of a mechanism, in the order of the multipliers.
@@ -126,8 +178,7 @@ impl Constraints {
 
     /// `C(q, t)`.
     pub fn residual(&self, t: f64, q: &DVector<f64>) -> DVector<f64> {
-        let residual = |constraint: &Constraint| constraint.coordinate.value(q) - constraint.target.at(t).value;
-        DVector::from_iterator(self.len(), self.0.iter().map(residual))
+        DVector::from_iterator(self.len(), self.0.iter().map(|constraint| constraint.residual(t, q)))
     }
 
     /// `C_q^T`, shape `[coordinates, constraints]`: a constraint's gradient is a column.
@@ -135,7 +186,7 @@ impl Constraints {
         let mut transposed = DMatrix::zeros(q.len(), self.len());
         if !q.is_empty() {
             for (constraint, column) in self.0.iter().zip(transposed.as_mut_slice().chunks_mut(q.len())) {
-                constraint.coordinate.add_gradient(q, 1.0, column);
+                constraint.add_gradient(q, column);
             }
         }
         transposed
@@ -159,7 +210,7 @@ impl Constraints {
 
     /// `F_c`: what `C_q qdd` must be.
     pub fn acceleration_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
-        let side = |constraint: &Constraint| constraint.target.at(t).second - constraint.coordinate.curvature(q, v);
+        let side = |constraint: &Constraint| constraint.target.at(t).second - constraint.curvature(q, v);
         DVector::from_iterator(self.len(), self.0.iter().map(side))
     }
 

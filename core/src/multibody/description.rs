@@ -41,7 +41,9 @@
 //! `[forces.NAME]` act on a `point` with a `force`, `[actuators.NAME]` along a `coordinate` with an `effort` (a force or a
 //! torque); both may depend on `time` and on positions and velocities. `[drivers.NAME]` prescribe the `motion` of a
 //! `coordinate`, an expression of the parameters and `time`, or its `acceleration`, which may depend on what efforts may. `[tables.NAME]` are
-//! functions of one or two variables for all expressions: `"-20*cam(shaft.angle)"`.
+//! functions of one or two variables for all expressions: `"-20*cam(shaft.angle)"`; `[variables]` are expressions with a name.
+//! `[couplings.NAME]` hold a `coordinate` at a function of others: gears, racks, cams. `[stops.NAME]` limit a `coordinate`, and `[bushings.NAME]`
+//! are springs in all directions `between` two points.
 
 use super::expression::Expression;
 use indexmap::IndexMap;
@@ -74,6 +76,9 @@ pub struct Description {
     /// Functions of one or two variables by their values at some points; expressions may call them.
     #[serde(default)]
     pub tables: IndexMap<String, TableOptions>,
+    /// Expressions with a name, for other expressions.
+    #[serde(default)]
+    pub variables: IndexMap<String, Expression>,
     /// What does not move.
     #[serde(default)]
     pub ground: GroundOptions,
@@ -82,12 +87,21 @@ pub struct Description {
     /// Joints.
     #[serde(default)]
     pub joints: IndexMap<String, JointOptions>,
+    /// Coordinates that follow others: gears, racks, cams.
+    #[serde(default)]
+    pub couplings: IndexMap<String, CouplingOptions>,
     /// Prescribed motion.
     #[serde(default)]
     pub drivers: IndexMap<String, DriverOptions>,
     /// Springs and dampers.
     #[serde(default)]
     pub springs: IndexMap<String, SpringOptions>,
+    /// Springs and dampers in all directions between two points.
+    #[serde(default)]
+    pub bushings: IndexMap<String, BushingOptions>,
+    /// Limits of coordinates.
+    #[serde(default)]
+    pub stops: IndexMap<String, StopOptions>,
     /// Forces at points.
     #[serde(default)]
     pub forces: IndexMap<String, ForceOptions>,
@@ -326,6 +340,64 @@ pub struct SpringOptions {
     #[schemars(extend("x-unit" = "m or rad"))]
     #[serde(default)]
     pub rest: Expression,
+    /// Further force or torque, positive where it increases the length or the angle; of the parameters, inputs, `time`, positions and
+    /// velocities.
+    #[schemars(extend("x-unit" = "N or N.m"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force: Option<Expression>,
+}
+
+/// An entry of `[couplings]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"coordinate": "rack.position", "follows": "r*pinion.angle"}]))]
+pub struct CouplingOptions {
+    /// The coordinate that is held.
+    pub coordinate: String,
+    /// Its value, of the parameters and of other positions.
+    #[schemars(extend("x-unit" = "m or rad"))]
+    pub follows: Expression,
+}
+
+/// An entry of `[bushings]`: in the frame of the first point's body, springs and dampers along `x` and `y`, and one of the angle.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct BushingOptions {
+    /// The points it connects.
+    pub between: [String; 2],
+    /// Along `x` and `y`, and about the point; zero or more.
+    #[schemars(extend("x-unit" = "N/m, N/m and N.m/rad"))]
+    pub stiffness: [Expression; 3],
+    /// Along `x` and `y`, and about the point; zero or more.
+    #[schemars(extend("x-unit" = "N.s/m, N.s/m and N.m.s/rad"))]
+    #[serde(default)]
+    pub damping: [Expression; 3],
+    /// Angle of the second body against the first at which there is no moment.
+    #[schemars(extend("x-unit" = "rad"))]
+    #[serde(default)]
+    pub angle: Expression,
+}
+
+/// An entry of `[stops]`: beyond a limit by `d`, the force back is `stiffness d (1 + damping d')`, and never pulls.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"coordinate": "rail.position", "min": -0.5, "max": 0.5, "stiffness": 1e5}]))]
+pub struct StopOptions {
+    /// The coordinate that is limited.
+    pub coordinate: String,
+    /// Lower limit; there is one limit or both.
+    #[schemars(extend("x-unit" = "m or rad"))]
+    pub min: Option<Expression>,
+    /// Upper limit.
+    #[schemars(extend("x-unit" = "m or rad"))]
+    pub max: Option<Expression>,
+    /// Force or torque per length or angle beyond a limit.
+    #[schemars(extend("x-unit" = "N/m or N.m/rad"))]
+    pub stiffness: Expression,
+    /// Share by which a unit of speed into the stop raises the force; zero or more.
+    #[schemars(extend("x-unit" = "s/m or s/rad", "minimum" = 0))]
+    #[serde(default)]
+    pub damping: Expression,
 }
 
 /// An entry of `[forces]`.

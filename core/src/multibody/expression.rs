@@ -71,6 +71,35 @@ impl Expression {
         })
     }
 
+    /// The same expression with the expressions of variables in the place of their names.
+    ///
+    /// # Errors
+    /// A sentence if it becomes too long.
+    pub fn with_variables(&self, variables: &IndexMap<String, Self>) -> Result<Self, String> {
+        let (mut tokens, mut names) = (Vec::new(), Vec::new());
+        for token in &self.tokens {
+            let variable = match token {
+                Token::Step(FormulaStep::Column(index)) => variables.get(&self.names[*index]),
+                _ => None,
+            };
+            let (from, of) =
+                variable.map_or((std::slice::from_ref(token), &self.names), |of| (&of.tokens[..], &of.names));
+            for token in from {
+                tokens.push(match token {
+                    Token::Step(FormulaStep::Column(index)) => {
+                        Token::Step(FormulaStep::Column(position_of(&mut names, &of[*index])))
+                    }
+                    other => other.clone(),
+                });
+            }
+        }
+        if tokens.len() > MOST_STEPS {
+            let count = tokens.len();
+            return Err(format!("`{self}` has {count} operations with its variables, expected at most {MOST_STEPS}"));
+        }
+        Ok(Self { text: self.text.clone(), tokens, names })
+    }
+
     /// The formula with these tables by their names.
     ///
     /// # Errors
@@ -172,6 +201,17 @@ const PAIRS: [(&str, Combination); 2] = [("min", Combination::Minimum), ("max", 
 pub fn is_function(name: &str) -> bool {
     ElementaryFunction::ALL.into_iter().any(|function| function.name() == name)
         || PAIRS.iter().any(|(pair, _)| *pair == name)
+}
+
+/// Operations of an expression with its variables, at most.
+const MOST_STEPS: usize = 10_000;
+
+/// Where a name stands; it is added if it does not yet.
+fn position_of(names: &mut Vec<String>, name: &str) -> usize {
+    names.iter().position(|known| known == name).unwrap_or_else(|| {
+        names.push(name.to_owned());
+        names.len() - 1
+    })
 }
 
 /// Recursive descent; each rule appends its tokens after those of its operands.
@@ -315,11 +355,7 @@ impl Parser<'_> {
         } else if name == "pi" {
             self.step(FormulaStep::Constant(std::f64::consts::PI));
         } else {
-            let names = &mut self.names;
-            let position = names.iter().position(|known| known == name).unwrap_or_else(|| {
-                names.push(name.to_owned());
-                names.len() - 1
-            });
+            let position = position_of(&mut self.names, name);
             self.step(FormulaStep::Column(position));
         }
         Ok(())

@@ -68,6 +68,8 @@ impl Formulation {
     /// Names the constraint that is singular there.
     pub fn new(kind: FormulationKind, model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, String> {
         Ok(match kind {
+            // without constraints both are the same
+            FormulationKind::Embedding if model.constraints.is_empty() => Self::Augmented,
             FormulationKind::Augmented => Self::Augmented,
             FormulationKind::Embedding => Self::Embedding(Partition::new(model, t, q)?),
         })

@@ -8,7 +8,8 @@
 //! | `JOINT.position`, `.velocity`, `.acceleration` | of a prismatic joint, along its axis |
 //! | `JOINT.fx JOINT.fy`, `JOINT.moment` | force at the joint's second point and moment, of the first body on the second |
 //! | `SPRING.length`, `.velocity`, `SPRING.force` | of a spring between points; force (or torque), positive where it pushes |
-//! | `DRIVER.effort` | force or torque that keeps a driver's motion or acceleration |
+//! | `BUSHING.fx`, `.fy`, `.moment` | force and moment on the second body, in the frame of the first |
+//! | `DRIVER.effort`, `COUPLING.effort` | force or torque that keeps a driver's motion or acceleration, or holds a coupled coordinate |
 //! | `kinetic_energy`, `potential_energy` | of gravity and springs |
 
 use super::{
@@ -85,7 +86,7 @@ impl Measure {
 
     /// Value in a sample.
     pub fn value(&self, model: &MultibodyModel, sample: &Sample) -> f64 {
-        let Sample { q, v, qdd, multipliers, .. } = sample;
+        let Sample { t, q, v, qdd, multipliers } = sample;
         match self {
             Self::Position(coordinate) => coordinate.value(q),
             Self::Velocity(coordinate) => coordinate.rate(q, v),
@@ -104,7 +105,11 @@ impl Measure {
                 angles.map(|row| -multipliers[row]).sum()
             }
             Self::DriverEffort(row) => -multipliers[*row],
-            Self::SpringEffort(spring) => model.springs[*spring].effort(q, v),
+            Self::SpringEffort(spring) => {
+                let spring = &model.springs[*spring];
+                let further = spring.further.map(|effort| &model.efforts[effort].expression);
+                spring.effort(q, v) + further.map_or(0.0, |of| of.value(*t, q, v, &model.inputs_at(*t)))
+            }
             Self::KineticEnergy => model.kinetic_energy(v),
             Self::PotentialEnergy => model.potential_energy(q),
         }

@@ -11,6 +11,7 @@ use super::{
     review::{idle_parts, oddities},
     simulate::{simulate, simulate_from},
     tables::tables,
+    variables::variables,
 };
 use crate::{
     Error, Result,
@@ -80,6 +81,7 @@ impl Mechanism {
         problems.extend(range_problems(&description));
         problems.extend(idle_parts(&description));
         problems.extend(tables(&description).1);
+        problems.extend(variables(&description.variables).1);
         origin.refuse(problems)?;
         let defaults: Vec<f64> = description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, measures) = match build(&description, &defaults) {
@@ -118,8 +120,11 @@ impl Mechanism {
 
     /// What the mechanism consists of, for people: "3 bodies, 4 joints, 1 degree of freedom".
     pub fn summary(&self) -> String {
-        let Description { bodies, joints, drivers, .. } = &self.description;
+        let Description { bodies, joints, couplings, drivers, .. } = &self.description;
         let mut parts = vec![counted(bodies.len(), "body", "bodies"), counted(joints.len(), "joint", "joints")];
+        if !couplings.is_empty() {
+            parts.push(counted(couplings.len(), "coupling", "couplings"));
+        }
         if !drivers.is_empty() {
             parts.push(counted(drivers.len(), "driver", "drivers"));
         }
@@ -137,7 +142,8 @@ impl Mechanism {
 
     /// What is wrong with the equations of motion, with the line of the part that a sentence names in backticks: `forces.wind`.
     pub fn located(&self, message: &str) -> Problem {
-        let Description { joints, drivers, springs, forces, actuators, .. } = &self.description;
+        let Description { joints, couplings, drivers, springs, bushings, stops, forces, actuators, .. } =
+            &self.description;
         let keys = |section: &'static str, names: Vec<&String>| {
             names.into_iter().map(move |name| format!("{section}.{name}")).collect::<Vec<_>>()
         };
@@ -146,6 +152,9 @@ impl Mechanism {
             keys("actuators", actuators.keys().collect()),
             keys("drivers", drivers.keys().collect()),
             keys("springs", springs.keys().collect()),
+            keys("bushings", bushings.keys().collect()),
+            keys("stops", stops.keys().collect()),
+            keys("couplings", couplings.keys().collect()),
             keys("joints", joints.keys().collect()),
         ];
         let named = parts.into_iter().flatten().find(|key| message.contains(&format!("`{key}`")));
@@ -490,24 +499,29 @@ fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems
 /// Names that are ambiguous or cannot be used in an expression.
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::default();
-    let Description { parameters, inputs, tables, bodies, joints, drivers, springs, forces, actuators, .. } =
-        description;
+    let Description { parameters, inputs, tables, variables, bodies, joints, couplings, drivers, .. } = description;
+    let Description { springs, bushings, stops, forces, actuators, .. } = description;
     // in expressions, parameters, inputs and tables are names without a dot, parts of the mechanism are followed by one
     let mut values: Vec<(&str, &str)> = vec![("the time", "time"), ("a number", "pi")];
     let mut parts: Vec<(&str, &str)> = vec![("the ground", "ground")];
-    let sections: [(&str, Vec<&String>); 9] = [
+    let sections: [(&str, Vec<&String>); 13] = [
         ("parameters", parameters.keys().collect()),
         ("inputs", inputs.keys().collect()),
         ("tables", tables.keys().collect()),
+        ("variables", variables.keys().collect()),
         ("bodies", bodies.keys().collect()),
         ("joints", joints.keys().collect()),
+        ("couplings", couplings.keys().collect()),
         ("drivers", drivers.keys().collect()),
         ("springs", springs.keys().collect()),
+        ("bushings", bushings.keys().collect()),
+        ("stops", stops.keys().collect()),
         ("forces", forces.keys().collect()),
         ("actuators", actuators.keys().collect()),
     ];
     for (section, names) in &sections {
-        let seen = if ["parameters", "inputs", "tables"].contains(section) { &mut values } else { &mut parts };
+        let seen =
+            if ["parameters", "inputs", "tables", "variables"].contains(section) { &mut values } else { &mut parts };
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {

@@ -20,6 +20,7 @@ pub mod review;
 pub mod simulate;
 mod stepper;
 mod tables;
+mod variables;
 
 pub use mechanism::{FreeCoordinate, Mechanism, json_schema};
 pub use stepper::Stepper;

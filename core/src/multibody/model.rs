@@ -20,12 +20,14 @@ pub struct Spring {
     pub damping: f64,
     /// Where there is no force.
     pub rest: f64,
+    /// The effort that acts beside these, by its position in the model.
+    pub further: Option<usize>,
     /// Its key in the description, for messages: `springs.A`.
     pub owner: String,
 }
 
 impl Spring {
-    /// Force or torque that acts to increase the coordinate.
+    /// Force or torque of stiffness and damping that acts to increase the coordinate.
     pub fn effort(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
         -self.stiffness * (self.coordinate.value(q) - self.rest) - self.damping * self.coordinate.rate(q, v)
     }

@@ -333,13 +333,16 @@ impl Reduced {
     /// `(dJ/ds_k) T`: of each row's coordinate the second derivatives along `T_k` and every column of `T`, from the curvature,
     /// which is a quadratic form, by polarization.
     fn second_derivatives(&self, q: &DVector<f64>, velocities: &DMatrix<f64>, k: usize) -> DMatrix<f64> {
-        let constraints = self.model.constraints.0.iter().map(|constraint| &constraint.coordinate);
-        let rows: Vec<&Coordinate> = constraints.chain(&self.coordinates).collect();
+        let constraints = &self.model.constraints.0;
+        let curvature = |row: usize, along: &DVector<f64>| match constraints.get(row) {
+            Some(constraint) => constraint.curvature(q, along),
+            None => self.coordinates[row - constraints.len()].curvature(q, along),
+        };
         let direction = velocities.column(k);
         DMatrix::from_fn(q.len(), velocities.ncols(), |row, column| {
             let other = velocities.column(column);
             let (sum, difference) = (direction + other, direction - other);
-            0.25 * (rows[row].curvature(q, &sum) - rows[row].curvature(q, &difference))
+            0.25 * (curvature(row, &sum) - curvature(row, &difference))
         })
     }
 

@@ -13,8 +13,8 @@ pub fn idle_parts(description: &Description) -> Problems {
     let mut problems = Problems::default();
     for (name, spring) in &description.springs {
         // a spring between two points is also a way to measure their distance
-        if is_zero(&spring.stiffness) && is_zero(&spring.damping) && !names.has(name) {
-            let message = "neither `stiffness` nor `damping`, expected at least one of them";
+        if is_zero(&spring.stiffness) && is_zero(&spring.damping) && spring.force.is_none() && !names.has(name) {
+            let message = "none of `stiffness`, `damping` and `force`, expected at least one of them";
             problems.add(format!("springs.{name}"), message);
         }
     }
@@ -24,7 +24,8 @@ pub fn idle_parts(description: &Description) -> Problems {
 /// What is odd but may be intended: dotted keys and messages.
 pub fn oddities(description: &Description) -> Problems {
     let names = Names::of(description);
-    let Description { parameters, inputs, tables, ground, bodies, springs, forces, actuators, .. } = description;
+    let Description { parameters, inputs, tables, variables, ground, bodies, springs, forces, actuators, .. } =
+        description;
     let mut oddities = Problems::default();
     let mut note = |key: String, message: &str| oddities.add(key, message);
     for name in parameters.keys().filter(|name| !names.values.contains(name.as_str())) {
@@ -35,6 +36,9 @@ pub fn oddities(description: &Description) -> Problems {
     }
     for name in tables.keys().filter(|name| !names.tables.contains(name.as_str())) {
         note(format!("tables.{name}"), "no expression uses it");
+    }
+    for name in variables.keys().filter(|name| !names.values.contains(name.as_str())) {
+        note(format!("variables.{name}"), "no expression uses it");
     }
     for point in ground.points.keys().filter(|point| !names.has(&format!("ground.{point}"))) {
         note(format!("ground.points.{point}"), "nothing uses this point");
@@ -81,14 +85,29 @@ struct Names<'a> {
 
 impl<'a> Names<'a> {
     fn of(description: &'a Description) -> Self {
-        let Description { joints, drivers, springs, forces, actuators, initial, outputs, .. } = description;
+        let Description {
+            joints,
+            couplings,
+            drivers,
+            springs,
+            bushings,
+            stops,
+            forces,
+            actuators,
+            initial,
+            outputs,
+            ..
+        } = description;
         let expressions = expressions(description).into_iter();
         let tables = expressions.clone().flat_map(Expression::tables).collect();
         let values: BTreeSet<&str> = expressions.flat_map(Expression::names).map(String::as_str).collect();
         let ends = joints.values().map(|joint| &joint.between);
-        let ends = ends.chain(springs.values().filter_map(|spring| spring.between.as_ref())).flatten();
+        let ends = ends.chain(springs.values().filter_map(|spring| spring.between.as_ref()));
+        let ends = ends.chain(bushings.values().map(|bushing| &bushing.between)).flatten();
         let mut attached: Vec<&str> = ends.map(String::as_str).collect();
         attached.extend(forces.values().map(|force| force.point.as_str()));
+        attached.extend(couplings.values().map(|coupling| coupling.coordinate.as_str()));
+        attached.extend(stops.values().map(|stop| stop.coordinate.as_str()));
         attached.extend(drivers.values().map(|driver| driver.coordinate.as_str()));
         attached.extend(springs.values().filter_map(|spring| spring.coordinate.as_deref()));
         attached.extend(actuators.values().map(|actuator| actuator.coordinate.as_str()));
@@ -115,8 +134,12 @@ fn is_of(name: &str, part: &str) -> bool {
 }
 
 fn expressions(description: &Description) -> Vec<&Expression> {
-    let Description { gravity, ground, bodies, joints, drivers, springs, forces, actuators, initial, .. } = description;
-    let mut all: Vec<&Expression> = gravity.iter().chain(ground.points.values().flatten()).collect();
+    let Description {
+        gravity, variables, ground, bodies, joints, couplings, drivers, springs, bushings, stops, ..
+    } = description;
+    let Description { forces, actuators, initial, .. } = description;
+    let mut all: Vec<&Expression> =
+        gravity.iter().chain(variables.values()).chain(ground.points.values().flatten()).collect();
     for BodyOptions { mass, inertia, position, angle, velocity, angular_velocity, points } in bodies.values() {
         all.extend([mass, inertia, angle, angular_velocity]);
         all.extend([position, velocity].into_iter().chain(points.values()).flat_map(|vector: &PlaneVector| vector));
@@ -125,7 +148,16 @@ fn expressions(description: &Description) -> Vec<&Expression> {
         all.extend(joint.axis.iter().flatten().chain(&joint.angle));
     }
     all.extend(drivers.values().flat_map(|driver| driver.motion.iter().chain(&driver.acceleration)));
-    all.extend(springs.values().flat_map(|spring| [&spring.stiffness, &spring.damping, &spring.rest]));
+    all.extend(couplings.values().map(|coupling| &coupling.follows));
+    for spring in springs.values() {
+        all.extend([&spring.stiffness, &spring.damping, &spring.rest].into_iter().chain(&spring.force));
+    }
+    all.extend(
+        bushings.values().flat_map(|bushing| bushing.stiffness.iter().chain(&bushing.damping).chain([&bushing.angle])),
+    );
+    all.extend(
+        stops.values().flat_map(|stop| stop.min.iter().chain(&stop.max).chain([&stop.stiffness, &stop.damping])),
+    );
     all.extend(forces.values().flat_map(|force| &force.force));
     all.extend(actuators.values().map(|actuator| &actuator.effort));
     all.extend(initial.values().flat_map(|of| of.values()));

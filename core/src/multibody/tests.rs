@@ -2,6 +2,7 @@
 
 mod drivers;
 mod mistakes;
+mod parts;
 
 use super::{
     Mechanism,

@@ -45,7 +45,7 @@ fn mistakes_in_a_description_are_located_and_say_what_was_expected() {
         ("theta = {", "\"theta 1\" = {", "`theta 1` is not a valid name: expected a letter or `_`"),
         ("damping = \"c*L\"", "damping = -0.1", "springs.damper.damping: -0.1, expected zero or more"),
         ("damping = \"c*L\"", "stiffness = \"-c\"", "springs.damper.stiffness: `-c` is -0.05, expected zero or more"),
-        ("damping = \"c*L\"", "rest = 1", "springs.damper: neither `stiffness` nor `damping`"),
+        ("damping = \"c*L\"", "rest = 1", "springs.damper: none of `stiffness`, `damping` and `force`"),
         ("coordinate = \"pivot.angle\"", "between = [\"rod\", \"rod.top\"]", "both points belong to the same body"),
         ("coordinate = \"pivot.angle\"", "coordinate = \"ground.x\"", "`ground.x` belongs to the ground"),
         (

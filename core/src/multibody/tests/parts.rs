@@ -1,0 +1,227 @@
+//! Couplings, stops, bushings, spring forces and variables against closed forms, in both formulations.
+
+use super::*;
+use std::f64::consts::PI;
+
+/// Rows of outputs.
+fn rows(mechanism: &Mechanism, times: &[f64]) -> Vec<Vec<f64>> {
+    let values = values(mechanism, &[]);
+    let rows = mechanism.simulate(&values, times, TOLERANCE, &Budget::default()).unwrap();
+    rows.chunks(mechanism.outputs().len()).map(<[f64]>::to_vec).collect()
+}
+
+#[track_caller]
+fn assert_close(found: f64, expected: f64, bound: f64) {
+    assert!((found - expected).abs() <= bound, "{found} {expected}");
+}
+
+/// A torque `T` on a pinion of inertia `J` that moves a rack of mass `m`: `(J + m r²) φ'' = T`, with the force `m r φ''` between both.
+#[test]
+fn a_rack_follows_its_pinion() {
+    let text = r#"
+        parameters = { r = { default = 0.2 }, J = { default = 0.3 }, m = { default = 5 } }
+        bodies.pinion = { mass = 1, inertia = "J" }
+        bodies.rack = { mass = "m" }
+        joints.shaft = { type = "revolute", between = ["ground", "pinion"] }
+        joints.rail = { type = "prismatic", between = ["ground", "rack"], axis = [1, 0] }
+        couplings.teeth = { coordinate = "rail.position", follows = "r*shaft.angle" }
+        actuators.motor = { coordinate = "shaft.angle", effort = 0.7 }
+        initial.shaft = { angle = 0, angular_velocity = 1 }
+        outputs = { angle = { measure = "shaft.angle" }, x = { measure = "rail.position" }, force = { measure = "teeth.effort" } }
+    "#;
+    let acceleration = 0.7 / (0.3 + 5.0 * 0.04);
+    for mechanism in both_formulations(text) {
+        assert_eq!(mechanism.summary(), "2 bodies, 2 joints, 1 coupling, 1 degree of freedom");
+        for (row, t) in rows(&mechanism, &grid(3.0, 6)).iter().zip(grid(3.0, 6)) {
+            let angle = t + 0.5 * acceleration * t * t;
+            assert_close(row[0], angle, 1e-11 * (1.0 + angle));
+            assert_close(row[1], 0.2 * angle, 1e-11 * (1.0 + angle));
+            assert_close(row[2], 5.0 * 0.2 * acceleration, 1e-10);
+        }
+    }
+}
+
+/// A heavy follower on a cam that turns freely: `J(φ) = J0 + m l'(φ)²` and energy is kept; the lift is a sine or a periodic spline.
+#[test]
+fn a_follower_on_a_cam_keeps_the_energy() {
+    let with_lift = |lift: &str| {
+        format!(
+            r#"
+            gravity = [0, -9.81]
+            bodies.cam = {{ mass = 1, inertia = 0.02 }}
+            bodies.follower = {{ mass = 0.4 }}
+            joints.shaft = {{ type = "revolute", between = ["ground", "cam"] }}
+            joints.guide = {{ type = "prismatic", between = ["ground", "follower"], axis = [0, 1] }}
+            couplings.contact = {{ coordinate = "guide.position", follows = "{lift}" }}
+            initial.shaft = {{ angle = 0.2, angular_velocity = 12 }}
+            outputs = {{ angle = {{ measure = "shaft.angle" }}, speed = {{ measure = "shaft.angular_velocity" }}, y = {{ measure = "guide.position" }} }}
+            [tables.lift]
+            x = [0, 1, 2, 3, 4, 5, 6, "TAU"]
+            values = [0.05, 0.06, 0.09, 0.1, 0.08, 0.06, 0.052, 0.05]
+            interpolation = "cubic"
+            extrapolation = "periodic"
+            "#
+        )
+        .replace("\"TAU\"", &(2.0 * PI).to_string())
+    };
+    for mechanism in both_formulations(&with_lift("0.05*sin(shaft.angle)")) {
+        let rows = rows(&mechanism, &grid(2.0, 40));
+        let energy = |row: &Vec<f64>| {
+            let [angle, speed, y] = row[..] else { unreachable!() };
+            assert_close(y, 0.05 * angle.sin(), 1e-10);
+            0.5 * (0.02 + 0.4 * (0.05 * angle.cos()).powi(2)) * speed * speed + 0.4 * 9.81 * y
+        };
+        rows.iter().for_each(|row| assert_close(energy(row), energy(&rows[0]), 1e-10));
+    }
+    for mechanism in both_formulations(&with_lift("lift(shaft.angle)")) {
+        let (model, samples) = run(&mechanism, &[], &grid(2.0, 40));
+        let energy = |s: &Sample| model.kinetic_energy(&s.v) + model.potential_energy(&s.q);
+        samples.iter().for_each(|s| assert_close(energy(s), energy(&samples[0]), 1e-8));
+    }
+}
+
+/// A puck of mass `m` between two stops: half a period of `sqrt(k / m)` in contact with each.
+#[test]
+fn a_puck_returns_from_a_stop() {
+    let text = r#"
+        bodies.puck = { mass = 0.5 }
+        joints.rail = { type = "prismatic", between = ["ground", "puck"], axis = [1, 0] }
+        stops.ends = { coordinate = "rail.position", min = -1, max = 1, stiffness = 2e3 }
+        initial.rail = { position = 0, velocity = 2 }
+        outputs = { x = { measure = "rail.position" } }
+    "#;
+    let contact = PI / (2e3f64 / 0.5).sqrt();
+    for mechanism in both_formulations(text) {
+        for (row, t) in rows(&mechanism, &grid(3.0, 300)).iter().zip(grid(3.0, 300)) {
+            // from the middle to the middle, with a contact between
+            let (passes, t) = ((t / (1.0 + contact)).floor(), t % (1.0 + contact));
+            let x = match t {
+                ..0.5 => 2.0 * t,
+                t if t < 0.5 + contact => 1.0 + 2.0 / (2e3f64 / 0.5).sqrt() * (PI * (t - 0.5) / contact).sin(),
+                t => 2.0 * (1.0 + contact - t),
+            };
+            assert_close(row[0], if passes % 2.0 == 0.0 { x } else { -x }, 1e-9);
+        }
+    }
+    let damped = text.replace("stiffness = 2e3", "stiffness = 2e3, damping = 0.5");
+    for mechanism in both_formulations(&damped) {
+        let found = rows(&mechanism, &grid(0.8, 8));
+        let speed = (found[7][0] - found[8][0]) / 0.1;
+        // of velocity v and damping d the rebound solves dv = ln(|(1 + d v0) / (1 - d v)|): never faster, never stuck
+        let [v0, d] = [2.0, 0.5f64];
+        assert_close(d * (v0 + speed), ((1.0 + d * v0) / (1.0 - d * speed)).ln(), 1e-6);
+    }
+}
+
+/// A block on a bushing moves along `x`, along `y` and about itself as three oscillators.
+#[test]
+fn a_bushing_is_a_spring_in_each_direction() {
+    let text = r#"
+        bodies.block = { mass = 2, inertia = 0.1, position = [0.1, -0.2], angle = 0.3 }
+        bushings.mount = { between = ["ground", "block"], stiffness = [50, 80, 3], damping = [0, 2, 0], angle = 0.1 }
+        initial.block = { x = 0.1, y = -0.2, angle = 0.3 }
+        outputs.x = { measure = "block.x" }
+        outputs.y = { measure = "block.y" }
+        outputs.angle = { measure = "block.angle" }
+        outputs.fx = { measure = "mount.fx" }
+        outputs.moment = { measure = "mount.moment" }
+    "#;
+    for mechanism in both_formulations(text) {
+        for (row, t) in rows(&mechanism, &grid(2.0, 8)).iter().zip(grid(2.0, 8)) {
+            assert_close(row[0], 0.1 * (25.0f64.sqrt() * t).cos(), 1e-10);
+            let (decay, frequency) = (0.5, (40.0f64 - 0.25).sqrt());
+            let y = (-decay * t).exp() * ((frequency * t).cos() + decay / frequency * (frequency * t).sin());
+            assert_close(row[1], -0.2 * y, 1e-10);
+            assert_close(row[2], 0.1 + 0.2 * (30.0f64.sqrt() * t).cos(), 1e-10);
+            assert_close(row[3], -50.0 * row[0], 1e-10);
+            assert_close(row[4], -3.0 * (row[2] - 0.1), 1e-10);
+        }
+    }
+}
+
+#[test]
+fn the_force_of_a_spring_is_a_formula_and_variables_stand_for_expressions() {
+    let part = |spring: &str| {
+        format!(
+            r#"
+            parameters.k = {{ default = 40 }}
+            inputs.u = {{ min = 0, max = 2, start = 1.5 }}
+            bodies.mass = {{ mass = 1, inertia = 1, position = [0.21, 0.28] }}
+            joints.rail = {{ type = "prismatic", between = ["ground", "mass"], axis = [0.6, 0.8] }}
+            {spring}
+            initial.rail = {{ position = 0.35, velocity = 0 }}
+            outputs.r = {{ measure = "rail.position" }}
+            "#
+        )
+    };
+    let with_spring = part(
+        r#"
+        springs.strut = { between = ["ground", "mass"], stiffness = 10, rest = 0.2, force = "cubic - u*strut.velocity" }
+        variables = { cubic = "-k*stretch^3", stretch = "strut.length - free", free = 0.2 }
+        outputs.force = { measure = "strut.force" }
+        "#,
+    );
+    let by_hand = part(
+        r#"
+        springs.linear = { coordinate = "rail.position", stiffness = 10, rest = 0.2 }
+        actuators.strut = { coordinate = "rail.position", effort = "-k*(rail.position - 0.2)^3 - u*rail.velocity" }
+        outputs.linear = { measure = "linear.force" }
+        "#,
+    );
+    for (found, expected) in both_formulations(&with_spring).iter().zip(both_formulations(&by_hand)) {
+        let times = grid(2.0, 20);
+        for (found, expected) in rows(found, &times).iter().zip(rows(&expected, &times)) {
+            let r = expected[1];
+            assert_close(found[1], r, 1e-11);
+            assert_close(expected[0], -10.0 * (r - 0.2), 1e-12);
+            let largest = (found[0] - expected[0] + 40.0 * (r - 0.2f64).powi(3)).abs();
+            assert!(largest < 1.5 * 2.0, "{largest}");
+        }
+    }
+}
+
+#[test]
+fn mistakes_in_these_parts_say_what_was_expected() {
+    let text = r#"
+        parameters.r = { default = 0.2 }
+        bodies.a = { mass = 1, inertia = 1 }
+        bodies.b = { mass = 1, inertia = 1 }
+        joints.p = { type = "revolute", between = ["ground", "a"] }
+        joints.s = { type = "prismatic", between = ["ground", "b"], axis = [1, 0] }
+        couplings.c = { coordinate = "s.position", follows = "r*p.angle" }
+        stops.t = { coordinate = "s.position", min = -1, max = 1, stiffness = 1e3 }
+        variables = { v = "2*r", w = "v + p.angle" }
+        actuators.m = { coordinate = "p.angle", effort = "w" }
+        outputs.x = { measure = "s.position" }
+    "#;
+    parse(text);
+    for (from, to, says) in [
+        (
+            "r*p.angle",
+            "r*p.angular_velocity",
+            "couplings.c.follows: `r*p.angular_velocity`: `p.angular_velocity` is not a position",
+        ),
+        ("r*p.angle", "r*time", "couplings.c.follows: `r*time`: no `time`, expected one of r, v"),
+        (
+            "follows = \"r*p.angle\"",
+            "follow = 1",
+            "couplings.c.follow: unknown key `follow`, expected coordinate or follows; did you mean `follows`?",
+        ),
+        (
+            "coordinate = \"s.position\", follows",
+            "coordinate = \"s.angle\", follows",
+            "couplings.c.coordinate: `s` has no `angle`",
+        ),
+        ("min = -1, max = 1", "min = 1, max = 1", "stops.t.min: 1 is not below max 1"),
+        ("min = -1, max = 1, ", "", "stops.t: neither `min` nor `max`, expected at least one of them"),
+        ("stiffness = 1e3", "stiffness = -1", "stops.t.stiffness: -1, expected zero or more"),
+        ("v = \"2*r\"", "v = \"2*w\"", "variables.v: `2*w` depends on the variable itself"),
+        ("v = \"2*r\"", "r = \"2*r\"", "variables.r: `r` is the name of parameters already"),
+        ("effort = \"w\"", "effort = \"q\"", "actuators.m.effort: `q`: no `q`, expected one of r, v, w, time"),
+        ("s.position\" }", "c.force\" }", "outputs.x.measure: `c` has no `force`, expected one of effort"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let message = refused(&text.replace(from, to));
+        assert!(message.contains(says), "{message}\n{says}");
+    }
+}

@@ -1,0 +1,40 @@
+//! Variables of a description: expressions with a name.
+
+use super::expression::Expression;
+use crate::diagnostics::Problems;
+use indexmap::IndexMap;
+
+/// The variables with those that they name in their places, and what is wrong with the others.
+pub fn variables(variables: &IndexMap<String, Expression>) -> (IndexMap<String, Expression>, Problems) {
+    let (mut expanded, mut problems) = (IndexMap::new(), Problems::default());
+    let mut left: Vec<(&String, &Expression)> = variables.iter().collect();
+    while !left.is_empty() {
+        let is_ready =
+            |(_, of): &(&String, &Expression)| !of.names().iter().any(|name| waits(name, variables, &expanded));
+        let (ready, others): (Vec<_>, Vec<_>) = left.into_iter().partition(is_ready);
+        if ready.is_empty() {
+            for (name, of) in others {
+                problems.add(format!("variables.{name}"), format!("`{of}` depends on the variable itself"));
+            }
+            break;
+        }
+        for (name, of) in ready {
+            match of.with_variables(&expanded) {
+                Ok(of) => {
+                    expanded.insert(name.clone(), of);
+                }
+                Err(message) => {
+                    problems.add(format!("variables.{name}"), message);
+                    expanded.insert(name.clone(), Expression::default());
+                }
+            }
+        }
+        left = others;
+    }
+    (expanded, problems)
+}
+
+/// Whether a name is that of a variable that is not expanded yet.
+fn waits(name: &str, variables: &IndexMap<String, Expression>, expanded: &IndexMap<String, Expression>) -> bool {
+    variables.contains_key(name) && !expanded.contains_key(name)
+}
