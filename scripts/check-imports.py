@@ -1,8 +1,13 @@
-"""Checks that imports go downward only, and that there is no circle among modules.
+"""Checks that imports go downward only, that there is no circle among modules, and that a type name means one thing.
 
 In core/src/ and src/ a module may use those before it in ORDER and no other. Below that, and in the other crates, the modules of a folder may use each
 other in one direction: every circle among them is printed with its arrows. A folder's own file, `mod.rs`, and the modules below it are not told apart.
-Re-exports are followed to the module that has the name. Ends with exit code 1 if an arrow goes up or a circle is found. Tests may look anywhere.
+Re-exports are followed to the module that has the name. Tests may look anywhere.
+
+The types of all crates together, of every module and macro except tests, have different names: a name that two definitions share is printed with both places.
+Types inside functions, and associated types, may have any name.
+
+Ends with exit code 1 if an arrow goes up, a circle is found or a name is shared.
 
 Usage: python3 scripts/check-imports.py [--table] [SRC...]     (--table: how many modules each folder has, and its arrows)
 """
@@ -36,6 +41,10 @@ FOLDERS = [*ORDERED, *(ROOT / crate / "src" for crate in ["fmu-template", "fmu-t
 LEVELS = {module: level for level, line in enumerate(ORDER.split("\n")) for module in line.split()}
 REEXPORTED = {"Error": "diagnostics", "Result": "diagnostics"}
 PROGRAM = ("main", "cli", "commands")
+TYPE = r"(?:pub(?:\([^)]*\))? )?(?:struct|enum|trait|type|union) (\w+)"
+# formatted code: what a module defines begins its line, and so does the brace that ends a module or a macro inside of it
+OF_MODULE, INSIDE = re.compile(rf"^{TYPE}", re.MULTILINE), re.compile(rf"^ +{TYPE}", re.MULTILINE)
+INNER = re.compile(r"^(?:macro_rules!|(?:pub(?:\([^)]*\))? )?mod) \w+ \{\n.*?^\}", re.MULTILINE | re.DOTALL)
 
 
 def without_tests(text):
@@ -44,6 +53,32 @@ def without_tests(text):
     text = re.sub(r"//[^\n]*", blank, text)
     # formatted code: the brace that ends such a module begins its line
     return re.sub(r"#\[cfg\(test\)\]\n(pub(\(crate\))? )?mod \w+ \{\n.*?\n\}", blank, text, flags=re.DOTALL)
+
+
+def is_for_tests(path):
+    """Returns true if all of a file, by its path below `src`, is for tests."""
+    return "tests" in path.stem or "tests" in path.parts or path.stem == "testing"
+
+
+def types(src):
+    """Names, files and lines of the types that the modules and macros of a folder define."""
+    for path in sorted(src.rglob("*.rs")):
+        if is_for_tests(path.relative_to(src)):
+            continue
+        text = without_tests(path.read_text())
+        inside = (found for block in INNER.finditer(text) for found in INSIDE.finditer(text, block.start(), block.end()))
+        for found in [*OF_MODULE.finditer(text), *inside]:
+            yield found[1], path, text.count("\n", 0, found.start(1)) + 1
+
+
+def shared_names(folders):
+    """Names of types that several modules define, with the places."""
+    places = {}
+    for name, path, line in (found for src in folders for found in types(src)):
+        places.setdefault(name, {}).setdefault(path, f"    {path.relative_to(ROOT)}:{line}")
+    for name, files in sorted(places.items()):
+        if len(files) > 1:
+            yield "\n".join([f"type {name}: {len(files)} definitions, expected different names", *files.values()])
 
 
 def matching(text, start):
@@ -84,7 +119,7 @@ class Crate:
         self.src, self.files = src, {}
         for path in sorted(src.rglob("*.rs")):
             parts = list(path.relative_to(src).with_suffix("").parts)
-            if "tests" in path.stem or "tests" in parts or path.stem == "testing" or parts[0] in PROGRAM:
+            if is_for_tests(path.relative_to(src)) or parts[0] in PROGRAM:
                 continue
             if parts[-1] in ("mod", "lib"):
                 parts.pop()
@@ -159,7 +194,7 @@ def main():
     parser.add_argument("--table", action="store_true", help="print a line for each folder")
     parser.add_argument("src", type=Path, nargs="*", default=FOLDERS, help="the folders; those of all crates unless given")
     arguments = parser.parse_args()
-    mistakes, count = [], 0
+    mistakes, count = list(shared_names(arguments.src)), 0
     for crate in map(Crate, arguments.src):
         if crate.src in ORDERED:
             mistakes += upward(crate)
@@ -175,7 +210,7 @@ def main():
         print(mistake)
     if mistakes:
         sys.exit(1)
-    print(f"{count} arrows between modules of {len(arguments.src)} folders: none goes up, none is part of a circle")
+    print(f"{count} arrows between modules of {len(arguments.src)} folders: none goes up, none is part of a circle; type names differ")
 
 
 def upward(crate):

@@ -12,7 +12,7 @@ use crate::{
 };
 use metafmu_runtime::{
     Bounds, Encoding, Graph, Input, Metadata, Output, OutputArray, Precision, Program, Provenance, Role, State,
-    Surrogate, Variability, graph::Step,
+    Surrogate, Tunability, graph::Step,
 };
 use std::path::Path;
 
@@ -250,8 +250,8 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
 /// In every run a parameter was constant, also one that was an input of an FMU: unless the study says otherwise, it is fixed.
 fn role(options: &ParameterOptions) -> Role {
     match options.variability.unwrap_or_default() {
-        study::ParameterVariability::Fixed => Role::Parameter(Variability::Fixed),
-        study::ParameterVariability::Tunable => Role::Parameter(Variability::Tunable),
+        study::ParameterVariability::Fixed => Role::Parameter(Tunability::Fixed),
+        study::ParameterVariability::Tunable => Role::Parameter(Tunability::Tunable),
         study::ParameterVariability::Continuous => Role::Input,
     }
 }
@@ -307,7 +307,7 @@ pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
         }
         Encoding::Periodic => Some(format!("any number: values that differ by {} are the same", max - min)),
     };
-    let may_change = matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
+    let may_change = matches!(role, Role::Input | Role::Parameter(Tunability::Tunable));
     // what has states, or is a function of the present inputs alone, follows every change
     let change = (may_change && surrogate.time_column().is_some()).then(|| {
         "constant in each training run: after a change outputs are as if it had been so from the start".into()

@@ -2,7 +2,7 @@
 
 use crate::{
     component::Call,
-    state::{Row, State},
+    state::{InstanceState, Row},
 };
 use std::{env, fmt::Write, fs, path::Path};
 
@@ -43,7 +43,7 @@ fn header<C: Call>(functions: &[C]) -> String {
 /// The states of a row for each set of interfaces, as C.
 fn sets(row: Row) -> String {
     let of = |letter, name: &str| {
-        let states = State::ALL.into_iter().filter(|state| row.get(2 * *state as usize) == Some(&letter));
+        let states = InstanceState::ALL.into_iter().filter(|state| row.get(2 * *state as usize) == Some(&letter));
         let states: Vec<&str> = states.map(constant).collect();
         (!states.is_empty()).then(|| format!("{name}({})", states.join(" | ")))
     };
@@ -53,16 +53,16 @@ fn sets(row: Row) -> String {
 }
 
 /// The constant of instance.h for a state.
-fn constant(state: State) -> &'static str {
+fn constant(state: InstanceState) -> &'static str {
     match state {
-        State::Instantiated => "STATE_INSTANTIATED",
-        State::Initialization => "STATE_INITIALIZATION",
-        State::Event => "STATE_EVENT",
-        State::ContinuousTime => "STATE_CONTINUOUS_TIME",
-        State::Step => "STATE_STEP",
-        State::Terminated => "STATE_TERMINATED",
-        State::Error => "STATE_ERROR",
-        State::IntermediateUpdate => "STATE_UPDATE",
-        State::Fatal => panic!("a state after a panic, which C has not"),
+        InstanceState::Instantiated => "STATE_INSTANTIATED",
+        InstanceState::Initialization => "STATE_INITIALIZATION",
+        InstanceState::Event => "STATE_EVENT",
+        InstanceState::ContinuousTime => "STATE_CONTINUOUS_TIME",
+        InstanceState::Step => "STATE_STEP",
+        InstanceState::Terminated => "STATE_TERMINATED",
+        InstanceState::Error => "STATE_ERROR",
+        InstanceState::IntermediateUpdate => "STATE_UPDATE",
+        InstanceState::Fatal => panic!("a state after a panic, which C has not"),
     }
 }

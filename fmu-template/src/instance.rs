@@ -3,12 +3,12 @@
 
 use crate::{
     snapshot::{Snapshot, fingerprint},
-    state::{Interface, Row, State, Version},
+    state::{InstanceState, Interface, Row, Version},
     status::{Refusal, Status, Warning},
 };
 use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Role, Surrogate};
 use std::{collections::TryReserveError, fs, hint::black_box, io, ops::Range, path::Path, path::PathBuf};
-use variables::Variables;
+use variables::InstanceVariables;
 
 mod derivatives;
 mod domain;
@@ -48,7 +48,7 @@ pub(crate) enum LoadError {
 pub(crate) struct Instance {
     kind: InstanceKind,
     metadata: Metadata,
-    variables: Variables,
+    variables: InstanceVariables,
     domain: Domain,
     evaluator: Evaluator,
     time_column: Option<usize>,
@@ -128,7 +128,7 @@ impl Instance {
         let is_input = |&column: &usize| metadata.inputs[column].role == Role::Input;
         let now = Snapshot {
             surrogate: fingerprint(format!("{token}{:?}{:?}", kind.version, kind.interface).as_bytes()),
-            state: State::Instantiated,
+            state: InstanceState::Instantiated,
             experiment: false,
             policy: DomainPolicy::default(),
             changed: false,
@@ -143,7 +143,7 @@ impl Instance {
         };
         let mut instance = Self {
             kind,
-            variables: Variables::new(&surrogate, kind.version),
+            variables: InstanceVariables::new(&surrogate, kind.version),
             domain: Domain::of(&surrogate),
             evaluator,
             time_column: surrogate.time_column(),
@@ -186,8 +186,9 @@ impl Instance {
         if self.now.state.allows(row, interface) {
             return Ok(());
         }
-        let is_possible = |state: &State| *state != State::IntermediateUpdate || self.offers_updates();
-        let legal = State::ALL.into_iter().filter(is_possible).filter(|state| state.allows(row, interface)).collect();
+        let is_possible = |state: &InstanceState| *state != InstanceState::IntermediateUpdate || self.offers_updates();
+        let legal =
+            InstanceState::ALL.into_iter().filter(is_possible).filter(|state| state.allows(row, interface)).collect();
         Err(Refusal::IllegalState { state: self.now.state, legal })
     }
 
@@ -208,10 +209,10 @@ impl Instance {
     pub(crate) fn fail(&mut self, status: Status) {
         match (status, self.kind.version) {
             (Status::Ok | Status::Warning | Status::Discard, _) => {}
-            (Status::Error, Version::Fmi2) => self.now.state = State::Error,
+            (Status::Error, Version::Fmi2) => self.now.state = InstanceState::Error,
             // "if any function called in super state FMU State Settable returns fmi3Error, the FMU enters Terminated"
-            (Status::Error, Version::Fmi3) => self.now.state = State::Terminated,
-            (Status::Fatal, _) => self.now.state = State::Fatal,
+            (Status::Error, Version::Fmi3) => self.now.state = InstanceState::Terminated,
+            (Status::Fatal, _) => self.now.state = InstanceState::Fatal,
         }
     }
 
@@ -249,14 +250,14 @@ impl Instance {
         if !self.now.experiment {
             return Err(Refusal::NoStartTime);
         }
-        self.now.state = State::Initialization;
+        self.now.state = InstanceState::Initialization;
         Ok(())
     }
 
     pub(crate) fn exit_initialization_mode(&mut self) -> Result<(), Refusal> {
         self.note_data(Status::Error)?;
         let event = self.kind.interface == Interface::ModelExchange || self.kind.event_mode;
-        self.now.state = if event { State::Event } else { State::Step };
+        self.now.state = if event { InstanceState::Event } else { InstanceState::Step };
         Ok(())
     }
 
@@ -266,22 +267,22 @@ impl Instance {
         }
         self.accept_point()?;
         self.now.earliest = self.now.time;
-        self.now.state = State::Event;
+        self.now.state = InstanceState::Event;
         Ok(())
     }
 
     pub(crate) fn enter_continuous_time_mode(&mut self) -> Result<(), Refusal> {
-        self.now.state = State::ContinuousTime;
+        self.now.state = InstanceState::ContinuousTime;
         Ok(())
     }
 
     pub(crate) fn enter_step_mode(&mut self) -> Result<(), Refusal> {
-        self.now.state = State::Step;
+        self.now.state = InstanceState::Step;
         Ok(())
     }
 
     pub(crate) fn terminate(&mut self) -> Result<(), Refusal> {
-        self.now.state = State::Terminated;
+        self.now.state = InstanceState::Terminated;
         Ok(())
     }
 
@@ -292,7 +293,7 @@ impl Instance {
     }
 
     fn start(&mut self) {
-        self.now.state = State::Instantiated;
+        self.now.state = InstanceState::Instantiated;
         self.now.experiment = false;
         self.now.policy = DomainPolicy::default();
         self.now.changed = false;
@@ -411,7 +412,7 @@ impl Instance {
     /// many a solver takes any answer but OK for a failure: what counts is a point that it accepts.
     #[inline]
     fn is_trial(&self) -> bool {
-        self.now.state == State::ContinuousTime
+        self.now.state == InstanceState::ContinuousTime
     }
 
     /// Where a solver has completed a step or an event begins: now the time and the inputs count.

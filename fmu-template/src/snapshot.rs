@@ -21,7 +21,7 @@
 //!
 //! Numbers are little-endian.
 
-use crate::{state::State, status::Refusal};
+use crate::{state::InstanceState, status::Refusal};
 use metafmu_runtime::DomainPolicy;
 
 /// The mutable part of an instance, but for values that can be computed from it.
@@ -29,7 +29,7 @@ use metafmu_runtime::DomainPolicy;
 pub(crate) struct Snapshot {
     /// [`fingerprint`] of the instantiation token, the FMI version and the interface: other states are refused.
     pub surrogate: u64,
-    pub state: State,
+    pub state: InstanceState,
     /// Whether the start time is known.
     pub experiment: bool,
     pub policy: DomainPolicy,
@@ -126,7 +126,7 @@ impl Snapshot {
         if u64::from_le_bytes(take(&mut numbers)?) != fingerprint(&bytes[..bytes.len() - 8]) {
             return Err(damaged("the checksum does not match"));
         }
-        let state = State::from_number(state).ok_or_else(|| damaged("it names no state"))?;
+        let state = InstanceState::from_number(state).ok_or_else(|| damaged("it names no state"))?;
         let policy = DomainPolicy::from_number(policy.into()).ok_or_else(|| damaged("it names no domain policy"))?;
         Ok(Self {
             surrogate,
@@ -166,7 +166,7 @@ mod tests {
     fn snapshot() -> Snapshot {
         Snapshot {
             surrogate: fingerprint(b"token"),
-            state: State::Step,
+            state: InstanceState::Step,
             experiment: true,
             policy: DomainPolicy::Clamp,
             changed: true,

@@ -18,7 +18,7 @@ pub(crate) enum Interface {
 
 /// A mode of the standard's state machines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum State {
+pub(crate) enum InstanceState {
     Instantiated,
     Initialization,
     Event,
@@ -34,11 +34,11 @@ pub(crate) enum State {
     Fatal,
 }
 
-/// In which states a function may be called: one column each in the order of [`State`], separated by spaces. `x`: yes,
+/// In which states a function may be called: one column each in the order of [`InstanceState`], separated by spaces. `x`: yes,
 /// `c`: in co-simulation, `m`: in model exchange, anything else and what is missing: no.
 pub(crate) type Row = &'static [u8];
 
-impl State {
+impl InstanceState {
     pub(crate) const ALL: [Self; 9] = [
         Self::Instantiated,
         Self::Initialization,
@@ -68,7 +68,7 @@ impl State {
 }
 
 /// The standard's names.
-impl fmt::Display for State {
+impl fmt::Display for InstanceState {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         f.write_str(match self {
             Self::Instantiated => "instantiated",

@@ -1,7 +1,7 @@
 //! What a call is answered with when it is not simply fine. Messages say what was expected and what was found; the
 //! adapter puts the function's name in front.
 
-use crate::state::State;
+use crate::state::InstanceState;
 
 /// Status of a call and severity of a message; the numbers of `fmi2Status` and `fmi3Status`. No call returns `Warning`:
 /// many hosts end a simulation on every status but OK. FMI 3.0 advises them to: "For production environments warnings
@@ -39,7 +39,7 @@ pub(crate) enum Warning {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Refusal {
     #[error("not allowed in state `{state}`, only in {}", list(.legal))]
-    IllegalState { state: State, legal: Vec<State> },
+    IllegalState { state: InstanceState, legal: Vec<InstanceState> },
     #[error("argument `{argument}` is a null pointer")]
     NullPointer { argument: &'static str },
     #[error("argument `{argument}`: {length} elements do not fit into memory")]
@@ -68,7 +68,7 @@ pub(crate) enum Refusal {
     #[error("variable `{name}` (value reference {reference}) is the independent variable and cannot be set")]
     SetTime { name: String, reference: u32 },
     #[error("parameter `{name}` (value reference {reference}) is {variability} and cannot be set in state `{state}`")]
-    SetParameter { name: String, reference: u32, variability: &'static str, state: State },
+    SetParameter { name: String, reference: u32, variability: &'static str, state: InstanceState },
     #[error("variable `{name}` (value reference {reference}): {value} is not finite")]
     ValueNotFinite { name: String, reference: u32, value: f64, status: Status },
     #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)")]
@@ -174,13 +174,13 @@ impl Refusal {
             Self::OutsideDomain { status, .. } | Self::FarFromData { status, .. } | Self::Changed { status, .. } => {
                 *status
             }
-            Self::IllegalState { state: State::Fatal, .. } => Status::Fatal,
+            Self::IllegalState { state: InstanceState::Fatal, .. } => Status::Fatal,
             _ => Status::Error,
         }
     }
 }
 
-fn list(states: &[State]) -> String {
+fn list(states: &[InstanceState]) -> String {
     if states.is_empty() {
         return "a state this FMU never enters".to_owned();
     }

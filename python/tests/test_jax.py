@@ -72,7 +72,7 @@ def test_the_fmu_predicts_what_jax_does(name, precision, rows, agrees):
     params, x = parameters(sizes, kind), jnp.asarray(rows[0], kind)
     with jax.default_matmul_precision("highest"):
         expected = np.asarray(function(params, x))
-    surrogate = metafmu.from_jax(function, x[:1], params, data=rows[0], name=name)
+    surrogate = metafmu.from_jax(function, data=rows[0], example=x[:1], params=params, name=name)
     agrees(surrogate, np.asarray(x), expected, 1e-12 if precision == "double" else 1e-6)
     single = jax.jit(jax.vmap(jax.jacfwd(lambda row: function(params, row[None])[0])))(x[:20])
     found = surrogate.jacobian(np.asarray(x[:20]))
@@ -83,7 +83,7 @@ def test_a_row_without_a_batch(rows, agrees):
     params = parameters([3, 8, 2], jnp.float64)
     one = lambda x: jnp.tanh(params[0][0].T @ x + params[0][1]) @ params[1][0] + params[1][1]
     expected = np.stack([np.asarray(one(row)) for row in rows[0]])
-    agrees(metafmu.from_jax(one, jnp.asarray(rows[0][0]), data=rows[0]), rows[0], expected, 1e-12)
+    agrees(metafmu.from_jax(one, data=rows[0], example=jnp.asarray(rows[0][0])), rows[0], expected, 1e-12)
 
 
 def test_a_differential_equation_has_states():
@@ -95,7 +95,7 @@ def test_a_differential_equation_has_states():
         return jnp.tanh(jnp.concatenate([x, u]) @ w + b) @ v + c - jnp.array([[0.4, 2.0], [-2.0, 0.4]]) @ x
 
     surrogate = metafmu.from_jax(
-        flow, (0.0, jnp.zeros(2), jnp.zeros(1)), inputs={"t": {"value": 0.0}, "u": (-2, 2)},
+        flow, inputs={"t": {"value": 0.0}, "u": (-2, 2)}, example=(0.0, jnp.zeros(2), jnp.zeros(1)),
         states={"x": {"derivative": "output", "start": 0.5}}, solver_step=0.002,
     )
     assert surrogate.name == "flow" and [item.name for item in surrogate.inputs] == ["x[0]_start", "x[1]_start", "u"]
@@ -108,7 +108,7 @@ def test_examples_of_numpy_are_what_jax_makes_of_them(rows):
     """Without doubles, which JAX has only if it is told so."""
     code = (
         "import jax.numpy as jnp, numpy as np, metafmu; w = np.random.default_rng(0).normal(size=(3, 2)); "
-        "s = metafmu.from_jax(lambda x: jnp.tanh(x @ jnp.array(w)), np.zeros((1, 3)), inputs={k: (-1, 1) for k in 'abc'}); "
+        "s = metafmu.from_jax(lambda x: jnp.tanh(x @ jnp.array(w)), inputs={k: (-1, 1) for k in 'abc'}, example=np.zeros((1, 3))); "
         "assert abs(s.predict([[0.1, 0.2, 0.3]]) - np.tanh(np.array([0.1, 0.2, 0.3]) @ w)).max() < 1e-6"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
@@ -117,13 +117,13 @@ def test_examples_of_numpy_are_what_jax_makes_of_them(rows):
 def test_several_arguments(rows, agrees):
     function = lambda a, b: {"sum": a + b, "difference": a[0] - b[0]}
     x = rows[0][:, :2]
-    surrogate = metafmu.from_jax(function, (jnp.zeros(1), jnp.zeros(1)), data=x)
+    surrogate = metafmu.from_jax(function, data=x, example=(jnp.zeros(1), jnp.zeros(1)))
     agrees(surrogate, x, np.stack([x[:, 0] - x[:, 1], x.sum(axis=1)], axis=1), 1e-12)
 
 
 def test_what_is_not_known_is_refused(rows):
     with pytest.raises(metafmu.Error, match="primitive `sort`.*expected one of"):
-        metafmu.from_jax(lambda x: jnp.sort(x), jnp.asarray(rows[0][:1]), data=rows[0])
+        metafmu.from_jax(lambda x: jnp.sort(x), data=rows[0], example=jnp.asarray(rows[0][:1]))
     for function, message in [
         (lambda x: x.astype(int) * 1.0, "a conversion of inputs to int"),
         (lambda x: x - x.mean(axis=0), "was read wrongly: predictions differ by .* or its rows depend on each other"),
@@ -131,21 +131,21 @@ def test_what_is_not_known_is_refused(rows):
         (lambda x: jnp.take(x, jnp.array([1, 7]), axis=-1), "primitive `gather`, in a form that is not known"),
     ]:
         with pytest.raises(metafmu.Error, match=message):
-            metafmu.from_jax(function, jnp.asarray(rows[0][:1]), data=rows[0])
+            metafmu.from_jax(function, data=rows[0], example=jnp.asarray(rows[0][:1]))
     with pytest.raises(metafmu.Error, match="an example of the shape"):
-        metafmu.from_jax(lambda x: x, jnp.ones((1, 2, 3)), data=rows[0])
+        metafmu.from_jax(lambda x: x, data=rows[0], example=jnp.ones((1, 2, 3)))
 
 
 def test_columns_go_by_the_names_of_arguments(goes_by_names):
     frame, y = flow_and_temp()
     column = np.zeros((1, 1))
-    named = lambda **names: metafmu.from_jax(lambda flow, temp: {"left": flow, "heat": 100 * flow + 2 * temp}, (column, column), **names)
+    named = lambda **names: metafmu.from_jax(lambda flow, temp: {"left": flow, "heat": 100 * flow + 2 * temp}, example=(column, column), **names)
     goes_by_names(named, lambda rows: np.column_stack([y, rows.flow]), 1e-12, True)
-    goes_by_names(lambda **names: metafmu.from_jax(lambda x: x @ jnp.array([100.0, 2.0]), np.zeros((1, 2)), **names), lambda rows: y, 1e-12, False)
+    goes_by_names(lambda **names: metafmu.from_jax(lambda x: x @ jnp.array([100.0, 2.0]), example=np.zeros((1, 2)), **names), lambda rows: y, 1e-12, False)
     for outputs in (None, ["left", "heat"], {"left": "m3", "heat": "W"}):
         assert [item.name for item in named(outputs=outputs, data=frame).outputs] == ["heat", "left"]
 
 
 def test_what_jax_does_not_follow_is_an_error():
     with pytest.raises(metafmu.Error, match="cannot be followed by JAX: TypeError"):
-        metafmu.from_jax(lambda x: x.reshape(64, 3), np.zeros((64, 3)), inputs={name: (0, 1) for name in "abc"})
+        metafmu.from_jax(lambda x: x.reshape(64, 3), inputs={name: (0, 1) for name in "abc"}, example=np.zeros((64, 3)))

@@ -321,7 +321,7 @@ def test_small_outputs_beside_large_ones_and_offsets_are_compared(rows):
 
     for data in (rows[0], rows[0][:1]):
         with pytest.raises(metafmu.Error, match="Scales was read wrongly"):
-            metafmu.from_torch(Scales().double(), data=data, inputs={"a": (-1, 1), "b": (-1, 1), "c": (-1, 1)}, example=torch.zeros(1, 3, dtype=torch.float64))
+            metafmu.from_torch(Scales().double(), data=data, inputs={"a": (-3, 3), "b": (-3, 3), "c": (-3, 3)}, example=torch.zeros(1, 3, dtype=torch.float64))
 
 
 @pytest.mark.parametrize("scale", [1e-18, 3e-15, 1e20])

@@ -14,7 +14,7 @@ use crate::{
 };
 use metafmu_runtime::{
     Bounds, BuiltIn, Clock, Encoding, Graph, Input, Integration, Layer, Motion, Output, Precision, Program, Role,
-    Sampling, State, Surrogate, Variability,
+    Sampling, State, Surrogate, Tunability,
     dictionary::Dictionary,
     graph::{Elementwise, Forest, Step},
     law::NetworkTerm,
@@ -84,7 +84,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
 
 /// What holds of values that were constant in each run of the training.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
-    let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Variability::Tunable));
+    let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Tunability::Tunable));
     if surrogate.time_column().is_some() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
         ", and as long as its inputs and parameters stay what they are at the start of a run: in each run of the \
          training they were constant"
@@ -112,8 +112,8 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
     line(page, "<h2>Variables</h2>\n<table><tr><th>Name</th><th>Kind</th><th>Range</th><th>Unit</th><th></th></tr>");
     for Input { name, role, unit, description, min, max, start, encoding } in surrogate.inputs() {
         let kind = match role {
-            Role::Parameter(Variability::Fixed) => "parameter, fixed",
-            Role::Parameter(Variability::Tunable) => "parameter, tunable",
+            Role::Parameter(Tunability::Fixed) => "parameter, fixed",
+            Role::Parameter(Tunability::Tunable) => "parameter, tunable",
             Role::Time => "time",
             Role::Input => "input",
             Role::Start => "parameter, state at the start",

@@ -149,10 +149,10 @@ impl DescribedVariable {
 fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> DescribedVariable {
     let input = &surrogate.inputs()[index];
     let what = match input.role {
-        Role::Parameter(metafmu_runtime::Variability::Fixed) | Role::Start => {
+        Role::Parameter(metafmu_runtime::Tunability::Fixed) | Role::Start => {
             (Causality::Parameter, Variability::Fixed, Some(Initial::Exact))
         }
-        Role::Parameter(metafmu_runtime::Variability::Tunable) => {
+        Role::Parameter(metafmu_runtime::Tunability::Tunable) => {
             (Causality::Parameter, Variability::Tunable, Some(Initial::Exact))
         }
         Role::Input => (Causality::Input, Variability::Continuous, initial_of_input(fmi_version)),

@@ -14,7 +14,7 @@ use interface::{
     OutputSource,
 };
 use metafmu_runtime::{
-    Encoding, Evaluator, Graph, Input, Metadata, Output, Precision, Provenance, Role, Surrogate, Variability,
+    Encoding, Evaluator, Graph, Input, Metadata, Output, Precision, Provenance, Role, Surrogate, Tunability,
     graph::{Elementwise, Step},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -321,8 +321,8 @@ fn role(options: &InterfaceInput) -> Role {
     match (options.causality, options.variability) {
         (InterfaceCausality::Input, _) => Role::Input,
         (InterfaceCausality::Time, _) => Role::Time,
-        (InterfaceCausality::Parameter, Some(InterfaceVariability::Tunable)) => Role::Parameter(Variability::Tunable),
-        (InterfaceCausality::Parameter, _) => Role::Parameter(Variability::Fixed),
+        (InterfaceCausality::Parameter, Some(InterfaceVariability::Tunable)) => Role::Parameter(Tunability::Tunable),
+        (InterfaceCausality::Parameter, _) => Role::Parameter(Tunability::Fixed),
     }
 }
 

@@ -15,8 +15,8 @@ use crate::{
     study::{NetworkOptions, SmallNetworks, TimeStructure, TrainingOptions},
     training::{EpochRecord, StopReason},
 };
-use candidates::Choice;
-pub use candidates::{Candidate, ModelChoice};
+use candidates::SelectedModel;
+pub use candidates::{CandidateScore, ModelChoice};
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
 use std::{path::Path, sync::atomic::Ordering};
@@ -54,7 +54,7 @@ pub struct Fit {
     /// Kind of the model: `network`, or the name of a baseline.
     pub model: &'static str,
     /// The kinds that were compared, or the given one.
-    pub candidates: Vec<Candidate>,
+    pub candidates: Vec<CandidateScore>,
     /// Rows that the model was fitted to.
     pub train_rows: usize,
     /// Rows that were held out of the training of a network to choose the best epoch; 0 of another model.
@@ -133,10 +133,10 @@ pub fn fit(
     let interface = with_std.as_ref().unwrap_or(interface);
     // what is wrong with ranges, before anything is trained
     import::inputs(interface, Some(&inputs))?;
-    let task = Task { path, inputs: &inputs, outputs, options, control };
+    let task = FitContext { path, inputs: &inputs, outputs, options, control };
     let order = sampling::permutation(inputs.len(), sampling::random(options.seed, Stream::Validation));
     let parts = RowSplit::of(&order, &options.training, options.measure);
-    let Choice { kind, model, candidates, unseen } = match options.model {
+    let SelectedModel { kind, model, candidates, unseen } = match options.model {
         ModelChoice::Only(kind) => task.only(kind, &order, parts)?,
         // nothing is left to compare by
         ModelChoice::Auto if inputs.len() < 2 && !options.std => task.only(ModelKind::Network, &order, parts)?,
@@ -232,7 +232,7 @@ fn chosen(rows: &[Vec<f64>], which: &[usize]) -> Vec<Vec<f64>> {
 }
 
 /// Rows, and what is fitted to them.
-struct Task<'a> {
+struct FitContext<'a> {
     path: &'a Path,
     inputs: &'a [Vec<f64>],
     outputs: &'a [Vec<f64>],
@@ -240,7 +240,7 @@ struct Task<'a> {
     control: Control<'a>,
 }
 
-impl Task<'_> {
+impl FitContext<'_> {
     fn is_stopped(&self) -> bool {
         self.control.stop.load(Ordering::Relaxed)
     }

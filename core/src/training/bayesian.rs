@@ -80,7 +80,7 @@ impl SmallNetwork {
             None => SIZES.iter().map(|size| size.to_vec()).collect(),
         };
         let is_small = |hidden: &Vec<usize>| {
-            let weights = Shape::new(inputs, hidden, self.activation).weights() as f64;
+            let weights = NetworkShape::new(inputs, hidden, self.activation).weights() as f64;
             let operations = weights * weights * (rows as f64 + weights) * outputs as f64;
             !hidden.is_empty() && operations <= MOST_OPERATIONS
         };
@@ -105,7 +105,7 @@ fn is_smooth(activation: Activation) -> bool {
 }
 
 /// Layers of a network with one output; its weights are `W_1 | b_1 | W_2 | b_2 | ...`.
-struct Shape {
+struct NetworkShape {
     sizes: Vec<usize>,
     activation: Activation,
 }
@@ -117,7 +117,7 @@ enum Groups {
     Inputs,
 }
 
-impl Shape {
+impl NetworkShape {
     fn new(inputs: usize, hidden: &[usize], activation: Activation) -> Self {
         Self { sizes: [&[inputs], hidden, &[1]].concat(), activation }
     }
@@ -218,7 +218,7 @@ impl Shape {
 
 /// A training of one output.
 struct Training<'a> {
-    shape: Shape,
+    shape: NetworkShape,
     x: &'a [f64],
     y: &'a DVector<f64>,
     weights: DVector<f64>,
@@ -230,7 +230,7 @@ struct Training<'a> {
 }
 
 impl<'a> Training<'a> {
-    fn new(shape: Shape, x: &'a [f64], y: &'a DVector<f64>, random: &mut ChaCha8Rng) -> Self {
+    fn new(shape: NetworkShape, x: &'a [f64], y: &'a DVector<f64>, random: &mut ChaCha8Rng) -> Self {
         let weights = shape.start(random);
         let alpha = vec![0.1; shape.weights()];
         Self { shape, x, y, weights, alpha, beta: 1.0, damping: Damping::new(1.0), evidence: f64::NEG_INFINITY }
@@ -342,7 +342,7 @@ pub fn train_small(rows: FewRows, network: &SmallNetwork, follower: &IterationFo
         let begin = |(hidden, start): &(&Vec<usize>, u64)| {
             let mut random = ChaCha8Rng::seed_from_u64(network.seed);
             random.set_stream(*start);
-            let mut training = Training::new(Shape::new(inputs, hidden, network.activation), x, y, &mut random);
+            let mut training = Training::new(NetworkShape::new(inputs, hidden, network.activation), x, y, &mut random);
             training.iterate(Groups::Layers, RACE, &progress, follower.is_stopped);
             training
         };
@@ -371,20 +371,20 @@ pub fn train_small(rows: FewRows, network: &SmallNetwork, follower: &IterationFo
     let of_output = |(raced, y): (Option<Vec<Training>>, &DVector<f64>)| match raced {
         Some(raced) => finish(raced),
         None => sizes.iter().find(|size| size.len() == depth).map(|hidden| {
-            let shape = Shape::new(inputs, hidden, network.activation);
+            let shape = NetworkShape::new(inputs, hidden, network.activation);
             let mut weights = vec![0.0; shape.weights()];
             // exact
             weights.iter_mut().last().into_iter().for_each(|bias| *bias = y[0]);
             (shape, weights)
         }),
     };
-    let trained: Option<Vec<(Shape, Vec<f64>)>> =
+    let trained: Option<Vec<(NetworkShape, Vec<f64>)>> =
         raced.into_par_iter().zip(&columns).map(of_output).collect::<Vec<_>>().into_iter().collect();
     if (follower.is_stopped)() {
         return None;
     }
     let trained = trained?;
-    let parts: Vec<(&Shape, &[f64])> = trained.iter().map(|(shape, weights)| (shape, &weights[..])).collect();
+    let parts: Vec<(&NetworkShape, &[f64])> = trained.iter().map(|(shape, weights)| (shape, &weights[..])).collect();
     Some(side_by_side(&parts, network.activation))
 }
 
@@ -405,7 +405,7 @@ fn best_depth<'a>(raced: impl Iterator<Item = &'a Vec<Training<'a>>> + Clone, si
 }
 
 /// Networks of the same inputs as one: weights between them are 0.
-fn side_by_side(parts: &[(&Shape, &[f64])], activation: Activation) -> Vec<Layer> {
+fn side_by_side(parts: &[(&NetworkShape, &[f64])], activation: Activation) -> Vec<Layer> {
     let layers: Vec<Vec<(&[f64], &[f64])>> =
         parts.iter().map(|(shape, weights)| shape.layers(weights).collect()).collect();
     let depth = layers.first().map_or(0, Vec::len);

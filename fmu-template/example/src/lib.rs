@@ -3,7 +3,7 @@
 use metafmu_runtime::{
     Activation, Bounds, Clock, Cover, Dynamics, Efforts, Encoder, Encoding, Graph, Input, Integration, Layer, Metadata,
     Motion, Output, OutputArray, Precision, Program, Provenance, Reactions, Role, Sampling, ScaledNetwork, Scaling,
-    Shown, State, Support, Surrogate, Variability,
+    Shown, State, Support, Surrogate, Tunability,
     dictionary::{Dictionary, Factor, Term},
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
     graph::{Elementwise, Given, Operation, Step},
@@ -45,8 +45,8 @@ pub fn with_precision(hidden: &[usize], activation: Activation, precision: Preci
         name: "example".into(),
         description: "A network with made-up weights".into(),
         inputs: vec![
-            input("length", Role::Parameter(Variability::Tunable), "m", 0.1, 0.2),
-            input("speed", Role::Parameter(Variability::Fixed), "rad/s", 0.0, 5.0),
+            input("length", Role::Parameter(Tunability::Tunable), "m", 0.1, 0.2),
+            input("speed", Role::Parameter(Tunability::Fixed), "rad/s", 0.0, 5.0),
             input("time", Role::Time, "s", 0.0, 2.0),
         ],
         outputs: vec![output("angle", "rad"), output("velocity", "rad/s")],
@@ -222,7 +222,7 @@ pub fn crane() -> Surrogate {
         name: "crane".into(),
         description: "A crane with made-up numbers".into(),
         inputs: vec![
-            variable("rope", Role::Parameter(Variability::Fixed), "m", [1.0, 2.0, 1.5]),
+            variable("rope", Role::Parameter(Tunability::Fixed), "m", [1.0, 2.0, 1.5]),
             start("trolley.position", "m", 0.0),
             start("rope.angle", "rad", 0.3),
             start("trolley.velocity", "m/s", 0.0),
@@ -508,7 +508,7 @@ pub fn oscillator(network: Option<ScaledNetwork>) -> Surrogate {
         name: "oscillator".into(),
         description: "Van der Pol's oscillator with a force".into(),
         inputs: vec![
-            variable("mu", Role::Parameter(Variability::Fixed), "1", [0.5, 2.0, 1.0]),
+            variable("mu", Role::Parameter(Tunability::Fixed), "1", [0.5, 2.0, 1.0]),
             variable("x_start", Role::Start, "m", [-4.0, 4.0, 1.0]),
             variable("v_start", Role::Start, "m/s", [-4.0, 4.0, 0.0]),
             variable("force", Role::Input, "N", [-1.0, 1.0, 0.0]),
@@ -553,7 +553,7 @@ pub fn recorded() -> Surrogate {
         name: "recorded".into(),
         description: "a mass that is pushed, by samples".into(),
         inputs: vec![
-            variable("mass", Role::Parameter(Variability::Fixed), "kg", [1.0, 2.0, 1.25]),
+            variable("mass", Role::Parameter(Tunability::Fixed), "kg", [1.0, 2.0, 1.25]),
             variable("position_start", Role::Start, "m", [-2.0, 2.0, 0.5]),
             variable("force_start", Role::Start, "N", [-3.0, 3.0, 0.0]),
             variable("force", Role::Input, "N", [-3.0, 3.0, 0.0]),

@@ -45,13 +45,13 @@ impl Cover {
 /// A [`Cover`] of inputs with certain ranges, prepared for evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Cubes {
-    columns: Vec<Column>,
+    columns: Vec<CubeAxis>,
     radius: f64,
     centres: Vec<f32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Column {
+struct CubeAxis {
     input: usize,
     min: f64,
     /// Of the range.
@@ -73,7 +73,7 @@ impl Cubes {
     pub fn new(cover: &Cover, inputs: &[Input]) -> Self {
         let column = |&input: &u32| {
             let Input { min, max, .. } = inputs[input as usize];
-            Column { input: input as usize, min, width: max - min }
+            CubeAxis { input: input as usize, min, width: max - min }
         };
         Self {
             columns: cover.columns.iter().map(column).collect(),
@@ -103,7 +103,8 @@ impl Cubes {
     #[inline]
     fn cube(&self, centre: usize, inputs: &[f64], enough: f64) -> Nearest {
         let mut found = Nearest { centre, distance: -self.radius, slope: (self.columns[0].input, 0.0) };
-        for (Column { input, min, width }, at) in self.columns.iter().zip(&self.centres[centre * self.columns.len()..])
+        for (CubeAxis { input, min, width }, at) in
+            self.columns.iter().zip(&self.centres[centre * self.columns.len()..])
         {
             let off = (inputs[*input] - min) / width - f64::from(*at);
             let distance = off.abs() - self.radius;

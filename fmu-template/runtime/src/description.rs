@@ -58,7 +58,7 @@ pub struct Input {
 #[serde(rename_all = "lowercase", tag = "causality", content = "variability")]
 pub enum Role {
     /// A parameter the host sets.
-    Parameter(Variability),
+    Parameter(Tunability),
     /// The simulation time.
     Time,
     /// A continuous input: another component drives it while the simulation runs.
@@ -87,7 +87,7 @@ impl Precision {
 /// When a host may change a parameter (FMI terms).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Variability {
+pub enum Tunability {
     /// Only before the simulation starts.
     #[default]
     Fixed,

@@ -51,7 +51,7 @@ mod variables;
 
 pub use bounds::Bounds;
 pub use cover::Cover;
-pub use description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Variability};
+pub use description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Tunability};
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::Encoder;
 pub use equations::{

@@ -6,7 +6,7 @@
 #![allow(clippy::undocumented_unsafe_blocks)] // said once, above
 
 use super::{model_exchange::*, *};
-use crate::{component::Component, state::State, testing::*};
+use crate::{component::Component, state::InstanceState, testing::*};
 use metafmu_example as example;
 use metafmu_runtime::{Activation, Surrogate};
 use std::{fs, ptr::null, sync::Mutex};
@@ -94,27 +94,27 @@ impl Host {
         Self { c, log }
     }
 
-    fn in_state(state: State) -> Self {
+    fn in_state(state: InstanceState) -> Self {
         Self::of_kind_in_state(CO_SIMULATION, state)
     }
 
     /// A host of this FMU type that has led its instance into a state.
-    fn of_kind_in_state(kind: c_int, state: State) -> Self {
+    fn of_kind_in_state(kind: c_int, state: InstanceState) -> Self {
         let host = Self::of_kind(&example::surrogate(), kind);
-        if state == State::Instantiated {
+        if state == InstanceState::Instantiated {
             return host;
         }
         host.set_up(0.0);
         assert_eq!(host.enter(), Status::Ok);
-        if state == State::Initialization {
+        if state == InstanceState::Initialization {
             return host;
         }
         assert_eq!(host.exit(), Status::Ok);
         match state {
-            State::ContinuousTime => assert_eq!(host.go_on(), Status::Ok),
-            State::Terminated => assert_eq!(host.terminate(), Status::Ok),
-            State::Error => assert_eq!(host.set(&[77], &[0.0]), Status::Error),
-            State::Fatal => assert_eq!(host.panic(), Status::Fatal),
+            InstanceState::ContinuousTime => assert_eq!(host.go_on(), Status::Ok),
+            InstanceState::Terminated => assert_eq!(host.terminate(), Status::Ok),
+            InstanceState::Error => assert_eq!(host.set(&[77], &[0.0]), Status::Error),
+            InstanceState::Fatal => assert_eq!(host.panic(), Status::Fatal),
             _ => {}
         }
         host.messages();
@@ -123,7 +123,7 @@ impl Host {
     }
 
     fn stepping() -> Self {
-        Self::in_state(State::Step)
+        Self::in_state(InstanceState::Step)
     }
 
     /// Co-simulation between steps, `speed` an input.
@@ -167,7 +167,7 @@ impl Host {
         !messages.is_empty()
     }
 
-    fn state(&self) -> State {
+    fn state(&self) -> InstanceState {
         unsafe { (*self.c.cast::<Component>()).instance.snapshot().state }
     }
 

@@ -6,7 +6,7 @@
 #![allow(clippy::undocumented_unsafe_blocks)] // said once, above
 
 use super::{clocks::*, derivatives::*, model_exchange::*, values::*, *};
-use crate::{component::Component, state::State, testing::*};
+use crate::{component::Component, state::InstanceState, testing::*};
 use metafmu_example as example;
 use metafmu_runtime::{Activation, Surrogate};
 use std::{
@@ -99,21 +99,21 @@ impl Host {
         host
     }
 
-    fn in_state(use_as: Use, state: State) -> Self {
+    fn in_state(use_as: Use, state: InstanceState) -> Self {
         let host = Self::of(&example::surrogate(), use_as);
-        if state == State::Instantiated {
+        if state == InstanceState::Instantiated {
             return host;
         }
         assert_eq!(host.enter(0.0), Status::Ok);
-        if state == State::Initialization {
+        if state == InstanceState::Initialization {
             return host;
         }
         assert_eq!(host.exit(), Status::Ok);
         match (state, use_as) {
-            (State::ContinuousTime, _) => assert_eq!(host.continuous(), Status::Ok),
-            (State::Step, Use::StepsAndEvents) => assert_eq!(host.step_mode(), Status::Ok),
-            (State::Terminated, _) => assert_eq!(unsafe { fmi3Terminate(host.instance) }, Status::Ok),
-            (State::Fatal, _) => assert_eq!(host.panic(), Status::Fatal),
+            (InstanceState::ContinuousTime, _) => assert_eq!(host.continuous(), Status::Ok),
+            (InstanceState::Step, Use::StepsAndEvents) => assert_eq!(host.step_mode(), Status::Ok),
+            (InstanceState::Terminated, _) => assert_eq!(unsafe { fmi3Terminate(host.instance) }, Status::Ok),
+            (InstanceState::Fatal, _) => assert_eq!(host.panic(), Status::Fatal),
             _ => {}
         }
         host.messages();
@@ -140,7 +140,7 @@ impl Host {
         message.text.clone()
     }
 
-    fn state(&self) -> State {
+    fn state(&self) -> InstanceState {
         unsafe { (*self.instance.cast::<Component>()).instance.snapshot().state }
     }
 

@@ -1,6 +1,6 @@
 //! Derivatives of the outputs: with respect to inputs, parameters and time, and along the simulation.
 
-use super::{Instance, finite, variables::Unknown};
+use super::{Instance, finite, variables::UnknownQuantity};
 use crate::status::Refusal;
 use metafmu_runtime::{BuiltIn, DomainPolicy, MAX_OUTPUT_DERIVATIVE_ORDER, Quantity, Role};
 use std::slice;
@@ -37,10 +37,10 @@ impl Instance {
         self.evaluator.directional(&self.point, &self.columns[0], derivative);
         for (result, unknown) in sensitivity.iter_mut().zip(self.variables.unknowns(unknowns)) {
             *result = match unknown {
-                Unknown::Result(index) => self.sensitivities[0][index],
-                Unknown::State(state) => self.columns[0][self.metadata.inputs.len() + state],
-                Unknown::Distance => distance,
-                Unknown::Bound(output) => of_time * self.variables.bound_rate(output, self.elapsed()),
+                UnknownQuantity::Result(index) => self.sensitivities[0][index],
+                UnknownQuantity::State(state) => self.columns[0][self.metadata.inputs.len() + state],
+                UnknownQuantity::Distance => distance,
+                UnknownQuantity::Bound(output) => of_time * self.variables.bound_rate(output, self.elapsed()),
             };
         }
         self.check_derivatives(sensitivity)
@@ -63,13 +63,13 @@ impl Instance {
         direct.fill(0.0);
         for (unknown, &seed) in self.variables.unknowns(unknowns).zip(seed) {
             let weight = match unknown {
-                Unknown::Bound(output) => {
+                UnknownQuantity::Bound(output) => {
                     of_time += seed * self.variables.bound_rate(output, elapsed);
                     continue;
                 }
-                Unknown::Result(index) => &mut self.sensitivities[0][index],
-                Unknown::State(state) => &mut direct[self.metadata.inputs.len() + state],
-                Unknown::Distance => &mut weight_of_distance,
+                UnknownQuantity::Result(index) => &mut self.sensitivities[0][index],
+                UnknownQuantity::State(state) => &mut direct[self.metadata.inputs.len() + state],
+                UnknownQuantity::Distance => &mut weight_of_distance,
             };
             *weight += seed;
         }
@@ -123,11 +123,11 @@ impl Instance {
             let order = index_of_order(order)?;
             for (unknown, value) in self.variables.unknowns(slice::from_ref(reference)).zip(&mut places) {
                 *value = match unknown {
-                    Unknown::Result(index) => self.sensitivities[order][index],
-                    Unknown::State(state) => self.columns[order][self.metadata.inputs.len() + state],
-                    Unknown::Distance => distance[order],
-                    Unknown::Bound(output) if order == 0 => self.variables.bound_rate(output, self.elapsed()),
-                    Unknown::Bound(_) => 0.0,
+                    UnknownQuantity::Result(index) => self.sensitivities[order][index],
+                    UnknownQuantity::State(state) => self.columns[order][self.metadata.inputs.len() + state],
+                    UnknownQuantity::Distance => distance[order],
+                    UnknownQuantity::Bound(output) if order == 0 => self.variables.bound_rate(output, self.elapsed()),
+                    UnknownQuantity::Bound(_) => 0.0,
                 };
             }
         }

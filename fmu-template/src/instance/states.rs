@@ -2,7 +2,7 @@
 
 use super::Instance;
 use crate::{
-    state::State,
+    state::InstanceState,
     status::{Implausible, Refusal, Status},
 };
 use metafmu_runtime::{CommunicationStep, DomainPolicy, Drive, StepError};
@@ -45,7 +45,7 @@ impl Instance {
 
     /// Whether the states are what the parameters for the start say.
     pub(super) fn is_starting(&self) -> bool {
-        matches!(self.now.state, State::Instantiated | State::Initialization)
+        matches!(self.now.state, InstanceState::Instantiated | InstanceState::Initialization)
     }
 
     /// Gives the states, or the memory, their values at the start, until the simulation runs.

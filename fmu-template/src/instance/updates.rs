@@ -2,7 +2,7 @@
 
 use super::Instance;
 use crate::{
-    state::{Interface, State, Version},
+    state::{InstanceState, Interface, Version},
     status::Refusal,
 };
 use metafmu_runtime::MAX_SOLVER_STEPS;
@@ -49,13 +49,13 @@ impl Instance {
     }
 
     pub(crate) fn enter_update(&mut self) {
-        self.now.state = State::IntermediateUpdate;
+        self.now.state = InstanceState::IntermediateUpdate;
     }
 
     /// A call that was refused has ended the simulation.
     pub(crate) fn leave_update(&mut self) {
-        if self.now.state == State::IntermediateUpdate {
-            self.now.state = State::Step;
+        if self.now.state == InstanceState::IntermediateUpdate {
+            self.now.state = InstanceState::Step;
         }
     }
 }

@@ -2,10 +2,10 @@
 
 use super::Instance;
 use crate::{
-    state::State,
+    state::InstanceState,
     status::{Refusal, Status},
 };
-use metafmu_runtime::{BuiltIn, DomainPolicy, Metadata, Quantity, Role, Variability};
+use metafmu_runtime::{BuiltIn, DomainPolicy, Metadata, Quantity, Role, Tunability};
 
 impl Instance {
     /// How many values these variables have: one each, but for the arrays of FMI 3.0.
@@ -70,7 +70,7 @@ impl Instance {
             Quantity::BuiltIn(built_in) => matches!(built_in, BuiltIn::DomainPolicy | BuiltIn::UseMeasured),
             Quantity::Output(_) | Quantity::Array(_) | Quantity::State(_) | Quantity::Derivative(_) => false,
         };
-        if self.now.state != State::Instantiated || has_start() {
+        if self.now.state != InstanceState::Instantiated || has_start() {
             return Ok(());
         }
         Err(Refusal::NoStartValue { name: self.name(reference), reference })
@@ -145,7 +145,7 @@ impl Instance {
         let mut new = None;
         for (&reference, &found) in references.iter().zip(values) {
             self.expect_policy(reference)?;
-            self.parameter_settable(Variability::Tunable, reference)?;
+            self.parameter_settable(Tunability::Tunable, reference)?;
             new = Some(DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?);
         }
         let Some(new) = new else { return Ok(()) };
@@ -187,7 +187,7 @@ impl Instance {
             Quantity::Input(column) => match self.metadata.inputs[column].role {
                 Role::Time => Err(Refusal::SetTime { name: name(), reference }),
                 Role::Parameter(variability) => self.parameter_settable(variability, reference).map(|()| column),
-                Role::Start => self.parameter_settable(Variability::Fixed, reference).map(|()| column),
+                Role::Start => self.parameter_settable(Tunability::Fixed, reference).map(|()| column),
                 Role::Input => Ok(column),
             },
             Quantity::Measured(output) => Ok(self.measured.start + output),
@@ -206,13 +206,13 @@ impl Instance {
         }
     }
 
-    fn parameter_settable(&self, variability: Variability, reference: u32) -> Result<(), Refusal> {
+    fn parameter_settable(&self, variability: Tunability, reference: u32) -> Result<(), Refusal> {
         let state = self.now.state;
         let variability = match (variability, state) {
-            (_, State::Instantiated | State::Initialization) => return Ok(()),
-            (Variability::Tunable, State::Event | State::Step) => return Ok(()),
-            (Variability::Fixed, _) => "fixed",
-            (Variability::Tunable, _) => "tunable",
+            (_, InstanceState::Instantiated | InstanceState::Initialization) => return Ok(()),
+            (Tunability::Tunable, InstanceState::Event | InstanceState::Step) => return Ok(()),
+            (Tunability::Fixed, _) => "fixed",
+            (Tunability::Tunable, _) => "tunable",
         };
         Err(Refusal::SetParameter { name: self.name(reference), reference, variability, state })
     }

@@ -5,7 +5,7 @@ use metafmu_runtime::{Bounds, BuiltIn, Quantity, Surrogate, Variable};
 
 /// A scalar that has derivatives.
 #[derive(Clone, Copy)]
-pub(super) enum Unknown {
+pub(super) enum UnknownQuantity {
     /// An output, maybe as an element of an array, or after all outputs the derivative of a state.
     Result(usize),
     /// A state.
@@ -17,7 +17,7 @@ pub(super) enum Unknown {
 }
 
 /// The surrogate's variables that the version has.
-pub(super) struct Variables {
+pub(super) struct InstanceVariables {
     /// By value reference; none for a variable of FMI 3.0 only, if this is FMI 2.0.
     all: Vec<Option<Variable>>,
     /// Outputs of each array.
@@ -28,7 +28,7 @@ pub(super) struct Variables {
     outputs: usize,
 }
 
-impl Variables {
+impl InstanceVariables {
     pub(super) fn new(surrogate: &Surrogate, version: Version) -> Self {
         let has = |variable: &&Variable| version == Version::Fmi3 || !variable.only_fmi3;
         let arrays = if version == Version::Fmi3 { surrogate.arrays().len() } else { 0 };
@@ -98,20 +98,20 @@ impl Variables {
 
     /// The scalars with derivatives that these variables consist of, in order.
     #[inline]
-    pub(super) fn unknowns<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = Unknown> + 'a {
+    pub(super) fn unknowns<'a>(&'a self, references: &'a [u32]) -> impl Iterator<Item = UnknownQuantity> + 'a {
         references.iter().flat_map(|&reference| {
             let (scalar, array) = match self.find(reference).map(|variable| variable.quantity) {
-                Ok(Quantity::Output(output)) => (Some(Unknown::Result(output)), &[][..]),
-                Ok(Quantity::Derivative(state)) => (Some(Unknown::Result(self.outputs + state)), &[][..]),
-                Ok(Quantity::State(state)) => (Some(Unknown::State(state)), &[][..]),
-                Ok(Quantity::BuiltIn(BuiltIn::DomainDistance)) => (Some(Unknown::Distance), &[][..]),
+                Ok(Quantity::Output(output)) => (Some(UnknownQuantity::Result(output)), &[][..]),
+                Ok(Quantity::Derivative(state)) => (Some(UnknownQuantity::Result(self.outputs + state)), &[][..]),
+                Ok(Quantity::State(state)) => (Some(UnknownQuantity::State(state)), &[][..]),
+                Ok(Quantity::BuiltIn(BuiltIn::DomainDistance)) => (Some(UnknownQuantity::Distance), &[][..]),
                 Ok(Quantity::Array(array)) => (None, self.outputs_of(array)),
-                Ok(Quantity::Bound(output)) if self.bounds_grow() => (Some(Unknown::Bound(output)), &[][..]),
+                Ok(Quantity::Bound(output)) if self.bounds_grow() => (Some(UnknownQuantity::Bound(output)), &[][..]),
                 Ok(Quantity::Input(_) | Quantity::Bound(_) | Quantity::Measured(_) | Quantity::BuiltIn(_)) | Err(_) => {
                     (None, &[][..])
                 }
             };
-            scalar.into_iter().chain(array.iter().map(|&output| Unknown::Result(output)))
+            scalar.into_iter().chain(array.iter().map(|&output| UnknownQuantity::Result(output)))
         })
     }
 }

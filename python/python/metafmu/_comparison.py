@@ -9,7 +9,8 @@ import numpy as np
 
 from . import _metafmu
 
-_ROWS, _MORE = 32, 512
+#: Rows of a first comparison, and further ones.
+FEW, _MORE = 32, 512
 
 
 class Precision(NamedTuple):
@@ -28,16 +29,18 @@ class Precision(NamedTuple):
 
 SINGLE = Precision(1.2e-7, 1e-4)
 DOUBLE = Precision.of("float64")
-#: Points that are drawn for a comparison.
-DRAWN = _ROWS + _MORE
+
+
+def drawn_rows(low, high):
+    """Points in ranges, of shape (rows, inputs), the same ones each time."""
+    return np.random.default_rng(0).uniform(low, high, (FEW + _MORE, len(low)))
 
 
 def some_rows(surrogate, rows):
     """Some of the rows that it was made with, unless they are None, and points in the ranges of the inputs: two arrays of shape (rows, inputs)."""
     low, high = ([getattr(item, side) for item in surrogate.inputs] for side in ("min", "max"))
-    drawn = np.random.default_rng(0).uniform(low, high, (DRAWN, len(low)))
     rows = np.empty((0, len(low))) if rows is None else rows
-    return rows[:: max(1, -(-len(rows) // _ROWS))], drawn
+    return rows[:: max(1, -(-len(rows) // FEW))], drawn_rows(low, high)
 
 
 _ONNX_MAY_HELP = "; an export to ONNX and from_onnx may help"
@@ -50,12 +53,12 @@ def compare(rows, found, what, predict, precision, advice=_ONNX_MAY_HELP):
     ``rows``: rows that are known, and points that were drawn.
     """
     known, drawn = rows
-    first = np.concatenate([known, drawn[:_ROWS]])
+    first = np.concatenate([known, drawn[:FEW]])
     wrong, difference = _different(first, found, what, predict, precision)
     # some of the known ones may lie on a threshold; whether points that were drawn do is a matter of more of them
     count = wrong[len(known) :].sum()
-    if count and len(drawn) > _ROWS:
-        more, _ = _different(drawn[_ROWS:], found, what, predict, precision)
+    if count and len(drawn) > FEW:
+        more, _ = _different(drawn[FEW:], found, what, predict, precision)
         count = count if more.mean() > 0.01 else 0
     if count or wrong.mean() > 0.05:
         raise _metafmu.Error(
@@ -86,35 +89,6 @@ def _different(rows, found, what, predict, precision):
         wrong[finite] = ~(difference <= allowed).all(axis=1)
     spread = np.maximum(np.ptp(some, axis=0), np.abs(some).max(axis=0) * 1e-3) + np.finfo(np.float64).tiny
     return wrong, np.nanmax(difference / spread, initial=0.0)
-
-
-def finished(graph, value, what, predict, precision, named, known, about):
-    """The surrogate of a graph, after a look at what the model predicts. ``named``: names of the model's columns, those of its inputs and its
-    outputs, as a model with states needs them, and ``known``: those that it knows itself, or None; ``about``: as of :meth:`Graph.finish`, or with states
-    of :meth:`Graph.finish_with_states`."""
-    if about.get("states") is None:
-        surrogate = graph.finish(value, **about, input_names=known[0], output_names=known[1])
-        compare(some_rows(surrogate, graph.rows), surrogate.predict, what, predict, precision)
-        return surrogate
-    columns, results = named
-    low, high = graph.ranges_with_states(columns, results, **about)
-    drawn = np.random.default_rng(0).uniform(low, high, (DRAWN, len(columns)))
-    compare((drawn[:0], drawn), lambda rows: graph.evaluate(value, rows), what, predict, precision)
-    _refuse_frozen_time(graph, value, columns, about["inputs"], drawn[:_ROWS])
-    return graph.finish_with_states(value, columns, results, **about)
-
-
-def _refuse_frozen_time(graph, value, columns, inputs, rows):
-    """A time with a value is always the same."""
-    for place, name in enumerate(columns):
-        given = inputs.get(name) if isinstance(inputs, dict) else None
-        if name in ("t", "time") and isinstance(given, dict) and "value" in given:
-            later = rows.copy()
-            later[:, place] += 1.0
-            if not np.array_equal(graph.evaluate(value, rows), graph.evaluate(value, later), equal_nan=True):
-                raise _metafmu.Error(
-                    f"input `{name}` has a value, but what the states follow from depends on it: expected a state whose derivative is 1, or a right side without the time"
-                )
 
 
 def ranges_of(columns, text, rows):

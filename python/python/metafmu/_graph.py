@@ -7,7 +7,7 @@ import hashlib
 import numpy as np
 
 from . import _metafmu
-from ._interface import as_bytes, interface, interface_of_columns
+from ._interface import as_bytes, interface
 from ._surrogate import Surrogate
 
 
@@ -154,19 +154,13 @@ class Graph:
         columns = [[value, place] for place in range(self.width(value))]
         return np.frombuffer(self._core.evaluate(columns, rows.tobytes()), dtype=np.float64).reshape(len(rows), -1)
 
-    def ranges_with_states(self, columns, results, *, producer="", single=False, **about):
-        """Where the columns of a model with states will be, as far as it is known."""
-        from ._comparison import ranges_of
-
-        text, rows = interface_of_columns(columns, results, **about)
-        return ranges_of(columns, text, rows)
-
-    def finish_with_states(self, value, columns, results, *, producer="", single=False, **about):
-        """The surrogate of a model whose inputs and outputs have names, ``columns`` and ``results``, of which ``states`` are some: see
-        :func:`metafmu.from_onnx`."""
-        text, self.rows = interface_of_columns(columns, results, **about)
+    def _finish(self, value, described, single, producer, names=None):
+        """The surrogate whose outputs are a value. ``described``: text and rows of its interface; ``names``: of the columns that a model with states takes
+        and gives."""
+        text, self.rows = described
         places = [[value, place] for place in range(self.width(value))]
-        return Surrogate(self._core.finish_with_states(places, text, as_bytes(self.rows), self._content.digest(), bool(single), producer, (list(columns), list(results))))
+        described = places, text, as_bytes(self.rows), self._content.digest(), bool(single), producer
+        return Surrogate(self._core.finish(*described) if names is None else self._core.finish_with_states(*described, names))
 
     def finish(self, value, *, inputs=None, outputs=None, data=None, name="surrogate", description="", step=0.01, stop=1.0, domain="data", producer="",
                single=False, input_names=None, output_names=None):
@@ -175,10 +169,8 @@ class Graph:
         ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts with the keys of an interface file; ``data``: rows of
         the inputs, whose ranges count where ``inputs`` has none; ``single``: a network is computed in single precision; ``step``, ``stop``: of a simulation, unless the host says otherwise.
         """
-        count = self.width(value)
-        text, self.rows = interface(
-            self.width(0), count, inputs=inputs, outputs=outputs, data=data, name=name, description=description, step=step, stop=stop, domain=domain,
+        described = interface(
+            self.width(0), self.width(value), inputs=inputs, outputs=outputs, data=data, name=name, description=description, step=step, stop=stop, domain=domain,
             input_names=input_names, output_names=output_names,
         )
-        columns = [[value, place] for place in range(count)]
-        return Surrogate(self._core.finish(columns, text, as_bytes(self.rows), self._content.digest(), bool(single), producer))
+        return self._finish(value, described, single, producer)

@@ -207,7 +207,7 @@ def as_bytes(rows):
 _STATE_KEYS = ("column", "next", "derivative", "start", "min", "max", "unit", "description")
 
 
-def interface_of_columns(columns, results, *, inputs, outputs, data, states, sample, step, **about):
+def interface_of_columns(columns, results, *, outputs, states, **about):
     """The same of a model whose columns have names, ``columns`` those that it takes and ``results`` those that it gives, some of which may be
     states: ``states`` is a dict of names to the output that is the next value, or to dicts with the keys of docs/import.md."""
     if not isinstance(states or {}, Mapping):
@@ -223,10 +223,7 @@ def interface_of_columns(columns, results, *, inputs, outputs, data, states, sam
         of_model = [column for column in columns if column not in left]
         section = of_section(outputs, len(of_model), "y", "output", ("column", *_OUTPUT_KEYS), of_model)
         outputs = {name: {"column": column, **about} for column, (name, about) in zip(of_model, section.items())}
-    return interface(
-        len(left), len(shown), inputs=inputs, outputs=outputs, data=data, step=0.01 if step is None and sample is None else step, states=of_states,
-        sample=sample, input_names=left, output_names=shown, named=True, **about,
-    )
+    return interface(len(left), len(shown), outputs=outputs, states=of_states, input_names=left, output_names=shown, named=True, **about)
 
 
 def _state(name, about):

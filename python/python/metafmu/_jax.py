@@ -3,61 +3,50 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Mapping
 from typing import Any, Callable
 
 import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._comparison import DOUBLE, Precision, finished
-from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, known_names, names_of, outputs_of
-from ._surrogate import Names, Surrogate
+from ._comparison import DOUBLE, Precision
+from ._reader import ReaderOptions, surrogate_of
+from ._rows import Row, binary, choose, columns_of_arguments, compared, compose, concatenate, extreme, is_row
+from ._surrogate import Names, States, Surrogate
 
 Error = _metafmu.Error
 
 
 def from_jax(
-    function: Callable,
-    example: Any,
-    params: Any = None,
-    inputs: Names = None,
-    outputs: Names = None,
-    data: Any = None,
-    *,
-    states: Mapping[str, Any] | None = None,
-    sample: float | None = None,
-    solver_step: float | None = None,
-    name: str | None = None,
-    description: str = "",
-    step: float | None = None,
-    stop: float = 1.0,
-    domain: str = "data",
+    model: Callable[..., Any], inputs: Names = None, outputs: Names = None, data: Any = None, *, example: Any, params: Any = None, states: States = None,
+    sample: float | None = None, solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
     """The surrogate of a function of JAX.
 
-    ``function(x)``, or ``function(params, x)`` if there are ``params``; ``example``: an array like ``x``, a single row of shape (n,) or a
+    ``model(x)``, or ``model(params, x)`` if there are ``params``; ``example``: an array like ``x``, a single row of shape (n,) or a
     batch of shape (rows, n), or a tuple of arrays if there are several. The other arguments are those of :func:`metafmu.from_torch`.
 
     >>> f = lambda params, x: jax.nn.tanh(x @ params["w"]) @ params["v"]
-    >>> metafmu.from_jax(f, X[:1], params, data=X, outputs=["y"]).export("f.fmu")
+    >>> metafmu.from_jax(f, data=X, outputs=["y"], example=X[:1], params=params).export("f.fmu")
 
     The right side of a differential equation, whose arguments are its states and inputs, a time among them with a value:
 
-    >>> metafmu.from_jax(lambda t, x, u: A @ x + B @ u, (0.0, x, u), inputs={"t": {"value": 0.0}, "u": (-2, 2)}, states={"x": {"derivative": "output"}})
+    >>> flow = lambda t, x, u: A @ x + B @ u
+    >>> metafmu.from_jax(flow, inputs={"t": {"value": 0.0}, "u": (-2, 2)}, states={"x": {"derivative": "output"}}, example=(0.0, x, u))
 
     Raises :class:`metafmu.Error` with the primitive that is not known.
     """
     import jax
 
+    options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     given = example if isinstance(example, tuple) else (example,)
     examples = [part if hasattr(part, "dtype") else np.asarray(part) for part in given]
     # a time is a number
     if wrong := [part for part in examples if part.ndim > 2 or part.ndim == 0 and len(examples) == 1]:
         raise Error(f"an example of the shape {wrong[0].shape}, expected (n,) or (rows, n)")
     examples = [part[:1] if part.ndim == 2 else part for part in examples]
-    of_x = function if params is None else lambda *x: function(params, *x)
-    title = name or getattr(function, "__name__", "function")
+    of_x = model if params is None else lambda *x: model(params, *x)
+    title = name or getattr(model, "__name__", "function")
     try:
         closed, shape = jax.make_jaxpr(of_x, return_shape=True)(*examples)
     except Exception as error:
@@ -67,7 +56,6 @@ def from_jax(
     places = np.split(np.arange(sum(sizes)), np.cumsum(sizes[:-1]))
     rows = [Row(graph, 0, (sum(sizes),)).take(of.reshape(part.shape)) for of, part in zip(places, examples)]
     results = _follow(closed.jaxpr, closed.consts, rows)
-    _, value = outputs_of(results if len(results) > 1 else results[0])
     # what JAX makes of the examples: numbers of Python and numpy may lose precision
     kinds = {str(part.dtype) for part in (*closed.in_avals, *closed.out_avals, *map(np.asarray, closed.consts)) if "float" in str(part.dtype)}
     single = "float64" not in kinds
@@ -85,20 +73,13 @@ def from_jax(
         with jax.default_matmul_precision("highest"):
             return of_rows(np.asarray(rows, dtype=np.float32 if single else np.float64))
 
-    arguments = [name for name in inspect.signature(function).parameters][0 if params is None else 1 :]
+    arguments = [name for name in inspect.signature(model).parameters][0 if params is None else 1 :]
     is_named = len(arguments) == len(examples)
     arguments = arguments if is_named else [f"x{place}" for place in range(len(examples))]
-    columns = [column for name, size in zip(arguments, sizes) for column in columns_of(name, size)]
-    about = {"inputs": inputs, "outputs": outputs, "data": data, "name": title, "description": description, "stop": stop, "domain": domain}
-    if states is None:
-        about["step"] = 0.01 if step is None else step
-    else:
-        about |= {"step": step, "states": states, "sample": sample, "solver_step": solver_step}
     # JAX has the entries of a dict in the order of their keys
-    is_dict = isinstance(shape, dict) and len(shape) == len(results)
-    named = columns, names_of(dict(zip(sorted(shape), results)) if is_dict else results)
-    known = known_names(arguments, sizes) if is_named else None, named[1] if is_dict else None
-    return finished(graph, value, f"`{title}`", predict, precision, named, known, {**about, "producer": "JAX", "single": single})
+    made = dict(zip(sorted(shape), results)) if isinstance(shape, dict) and len(shape) == len(results) else results if len(results) > 1 else results[0]
+    columns = columns_of_arguments(arguments, sizes, is_named)
+    return surrogate_of(graph, made, options, title, what=f"`{title}`", predict=predict, precision=precision, columns=columns, producer="JAX", single=single)
 
 
 def _follow(jaxpr, consts, arguments):

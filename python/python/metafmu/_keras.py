@@ -9,34 +9,29 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
-from ._comparison import SINGLE, Precision, compare, some_rows
-from ._rows import Row, binary, compose, concatenate, is_row, known_names, names_of, outputs_of
-from ._surrogate import Names, Surrogate
+from ._comparison import SINGLE, Precision
+from ._reader import ReaderOptions, surrogate_of
+from ._rows import Row, binary, columns_of_arguments, compose, concatenate, is_row
+from ._surrogate import Names, States, Surrogate
 
 Error = _metafmu.Error
 
 
 def from_keras(
-    model: Any,
-    inputs: Names = None,
-    outputs: Names = None,
-    data: Any = None,
-    *,
-    name: str | None = None,
-    description: str = "",
-    step: float = 0.01,
-    stop: float = 1.0,
-    domain: str = "data",
+    model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, states: States = None, sample: float | None = None,
+    solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
     """The surrogate of a built Keras model, as it predicts.
 
-    The arguments are those of :func:`metafmu.from_torch`.
+    The arguments are those of :func:`metafmu.from_torch`. A model with ``states`` has inputs with the names of `keras.Input`, or ``input``, or ``input0`` and
+    so on, and outputs ``output``, or ``output0`` and so on, or the keys of a dict.
 
     >>> model = keras.Sequential([keras.Input((2,)), keras.layers.Dense(16, "tanh"), keras.layers.Dense(1)])
     >>> metafmu.from_keras(model, data=X, outputs={"force": "N"}).export("force.fmu")
 
     Raises :class:`metafmu.Error` with the layer that is not known.
     """
+    options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     shapes = [(1, *tensor.shape[1:]) for tensor in _inputs(model)]
     if any(length is None for shape in shapes for length in shape):
         raise Error(f"inputs of the shapes {shapes}, expected numbers for all dimensions but the batch")
@@ -47,30 +42,26 @@ def from_keras(
         rows.append(everything.take(np.arange(begin, begin + size).reshape(shape)))
         begin += size
     made = _model(model, rows)
-    _, value = outputs_of(made)
     weights = model.get_weights()
-    surrogate = graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=name or model.name, description=description, step=step, stop=stop, domain=domain,
-        producer="Keras", single=bool(weights) and all(weight.dtype != np.float64 for weight in weights),
-        input_names=_input_names(model, sizes), output_names=names_of(made) if isinstance(made, dict) else None,
-    )
     # Keras multiplies in single precision, whatever the weights are
     kinds = {str(layer.compute_dtype) for layer in getattr(model, "layers", [])} & {"float16", "bfloat16"}
     precision = max((Precision.of(kind) for kind in kinds), default=SINGLE)
     predict = lambda rows: _predicted(model, shapes, rows, list(made) if isinstance(made, dict) else None)
-    compare(some_rows(surrogate, graph.rows), surrogate.predict, f"{type(model).__name__} `{model.name}`", predict, precision)
-    return surrogate
+    return surrogate_of(
+        graph, made, options, model.name, what=f"{type(model).__name__} `{model.name}`", predict=predict, precision=precision, producer="Keras",
+        columns=_columns(model, sizes), single=bool(weights) and all(weight.dtype != np.float64 for weight in weights),
+    )
 
 
-def _input_names(model, sizes):
-    """Names of the columns, of the keys that the model takes, or of `keras.Input`; None if Keras made them up."""
+def _columns(model, sizes):
+    """Names of the columns, of the keys that the model takes, or of `keras.Input`, and these names unless Keras made them up."""
     names = [tensor.name for tensor in model.inputs]
     keys = _packed(model, list(range(len(sizes))))
     if isinstance(keys, dict) and all(isinstance(place, int) for place in keys.values()):
         names = [str(key) for key in sorted(keys, key=keys.get)]
     elif any(re.fullmatch(r"(keras_tensor|input_layer|input)(_\d+)?", name) for name in names):
-        return None
-    return known_names(names, sizes)
+        return columns_of_arguments(["input"] if len(sizes) == 1 else [f"input{place}" for place in range(len(sizes))], sizes, are_known=False)
+    return columns_of_arguments(names, sizes)
 
 
 def _predicted(model, shapes, rows, keys=None):

@@ -5,16 +5,16 @@ from __future__ import annotations
 import json
 import os
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from . import _metafmu
-from ._comparison import DRAWN, SINGLE, Precision, compare, ranges_of, some_rows
+from ._comparison import SINGLE, Precision, compare, drawn_rows, ranges_of, some_rows
 from ._interface import as_bytes, interface_of_columns
-from ._surrogate import Names, Surrogate
+from ._reader import ReaderOptions
+from ._surrogate import Names, States, Surrogate
 
 
 # attributes of operators are in single precision only: here they are the decimal that was meant, in onnxruntime what it was rounded to
@@ -22,24 +22,12 @@ _DOUBLE = Precision(2.2e-16, 1e-5)
 
 
 def from_onnx(
-    model: Any,
-    inputs: Names = None,
-    outputs: Names = None,
-    data: Any = None,
-    *,
-    states: Mapping[str, Any] | None = None,
-    sample: float | None = None,
-    solver_step: float | None = None,
-    name: str | None = None,
-    description: str = "",
-    step: float | None = None,
-    stop: float = 1.0,
-    domain: str = "data",
+    model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, states: States = None, sample: float | None = None,
+    solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
     """The surrogate of an ONNX model: a path, bytes, or what `onnx.load` gives.
 
-    ``inputs``, ``outputs``: as of :func:`metafmu.from_sklearn`, in the order of the model's columns, whose names they have unless given;
-    ``data``: rows that it was trained on, for the ranges and the domain of validity.
+    The arguments are those of :func:`metafmu.from_torch`.
 
     >>> metafmu.from_onnx("net.onnx", inputs={"x": (-1, 1)}, outputs=["y"]).export("net.fmu")
 
@@ -57,6 +45,7 @@ def from_onnx(
 
     Raises :class:`metafmu.Error` with the nodes that do not fit.
     """
+    options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     folder, title = None, "model"
     if hasattr(model, "SerializeToString"):
         content = model.SerializeToString()
@@ -69,10 +58,7 @@ def from_onnx(
         except (OSError, TypeError) as error:
             raise _metafmu.Error(f"{model}: {error}, expected an ONNX file, its bytes, or what onnx.load gives") from error
     columns, results = _metafmu.onnx_columns(content, folder)
-    text, rows = interface_of_columns(
-        columns, results, inputs=inputs, outputs=outputs, data=data, states=states, sample=sample, step=step, name=name or title, description=description,
-        stop=stop, domain=domain, solver_step=solver_step,
-    )
+    text, rows = interface_of_columns(columns, results, **options.of_interface(title))
     surrogate = Surrogate(_metafmu.from_onnx(content, folder, text, as_bytes(rows)))
     _compare(surrogate, model if folder is not None else content, (content, folder), (columns, results), text, rows)
     return surrogate
@@ -92,7 +78,7 @@ def _compare(surrogate, source, model, names, text, rows):
     if in_order and (len(surrogate.inputs), len(surrogate.outputs)) == (len(columns), len(results)):
         points, found = some_rows(surrogate, rows), surrogate.predict
     else:
-        drawn = np.random.default_rng(0).uniform(*ranges_of(columns, text, rows), (DRAWN, len(columns)))
+        drawn = drawn_rows(*ranges_of(columns, text, rows))
         points, found = (drawn[:0], drawn), lambda x: np.frombuffer(_metafmu.onnx_evaluate(*model, x.tobytes())).reshape(len(x), -1)
     try:
         predict, precision = _by_onnxruntime(onnxruntime, source, len(columns))

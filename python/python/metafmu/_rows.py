@@ -200,9 +200,11 @@ def names_of(results):
     return [column for name, part in results.items() for column in columns_of(str(name), part.size)]
 
 
-def known_names(arguments, sizes):
-    """Names of the columns of arguments; None of a single one with several columns, whose name says nothing of them."""
-    return None if len(sizes) == 1 and sizes[0] > 1 else [column for name, size in zip(arguments, sizes) for column in columns_of(name, size)]
+def columns_of_arguments(arguments, sizes, are_known=True):
+    """Names of the columns of arguments, and the names that a model knows: these, but None of a single argument with several columns, whose name says nothing
+    of them."""
+    names = [column for name, size in zip(arguments, sizes) for column in columns_of(name, size)]
+    return names, names if are_known and (len(sizes) > 1 or sizes[0] == 1) else None
 
 
 def columns_of(name, count):

@@ -11,8 +11,10 @@ import numpy as np
 from . import _boosting, _metafmu
 from ._graph import Graph
 from ._interface import names_in
-from ._comparison import DOUBLE, SINGLE, Precision, compare, some_rows
-from ._surrogate import Names, Surrogate, is_frame
+from ._comparison import DOUBLE, SINGLE, Precision
+from ._reader import ReaderOptions, surrogate_of
+from ._rows import Row, columns_of
+from ._surrogate import Names, States, Surrogate, is_frame
 
 Error = _metafmu.Error
 
@@ -35,45 +37,36 @@ def _reads(*names):
 
 
 def from_sklearn(
-    estimator: Any,
-    inputs: Names = None,
-    outputs: Names = None,
-    data: Any = None,
-    *,
-    name: str | None = None,
-    description: str = "",
-    step: float = 0.01,
-    stop: float = 1.0,
-    domain: str = "data",
+    model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, states: States = None, sample: float | None = None,
+    solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
     """The surrogate of a fitted regressor or pipeline of scikit-learn, XGBoost, LightGBM or CatBoost.
 
-    ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts with ``min``, ``max``, ``start``, ``unit``, ``causality``
-    ("input", "parameter" or "time"); unless given the columns of the DataFrame that it was fitted to. ``outputs``: names, or a dict of names
-    to units. ``data``: rows that it was trained on, an array or a DataFrame: ranges of the inputs that have none, and where in them the model can
-    be trusted, unless ``domain="ranges"``: everywhere. ``step``, ``stop``: of a simulation, unless the host says otherwise.
+    The arguments are those of :func:`metafmu.from_torch`. A regressor of derivatives, or of next values, has ``states``: its inputs have the names of the
+    DataFrame that it was fitted to, or are ``x[0]``, ``x[1]`` and so on, its outputs ``output``, or ``output[0]`` and so on.
 
     >>> model = make_pipeline(StandardScaler(), MLPRegressor()).fit(X, y)
     >>> metafmu.from_sklearn(model, data=X, outputs={"force": "N"}).export("model.fmu")
+    >>> metafmu.from_sklearn(rate, inputs={"u": (-2, 2)}, states={"x[0]": {"derivative": "output", "start": 0.5}}).export("flow.fmu")
 
     Raises :class:`metafmu.Error` for an estimator that is not known, with those that are, and if the surrogate does not predict what the estimator
     does, which a version that is not known may cause.
     """
-    _check(estimator)
-    count = _known(estimator, "n_features_in_")
+    options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
+    _check(model)
+    count = _known(model, "n_features_in_")
     if count is None:
-        raise Error(f"{type(estimator).__name__} is not fitted: expected one after `fit`")
+        raise Error(f"{type(model).__name__} is not fitted: expected one after `fit`")
     graph = Graph(count)
-    value = _read(graph, estimator, 0)
-    names = _names(estimator, count)
-    surrogate = graph.finish(
-        value, inputs=inputs, outputs=outputs, data=data, name=name or type(estimator).__name__, description=description, step=step, stop=stop, domain=domain,
-        producer="scikit-learn", input_names=_as_given(names, inputs, data),
-    )
+    value = _read(graph, model, 0)
+    names, title = _names(model, count), type(model).__name__
+    given = _as_given(names, inputs, data)
     # of ill-conditioned kernels more than rounding is left
     precision = Precision((SINGLE if graph.is_single else DOUBLE).epsilon, 1e-3)
-    compare(some_rows(surrogate, graph.rows), surrogate.predict, type(estimator).__name__, _predict(estimator, names, data), precision)
-    return surrogate
+    return surrogate_of(
+        graph, Row(graph, value, (1, graph.width(value))), options, title, what=title, predict=_predict(model, names, data), precision=precision,
+        columns=(given or columns_of("x", count), given), producer="scikit-learn",
+    )
 
 
 def _predict(estimator, names, data):

@@ -8,7 +8,7 @@ import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Union
+from typing import Any, Optional, Union
 
 import numpy as np
 
@@ -32,6 +32,8 @@ class Variable:
 
 # names of variables, or units, ranges or keys of an interface by name
 Names = Union[str, Sequence[Union[str, Variable]], Mapping[str, Any], None]
+# by the name of a model's input: the output that is its next value, or a dict with the keys of docs/import.md
+States = Optional[Mapping[str, Any]]
 
 
 def rows_of(x, names, what="X"):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import inspect
 import operator
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,34 +12,26 @@ import numpy as np
 from . import _metafmu
 from ._graph import Graph
 from ._interface import names_in
-from ._comparison import Precision, finished
-from ._rows import Row, binary, choose, columns_of, compared, compose, concatenate, extreme, is_row, known_names, names_of, outputs_of
-from ._surrogate import Names, Surrogate, is_frame, numbers_of
+from ._comparison import Precision
+from ._reader import ReaderOptions, surrogate_of
+from ._rows import Row, binary, choose, columns_of_arguments, compared, compose, concatenate, extreme, is_row
+from ._surrogate import Names, States, Surrogate, is_frame, numbers_of
 
 Error = _metafmu.Error
 
 
 def from_torch(
-    module: Any,
-    inputs: Names = None,
-    outputs: Names = None,
-    data: Any = None,
-    *,
-    example: Any = None,
-    states: Mapping[str, Any] | None = None,
-    sample: float | None = None,
-    solver_step: float | None = None,
-    name: str | None = None,
-    description: str = "",
-    step: float | None = None,
-    stop: float = 1.0,
-    domain: str = "data",
+    model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, example: Any = None, states: States = None, sample: float | None = None,
+    solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
     """The surrogate of a module of PyTorch, as it is after `eval()`.
 
-    ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts; ``outputs``: names, or a dict of names to units;
-    ``data``: rows that it was trained on, for the ranges and the domain of validity; ``example``: a tensor like the input, or a tuple of tensors if there are several
-    or if they have more dimensions than a batch and columns. ``step``, ``stop``: of a simulation, unless the host says otherwise.
+    ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts with ``min``, ``max``, ``start``, ``unit``, ``causality`` ("input",
+    "parameter" or "time"); ``outputs``: names, or a dict of names to units; unless given, the names that the model knows. ``data``: rows that it was
+    trained on, an array or a DataFrame, for the ranges of inputs that have none and for the domain of validity; ``domain="ranges"``: all of the ranges are
+    valid. ``step``, ``stop``: default step and stop time of a simulation. All readers of models have these arguments.
+
+    ``example``: a tensor like the input, or a tuple of tensors if there are several or if they have more dimensions than a batch and columns.
 
     >>> net = torch.nn.Sequential(torch.nn.Linear(2, 16), torch.nn.Tanh(), torch.nn.Linear(16, 1))
     >>> metafmu.from_torch(net, inputs={"x": (-1, 1), "v": (-2, 2)}, outputs=["force"]).export("force.fmu")
@@ -56,17 +47,13 @@ def from_torch(
     import torch.fx
 
     # what torch.compile and DataParallel make of a module
-    module = getattr(module, "_orig_mod", getattr(module, "module", module) if type(module).__name__ == "DataParallel" else module)
+    module = getattr(model, "_orig_mod", getattr(model, "module", model) if type(model).__name__ == "DataParallel" else model)
     if isinstance(module, type) or not callable(module):
         kind = f"the class {module.__name__}" if isinstance(module, type) else type(module).__name__
         raise Error(f"{kind}, expected a module of PyTorch: an instance of torch.nn.Module")
+    options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     with _evaluated(module):
-        about = {
-            "inputs": inputs, "outputs": outputs, "data": data, "name": name or type(module).__name__, "description": description, "stop": stop, "domain": domain,
-        }
-        if states is None:
-            return _read(module, example, {**about, "step": 0.01 if step is None else step})
-        return _read(module, example, {**about, "step": step, "states": states, "sample": sample, "solver_step": solver_step})
+        return _read(module, example, options)
 
 
 @contextlib.contextmanager
@@ -82,7 +69,7 @@ def _evaluated(module):
             part.training = training
 
 
-def _read(module, example, about):
+def _read(module, example, options):
     import torch
     import torch.fx
 
@@ -95,7 +82,7 @@ def _read(module, example, about):
         ) from error
     holders = [node for node in traced.graph.nodes if node.op == "placeholder"]
     holders = [node for place, node in enumerate(holders) if place == 0 or not node.args]
-    shapes = _shapes(traced, holders, example, about)
+    shapes = _shapes(traced, holders, example, options)
     graph = Graph(sum(int(np.prod(shape)) for shape in shapes))
     parameters, buffers = ([tensor for tensor in of if tensor.is_floating_point()] for of in (traced.parameters(), traced.buffers()))
     tensors = [*parameters, *buffers]
@@ -112,14 +99,14 @@ def _read(module, example, about):
     with contextlib.suppress(Exception):
         predict(np.zeros((1, graph.width(0))))
     made = _follow(traced, given)
-    _, value = outputs_of(made)
     arguments, sizes = [node.target for node in holders], [int(np.prod(shape)) for shape in shapes]
-    names = [name for argument, size in zip(arguments, sizes) for name in columns_of(argument, size)]
-    # the argument of Sequential has no name
-    known = None if arguments == ["input"] else known_names(arguments, sizes), names_of(made) if isinstance(made, dict) else None
-    of_model = {"producer": "PyTorch", "single": bool(tensors) and kind != torch.float64}
     precision = max((Precision.of(tensor.dtype) for tensor in tensors), default=Precision.of(kind))
-    return finished(graph, value, type(module).__name__, predict, max(precision, Precision.of(kind)), (names, names_of(made)), known, {**about, **of_model})
+    title = type(module).__name__
+    return surrogate_of(
+        graph, made, options, title, what=title, predict=predict, precision=max(precision, Precision.of(kind)), producer="PyTorch",
+        # the argument of Sequential has no name
+        columns=columns_of_arguments(arguments, sizes, arguments != ["input"]), single=bool(tensors) and kind != torch.float64,
+    )
 
 
 def _kind(tensors, example):
@@ -152,12 +139,11 @@ def _predicted(module, shapes, rows):
     return found.double().cpu().numpy()
 
 
-def _shapes(traced, holders, example, about):
+def _shapes(traced, holders, example, options):
     """The shape of one row of each input."""
     import torch
 
-    inputs, data = about["inputs"], about["data"]
-
+    inputs, data = options.inputs, options.data
     if example is not None:
         examples = example if isinstance(example, (tuple, list)) else (example,)
         if len(examples) != len(holders):
@@ -167,7 +153,7 @@ def _shapes(traced, holders, example, about):
         return [(1, *np.shape(tensor)[1:]) for tensor in examples]
     if len(holders) != 1:
         raise Error(f"the module has {len(holders)} inputs ({', '.join(map(str, holders))}): expected example=(...), a tensor for each")
-    if "states" in about:
+    if options.states:
         raise Error("the number of columns is not known: expected example=x, a tensor like the input")
     # a DataFrame may have further columns, and inputs that are not all of them
     counts = [len(names_in(inputs, "input"))] if inputs is not None else []

@@ -45,7 +45,7 @@ fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &s
         .map_err(|message| metafmu::Error::Study { problems: vec![mechanism.located(&message)] })?;
     describe(mechanism, control()?);
     let stop = duration(&coordinates);
-    let ranges = Ranges::new(mechanism, coordinates);
+    let ranges = NonsingularRanges::new(mechanism, coordinates);
     if let Some(why) = &ranges.narrowed {
         say(format_args!("ranges are narrowed to positions that are not singular: {why}"));
     }
@@ -72,7 +72,7 @@ fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &s
 fn study(
     name: &str,
     mechanism: &Mechanism,
-    (ranges, checked): (&Ranges, &Checked),
+    (ranges, checked): (&NonsingularRanges, &Checked),
     (usual, stop): (f64, f64),
     [option, source]: [&str; 2],
 ) -> String {
@@ -153,7 +153,7 @@ step = {:<20?} # s
 }
 
 /// Ranges of a study, none of whose configurations is singular.
-struct Ranges {
+struct NonsingularRanges {
     coordinates: Vec<FreeCoordinate>,
     parameters: Vec<QuantityRange>,
     /// How far each coordinate can go alone.
@@ -172,7 +172,7 @@ const LEAST: f64 = 0.01;
 const BISECTIONS: u32 = 7;
 const SPARE: f64 = 0.9;
 
-impl Ranges {
+impl NonsingularRanges {
     /// The ranges in which each coordinate can go alone, narrowed about the start if positions are singular where all of them are elsewhere,
     /// or other parameters have other values.
     fn new(mechanism: &Mechanism, coordinates: Vec<FreeCoordinate>) -> Self {

@@ -12,7 +12,7 @@ use crate::{
         },
     },
 };
-use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Role, Surrogate, Variability};
+use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Role, Surrogate, Tunability};
 
 /// Largest difference between the FMU and the surrogate, relative to the nominal value of the output.
 const TOLERANCE: f64 = 1e-12;
@@ -165,7 +165,7 @@ impl<'a> Oracle<'a> {
         }
         let starts: Vec<f64> = surrogate.inputs().iter().map(|input| input.start).collect();
         comparison.set(&instance, &starts, |input| {
-            matches!(input.role, Role::Parameter(Variability::Tunable) | Role::Input)
+            matches!(input.role, Role::Parameter(Tunability::Tunable) | Role::Input)
         })?;
         comparison.holds(&instance, now, "after a change of tunable parameters and inputs", report)?;
         Ok(())

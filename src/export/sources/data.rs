@@ -2,7 +2,7 @@
 
 use metafmu_runtime::{
     Activation, BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role, Sampling,
-    ScaledNetwork, State, Surrogate, Variability, Variable, graph::Elementwise,
+    ScaledNetwork, State, Surrogate, Tunability, Variable, graph::Elementwise,
 };
 use std::fmt::Write;
 
@@ -371,8 +371,8 @@ fn range_width(min: f64, max: f64) -> f64 {
 
 fn role_name(role: Role) -> &'static str {
     match role {
-        Role::Parameter(Variability::Fixed) => "ROLE_FIXED_PARAMETER",
-        Role::Parameter(Variability::Tunable) => "ROLE_TUNABLE_PARAMETER",
+        Role::Parameter(Tunability::Fixed) => "ROLE_FIXED_PARAMETER",
+        Role::Parameter(Tunability::Tunable) => "ROLE_TUNABLE_PARAMETER",
         Role::Time => "ROLE_TIME",
         Role::Input => "ROLE_INPUT",
         Role::Start => "ROLE_START",

@@ -1,6 +1,6 @@
 //! Kinds of model of a fit, and the choice among them by their errors on unseen rows.
 
-use super::{FEW_ROWS, FOLDS, RowSplit, Task, chosen};
+use super::{FEW_ROWS, FOLDS, FitContext, RowSplit, chosen};
 use crate::{
     Error, Result,
     baselines::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, worker},
@@ -78,7 +78,7 @@ impl TryFrom<String> for ModelChoice {
 
 /// Row of a candidate in the choice.
 #[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Candidate {
+pub struct CandidateScore {
     /// Its kind: `network`, or the name of a baseline.
     pub model: &'static str,
     /// Mean over outputs of `1 - R²` on rows that it was not fitted to; None if it was not measured.
@@ -92,7 +92,7 @@ pub struct Candidate {
     pub outputs: Vec<OutputMetrics>,
 }
 
-impl Candidate {
+impl CandidateScore {
     fn new(kind: ModelKind, note: String) -> Self {
         Self { model: kind.name(), one_minus_r2: None, fit_seconds: None, note, outputs: Vec::new() }
     }
@@ -119,32 +119,32 @@ pub(super) struct FittedModel {
 }
 
 /// Model of a fit, and how it was chosen.
-pub(super) struct Choice {
+pub(super) struct SelectedModel {
     pub(super) kind: ModelKind,
     pub(super) model: FittedModel,
-    pub(super) candidates: Vec<Candidate>,
+    pub(super) candidates: Vec<CandidateScore>,
     /// Prediction of each row by a model that was neither fitted to it nor chosen by it; None without cross-validation.
     pub(super) unseen: Option<Vec<Vec<f64>>>,
 }
 
 /// Candidate with its predictions of unseen rows, by row number, empty where there is none.
-struct Trial {
+struct EvaluatedCandidate {
     kind: ModelKind,
-    row: Candidate,
+    row: CandidateScore,
     predictions: Option<Vec<Vec<f64>>>,
     /// The model, if no further rows are left to fit it to.
     model: Option<FittedModel>,
 }
 
-impl Task<'_> {
+impl FitContext<'_> {
     /// A model of a given kind, and its cross-validated predictions if they measure the accuracy.
-    pub(super) fn only(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<Choice> {
+    pub(super) fn only(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<SelectedModel> {
         let named = |error| match error {
             Error::Import { problems, .. } => self.refusal(vec![format!("{}: {}", kind.name(), problems.join("; "))]),
             error => error,
         };
         let model = self.fitted(kind, parts, true).map_err(named)?;
-        let mut row = Candidate::new(kind, limit_note(kind, parts.usable().len()));
+        let mut row = CandidateScore::new(kind, limit_note(kind, parts.usable().len()));
         row.fit_seconds = Some(model.seconds);
         let is_measured = self.options.measure && parts.judging.is_empty() && order.len() > 1 && !self.is_stopped();
         let unseen = match is_measured {
@@ -155,22 +155,22 @@ impl Task<'_> {
             }
             false => None,
         };
-        row.one_minus_r2 = unseen.as_ref().map(|found| Errors::of(self.outputs, order).mean(found, order));
+        row.one_minus_r2 = unseen.as_ref().map(|found| RelativeErrors::of(self.outputs, order).mean(found, order));
         row.outputs = unseen.as_ref().map_or(Vec::new(), |found| self.compared(found, order));
-        Ok(Choice { kind, model, candidates: vec![row], unseen })
+        Ok(SelectedModel { kind, model, candidates: vec![row], unseen })
     }
 
     /// The candidate with the smallest error on unseen rows, fitted to all rows but those that judge. Few rows are unseen in turn, by
     /// cross-validation; of many those are that choose the best epoch of a network.
-    pub(super) fn best(&self, order: &[usize], parts: RowSplit) -> Result<Choice> {
+    pub(super) fn best(&self, order: &[usize], parts: RowSplit) -> Result<SelectedModel> {
         let is_few = order.len() < FEW_ROWS;
         let compared = if is_few { order } else { parts.choosing };
-        let errors = Errors::of(self.outputs, &parts.usable());
+        let errors = RelativeErrors::of(self.outputs, &parts.usable());
         let mut trials = Vec::new();
         for kind in CANDIDATES.into_iter().filter(|kind| kind.has_std() || !self.options.std) {
             let mut trial = match self.trial(kind, order, parts) {
                 Ok(trial) => trial,
-                Err(error) => Trial::failed(kind, reason(error)),
+                Err(error) => EvaluatedCandidate::failed(kind, reason(error)),
             };
             if self.is_stopped() {
                 return Err(Error::Interrupted);
@@ -198,13 +198,15 @@ impl Task<'_> {
                         kind.name()
                     ));
                     let candidates = trials.into_iter().map(|trial| trial.row).collect();
-                    return Ok(Choice { kind, model, candidates, unseen });
+                    return Ok(SelectedModel { kind, model, candidates, unseen });
                 }
                 Err(Error::Interrupted) => return Err(Error::Interrupted),
                 Err(error) => trials[place].row.note = format!("with all rows: {}", reason(error)),
             }
         }
-        Err(self.refusal(trials.iter().map(|Trial { row, .. }| format!("{}: {}", row.model, row.note)).collect()))
+        Err(self.refusal(
+            trials.iter().map(|EvaluatedCandidate { row, .. }| format!("{}: {}", row.model, row.note)).collect(),
+        ))
     }
 
     /// Accuracy of each output of predictions in some rows.
@@ -216,10 +218,10 @@ impl Task<'_> {
         evaluation::compare(&test, &chosen(predictions, rows), None)
     }
 
-    fn trial(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<Trial> {
+    fn trial(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<EvaluatedCandidate> {
         let (rows, most) = (order.len(), most_rows(kind));
         if kind == ModelKind::Baseline(BaselineKind::GaussianProcess) && rows > most {
-            return Ok(Trial::failed(kind, format!("{rows} rows, expected at most {most}")));
+            return Ok(EvaluatedCandidate::failed(kind, format!("{rows} rows, expected at most {most}")));
         }
         let note = limit_note(kind, parts.usable().len());
         let (predictions, seconds, model) = if rows < FEW_ROWS {
@@ -236,10 +238,10 @@ impl Task<'_> {
             (predictions, model.seconds, has_epochs.then_some(model))
         };
         if !predictions.iter().flatten().all(|value| value.is_finite()) {
-            return Ok(Trial::failed(kind, "its predictions are not finite".into()));
+            return Ok(EvaluatedCandidate::failed(kind, "its predictions are not finite".into()));
         }
-        let row = Candidate { fit_seconds: Some(seconds), ..Candidate::new(kind, note) };
-        Ok(Trial { kind, row, predictions: Some(predictions), model })
+        let row = CandidateScore { fit_seconds: Some(seconds), ..CandidateScore::new(kind, note) };
+        Ok(EvaluatedCandidate { kind, row, predictions: Some(predictions), model })
     }
 
     /// A model of the rows of a split; of a network the progress is reported if `is_shown`.
@@ -340,9 +342,9 @@ impl Task<'_> {
     }
 }
 
-impl Trial {
+impl EvaluatedCandidate {
     fn failed(kind: ModelKind, note: String) -> Self {
-        Self { kind, row: Candidate::new(kind, note), predictions: None, model: None }
+        Self { kind, row: CandidateScore::new(kind, note), predictions: None, model: None }
     }
 }
 
@@ -386,7 +388,7 @@ pub(super) fn judged(outputs: &[Vec<f64>], candidates: &[&[Vec<f64>]], order: &[
     let mut predictions = vec![Vec::new(); order.len()];
     for fold in 0..folds {
         let (judging, others) = fold_rows(order, fold, folds);
-        let errors = Errors::of(outputs, &others);
+        let errors = RelativeErrors::of(outputs, &others);
         let error = |candidate: &[Vec<f64>]| errors.mean(candidate, &others);
         let errors: Vec<f64> = candidates.iter().map(|candidate| error(candidate)).collect();
         let best = ranking(&errors, others.len()).first().map(|best| candidates[*best]);
@@ -414,13 +416,13 @@ fn with_constants(mut graph: Graph, varying: &[usize], constants: &[f64]) -> Gra
 }
 
 /// Errors of predictions relative to the variance of each output.
-struct Errors<'a> {
+struct RelativeErrors<'a> {
     outputs: &'a [Vec<f64>],
     /// Outputs that vary, and their variances.
     variances: Vec<(usize, f64)>,
 }
 
-impl<'a> Errors<'a> {
+impl<'a> RelativeErrors<'a> {
     /// With the variances in some rows.
     fn of(outputs: &'a [Vec<f64>], rows: &[usize]) -> Self {
         let values = chosen(outputs, rows);

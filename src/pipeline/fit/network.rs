@@ -1,6 +1,6 @@
 //! Training of the network of a fit.
 
-use super::{FitOptions, RowSplit, Task, chosen};
+use super::{FitContext, FitOptions, RowSplit, chosen};
 use crate::{
     Error, Result,
     baselines::StandardizedRows,
@@ -16,7 +16,7 @@ use crate::{
 use metafmu_runtime::{Activation, ScaledNetwork, Scaling};
 use std::{ops::ControlFlow, sync::atomic::Ordering};
 
-impl Task<'_> {
+impl FitContext<'_> {
     /// Returns true if networks are trained by Levenberg-Marquardt steps: those of parts of the rows are as that of all.
     pub(super) fn has_small_network(&self) -> bool {
         let rows = self.inputs.len();

@@ -9,7 +9,7 @@ mod polynomial;
 mod state_space;
 mod support;
 
-use super::{Beginning, Method, learned::unless_interrupted};
+use super::{Beginning, LearningMethod, learned::unless_interrupted};
 use crate::{
     Result,
     dataset::{Dataset, Run},
@@ -39,7 +39,7 @@ const SURE: f64 = 1e-3;
 /// Models that give the next sample.
 pub(super) struct DiscreteTime;
 
-impl Method for DiscreteTime {
+impl LearningMethod for DiscreteTime {
     fn learn(&self, project: &Project, dataset: &Dataset, _: &Beginning) -> Result<Trained> {
         train(project, dataset)
     }

@@ -19,7 +19,7 @@ use crate::{
 use metafmu_runtime::Surrogate;
 
 /// A way to learn a surrogate from sampled runs.
-pub(super) trait Method {
+pub(super) trait LearningMethod {
     /// The surrogate, and how it was learned. The last runs of the data set may be for training only.
     ///
     /// # Errors
@@ -38,7 +38,7 @@ pub(super) struct Beginning<'a> {
 }
 
 /// The method of a study.
-pub(super) fn method(study: &Study) -> &'static dyn Method {
+pub(super) fn method(study: &Study) -> &'static dyn LearningMethod {
     match study.structure {
         StudyStructure::Dynamics if study.source.fmu.is_some() => &state_space::StateEquations,
         StudyStructure::Dynamics if study.source.is_recorded() => &trajectories::RecordedMotions,

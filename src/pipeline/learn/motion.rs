@@ -1,7 +1,7 @@
 //! Learns equations of motion from a mechanism.
 
 use super::{
-    Beginning, Method,
+    Beginning, LearningMethod,
     motion_networks::{Learned, learn},
 };
 use crate::{
@@ -26,7 +26,7 @@ const ROUGH: f64 = 1e-8;
 /// Equations of motion of a mechanism.
 pub(super) struct EquationsOfMotion;
 
-impl Method for EquationsOfMotion {
+impl LearningMethod for EquationsOfMotion {
     fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
         train(project, dataset, &Checkpoints::new(project, begin.resume)?)
     }

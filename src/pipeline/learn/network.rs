@@ -1,6 +1,6 @@
 //! A network of which the time is an input.
 
-use super::{Beginning, Method, per_instant};
+use super::{Beginning, LearningMethod, per_instant};
 use crate::{
     Result,
     dataset::Dataset,
@@ -18,7 +18,7 @@ use std::sync::atomic::Ordering;
 /// A network of which the time is an input.
 pub(super) struct SingleNetwork;
 
-impl Method for SingleNetwork {
+impl LearningMethod for SingleNetwork {
     fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
         train(project, dataset, begin)
     }

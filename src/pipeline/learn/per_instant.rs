@@ -1,6 +1,6 @@
 //! A network for each instant, trained side by side: `network.structure = "fixed"`.
 
-use super::{Beginning, Method};
+use super::{Beginning, LearningMethod};
 pub(super) use crate::training::without_constants;
 use crate::{
     Error, Result,
@@ -29,7 +29,7 @@ use std::{
 /// A network for each time point.
 pub(super) struct NetworkPerInstant;
 
-impl Method for NetworkPerInstant {
+impl LearningMethod for NetworkPerInstant {
     fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
         train(project, dataset, begin.resume)
     }

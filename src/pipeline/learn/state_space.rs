@@ -1,7 +1,7 @@
 //! Learns the equations of an FMU for model exchange: derivatives of its states and outputs, from the states themselves.
 
 use super::{
-    Beginning, Method,
+    Beginning, LearningMethod,
     learned::{self, EXACT, Examples, held_out},
 };
 use crate::{
@@ -36,7 +36,7 @@ const SAME: f64 = 1e-12;
 /// Derivatives of the states of an FMU.
 pub(super) struct StateEquations;
 
-impl Method for StateEquations {
+impl LearningMethod for StateEquations {
     fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
         train(project, dataset, &Checkpoints::new(project, begin.resume)?)
     }

@@ -1,6 +1,6 @@
 //! A static map of the rows of a table: the best of several kinds of model, or the one that the study names.
 
-use super::{Beginning, Method};
+use super::{Beginning, LearningMethod};
 use crate::{
     Error, Result, calibration,
     dataset::Dataset,
@@ -8,7 +8,7 @@ use crate::{
     files,
     import::interface::ModelInterface,
     pipeline::{
-        fit::{self, Candidate as FittedKind, Fit, FitOptions, UnseenRows},
+        fit::{self, CandidateScore, Fit, FitOptions, UnseenRows},
         follower::Trained,
         project::Project,
         record::{Candidate, MethodRecord, StaticRecord, TrainingRecord},
@@ -26,7 +26,7 @@ use std::time::Instant;
 /// The rows of a table, from which a model of inputs alone is fitted. The data set of runs is empty.
 pub(super) struct StaticMap;
 
-impl Method for StaticMap {
+impl LearningMethod for StaticMap {
     fn learn(&self, project: &Project, _: &Dataset, _: &Beginning) -> Result<Trained> {
         let study = &project.study;
         let Source::Rows(source) = &project.source else {
@@ -114,8 +114,8 @@ fn with_bounds(study: &Study, map: Surrogate, unseen: &UnseenRows, outputs: &[Ve
 }
 
 /// The candidates that were measured, as a record has them.
-fn measured(candidates: &[FittedKind]) -> Vec<Candidate> {
-    let of = |FittedKind { model, one_minus_r2, fit_seconds, .. }: &FittedKind| {
+fn measured(candidates: &[CandidateScore]) -> Vec<Candidate> {
+    let of = |CandidateScore { model, one_minus_r2, fit_seconds, .. }: &CandidateScore| {
         Some(Candidate { name: (*model).into(), error: one_minus_r2.as_ref()?.sqrt(), seconds: (*fit_seconds)? })
     };
     candidates.iter().filter_map(of).collect()
@@ -124,7 +124,7 @@ fn measured(candidates: &[FittedKind]) -> Vec<Candidate> {
 /// The candidates as a table, the network first.
 fn comparison(study: &Study, surrogate: &Surrogate, fit: &Fit) -> Comparison {
     let names = || surrogate.predictions().iter().map(|output| output.name.clone());
-    let row = |FittedKind { model, fit_seconds, note, outputs, .. }: &FittedKind| {
+    let row = |CandidateScore { model, fit_seconds, note, outputs, .. }: &CandidateScore| {
         let is_exported = *model == fit.model;
         // of a single kind and many rows nothing else is measured than the accuracy itself
         let alone =

@@ -1,6 +1,6 @@
 //! Learns equations of motion from the motions of a table.
 
-use super::{Beginning, Method};
+use super::{Beginning, LearningMethod};
 use crate::{
     Error, Result,
     dataset::Dataset,
@@ -32,7 +32,7 @@ use std::time::Instant;
 /// Equations of recorded motions.
 pub(super) struct RecordedMotions;
 
-impl Method for RecordedMotions {
+impl LearningMethod for RecordedMotions {
     fn learn(&self, project: &Project, dataset: &Dataset, _: &Beginning) -> Result<Trained> {
         train(project, dataset)
     }

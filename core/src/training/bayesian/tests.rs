@@ -45,7 +45,7 @@ fn rmse(layers: &[Layer], output: usize) -> f64 {
 #[test]
 fn derivatives_by_the_weights_are_those_of_differences() {
     for activation in [Activation::Tanh, Activation::Sigmoid, Activation::Silu, Activation::Sine] {
-        let shape = Shape::new(2, &[4, 3], activation);
+        let shape = NetworkShape::new(2, &[4, 3], activation);
         let weights = shape.start(&mut ChaCha8Rng::seed_from_u64(3));
         let x = points(5, 1);
         let mut jacobian = DMatrix::zeros(shape.weights(), 5);

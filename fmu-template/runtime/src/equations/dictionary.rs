@@ -44,7 +44,7 @@ pub struct Dictionary {
     outputs: usize,
     /// Of all columns one after the other.
     atoms: usize,
-    products: Vec<Product>,
+    products: Vec<PreparedTerm>,
     /// Column and atom of each factor other than 1, product by product.
     factors: Vec<(usize, usize)>,
     /// Output and coefficient, product by product.
@@ -60,7 +60,7 @@ struct Column {
 }
 
 #[derive(Clone, Debug, PartialEq)]
-struct Product {
+struct PreparedTerm {
     factors: Range<usize>,
     coefficients: Range<usize>,
 }
@@ -148,7 +148,7 @@ impl Dictionary {
             self.factors.truncate(begin.0);
         } else {
             let (factors, coefficients) = (begin.0..self.factors.len(), begin.1..self.coefficients.len());
-            self.products.push(Product { factors, coefficients });
+            self.products.push(PreparedTerm { factors, coefficients });
         }
         Ok(())
     }

@@ -67,7 +67,7 @@ struct Argument {
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Part {
     angles: Vec<Angle>,
-    operations: Vec<Operation>,
+    operations: Vec<TapeOperation>,
     lanes: Vec<LaneOperation>,
 }
 
@@ -80,7 +80,7 @@ struct Angle {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Operation {
+enum TapeOperation {
     /// `to = a b + c`
     Product { a: Register, b: Register, c: Register, to: Register },
     /// `to = sum over i of a_i b_i + c`, with numbers that stand one after the other.
@@ -200,37 +200,37 @@ impl<T: Number> Compute for RunPart<'_, T> {
         while let [operation, after @ ..] = operations {
             operations = after;
             match *operation {
-                Operation::Product { a, b, c, to } => {
+                TapeOperation::Product { a, b, c, to } => {
                     let product = |sum: T, a: Register, b: Register, registers: &[T]| {
                         sum.add_product::<SIMD>(registers[a.index()], registers[b.index()])
                     };
                     let (mut sum, mut last) = (product(registers[c.index()], a, b, registers), to);
                     registers[to.index()] = sum;
                     // consecutive products: a sum that continues need not wait until it is stored
-                    while let [Operation::Product { a, b, c, to }, after @ ..] = operations {
+                    while let [TapeOperation::Product { a, b, c, to }, after @ ..] = operations {
                         operations = after;
                         let before = if *c == last { sum } else { registers[c.index()] };
                         (sum, last) = (product(before, *a, *b, registers), *to);
                         registers[to.index()] = sum;
                     }
                 }
-                Operation::Products { a, b, count, c, to } => {
+                TapeOperation::Products { a, b, count, c, to } => {
                     let [a, b] = [a, b].map(|register| &registers[register.index()..][..count as usize]);
                     registers[to.index()] = add_products::<T, SIMD>(registers[c.index()], a, b);
                 }
-                Operation::Reciprocal { of, to } => {
+                TapeOperation::Reciprocal { of, to } => {
                     let value = registers[of.index()];
                     let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
                     registers[to.index()] = value.recip();
                 }
-                Operation::Call { .. }
-                | Operation::Quotient { .. }
-                | Operation::Power { .. }
-                | Operation::Smaller { .. }
-                | Operation::Lookup { .. } => {
+                TapeOperation::Call { .. }
+                | TapeOperation::Quotient { .. }
+                | TapeOperation::Power { .. }
+                | TapeOperation::Smaller { .. }
+                | TapeOperation::Lookup { .. } => {
                     operation.run_rare(registers, &tape.tables);
                 }
-                Operation::Lanes { first, count } => {
+                TapeOperation::Lanes { first, count } => {
                     tape.run_lanes(&part.lanes[first as usize..][..count as usize], registers);
                 }
             }
@@ -238,7 +238,7 @@ impl<T: Number> Compute for RunPart<'_, T> {
     }
 }
 
-impl Operation {
+impl TapeOperation {
     /// Result, and the first ones and numbers of the registers that it follows from. None of layers.
     fn registers(&self) -> Option<(Register, [(Register, u32); 3])> {
         Some(match *self {
@@ -341,7 +341,7 @@ pub(crate) struct SumTerm {
 
 /// When a number is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Known {
+enum BindingTime {
     Always(f64),
     /// With the fixed inputs.
     Fixed,
@@ -360,7 +360,7 @@ const LARGEST_GAP: u32 = 3;
 pub(crate) struct TapeBuilder {
     pub(crate) zero: Register,
     pub(crate) one: Register,
-    known: Vec<Known>,
+    known: Vec<BindingTime>,
     /// Registers of constants, products and calls; a constant and a call have no register where a product has its summand.
     written: HashMap<[u32; 3], Register, Quick>,
     tape: Tape,
@@ -369,7 +369,7 @@ pub(crate) struct TapeBuilder {
 impl TapeBuilder {
     /// A tape of `inputs` inputs, some of them fixed.
     pub(crate) fn new(inputs: usize, fixed: Range<usize>) -> Self {
-        let known = |input| if fixed.contains(&input) { Known::Fixed } else { Known::WithInputs };
+        let known = |input| if fixed.contains(&input) { BindingTime::Fixed } else { BindingTime::WithInputs };
         let mut builder = Self {
             zero: Register(0),
             one: Register(0),
@@ -415,38 +415,38 @@ impl TapeBuilder {
         self.finish()
     }
 
-    fn reserve(&mut self, known: Known) -> Register {
+    fn reserve(&mut self, known: BindingTime) -> Register {
         self.known.push(known);
         Register::input(self.known.len() - 1)
     }
 
-    fn part(&mut self, known: Known) -> &mut Part {
+    fn part(&mut self, known: BindingTime) -> &mut Part {
         match known {
-            Known::Fixed => &mut self.tape.of_fixed,
-            Known::Always(_) | Known::WithInputs => &mut self.tape.of_others,
+            BindingTime::Fixed => &mut self.tape.of_fixed,
+            BindingTime::Always(_) | BindingTime::WithInputs => &mut self.tape.of_others,
         }
     }
 
     /// When what follows from some numbers is known.
-    fn follows(&self, from: &[Register]) -> Known {
+    fn follows(&self, from: &[Register]) -> BindingTime {
         let known = |register: &Register| self.known[register.index()];
-        match from.iter().any(|register| known(register) == Known::WithInputs) {
-            true => Known::WithInputs,
-            false => Known::Fixed,
+        match from.iter().any(|register| known(register) == BindingTime::WithInputs) {
+            true => BindingTime::WithInputs,
+            false => BindingTime::Fixed,
         }
     }
 
     /// The value of a constant.
     pub(crate) fn value(&self, register: Register) -> Option<f64> {
         match self.known[register.index()] {
-            Known::Always(value) => Some(value),
-            Known::Fixed | Known::WithInputs => None,
+            BindingTime::Always(value) => Some(value),
+            BindingTime::Fixed | BindingTime::WithInputs => None,
         }
     }
 
     /// Returns true if a number changes with inputs that are not fixed.
     pub(crate) fn varies(&self, register: Register) -> bool {
-        self.known[register.index()] == Known::WithInputs
+        self.known[register.index()] == BindingTime::WithInputs
     }
 
     pub(crate) fn is_zero(&self, register: Register) -> bool {
@@ -460,7 +460,7 @@ impl TapeBuilder {
         if let Some(known) = self.written.get(&key) {
             return *known;
         }
-        let register = self.reserve(Known::Always(value));
+        let register = self.reserve(BindingTime::Always(value));
         self.written.insert(key, register);
         self.tape.constants.push((register, value));
         register
@@ -483,7 +483,7 @@ impl TapeBuilder {
         let known = self.follows(&[a, b, c]);
         let to = self.reserve(known);
         self.written.insert([a.0, b.0, c.0], to);
-        self.part(known).operations.push(Operation::Product { a, b, c, to });
+        self.part(known).operations.push(TapeOperation::Product { a, b, c, to });
         to
     }
 
@@ -517,7 +517,7 @@ impl TapeBuilder {
     pub(crate) fn reciprocal(&mut self, of: Register) -> Register {
         let known = self.follows(&[of]);
         let to = self.reserve(known);
-        self.part(known).operations.push(Operation::Reciprocal { of, to });
+        self.part(known).operations.push(TapeOperation::Reciprocal { of, to });
         to
     }
 
@@ -534,7 +534,7 @@ impl TapeBuilder {
         let known = self.follows(&[of]);
         let to = self.reserve(known);
         self.written.insert(key, to);
-        self.part(known).operations.push(Operation::Call { function, of, to });
+        self.part(known).operations.push(TapeOperation::Call { function, of, to });
         to
     }
 
@@ -549,7 +549,7 @@ impl TapeBuilder {
             _ => {
                 let known = self.follows(&[a, b]);
                 let to = self.reserve(known);
-                self.part(known).operations.push(Operation::Quotient { a, b, to });
+                self.part(known).operations.push(TapeOperation::Quotient { a, b, to });
                 to
             }
         }
@@ -562,7 +562,7 @@ impl TapeBuilder {
             _ => {
                 let known = self.follows(&[a, b]);
                 let to = self.reserve(known);
-                self.part(known).operations.push(Operation::Power { a, b, to });
+                self.part(known).operations.push(TapeOperation::Power { a, b, to });
                 to
             }
         }
@@ -575,7 +575,7 @@ impl TapeBuilder {
         }
         let known = self.follows(&[a, b]);
         let to = self.reserve(known);
-        self.part(known).operations.push(Operation::Smaller { a, b, to });
+        self.part(known).operations.push(TapeOperation::Smaller { a, b, to });
         to
     }
 
@@ -597,7 +597,7 @@ impl TapeBuilder {
             arguments.map(|(axis, of)| Argument { table: position, axis, of: *of }).collect();
         self.tape.arguments.extend(arguments);
         let at = [at[0], at[at.len() - 1]];
-        self.part(known).operations.push(Operation::Lookup { table: position as u32, at, to });
+        self.part(known).operations.push(TapeOperation::Lookup { table: position as u32, at, to });
         to
     }
 
@@ -633,10 +633,10 @@ impl TapeBuilder {
             }
             let weights = self.weights(run);
             let known =
-                if run.iter().any(|term| self.varies(term.of)) { Known::WithInputs } else { self.follows(&[c]) };
+                if run.iter().any(|term| self.varies(term.of)) { BindingTime::WithInputs } else { self.follows(&[c]) };
             let to = self.reserve(known);
             let count = weights.len() as u32;
-            self.part(known).operations.push(Operation::Products { a: *first, b: weights[0], count, c, to });
+            self.part(known).operations.push(TapeOperation::Products { a: *first, b: weights[0], count, c, to });
             c = to;
         }
         c
@@ -656,14 +656,14 @@ impl TapeBuilder {
         let weights: Vec<Result<f64, Register>> = weights.collect();
         let of_block = weights.into_iter().map(|weight| match weight {
             Ok(value) => {
-                let to = self.reserve(Known::Always(value));
+                let to = self.reserve(BindingTime::Always(value));
                 self.tape.constants.push((to, value));
                 to
             }
             Err(weight) => {
                 let known = self.known[weight.index()];
                 let to = self.reserve(known);
-                self.part(known).operations.push(Operation::Product { a: weight, b: one, c: zero, to });
+                self.part(known).operations.push(TapeOperation::Product { a: weight, b: one, c: zero, to });
                 to
             }
         });

@@ -2,7 +2,7 @@
 
 use crate::{
     Bounds, Cover, Metadata,
-    description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Variability},
+    description::{Encoding, Input, Output, OutputArray, Precision, Provenance, Role, State, Tunability},
 };
 use serde::de::{Deserialize, Error as _, IntoDeserializer};
 use serde_json::{Error, Map, Value};
@@ -145,7 +145,7 @@ macro_rules! structures {
     )*};
 }
 
-words!(Precision, Variability, super::ClockKind);
+words!(Precision, Tunability, super::ClockKind);
 
 structures! {
     Metadata {

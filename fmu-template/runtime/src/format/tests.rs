@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
     Activation, Bounds, BuiltIn, Encoding, Integration, Layer, Motion, Numbers, Precision, Quantity, Reactions, Role,
-    ScaledNetwork, Scaling, Shown, Variability,
+    ScaledNetwork, Scaling, Shown, Tunability,
     dictionary::{Dictionary, Factor},
     example,
     graph::Step,
@@ -89,7 +89,7 @@ fn roles_are_written_in_the_words_of_the_standard() {
     for (role, text) in [
         (Role::Input, r#"{"causality":"input"}"#),
         (Role::Time, r#"{"causality":"time"}"#),
-        (Role::Parameter(Variability::Tunable), r#"{"causality":"parameter","variability":"tunable"}"#),
+        (Role::Parameter(Tunability::Tunable), r#"{"causality":"parameter","variability":"tunable"}"#),
     ] {
         assert_eq!(serde_json::to_string(&role).unwrap(), text);
         assert_eq!(Role::read(serde_json::from_str(text).unwrap()).unwrap(), role);

@@ -18,7 +18,7 @@ pub enum Given {
 
 /// Gain and ranges of an [observer](Graph::of_observer).
 #[derive(Clone, Debug)]
-pub struct Observer {
+pub struct StateObserver {
     /// `K`, shape `[states, outputs]`.
     pub gain: Vec<f64>,
     /// `F`, by which the first outputs act on the states, shape `[states, outputs]`.
@@ -131,7 +131,7 @@ impl Graph {
     /// where `c` clips to the measured ranges. Predicted outputs correct nothing.
     pub fn of_observer(
         [states, outputs, columns]: [usize; 3],
-        Observer { gain, first: at_start, stops, measured }: Observer,
+        StateObserver { gain, first: at_start, stops, measured }: StateObserver,
         linear: (Vec<f64>, Vec<f64>),
         function: Option<Graph>,
     ) -> Self {

@@ -17,7 +17,7 @@ use crate::{
     task::Task,
 };
 pub(super) use interpolate::check as check_instants;
-use layers::{Dense, Order, Rows};
+use layers::{Dense, DenseRows, Order};
 use nested::{NestedScratch, NestedStep};
 use other::OtherStep;
 use std::ops::Range;
@@ -159,7 +159,7 @@ enum Kind<T, const WIDTH: usize> {
 #[derive(Clone, Debug)]
 enum Product<T, const WIDTH: usize> {
     Many(Dense<T, WIDTH>),
-    Few(Rows<T, WIDTH>),
+    Few(DenseRows<T, WIDTH>),
 }
 
 /// Working memory of one evaluation at a time: all values.
@@ -237,7 +237,7 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
                 true => (to == end, Kernel::of_network(activation)),
                 false => (layer.outputs <= FEW, Kernel::of_graph(activation)),
             };
-            let product = if is_few { Product::Few(Rows::new(&layer)) } else { Product::Many(Dense::new(&layer)) };
+            let product = if is_few { Product::Few(DenseRows::new(&layer)) } else { Product::Many(Dense::new(&layer)) };
             Kind::Dense { of, product, kernel }
         };
         let mut nested = 0;

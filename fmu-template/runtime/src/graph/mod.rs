@@ -21,7 +21,7 @@ use crate::{
     simd::Simd,
     task::Task,
 };
-pub use composed::{Given, Observer};
+pub use composed::{Given, StateObserver};
 pub use elementwise::Elementwise;
 use evaluate::check_instants;
 pub(crate) use evaluate::{GraphScratch, PreparedGraph};

@@ -519,7 +519,7 @@ fn tensors_of_other_shapes_are_refused() {
 fn an_observer_corrects_states_where_outputs_are_not_what_it_predicted() {
     // y' = 0.5 y + h + u, h' = 0.9 h, with columns y, x_y, h, s, u
     let linear = || (vec![0.5, 1.0, 1.0, 0.0, 0.9, 0.0], vec![0.0, 0.0]);
-    let observer = Observer { gain: vec![0.25, 0.5], first: vec![1.0, 0.125], stops: None, measured: None };
+    let observer = StateObserver { gain: vec![0.25, 0.5], first: vec![1.0, 0.125], stops: None, measured: None };
     let graph = Graph::of_observer([2, 1, 3], observer.clone(), linear(), None);
     let rows = vec![
         // as predicted; measured; at the start
@@ -533,7 +533,7 @@ fn an_observer_corrects_states_where_outputs_are_not_what_it_predicted() {
     assert_eq!(found, [next(2.0, 4.0), next(2.25, 4.5), next(3.0, 4.375)]);
     // a sensor measures up to 2.5, the hidden state stops at 3.5
     let (stops, measured) = (Some(vec![[f64::NEG_INFINITY, f64::INFINITY], [0.0, 3.5]]), Some(vec![[0.0, 2.5]]));
-    let graph = Graph::of_observer([2, 1, 3], Observer { stops, measured, ..observer }, linear(), None);
+    let graph = Graph::of_observer([2, 1, 3], StateObserver { stops, measured, ..observer }, linear(), None);
     let rows = vec![vec![2.5, 9.0, 4.0, 1.0, -3.0], vec![2.0, 9.0, 4.0, 1.0, -3.0]];
     let [beyond, before] = [state(9.0, 4.0)[0] - 13.0, state(9.0 - 0.125, 3.75)[0] - 13.0];
     assert_eq!(graph.evaluate(&rows), [vec![2.5, beyond, 3.5, 1.0], vec![2.5, before, 3.375, 1.0]]);

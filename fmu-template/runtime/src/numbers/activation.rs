@@ -89,16 +89,16 @@ pub(crate) const PAIR: usize = 2;
 #[inline(always)]
 pub(crate) fn activate<T: Real, const SIMD: u8, const WIDTH: usize>(kernel: Kernel, values: &mut [Lanes<T, WIDTH>]) {
     if kernel != Kernel::Identity {
-        share::<SIMD>(Shared { kernel, values });
+        share::<SIMD>(ActivationPass { kernel, values });
     }
 }
 
-struct Shared<'a, T, const WIDTH: usize> {
+struct ActivationPass<'a, T, const WIDTH: usize> {
     kernel: Kernel,
     values: &'a mut [Lanes<T, WIDTH>],
 }
 
-impl<T: Real, const WIDTH: usize> Compute for Shared<'_, T, WIDTH> {
+impl<T: Real, const WIDTH: usize> Compute for ActivationPass<'_, T, WIDTH> {
     #[inline(always)]
     fn run<const SIMD: u8>(self) {
         for lanes in self.values.as_chunks_mut::<PAIR>().0 {

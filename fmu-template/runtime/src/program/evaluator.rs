@@ -29,7 +29,7 @@ pub struct Evaluator {
     prepared: Arc<PreparedProgram>,
     /// Integration of continuous states.
     integration: Option<Integration>,
-    work: Work,
+    work: EvaluatorScratch,
 }
 
 /// Weights and layout, shared by all clones.
@@ -47,7 +47,7 @@ struct PreparedProgram {
 
 /// Working memory.
 #[derive(Clone, Debug)]
-struct Work {
+struct EvaluatorScratch {
     graph: GraphScratch,
     columns: ColumnWork,
     solver: Option<Box<Solver>>,
@@ -91,7 +91,7 @@ impl Evaluator {
             let arguments = prepared.graph.motion().map(|motion| motion.arguments()).unwrap_or_default();
             Box::new(Solver::new(prepared.values, ranges, program.scales(states), arguments))
         });
-        let work = Work {
+        let work = EvaluatorScratch {
             graph: prepared.graph.scratch(),
             columns: ColumnWork { point: zeros(), rates: [zeros(), zeros()], gradient: zeros() },
             solver,
@@ -150,7 +150,7 @@ impl Evaluator {
         self.check_point(point);
         let Self { prepared, integration, work } = self;
         let PreparedProgram { ports, graph: program, columns, sampling, simd, .. } = &**prepared;
-        let Work { graph, columns: ColumnWork { point: of_graph, .. }, solver, samples, results } = work;
+        let EvaluatorScratch { graph, columns: ColumnWork { point: of_graph, .. }, solver, samples, results } = work;
         if let (Some(integration), Some(solver)) = (integration, solver) {
             let has_motion = program.motion().is_some();
             return solver.advance(point, *integration, step, drive, |point, rates, arguments| {
@@ -215,7 +215,7 @@ impl Evaluator {
     #[inline]
     fn perform(&mut self, point: &[f64], task: Task) {
         self.check_point(point);
-        let Work { graph, columns, .. } = &mut self.work;
+        let EvaluatorScratch { graph, columns, .. } = &mut self.work;
         let prepared = &*self.prepared;
         match (&prepared.sampling, &prepared.columns) {
             (Some(sampling), _) => sampling.perform(point, task),

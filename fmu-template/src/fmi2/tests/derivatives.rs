@@ -44,7 +44,7 @@ fn difference(point: [f64; 3], direction: [f64; 3]) -> [f64; 2] {
 #[test]
 fn directional_derivatives_are_of_outputs_with_respect_to_inputs_parameters_and_time() {
     for kind in [CO_SIMULATION, MODEL_EXCHANGE] {
-        for state in [State::Initialization, State::Terminated] {
+        for state in [InstanceState::Initialization, InstanceState::Terminated] {
             let host = Host::of_kind_in_state(kind, state);
             let [length, speed] = starts();
             let point = [length, speed, 0.0];

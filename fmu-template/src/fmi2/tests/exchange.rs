@@ -9,7 +9,7 @@ fn a_solver_finds_right_outputs_at_every_point() {
     assert_eq!(host.set(&[SPEED], &[1.0]), Status::Ok);
     assert_eq!(host.outputs(), expected(length, 1.0, 0.25), "Initialization Mode");
     assert_eq!(host.exit(), Status::Ok);
-    assert_eq!(host.state(), State::Event);
+    assert_eq!(host.state(), InstanceState::Event);
     let mut info = EventInfo { values_of_continuous_states_changed: 1, ..EventInfo::default() };
     assert_eq!(unsafe { fmi2NewDiscreteStates(host.c, &mut info) }, Status::Ok);
     assert_eq!(info, EventInfo::default(), "nothing is left to do");
@@ -48,19 +48,19 @@ fn a_solver_may_look_past_the_stop_time_but_not_back_across_an_event() {
     assert_eq!(host.set_time(0.4), Status::Error);
     assert!(host.message().contains("time 0.4 is before 0.5, the start time or the last event"));
     for time in [f64::NAN, f64::INFINITY, -1.0] {
-        let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+        let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::ContinuousTime);
         assert_eq!(host.set_time(time), Status::Error, "{time}");
     }
 }
 
 #[test]
 fn parameters_wait_for_an_event() {
-    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::ContinuousTime);
     assert_eq!(host.set(&[LENGTH], &[0.12]), Status::Error);
     assert!(
         host.message().contains("`length` (value reference 0) is tunable and cannot be set in state `Continuous-Time")
     );
-    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::Event);
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::Event);
     assert_eq!(host.set(&[SPEED], &[1.0]), Status::Error);
     assert!(host.message().contains("`speed` (value reference 1) is fixed and cannot be set in state `Event Mode`"));
 }
@@ -71,35 +71,36 @@ fn there_are_no_states_and_no_indicators() {
     let functions: [Vector; 4] =
         [fmi2GetDerivatives, fmi2GetEventIndicators, fmi2GetContinuousStates, fmi2GetNominalsOfContinuousStates];
     for function in functions {
-        let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+        let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::ContinuousTime);
         assert_eq!(unsafe { function(host.c, null_mut(), 0) }, Status::Ok);
         assert_eq!(unsafe { function(host.c, &mut 0.0, 1) }, Status::Error);
         assert!(host.message().ends_with("1 elements, expected 0"));
     }
-    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::ContinuousTime);
     assert_eq!(unsafe { fmi2SetContinuousStates(host.c, &0.0, 1) }, Status::Error);
 }
 
 #[test]
 fn null_results_are_refused() {
-    let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::Event);
+    let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::Event);
     assert_eq!(unsafe { fmi2NewDiscreteStates(host.c, null_mut()) }, Status::Error);
     let mut flag = 1;
     for (event, end) in [(null_mut(), &raw mut flag), (&raw mut flag, null_mut())] {
-        let host = Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime);
+        let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::ContinuousTime);
         assert_eq!(unsafe { fmi2CompletedIntegratorStep(host.c, 1, event, end) }, Status::Error);
     }
 }
 
 #[test]
 fn a_state_of_the_other_interface_is_foreign() {
-    let (stepping, exchanging) = (Host::stepping(), Host::of_kind_in_state(MODEL_EXCHANGE, State::ContinuousTime));
+    let (stepping, exchanging) =
+        (Host::stepping(), Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::ContinuousTime));
     let state = exchanging.save();
     assert_eq!(stepping.restore(state), Status::Error);
     assert!(stepping.message().contains("to another FMI version or interface"));
     assert_eq!(stepping.deserialize(&exchanging.serialize(state)), Err(Status::Error));
     exchanging.set_time(1.0);
     assert_eq!(exchanging.restore(state), Status::Ok);
-    assert_eq!((exchanging.try_get([TIME]), exchanging.state()), (Ok([0.0]), State::ContinuousTime));
+    assert_eq!((exchanging.try_get([TIME]), exchanging.state()), (Ok([0.0]), InstanceState::ContinuousTime));
     exchanging.free_state(state);
 }

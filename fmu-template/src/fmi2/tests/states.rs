@@ -4,14 +4,14 @@ use super::*;
 /// model exchange, by the letters of [`STATES`].
 type Row = (&'static str, fn(*mut c_void) -> Status, Status, &'static str, &'static str);
 
-const STATES: [(char, State); 7] = [
-    ('I', State::Instantiated),
-    ('N', State::Initialization),
-    ('V', State::Event),
-    ('C', State::ContinuousTime),
-    ('S', State::Step),
-    ('T', State::Terminated),
-    ('E', State::Error),
+const STATES: [(char, InstanceState); 7] = [
+    ('I', InstanceState::Instantiated),
+    ('N', InstanceState::Initialization),
+    ('V', InstanceState::Event),
+    ('C', InstanceState::ContinuousTime),
+    ('S', InstanceState::Step),
+    ('T', InstanceState::Terminated),
+    ('E', InstanceState::Error),
 ];
 
 #[rustfmt::skip]
@@ -64,7 +64,7 @@ pub(super) const TABLE: [Row; 40] = {
 
 fn enter_after_setup(c: *mut c_void) -> Status {
     unsafe {
-        if (*c.cast::<Component>()).instance.snapshot().state == State::Instantiated {
+        if (*c.cast::<Component>()).instance.snapshot().state == InstanceState::Instantiated {
             fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0);
         }
         fmi2EnterInitializationMode(c)
@@ -101,7 +101,7 @@ fn every_function_is_allowed_in_the_states_of_the_standards_table_and_no_other()
                 } else {
                     assert_eq!((status, refused.len()), (Status::Error, 1), "{name} in {state} of {kind}");
                     assert!(refused[0].text.starts_with(&format!("fmi2{name}: not allowed in state `{state}`")));
-                    assert_eq!(host.state(), State::Error, "{name} in {state}");
+                    assert_eq!(host.state(), InstanceState::Error, "{name} in {state}");
                 }
             }
         }
@@ -111,7 +111,7 @@ fn every_function_is_allowed_in_the_states_of_the_standards_table_and_no_other()
 #[test]
 fn after_a_panic_the_instance_answers_fatal_and_can_still_be_freed() {
     for (name, function, ..) in TABLE {
-        let host = Host::in_state(State::Fatal);
+        let host = Host::in_state(InstanceState::Fatal);
         assert_eq!(function(host.c), Status::Fatal, "{name}");
     }
     let host = Host::stepping();

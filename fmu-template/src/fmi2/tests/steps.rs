@@ -106,7 +106,7 @@ fn reset_restores_everything_and_a_second_run_is_the_first_again() {
     assert_eq!((host.set(&[LENGTH], &[0.11]), host.warned()), (Status::Ok, true));
     assert_eq!(host.terminate(), Status::Ok);
     assert_eq!(host.reset(), Status::Ok);
-    assert_eq!(host.state(), State::Instantiated);
+    assert_eq!(host.state(), InstanceState::Instantiated);
     assert_eq!(run(), first);
     assert_eq!(host.reset(), Status::Ok);
     assert_eq!(host.enter(), Status::Error, "the experiment must be set up again");

@@ -142,7 +142,7 @@ fn a_parameter_outside_its_training_range_is_accepted_with_a_warning() {
 #[test]
 fn every_variable_is_of_one_type() {
     let refused = |call: unsafe fn(*mut c_void) -> Status, expected: &str| {
-        let host = Host::in_state(State::Initialization);
+        let host = Host::in_state(InstanceState::Initialization);
         assert_eq!(unsafe { call(host.c) }, Status::Error);
         let message = host.message();
         assert!(message.ends_with(expected), "{message}");

@@ -151,10 +151,10 @@ fn null_is_fine_for_nothing_and_refused_for_an_array() {
 
 #[test]
 fn an_array_is_an_output_and_a_real_one() {
-    let refused = |state: State, call: &dyn Fn(*mut c_void) -> Status, expected: &str| {
+    let refused = |state: InstanceState, call: &dyn Fn(*mut c_void) -> Status, expected: &str| {
         let host = Host::of(&example::with_arrays(), Use::Steps);
         assert_eq!(host.enter(0.0), Status::Ok);
-        if state == State::Step {
+        if state == InstanceState::Step {
             assert_eq!(host.exit(), Status::Ok);
         }
         let before = host.read(&[LENGTH, POSITION], 3).1;
@@ -164,7 +164,7 @@ fn an_array_is_an_output_and_a_real_one() {
         assert_eq!(host.read(&[LENGTH, POSITION], 3).1, before);
     };
     let output = "variable `position` (value reference 8) is an output and cannot be set";
-    for state in [State::Initialization, State::Step] {
+    for state in [InstanceState::Initialization, InstanceState::Step] {
         unsafe {
             refused(state, &|c| fmi3SetFloat64(c, &POSITION, 1, [0.1; 2].as_ptr(), 2), output);
             refused(state, &|c| fmi3SetFloat64(c, [LENGTH, POSITION].as_ptr(), 2, [0.19; 3].as_ptr(), 3), output);

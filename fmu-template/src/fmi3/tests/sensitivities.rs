@@ -74,7 +74,7 @@ fn output_derivatives_are_the_directional_ones_along_time() {
 #[test]
 fn lengths_that_do_not_fit_are_refused() {
     let refused = |call: &dyn Fn(*mut c_void) -> Status| {
-        let host = Host::in_state(Use::Steps, State::Step);
+        let host = Host::in_state(Use::Steps, InstanceState::Step);
         assert_eq!(call(host.instance), Status::Error);
         let message = host.message();
         assert!(message.contains("elements, expected"), "{message}");
@@ -98,7 +98,7 @@ fn lengths_that_do_not_fit_are_refused() {
 #[test]
 fn null_pointers_are_refused() {
     let refused = |call: &dyn Fn(*mut c_void) -> Status| {
-        let host = Host::in_state(Use::Steps, State::Step);
+        let host = Host::in_state(Use::Steps, InstanceState::Step);
         assert_eq!(call(host.instance), Status::Error);
         let message = host.message();
         assert!(message.contains("is a null pointer"), "{message}");
@@ -123,7 +123,7 @@ fn null_pointers_are_refused() {
 
 #[test]
 fn variables_depend_on_what_moves_them() {
-    let host = Host::in_state(Use::Solver, State::Event);
+    let host = Host::in_state(Use::Solver, InstanceState::Event);
     assert_eq!(host.dependencies(3), [LENGTH, SPEED, TIME, POLICY]);
     assert_eq!(host.dependencies(4), [LENGTH, SPEED, TIME, POLICY]);
     assert_eq!(host.dependencies(IN_DOMAIN), [LENGTH, SPEED, TIME]);
@@ -136,20 +136,40 @@ fn variables_depend_on_what_moves_them() {
 
 #[test]
 fn types_and_clocks_that_do_not_exist_are_refused() {
-    let refused = |state: State, call: &dyn Fn(*mut c_void) -> Status, expected: &str| {
+    let refused = |state: InstanceState, call: &dyn Fn(*mut c_void) -> Status, expected: &str| {
         let host = Host::in_state(Use::StepsAndEvents, state);
         assert_eq!(call(host.instance), Status::Error);
         let message = host.message();
         assert!(message.contains(expected), "{message}");
     };
     unsafe {
-        refused(State::Step, &|c| fmi3GetFloat32(c, &0, 1, &mut 0.0, 1), "1 variables of type Float32 asked for");
-        refused(State::Step, &|c| fmi3SetInt64(c, &5, 1, &0, 1), "1 variables of type Int64 asked for");
-        refused(State::Step, &|c| fmi3GetString(c, &5, 1, &mut null(), 1), "1 variables of type String asked for");
-        refused(State::Step, &|c| fmi3GetBinary(c, &5, 1, &mut 0, &mut null(), 1), "1 variables of type Binary");
-        refused(State::Step, &|c| fmi3GetInt32(c, &0, 1, &mut 0, 1), "`length` (value reference 0) is of type real");
-        refused(State::Event, &|c| fmi3GetClock(c, &5, 1, &mut 0), "1 variables of type Clock asked for");
-        refused(State::Event, &|c| fmi3GetIntervalDecimal(c, &5, 1, &mut 0.0, &mut 0), "1 variables of type Clock");
+        refused(
+            InstanceState::Step,
+            &|c| fmi3GetFloat32(c, &0, 1, &mut 0.0, 1),
+            "1 variables of type Float32 asked for",
+        );
+        refused(InstanceState::Step, &|c| fmi3SetInt64(c, &5, 1, &0, 1), "1 variables of type Int64 asked for");
+        refused(
+            InstanceState::Step,
+            &|c| fmi3GetString(c, &5, 1, &mut null(), 1),
+            "1 variables of type String asked for",
+        );
+        refused(
+            InstanceState::Step,
+            &|c| fmi3GetBinary(c, &5, 1, &mut 0, &mut null(), 1),
+            "1 variables of type Binary",
+        );
+        refused(
+            InstanceState::Step,
+            &|c| fmi3GetInt32(c, &0, 1, &mut 0, 1),
+            "`length` (value reference 0) is of type real",
+        );
+        refused(InstanceState::Event, &|c| fmi3GetClock(c, &5, 1, &mut 0), "1 variables of type Clock asked for");
+        refused(
+            InstanceState::Event,
+            &|c| fmi3GetIntervalDecimal(c, &5, 1, &mut 0.0, &mut 0),
+            "1 variables of type Clock",
+        );
     }
 }
 

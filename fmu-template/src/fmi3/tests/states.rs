@@ -4,13 +4,13 @@ use super::*;
 /// [`STATES`]; behind a space the interface if it is only one: `c`o-simulation or `m`odel exchange.
 type Row = (&'static str, fn(*mut c_void) -> Status, Status, &'static str);
 
-const STATES: [(char, State); 6] = [
-    ('I', State::Instantiated),
-    ('N', State::Initialization),
-    ('V', State::Event),
-    ('C', State::ContinuousTime),
-    ('S', State::Step),
-    ('T', State::Terminated),
+const STATES: [(char, InstanceState); 6] = [
+    ('I', InstanceState::Instantiated),
+    ('N', InstanceState::Initialization),
+    ('V', InstanceState::Event),
+    ('C', InstanceState::ContinuousTime),
+    ('S', InstanceState::Step),
+    ('T', InstanceState::Terminated),
 ];
 
 #[rustfmt::skip]
@@ -121,7 +121,7 @@ fn every_function_is_allowed_in_the_states_of_the_standard_and_no_other() {
                 } else {
                     assert_eq!((status, refused.len()), (Status::Error, 1), "{name} in {state}, {use_as:?}");
                     assert!(refused[0].text.starts_with(&format!("fmi3{name}: not allowed in state `{state}`")));
-                    assert_eq!(host.state(), State::Terminated, "{name} in {state}");
+                    assert_eq!(host.state(), InstanceState::Terminated, "{name} in {state}");
                 }
             }
         }
@@ -131,7 +131,7 @@ fn every_function_is_allowed_in_the_states_of_the_standard_and_no_other() {
 #[test]
 fn before_the_initialization_start_values_can_be_read_and_nothing_that_is_calculated() {
     // parameters and the policy, then the time, outputs, the two of the domain
-    let instantiated = || Host::in_state(Use::Steps, State::Instantiated);
+    let instantiated = || Host::in_state(Use::Steps, InstanceState::Instantiated);
     let host = instantiated();
     assert_eq!(host.set(&[0], &[0.12]), Status::Ok);
     assert_eq!(host.try_get([0, 1]), Ok([0.12, starts()[1]]));
@@ -143,7 +143,7 @@ fn before_the_initialization_start_values_can_be_read_and_nothing_that_is_calcul
     }
     assert_eq!(unsafe { fmi3GetBoolean(host.instance, &6, 1, &mut 0, 1) }, Status::Error);
     assert!(host.message().contains("`in_domain` (value reference 6) has no start value"));
-    let host = Host::in_state(Use::Steps, State::Initialization);
+    let host = Host::in_state(Use::Steps, InstanceState::Initialization);
     assert!(host.try_get([0, 1, 2, 3, 4, 7]).is_ok());
     assert_eq!(unsafe { fmi3GetBoolean(host.instance, &6, 1, &mut 0, 1) }, Status::Ok);
 }
@@ -151,7 +151,7 @@ fn before_the_initialization_start_values_can_be_read_and_nothing_that_is_calcul
 #[test]
 fn after_a_panic_the_instance_answers_fatal_and_can_still_be_freed() {
     for (name, function, ..) in TABLE {
-        let host = Host::in_state(Use::Steps, State::Fatal);
+        let host = Host::in_state(Use::Steps, InstanceState::Fatal);
         assert_eq!(function(host.instance), Status::Fatal, "{name}");
     }
 }
@@ -166,10 +166,10 @@ fn a_null_instance_is_an_error_and_freeing_it_is_fine() {
 
 #[test]
 fn event_mode_is_for_hosts_that_said_they_use_it() {
-    let host = Host::in_state(Use::Steps, State::Step);
+    let host = Host::in_state(Use::Steps, InstanceState::Step);
     assert_eq!(host.event_mode(), Status::Error);
     assert!(host.message().contains("eventModeUsed = false"));
-    let host = Host::in_state(Use::StepsAndEvents, State::Event);
+    let host = Host::in_state(Use::StepsAndEvents, InstanceState::Event);
     assert_eq!(host.update(), ([0; 5], Status::Ok));
     assert_eq!(host.step_mode(), Status::Ok);
     assert_eq!(host.step(0.0, 0.5), Status::Ok);
@@ -179,10 +179,10 @@ fn event_mode_is_for_hosts_that_said_they_use_it() {
 
 #[test]
 fn after_an_error_a_reset_or_a_stored_state_lets_the_instance_go_on() {
-    let host = Host::in_state(Use::Steps, State::Step);
+    let host = Host::in_state(Use::Steps, InstanceState::Step);
     let state = host.save();
     assert_eq!(host.step(0.0, -1.0), Status::Error);
-    assert_eq!(host.state(), State::Terminated);
+    assert_eq!(host.state(), InstanceState::Terminated);
     assert_eq!(host.step(0.0, 0.1), Status::Error);
     assert_eq!(host.restore(state), Status::Ok);
     assert_eq!(host.step(0.0, 0.1), Status::Ok);
@@ -196,7 +196,7 @@ fn after_an_error_a_reset_or_a_stored_state_lets_the_instance_go_on() {
 fn times_of_the_experiment_that_make_no_sense_are_refused() {
     let (nan, infinity) = (f64::NAN, f64::INFINITY);
     for (start, stop) in [(nan, 1.0), (infinity, 1.0), (0.0, nan), (0.0, infinity), (1.0, 0.5)] {
-        let host = Host::in_state(Use::Steps, State::Instantiated);
+        let host = Host::in_state(Use::Steps, InstanceState::Instantiated);
         let status = unsafe { fmi3EnterInitializationMode(host.instance, 0, 0.0, start, 1, stop) };
         assert_eq!(status, Status::Error, "{start} {stop}");
     }

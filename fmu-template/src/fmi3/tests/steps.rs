@@ -46,7 +46,7 @@ fn a_solver_finds_right_outputs_at_every_point() {
 
 #[test]
 fn numbers_of_states_and_indicators_are_zero() {
-    let host = Host::in_state(Use::Solver, State::ContinuousTime);
+    let host = Host::in_state(Use::Solver, InstanceState::ContinuousTime);
     let (mut states, mut indicators) = (9, 9);
     unsafe {
         assert_eq!(fmi3GetNumberOfContinuousStates(host.instance, &mut states), Status::Ok);
@@ -63,7 +63,7 @@ fn steps_that_make_no_sense_are_refused() {
     for (from, size) in
         [(nan, 0.1), (infinity, 0.1), (0.0, nan), (0.0, infinity), (0.0, -0.1), (0.1, 0.1), (f64::MAX, f64::MAX)]
     {
-        let host = Host::in_state(Use::Steps, State::Step);
+        let host = Host::in_state(Use::Steps, InstanceState::Step);
         let (status, _, time) = host.step_told(from, size);
         assert_eq!((status, time), (Status::Error, 0.0), "{from} {size}");
         assert_eq!(host.try_get([TIME]), Ok([0.0]), "nothing changed");
@@ -73,7 +73,7 @@ fn steps_that_make_no_sense_are_refused() {
 #[test]
 fn a_null_result_of_a_step_is_an_error_before_time_passes() {
     for missing in 0..4 {
-        let host = Host::in_state(Use::Steps, State::Step);
+        let host = Host::in_state(Use::Steps, InstanceState::Step);
         let mut flags = [1; 3];
         let mut time = 0.0;
         let mut flag = |index: usize| if index == missing { null_mut() } else { &raw mut flags[index] };
@@ -88,7 +88,7 @@ fn a_null_result_of_a_step_is_an_error_before_time_passes() {
 #[test]
 fn null_results_of_an_update_are_errors() {
     for missing in 0..6 {
-        let host = Host::in_state(Use::Solver, State::Event);
+        let host = Host::in_state(Use::Solver, InstanceState::Event);
         let (mut flags, mut time) = ([1; 5], 1.0);
         let mut flag = |index: usize| if index == missing { null_mut() } else { &raw mut flags[index] };
         let [a, b, c, d, e] = [0, 1, 2, 3, 4].map(&mut flag);
@@ -100,7 +100,7 @@ fn null_results_of_an_update_are_errors() {
 
 #[test]
 fn a_step_out_of_the_domain_is_discarded_and_can_be_tried_again() {
-    let host = Host::in_state(Use::Steps, State::Step);
+    let host = Host::in_state(Use::Steps, InstanceState::Step);
     assert_eq!(host.set_policy(2), Status::Ok);
     assert_eq!(host.step_told(0.0, 2.5), (Status::Discard, [0; 3], 0.0));
     assert!(host.message().contains("`time`: 2.5 is outside the training range from 0 to 2, and domain_policy is 2"));

@@ -269,7 +269,7 @@ fn calls_that_the_mode_does_not_have_end_the_simulation() {
         assert_eq!(crane.step(1.0, 0.02).0, Status::Error);
         assert_eq!(crane.0.told.len(), 1);
         let state = unsafe { (*crane.0.instance.cast::<Component>()).instance.snapshot().state };
-        assert_eq!(state, State::Terminated);
+        assert_eq!(state, InstanceState::Terminated);
     }
     let mut crane = Crane::new(true, None, |instance, _| {
         let (mut slope, mut count) = (f64::NAN, 0);

@@ -50,8 +50,8 @@ pub(super) fn support(
         Support { inputs: watched, ranges: Vec::new(), components: Vec::new(), samples, lasting: samples };
     let starts = study.parameters.len() + counts.outputs;
     let has_starts = surrogate.program().sampling().is_some_and(|sampling| sampling.history[1] > 1);
-    let motions: Vec<Motion> = (dataset.runs.par_iter())
-        .map(|run| Motion {
+    let motions: Vec<SimulatedRun> = (dataset.runs.par_iter())
+        .map(|run| SimulatedRun {
             recorded: direct.without(run, counts.inputs),
             // what was before rows that are given is not known
             before: if run.times[0] < 0.0 || !has_starts {
@@ -93,7 +93,7 @@ type Ranges = Vec<[f64; 2]>;
 type Stray = (usize, f64);
 
 /// A run, and the model's simulation of it.
-struct Motion<'a> {
+struct SimulatedRun<'a> {
     /// The run without direct effects.
     recorded: Run,
     /// Inputs before the first row.
@@ -102,7 +102,7 @@ struct Motion<'a> {
     simulated: Vec<f64>,
 }
 
-impl Motion<'_> {
+impl SimulatedRun<'_> {
     /// Calls a function with the row and the measures of each transition of the recorded or of the simulated outputs. Recorded outputs have the
     /// hidden states of the simulation: without them there is no transition.
     fn transitions(&self, support: &Support, counts: Counts, is_recorded: bool, mut each: impl FnMut(usize, &[f64])) {
@@ -219,11 +219,11 @@ fn simulated(
 
 /// Principal components of the standardised coordinates, of unit variance, those of the largest variance first. Directions in which nothing
 /// moves are left out.
-fn components(support: &Support, motions: &[Motion], counts: Counts) -> Vec<f64> {
+fn components(support: &Support, motions: &[SimulatedRun], counts: Counts) -> Vec<f64> {
     let first = 3 * support.inputs;
     let width = support.coordinates(counts.outputs, counts.hidden);
     let sums = |mean: &[f64]| -> (f64, Vec<f64>, DMatrix<f64>) {
-        let of_motion = |motion: &Motion| {
+        let of_motion = |motion: &SimulatedRun| {
             let (mut rows, mut sum, mut products) = (0.0, vec![0.0; width], DMatrix::zeros(width, width));
             motion.transitions(support, counts, true, |_, measures| {
                 let off: Vec<f64> = measures[first..].iter().zip(mean).map(|(value, mean)| value - mean).collect();
@@ -280,7 +280,7 @@ fn of_all(extremes: &[Ranges], but: Option<usize>) -> Ranges {
 }
 
 /// Widening of the ranges at both ends, relative to their widths, from the simulations of the runs and the ranges of the other runs.
-fn widening(support: &Support, settling: f64, motions: &[Motion], extremes: &[Ranges], counts: Counts) -> f64 {
+fn widening(support: &Support, settling: f64, motions: &[SimulatedRun], extremes: &[Ranges], counts: Counts) -> f64 {
     let fading = [support.fading(), settling];
     let of_run = |run: usize| {
         let others = of_all(extremes, Some(run));

@@ -40,7 +40,7 @@ struct Nodes {
 }
 
 /// Columns of a layer by their positions, with the registers of their values.
-type Columns = Vec<(usize, Register)>;
+type LayerColumns = Vec<(usize, Register)>;
 
 impl NetworkTerm {
     /// Writes the outputs at `x`, and their derivatives with respect to the first columns, `first` in number. Outputs that add to none of
@@ -78,17 +78,18 @@ impl NetworkTerm {
             }]
         };
         for Group { nodes, columns: of, outputs } in groups {
-            let own = |columns: &Columns| -> Columns {
+            let own = |columns: &LayerColumns| -> LayerColumns {
                 columns.iter().copied().filter(|(column, _)| of.contains(column)).collect()
             };
             let is_differentiated = outputs.iter().any(|output| self.outputs[*output] < differentiated);
-            let tangents: Vec<Columns> = tangents.iter().filter(|_| is_differentiated).map(own).collect();
+            let tangents: Vec<LayerColumns> = tangents.iter().filter(|_| is_differentiated).map(own).collect();
             parts.push(Nodes::new(&hidden[0], nodes, &own(&columns), &tangents, tape));
         }
         for layer in &hidden[1..] {
             let before = parts.remove(0);
-            let all = |block: Register| -> Columns { (0..layer.inputs).map(|k| (k, block.plus(k))).collect() };
-            let tangents: Vec<Columns> = before.tangents.iter().map(|block| block.map_or(Vec::new(), all)).collect();
+            let all = |block: Register| -> LayerColumns { (0..layer.inputs).map(|k| (k, block.plus(k))).collect() };
+            let tangents: Vec<LayerColumns> =
+                before.tangents.iter().map(|block| block.map_or(Vec::new(), all)).collect();
             parts.push(Nodes::new(layer, (0..layer.outputs).collect(), &all(before.values), &tangents, tape));
         }
         // the part of fixed columns has a separate sum
@@ -122,7 +123,7 @@ impl NetworkTerm {
     }
 
     /// Standardised columns, those that are fixed first, and for each of the first columns the derivatives that are not zero.
-    fn standardized(&self, x: &[Register], first: usize, tape: &mut TapeBuilder) -> (Columns, Vec<Columns>) {
+    fn standardized(&self, x: &[Register], first: usize, tape: &mut TapeBuilder) -> (LayerColumns, Vec<LayerColumns>) {
         let Scaling { input_mean, input_scale, .. } = &self.network.scaling;
         let (mut fixed, mut varying, mut slopes) = (Vec::new(), Vec::new(), Vec::new());
         for (index, column) in self.columns.iter().enumerate() {
@@ -143,7 +144,7 @@ impl NetworkTerm {
                 slopes.push((index, (slope, factor)));
             }
         }
-        let mut in_block = |columns: Vec<(usize, (Register, f64))>| -> Columns {
+        let mut in_block = |columns: Vec<(usize, (Register, f64))>| -> LayerColumns {
             let (indices, numbers): (Vec<usize>, Vec<(Register, f64)>) = columns.into_iter().unzip();
             if indices.is_empty() {
                 return Vec::new();
@@ -160,8 +161,14 @@ impl NetworkTerm {
 
 impl Nodes {
     /// Writes nodes of a layer from those columns that they have, and their derivatives from those of the columns.
-    fn new(layer: &Layer, nodes: Vec<usize>, of: &Columns, tangents: &[Columns], tape: &mut TapeBuilder) -> Self {
-        let product = |columns: &Columns, mut sum: Option<Register>, tape: &mut TapeBuilder| {
+    fn new(
+        layer: &Layer,
+        nodes: Vec<usize>,
+        of: &LayerColumns,
+        tangents: &[LayerColumns],
+        tape: &mut TapeBuilder,
+    ) -> Self {
+        let product = |columns: &LayerColumns, mut sum: Option<Register>, tape: &mut TapeBuilder| {
             for run in columns.chunk_by(|(_, a), (_, b)| a.plus(1) == *b) {
                 let weight = |row: usize, k: usize| layer.weight.get(nodes[row] * layer.inputs + run[k].0);
                 sum = Some(tape.matrix([nodes.len(), run.len()], weight, run[0].1, sum));

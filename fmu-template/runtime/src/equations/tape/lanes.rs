@@ -1,6 +1,6 @@
 //! Layers of networks on a tape: operations on blocks of registers, which are whole lanes.
 
-use super::{Known, LANES, Operation, Register, Tape, TapeBuilder};
+use super::{BindingTime, LANES, Register, Tape, TapeBuilder, TapeOperation};
 use crate::{
     Activation,
     numbers::jet::Number,
@@ -191,11 +191,11 @@ impl TapeBuilder {
     pub(crate) fn constants(&mut self, values: impl Iterator<Item = f64>) -> Register {
         let first = self.known.len();
         for value in values {
-            let to = self.reserve(Known::Always(value));
+            let to = self.reserve(BindingTime::Always(value));
             self.tape.constants.push((to, value));
         }
         while !(self.known.len() - first).is_multiple_of(LANES) {
-            self.reserve(Known::Always(0.0));
+            self.reserve(BindingTime::Always(0.0));
         }
         Register::input(first)
     }
@@ -207,7 +207,7 @@ impl TapeBuilder {
         let known = self.follows(&registers);
         let (to, zero) = (self.block(known, numbers.len()), self.zero);
         for (index, (a, b)) in registers.into_iter().zip(factors).enumerate() {
-            self.part(known).operations.push(Operation::Product { a, b, c: zero, to: to.plus(index) });
+            self.part(known).operations.push(TapeOperation::Product { a, b, c: zero, to: to.plus(index) });
         }
         to
     }
@@ -262,19 +262,19 @@ impl TapeBuilder {
         to
     }
 
-    fn block(&mut self, known: Known, count: usize) -> Register {
+    fn block(&mut self, known: BindingTime, count: usize) -> Register {
         let first = self.reserve(known);
         (1..count.next_multiple_of(LANES)).for_each(|_| _ = self.reserve(known));
         first
     }
 
-    fn push(&mut self, known: Known, operation: LaneOperation) {
+    fn push(&mut self, known: BindingTime, operation: LaneOperation) {
         let part = self.part(known);
         part.lanes.push(operation);
-        if let Some(Operation::Lanes { count, .. }) = part.operations.last_mut() {
+        if let Some(TapeOperation::Lanes { count, .. }) = part.operations.last_mut() {
             *count += 1;
         } else {
-            part.operations.push(Operation::Lanes { first: part.lanes.len() as u32 - 1, count: 1 });
+            part.operations.push(TapeOperation::Lanes { first: part.lanes.len() as u32 - 1, count: 1 });
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Equations as data, for generators of code: the operations of a tape, in the order in which they run.
 
-use super::{Argument, LaneOperation, Operation, Part, Register, Tape};
+use super::{Argument, LaneOperation, Part, Register, Tape, TapeOperation};
 use crate::{
     Activation,
     formula::{ElementaryFunction, LookupTable},
@@ -107,7 +107,7 @@ impl Part {
             ..Instruction::new(InstructionKind::Harmonics, [angle.of; 3], angle.first)
         };
         let operations = self.operations.iter().flat_map(|operation| match *operation {
-            Operation::Lanes { first, count } => {
+            TapeOperation::Lanes { first, count } => {
                 self.lanes[first as usize..][..count as usize].iter().map(|lane| lane.instruction(zero)).collect()
             }
             _ => vec![operation.instruction()],
@@ -122,7 +122,7 @@ impl Instruction {
     }
 }
 
-impl Operation {
+impl TapeOperation {
     fn instruction(&self) -> Instruction {
         use InstructionKind as Kind;
         match *self {

@@ -22,7 +22,7 @@ pub(crate) struct Dense<T, const WIDTH: usize> {
 ///
 /// `weights[row * lanes + lane]`
 #[derive(Clone, Debug)]
-pub(crate) struct Rows<T, const WIDTH: usize> {
+pub(crate) struct DenseRows<T, const WIDTH: usize> {
     inputs: usize,
     lanes: usize,
     weights: Vec<Lanes<T, WIDTH>>,
@@ -184,7 +184,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
     }
 }
 
-impl<T: Real, const WIDTH: usize> Rows<T, WIDTH> {
+impl<T: Real, const WIDTH: usize> DenseRows<T, WIDTH> {
     pub(crate) fn new(layer: &Layer) -> Self {
         let lanes = layer.inputs.div_ceil(WIDTH);
         let mut weights = vec![Lanes::ZERO; lanes * layer.outputs];

@@ -22,11 +22,11 @@ pub(super) struct NestedStep {
     pub(super) of: usize,
     columns: usize,
     outputs: usize,
-    function: Function,
+    function: PreparedFunction,
 }
 
 #[derive(Clone, Debug)]
-enum Function {
+enum PreparedFunction {
     Call(PreparedGraph, Simd),
     Interpolate(PreparedInstants),
     Dictionary(Box<PreparedLaw>),
@@ -64,16 +64,16 @@ impl NestedStep {
     pub(super) fn new(step: &Step, (widths, to): (&[usize], usize), precision: Precision) -> Option<Self> {
         let (of, function) = match step {
             Step::Call { of, function } => {
-                (of, Function::Call(PreparedGraph::new(function, precision), Simd::detect()))
+                (of, PreparedFunction::Call(PreparedGraph::new(function, precision), Simd::detect()))
             }
             Step::Interpolate { of, column, instants, functions } => {
-                (of, Function::Interpolate(PreparedInstants::new(instants, *column, functions, precision)))
+                (of, PreparedFunction::Interpolate(PreparedInstants::new(instants, *column, functions, precision)))
             }
             Step::Dictionary { of, dictionary } => {
-                (of, Function::Dictionary(Box::new(Law::from(dictionary.clone()).prepared(0, 0..0))))
+                (of, PreparedFunction::Dictionary(Box::new(Law::from(dictionary.clone()).prepared(0, 0..0))))
             }
             Step::Motion { of, motion } => {
-                (of, Function::Motion(Box::new(PreparedMotion::new(motion.as_ref().clone()))))
+                (of, PreparedFunction::Motion(Box::new(PreparedMotion::new(motion.as_ref().clone()))))
             }
             _ => return None,
         };
@@ -82,7 +82,7 @@ impl NestedStep {
 
     /// The equations of motion, if it is them.
     pub(super) fn motion(&self) -> Option<&PreparedMotion> {
-        if let Function::Motion(motion) = &self.function { Some(motion) } else { None }
+        if let PreparedFunction::Motion(motion) = &self.function { Some(motion) } else { None }
     }
 
     pub(super) fn scratch(&self) -> NestedScratch {
@@ -92,15 +92,17 @@ impl NestedStep {
             derivative: vec![0.0; outputs],
             gradient: vec![0.0; columns],
             work: match &self.function {
-                Function::Call(program, _) => Work::Call(Box::new(program.scratch())),
-                Function::Interpolate(instants) => Work::Interpolate(Box::new(instants.sides(columns, outputs))),
-                Function::Dictionary(law) => Work::Dictionary(Box::new(DictionaryWork {
+                PreparedFunction::Call(program, _) => Work::Call(Box::new(program.scratch())),
+                PreparedFunction::Interpolate(instants) => {
+                    Work::Interpolate(Box::new(instants.sides(columns, outputs)))
+                }
+                PreparedFunction::Dictionary(law) => Work::Dictionary(Box::new(DictionaryWork {
                     plain: law.work(),
                     series: law.work(),
                     columns: vec![Jet::from(0.0); columns],
                     results: vec![Jet::from(0.0); outputs],
                 })),
-                Function::Motion(motion) => Work::Motion(Box::new(motion.scratch())),
+                PreparedFunction::Motion(motion) => Work::Motion(Box::new(motion.scratch())),
             },
         }
     }
@@ -138,7 +140,7 @@ impl NestedStep {
         let NestedScratch { direction, derivative, gradient, work } = scratch;
         let point = &doubles(&from.value)[..self.columns];
         let weights = &doubles(change)[..self.outputs];
-        if matches!(self.function, Function::Call(..) | Function::Interpolate(_)) {
+        if matches!(self.function, PreparedFunction::Call(..) | PreparedFunction::Interpolate(_)) {
             self.perform(point, Task::Adjoint { weights, gradient }, work);
         } else {
             // by directions: equations have few columns
@@ -157,10 +159,12 @@ impl NestedStep {
 
     fn perform(&self, point: &[f64], task: Task, work: &mut Work) {
         match (&self.function, work) {
-            (Function::Call(program, simd), Work::Call(scratch)) => program.perform(*simd, point, task, scratch),
-            (Function::Interpolate(instants), Work::Interpolate(sides)) => instants.perform(point, task, sides),
-            (Function::Dictionary(law), Work::Dictionary(work)) => dictionary(law, point, task, work),
-            (Function::Motion(motion), Work::Motion(scratch)) => motion.perform(point, task, scratch),
+            (PreparedFunction::Call(program, simd), Work::Call(scratch)) => {
+                program.perform(*simd, point, task, scratch)
+            }
+            (PreparedFunction::Interpolate(instants), Work::Interpolate(sides)) => instants.perform(point, task, sides),
+            (PreparedFunction::Dictionary(law), Work::Dictionary(work)) => dictionary(law, point, task, work),
+            (PreparedFunction::Motion(motion), Work::Motion(scratch)) => motion.perform(point, task, scratch),
             _ => panic!("the scratch belongs to another graph"),
         }
     }
@@ -178,7 +182,7 @@ impl NestedStep {
         to: (&mut [f64], &mut [f64]),
         scratch: &mut NestedScratch,
     ) {
-        if let (Function::Motion(motion), Work::Motion(scratch)) = (&self.function, &mut scratch.work) {
+        if let (PreparedFunction::Motion(motion), Work::Motion(scratch)) = (&self.function, &mut scratch.work) {
             motion.rates(point, left_out, to, scratch);
         }
     }

@@ -5,7 +5,7 @@ use super::{
     features::{Features, SPAN},
     simulate::{Limits, Simulated, StateShape, correct, overwriting},
 };
-use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling, graph::Observer};
+use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling, graph::StateObserver};
 
 /// The next sample, and the hidden states at the start. `gain` corrects the states by outputs that are given.
 pub fn model(samples: &DiscreteSamples, shape: &StateShape, simulated: Simulated) -> LearnedDiscrete {
@@ -87,7 +87,7 @@ pub fn model(samples: &DiscreteSamples, shape: &StateShape, simulated: Simulated
     };
     // the last number: nothing was predicted
     let hidden = at_means.iter().enumerate().map(before).chain([0.0]).collect();
-    let observer = Observer { gain: in_units(gain), first, stops, measured };
+    let observer = StateObserver { gain: in_units(gain), first, stops, measured };
     let graph = Graph::of_observer([states, outputs, columns], observer, (weights, constants), function);
     LearnedDiscrete { hidden, ..LearnedDiscrete::solved(graph, [1, 1]) }
 }
