@@ -22,6 +22,9 @@ pub(super) type RegionPoint = Vec<f64>;
 /// A length that is one: less is rounding, in m.
 const SHORTEST: f64 = 1e-9;
 
+/// Where in their ranges parameters are when it is seen whether positions repeat: not in the middle, where whole numbers may be.
+const ASIDE: f64 = 0.37;
+
 /// Distances from the start, in rad, at which forces are compared with those a turn later.
 const SHIFTS: [f64; 3] = [0.0, 0.11, -0.23];
 
@@ -105,11 +108,14 @@ impl<'a> MechanismRegion<'a> {
         let reduced = labels.reduced(&middle)?;
         labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
         (labels.driven, labels.alike) = (reduced.driven().to_vec(), reduced.alike());
-        let [harmonic, periodic] = [false, true]
-            .map(|with_efforts| (0..labels.coordinates()).map(|k| labels.repeats(&reduced, k, with_efforts)).collect());
-        (labels.is_harmonic, labels.is_periodic) = (harmonic, periodic);
         labels.outputs.windings = Windings::find(&labels.outputs.positions, &reduced)?;
         labels.efforts.wind(&reduced)?;
+        let aside: RegionPoint = labels.ranges().map(|range| range.min + ASIDE * (range.max - range.min)).collect();
+        for k in 0..labels.coordinates() {
+            let is_harmonic = labels.repeats(&reduced, k, false) && labels.positions_repeat(&aside, k)?;
+            labels.is_harmonic.push(is_harmonic);
+            labels.is_periodic.push(is_harmonic && labels.repeats(&reduced, k, true));
+        }
         Ok(labels)
     }
 
@@ -189,6 +195,27 @@ impl<'a> MechanismRegion<'a> {
                 change.iter().all(|change| change.is_nan() || change.abs() <= 1e-8 * largest)
             })
         })
+    }
+
+    /// Returns true if what is learned of the positions is the same a turn later, with the parameters of a point: a rack whose pinion has
+    /// another radius than in the middle of the ranges goes another way. An angle that cannot go around repeats.
+    fn positions_repeat(&self, point: &[f64], k: usize) -> Result<bool, String> {
+        let reduced = self.reduced(point)?;
+        let before = reduced.start().0.clone();
+        let mut after = before.clone();
+        after[k] += TAU;
+        let Some([from, to]) = Option::zip(reduced.configuration(&before).ok(), reduced.configuration(&after).ok())
+            .map(<[DVector<f64>; 2]>::from)
+        else {
+            return Ok(true);
+        };
+        let of_efforts = (self.efforts.positions_of(reduced.model()), &self.efforts.windings);
+        let of_outputs = (self.positions(point)?, &self.outputs.windings);
+        Ok([of_efforts, of_outputs].iter().all(|(positions, windings)| {
+            let of =
+                |q: &DVector<f64>, s: &DVector<f64>| windings.unturned(positions, q, s.as_slice()).collect::<Vec<_>>();
+            of(&from, &before).into_iter().zip(of(&to, &after)).all(|(a, b)| (a - b).abs() <= 1e-8 * (1.0 + a.abs()))
+        }))
     }
 
     /// Whether each coordinate is an angle with equations that are the same a turn later.

@@ -1,17 +1,20 @@
-//! Positions less the turns of the coordinates: what a dictionary learns of them.
+//! Positions less what they move along with the coordinates: what a dictionary learns of them.
 
 use crate::multibody::{coordinate::Coordinate, reduced::Reduced};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
-/// Turns of each position in a turn of each coordinate that is an angle, and change of each for each metre of the others where that is a
-/// whole number: shape `[positions, coordinates]`.
+/// Change of each position in a turn of each coordinate that is an angle, by radian, and for each metre of the others, where that is the
+/// same everywhere or a whole number: shape `[positions, coordinates]`.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Windings(pub(super) Vec<f64>);
 
+/// Part of a turn or a metre after which a change is compared with that from the start.
+const ELSEWHERE: f64 = 0.3;
+
 impl Windings {
-    /// Finds how often each position turns in a turn of each coordinate that is an angle, and which positions move along with the
-    /// others: the whole number that is left of the change after a turn or a metre. A coordinate that cannot go so far is not followed.
+    /// Finds what each position moves along with a coordinate: its change in a turn or a metre. An angle turns with an angle by a whole
+    /// number; any other change must be the same from elsewhere, as that of a gear or a rack. A coordinate that cannot go so far is not followed.
     ///
     /// # Errors
     /// A sentence, as [`Reduced::configuration`].
@@ -22,13 +25,22 @@ impl Windings {
         let before = reduced.configuration(&s)?;
         for (k, coordinate) in reduced.coordinates().iter().enumerate() {
             let step = if coordinate.is_angle() { TAU } else { 1.0 };
-            let moved = DVector::from_fn(n, |row, _| s[row] + if row == k { step } else { 0.0 });
-            let Ok(after) = reduced.configuration(&moved) else { continue };
-            let alike = positions.iter().enumerate();
-            for (index, position) in alike.filter(|(_, position)| position.is_angle() == coordinate.is_angle()) {
+            let moved = |by: f64| {
+                let moved = DVector::from_fn(n, |row, _| s[row] + if row == k { by } else { 0.0 });
+                reduced.configuration(&moved).ok()
+            };
+            let Some(after) = moved(step) else { continue };
+            let elsewhere = Option::zip(moved(ELSEWHERE * step), moved((1.0 + ELSEWHERE) * step));
+            for (index, position) in positions.iter().enumerate() {
                 let change = (position.value(&after) - position.value(&before)) / step;
-                if (change - change.round()).abs() < 1e-9 {
-                    windings[index * n + k] = change.round();
+                let is_whole = position.is_angle() == coordinate.is_angle() && (change - change.round()).abs() < 1e-9;
+                let is_same = elsewhere.as_ref().is_some_and(|(before, after)| {
+                    let other = (position.value(after) - position.value(before)) / step;
+                    (other - change).abs() < 1e-9 * (1.0 + change.abs())
+                });
+                if is_whole || is_same {
+                    windings[index * n + k] =
+                        if (change - change.round()).abs() < 1e-9 { change.round() } else { change };
                 }
             }
         }

@@ -85,7 +85,7 @@ const BODY_MEASURES: [&str; 3] = ["angle", "angular_velocity", "angular_accelera
 
 /// What an expression may name beside parameters.
 #[derive(Clone, Copy, PartialEq)]
-enum Names {
+enum Scope {
     /// The time: what is prescribed.
     Time,
     /// Positions: what follows them.
@@ -174,7 +174,7 @@ impl<'a> MultibodyBuilder<'a> {
         for (name, CouplingOptions { coordinate, follows }) in &self.description.couplings {
             let owner = format!("couplings.{name}");
             let coordinate = self.coordinate_of(&owner, coordinate);
-            let follows = self.bound(&format!("{owner}.follows"), follows, Names::Positions);
+            let follows = self.bound(&format!("{owner}.follows"), follows, Scope::Positions);
             if let (Some(coordinate), Some(follows)) = (coordinate, follows) {
                 constraints.push(Constraint { coordinate, target: Target::Follows(follows), owner });
             }
@@ -182,7 +182,7 @@ impl<'a> MultibodyBuilder<'a> {
         for (name, driver) in &self.description.drivers {
             let Some(motion) = &driver.motion else { continue };
             let coordinate = self.coordinate_of(&format!("drivers.{name}"), &driver.coordinate);
-            let motion = self.bound(&format!("drivers.{name}.motion"), motion, Names::Time);
+            let motion = self.bound(&format!("drivers.{name}.motion"), motion, Scope::Time);
             if let (Some(coordinate), Some(motion)) = (coordinate, motion) {
                 let (coordinate, target) = Driver { coordinate, motion }.held();
                 constraints.push(Constraint { coordinate, target, owner: format!("drivers.{name}") });
@@ -207,7 +207,7 @@ impl<'a> MultibodyBuilder<'a> {
                 }
             };
             let coordinate = self.coordinate_of(&owner, &driver.coordinate);
-            let expression = self.bound(&format!("{owner}.acceleration"), acceleration, Names::State);
+            let expression = self.bound(&format!("{owner}.acceleration"), acceleration, Scope::State);
             if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
                 prescribed.push(Prescribed { coordinate, expression, name: driver.coordinate.clone(), owner });
             }
@@ -316,7 +316,7 @@ impl<'a> MultibodyBuilder<'a> {
         for (name, spring) in &self.description.springs {
             let owner = format!("springs.{name}");
             let Some(force) = &spring.force else { continue };
-            let expression = self.bound(&format!("{owner}.force"), force, Names::State);
+            let expression = self.bound(&format!("{owner}.force"), force, Scope::State);
             let coordinate = springs.iter().find(|spring| spring.owner == owner).map(|spring| spring.coordinate);
             if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
                 efforts.push(Effort { coordinate, expression, owner });
@@ -330,7 +330,7 @@ impl<'a> MultibodyBuilder<'a> {
             });
             let point = self.noted(&format!("forces.{name}.point"), point);
             let key = format!("forces.{name}.force");
-            let components = force.force.each_ref().map(|component| self.bound(&key, component, Names::State));
+            let components = force.force.each_ref().map(|component| self.bound(&key, component, Scope::State));
             let Some(point) = point else { continue };
             for (axis, expression) in
                 components.into_iter().enumerate().filter(|(axis, _)| !is_zero(&force.force[*axis]))
@@ -342,7 +342,7 @@ impl<'a> MultibodyBuilder<'a> {
         for (name, actuator) in &self.description.actuators {
             let owner = format!("actuators.{name}");
             let coordinate = self.coordinate_of(&owner, &actuator.coordinate);
-            let expression = self.bound(&format!("{owner}.effort"), &actuator.effort, Names::State);
+            let expression = self.bound(&format!("{owner}.effort"), &actuator.effort, Scope::State);
             if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
                 efforts.push(Effort { coordinate, expression, owner });
             }
@@ -377,7 +377,7 @@ impl<'a> MultibodyBuilder<'a> {
         let above = max.as_ref().map(|max| format!("max({coordinate} - ({max}), 0)*max(1 + ({damping})*{rate}, 0)"));
         let text = format!("({stiffness})*({} - {})", below.unwrap_or("0".into()), above.unwrap_or("0".into()));
         let expression = self.noted(owner, Expression::parse(&text))?;
-        self.bound(owner, &expression, Names::State)
+        self.bound(owner, &expression, Scope::State)
     }
 
     fn inputs(&self) -> Vec<MultibodyInput> {
@@ -599,10 +599,10 @@ impl<'a> MultibodyBuilder<'a> {
     }
 
     /// An expression of the parameters and of what else it may name.
-    fn bound(&mut self, key: &str, expression: &Expression, allowed: Names) -> Option<BoundExpression> {
+    fn bound(&mut self, key: &str, expression: &Expression, allowed: Scope) -> Option<BoundExpression> {
         let expanded = expression.with_variables(&self.variables);
         let expression = &self.noted(key, expanded)?;
-        let (of_state, of_time) = (allowed == Names::State, allowed != Names::Positions);
+        let (of_state, of_time) = (allowed == Scope::State, allowed != Scope::Positions);
         let mut slots = Vec::new();
         for name in expression.names() {
             let input = self.description.inputs.get_index_of(name).filter(|_| of_state);
@@ -611,7 +611,7 @@ impl<'a> MultibodyBuilder<'a> {
             let slot = match value.or(input.map(Slot::Input)) {
                 Some(slot) => Ok(slot),
                 None if name == "time" && of_time => Ok(Slot::Time),
-                None if allowed != Names::Time && name.contains('.') => {
+                None if allowed != Scope::Time && name.contains('.') => {
                     self.measure(name).and_then(|measure| match measure {
                         Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
                         Measure::Velocity(coordinate) if of_state => Ok(Slot::Velocity(coordinate)),

@@ -182,6 +182,11 @@ impl Coordinate {
         }
     }
 
+    /// `r_to - r_from` of a distance.
+    pub fn direction(&self, q: &DVector<f64>) -> Option<Vector2<f64>> {
+        matches!(self, Self::Distance { .. }).then(|| self.difference(q, q).value)
+    }
+
     /// Motion of `r_to - r_from`.
     fn difference(&self, q: &DVector<f64>, v: &DVector<f64>) -> VectorMotion {
         let (Self::Projection { from, to, .. } | Self::Distance { from, to }) = self else {

@@ -38,7 +38,7 @@
 use super::{
     constraint::{Slot, Target, independence},
     coordinate::{BodyPoint, Coordinate},
-    model::{MultibodyModel, Prescribed},
+    model::{MultibodyModel, Prescribed, Spring},
 };
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::RefCell;
@@ -182,12 +182,28 @@ impl Reduced {
             let factors = self.factorise(&q)?;
             let mut side = DVector::zeros(q.len());
             side.rows_mut(q.len() - s.len(), s.len()).copy_from(&(&distance / steps));
+            let before = q.clone();
             q += factors.solve(&side).ok_or_else(|| self.singular(&q))?;
             q = self.correct(q, &target)?;
+            self.refuse_turned_springs(&before, &q)?;
         }
         drop(last);
         self.last.replace(Configuration { s: s.clone(), q: q.clone() });
         Ok(q)
+    }
+
+    /// Makes sure that no spring has lost its direction between two configurations that are close: one whose force is not zero where its
+    /// length is.
+    fn refuse_turned_springs(&self, before: &DVector<f64>, after: &DVector<f64>) -> Result<(), String> {
+        let springs = self.model.springs.iter();
+        let has_direction = |spring: &&Spring| spring.rest != 0.0 || spring.damping != 0.0 || spring.further.is_some();
+        for Spring { coordinate, owner, .. } in springs.filter(has_direction) {
+            let [from, to] = [before, after].map(|q| coordinate.direction(q));
+            if Option::zip(from, to).is_some_and(|(from, to)| from.dot(&to) <= 0.0) {
+                return Err(format!("`{owner}` has no length on the way: its direction is lost there"));
+            }
+        }
+        Ok(())
     }
 
     /// The functions of the configuration.
