@@ -4,6 +4,28 @@
  * are type and names for jets of them.
  */
 
+/* Functions of two numbers that are no sums or products. */
+static NUMBER OF(combined)(Combination combination, NUMBER a, NUMBER b)
+{
+    switch (combination) {
+    case COMBINATION_DIVIDE:
+        return OF(quotient)(a, b);
+    case COMBINATION_POWER:
+        return OF(power)(a, b);
+    case COMBINATION_ANGLE: {
+        const Real y = OF(value)(a);
+        const Real x = OF(value)(b);
+        /* the angle to the point itself, which changes with both; it has no derivatives at the origin */
+        const NUMBER across = OF(difference)(OF(scaled)(a, x), OF(scaled)(b, y));
+        const NUMBER ahead = OF(sum)(OF(scaled)(b, x), OF(scaled)(a, y));
+        const NUMBER angle = OF(constant)(MATH(atan2)(y, x));
+        return OF(value)(ahead) > R(0.0) ? OF(sum)(angle, OF(apply)(FUNCTION_ATAN, OF(quotient)(across, ahead))) : angle;
+    }
+    default:
+        return OF(value)(b) < OF(value)(a) || isnan(OF(value)(b)) ? b : a;
+    }
+}
+
 /* Operations of formulas and of the solution of linear equations. */
 static void OF(call)(const Operation *operation, NUMBER *registers)
 {
@@ -17,14 +39,8 @@ static void OF(call)(const Operation *operation, NUMBER *registers)
     case TAPE_CALL:
         *to = OF(apply)((Function)operation->function, a);
         break;
-    case TAPE_QUOTIENT:
-        *to = OF(quotient)(a, b);
-        break;
-    case TAPE_POWER:
-        *to = OF(power)(a, b);
-        break;
-    case TAPE_SMALLER:
-        *to = OF(value)(b) < OF(value)(a) || isnan(OF(value)(b)) ? b : a;
+    case TAPE_COMBINE:
+        *to = OF(combined)((Combination)operation->function, a, b);
         break;
     default:
         *to = OF(lookup)(&model_tables[operation->data], a, b);

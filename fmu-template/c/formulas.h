@@ -55,8 +55,12 @@ typedef enum {
     FUNCTION_LN,
     FUNCTION_SQRT,
     FUNCTION_ABS,
-    FUNCTION_SIGN
+    FUNCTION_SIGN,
+    FUNCTION_FLOOR,
+    FUNCTION_SMOOTH
 } Function;
+
+typedef enum { COMBINATION_DIVIDE, COMBINATION_POWER, COMBINATION_MINIMUM, COMBINATION_ANGLE } Combination;
 
 static inline Real sign(Real x)
 {
@@ -66,9 +70,17 @@ static inline Real sign(Real x)
     return x < R(0.0) ? R(-1.0) : x;
 }
 
+static inline Real smooth(Real x)
+{
+    if (x < R(0.0)) {
+        return R(0.0);
+    }
+    return x > R(1.0) ? R(1.0) : x * x * (R(3.0) - R(2.0) * x);
+}
+
 /* In the order of their names. */
-static Real (*const FUNCTIONS[])(Real) = {MATH(sin),  MATH(cos), MATH(tan), MATH(asin), MATH(acos), MATH(atan),
-                                          MATH(tanh), MATH(exp), MATH(log), MATH(sqrt), MATH(fabs), sign};
+static Real (*const FUNCTIONS[])(Real) = {MATH(sin), MATH(cos), MATH(tan),  MATH(asin), MATH(acos), MATH(atan),  MATH(tanh),
+                                          MATH(exp), MATH(log), MATH(sqrt), MATH(fabs), sign,       MATH(floor), smooth};
 
 /* A function of a jet from its value, slope and curvature. */
 static inline Jet jet_chain(Jet a, Real value, Real slope, Real curvature)
@@ -132,7 +144,14 @@ static inline Jet jet_apply(Function function, Jet a)
     case FUNCTION_ABS:
         slope = x < R(0.0) ? R(-1.0) : R(1.0);
         break;
+    case FUNCTION_SMOOTH:
+        if (x > R(0.0) && x < R(1.0)) {
+            slope = R(6.0) * x * (R(1.0) - x);
+            curvature = R(6.0) - R(12.0) * x;
+        }
+        break;
     case FUNCTION_SIGN:
+    case FUNCTION_FLOOR:
         break;
     }
     return jet_chain(a, y, slope, curvature);

@@ -38,15 +38,13 @@ typedef enum {
     TAPE_BLOCKS,      /* count blocks of products a[i] b[i] */
     TAPE_RECIPROCAL,  /* 1 / a, NaN where a is not positive */
     TAPE_CALL,        /* f(a) */
-    TAPE_QUOTIENT,    /* a / b */
-    TAPE_POWER,       /* a^b */
-    TAPE_SMALLER,     /* the smaller one of a and b */
+    TAPE_COMBINE,     /* f(a, b) */
     TAPE_LOOKUP       /* a table at a and b */
 } OperationKind;
 
 typedef struct {
     uint8_t kind;
-    uint8_t function;
+    uint8_t function; /* an Activation, Function or Combination */
     RegisterIndex a;
     RegisterIndex b;
     RegisterIndex c;

@@ -1,7 +1,7 @@
 //! Arithmetic expressions in a description, with exact first and second derivatives.
 //!
-//! Numbers, names, `+ - * / ^`, parentheses, `pi`, `min`, `max`, the [functions](ElementaryFunction) and the description's tables; `^` binds tightest
-//! and to the right, so `-a^2` is `-(a^2)`. An expression becomes a [`Formula`] with the tables of a description.
+//! Numbers, names, `+ - * / ^`, parentheses, `pi`, the [functions](ElementaryFunction), `min`, `max`, `atan2(y, x)`, `mod(a, b)`,
+//! `step(x, x0, y0, x1, y1)` and the description's tables; `^` binds tightest and to the right, so `-a^2` is `-(a^2)`. An expression becomes a [`Formula`] with the tables of a description.
 
 use crate::diagnostics::names::expected_one_of;
 use indexmap::IndexMap;
@@ -109,9 +109,8 @@ impl Expression {
             Token::Step(step) => Ok(step.clone()),
             Token::Lookup { table: name, arguments } => {
                 let table = tables.get(name).ok_or_else(|| {
-                    let functions = ElementaryFunction::ALL.map(ElementaryFunction::name).into_iter();
-                    let known = functions.chain(PAIRS.map(|(name, _)| name)).chain(tables.keys().map(String::as_str));
-                    let known = expected_one_of(name, &known.collect::<Vec<_>>());
+                    let known: Vec<&str> = function_names().chain(tables.keys().map(String::as_str)).collect();
+                    let known = expected_one_of(name, &known);
                     format!("`{self}`: no function or table `{name}`, {known}")
                 })?;
                 if table.arguments() != *arguments {
@@ -195,12 +194,43 @@ impl<'de> Deserialize<'de> for Expression {
 }
 
 /// Functions of two variables.
-const PAIRS: [(&str, Combination); 2] = [("min", Combination::Minimum), ("max", Combination::Maximum)];
+const PAIRS: [(&str, Combination); 3] =
+    [("min", Combination::Minimum), ("max", Combination::Maximum), ("atan2", Combination::Angle)];
+
+/// Functions that are made of others, and their numbers of arguments.
+const COMPOSED: [(&str, usize); 2] = [("mod", 2), ("step", 5)];
+
+/// Names of all functions.
+fn function_names<'a>() -> impl Iterator<Item = &'a str> {
+    let functions = ElementaryFunction::ALL.map(ElementaryFunction::name).into_iter();
+    functions.chain(PAIRS.map(|(name, _)| name)).chain(COMPOSED.map(|(name, _)| name))
+}
 
 /// Returns true if a function has this name.
 pub fn is_function(name: &str) -> bool {
-    ElementaryFunction::ALL.into_iter().any(|function| function.name() == name)
-        || PAIRS.iter().any(|(pair, _)| *pair == name)
+    function_names().any(|known| known == name)
+}
+
+/// The operations of a composed function, whose arguments these are.
+///
+/// `mod(a, b) = a - b floor(a / b)`, and `step(x, x0, y0, x1, y1) = y0 + (y1 - y0) smooth((x - x0) / (x1 - x0))`.
+fn composed(arguments: &[Vec<Token>]) -> Vec<Token> {
+    let combine = |combination| vec![Token::Step(FormulaStep::Combine(combination))];
+    let call = |function| vec![Token::Step(FormulaStep::Call(function))];
+    let of = |combination, a: &[Token], b: &[Token]| [a, b, &combine(combination)].concat();
+    use Combination::{Add, Divide, Multiply, Subtract};
+    match arguments {
+        [x, x0, y0, x1, y1] => {
+            let share = of(Divide, &of(Subtract, x, x0), &of(Subtract, x1, x0));
+            let share = [share, call(ElementaryFunction::Smooth)].concat();
+            of(Add, y0, &of(Multiply, &of(Subtract, y1, y0), &share))
+        }
+        [a, b] => {
+            let turns = [of(Divide, a, b), call(ElementaryFunction::Floor)].concat();
+            of(Subtract, a, &of(Multiply, b, &turns))
+        }
+        _ => Vec::new(),
+    }
 }
 
 /// Operations of an expression with its variables, at most.
@@ -286,30 +316,30 @@ impl Parser<'_> {
     /// `number | name | function "(" sum ")" | pair "(" sum "," sum ")" | table "(" sum ("," sum)? ")" | "(" sum ")"`
     fn atom(&mut self) -> Result<(), String> {
         match self.peek() {
-            Some('(') => self.arguments(1..=1).map(|_| ()),
+            Some('(') => self.arguments(1..=1).map(drop),
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
             Some(c) if c.is_ascii_alphabetic() || c == '_' => self.name(),
             _ => Err(self.unexpected("a number, a name or `(`")),
         }
     }
 
-    /// `"(" sum ("," sum)* ")"`; returns the number of sums.
-    fn arguments(&mut self, counts: RangeInclusive<usize>) -> Result<usize, String> {
-        let mut count = 0;
+    /// `"(" sum ("," sum)* ")"`; returns where the operations of each sum begin.
+    fn arguments(&mut self, counts: RangeInclusive<usize>) -> Result<Vec<usize>, String> {
+        let mut begins = Vec::new();
         // the first of them is `(`, which was seen already
-        while count == 0 || (count < *counts.end() && self.peek() == Some(',')) {
+        while begins.is_empty() || (begins.len() < *counts.end() && self.peek() == Some(',')) {
             self.position += 1;
+            begins.push(self.tokens.len());
             self.sum()?;
-            count += 1;
         }
-        if count < *counts.start() {
+        if begins.len() < *counts.start() {
             return Err(self.unexpected("`,`"));
         }
         if self.peek() != Some(')') {
             return Err(self.unexpected("`)`"));
         }
         self.position += 1;
-        Ok(count)
+        Ok(begins)
     }
 
     fn number(&mut self) -> Result<(), String> {
@@ -348,8 +378,12 @@ impl Parser<'_> {
             } else if let Some(function) = function {
                 self.arguments(1..=1)?;
                 self.step(FormulaStep::Call(function));
+            } else if let Some((_, count)) = COMPOSED.iter().find(|(known, _)| *known == name) {
+                let begins = self.arguments(*count..=*count)?;
+                let arguments: Vec<_> = begins.into_iter().rev().map(|begin| self.tokens.split_off(begin)).collect();
+                self.tokens.extend(composed(&arguments.into_iter().rev().collect::<Vec<_>>()));
             } else {
-                let arguments = self.arguments(1..=2)?;
+                let arguments = self.arguments(1..=2)?.len();
                 self.tokens.push(Token::Lookup { table: name.to_owned(), arguments });
             }
         } else if name == "pi" {
@@ -425,6 +459,11 @@ mod tests {
             ("1/3", 1.0 / 3.0),
             ("min(a, 1 + 1) + max(-3, -a)", 0.0),
             ("sign(-a)*abs(a)", -1.7),
+            ("floor(-a) + floor(a)", -1.0),
+            ("mod(7.5, 2) + mod(-1, 2*2)", 4.5),
+            ("atan2(1, -1)*4/pi + atan2(-2, 0)*2/pi", 2.0),
+            ("step(a, 1, 2, 2, 2) + step(a, 2, -3, 3, 5) + step(a, 0, 0, 1, 4)", 3.0),
+            ("step(2.5, 2, -3, 3, 5)", 1.0),
         ] {
             assert_eq!(at(text, 0.0).value, value, "{text}");
         }
@@ -439,6 +478,9 @@ mod tests {
             "atan(time)*tanh(a*time) + exp(-time)*ln(time + 1)",
             "sqrt(time^2 + 1)^time",
             "abs(-time)/(1 + time)",
+            "atan2(sin(time), -time - 0.2) - atan2(-time^2, -a)",
+            "mod(7*time, 1.35)*time + smooth(time/2)",
+            "step(time, 0.2, time^2, 1.5, 3)",
         ];
         let step = 1e-4;
         for text in texts {
@@ -469,6 +511,7 @@ mod tests {
             ("2 x", "found `x` at character 3, expected an operator or the end"),
             ("(1 + 2", "found the end at character 7, expected `)`"),
             ("min(1)", "found `)` at character 6, expected `,`"),
+            ("step(1, 2)", "found `)` at character 10, expected `,`"),
             ("sin(1, 2)", "found `,` at character 6, expected `)`"),
             ("cam(1, 2, 3)", "found `,` at character 9, expected `)`"),
             ("1 + é", "found `é` at character 5"),

@@ -301,8 +301,8 @@ pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate 
 /// [`crane`] with efforts: friction of the trolley, `force - 0.3 tanh(20 v)`, wind against the load's horizontal motion as a torque on the
 /// rope, and a force with made-up numbers that has every function and operation.
 pub fn crane_with_efforts() -> Surrogate {
-    use Combination::{Add, Divide, Maximum, Minimum, Multiply, Power, Subtract};
-    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
+    use Combination::{Add, Angle, Divide, Maximum, Minimum, Multiply, Power, Subtract};
+    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Floor, Ln, Sign, Sin, Smooth, Sqrt, Tan, Tanh};
     use FormulaStep::{Call, Column, Combine, Constant, Lookup, Negate};
     let [held, smooth, periodic] = lookup_tables().map(Lookup);
     let crane = crane();
@@ -365,6 +365,12 @@ pub fn crane_with_efforts() -> Surrogate {
         ],
         &bounded,
         &[Call(Sign), Combine(Add)],
+        &bounded,
+        &[Constant(0.6), Combine(Multiply), Constant(0.3), Combine(Add), Call(Smooth), Combine(Add)],
+        &bounded,
+        &[Constant(5.0), Combine(Multiply), Call(Floor), Combine(Add)],
+        &bounded,
+        &[Column(1), Negate, Combine(Angle), Combine(Add)],
         &[Column(7), held, Combine(Add)],
         &[Column(0), Column(5), smooth, Combine(Add)],
         &[Column(2), periodic, Combine(Add)],

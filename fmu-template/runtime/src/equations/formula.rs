@@ -5,15 +5,15 @@
 //! chapter 13).
 
 use super::tape::{Register, TapeBuilder};
-use crate::FormatError;
 use crate::{
+    FormatError,
     check::expect_finite,
     numbers::jet::{Jet, Number},
 };
 use std::sync::Arc;
 
 pub use super::lookup::{Bend, Extrapolation, Interpolation, LookupTable};
-pub use crate::numbers::elementary::ElementaryFunction;
+pub use crate::numbers::{combination::Combination, elementary::ElementaryFunction};
 
 /// A step of a formula in postfix notation: operands are taken from a stack, and the result is put there.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,25 +30,6 @@ pub enum FormulaStep {
     Combine(Combination),
     /// A table at the last value, or the last two.
     Lookup(Arc<LookupTable>),
-}
-
-/// A function of two values: the one before the last on the stack, `a`, and the last, `b`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Combination {
-    /// `a + b`
-    Add,
-    /// `a - b`
-    Subtract,
-    /// `a b`
-    Multiply,
-    /// `a / b`
-    Divide,
-    /// `a^b`
-    Power,
-    /// The smaller one.
-    Minimum,
-    /// The larger one.
-    Maximum,
 }
 
 /// A step with its operands.
@@ -76,32 +57,6 @@ fn applied<T: Number>(step: &Applied<T>, column: &impl Fn(usize) -> T) -> T {
         Applied::Call(function, x) => x.apply(function),
         Applied::Combine(combination, a, b) => combination.of(*a, *b),
         Applied::Lookup(table, at) => table.at(at),
-    }
-}
-
-/// Largest power that is a product.
-const LARGEST_POWER: f64 = 4.0;
-
-impl Combination {
-    /// All of them, in the order of their numbers in the model file.
-    pub const ALL: [Self; 7] =
-        [Self::Add, Self::Subtract, Self::Multiply, Self::Divide, Self::Power, Self::Minimum, Self::Maximum];
-
-    /// Returns true if a power is computed as a product.
-    fn is_product(power: f64) -> bool {
-        power.fract() == 0.0 && (1.0..=LARGEST_POWER).contains(&power)
-    }
-
-    fn of<T: Number>(self, a: T, b: T) -> T {
-        match self {
-            Self::Add => a + b,
-            Self::Subtract => a - b,
-            Self::Multiply => a * b,
-            Self::Divide => a.divided_by(b),
-            Self::Power => a.power(b),
-            Self::Minimum => a.smaller(b),
-            Self::Maximum => a.larger(b),
-        }
     }
 }
 
@@ -215,23 +170,7 @@ impl Formula {
             Applied::Column(index) => columns[index],
             Applied::Negate(x) => tape.negative(*x),
             Applied::Call(function, x) => tape.call(function, *x),
-            Applied::Combine(Combination::Add, a, b) => tape.add_product(*a, *b, tape.one),
-            Applied::Combine(Combination::Subtract, a, b) => tape.subtract_product(*a, *b, tape.one),
-            Applied::Combine(Combination::Multiply, a, b) => tape.product(*a, *b),
-            Applied::Combine(Combination::Divide, a, b) => tape.quotient(*a, *b),
-            Applied::Combine(Combination::Power, a, b) => match tape.value(*b) {
-                Some(0.5) => tape.call(ElementaryFunction::Sqrt, *a),
-                Some(power) if Combination::is_product(power) => {
-                    (1..power as u32).fold(*a, |product, _| tape.product(product, *a))
-                }
-                _ => tape.power(*a, *b),
-            },
-            Applied::Combine(Combination::Minimum, a, b) => tape.smaller(*a, *b),
-            Applied::Combine(Combination::Maximum, a, b) => {
-                let [a, b] = [a, b].map(|value| tape.negative(*value));
-                let smaller = tape.smaller(a, b);
-                tape.negative(smaller)
-            }
+            Applied::Combine(combination, a, b) => tape.combine(combination, *a, *b),
             Applied::Lookup(table, at) => tape.lookup(table, at),
         })
     }
@@ -281,7 +220,7 @@ impl FormulaStep {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use Combination::{Add, Divide, Maximum, Minimum, Multiply, Power, Subtract};
+    use Combination::{Add, Angle, Divide, Maximum, Minimum, Multiply, Power, Subtract};
     use FormulaStep::{Call, Column, Combine, Constant, Negate};
 
     /// Every function and operation, of two columns.
@@ -302,6 +241,7 @@ mod tests {
                 Combine(Maximum),
                 Combine(Multiply),
             ],
+            vec![Column(0), Column(1), Negate, Combine(Angle), Column(0), Combine(Multiply)],
             vec![Column(1), Column(0), Combine(Minimum), Constant(2.0), Column(1), Combine(Maximum), Combine(Subtract)],
         ];
         let formulas = ElementaryFunction::ALL.into_iter().map(with).chain(more).chain(lookups());

@@ -6,7 +6,7 @@ pub mod listing;
 
 use super::lookup::LookupTable;
 use crate::{
-    numbers::{elementary::ElementaryFunction, jet::Number},
+    numbers::{combination::Combination, elementary::ElementaryFunction, jet::Number},
     simd::{Compute, Simd},
 };
 use lanes::LaneOperation;
@@ -89,12 +89,8 @@ enum TapeOperation {
     Reciprocal { of: Register, to: Register },
     /// `to = f(of)`
     Call { function: ElementaryFunction, of: Register, to: Register },
-    /// `to = a / b`
-    Quotient { a: Register, b: Register, to: Register },
-    /// `to = a^b`
-    Power { a: Register, b: Register, to: Register },
-    /// The smaller one of both.
-    Smaller { a: Register, b: Register, to: Register },
+    /// `to = f(a, b)`
+    Combine { combination: Combination, a: Register, b: Register, to: Register },
     /// A table, by its position, at one or two numbers.
     Lookup { table: u32, at: [Register; 2], to: Register },
     /// Some operations of layers one after the other.
@@ -223,11 +219,7 @@ impl<T: Number> Compute for RunPart<'_, T> {
                     let value = if value.value() > 0.0 { value } else { T::from(f64::NAN) };
                     registers[to.index()] = value.recip();
                 }
-                TapeOperation::Call { .. }
-                | TapeOperation::Quotient { .. }
-                | TapeOperation::Power { .. }
-                | TapeOperation::Smaller { .. }
-                | TapeOperation::Lookup { .. } => {
+                TapeOperation::Call { .. } | TapeOperation::Combine { .. } | TapeOperation::Lookup { .. } => {
                     operation.run_rare(registers, &tape.tables);
                 }
                 TapeOperation::Lanes { first, count } => {
@@ -245,10 +237,7 @@ impl TapeOperation {
             Self::Product { a, b, c, to } => (to, [(a, 1), (b, 1), (c, 1)]),
             Self::Products { a, b, count, c, to } => (to, [(a, count), (b, count), (c, 1)]),
             Self::Reciprocal { of, to } | Self::Call { of, to, .. } => (to, [(of, 1); 3]),
-            Self::Quotient { a, b, to }
-            | Self::Power { a, b, to }
-            | Self::Smaller { a, b, to }
-            | Self::Lookup { at: [a, b], to, .. } => (to, [(a, 1), (b, 1), (b, 1)]),
+            Self::Combine { a, b, to, .. } | Self::Lookup { at: [a, b], to, .. } => (to, [(a, 1), (b, 1), (b, 1)]),
             Self::Lanes { .. } => return None,
         })
     }
@@ -259,9 +248,7 @@ impl TapeOperation {
         let get = |register: Register| registers[register.index()];
         let (value, to) = match *self {
             Self::Call { function, of, to } => (get(of).apply(function), to),
-            Self::Quotient { a, b, to } => (get(a).divided_by(get(b)), to),
-            Self::Power { a, b, to } => (get(a).power(get(b)), to),
-            Self::Smaller { a, b, to } => (get(a).smaller(get(b)), to),
+            Self::Combine { combination, a, b, to } => (combination.of(get(a), get(b)), to),
             Self::Lookup { table, at, to } => (tables[table as usize].at(&at.map(get)), to),
             Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } | Self::Lanes { .. } => return,
         };
@@ -538,45 +525,39 @@ impl TapeBuilder {
         to
     }
 
-    /// `a / b`
-    pub(crate) fn quotient(&mut self, a: Register, b: Register) -> Register {
-        match [a, b].map(|register| self.value(register)) {
-            [Some(a), Some(b)] => self.constant(a / b),
-            [_, Some(b)] => {
+    /// A function of two numbers.
+    pub(crate) fn combine(&mut self, combination: Combination, a: Register, b: Register) -> Register {
+        match (combination, [a, b].map(|register| self.value(register))) {
+            (_, [Some(a), Some(b)]) => self.constant(combination.of(a, b)),
+            (Combination::Add, _) => self.add_product(a, b, self.one),
+            (Combination::Subtract, _) => self.subtract_product(a, b, self.one),
+            (Combination::Multiply, _) => self.product(a, b),
+            (Combination::Divide, [_, Some(b)]) => {
                 let inverse = self.constant(b.recip());
                 self.product(a, inverse)
             }
+            (Combination::Power, [_, Some(0.5)]) => self.call(ElementaryFunction::Sqrt, a),
+            (Combination::Power, [_, Some(power)]) if let Some(factors) = Combination::factors(power) => {
+                (1..factors).fold(a, |product, _| self.product(product, a))
+            }
+            (Combination::Maximum, _) => {
+                let [a, b] = [a, b].map(|value| self.negative(value));
+                let smaller = self.combine(Combination::Minimum, a, b);
+                self.negative(smaller)
+            }
             _ => {
+                // numbers of products are below these
+                let key = [a.0, b.0, u32::MAX - 2 - combination as u32];
+                if let Some(known) = self.written.get(&key) {
+                    return *known;
+                }
                 let known = self.follows(&[a, b]);
                 let to = self.reserve(known);
-                self.part(known).operations.push(TapeOperation::Quotient { a, b, to });
+                self.written.insert(key, to);
+                self.part(known).operations.push(TapeOperation::Combine { combination, a, b, to });
                 to
             }
         }
-    }
-
-    /// `a^b`
-    pub(crate) fn power(&mut self, a: Register, b: Register) -> Register {
-        match [a, b].map(|register| self.value(register)) {
-            [Some(a), Some(b)] => self.constant(a.powf(b)),
-            _ => {
-                let known = self.follows(&[a, b]);
-                let to = self.reserve(known);
-                self.part(known).operations.push(TapeOperation::Power { a, b, to });
-                to
-            }
-        }
-    }
-
-    /// The smaller one of two numbers.
-    pub(crate) fn smaller(&mut self, a: Register, b: Register) -> Register {
-        if let [Some(a), Some(b)] = [a, b].map(|register| self.value(register)) {
-            return self.constant(a.smaller(b));
-        }
-        let known = self.follows(&[a, b]);
-        let to = self.reserve(known);
-        self.part(known).operations.push(TapeOperation::Smaller { a, b, to });
-        to
     }
 
     /// A table at one or two numbers.

@@ -621,7 +621,7 @@ fn efforts_that_make_no_sense_are_refused() {
     let bytes = example::crane_with_efforts().to_bytes().unwrap();
     for (tensor, element, value, expected) in [
         ("efforts.steps", 1, 77, "tensor `efforts.steps`, element 0: 77, expected less than 8"),
-        ("efforts.steps", 0, 12, "tensor `graph.0.efforts.steps`, element 0: 12 is not known"),
+        ("efforts.steps", 0, 14, "tensor `graph.0.efforts.steps`, element 0: 14 is not known"),
         ("efforts.steps", 3, 900, "tensor `graph.0.efforts.steps`, element 3: 900 is not known"),
         ("efforts.steps", 0, 5, "formula, step 0: 0 values, expected 2"),
         // table 1 has two arguments

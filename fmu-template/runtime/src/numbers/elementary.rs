@@ -27,11 +27,15 @@ pub enum ElementaryFunction {
     Abs,
     /// -1, 0 or 1.
     Sign,
+    /// The largest whole number that is not above `x`.
+    Floor,
+    /// 0 below 0, 1 above 1, `x² (3 - 2 x)` between.
+    Smooth,
 }
 
 impl ElementaryFunction {
     /// All of them, in the order of their numbers in the model file.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::Sin,
         Self::Cos,
         Self::Tan,
@@ -44,6 +48,8 @@ impl ElementaryFunction {
         Self::Sqrt,
         Self::Abs,
         Self::Sign,
+        Self::Floor,
+        Self::Smooth,
     ];
 
     /// Name in a formula.
@@ -61,6 +67,8 @@ impl ElementaryFunction {
             Self::Sqrt => "sqrt",
             Self::Abs => "abs",
             Self::Sign => "sign",
+            Self::Floor => "floor",
+            Self::Smooth => "smooth",
         }
     }
 
@@ -81,6 +89,18 @@ impl ElementaryFunction {
             Self::Abs => x.abs(),
             Self::Sign if x == 0.0 => 0.0,
             Self::Sign => x.signum(),
+            Self::Floor => x.floor(),
+            Self::Smooth => {
+                // NaN stays NaN
+                let x = if x < 0.0 {
+                    0.0
+                } else if x > 1.0 {
+                    1.0
+                } else {
+                    x
+                };
+                x * x * (3.0 - 2.0 * x)
+            }
         }
     }
 }

@@ -31,6 +31,15 @@ pub(crate) trait Number:
         let is_other = other.value() > self.value() || other.value().is_nan();
         if is_other { other } else { self }
     }
+    /// Angle of the point with this height above the axis, and this distance along it, from -π to π.
+    fn angle_of(self, along: Self) -> Self {
+        let [y, x] = [self.value(), along.value()];
+        // the angle to the point itself, which changes with both; it has no derivatives at the origin
+        let across = along.scaled(y) - self.scaled(x);
+        let ahead = along.scaled(x) + self.scaled(y);
+        let turned = if ahead.value() > 0.0 { across.divided_by(ahead).apply(ElementaryFunction::Atan) } else { ahead };
+        Self::from(y.atan2(x)) - turned
+    }
     fn tanh<const SIMD: u8>(self) -> Self;
     /// Plus `a` times `b`.
     fn add_product<const SIMD: u8>(self, a: Self, b: Self) -> Self;
@@ -187,7 +196,7 @@ impl<T: Number> Number for Jet<T> {
 
 /// First and second derivative of a function at `x`, where the value is `y`.
 fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
-    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Ln, Sign, Sin, Sqrt, Tan, Tanh};
+    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Floor, Ln, Sign, Sin, Smooth, Sqrt, Tan, Tanh};
     let (zero, one, minus) = (T::from(0.0), T::from(1.0), |value: T| value.scaled(-1.0));
     match function {
         Sin => [x.apply(Cos), minus(y)],
@@ -213,7 +222,11 @@ fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
         Ln => [x.recip(), minus((x * x).recip())],
         Sqrt => [y.recip().scaled(0.5), (x * y).recip().scaled(-0.25)],
         Abs => [if x.value() < 0.0 { minus(one) } else { one }, zero],
-        Sign => [zero, zero],
+        Smooth if x.value() > 0.0 && x.value() < 1.0 => {
+            let twelve_x = x.scaled(12.0);
+            [twelve_x.scaled(0.5) * (one - x), T::from(6.0) - twelve_x]
+        }
+        Sign | Floor | Smooth => [zero, zero],
     }
 }
 

@@ -1,5 +1,6 @@
 //! Functions of numbers with their derivatives: activations, elementary functions, jets.
 
 pub(crate) mod activation;
+pub(crate) mod combination;
 pub(crate) mod elementary;
 pub(crate) mod jet;

@@ -1,6 +1,7 @@
 //! Tapes: lists of operations, and what they take.
 
 use super::{operations::Operations, push, real, table};
+use metafmu_runtime::formula::Combination;
 use metafmu_runtime::listing::{Instruction, InstructionKind, LANES, Listing};
 
 /// `BLOCK` of models that run tapes.
@@ -26,10 +27,10 @@ fn of_instruction(Instruction { kind, b, count, data, .. }: &Instruction, listin
     match kind {
         InstructionKind::Harmonics => Operations { arithmetic: 6.0 * (count - 1.0), sines: 2.0, ..none },
         InstructionKind::Product | InstructionKind::Products => Operations { arithmetic: 2.0 * count, ..none },
-        InstructionKind::Reciprocal | InstructionKind::Quotient | InstructionKind::Smaller => {
+        InstructionKind::Reciprocal | InstructionKind::Combine(Combination::Divide | Combination::Minimum) => {
             Operations { arithmetic: 1.0, ..none }
         }
-        InstructionKind::Call(_) | InstructionKind::Power => Operations { functions: 1.0, ..none },
+        InstructionKind::Call(_) | InstructionKind::Combine(_) => Operations { functions: 1.0, ..none },
         InstructionKind::Lookup => {
             let table = &listing.tables[*data as usize];
             Operations { arithmetic: (table.arguments() * (6 * table.numbers_of_node() + 52)) as f64, ..none }
@@ -76,9 +77,7 @@ fn row(instruction: &Instruction, listing: &Listing) -> String {
         InstructionKind::Products => ("PRODUCTS", "0".into()),
         InstructionKind::Reciprocal => ("RECIPROCAL", "0".into()),
         InstructionKind::Call(function) => ("CALL", format!("FUNCTION_{}", function.name().to_uppercase())),
-        InstructionKind::Quotient => ("QUOTIENT", "0".into()),
-        InstructionKind::Power => ("POWER", "0".into()),
-        InstructionKind::Smaller => ("SMALLER", "0".into()),
+        InstructionKind::Combine(combination) => ("COMBINE", format!("COMBINATION_{}", combination.name())),
         InstructionKind::Lookup => ("LOOKUP", "0".into()),
         InstructionKind::Matrix => ("MATRIX", "0".into()),
         InstructionKind::Dot => ("DOT", "0".into()),

@@ -3,7 +3,7 @@
 use super::{Argument, LaneOperation, Part, Register, Tape, TapeOperation};
 use crate::{
     Activation,
-    formula::{ElementaryFunction, LookupTable},
+    formula::{Combination, ElementaryFunction, LookupTable},
 };
 use std::{ops::Range, sync::Arc};
 
@@ -65,12 +65,8 @@ pub enum InstructionKind {
     Reciprocal,
     /// `f(a)`
     Call(ElementaryFunction),
-    /// `a / b`
-    Quotient,
-    /// `a^b`
-    Power,
-    /// The smaller one of `a` and `b`.
-    Smaller,
+    /// `f(a, b)`
+    Combine(Combination),
     /// A table at `a` or, if it has two arguments, at `a` and `b`.
     Lookup,
     /// The block `W a + c`, with weights column by column of each lane; `b` is the number of columns. `c` may be the register of zero.
@@ -132,9 +128,7 @@ impl TapeOperation {
             }
             Self::Reciprocal { of, to } => Instruction::new(Kind::Reciprocal, [of; 3], to),
             Self::Call { function, of, to } => Instruction::new(Kind::Call(function), [of; 3], to),
-            Self::Quotient { a, b, to } => Instruction::new(Kind::Quotient, [a, b, b], to),
-            Self::Power { a, b, to } => Instruction::new(Kind::Power, [a, b, b], to),
-            Self::Smaller { a, b, to } => Instruction::new(Kind::Smaller, [a, b, b], to),
+            Self::Combine { combination, a, b, to } => Instruction::new(Kind::Combine(combination), [a, b, b], to),
             Self::Lookup { table, at: [a, b], to } => {
                 Instruction { data: table, ..Instruction::new(Kind::Lookup, [a, b, b], to) }
             }
