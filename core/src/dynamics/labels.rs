@@ -14,7 +14,7 @@ use crate::multibody::{
 };
 use metafmu_runtime::{Dynamics, Efforts, dictionary::Factor};
 use nalgebra::DVector;
-use std::f64::consts::TAU;
+use std::{borrow::Cow, f64::consts::TAU};
 
 /// Point of a region: coordinates, then parameters.
 pub(super) type RegionPoint = Vec<f64>;
@@ -30,7 +30,7 @@ const SHIFTS: [f64; 3] = [0.0, 0.11, -0.23];
 
 /// A mechanism whose equations are evaluated in a region.
 pub(super) struct MechanismRegion<'a> {
-    mechanism: &'a Mechanism,
+    mechanism: Cow<'a, Mechanism>,
     region: &'a Region,
     /// Values of all parameters of the mechanism, and where those that vary are among them.
     defaults: Vec<f64>,
@@ -65,13 +65,14 @@ pub(super) struct Configured {
 
 impl<'a> MechanismRegion<'a> {
     pub(super) fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
+        let mechanism = mechanism.with_torsion_as_forces(&region.outputs);
         for QuantityRange { name, min, max } in region.coordinates.iter().chain(&region.parameters) {
             // also where one of them is not a number
             if !(min < max && min.is_finite() && max.is_finite()) {
                 return Err(format!("`{name}`: range from {min} to {max}, expected an end above the beginning"));
             }
         }
-        let known = mechanism.parameters();
+        let known = mechanism.parameters().clone();
         let position = |range: &QuantityRange| {
             let unknown = || format!("the mechanism has no parameter `{}`", range.name);
             known.get_index_of(&range.name).ok_or_else(unknown)
@@ -87,8 +88,8 @@ impl<'a> MechanismRegion<'a> {
             let value = &mut others[*position];
             *value = if *value == range.max { range.min } else { range.max };
         }
-        let outputs = Outputs::new(mechanism, [&defaults, &others], &region.outputs)?;
-        let efforts = KnownEfforts::new(mechanism, [&defaults, &others])?;
+        let outputs = Outputs::new(&mechanism, [&defaults, &others], &region.outputs)?;
+        let efforts = KnownEfforts::new(&mechanism, [&defaults, &others])?;
         let [is_angle, is_harmonic, is_periodic] = [const { Vec::new() }; 3];
         let (driven, alike) = (Vec::new(), Vec::new());
         let mut labels = Self {
@@ -251,7 +252,7 @@ impl<'a> MechanismRegion<'a> {
 
     /// The positions that the outputs need, with the parameters of a point.
     pub(super) fn positions(&self, point: &[f64]) -> Result<Vec<Coordinate>, String> {
-        self.outputs.positions_with(self.mechanism, &self.values(point))
+        self.outputs.positions_with(&self.mechanism, &self.values(point))
     }
 
     pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {

@@ -77,6 +77,18 @@ pub fn free_coordinates(description: &Description, values: &[f64]) -> Vec<Coordi
     MultibodyBuilder::new(description, values).joints.iter().filter_map(Joint::free).collect()
 }
 
+/// Limits of coordinates by stops, the lower and the upper one; those that cannot be built are left out.
+pub fn limits(description: &Description, values: &[f64]) -> Vec<(Coordinate, [f64; 2])> {
+    let mut builder = MultibodyBuilder::new(description, values);
+    let stops = description.stops.values();
+    let limits = stops.filter_map(|stop| {
+        let coordinate = builder.coordinate(&stop.coordinate).ok()?;
+        let mut limit = |of: &Option<Expression>, none| of.as_ref().map_or(none, |of| builder.number("", of));
+        Some((coordinate, [limit(&stop.min, f64::NEG_INFINITY), limit(&stop.max, f64::INFINITY)]))
+    });
+    limits.collect()
+}
+
 /// Measures of points.
 const POINT_MEASURES: [&str; 6] = ["x", "y", "vx", "vy", "ax", "ay"];
 

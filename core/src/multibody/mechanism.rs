@@ -1,14 +1,14 @@
 //! The mechanism file: read, checked, simulated.
 
 use super::{
-    build::{build, free_coordinates, position_coordinates},
+    build::{build, free_coordinates, limits, position_coordinates},
     constraint::BoundExpression,
-    description::{Description, MechanismInput, MechanismParameter},
+    description::{Description, MechanismInput, MechanismParameter, SpringOptions},
     expression::{Expression, is_function},
     measure::Measure,
     model::{MultibodyModel, Sample},
     reduced::{self, Reduced},
-    review::{idle_parts, oddities},
+    review::{idle_parts, is_zero, oddities},
     simulate::{simulate, simulate_from},
     tables::tables,
     variables::variables,
@@ -27,7 +27,7 @@ use crate::{
 };
 use indexmap::IndexMap;
 use nalgebra::DVector;
-use std::{path::Path, sync::LazyLock};
+use std::{borrow::Cow, path::Path, sync::LazyLock};
 
 static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Description>);
 
@@ -165,6 +165,31 @@ impl Mechanism {
     /// The content of the file.
     pub fn description(&self) -> &Description {
         &self.description
+    }
+
+    /// The same mechanism with the stiffness of springs along angles as forces, which stay formulas: the energy of such a spring is no harmonic
+    /// of its angle. Where one of these outputs measures the potential energy, it is the mechanism itself.
+    pub fn with_torsion_as_forces(&self, outputs: &[String]) -> Cow<'_, Self> {
+        let measures_energy = |name: &String| {
+            self.description.outputs.get(name).is_some_and(|output| output.measure == "potential_energy")
+        };
+        let is_torsion = |spring: &SpringOptions| {
+            !is_zero(&spring.stiffness) && spring.coordinate.as_ref().is_some_and(|of| of.ends_with(".angle"))
+        };
+        if outputs.iter().any(measures_energy) || !self.description.springs.values().any(is_torsion) {
+            return Cow::Borrowed(self);
+        }
+        let mut mechanism = self.clone();
+        for spring in mechanism.description.springs.values_mut().filter(|spring| is_torsion(spring)) {
+            let SpringOptions { coordinate, stiffness, rest, force, .. } = &*spring;
+            let angle = coordinate.as_deref().unwrap_or_default();
+            let further = force.as_ref().map_or(String::new(), |force| format!(" + ({force})"));
+            // the same names as before: it can be parsed
+            spring.force = Expression::parse(&format!("-({stiffness})*({angle} - ({rest})){further}")).ok();
+            spring.stiffness = Expression::default();
+            spring.rest = Expression::default();
+        }
+        Cow::Owned(mechanism)
     }
 
     /// What a study may vary.
@@ -369,7 +394,7 @@ pub struct FreeCoordinate {
     pub rate: f64,
     /// Largest magnitude of its second derivative there, all inputs at the lower or all at the upper ends of their ranges.
     pub acceleration: f64,
-    /// How far it can go on the assembly of the start, up to half a turn or a metre in each direction.
+    /// How far it can go on the assembly of the start, up to half a turn or a metre in each direction, or into its stops.
     pub reach: [f64; 2],
 }
 
@@ -397,16 +422,27 @@ impl Mechanism {
         let ends = [inputs.clone().map(|input| input.min).collect::<Vec<_>>(), inputs.map(|input| input.max).collect()];
         let accelerations =
             ends.map(|u| reduced.accelerations(s, rates, &u).unwrap_or_else(|_| DVector::zeros(s.len())));
+        let limits = limits(&self.description, &values);
         let chosen = reduced.coordinates().iter().enumerate();
         let free = chosen.filter_map(|(k, coordinate)| {
             let name = names[coordinates.iter().position(|known| known == coordinate)?].clone();
             let furthest = if coordinate.is_angle() { std::f64::consts::PI } else { 1.0 };
             let reach = [-furthest, furthest].map(|end| s[k] + reach(&reduced, s, k, end));
+            let reach = limits
+                .iter()
+                .filter(|(of, _)| of == coordinate)
+                .fold(reach, |reach, (_, limits)| within(reach, *limits));
             let acceleration = accelerations.iter().fold(0.0, |largest: f64, at| largest.max(at[k].abs()));
             Some(FreeCoordinate { name, start: s[k], rate: rates[k], acceleration, reach })
         });
         Ok(free.collect())
     }
+}
+
+/// A range cut at the limits of a stop, with a twentieth of the limits' distance for what goes into the stop.
+fn within([low, high]: [f64; 2], [min, max]: [f64; 2]) -> [f64; 2] {
+    let into = 0.05 * (max.min(high) - min.max(low));
+    [low.max(min - into), high.min(max + into)]
 }
 
 /// How far a coordinate can be moved towards `end`, with a tenth to spare if that is not all the way.
