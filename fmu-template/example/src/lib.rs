@@ -370,7 +370,7 @@ pub fn crane_with_efforts() -> Surrogate {
         &bounded,
         &[Constant(5.0), Combine(Multiply), Call(Floor), Combine(Add)],
         &bounded,
-        &[Column(1), Negate, Combine(Angle), Combine(Add)],
+        &[Constant(1.5), Combine(Add), Column(0), Negate, Combine(Angle), Combine(Add)],
         &[Column(7), held, Combine(Add)],
         &[Column(0), Column(5), smooth, Combine(Add)],
         &[Column(2), periodic, Combine(Add)],

@@ -342,7 +342,7 @@ mod tests {
         let known = y.asin() + y.acos() - y.tan() + y.atan().exp() + l.ln() * l.sqrt();
         let motor = known + force / (force.powi(2) + 1.0) + l.powf(y) + force.min(2.0) + force.max(-2.5) + y.signum();
         let share = 0.6 * y + 0.3;
-        let motor = motor + share * share * (3.0 - 2.0 * share) + (5.0 * y).floor() + y.atan2(-force);
+        let motor = motor + share * share * (3.0 - 2.0 * share) + (5.0 * y).floor() + (y + 1.5).atan2(-l);
         // the tables at v, at (l, omega) and at theta: the value at the end, and `CubicSpline` of scipy 1.17
         let motor = motor + 0.25 + 3.678733333333338 + 0.30352240352240356;
         let side = [friction + 0.5 * motor - 0.3 * v + l * omega * omega * sine, wind - 9.81 * l * sine];

@@ -198,7 +198,7 @@ impl Graph {
     pub fn products(&self) -> usize {
         let Some(dictionary) = self.dictionary() else { return 0 };
         let angles = dictionary.factors().filter(|factor| *factor == Factor::Angle).count();
-        dictionary.products() - if self.called().is_some() { 2 * angles } else { 0 }
+        dictionary.products().saturating_sub(if self.called().is_some() { 2 * angles } else { 0 })
     }
 
     /// The dictionary, if a step is one.
