@@ -119,6 +119,25 @@ fn rate_of(position: &str) -> Option<String> {
     Some(format!("{owner}.{rate}"))
 }
 
+/// A spring of the description, or one of a bushing.
+struct SpringPart<'a> {
+    owner: String,
+    /// Of stiffness, damping and force.
+    keys: [String; 3],
+    /// Name of the coordinate, if it is an angle.
+    name: &'a str,
+    stiffness: &'a Expression,
+    damping: &'a Expression,
+    rest: (f64, &'a Expression),
+    force: Option<&'a Expression>,
+}
+
+/// Along `x` and `y` of the first point's body, and the angle of the second against it.
+fn bushing_coordinates([from, to]: [BodyPoint; 2]) -> [Coordinate; 3] {
+    let along = |axis| Coordinate::Projection { from, to, frame: from.frame, axis };
+    [along(Vector2::x()), along(Vector2::y()), Coordinate::Angle { from: from.frame, to: to.frame }]
+}
+
 struct MultibodyBuilder<'a> {
     description: &'a Description,
     values: &'a [f64],
@@ -155,7 +174,7 @@ impl<'a> MultibodyBuilder<'a> {
             velocities.extend([velocity.x, velocity.y, self.number(&key("angular_velocity"), &body.angular_velocity)]);
         }
         let (initial_positions, initial_velocities) = self.initial();
-        let springs = self.springs();
+        let (springs, of_springs) = self.springs();
         MultibodyModel {
             formulation: description.formulation,
             tolerance: TOLERANCE,
@@ -163,7 +182,7 @@ impl<'a> MultibodyBuilder<'a> {
             gravity: self.vector("gravity", &description.gravity),
             constraints: self.constraints(),
             prescribed: self.prescribed(),
-            efforts: self.efforts(&springs),
+            efforts: self.efforts(of_springs),
             springs,
             inputs: self.inputs(),
             position_guess: DVector::from_vec(positions),
@@ -268,13 +287,11 @@ impl<'a> MultibodyBuilder<'a> {
         axis.normalize()
     }
 
-    /// Those of the description, whose forces are the first of the efforts, then three for each bushing.
-    fn springs(&mut self) -> Vec<Spring> {
-        let (mut springs, mut efforts) = (Vec::new(), 0..);
+    /// Those of the description, then three for each bushing; and the efforts that act beside their stiffness and damping.
+    fn springs(&mut self) -> (Vec<Spring>, Vec<Effort>) {
+        let (mut springs, mut efforts) = (Vec::new(), Vec::new());
         for (name, spring) in &self.description.springs {
             let key = |field: &str| format!("springs.{name}.{field}");
-            let stiffness = self.not_negative(&key("stiffness"), &spring.stiffness);
-            let damping = self.not_negative(&key("damping"), &spring.damping);
             let is_length = spring.between.is_some();
             let rest = if is_length { Self::not_negative } else { Self::number }(self, &key("rest"), &spring.rest);
             let coordinate = match (&spring.between, &spring.coordinate) {
@@ -290,50 +307,66 @@ impl<'a> MultibodyBuilder<'a> {
                     self.noted(&format!("springs.{name}"), Err(message.into()))
                 }
             };
-            let owner = format!("springs.{name}");
-            let further = spring.force.as_ref().and_then(|_| efforts.next());
-            springs.extend(coordinate.map(|coordinate| Spring {
-                coordinate,
-                stiffness,
-                damping,
-                rest,
-                further,
-                owner,
-            }));
+            let part = SpringPart {
+                owner: format!("springs.{name}"),
+                keys: ["stiffness", "damping", "force"].map(key),
+                name: spring.coordinate.as_deref().unwrap_or_default(),
+                stiffness: &spring.stiffness,
+                damping: &spring.damping,
+                rest: (rest, &spring.rest),
+                force: spring.force.as_ref(),
+            };
+            self.spring(part, coordinate, (&mut springs, &mut efforts));
         }
         for (name, bushing) in &self.description.bushings {
-            let owner = format!("bushings.{name}");
-            let ends = self.ends(&format!("{owner}.between"), &bushing.between);
-            let [stiffness, damping] =
-                [("stiffness", &bushing.stiffness), ("damping", &bushing.damping)].map(|(field, values)| {
-                    values.each_ref().map(|value| self.not_negative(&format!("{owner}.{field}"), value))
-                });
-            let angle = self.number(&format!("{owner}.angle"), &bushing.angle);
-            let Some([from, to]) = ends else { continue };
-            let along = |axis| Coordinate::Projection { from, to, frame: from.frame, axis };
-            let about = Coordinate::Angle { from: from.frame, to: to.frame };
-            let coordinates = [(along(Vector2::x()), 0.0), (along(Vector2::y()), 0.0), (about, angle)];
-            for ((coordinate, rest), (stiffness, damping)) in
-                coordinates.into_iter().zip(stiffness.into_iter().zip(damping))
-            {
-                springs.push(Spring { coordinate, stiffness, damping, rest, further: None, owner: owner.clone() });
+            let key = |field: &str| format!("bushings.{name}.{field}");
+            let ends = self.ends(&key("between"), &bushing.between);
+            let angle = self.number(&key("angle"), &bushing.angle);
+            let coordinates = ends.map(bushing_coordinates);
+            let zero = Expression::default();
+            let rests = [(0.0, &zero), (0.0, &zero), (angle, &bushing.angle)];
+            for (k, rest) in rests.into_iter().enumerate() {
+                let part = SpringPart {
+                    owner: format!("bushings.{name}"),
+                    keys: ["stiffness", "damping", "force"].map(key),
+                    name: &format!("{name}.angle"),
+                    stiffness: &bushing.stiffness[k],
+                    damping: &bushing.damping[k],
+                    rest,
+                    force: None,
+                };
+                self.spring(part, coordinates.map(|of| of[k]), (&mut springs, &mut efforts));
             }
         }
-        springs
+        (springs, efforts)
+    }
+
+    /// Adds a spring, and its force beside stiffness and damping, if it has one.
+    fn spring(
+        &mut self,
+        part: SpringPart,
+        coordinate: Option<Coordinate>,
+        (springs, efforts): (&mut Vec<Spring>, &mut Vec<Effort>),
+    ) {
+        let SpringPart { owner, keys: [stiffness_key, damping_key, force_key], name, rest: (rest, free), .. } = part;
+        let mut stiffness = self.not_negative(&stiffness_key, part.stiffness);
+        let damping = self.not_negative(&damping_key, part.damping);
+        let mut force = part.force.cloned();
+        let Some(coordinate) = coordinate else { return };
+        if self.description.torsion_as_forces && coordinate.is_angle() && !is_zero(part.stiffness) {
+            let further = force.map_or(String::new(), |force| format!(" + ({force})"));
+            let text = format!("-({})*({name} - ({free})){further}", part.stiffness);
+            (force, stiffness) = (self.noted(&owner, Expression::parse(&text)), 0.0);
+        }
+        let expression = force.and_then(|force| self.bound(&force_key, &force, Scope::State));
+        let further = expression.is_some().then_some(efforts.len());
+        efforts.extend(expression.map(|expression| Effort { coordinate, expression, owner: owner.clone() }));
+        springs.push(Spring { coordinate, stiffness, damping, rest, further, owner });
     }
 
     /// Forces of springs, forces at points, component by component, actuators, then stops.
-    fn efforts(&mut self, springs: &[Spring]) -> Vec<Effort> {
-        let mut efforts = Vec::new();
-        for (name, spring) in &self.description.springs {
-            let owner = format!("springs.{name}");
-            let Some(force) = &spring.force else { continue };
-            let expression = self.bound(&format!("{owner}.force"), force, Scope::State);
-            let coordinate = springs.iter().find(|spring| spring.owner == owner).map(|spring| spring.coordinate);
-            if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
-                efforts.push(Effort { coordinate, expression, owner });
-            }
-        }
+    fn efforts(&mut self, of_springs: Vec<Effort>) -> Vec<Effort> {
+        let mut efforts = of_springs;
         for (name, force) in &self.description.forces {
             let point = self.point(&force.point);
             let point = point.and_then(|point| match point.frame {
@@ -461,9 +494,13 @@ impl<'a> MultibodyBuilder<'a> {
                 (_, None) => unknown(&["force"]),
             };
         }
-        if let Some(index) = description.bushings.get_index_of(owner) {
+        if let Some((index, _, bushing)) = description.bushings.get_full(owner) {
             let springs = (description.springs.len() + 3 * index..).map(Measure::SpringEffort);
-            return one_of(["fx", "fy", "moment"].into_iter().zip(springs).collect());
+            let [from, to] = [self.point(&bushing.between[0])?, self.point(&bushing.between[1])?];
+            let positions = bushing_coordinates([from, to]);
+            let positions = positions.map(Measure::Position).into_iter().chain(positions.map(Measure::Velocity));
+            let names = ["fx", "fy", "moment", "x", "y", "angle", "vx", "vy", "angular_velocity"];
+            return one_of(names.into_iter().zip(springs.take(3).chain(positions)).collect());
         }
         if let Some(index) = description.couplings.get_index_of(owner) {
             return one_of(Driver::measures(self.joint_rows(self.joints.len()).start + index));

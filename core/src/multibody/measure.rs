@@ -9,6 +9,7 @@
 //! | `JOINT.fx JOINT.fy`, `JOINT.moment` | force at the joint's second point and moment, of the first body on the second |
 //! | `SPRING.length`, `.velocity`, `SPRING.force` | of a spring between points; force (or torque), positive where it pushes |
 //! | `BUSHING.fx`, `.fy`, `.moment` | force and moment on the second body, in the frame of the first |
+//! | `BUSHING.x`, `.y`, `.angle`, `.vx`, `.vy`, `.angular_velocity` | its deflections, and their rates |
 //! | `DRIVER.effort`, `COUPLING.effort` | force or torque that keeps a driver's motion or acceleration, or holds a coupled coordinate |
 //! | `kinetic_energy`, `potential_energy` | of gravity and springs |
 

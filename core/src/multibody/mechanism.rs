@@ -173,22 +173,15 @@ impl Mechanism {
         let measures_energy = |name: &String| {
             self.description.outputs.get(name).is_some_and(|output| output.measure == "potential_energy")
         };
-        let is_torsion = |spring: &SpringOptions| {
-            !is_zero(&spring.stiffness) && spring.coordinate.as_ref().is_some_and(|of| of.ends_with(".angle"))
-        };
-        if outputs.iter().any(measures_energy) || !self.description.springs.values().any(is_torsion) {
+        let Description { springs, bushings, .. } = &self.description;
+        let is_angle = |spring: &SpringOptions| spring.coordinate.as_ref().is_some_and(|of| of.ends_with(".angle"));
+        let mut torsion = (springs.values().filter(|spring| is_angle(spring)).map(|spring| &spring.stiffness))
+            .chain(bushings.values().map(|bushing| &bushing.stiffness[2]));
+        if outputs.iter().any(measures_energy) || torsion.all(is_zero) {
             return Cow::Borrowed(self);
         }
         let mut mechanism = self.clone();
-        for spring in mechanism.description.springs.values_mut().filter(|spring| is_torsion(spring)) {
-            let SpringOptions { coordinate, stiffness, rest, force, .. } = &*spring;
-            let angle = coordinate.as_deref().unwrap_or_default();
-            let further = force.as_ref().map_or(String::new(), |force| format!(" + ({force})"));
-            // the same names as before: it can be parsed
-            spring.force = Expression::parse(&format!("-({stiffness})*({angle} - ({rest})){further}")).ok();
-            spring.stiffness = Expression::default();
-            spring.rest = Expression::default();
-        }
+        mechanism.description.torsion_as_forces = true;
         Cow::Owned(mechanism)
     }
 

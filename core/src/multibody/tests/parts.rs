@@ -125,6 +125,7 @@ fn a_bushing_is_a_spring_in_each_direction() {
         outputs.angle = { measure = "block.angle" }
         outputs.fx = { measure = "mount.fx" }
         outputs.moment = { measure = "mount.moment" }
+        outputs.along = { measure = "mount.x" }
     "#;
     for mechanism in both_formulations(text) {
         for (row, t) in rows(&mechanism, &grid(2.0, 8)).iter().zip(grid(2.0, 8)) {
@@ -135,6 +136,7 @@ fn a_bushing_is_a_spring_in_each_direction() {
             assert_close(row[2], 0.1 + 0.2 * (30.0f64.sqrt() * t).cos(), 1e-10);
             assert_close(row[3], -50.0 * row[0], 1e-10);
             assert_close(row[4], -3.0 * (row[2] - 0.1), 1e-10);
+            assert_close(row[5], row[0], 1e-15);
         }
     }
 }

@@ -1,0 +1,107 @@
+"""Mechanisms with couplings, stops, bushings, spring forces and variables: their FMUs against scipy's solutions of equations by hand."""
+
+import json
+import subprocess
+
+import numpy as np
+import pytest
+import tomllib
+from conftest import METAFMU, ROOT, compiled_from_sources, fmu_of, metafmu
+from fmpy import simulate_fmu
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+
+PARTS = ROOT / "examples" / "dynamics" / "parts"
+STOP = 2.0
+ROWS = np.linspace(0.0, STOP, 201)
+TABLE = tomllib.loads((PARTS / "suspension.toml").read_text())["tables"]["damper"]
+DAMPER = CubicSpline(TABLE["x"], TABLE["values"])
+
+
+def stop(x, v, low, high, stiffness, damping):
+    """Force of a stop."""
+    below = max(low - x, 0.0) * max(1.0 - damping * v, 0.0)
+    return stiffness * (below - max(x - high, 0.0) * max(1.0 + damping * v, 0.0))
+
+
+def rack(p, state):
+    angle, speed = state
+    torque = p["torque"] - 0.05 * speed + p["r"] * stop(p["r"] * angle, p["r"] * speed, -0.5, 0.5, 2e4, 0.2)
+    return [speed, torque / (0.3 + p["m"] * p["r"] ** 2)]
+
+
+def suspension(p, state):
+    z, axle, vz, va = state
+    rate, length = vz - va, z - axle
+    at = min(max(rate, -1.0), 1.0)
+    damper = DAMPER(at) + (rate - at) * DAMPER(at, 1)
+    strut = -2e4 * (length - 0.7) - damper + stop(length, rate, 0.48, 0.62, 2e5, 0.5)
+    tyre = max(2e5 * (0.35 + p["road"] - axle), 0.0) - 500.0 * va
+    return [vz, va, strut / p["m"] - 9.81, (tyre - strut) / 40.0 - 9.81]
+
+
+def magnet(p, state):
+    y, speed = state
+    force = 1e-4 * p["current"] ** 2 / (0.002 - y) ** 2 - 0.5 * speed + stop(y, speed, -0.03, -0.004, 1e5, 0.5)
+    return [speed, force / p["m"] - 9.81]
+
+
+def mount(p, state):
+    x, y, angle, vx, vy, omega = state
+    share = min(max((p["throttle"] - 0.2) / 0.6, 0.0), 1.0)
+    torque = 120.0 * share**2 * (3.0 - 2.0 * share)
+    # of the foot, from the frame
+    arm = np.array([0.2 * np.sin(angle), -0.2 * np.cos(angle)])
+    moved = np.array([x, y]) + arm + [0.0, 0.2]
+    rate = np.array([vx, vy]) + omega * np.array([-arm[1], arm[0]])
+    force = -np.array([p["k"], 2.0 * p["k"]]) * moved - np.array([200.0, 400.0]) * rate
+    moment = torque - 3e3 * angle - 20.0 * omega + arm[0] * force[1] - arm[1] * force[0]
+    return [vx, vy, omega, force[0] / 80.0, force[1] / 80.0 - 9.81, moment / 4.0]
+
+
+# coordinates, what is compared and which coordinate it is, points at corners of parameters, inputs and speeds
+CASES = {
+    "rack": (rack, ["shaft.angle"], {"x": lambda p, s: p["r"] * s[0], "speed": lambda p, s: s[1]}, [
+        ({"r": 0.1, "m": 8.0, "torque": 2.0}, [0.5, 3.0]),
+        ({"r": 0.3, "m": 3.0, "torque": -2.0}, [-1.0, -4.0]),
+        ({"r": 0.3, "m": 8.0, "torque": 0.0}, [1.6, 2.0]),
+    ]),
+    "suspension": (suspension, ["guide.position", "axle.position"], {"z": lambda p, s: s[0], "travel": lambda p, s: s[0] - s[1]}, [
+        ({"m": 250.0, "road": 0.05}, [0.95, 0.34, 1.0, -1.0]),
+        ({"m": 400.0, "road": -0.05}, [0.86, 0.36, -2.0, 0.5]),
+    ]),
+    "magnet": (magnet, ["guide.position"], {"y": lambda p, s: s[0], "speed": lambda p, s: s[1]}, [
+        ({"m": 0.4, "current": 0.0}, [-0.005, 0.3]),
+        ({"m": 0.6, "current": 4.0}, [-0.025, -0.3]),
+    ]),
+    "mount": (mount, ["engine.x", "engine.y", "engine.angle"], {"x": lambda p, s: s[0], "y": lambda p, s: s[1], "angle": lambda p, s: s[2]}, [
+        ({"k": 1e4, "throttle": 1.0}, [0.01, -0.02, 0.1, 0.2, 0.0, -1.0]),
+        ({"k": 4e4, "throttle": 0.5}, [0.0, 0.0, -0.1, 0.0, 0.3, 1.0]),
+    ]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_study_that_new_proposes_is_exact(name, tmp_path, monkeypatch):
+    rates, coordinates, outputs, points = CASES[name]
+    metafmu("new", name, "--mechanism", PARTS / f"{name}.toml", "--structure", "dynamics", cwd=tmp_path)
+    subprocess.run([METAFMU, "build", f"{name}.toml", "--out", "out", "--sources"], cwd=tmp_path, check=True, capture_output=True)
+    verdict = json.loads((tmp_path / "out" / "metrics.json").read_text())["verdict"]
+    assert verdict["grade"] == "good", verdict
+    packed = fmu_of(tmp_path / "out", name, 2)
+    for fmu in [packed, compiled_from_sources(packed, monkeypatch)]:
+        for p, start in points:
+            names = [*(f"{of}_start" for of in coordinates), *(f"{rate_of(of)}_start" for of in coordinates)]
+            values = {**p, **dict(zip(names, start))}
+            found = simulate_fmu(fmu, fmi_type="CoSimulation", start_values=values, stop_time=STOP, output_interval=ROWS[1], output=[*outputs])
+            exact = solve_ivp(lambda t, s: rates(p, s), (0.0, STOP), start, t_eval=ROWS, method="DOP853", rtol=1e-11, atol=1e-12, max_step=5e-3).y
+            for output, of in outputs.items():
+                expected = np.array([of(p, state) for state in exact.T])
+                error = np.abs(found[output] - expected).max() / np.ptp(expected)
+                assert error < 1e-5, (name, output, p, error)
+
+
+def rate_of(position):
+    """Name of the rate of a position."""
+    owner, what = position.rsplit(".", 1)
+    return f"{owner}.{ {'angle': 'angular_velocity', 'position': 'velocity', 'x': 'vx', 'y': 'vy'}[what] }"
