@@ -23,7 +23,7 @@ pub enum Loaded {
     /// An FMU; it need not survive that its library is unloaded.
     Fmu(ManuallyDrop<Fmu>),
     /// A mechanism.
-    Mechanism(Mechanism),
+    Mechanism(Box<Mechanism>),
 }
 
 /// A component that is about to be simulated.
@@ -50,7 +50,7 @@ impl SystemRun {
                 ComponentModel::Fmu { folder, interface } => {
                     Fmu::open_unpacked(path, folder, *interface).map(|fmu| Loaded::Fmu(ManuallyDrop::new(fmu)))
                 }
-                ComponentModel::Mechanism { text } => Mechanism::parse(text, path).map(Loaded::Mechanism),
+                ComponentModel::Mechanism { text } => Mechanism::parse(text, path).map(Box::new).map(Loaded::Mechanism),
             };
             loaded.map_err(of_component(name))
         };

@@ -91,14 +91,7 @@ impl ElementaryFunction {
             Self::Sign => x.signum(),
             Self::Floor => x.floor(),
             Self::Smooth => {
-                // NaN stays NaN
-                let x = if x < 0.0 {
-                    0.0
-                } else if x > 1.0 {
-                    1.0
-                } else {
-                    x
-                };
+                let x = x.clamp(0.0, 1.0);
                 x * x * (3.0 - 2.0 * x)
             }
         }
