@@ -19,11 +19,12 @@ const PASSES: usize = 100;
 
 /// A component that is loaded.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is one for each component of a system")]
 pub enum Loaded {
     /// An FMU; it need not survive that its library is unloaded.
     Fmu(ManuallyDrop<Fmu>),
     /// A mechanism.
-    Mechanism(Box<Mechanism>),
+    Mechanism(Mechanism),
 }
 
 /// A component that is about to be simulated.
@@ -50,7 +51,7 @@ impl SystemRun {
                 ComponentModel::Fmu { folder, interface } => {
                     Fmu::open_unpacked(path, folder, *interface).map(|fmu| Loaded::Fmu(ManuallyDrop::new(fmu)))
                 }
-                ComponentModel::Mechanism { text } => Mechanism::parse(text, path).map(Box::new).map(Loaded::Mechanism),
+                ComponentModel::Mechanism { text } => Mechanism::parse(text, path).map(Loaded::Mechanism),
             };
             loaded.map_err(of_component(name))
         };
