@@ -207,6 +207,13 @@ impl<'a> MultibodyBuilder<'a> {
             let coordinate = self.coordinate_of(&owner, coordinate);
             let follows = self.bound(&format!("{owner}.follows"), follows, Scope::Positions);
             if let (Some(coordinate), Some(follows)) = (coordinate, follows) {
+                let is_itself = |slot: &Slot| matches!(slot, Slot::Position(of) if *of == coordinate);
+                if follows.slots.iter().any(is_itself) {
+                    self.problem(
+                        &format!("{owner}.follows"),
+                        format!("`{}` names the coordinate itself", follows.text),
+                    );
+                }
                 constraints.push(Constraint { coordinate, target: Target::Follows(follows), owner });
             }
         }

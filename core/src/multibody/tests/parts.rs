@@ -214,6 +214,7 @@ fn mistakes_in_these_parts_say_what_was_expected() {
             "coordinate = \"s.angle\", follows",
             "couplings.c.coordinate: `s` has no `angle`",
         ),
+        ("r*p.angle", "2*s.position", "couplings.c.follows: `2*s.position` names the coordinate itself"),
         ("min = -1, max = 1", "min = 1, max = 1", "stops.t.min: 1 is not below max 1"),
         ("min = -1, max = 1, ", "", "stops.t: neither `min` nor `max`, expected at least one of them"),
         ("stiffness = 1e3", "stiffness = -1", "stops.t.stiffness: -1, expected zero or more"),
