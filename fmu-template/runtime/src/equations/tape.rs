@@ -248,7 +248,7 @@ impl TapeOperation {
         let get = |register: Register| registers[register.index()];
         let (value, to) = match *self {
             Self::Call { function, of, to } => (get(of).apply(function), to),
-            Self::Combine { combination, a, b, to } => (combination.of(get(a), get(b)), to),
+            Self::Combine { combination, a, b, to } => (combination.on_tape(get(a), get(b)), to),
             Self::Lookup { table, at, to } => (tables[table as usize].at(&at.map(get)), to),
             Self::Product { .. } | Self::Products { .. } | Self::Reciprocal { .. } | Self::Lanes { .. } => return,
         };
@@ -464,14 +464,33 @@ impl TapeBuilder {
             [Some(a), Some(b), Some(c)] => return self.constant(a * b + c),
             _ => {}
         }
-        if let Some(known) = self.written.get(&[a.0, b.0, c.0]) {
-            return *known;
+        self.once([a.0, b.0, c.0], &[a, b, c], |to| TapeOperation::Product { a, b, c, to })
+    }
+
+    /// The register of what is written already, or else of an operation that is written now.
+    #[inline(always)]
+    fn once(
+        &mut self,
+        key: [u32; 3],
+        from: &[Register],
+        operation: impl FnOnce(Register) -> TapeOperation,
+    ) -> Register {
+        let (to, is_written) = self.find_or_reserve(key, from);
+        if !is_written {
+            let known = self.known[to.index()];
+            self.part(known).operations.push(operation(to));
         }
-        let known = self.follows(&[a, b, c]);
-        let to = self.reserve(known);
-        self.written.insert([a.0, b.0, c.0], to);
-        self.part(known).operations.push(TapeOperation::Product { a, b, c, to });
         to
+    }
+
+    #[inline(never)]
+    fn find_or_reserve(&mut self, key: [u32; 3], from: &[Register]) -> (Register, bool) {
+        if let Some(known) = self.written.get(&key) {
+            return (*known, true);
+        }
+        let to = self.reserve(self.follows(from));
+        self.written.insert(key, to);
+        (to, false)
     }
 
     pub(crate) fn product(&mut self, a: Register, b: Register) -> Register {
@@ -515,14 +534,7 @@ impl TapeBuilder {
             return self.constant(function.value(value));
         }
         let key = [function as u32, of.0, u32::MAX - 1];
-        if let Some(known) = self.written.get(&key) {
-            return *known;
-        }
-        let known = self.follows(&[of]);
-        let to = self.reserve(known);
-        self.written.insert(key, to);
-        self.part(known).operations.push(TapeOperation::Call { function, of, to });
-        to
+        self.once(key, &[of], |to| TapeOperation::Call { function, of, to })
     }
 
     /// A function of two numbers.
@@ -548,14 +560,7 @@ impl TapeBuilder {
             _ => {
                 // numbers of products are below these
                 let key = [a.0, b.0, u32::MAX - 2 - combination as u32];
-                if let Some(known) = self.written.get(&key) {
-                    return *known;
-                }
-                let known = self.follows(&[a, b]);
-                let to = self.reserve(known);
-                self.written.insert(key, to);
-                self.part(known).operations.push(TapeOperation::Combine { combination, a, b, to });
-                to
+                self.once(key, &[a, b], |to| TapeOperation::Combine { combination, a, b, to })
             }
         }
     }

@@ -64,11 +64,19 @@ impl Combination {
             Self::Add => a + b,
             Self::Subtract => a - b,
             Self::Multiply => a * b,
+            Self::Maximum => a.larger(b),
+            Self::Divide | Self::Power | Self::Minimum | Self::Angle => self.on_tape(a, b),
+        }
+    }
+
+    /// Value of a function that is an operation of tapes; the others are written there as sums, products and minima.
+    #[inline(never)]
+    pub(crate) fn on_tape<T: Number>(self, a: T, b: T) -> T {
+        match self {
             Self::Divide => a.divided_by(b),
             Self::Power => a.power(b),
-            Self::Minimum => a.smaller(b),
-            Self::Maximum => a.larger(b),
             Self::Angle => a.angle_of(b),
+            Self::Add | Self::Subtract | Self::Multiply | Self::Maximum | Self::Minimum => a.smaller(b),
         }
     }
 }

@@ -32,14 +32,7 @@ pub(crate) trait Number:
         if is_other { other } else { self }
     }
     /// Angle of the point with this height above the axis, and this distance along it, from -π to π.
-    fn angle_of(self, along: Self) -> Self {
-        let [y, x] = [self.value(), along.value()];
-        // the angle to the point itself, which changes with both; it has no derivatives at the origin
-        let across = along.scaled(y) - self.scaled(x);
-        let ahead = along.scaled(x) + self.scaled(y);
-        let turned = if ahead.value() > 0.0 { across.divided_by(ahead).apply(ElementaryFunction::Atan) } else { ahead };
-        Self::from(y.atan2(x)) - turned
-    }
+    fn angle_of(self, along: Self) -> Self;
     fn tanh<const SIMD: u8>(self) -> Self;
     /// Plus `a` times `b`.
     fn add_product<const SIMD: u8>(self, a: Self, b: Self) -> Self;
@@ -91,6 +84,10 @@ impl Number for f64 {
 
     fn power(self, exponent: Self) -> Self {
         self.powf(exponent)
+    }
+
+    fn angle_of(self, along: Self) -> Self {
+        self.atan2(along)
     }
 
     #[inline(always)]
@@ -171,6 +168,15 @@ impl<T: Number> Number for Jet<T> {
         chain(self, value, [term(p, less(1.0)), term(p * less(1.0), less(2.0))])
     }
 
+    fn angle_of(self, along: Self) -> Self {
+        let [y, x] = [self.value(), along.value()];
+        // the angle to the point itself, which changes with both; it has no derivatives at the origin
+        let across = self.scaled(x) - along.scaled(y);
+        let ahead = along.scaled(x) + self.scaled(y);
+        let turned = if ahead.value() > 0.0 { across.divided_by(ahead).apply(ElementaryFunction::Atan) } else { ahead };
+        turned + Self::from(y.atan2(x))
+    }
+
     #[inline(always)]
     fn tanh<const SIMD: u8>(self) -> Self {
         let value = self.value.tanh::<SIMD>();
@@ -222,10 +228,7 @@ fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
         Ln => [x.recip(), minus((x * x).recip())],
         Sqrt => [y.recip().scaled(0.5), (x * y).recip().scaled(-0.25)],
         Abs => [if x.value() < 0.0 { minus(one) } else { one }, zero],
-        Smooth if x.value() > 0.0 && x.value() < 1.0 => {
-            let twelve_x = x.scaled(12.0);
-            [twelve_x.scaled(0.5) * (one - x), T::from(6.0) - twelve_x]
-        }
+        Smooth if x.value() > 0.0 && x.value() < 1.0 => [(x - x * x).scaled(6.0), (x + x - one).scaled(-6.0)],
         Sign | Floor | Smooth => [zero, zero],
     }
 }
