@@ -4,7 +4,7 @@
 
 use metafmu::{
     integrate::{Budget, IntegrationResult, TOLERANCE, advance},
-    multibody::{Mechanism, build::build, model::Sample, simulate::simulate},
+    multibody::{Mechanism, model::Sample, simulate::simulate},
     systems::SYSTEMS,
 };
 use nalgebra::Vector2;
@@ -52,7 +52,7 @@ fn accuracy() {
             let value =
                 |(name, default): (&String, f64)| if ["c", "damping"].contains(&name.as_str()) { 0.0 } else { default };
             let values: Vec<f64> = mechanism.parameters().iter().map(|(name, p)| value((name, p.default))).collect();
-            let (model, _) = build(mechanism.description(), &values).unwrap();
+            let (model, _) = mechanism.build(&values).unwrap();
             let samples = simulate(&model, &grid(10.0), &Budget::default()).unwrap();
             let largest = |of: &dyn Fn(&Sample) -> f64| samples.iter().map(of).fold(0.0, f64::max);
             let residual = largest(&|s| model.constraints.violation(s.t, &s.q, &s.v));

@@ -1,16 +1,15 @@
 //! From a description and the values of its parameters to a model: names are resolved and expressions evaluated.
 
+mod forces;
+
 use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
     coordinate::{BodyPoint, Coordinate, Frame},
-    description::{
-        CouplingOptions, Description, DriverOptions, JointOptions, JointType, MechanismInput, PlaneVector, StopOptions,
-    },
+    description::{CouplingOptions, Description, DriverOptions, JointOptions, JointType, MechanismInput, PlaneVector},
     expression::{Expression, Tables},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
-    model::{Effort, MultibodyInput, MultibodyModel, Prescribed, Spring},
-    review::is_zero,
+    model::{MultibodyInput, MultibodyModel, Prescribed},
     tables::tables,
     variables::variables,
 };
@@ -19,16 +18,31 @@ use crate::{
     integrate::TOLERANCE,
     signal::Signal,
 };
+use forces::bushing_coordinates;
 use indexmap::IndexMap;
 use nalgebra::{DVector, Vector2};
 use std::ops::Range;
+
+/// Part of a model that the stiffness of springs along angles is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Torsion {
+    /// The potential, as any other stiffness.
+    #[default]
+    InPotential,
+    /// Efforts: formulas, whose energy is no part of the potential.
+    AsForces,
+}
 
 /// The model and what its outputs measure, in the order of the description.
 ///
 /// # Errors
 /// Every problem found, with its key.
-pub fn build(description: &Description, values: &[f64]) -> Result<(MultibodyModel, Vec<Measure>), Problems> {
-    let mut builder = MultibodyBuilder::new(description, values);
+pub fn build(
+    description: &Description,
+    values: &[f64],
+    torsion: Torsion,
+) -> Result<(MultibodyModel, Vec<Measure>), Problems> {
+    let mut builder = MultibodyBuilder { torsion, ..MultibodyBuilder::new(description, values) };
     let model = builder.model();
     let measures: Vec<Measure> = description
         .outputs
@@ -95,7 +109,7 @@ const POINT_MEASURES: [&str; 6] = ["x", "y", "vx", "vy", "ax", "ay"];
 /// Further measures of bodies.
 const BODY_MEASURES: [&str; 3] = ["angle", "angular_velocity", "angular_acceleration"];
 
-/// What an expression may name beside parameters.
+/// Names that an expression may use beside those of parameters.
 #[derive(Clone, Copy, PartialEq)]
 enum Scope {
     /// The time: what is prescribed.
@@ -106,38 +120,6 @@ enum Scope {
     State,
 }
 
-/// Name of the rate of a position.
-fn rate_of(position: &str) -> Option<String> {
-    let (owner, what) = position.rsplit_once('.')?;
-    let rate = match what {
-        "angle" => "angular_velocity",
-        "position" | "length" => "velocity",
-        "x" => "vx",
-        "y" => "vy",
-        _ => return None,
-    };
-    Some(format!("{owner}.{rate}"))
-}
-
-/// A spring of the description, or one of a bushing.
-struct SpringPart<'a> {
-    owner: String,
-    /// Of stiffness, damping and force.
-    keys: [String; 3],
-    /// Name of the coordinate, if it is an angle.
-    name: &'a str,
-    stiffness: &'a Expression,
-    damping: &'a Expression,
-    rest: (f64, &'a Expression),
-    force: Option<&'a Expression>,
-}
-
-/// Along `x` and `y` of the first point's body, and the angle of the second against it.
-fn bushing_coordinates([from, to]: [BodyPoint; 2]) -> [Coordinate; 3] {
-    let along = |axis| Coordinate::Projection { from, to, frame: from.frame, axis };
-    [along(Vector2::x()), along(Vector2::y()), Coordinate::Angle { from: from.frame, to: to.frame }]
-}
-
 struct MultibodyBuilder<'a> {
     description: &'a Description,
     values: &'a [f64],
@@ -146,6 +128,7 @@ struct MultibodyBuilder<'a> {
     variables: IndexMap<String, Expression>,
     /// In the order of the description.
     joints: Vec<Joint>,
+    torsion: Torsion,
     problems: Problems,
 }
 
@@ -154,7 +137,8 @@ impl<'a> MultibodyBuilder<'a> {
         let (tables, mut problems) = tables(description);
         let (variables, more) = variables(&description.variables);
         problems.extend(more);
-        let mut builder = Self { description, values, tables, variables, joints: Vec::new(), problems };
+        let (joints, torsion) = (Vec::new(), Torsion::InPotential);
+        let mut builder = Self { description, values, tables, variables, joints, torsion, problems };
         builder.joints = description.joints.iter().map(|(name, options)| builder.joint(name, options)).collect();
         builder
     }
@@ -292,144 +276,6 @@ impl<'a> MultibodyBuilder<'a> {
             self.problem(&key, "[0, 0] is not a direction".into());
         }
         axis.normalize()
-    }
-
-    /// Those of the description, then three for each bushing; and the efforts that act beside their stiffness and damping.
-    fn springs(&mut self) -> (Vec<Spring>, Vec<Effort>) {
-        let (mut springs, mut efforts) = (Vec::new(), Vec::new());
-        for (name, spring) in &self.description.springs {
-            let key = |field: &str| format!("springs.{name}.{field}");
-            let is_length = spring.between.is_some();
-            let rest = if is_length { Self::not_negative } else { Self::number }(self, &key("rest"), &spring.rest);
-            let coordinate = match (&spring.between, &spring.coordinate) {
-                (Some(between), None) => {
-                    self.ends(&key("between"), between).map(|[from, to]| Coordinate::Distance { from, to })
-                }
-                (None, Some(coordinate)) => {
-                    let coordinate = self.coordinate(coordinate);
-                    self.noted(&key("coordinate"), coordinate)
-                }
-                _ => {
-                    let message = "expected either `between` or `coordinate`";
-                    self.noted(&format!("springs.{name}"), Err(message.into()))
-                }
-            };
-            let part = SpringPart {
-                owner: format!("springs.{name}"),
-                keys: ["stiffness", "damping", "force"].map(key),
-                name: spring.coordinate.as_deref().unwrap_or_default(),
-                stiffness: &spring.stiffness,
-                damping: &spring.damping,
-                rest: (rest, &spring.rest),
-                force: spring.force.as_ref(),
-            };
-            self.spring(part, coordinate, (&mut springs, &mut efforts));
-        }
-        for (name, bushing) in &self.description.bushings {
-            let key = |field: &str| format!("bushings.{name}.{field}");
-            let ends = self.ends(&key("between"), &bushing.between);
-            let angle = self.number(&key("angle"), &bushing.angle);
-            let coordinates = ends.map(bushing_coordinates);
-            let zero = Expression::default();
-            let rests = [(0.0, &zero), (0.0, &zero), (angle, &bushing.angle)];
-            for (k, rest) in rests.into_iter().enumerate() {
-                let part = SpringPart {
-                    owner: format!("bushings.{name}"),
-                    keys: ["stiffness", "damping", "force"].map(key),
-                    name: &format!("{name}.angle"),
-                    stiffness: &bushing.stiffness[k],
-                    damping: &bushing.damping[k],
-                    rest,
-                    force: None,
-                };
-                self.spring(part, coordinates.map(|of| of[k]), (&mut springs, &mut efforts));
-            }
-        }
-        (springs, efforts)
-    }
-
-    /// Adds a spring, and its force beside stiffness and damping, if it has one.
-    fn spring(
-        &mut self,
-        part: SpringPart,
-        coordinate: Option<Coordinate>,
-        (springs, efforts): (&mut Vec<Spring>, &mut Vec<Effort>),
-    ) {
-        let SpringPart { owner, keys: [stiffness_key, damping_key, force_key], name, rest: (rest, free), .. } = part;
-        let mut stiffness = self.not_negative(&stiffness_key, part.stiffness);
-        let damping = self.not_negative(&damping_key, part.damping);
-        let mut force = part.force.cloned();
-        let Some(coordinate) = coordinate else { return };
-        if self.description.torsion_as_forces && coordinate.is_angle() && !is_zero(part.stiffness) {
-            let further = force.map_or(String::new(), |force| format!(" + ({force})"));
-            let text = format!("-({})*({name} - ({free})){further}", part.stiffness);
-            (force, stiffness) = (self.noted(&owner, Expression::parse(&text)), 0.0);
-        }
-        let expression = force.and_then(|force| self.bound(&force_key, &force, Scope::State));
-        let further = expression.is_some().then_some(efforts.len());
-        efforts.extend(expression.map(|expression| Effort { coordinate, expression, owner: owner.clone() }));
-        springs.push(Spring { coordinate, stiffness, damping, rest, further, owner });
-    }
-
-    /// Forces of springs, forces at points, component by component, actuators, then stops.
-    fn efforts(&mut self, of_springs: Vec<Effort>) -> Vec<Effort> {
-        let mut efforts = of_springs;
-        for (name, force) in &self.description.forces {
-            let point = self.point(&force.point);
-            let point = point.and_then(|point| match point.frame {
-                Some(_) => Ok(point),
-                None => Err(format!("`{}` belongs to the ground, expected a point of a body", force.point)),
-            });
-            let point = self.noted(&format!("forces.{name}.point"), point);
-            let key = format!("forces.{name}.force");
-            let components = force.force.each_ref().map(|component| self.bound(&key, component, Scope::State));
-            let Some(point) = point else { continue };
-            for (axis, expression) in
-                components.into_iter().enumerate().filter(|(axis, _)| !is_zero(&force.force[*axis]))
-            {
-                let (coordinate, owner) = (Coordinate::component(point, axis), format!("forces.{name}"));
-                efforts.extend(expression.map(|expression| Effort { coordinate, expression, owner }));
-            }
-        }
-        for (name, actuator) in &self.description.actuators {
-            let owner = format!("actuators.{name}");
-            let coordinate = self.coordinate_of(&owner, &actuator.coordinate);
-            let expression = self.bound(&format!("{owner}.effort"), &actuator.effort, Scope::State);
-            if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
-                efforts.push(Effort { coordinate, expression, owner });
-            }
-        }
-        for (name, stop) in &self.description.stops {
-            let owner = format!("stops.{name}");
-            let coordinate = self.coordinate_of(&owner, &stop.coordinate);
-            let expression = self.stop(&owner, stop);
-            if let (Some(coordinate), Some(expression)) = (coordinate, expression) {
-                efforts.push(Effort { coordinate, expression, owner });
-            }
-        }
-        efforts
-    }
-
-    /// Force of a stop: with `d` beyond a limit, `stiffness d (1 + damping d')` back to the limit, where that does not pull.
-    fn stop(&mut self, owner: &str, stop: &StopOptions) -> Option<BoundExpression> {
-        let StopOptions { coordinate, min, max, stiffness, damping } = stop;
-        self.not_negative(&format!("{owner}.stiffness"), stiffness);
-        self.not_negative(&format!("{owner}.damping"), damping);
-        let limits = [("min", min), ("max", max)]
-            .map(|(field, limit)| limit.as_ref().map(|limit| self.number(&format!("{owner}.{field}"), limit)));
-        match limits {
-            [None, None] => self.problem(owner, "neither `min` nor `max`, expected at least one of them".into()),
-            [Some(min), Some(max)] if min >= max => {
-                self.problem(&format!("{owner}.min"), format!("{min} is not below max {max}"));
-            }
-            _ => {}
-        }
-        let rate = rate_of(coordinate)?;
-        let below = min.as_ref().map(|min| format!("max(({min}) - {coordinate}, 0)*max(1 - ({damping})*{rate}, 0)"));
-        let above = max.as_ref().map(|max| format!("max({coordinate} - ({max}), 0)*max(1 + ({damping})*{rate}, 0)"));
-        let text = format!("({stiffness})*({} - {})", below.unwrap_or("0".into()), above.unwrap_or("0".into()));
-        let expression = self.noted(owner, Expression::parse(&text))?;
-        self.bound(owner, &expression, Scope::State)
     }
 
     fn inputs(&self) -> Vec<MultibodyInput> {

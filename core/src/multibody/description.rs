@@ -113,9 +113,6 @@ pub struct Description {
     pub initial: IndexMap<String, IndexMap<String, Expression>>,
     /// What a study may have as outputs.
     pub outputs: IndexMap<String, MechanismOutput>,
-    /// Not in the file: true if the stiffness of springs along angles acts as efforts, whose energy is no part of the potential.
-    #[serde(skip)]
-    pub torsion_as_forces: bool,
 }
 
 /// How the equations of motion are solved (Choi et al. 2021, section 2).

@@ -92,10 +92,9 @@ impl Expression {
                     other => other.clone(),
                 });
             }
-        }
-        if tokens.len() > MOST_STEPS {
-            let count = tokens.len();
-            return Err(format!("`{self}` has {count} operations with its variables, expected at most {MOST_STEPS}"));
+            if tokens.len() > MOST_STEPS {
+                return Err(format!("`{self}` has more than {MOST_STEPS} operations with its variables"));
+            }
         }
         Ok(Self { text: self.text.clone(), tokens, names })
     }

@@ -1,7 +1,7 @@
 //! The mechanism file: read, checked, simulated.
 
 use super::{
-    build::{build, free_coordinates, limits, position_coordinates},
+    build::{Torsion, build, free_coordinates, limits, position_coordinates},
     constraint::BoundExpression,
     description::{Description, MechanismInput, MechanismParameter, SpringOptions},
     expression::{Expression, is_function},
@@ -49,6 +49,7 @@ fn format_problem(format: &str, text: &str) -> Option<String> {
 #[derive(Clone, Debug)]
 pub struct Mechanism {
     description: Description,
+    torsion: Torsion,
     outputs: Vec<SourceVariable>,
     degrees_of_freedom: usize,
     warnings: Vec<Problem>,
@@ -84,7 +85,7 @@ impl Mechanism {
         problems.extend(variables(&description.variables).1);
         origin.refuse(problems)?;
         let defaults: Vec<f64> = description.parameters.values().map(|parameter| parameter.default).collect();
-        let (model, measures) = match build(&description, &defaults) {
+        let (model, measures) = match build(&description, &defaults, Torsion::default()) {
             Ok(built) => built,
             Err(problems) => return Err(Error::Study { problems: origin.locate(problems) }),
         };
@@ -110,7 +111,8 @@ impl Mechanism {
         let mut odd = oddities(&description);
         odd.extend(constant_outputs(&description, &measures));
         let warnings = origin.locate(odd);
-        Ok(Self { description, outputs, degrees_of_freedom: model.degrees_of_freedom(), warnings, origin })
+        let torsion = Torsion::default();
+        Ok(Self { description, torsion, outputs, degrees_of_freedom: model.degrees_of_freedom(), warnings, origin })
     }
 
     /// What is odd in the file but may be meant.
@@ -181,7 +183,7 @@ impl Mechanism {
             return Cow::Borrowed(self);
         }
         let mut mechanism = self.clone();
-        mechanism.description.torsion_as_forces = true;
+        mechanism.torsion = Torsion::AsForces;
         Cow::Owned(mechanism)
     }
 
@@ -296,6 +298,14 @@ impl Mechanism {
         Ok((model, measures, samples, reduced))
     }
 
+    /// The model with a value for each parameter, and what its outputs measure, in their order.
+    ///
+    /// # Errors
+    /// A sentence that says what cannot be built of these values.
+    pub fn build(&self, values: &[f64]) -> std::result::Result<(MultibodyModel, Vec<Measure>), String> {
+        build(&self.description, values, self.torsion).map_err(sentence)
+    }
+
     /// The model with signals, and what its outputs measure.
     fn driven(
         &self,
@@ -303,7 +313,7 @@ impl Mechanism {
         signals: &[Signal],
         tolerance: f64,
     ) -> std::result::Result<(MultibodyModel, Vec<Measure>), String> {
-        let (mut model, measures) = build(&self.description, values).map_err(sentence)?;
+        let (mut model, measures) = self.build(values)?;
         assert_eq!(signals.len(), model.inputs.len(), "a signal for each input");
         model.inputs.iter_mut().zip(signals).for_each(|(input, signal)| input.signal = signal.clone());
         model.tolerance = tolerance;
@@ -315,7 +325,7 @@ impl Mechanism {
     /// # Errors
     /// A sentence that says what cannot be built of these values.
     pub fn measures(&self, values: &[f64]) -> std::result::Result<Vec<Measure>, String> {
-        build(&self.description, values).map(|(_, measures)| measures).map_err(sentence)
+        self.build(values).map(|(_, measures)| measures)
     }
 
     /// Every effort, then every prescribed acceleration, with a value for each parameter.
@@ -323,7 +333,7 @@ impl Mechanism {
     /// # Errors
     /// A sentence that says what cannot be built of these values.
     pub fn bound_expressions(&self, values: &[f64]) -> std::result::Result<Vec<BoundExpression>, String> {
-        let (model, _) = build(&self.description, values).map_err(sentence)?;
+        let (model, _) = self.build(values)?;
         Ok(model.bound_expressions().map(|(bound, _)| bound.clone()).collect())
     }
 
@@ -362,7 +372,7 @@ impl Mechanism {
     /// # Errors
     /// A sentence: a name is not that of a position, or as [`Reduced::new`].
     pub fn reduced(&self, values: &[f64], coordinates: &[&str]) -> std::result::Result<Reduced, String> {
-        let (model, _) = build(&self.description, values).map_err(sentence)?;
+        let (model, _) = self.build(values)?;
         let named = position_coordinates(&self.description, values, coordinates).map_err(sentence)?;
         let candidates = if named.is_empty() {
             reduced::candidates(&model, free_coordinates(&self.description, values))
@@ -387,7 +397,7 @@ pub struct FreeCoordinate {
     pub rate: f64,
     /// Largest magnitude of its second derivative there, all inputs at the lower or all at the upper ends of their ranges.
     pub acceleration: f64,
-    /// How far it can go on the assembly of the start, up to half a turn or a metre in each direction, or into its stops.
+    /// Range on the assembly of the start: up to half a turn or a metre in each direction, or into the stops.
     pub reach: [f64; 2],
 }
 
@@ -399,7 +409,7 @@ impl Mechanism {
     /// A sentence, as [`Reduced::new`].
     pub fn free_coordinates(&self) -> std::result::Result<Vec<FreeCoordinate>, String> {
         let values: Vec<f64> = self.description.parameters.values().map(|parameter| parameter.default).collect();
-        let (model, _) = build(&self.description, &values).map_err(sentence)?;
+        let (model, _) = self.build(&values)?;
         let of_joint = |name: &String| ["angle", "position"].map(|measure| format!("{name}.{measure}"));
         let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
         let drivers = self.description.drivers.values().filter(|driver| driver.acceleration.is_some());
@@ -424,7 +434,7 @@ impl Mechanism {
             let reach = limits
                 .iter()
                 .filter(|(of, _)| of == coordinate)
-                .fold(reach, |reach, (_, limits)| within(reach, *limits));
+                .fold(reach, |reach, (_, limits)| within(reach, *limits, s[k]));
             let acceleration = accelerations.iter().fold(0.0, |largest: f64, at| largest.max(at[k].abs()));
             Some(FreeCoordinate { name, start: s[k], rate: rates[k], acceleration, reach })
         });
@@ -432,10 +442,10 @@ impl Mechanism {
     }
 }
 
-/// A range cut at the limits of a stop, with a twentieth of the limits' distance for what goes into the stop.
-fn within([low, high]: [f64; 2], [min, max]: [f64; 2]) -> [f64; 2] {
+/// A range cut at the limits of a stop, with a twentieth of the limits' distance for what goes into the stop. The start stays in it.
+fn within([low, high]: [f64; 2], [min, max]: [f64; 2], start: f64) -> [f64; 2] {
     let into = 0.05 * (max.min(high) - min.max(low));
-    [low.max(min - into), high.min(max + into)]
+    [low.max((min - into).min(start)), high.min((max + into).max(start))]
 }
 
 /// How far a coordinate can be moved towards `end`, with a tenth to spare if that is not all the way.
@@ -454,7 +464,7 @@ fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
     }
 }
 
-pub(super) fn sentence(problems: Problems) -> String {
+fn sentence(problems: Problems) -> String {
     let sentences = problems.into_iter().map(|KeyProblem { key, message }| format!("{key}: {message}"));
     sentences.collect::<Vec<_>>().join("; ")
 }

@@ -2,9 +2,8 @@
 
 use super::{
     Mechanism,
-    build::{build, motions},
+    build::motions,
     measure::Measure,
-    mechanism::sentence,
     model::{MultibodyModel, Sample},
     simulate::{simulate, simulate_from},
 };
@@ -28,7 +27,7 @@ impl Mechanism {
     /// # Errors
     /// A sentence that says what cannot be built or assembled.
     pub fn stepper(&self, values: &[f64], inputs: &[f64], time: f64, tolerance: f64) -> Result<Stepper, String> {
-        let (mut model, measures) = build(self.description(), values).map_err(sentence)?;
+        let (mut model, measures) = self.build(values)?;
         model.tolerance = tolerance;
         hold(&mut model, inputs);
         let now = last(simulate(&model, &[time], &Budget::default())?)?;

@@ -6,7 +6,6 @@ mod parts;
 
 use super::{
     Mechanism,
-    build::build,
     model::{MultibodyModel, Sample},
     simulate::simulate,
 };
@@ -50,7 +49,7 @@ fn values(mechanism: &Mechanism, set: &[(&str, f64)]) -> Vec<f64> {
 }
 
 fn run(mechanism: &Mechanism, set: &[(&str, f64)], times: &[f64]) -> (MultibodyModel, Vec<Sample>) {
-    let (model, _) = build(mechanism.description(), &values(mechanism, set)).unwrap();
+    let (model, _) = mechanism.build(&values(mechanism, set)).unwrap();
     let samples = simulate(&model, times, &Budget::default()).unwrap();
     (model, samples)
 }

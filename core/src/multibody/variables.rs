@@ -34,7 +34,7 @@ pub fn variables(variables: &IndexMap<String, Expression>) -> (IndexMap<String, 
     (expanded, problems)
 }
 
-/// Whether a name is that of a variable that is not expanded yet.
+/// Returns true if a name is that of a variable that is not expanded yet.
 fn waits(name: &str, variables: &IndexMap<String, Expression>, expanded: &IndexMap<String, Expression>) -> bool {
     variables.contains_key(name) && !expanded.contains_key(name)
 }

@@ -57,7 +57,7 @@ pub struct ModelInterface {
     origin: Origin,
 }
 
-/// What is known of the domain of validity beside the ranges of the inputs.
+/// Domain of validity, beside the ranges of the inputs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum InterfaceDomain {
@@ -112,7 +112,7 @@ pub struct LayerOptions {
     /// `f`: tanh, sigmoid, relu, gelu, gelu-exact, silu, sine, identity, leaky-relu (0.01), elu, softplus, softsign.
     #[serde(default = "identity")]
     pub activation: String,
-    /// Whether `W` has a column for each output.
+    /// True if `W` has a column for each output.
     pub transposed: Option<bool>,
 }
 
@@ -126,7 +126,7 @@ fn identity() -> String {
 pub struct InterfaceInput {
     /// Which column of the model, for instance `x[0]`; the next one unless given. Either all inputs say so or none.
     pub column: Option<String>,
-    /// What it is to a host.
+    /// Causality, as a host sees it.
     pub causality: InterfaceCausality,
     /// When a host may change a parameter.
     pub variability: Option<InterfaceVariability>,
@@ -150,7 +150,7 @@ pub struct InterfaceInput {
     pub description: String,
 }
 
-/// What an input is to a host (FMI terms).
+/// Causality of an input, in terms of FMI.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum InterfaceCausality {
