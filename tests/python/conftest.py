@@ -4,10 +4,12 @@ import csv
 import fcntl
 import json
 import os
+import random
 import shutil
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -86,14 +88,28 @@ def abort_at(moment, *arguments):
     assert result.returncode == -signal.SIGABRT, f"{moment!r} is never reached: {result.stderr}"
 
 
-def kill_after(seconds, *arguments):
-    """Whether the command was still at work."""
-    process = subprocess.Popen([METAFMU, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        process.wait(seconds)
-    except subprocess.TimeoutExpired:
-        process.kill()
-    return process.wait() == -signal.SIGKILL
+class RandomKills:
+    """Kills commands at random moments.
+
+    The first run of a command can be much slower than those after it. A command that ends before its
+    moment therefore shortens the time from which later moments are drawn.
+    """
+
+    def __init__(self, seconds):
+        self.seconds = seconds
+        self.moments = random.Random(1)
+
+    def __call__(self, *arguments, earliest=0, latest=1):
+        """Run a command and kill it at a share of its time; true if it was still at work."""
+        begin = time.monotonic()
+        process = subprocess.Popen([METAFMU, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        try:
+            process.wait(self.moments.uniform(earliest, latest) * self.seconds)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            return process.wait() == -signal.SIGKILL
+        self.seconds = min(self.seconds, time.monotonic() - begin)
+        return False
 
 
 def losses(folder):

@@ -1,11 +1,10 @@
 """A build that is killed at any moment goes on with --resume and ends in the same bytes."""
 
-import random
 import subprocess
 import time
 
 import pytest
-from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, abort_at, changed, kill_after, losses, metafmu
+from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, RandomKills, abort_at, changed, losses, metafmu
 
 KILLS = 20
 EPOCHS = 8
@@ -89,14 +88,13 @@ def test_a_build_that_is_killed_at_random_goes_on_and_ends_in_the_same_bytes(stu
     longer.write_text(study.read_text().replace(f"epochs = {EPOCHS}", "epochs = 3000"))
     begin = time.monotonic()
     metafmu("build", longer, "--out", tmp_path / "undisturbed")
-    seconds = time.monotonic() - begin
-    moments = random.Random(1)
+    kill = RandomKills(time.monotonic() - begin)
     killed = went_on = 0
     for number in range(KILLS):
         folder = tmp_path / f"killed-{number}"
-        killed += kill_after(moments.uniform(0, seconds), "build", longer, "--out", folder)
+        killed += kill("build", longer, "--out", folder)
         # and again, while it goes on
-        kill_after(moments.uniform(0, seconds / 2), "build", longer, "--out", folder, "--resume")
+        kill("build", longer, "--out", folder, "--resume", latest=0.5)
         went_on += (folder / "checkpoint.safetensors").exists()
         metafmu("build", longer, "--out", folder, "--resume")
         expect_same(folder, tmp_path / "undisturbed")

@@ -2,13 +2,12 @@
 
 import csv
 import json
-import random
 import shutil
 import time
 import tomllib
 
 import pytest
-from conftest import ALL_EPOCHS, abort_at, changed, kill_after, metafmu
+from conftest import ALL_EPOCHS, RandomKills, abort_at, changed, metafmu
 
 KILLS = 20
 # where a search is killed one time after the other; a trial that ends has its record, then loses its checkpoint
@@ -108,11 +107,11 @@ def test_a_search_that_is_killed_goes_on_and_ends_the_same(study, undisturbed, t
 @pytest.mark.thorough
 def test_a_search_that_is_killed_at_random_goes_on_and_ends_the_same(study, undisturbed):
     expected_folder, seconds = undisturbed
-    moments, killed = random.Random(1), 0
+    kill, killed = RandomKills(seconds), 0
     for number in range(KILLS):
         folder = study.parent / f"killed-{number}"
         for arguments in ([], ["--resume"]):
-            killed += kill_after(moments.uniform(0, seconds), "search", study, "--out", folder, *arguments)
+            killed += kill("search", study, "--out", folder, *arguments)
         metafmu("search", study, "--out", folder, "--resume")
         assert results(folder) == results(expected_folder), number
     assert killed >= KILLS / 2

@@ -2,7 +2,6 @@
 
 import json
 import os
-import random
 import subprocess
 import sys
 import time
@@ -10,7 +9,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from conftest import METAFMU, OTHER_THREADS, OUTPUTS, PARAMETERS, ROOT, abort_at, changed, fmu_of, kill_after, losses, metafmu
+from conftest import METAFMU, OTHER_THREADS, OUTPUTS, PARAMETERS, ROOT, RandomKills, abort_at, changed, fmu_of, losses, metafmu
 from fmpy import simulate_fmu
 from fmpy.validation import validate_fmu
 
@@ -105,11 +104,11 @@ def test_a_build_that_is_killed_goes_on_and_ends_in_the_same_bytes(study, fixed,
 
 @pytest.mark.thorough
 def test_a_build_that_is_killed_at_random_goes_on_and_ends_in_the_same_bytes(study, fixed):
-    moments = random.Random(1)
+    kill = RandomKills(fixed[1])
     went_on = 0
     for number in range(KILLS):
         folder = study.parent / f"killed-{number}"
-        kill_after(moments.uniform(0.2, 0.9) * fixed[1], "build", study, "--out", folder)
+        kill("build", study, "--out", folder, earliest=0.2, latest=0.9)
         went_on += (folder / "unfinished-networks.bin").exists()
         metafmu("build", study, "--out", folder, "--resume")
         assert results(folder) == results(fixed[0]), number
