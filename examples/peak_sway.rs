@@ -13,7 +13,7 @@ mod variables;
 use metafmu::{
     fmi::{Fmu, FmuInstance},
     integrate::{Budget, TOLERANCE},
-    multibody::Mechanism,
+    multibody::{Mechanism, RunStart},
     signal::Signal,
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
@@ -198,7 +198,8 @@ fn swing_mechanism(mechanism: &Mechanism, &[l, m, b, force]: &Design, tolerance:
     let (mut state, mut angles, mut begin) = (vec![0.0; STATES.len()], Vec::new(), 0);
     for end in [PUSH_STEPS, 2 * PUSH_STEPS, STEPS] {
         let times: Vec<f64> = (begin..=end).map(|row| row as f64 * STEP).collect();
-        let from = (&STATES[..2], [&state[..2], &state[2..]]);
+        let (positions, rates) = state.split_at(2);
+        let from = RunStart { coordinates: &STATES[..2], positions, rates, actuator_states: &[] };
         let signals = [Signal::Constant(push(force, begin))];
         let rows = mechanism.simulate_from(&values, from, &signals, &times, (tolerance, &Budget::default()))?;
         let states: Vec<&[f64]> = rows.chunks(mechanism.outputs().len()).map(|row| &row[first..]).collect();

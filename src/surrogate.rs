@@ -100,7 +100,7 @@ pub fn assemble_with_states(
         false => state.clone(),
     };
     // a state without a range of validity has a usual one
-    let usual = study.states.values().map(|state| Some([state.min, state.max])).chain(std::iter::repeat(None));
+    let usual = study.coordinates().map(|(_, state)| Some([state.min, state.max])).chain(std::iter::repeat(None));
     let states = driven.states().iter().zip(ranges).zip(usual);
     metadata.states = states.map(|((state, range), usual)| of_state(own_name(state), range, range.or(usual))).collect();
     metadata.stop_time = Some(study.time.stop);

@@ -58,8 +58,9 @@ static void OF(accelerate)(const NUMBER point[COLUMN_COUNT], WORK *work)
     memcpy(inputs, point + INPUT_COUNT, COORDINATE_COUNT * sizeof *inputs);
     memcpy(inputs + COORDINATE_COUNT, point, PARAMETER_COUNT * sizeof *inputs);
     memcpy(inputs + CONFIGURATION, point + INPUT_COUNT + COORDINATE_COUNT, COORDINATE_COUNT * sizeof *inputs);
-    memcpy(inputs + CONFIGURATION + COORDINATE_COUNT, point + FIRST_DRIVEN,
-           (INPUT_COUNT - FIRST_DRIVEN) * sizeof *inputs);
+    memcpy(inputs + CONFIGURATION + COORDINATE_COUNT, point + FIRST_DRIVEN, DRIVEN_COUNT * sizeof *inputs);
+    memcpy(inputs + CONFIGURATION + COORDINATE_COUNT + DRIVEN_COUNT, point + INPUT_COUNT + 2 * COORDINATE_COUNT,
+           ACTUATOR_STATES * sizeof *inputs);
     OF(run)(&model_equations, inputs, work->equations);
 }
 
@@ -87,6 +88,7 @@ static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const WORK *w
 static void OF(respond)(WORK *work)
 {
     const size_t n = COORDINATE_COUNT;
+    const size_t actuators = ACTUATOR_STATES;
     const NUMBER *q = work->point + INPUT_COUNT;
     const NUMBER *v = q + COORDINATE_COUNT;
     const NUMBER zero = OF(constant)(R(0.0));
@@ -127,10 +129,16 @@ static void OF(respond)(WORK *work)
         case SHOWN_REACTION:
             *to = work->reactions[model_reactions.results[which]];
             break;
+        case SHOWN_EFFORT:
+            *to = OF(found)(work, n + which);
+            break;
         }
     }
     for (size_t i = 0; i < n; i++) {
         work->results[OUTPUT_COUNT + i] = v[i];
         work->results[OUTPUT_COUNT + n + i] = OF(found)(work, i);
+    }
+    for (size_t i = 0; i < actuators; i++) {
+        work->results[OUTPUT_COUNT + 2 * n + i] = OF(found)(work, FOUND_MASSES - actuators + i);
     }
 }

@@ -64,10 +64,14 @@ void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[ST
                  Real arguments[ARGUMENT_SIZE])
 {
     const size_t count = ARGUMENT_COUNT;
+    const size_t actuators = ACTUATOR_STATES;
     real_accelerate(point, &scratch->real);
     for (size_t i = 0; i < COORDINATE_COUNT; i++) {
         rates[i] = point[INPUT_COUNT + COORDINATE_COUNT + i];
         rates[COORDINATE_COUNT + i] = real_found(&scratch->real, i);
+    }
+    for (size_t i = 0; i < actuators; i++) {
+        rates[2 * COORDINATE_COUNT + i] = real_found(&scratch->real, FOUND_MASSES - actuators + i);
     }
     for (size_t i = 0; i < count; i++) {
         arguments[i] = scratch->real.equations[model_arguments[i].of];

@@ -5,10 +5,11 @@
  *     M(q, p) vd + h = -dV/dq + F(q, p) - D(q, p) v + B(q, p) e
  *     h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
  *
- * The efforts e are formulas of parameters, inputs, and of positions r(q, p) + w^T q and their rates. A driver may prescribe the acceleration of a coordinate: F - D v + B e then is its vd, and the equations of the others
- * hold with it.
+ * The efforts e are formulas of parameters, inputs, and of positions r(q, p) + w^T q and their rates. A driver may
+ * prescribe the acceleration of a coordinate: F - D v + B e then is its vd, and the equations of the others hold with it.
+ * Actuator states z (currents, pressures) are the last inputs of the equations, and their rates are the last efforts.
  *
- * The inputs of a point are p, the starts of q and v, u; its states are q and v. A position is r(q, p) + w^T q with
+ * The inputs of a point are p, the starts of q, v and z, and what other components drive; its states are q, v and z. A position is r(q, p) + w^T q with
  * whole numbers w, so that an angle may go around; its velocity and acceleration are exact derivatives. The functions
  * M, V, F, D, B and r were learned: each is a sum of products of sines, cosines and powers, a dictionary, to which a
  * network may add. Another network may add forces that depend on q, p, v and u. A reaction, the force of a joint or
@@ -33,12 +34,13 @@ typedef enum {
     SHOWN_ACCELERATION,
     SHOWN_KINETIC_ENERGY,
     SHOWN_POTENTIAL_ENERGY,
-    SHOWN_REACTION
+    SHOWN_REACTION,
+    SHOWN_EFFORT
 } ShownKind;
 
 typedef struct {
     ShownKind kind;
-    size_t which; /* position, or whose derivative; reaction */
+    size_t which; /* position, or whose derivative; reaction; effort */
 } Shown;
 
 /* The results of the equations: accelerations, efforts, the lower triangle of M row by row, and V. */
@@ -48,9 +50,10 @@ enum {
 };
 
 enum {
-    PARAMETER_COUNT = FIRST_DRIVEN - 2 * COORDINATE_COUNT,
+    PARAMETER_COUNT = FIRST_DRIVEN - STATE_COUNT,
+    DRIVEN_COUNT = INPUT_COUNT - FIRST_DRIVEN,
     CONFIGURATION = COORDINATE_COUNT + PARAMETER_COUNT,
-    EQUATION_INPUTS = CONFIGURATION + COORDINATE_COUNT + INPUT_COUNT - FIRST_DRIVEN,
+    EQUATION_INPUTS = CONFIGURATION + COORDINATE_COUNT + DRIVEN_COUNT + ACTUATOR_STATES,
     REACTION_INPUTS = CONFIGURATION + COORDINATE_COUNT + FOUND_MASSES
 };
 

@@ -392,9 +392,10 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             Shown::Reaction(index) => {
                 motion.reactions.as_ref().is_some_and(|reactions| reactions.follows_efforts(index))
             }
+            Shown::Effort(effort) => motion.effort_follows_inputs(effort),
             _ => false,
         };
-        let n = states.len() / 2;
+        let n = motion.dynamics.coordinates();
         match table[position].1.quantity {
             Quantity::Output(output) if !follows_inputs(&output) => states.clone(),
             Quantity::Array(array) if !surrogate.array_elements(array).1.iter().any(follows_inputs) => states.clone(),

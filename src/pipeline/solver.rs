@@ -72,8 +72,8 @@ struct SolverReference {
     by_start: Vec<f64>,
 }
 
-/// Ranges of velocities, of the columns `velocities` of the states: what they reach in the training runs, in either direction, and half as
-/// much more, and all that starts are drawn from.
+/// Ranges of velocities and actuator states, the columns `velocities` of the states: what they reach in the training runs, in either
+/// direction, and half as much more, and all that starts are drawn from.
 pub(super) fn velocity_ranges(
     project: &Project,
     surrogate: &Surrogate,
@@ -96,8 +96,13 @@ pub(super) fn velocity_ranges(
     let options = project.study.states.values();
     let range = |(k, state): (usize, &crate::study::StateOptions)| {
         let largest = reached.iter().map(|largest| MARGIN * largest[k]).fold(SLOWEST, f64::max);
-        let [min, max] = state.velocity_range.unwrap_or([-largest, largest]);
-        let [low, high] = state.velocity.unwrap_or([min, max]);
+        let is_actuator_state = k >= project.study.coordinates().count();
+        let (own, start) = match is_actuator_state {
+            true => (state.range(), state.start),
+            false => (state.velocity_range, state.velocity),
+        };
+        let [min, max] = own.unwrap_or([-largest, largest]);
+        let [low, high] = start.unwrap_or([min, max]);
         [min.min(low), max.max(high)]
     };
     options.enumerate().map(range).collect()

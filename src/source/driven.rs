@@ -7,7 +7,7 @@ use crate::{
     dynamics::{self, Checked, QuantityRange, Region},
     evaluation::SignalKind,
     integrate::Budget,
-    multibody::Mechanism,
+    multibody::{Mechanism, RunStart},
     signal::{Knots, Signal, SineTerm},
     study::{Excitation, Recording, StateOptions, Study, is_angle, velocity_name},
     variable::SourceVariable,
@@ -45,8 +45,10 @@ pub struct DrivingInput {
 /// How runs start and what drives them.
 #[derive(Clone, Debug)]
 pub struct Driven {
-    /// In the order in which the study has them; of a mechanism coordinates, then velocities.
+    /// In the order in which the study has them; of a mechanism coordinates, velocities, actuator states.
     states: Vec<SourceVariable>,
+    /// Number of those that are actuator states, the last ones.
+    actuator_states: usize,
     drivers: Vec<DrivingInput>,
     /// Values of the states at the start as the source has them.
     start: Vec<f64>,
@@ -133,17 +135,30 @@ impl Driven {
             }
         }
         // said elsewhere, or of a section that is damaged
-        if study.states.is_empty() || study.states.keys().any(|name| velocity_name(name).is_none()) {
+        if study.coordinates().count() == 0 || study.coordinates().any(|(name, _)| velocity_name(name).is_none()) {
             return Err(problems);
         }
-        let names: Vec<&str> = study.states.keys().map(String::as_str).collect();
+        let own: Vec<&String> = study.actuator_states().map(|(name, _)| name).collect();
+        if own.iter().any(|name| !mechanism.actuator_states().contains_key(*name)) {
+            return Err(problems);
+        }
+        for name in mechanism.actuator_states().keys().filter(|name| !own.contains(name)) {
+            problems.add("states", format!("no `{name}`, expected every actuator state of the mechanism"));
+        }
+        let names: Vec<&str> = study.coordinates().map(|(name, _)| name.as_str()).collect();
         let mut start = Vec::new();
         let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
         // what is wrong with a part of the mechanism is told with its line
-        let is_of_part =
-            |message: &str| ["`forces.", "`actuators.", "`drivers."].iter().any(|part| message.contains(part));
+        let is_of_part = |message: &str| {
+            ["`forces.", "`actuators.", "`drivers.", "`states."].iter().any(|part| message.contains(part))
+        };
         match mechanism.check_positions(values, &names).map(|()| mechanism.reduced(values, &names)) {
-            Ok(Ok(reduced)) => start.extend(reduced.start().0.iter().chain(reduced.start().1)),
+            Ok(Ok(reduced)) => {
+                start.extend(reduced.start().0.iter().chain(reduced.start().1));
+                let starts = reduced.model().actuator_starts();
+                let position = |name: &&String| mechanism.actuator_states().get_index_of(*name);
+                start.extend(own.iter().filter_map(position).map(|index| starts[index]));
+            }
             Ok(Err(message)) if is_of_part(&message) => {
                 problems.add(source, mechanism.located(&message).to_string());
             }
@@ -152,7 +167,7 @@ impl Driven {
         }
         let starts_outside = |is_good: &dyn Fn(usize, &String, &StateOptions) -> bool| {
             let mut problems = Problems::default();
-            for (k, ((name, state), start)) in study.states.iter().zip(&start).enumerate() {
+            for (k, ((name, state), start)) in study.coordinates().zip(&start).enumerate() {
                 if !is_good(k, name, state) && state.min < state.max && !(state.min..=state.max).contains(start) {
                     let (min, max) = (state.min, state.max);
                     let message =
@@ -192,9 +207,12 @@ impl Driven {
             }
         }
         if problems.is_empty() {
-            let states = coordinates_and_velocities(&names);
-            let (ranges, kinds) = (Vec::new(), Kinds::default());
-            Ok(Self { states, drivers, start, ranges, region: Some(region), seed: study.seed, kinds })
+            let mut states = coordinates_and_velocities(&names);
+            let of_actuators = mechanism.actuator_states().iter();
+            states.extend(of_actuators.map(|(name, state)| SourceVariable::new(name, &state.unit, &state.description)));
+            let (ranges, kinds, actuator_states) = (Vec::new(), Kinds::default(), own.len());
+            let (region, seed) = (Some(region), study.seed);
+            Ok(Self { states, actuator_states, drivers, start, ranges, region, seed, kinds })
         } else {
             Err(problems)
         }
@@ -217,7 +235,7 @@ impl Driven {
         let start = states.iter().zip(study.states.values()).map(within).collect();
         let states = states.into_iter().map(|(state, _)| state).collect();
         let (ranges, kinds) = (Vec::new(), Kinds::default());
-        Ok(Self { states, drivers, start, ranges, region: None, seed: study.seed, kinds })
+        Ok(Self { states, actuator_states: 0, drivers, start, ranges, region: None, seed: study.seed, kinds })
     }
 
     /// The coordinates of a table and then their rates, with the values at the start of its first run and their ranges in all rows, and the
@@ -232,7 +250,7 @@ impl Driven {
         inputs: Vec<OwnInput>,
     ) -> Result<Self, Problems> {
         let (drivers, kinds) = (drivers(study, inputs)?, Kinds::default());
-        Ok(Self { states, drivers, start, ranges, region: None, seed: study.seed, kinds })
+        Ok(Self { states, actuator_states: 0, drivers, start, ranges, region: None, seed: study.seed, kinds })
     }
 
     /// The same with these kinds of signals.
@@ -265,7 +283,7 @@ impl Driven {
         self.drivers.iter().map(|driver| driver.variable.clone()).collect()
     }
 
-    /// The states; of a mechanism coordinates, then velocities.
+    /// The states; of a mechanism coordinates, velocities, actuator states.
     pub fn states(&self) -> &[SourceVariable] {
         &self.states
     }
@@ -323,17 +341,19 @@ impl Driven {
         times: &[f64],
         integration: (f64, &Budget),
     ) -> Result<Vec<f64>, String> {
-        let Launch { names, state, signals } = self.launch(parameters, times)?;
-        mechanism.simulate_from(values, (&names, state), &signals, times, integration)
+        let launch = self.launch(parameters, times)?;
+        mechanism.simulate_from(values, launch.start(), &launch.signals, times, integration)
     }
 
-    /// Ranges of the coordinates' velocities: the study's own, or else what they reach in these runs of the mechanism, in either
-    /// direction, and half as much more.
+    /// Ranges of the coordinates' velocities, and of actuator states: the study's own, or else what they reach in these runs of the mechanism,
+    /// in either direction, and half as much more.
     ///
     /// # Errors
     /// A sentence, as [`Mechanism::rates_from`].
     pub fn velocities(&self, study: &Study, mechanism: &Mechanism, runs: &[Run]) -> Result<Vec<[f64; 2]>, String> {
-        let own: Vec<Option<[f64; 2]>> = study.states.values().map(|state| state.velocity_range).collect();
+        let of_actuators = study.actuator_states().map(|(_, state)| state.range());
+        let own: Vec<Option<[f64; 2]>> =
+            study.coordinates().map(|(_, state)| state.velocity_range).chain(of_actuators).collect();
         if own.iter().all(Option::is_some) {
             return Ok(own.into_iter().flatten().collect());
         }
@@ -344,11 +364,11 @@ impl Driven {
                 varied.map_or(*value, |index| run.parameters[index])
             };
             let values: Vec<f64> = region.constants.iter().map(value).collect();
-            let Launch { names, state, signals } = self.launch(&run.parameters, &run.times)?;
+            let launch = self.launch(&run.parameters, &run.times)?;
             let integration = (ROUGH, &Budget::default());
-            let rates = mechanism.rates_from(&values, (&names, state), &signals, &run.times, integration)?;
-            let largest = |k: usize| rates.iter().skip(k).step_by(names.len()).fold(0.0f64, |max, v| max.max(v.abs()));
-            Ok((0..names.len()).map(largest).collect())
+            let rates = mechanism.rates_from(&values, launch.start(), &launch.signals, &run.times, integration)?;
+            let largest = |k: usize| rates.iter().skip(k).step_by(own.len()).fold(0.0f64, |max, v| max.max(v.abs()));
+            Ok((0..own.len()).map(largest).collect())
         });
         let reached: Vec<Vec<f64>> = reached.collect::<Result<_, String>>()?;
         let range = |(k, own): (usize, Option<[f64; 2]>)| {
@@ -362,15 +382,17 @@ impl Driven {
     fn launch<'a>(&'a self, parameters: &'a [f64], times: &[f64]) -> Result<Launch<'a>, String> {
         let count = self.states.len();
         let (_, starts) = parameters.split_at(parameters.len() - count);
-        let (coordinates, velocities) = starts.split_at(count / 2);
+        let n = (count - self.actuator_states) / 2;
+        let (positions, rest) = starts.split_at(n);
+        let (rates, actuator_states) = rest.split_at(n);
         let inputs = self.inputs(parameters, times);
         let signal = |column: usize| {
             let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
             Ok(Signal::Linear(Knots::new(times.to_vec(), values)?))
         };
         Ok(Launch {
-            names: self.states[..count / 2].iter().map(|state| state.name.as_str()).collect(),
-            state: [coordinates, velocities],
+            names: self.states[..n].iter().map(|state| state.name.as_str()).collect(),
+            state: [positions, rates, actuator_states],
             signals: (0..self.drivers.len()).map(signal).collect::<Result<_, String>>()?,
         })
     }
@@ -392,9 +414,16 @@ fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<DrivingInput>, Pr
 struct Launch<'a> {
     /// Of the coordinates.
     names: Vec<&'a str>,
-    /// Coordinates and velocities at the start.
-    state: [&'a [f64]; 2],
+    /// Coordinates, velocities and actuator states at the start.
+    state: [&'a [f64]; 3],
     signals: Vec<Signal>,
+}
+
+impl Launch<'_> {
+    fn start(&self) -> RunStart<'_> {
+        let [positions, rates, actuator_states] = self.state;
+        RunStart { coordinates: &self.names, positions, rates, actuator_states }
+    }
 }
 
 fn coordinates_and_velocities(names: &[&str]) -> Vec<SourceVariable> {
@@ -413,7 +442,7 @@ fn coordinates_and_velocities(names: &[&str]) -> Vec<SourceVariable> {
 fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
     let names = mechanism.parameters().keys().cloned();
     Region {
-        coordinates: study.states.iter().map(|(name, state)| QuantityRange::new(name, state.min, state.max)).collect(),
+        coordinates: study.coordinates().map(|(name, state)| QuantityRange::new(name, state.min, state.max)).collect(),
         parameters: study
             .parameters
             .iter()

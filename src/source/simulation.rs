@@ -401,10 +401,12 @@ impl EquationSolver {
             Self::Mechanism(mechanism) => {
                 let column = |measure: &str| {
                     let named = |name: &&str| mechanism.description().outputs.get(*name);
-                    outputs.iter().position(|name| named(name).is_some_and(|output| output.measure.trim() == measure))
+                    outputs
+                        .iter()
+                        .position(|name| named(name).is_some_and(|output| output.measure.as_deref() == Some(measure)))
                 };
                 let point = |(_, output): (&String, &MechanismOutput)| {
-                    let point = output.measure.trim().strip_suffix(".x")?;
+                    let point = output.measure.as_deref()?.strip_suffix(".x")?;
                     Some(MovingPoint::of_outputs(point, column(&format!("{point}.x"))?, column(&format!("{point}.y"))?))
                 };
                 mechanism.description().outputs.iter().filter_map(point).collect()

@@ -1,4 +1,4 @@
-"""Mechanisms with couplings, stops, bushings, spring forces and variables: their FMUs against scipy's solutions of equations by hand."""
+"""Mechanisms with couplings, stops, bushings, spring forces, variables and actuator states against scipy's solutions of equations by hand."""
 
 import json
 import subprocess
@@ -59,7 +59,18 @@ def mount(p, state):
     return [vx, vy, omega, force[0] / 80.0, force[1] / 80.0 - 9.81, moment / 4.0]
 
 
-# coordinates, what is compared and which coordinate it is, points at corners of parameters, inputs and speeds
+def voltage(p, state):
+    return 24.0 * np.tanh((p["kp"] * (p["speed"] - state[1]) + 10.0 * state[3]) / 24.0)
+
+
+def motor(p, state):
+    angle, omega, current, _ = state
+    torque = 30.0 * (0.05 * current - 2e-4 * np.tanh(30.0 * omega / 0.5)) - 1.5 * 9.81 * 0.5 * p["L"] * np.sin(angle)
+    rate = (voltage(p, state) - 1.2 * current - 0.05 * 30.0 * omega) / 0.004
+    return [omega, torque / (0.5 * p["L"] ** 2 + 900.0 * 2e-5), rate, p["speed"] - omega]
+
+
+# coordinates and actuator states, what is compared and which coordinate it is, points at corners of parameters, inputs and speeds
 CASES = {
     "rack": (rack, ["shaft.angle"], {"x": lambda p, s: p["r"] * s[0], "speed": lambda p, s: s[1]}, [
         ({"r": 0.1, "m": 8.0, "torque": 2.0}, [0.5, 3.0]),
@@ -78,6 +89,12 @@ CASES = {
         ({"k": 1e4, "throttle": 1.0}, [0.01, -0.02, 0.1, 0.2, 0.0, -1.0]),
         ({"k": 4e4, "throttle": 0.5}, [0.0, 0.0, -0.1, 0.0, 0.3, 1.0]),
     ]),
+    "motor": (motor, ["hinge.angle", "current", "integral"], {
+        "angle": lambda p, s: s[0], "omega": lambda p, s: s[1], "current": lambda p, s: s[2], "power": lambda p, s: voltage(p, s) * s[2],
+    }, [
+        ({"L": 0.3, "kp": 4.0, "speed": 4.0}, [0.5, -4.0, 3.0, -0.3]),
+        ({"L": 0.5, "kp": 1.0, "speed": -4.0}, [2.0, 1.0, -2.0, 0.2]),
+    ]),
 }  # fmt: skip
 
 
@@ -91,8 +108,9 @@ def test_the_study_that_new_proposes_is_exact(name, tmp_path, monkeypatch):
     packed = fmu_of(tmp_path / "out", name, 2)
     for fmu in [packed, compiled_from_sources(packed, monkeypatch)]:
         for p, start in points:
-            names = [*(f"{of}_start" for of in coordinates), *(f"{rate_of(of)}_start" for of in coordinates)]
-            values = {**p, **dict(zip(names, start))}
+            positions = [name for name in coordinates if "." in name]
+            names = [*positions, *map(rate_of, positions), *(name for name in coordinates if "." not in name)]
+            values = {**p, **{f"{name}_start": value for name, value in zip(names, start, strict=True)}}
             found = simulate_fmu(fmu, fmi_type="CoSimulation", start_values=values, stop_time=STOP, output_interval=ROWS[1], output=[*outputs])
             exact = solve_ivp(lambda t, s: rates(p, s), (0.0, STOP), start, t_eval=ROWS, method="DOP853", rtol=1e-11, atol=1e-12, max_step=5e-3).y
             for output, of in outputs.items():

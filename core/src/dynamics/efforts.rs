@@ -1,4 +1,5 @@
-//! Efforts of a mechanism: its forces, actuators and prescribed accelerations, whose expressions become formulas of the equations.
+//! Efforts of a mechanism: its forces, actuators and prescribed accelerations, whose expressions become formulas of the equations; formulas
+//! of outputs and rates of actuator states are efforts that act on nothing.
 
 use super::windings::Windings;
 use crate::multibody::{
@@ -24,12 +25,20 @@ pub(super) struct KnownEfforts {
 }
 
 impl KnownEfforts {
-    /// Efforts of a mechanism with two sets of parameter values. Positions that agree in both are one position.
+    /// Efforts of a mechanism with two sets of parameter values. Positions that agree in both are one position. Unused ones become zero.
     ///
     /// # Errors
     /// A sentence that says what cannot be built of these values.
-    pub(super) fn new(mechanism: &Mechanism, values: [&[f64]; 2]) -> Result<Self, String> {
-        let [bound, elsewhere] = [mechanism.bound_expressions(values[0])?, mechanism.bound_expressions(values[1])?];
+    pub(super) fn new(
+        mechanism: &Mechanism,
+        values: [&[f64]; 2],
+        unused: impl Iterator<Item = usize>,
+    ) -> Result<Self, String> {
+        let [mut bound, elsewhere] = [mechanism.known_expressions(values[0])?, mechanism.known_expressions(values[1])?];
+        for index in unused {
+            let formula = Formula::new(vec![FormulaStep::Constant(0.0)]).map_err(|error| error.to_string())?;
+            bound[index] = BoundExpression { text: "0".into(), formula, slots: Vec::new() };
+        }
         let at =
             |(expression, slot): (usize, usize)| [&bound, &elsewhere].map(|of| position(&of[expression].slots[slot]));
         let mut positions: Vec<(usize, usize)> = Vec::new();
@@ -49,7 +58,7 @@ impl KnownEfforts {
         Ok(Self { bound, positions, occurs, windings: Windings::default() })
     }
 
-    /// Number of efforts and prescribed accelerations.
+    /// Number of efforts, prescribed accelerations, formulas of outputs and rates of actuator states.
     pub(super) fn count(&self) -> usize {
         self.bound.len()
     }
@@ -68,7 +77,7 @@ impl KnownEfforts {
 
     /// The positions of a model with values for the parameters.
     pub(super) fn positions_of(&self, model: &MultibodyModel) -> Vec<Coordinate> {
-        let bound: Vec<&BoundExpression> = model.bound_expressions().map(|(bound, _)| bound).collect();
+        let bound: Vec<&BoundExpression> = model.known_expressions().collect();
         self.positions.iter().filter_map(|(expression, slot)| position(&bound[*expression].slots[*slot])).collect()
     }
 

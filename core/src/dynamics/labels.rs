@@ -44,6 +44,8 @@ pub(super) struct MechanismRegion<'a> {
     alike: Vec<Vec<usize>>,
     efforts: KnownEfforts,
     outputs: Outputs,
+    /// Values of the actuator states at the start.
+    actuator_starts: Vec<f64>,
 }
 
 /// What the equations are at a point.
@@ -89,7 +91,7 @@ impl<'a> MechanismRegion<'a> {
             *value = if *value == range.max { range.min } else { range.max };
         }
         let outputs = Outputs::new(&mechanism, [&defaults, &others], &region.outputs)?;
-        let efforts = KnownEfforts::new(&mechanism, [&defaults, &others])?;
+        let efforts = KnownEfforts::new(&mechanism, [&defaults, &others], outputs.unused_formulas())?;
         let [is_angle, is_harmonic, is_periodic] = [const { Vec::new() }; 3];
         let (driven, alike) = (Vec::new(), Vec::new());
         let mut labels = Self {
@@ -104,10 +106,12 @@ impl<'a> MechanismRegion<'a> {
             alike,
             efforts,
             outputs,
+            actuator_starts: Vec::new(),
         };
         let middle: RegionPoint = labels.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = labels.reduced(&middle)?;
         labels.is_angle = reduced.coordinates().iter().map(|coordinate| coordinate.is_angle()).collect();
+        labels.actuator_starts = reduced.model().actuator_starts();
         (labels.driven, labels.alike) = (reduced.driven().to_vec(), reduced.alike());
         labels.outputs.windings = Windings::find(&labels.outputs.positions, &reduced)?;
         labels.efforts.wind(&reduced)?;
@@ -129,11 +133,16 @@ impl<'a> MechanismRegion<'a> {
         self.region.coordinates.len()
     }
 
+    /// Number of inputs of the equations: those of the mechanism, then its actuator states.
     pub(super) fn inputs(&self) -> usize {
-        self.mechanism.inputs().len()
+        self.mechanism.inputs().len() + self.actuator_states()
     }
 
-    /// Number of efforts and prescribed accelerations.
+    pub(super) fn actuator_states(&self) -> usize {
+        self.mechanism.actuator_states().len()
+    }
+
+    /// Number of known expressions: efforts, prescribed accelerations, and what acts on nothing.
     pub(super) fn efforts(&self) -> usize {
         self.efforts.count()
     }
@@ -174,8 +183,15 @@ impl<'a> MechanismRegion<'a> {
             s[k] += angle;
             let terms = reduced.terms(&s).ok()?;
             if with_efforts {
-                let rest = reduced.force(&terms, &(0.0 * &rates), &inputs);
-                return Some([rest, reduced.force(&terms, &rates, &inputs)]);
+                let [rest, moving] = [&(0.0 * &rates), &rates].map(|v| {
+                    let of_actuators = reduced.model().actuator_rates(0.0, &terms.q, &(&terms.velocities * v), &inputs);
+                    let forces = reduced.force(&terms, v, &inputs);
+                    DVector::from_iterator(
+                        forces.len() + of_actuators.len(),
+                        forces.iter().copied().chain(of_actuators),
+                    )
+                });
+                return Some([rest, moving]);
             }
             let unit = DVector::from_element(terms.effort_map.ncols(), 1.0);
             Some([terms.potential_force.clone(), &terms.effort_map * unit - &terms.damping * &rates])
@@ -187,8 +203,10 @@ impl<'a> MechanismRegion<'a> {
                 [[rest, a], [moving, b]]
             })
             .collect();
-        self.alike.iter().all(|rows| {
-            let of_rows = |forces: &DVector<f64>| forces.select_rows(rows);
+        let n = self.coordinates();
+        let further = pairs.first().map_or(0, |[forces, _]| forces.len() - n);
+        self.alike.iter().cloned().chain((0..further).map(|state| vec![n + state])).all(|rows| {
+            let of_rows = |forces: &DVector<f64>| forces.select_rows(&rows);
             // where forces vanish, rounding is left of them
             let largest = pairs.iter().flatten().map(|forces| of_rows(forces).amax()).fold(0.0, f64::max);
             pairs.iter().all(|[before, after]| {
@@ -341,7 +359,8 @@ impl<'a> MechanismRegion<'a> {
         let ends = [0, 1].map(|end| self.input_ranges().map(|range| range[end]).collect::<Vec<f64>>());
         for (v, u) in [(&(0.0 * &moving), &ends[0]), (&(0.0 * &moving), &ends[1]), (&moving, &inputs)] {
             if let Some(what) = reduced.model().undefined_effort(0.0, &terms.q, v, u) {
-                let names = self.mechanism.inputs().keys().zip(u).map(|(name, value)| format!("{name} = {value}"));
+                let names = self.mechanism.inputs().keys().chain(self.mechanism.actuator_states().keys());
+                let names = names.zip(u).map(|(name, value)| format!("{name} = {value}"));
                 let with = names.collect::<Vec<_>>().join(", ");
                 let with = if with.is_empty() { with } else { format!(" with {with}") };
                 return Err(format!("{what}{with}, expected a finite number"));
@@ -371,9 +390,10 @@ impl<'a> MechanismRegion<'a> {
         (DVector::from_fn(self.coordinates(), |row, _| rate(row)), inputs)
     }
 
-    /// The ranges of the region, or of the mechanism file.
+    /// The ranges of the region, or of the mechanism file; actuator states without a range are as at the start.
     fn input_ranges(&self) -> impl Iterator<Item = [f64; 2]> {
         let own = self.mechanism.inputs().values().map(|input| [input.min, input.max]);
+        let own = own.chain(self.actuator_starts.iter().map(|start| [*start; 2]));
         own.enumerate().map(|(k, own)| self.region.inputs.get(k).copied().unwrap_or(own))
     }
 

@@ -51,7 +51,7 @@ pub struct Region {
     pub constants: Vec<(String, f64)>,
     /// Outputs of the mechanism that are learned as well.
     pub outputs: Vec<String>,
-    /// Ranges of the velocities, and of the inputs, in which accelerations are sampled.
+    /// Ranges of the velocities, and of the inputs and then the actuator states, in which accelerations are sampled.
     pub velocities: Vec<[f64; 2]>,
     /// See there.
     pub inputs: Vec<[f64; 2]>,
@@ -86,6 +86,8 @@ pub struct FittedEquations {
     pub windings: Vec<f64>,
     /// Forces of joints, drivers and springs, if there are any among the outputs.
     pub reactions: Option<FittedReactions>,
+    /// Number of actuator states: the last inputs of the equations.
+    pub actuator_states: usize,
     /// What the outputs of the region are.
     pub outputs: Vec<Shown>,
     /// Highest harmonic of the angles, and highest power of the others.
@@ -186,6 +188,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         positions: positions?,
         windings: labels.outputs().windings.0.clone(),
         reactions: reactions.transpose()?,
+        actuator_states: labels.actuator_states(),
         outputs: labels.outputs().shown.clone(),
         order: equations.order,
         terms: equations.exponents.len(),

@@ -20,6 +20,9 @@ pub(super) struct Outputs {
     pub shown: Vec<Shown>,
     /// Windings of the positions.
     pub windings: Windings,
+    /// The effort that is the first formula of an output, and the number of these formulas.
+    first_formula: usize,
+    formulas: usize,
 }
 
 impl Outputs {
@@ -32,8 +35,10 @@ impl Outputs {
         [defaults, others]: [&[f64]; 2],
         names: &[String],
     ) -> Result<Self, String> {
-        let (measures, elsewhere) = (mechanism.measures(defaults)?, mechanism.measures(others)?);
-        let mut outputs = Self::default();
+        let (model, measures) = mechanism.build(defaults)?;
+        let elsewhere = mechanism.measures(others)?;
+        let first_formula = model.efforts.len() + model.prescribed.len();
+        let mut outputs = Self { first_formula, formulas: model.formulas.len(), ..Self::default() };
         let add = |outputs: &mut Self, measure: usize| {
             // two positions may be one for the defaults only
             let is_same = |known: &usize| {
@@ -53,6 +58,7 @@ impl Outputs {
                 Measure::Position(_) => Shown::Position(add(&mut outputs, position)),
                 Measure::Velocity(_) => Shown::Velocity(add(&mut outputs, position)),
                 Measure::Acceleration(_) => Shown::Acceleration(add(&mut outputs, position)),
+                Measure::Formula(formula) => Shown::Effort(outputs.first_formula + formula),
                 Measure::KineticEnergy => Shown::KineticEnergy,
                 Measure::PotentialEnergy => Shown::PotentialEnergy,
                 measure @ (Measure::JointForce { .. }
@@ -75,6 +81,12 @@ impl Outputs {
         }
         let measures = mechanism.measures(values)?;
         Ok(self.measures.iter().filter_map(|measure| coordinate(&measures[*measure])).collect())
+    }
+
+    /// Efforts that are formulas of other outputs of the mechanism.
+    pub(super) fn unused_formulas(&self) -> impl Iterator<Item = usize> + '_ {
+        let all = self.first_formula..self.first_formula + self.formulas;
+        all.filter(|formula| !self.shown.contains(&Shown::Effort(*formula)))
     }
 
     fn add_reaction(&mut self, measure: &Measure) -> usize {

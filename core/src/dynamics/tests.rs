@@ -1,6 +1,7 @@
 use super::*;
 use crate::{
     integrate::{Budget, TOLERANCE, integrate},
+    multibody::RunStart,
     signal::Signal,
 };
 use metafmu_runtime::StatePoint;
@@ -376,7 +377,8 @@ fn forces(text: &str, region: &Region, [q, v, u, p]: [&[f64]; 4]) -> [Vec<f64>; 
     let values: Vec<f64> = mechanism.parameters().iter().map(value).collect();
     let signals: Vec<Signal> = u.iter().map(|u| Signal::Constant(*u)).collect();
     let integration = (TOLERANCE, &Budget::default());
-    let row = mechanism.simulate_from(&values, (&names, [q, v]), &signals, &[0.0], integration).unwrap();
+    let start = RunStart { coordinates: &names, positions: q, rates: v, actuator_states: &[] };
+    let row = mechanism.simulate_from(&values, start, &signals, &[0.0], integration).unwrap();
     let of_output = |name: &String| row[mechanism.outputs().iter().position(|output| output.name == *name).unwrap()];
     [
         shown(reactions.evaluate(StatePoint { u: &efforts, ..point }, &accelerations)),

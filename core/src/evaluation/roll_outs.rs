@@ -249,7 +249,7 @@ pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Da
         for row in 0..run.times.len() {
             // a roll-out that ends is told elsewhere
             let Some((point, results)) = roll_out.at(row) else { break };
-            for (output, position) in assembled.positions(&point[point.len() - 2 * n..][..n]).ok()? {
+            for (output, position) in assembled.positions(&point[point.len() - motion.states()..][..n]).ok()? {
                 let range = if ranges[output] > 0.0 { ranges[output] } else { 1.0 };
                 largest = largest.max((results[output] - position).abs() / range);
             }

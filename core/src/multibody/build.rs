@@ -5,11 +5,14 @@ mod forces;
 use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
     coordinate::{BodyPoint, Coordinate, Frame},
-    description::{CouplingOptions, Description, DriverOptions, JointOptions, JointType, MechanismInput, PlaneVector},
+    description::{
+        CouplingOptions, Description, DriverOptions, JointOptions, JointType, MechanismInput, MechanismOutput,
+        PlaneVector,
+    },
     expression::{Expression, Tables},
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
-    model::{MultibodyInput, MultibodyModel, Prescribed},
+    model::{ActuatorState, MultibodyInput, MultibodyModel, OutputFormula, Prescribed},
     tables::tables,
     variables::variables,
 };
@@ -43,15 +46,10 @@ pub fn build(
     torsion: Torsion,
 ) -> Result<(MultibodyModel, Vec<Measure>), Problems> {
     let mut builder = MultibodyBuilder { torsion, ..MultibodyBuilder::new(description, values) };
-    let model = builder.model();
-    let measures: Vec<Measure> = description
-        .outputs
-        .iter()
-        .filter_map(|(name, output)| {
-            let measure = builder.measure(&output.measure);
-            builder.noted(&format!("outputs.{name}.measure"), measure)
-        })
-        .collect();
+    let mut model = builder.model();
+    let outputs = description.outputs.iter();
+    let measures: Vec<Measure> =
+        outputs.filter_map(|(name, output)| builder.output(name, output, &mut model.formulas)).collect();
     if builder.problems.is_empty() { Ok((model, measures)) } else { Err(builder.problems) }
 }
 
@@ -169,6 +167,8 @@ impl<'a> MultibodyBuilder<'a> {
             efforts: self.efforts(of_springs),
             springs,
             inputs: self.inputs(),
+            actuator_states: self.actuator_states(),
+            formulas: Vec::new(),
             position_guess: DVector::from_vec(positions),
             velocity_guess: DVector::from_vec(velocities),
             initial_positions,
@@ -288,6 +288,44 @@ impl<'a> MultibodyBuilder<'a> {
         inputs.map(input).collect()
     }
 
+    /// States of actuators and controllers.
+    fn actuator_states(&mut self) -> Vec<ActuatorState> {
+        let mut states = Vec::new();
+        for (name, state) in &self.description.states {
+            let owner = format!("states.{name}");
+            let start = self.number(&format!("{owner}.start"), &state.start);
+            let rate = self.bound(&format!("{owner}.rate"), &state.rate, Scope::State);
+            states.extend(rate.map(|rate| ActuatorState { rate, start, owner }));
+        }
+        states
+    }
+
+    /// Quantity that an output shows; formulas are added to those of the model.
+    fn output(&mut self, name: &str, output: &MechanismOutput, formulas: &mut Vec<OutputFormula>) -> Option<Measure> {
+        let MechanismOutput { measure, formula, unit, .. } = output;
+        let (key, formula, unit) = match (measure, formula) {
+            (Some(measure), None) => match self.description.states.get(measure) {
+                Some(state) => ("measure", Expression::parse(measure), state.unit.clone()),
+                None => {
+                    let measure = self.measure(measure);
+                    return self.noted(&format!("outputs.{name}.measure"), measure);
+                }
+            },
+            (None, Some(formula)) => ("formula", Ok(formula.clone()), unit.clone().unwrap_or_default()),
+            (measure, _) => {
+                let found = if measure.is_some() { "both" } else { "neither" };
+                let message = format!("{found} of `measure` and `formula`, expected one of them");
+                self.problem(&format!("outputs.{name}"), message);
+                return None;
+            }
+        };
+        let key = format!("outputs.{name}.{key}");
+        let formula = self.noted(&key, formula)?;
+        let expression = self.bound(&key, &formula, Scope::State)?;
+        formulas.push(OutputFormula { expression, unit });
+        Some(Measure::Formula(formulas.len() - 1))
+    }
+
     /// The conditions on positions and on velocities at the start.
     fn initial(&mut self) -> (Constraints, Constraints) {
         let (mut positions, mut velocities) = (Constraints::default(), Constraints::default());
@@ -323,10 +361,12 @@ impl<'a> MultibodyBuilder<'a> {
             "potential_energy" => return Ok(Measure::PotentialEnergy),
             _ => {}
         }
-        let Some((owner, what)) = name.rsplit_once('.') else {
-            return Err(format!("`{name}` is not a measure, expected for instance `BODY.angle`"));
-        };
         let description = self.description;
+        let Some((owner, what)) = name.rsplit_once('.') else {
+            let known: Vec<&str> = description.states.keys().map(String::as_str).collect();
+            let known = if known.is_empty() { String::new() } else { format!(", {}", expected_one_of(name, &known)) };
+            return Err(format!("`{name}` is not a measure, expected for instance `BODY.angle`{known}"));
+        };
         let unknown = |known: &[&str]| Err(format!("`{owner}` has no `{what}`, {}", expected_one_of(what, known)));
         let one_of = |measures: Measures| {
             let known: Vec<&str> = measures.iter().map(|(name, _)| *name).collect();
@@ -507,7 +547,10 @@ impl<'a> MultibodyBuilder<'a> {
         let (of_state, of_time) = (allowed == Scope::State, allowed != Scope::Positions);
         let mut slots = Vec::new();
         for name in expression.names() {
-            let input = self.description.inputs.get_index_of(name).filter(|_| of_state);
+            let Description { inputs, states, .. } = self.description;
+            // actuator states follow the inputs
+            let state = states.get_index_of(name).map(|index| inputs.len() + index);
+            let input = inputs.get_index_of(name).or(state).filter(|_| of_state);
             let parameter = self.description.parameters.get_index_of(name);
             let value = parameter.map(|index| Slot::Parameter(index, self.values[index]));
             let slot = match value.or(input.map(Slot::Input)) {
@@ -527,7 +570,7 @@ impl<'a> MultibodyBuilder<'a> {
                 None => {
                     let parameters = self.description.parameters.keys().chain(self.description.variables.keys());
                     let parameters = parameters.map(String::as_str);
-                    let inputs = self.description.inputs.keys().map(String::as_str).filter(|_| of_state);
+                    let inputs = inputs.keys().chain(states.keys()).map(String::as_str).filter(|_| of_state);
                     let known = parameters.chain(inputs).chain(["time"].into_iter().filter(|_| of_time));
                     let known: Vec<&str> = known.collect();
                     Err(format!("no `{name}`, {}", expected_one_of(name, &known)))

@@ -42,6 +42,7 @@
 //! torque); both may depend on `time` and on positions and velocities. `[drivers.NAME]` prescribe the `motion` of a
 //! `coordinate`, an expression of the parameters and `time`, or its `acceleration`, which may depend on what efforts may. `[tables.NAME]` are
 //! functions of one or two variables for all expressions: `"-20*cam(shaft.angle)"`; `[variables]` are expressions with a name.
+//! `[states.NAME]` change with a `rate`, as the current of a motor does.
 //! `[couplings.NAME]` hold a `coordinate` at a function of others: gears, racks, cams. `[stops.NAME]` limit a `coordinate`, and `[bushings.NAME]`
 //! are springs in all directions `between` two points.
 
@@ -108,6 +109,9 @@ pub struct Description {
     /// Forces and torques along coordinates.
     #[serde(default)]
     pub actuators: IndexMap<String, ActuatorOptions>,
+    /// States of actuators and controllers: currents, pressures, integrals of an error; forces, efforts and accelerations may name them.
+    #[serde(default)]
+    pub states: IndexMap<String, ActuatorStateOptions>,
     /// Coordinates and velocities at the start, by the name of what they belong to and their own.
     #[serde(default)]
     pub initial: IndexMap<String, IndexMap<String, Expression>>,
@@ -423,13 +427,35 @@ pub struct ActuatorOptions {
     pub effort: Expression,
 }
 
-/// An entry of `[outputs]`.
+/// An entry of `[states]`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"rate": "(u - R*current - k*shaft.angular_velocity)/L", "unit": "A"}]))]
+pub struct ActuatorStateOptions {
+    /// Derivative with respect to time, of the parameters, inputs, states, `time`, positions and velocities.
+    pub rate: Expression,
+    /// Value at the start, of the parameters.
+    #[serde(default)]
+    pub start: Expression,
+    /// Unit.
+    #[serde(default)]
+    pub unit: String,
+    /// One sentence for people.
+    #[serde(default)]
+    pub description: String,
+}
+
+/// An entry of `[outputs]`: a measure, or a formula.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"measure": "rod.angle"}]))]
 pub struct MechanismOutput {
-    /// What is measured.
-    pub measure: String,
+    /// What is measured; the name of an actuator state, too.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub measure: Option<String>,
+    /// Or an expression of the parameters, inputs, states, `time`, positions and velocities.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub formula: Option<Expression>,
     /// Unit; must be the measure's own.
     pub unit: Option<String>,
     /// One sentence for people.

@@ -68,8 +68,10 @@ impl Formulation {
     /// Names the constraint that is singular there.
     pub fn new(kind: FormulationKind, model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, String> {
         Ok(match kind {
-            // without constraints both are the same
-            FormulationKind::Embedding if model.constraints.is_empty() => Self::Augmented,
+            // without constraints both are the same, and without a free coordinate there is nothing to integrate
+            FormulationKind::Embedding if model.constraints.is_empty() || model.degrees_of_freedom() == 0 => {
+                Self::Augmented
+            }
             FormulationKind::Augmented => Self::Augmented,
             FormulationKind::Embedding => Self::Embedding(Partition::new(model, t, q)?),
         })
@@ -109,12 +111,12 @@ impl Formulation {
         &self,
         model: &MultibodyModel,
         t: f64,
-        q: &DVector<f64>,
-        v: &DVector<f64>,
+        (q, v): (&DVector<f64>, &DVector<f64>),
+        u: &[f64],
     ) -> Result<Acceleration, String> {
         match self {
-            Self::Augmented => augmented(model, t, q, v),
-            Self::Embedding(partition) => partition.accelerate(model, t, q, v),
+            Self::Augmented => augmented(model, t, (q, v), u),
+            Self::Embedding(partition) => partition.accelerate(model, t, (q, v), u),
         }
     }
 
@@ -134,9 +136,14 @@ impl Formulation {
 ///
 /// # Errors
 /// Names the constraint that is singular there.
-pub fn augmented(model: &MultibodyModel, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<Acceleration, String> {
+pub fn augmented(
+    model: &MultibodyModel,
+    t: f64,
+    (q, v): (&DVector<f64>, &DVector<f64>),
+    u: &[f64],
+) -> Result<Acceleration, String> {
     let transposed = model.deciding_gradients(q);
-    let (forces, side) = (model.forces_in_run(t, q, v), model.deciding_side(t, q, v));
+    let (forces, side) = (model.applied_forces(t, q, v, u), model.deciding_side(t, q, v, u));
     let solution = eliminated(&model.mass, &transposed, &forces, &side);
     let solution = solution.or_else(|| whole(&model.mass, &transposed, &forces, &side));
     solution.ok_or_else(|| without_solution(model, t, &transposed))
@@ -284,16 +291,16 @@ impl Partition {
         &self,
         model: &MultibodyModel,
         t: f64,
-        q: &DVector<f64>,
-        v: &DVector<f64>,
+        (q, v): (&DVector<f64>, &DVector<f64>),
+        u: &[f64],
     ) -> Result<Acceleration, String> {
-        let (gradients, side) = (model.deciding_gradients(q), model.deciding_side(t, q, v));
+        let (gradients, side) = (model.deciding_gradients(q), model.deciding_side(t, q, v, u));
         let (m, prescribed) = (model.constraints.len(), model.prescribed.len());
         let transposed = gradients.columns(0, m).into_owned();
         let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
         let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&side.rows(0, m)));
         let (t_d, r_d) = Option::zip(t_d, r_d).ok_or("C_d is singular")?;
-        let forces = model.forces_in_run(t, q, v);
+        let forces = model.applied_forces(t, q, v, u);
         let (m_d, m_i) = (gather(&model.mass, &self.dependent), gather(&model.mass, &self.independent));
 
         // s_q^T of prescribed accelerations, and G^T

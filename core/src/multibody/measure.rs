@@ -11,6 +11,7 @@
 //! | `BUSHING.fx`, `.fy`, `.moment` | force and moment on the second body, in the frame of the first |
 //! | `BUSHING.x`, `.y`, `.angle`, `.vx`, `.vy`, `.angular_velocity` | its deflections, and their rates |
 //! | `DRIVER.effort`, `COUPLING.effort` | force or torque that keeps a driver's motion or acceleration, or holds a coupled coordinate |
+//! | `STATE` | an actuator state, by its name |
 //! | `kinetic_energy`, `potential_energy` | of gravity and springs |
 
 use super::{
@@ -45,6 +46,8 @@ pub enum Measure {
     DriverEffort(usize),
     /// Force or torque of a spring, by its position in the model.
     SpringEffort(usize),
+    /// An expression, by its position among the model's formulas.
+    Formula(usize),
     /// Kinetic energy.
     KineticEnergy,
     /// Potential energy.
@@ -53,7 +56,7 @@ pub enum Measure {
 
 impl Measure {
     /// Unit of the value in a model.
-    pub fn unit(&self, model: &MultibodyModel) -> &'static str {
+    pub fn unit<'m>(&self, model: &'m MultibodyModel) -> &'m str {
         let effort = |coordinate: &Coordinate| if coordinate.is_angle() { "N.m" } else { "N" };
         match self {
             Self::Position(coordinate) => {
@@ -81,13 +84,14 @@ impl Measure {
             Self::JointMoment { .. } => "N.m",
             Self::DriverEffort(row) => effort(model.held_coordinate(*row)),
             Self::SpringEffort(spring) => effort(&model.springs[*spring].coordinate),
+            Self::Formula(formula) => &model.formulas[*formula].unit,
             Self::KineticEnergy | Self::PotentialEnergy => "J",
         }
     }
 
     /// Value in a sample.
     pub fn value(&self, model: &MultibodyModel, sample: &Sample) -> f64 {
-        let Sample { t, q, v, qdd, multipliers } = sample;
+        let Sample { t, q, v, z, qdd, multipliers } = sample;
         match self {
             Self::Position(coordinate) => coordinate.value(q),
             Self::Velocity(coordinate) => coordinate.rate(q, v),
@@ -109,8 +113,9 @@ impl Measure {
             Self::SpringEffort(spring) => {
                 let spring = &model.springs[*spring];
                 let further = spring.further.map(|effort| &model.efforts[effort].expression);
-                spring.effort(q, v) + further.map_or(0.0, |of| of.value(*t, q, v, &model.inputs_at(*t)))
+                spring.effort(q, v) + further.map_or(0.0, |of| of.value(*t, q, v, &model.at(*t, z)))
             }
+            Self::Formula(formula) => model.formulas[*formula].expression.value(*t, q, v, &model.at(*t, z)),
             Self::KineticEnergy => model.kinetic_energy(v),
             Self::PotentialEnergy => model.potential_energy(q),
         }

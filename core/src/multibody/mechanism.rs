@@ -3,7 +3,7 @@
 use super::{
     build::{Torsion, build, free_coordinates, limits, position_coordinates},
     constraint::BoundExpression,
-    description::{Description, MechanismInput, MechanismParameter, SpringOptions},
+    description::{ActuatorStateOptions, Description, MechanismInput, MechanismParameter, SpringOptions},
     expression::{Expression, is_function},
     measure::Measure,
     model::{MultibodyModel, Sample},
@@ -93,7 +93,8 @@ impl Mechanism {
         for ((name, output), measure) in description.outputs.iter().zip(&measures) {
             let unit = measure.unit(&model);
             if let Some(found) = output.unit.as_deref().filter(|&found| found != unit) {
-                problems.add(format!("outputs.{name}.unit"), format!("`{found}`, expected `{unit}`"));
+                let expected = if unit.is_empty() { "none".into() } else { format!("`{unit}`") };
+                problems.add(format!("outputs.{name}.unit"), format!("`{found}`, expected {expected}"));
             }
             let description = output.description.clone();
             outputs.push(SourceVariable::new(name, unit, &description));
@@ -122,7 +123,7 @@ impl Mechanism {
 
     /// What the mechanism consists of, for people: "3 bodies, 4 joints, 1 degree of freedom".
     pub fn summary(&self) -> String {
-        let Description { bodies, joints, couplings, drivers, .. } = &self.description;
+        let Description { bodies, joints, couplings, drivers, states, .. } = &self.description;
         let mut parts = vec![counted(bodies.len(), "body", "bodies"), counted(joints.len(), "joint", "joints")];
         if !couplings.is_empty() {
             parts.push(counted(couplings.len(), "coupling", "couplings"));
@@ -131,6 +132,9 @@ impl Mechanism {
             parts.push(counted(drivers.len(), "driver", "drivers"));
         }
         parts.push(counted(self.degrees_of_freedom, "degree of freedom", "degrees of freedom"));
+        if !states.is_empty() {
+            parts.push(counted(states.len(), "actuator state", "actuator states"));
+        }
         parts.join(", ")
     }
 
@@ -144,7 +148,7 @@ impl Mechanism {
 
     /// What is wrong with the equations of motion, with the line of the part that a sentence names in backticks: `forces.wind`.
     pub fn located(&self, message: &str) -> Problem {
-        let Description { joints, couplings, drivers, springs, bushings, stops, forces, actuators, .. } =
+        let Description { joints, couplings, drivers, springs, bushings, stops, forces, actuators, states, .. } =
             &self.description;
         let keys = |section: &'static str, names: Vec<&String>| {
             names.into_iter().map(move |name| format!("{section}.{name}")).collect::<Vec<_>>()
@@ -153,6 +157,7 @@ impl Mechanism {
             keys("forces", forces.keys().collect()),
             keys("actuators", actuators.keys().collect()),
             keys("drivers", drivers.keys().collect()),
+            keys("states", states.keys().collect()),
             keys("springs", springs.keys().collect()),
             keys("bushings", bushings.keys().collect()),
             keys("stops", stops.keys().collect()),
@@ -173,7 +178,10 @@ impl Mechanism {
     /// of its angle. Where one of these outputs measures the potential energy, it is the mechanism itself.
     pub fn with_torsion_as_forces(&self, outputs: &[String]) -> Cow<'_, Self> {
         let measures_energy = |name: &String| {
-            self.description.outputs.get(name).is_some_and(|output| output.measure == "potential_energy")
+            self.description
+                .outputs
+                .get(name)
+                .is_some_and(|output| output.measure.as_deref() == Some("potential_energy"))
         };
         let Description { springs, bushings, .. } = &self.description;
         let is_angle = |spring: &SpringOptions| spring.coordinate.as_ref().is_some_and(|of| of.ends_with(".angle"));
@@ -195,6 +203,11 @@ impl Mechanism {
     /// What acts on it from outside while it runs.
     pub fn inputs(&self) -> &IndexMap<String, MechanismInput> {
         &self.description.inputs
+    }
+
+    /// States of actuators and controllers.
+    pub fn actuator_states(&self) -> &IndexMap<String, ActuatorStateOptions> {
+        &self.description.states
     }
 
     /// What a study may have as outputs.
@@ -238,8 +251,7 @@ impl Mechanism {
         self.rows(&model, &measures, &simulate(&model, times, budget)?)
     }
 
-    /// Simulates one run with a signal for each input from a state: `coordinates` are named as in [`Mechanism::reduced`], and `state` is
-    /// their values and their rates.
+    /// Simulates one run with a signal for each input from a state.
     ///
     /// # Errors
     /// A sentence, as [`Mechanism::reduced`] and [`Mechanism::simulate_driven`].
@@ -249,33 +261,31 @@ impl Mechanism {
     pub fn simulate_from(
         &self,
         values: &[f64],
-        (coordinates, state): (&[&str], [&[f64]; 2]),
+        start: RunStart,
         signals: &[Signal],
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
     ) -> std::result::Result<Vec<f64>, String> {
-        let (model, measures, samples, _) =
-            self.run_from(values, (coordinates, state), signals, times, (tolerance, budget))?;
+        let (model, measures, samples, _) = self.run_from(values, start, signals, times, (tolerance, budget))?;
         self.rows(&model, &measures, &samples)
     }
 
-    /// The rates of the coordinates in the same run: shape `[times, coordinates]`.
+    /// The rates of the coordinates in the same run, and the actuator states: shape `[times, coordinates + states]`.
     ///
     /// # Errors
     /// As [`simulate_from`](Self::simulate_from).
     pub fn rates_from(
         &self,
         values: &[f64],
-        (coordinates, state): (&[&str], [&[f64]; 2]),
+        start: RunStart,
         signals: &[Signal],
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
     ) -> std::result::Result<Vec<f64>, String> {
-        let (.., samples, reduced) =
-            self.run_from(values, (coordinates, state), signals, times, (tolerance, budget))?;
+        let (.., samples, reduced) = self.run_from(values, start, signals, times, (tolerance, budget))?;
         let of_sample = |sample: &Sample| {
             let rates = reduced.coordinates().iter().map(|coordinate| coordinate.rate(&sample.q, &sample.v));
-            rates.collect::<Vec<_>>()
+            rates.chain(sample.z.iter().copied()).collect::<Vec<_>>()
         };
         Ok(samples.iter().flat_map(of_sample).collect())
     }
@@ -284,17 +294,17 @@ impl Mechanism {
     fn run_from(
         &self,
         values: &[f64],
-        (coordinates, state): (&[&str], [&[f64]; 2]),
+        RunStart { coordinates, positions, rates, actuator_states }: RunStart,
         signals: &[Signal],
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
     ) -> std::result::Result<(MultibodyModel, Vec<Measure>, Vec<Sample>, Reduced), String> {
         let (model, measures) = self.driven(values, signals, tolerance)?;
-        let [s, rates] = state.map(DVector::from_column_slice);
+        let [s, rates] = [positions, rates].map(DVector::from_column_slice);
         let reduced = self.reduced(values, coordinates)?;
         let terms = reduced.terms(&s)?;
         let velocities = &terms.velocities * &rates;
-        let samples = simulate_from(&model, (terms.q, velocities), times, budget)?;
+        let samples = simulate_from(&model, (terms.q, velocities, actuator_states.to_vec()), times, budget)?;
         Ok((model, measures, samples, reduced))
     }
 
@@ -328,13 +338,13 @@ impl Mechanism {
         self.build(values).map(|(_, measures)| measures)
     }
 
-    /// Every effort, then every prescribed acceleration, with a value for each parameter.
+    /// What learned equations have as efforts, with a value for each parameter: see [`MultibodyModel::known_expressions`].
     ///
     /// # Errors
     /// A sentence that says what cannot be built of these values.
-    pub fn bound_expressions(&self, values: &[f64]) -> std::result::Result<Vec<BoundExpression>, String> {
+    pub fn known_expressions(&self, values: &[f64]) -> std::result::Result<Vec<BoundExpression>, String> {
         let (model, _) = self.build(values)?;
-        Ok(model.bound_expressions().map(|(bound, _)| bound.clone()).collect())
+        Ok(model.known_expressions().cloned().collect())
     }
 
     /// The outputs of samples, row by row.
@@ -386,6 +396,19 @@ impl Mechanism {
     }
 }
 
+/// Where a run starts.
+#[derive(Clone, Copy, Debug)]
+pub struct RunStart<'a> {
+    /// Names of independent coordinates, as in [`Mechanism::reduced`].
+    pub coordinates: &'a [&'a str],
+    /// Their values.
+    pub positions: &'a [f64],
+    /// Their rates.
+    pub rates: &'a [f64],
+    /// Values of the actuator states, in the order of the file.
+    pub actuator_states: &'a [f64],
+}
+
 /// A coordinate of a mechanism that is independent of its constraints and of the others, and where it may be.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FreeCoordinate {
@@ -403,7 +426,8 @@ pub struct FreeCoordinate {
 
 impl Mechanism {
     /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters: those that drivers accelerate, then
-    /// the first independent ones of those that the joints leave free, in the order of the file, then of the bodies.
+    /// the first independent ones of those that the joints leave free, in the order of the file and those that follow others last, then of
+    /// the bodies.
     ///
     /// # Errors
     /// A sentence, as [`Reduced::new`].
@@ -413,18 +437,22 @@ impl Mechanism {
         let of_joint = |name: &String| ["angle", "position"].map(|measure| format!("{name}.{measure}"));
         let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
         let drivers = self.description.drivers.values().filter(|driver| driver.acceleration.is_some());
-        let joints = self.description.joints.keys().flat_map(of_joint);
-        let names = drivers.map(|driver| driver.coordinate.clone()).chain(joints);
+        let is_held = |name: &String| self.description.couplings.values().any(|coupling| coupling.coordinate == *name);
+        let (held, joints): (Vec<String>, Vec<String>) =
+            self.description.joints.keys().flat_map(of_joint).partition(is_held);
+        let names = drivers.map(|driver| driver.coordinate.clone()).chain(joints).chain(held);
         let names = names.chain(self.description.bodies.keys().flat_map(of_body));
         // a joint has one of the two, or none
         let named = |name: String| Some((position_coordinates(&self.description, &values, &[&name]).ok()?[0], name));
         let (coordinates, names): (Vec<_>, Vec<String>) = names.filter_map(named).unzip();
         let reduced = Reduced::new(model, &coordinates)?;
         let (s, rates) = reduced.start();
+        let z = reduced.model().actuator_starts();
         let inputs = self.description.inputs.values();
         let ends = [inputs.clone().map(|input| input.min).collect::<Vec<_>>(), inputs.map(|input| input.max).collect()];
-        let accelerations =
-            ends.map(|u| reduced.accelerations(s, rates, &u).unwrap_or_else(|_| DVector::zeros(s.len())));
+        let accelerations = ends.map(|u| {
+            reduced.accelerations(s, rates, &[u, z.clone()].concat()).unwrap_or_else(|_| DVector::zeros(s.len()))
+        });
         let limits = limits(&self.description, &values);
         let chosen = reduced.coordinates().iter().enumerate();
         let free = chosen.filter_map(|(k, coordinate)| {
@@ -539,15 +567,16 @@ fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::default();
     let Description { parameters, inputs, tables, variables, bodies, joints, couplings, drivers, .. } = description;
-    let Description { springs, bushings, stops, forces, actuators, .. } = description;
+    let Description { springs, bushings, stops, forces, actuators, states, .. } = description;
     // in expressions, parameters, inputs and tables are names without a dot, parts of the mechanism are followed by one
     let mut values: Vec<(&str, &str)> = vec![("the time", "time"), ("a number", "pi")];
     let mut parts: Vec<(&str, &str)> = vec![("the ground", "ground")];
-    let sections: [(&str, Vec<&String>); 13] = [
+    let sections: [(&str, Vec<&String>); 14] = [
         ("parameters", parameters.keys().collect()),
         ("inputs", inputs.keys().collect()),
         ("tables", tables.keys().collect()),
         ("variables", variables.keys().collect()),
+        ("states", states.keys().collect()),
         ("bodies", bodies.keys().collect()),
         ("joints", joints.keys().collect()),
         ("couplings", couplings.keys().collect()),
@@ -559,8 +588,11 @@ fn name_problems(description: &Description) -> Problems {
         ("actuators", actuators.keys().collect()),
     ];
     for (section, names) in &sections {
-        let seen =
-            if ["parameters", "inputs", "tables", "variables"].contains(section) { &mut values } else { &mut parts };
+        let seen = if ["parameters", "inputs", "tables", "variables", "states"].contains(section) {
+            &mut values
+        } else {
+            &mut parts
+        };
         for name in names {
             let key = format!("{section}.{name}");
             if !is_plain(name) {

@@ -22,7 +22,7 @@ mod stepper;
 mod tables;
 mod variables;
 
-pub use mechanism::{FreeCoordinate, Mechanism, json_schema};
+pub use mechanism::{FreeCoordinate, Mechanism, RunStart, json_schema};
 pub use stepper::Stepper;
 
 #[cfg(test)]

@@ -57,6 +57,26 @@ pub struct Prescribed {
     pub owner: String,
 }
 
+/// A state of an actuator or a controller: `zd` is an expression.
+#[derive(Clone, Debug)]
+pub struct ActuatorState {
+    /// Its derivative with respect to time.
+    pub rate: BoundExpression,
+    /// Its value at the start.
+    pub start: f64,
+    /// Its key in the description, for messages: `states.A`.
+    pub owner: String,
+}
+
+/// An expression that an output shows.
+#[derive(Clone, Debug)]
+pub struct OutputFormula {
+    /// The expression.
+    pub expression: BoundExpression,
+    /// Its unit in the description.
+    pub unit: String,
+}
+
 /// Input that acts on the mechanism while it runs.
 #[derive(Clone, Debug)]
 pub struct MultibodyInput {
@@ -68,7 +88,8 @@ pub struct MultibodyInput {
     pub signal: Signal,
 }
 
-/// All of a run but its time: coordinates `(x, y, phi)` of each body one after the other.
+/// All of a run but its time: coordinates `(x, y, phi)` of each body one after the other. Functions of a state take the values `u` of the
+/// inputs, and after them those of the actuator states, as [`at`](Self::at) joins them.
 #[derive(Clone, Debug)]
 pub struct MultibodyModel {
     /// How the equations of motion are solved.
@@ -89,6 +110,10 @@ pub struct MultibodyModel {
     pub efforts: Vec<Effort>,
     /// What acts on it from outside.
     pub inputs: Vec<MultibodyInput>,
+    /// States of actuators and controllers.
+    pub actuator_states: Vec<ActuatorState>,
+    /// Expressions that outputs show.
+    pub formulas: Vec<OutputFormula>,
     /// Guess of the coordinates at the start.
     pub position_guess: DVector<f64>,
     /// Guess of the velocities at the start.
@@ -100,14 +125,19 @@ pub struct MultibodyModel {
 }
 
 impl MultibodyModel {
-    /// Values of the inputs at a time.
-    pub fn inputs_at(&self, t: f64) -> Vec<f64> {
-        self.inputs.iter().map(|input| input.signal.value(t)).collect()
+    /// Values `u`: those of the inputs at a time of the run, then the actuator states `z`.
+    pub fn at(&self, t: f64, z: &[f64]) -> Vec<f64> {
+        self.inputs.iter().map(|input| input.signal.value(t)).chain(z.iter().copied()).collect()
     }
 
-    /// [`applied_forces`](Self::applied_forces) at a time of the run, whose signals are the inputs.
-    pub fn forces_in_run(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
-        self.applied_forces(t, q, v, &self.inputs_at(t))
+    /// Values of the actuator states at the start.
+    pub fn actuator_starts(&self) -> Vec<f64> {
+        self.actuator_states.iter().map(|state| state.start).collect()
+    }
+
+    /// Derivatives of the actuator states with respect to time.
+    pub fn actuator_rates(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Vec<f64> {
+        self.actuator_states.iter().map(|state| state.rate.value(t, q, v, u)).collect()
     }
 
     /// `F_a(t, q, qd, u)`: gravity, springs and efforts. With the centres of mass as coordinates there are no
@@ -152,16 +182,25 @@ impl MultibodyModel {
         forces
     }
 
-    /// Every effort, then every prescribed acceleration, with its key.
-    pub fn bound_expressions(&self) -> impl Iterator<Item = (&BoundExpression, &str)> {
+    /// Every effort, every prescribed acceleration, then the rate of every actuator state, with its key.
+    pub fn acting_expressions(&self) -> impl Iterator<Item = (&BoundExpression, &str)> {
         let efforts = self.efforts.iter().map(|effort| (&effort.expression, effort.owner.as_str()));
-        efforts.chain(self.prescribed.iter().map(|driver| (&driver.expression, driver.owner.as_str())))
+        let drivers = self.prescribed.iter().map(|driver| (&driver.expression, driver.owner.as_str()));
+        efforts.chain(drivers).chain(self.actuator_states.iter().map(|state| (&state.rate, state.owner.as_str())))
+    }
+
+    /// What learned equations have as efforts: efforts, prescribed accelerations, formulas of outputs, rates of actuator states.
+    pub fn known_expressions(&self) -> impl Iterator<Item = &BoundExpression> {
+        let efforts = self.efforts.iter().map(|effort| &effort.expression);
+        let drivers = self.prescribed.iter().map(|driver| &driver.expression);
+        let formulas = self.formulas.iter().map(|formula| &formula.expression);
+        efforts.chain(drivers).chain(formulas).chain(self.actuator_states.iter().map(|state| &state.rate))
     }
 
     /// Returns true if an expression has a table whose slope changes much at a knot.
     pub fn has_bends(&self) -> bool {
         let mut found = false;
-        for (bound, _) in self.bound_expressions() {
+        for (bound, _) in self.acting_expressions() {
             bound
                 .formula
                 .for_each_lookup(|_| 0.0, |table, at| found |= (0..at.len()).any(|axis| !table.bends(axis).is_empty()));
@@ -173,9 +212,9 @@ impl MultibodyModel {
     pub fn share_without_bends(&self, from: &Sample, to: &Sample) -> f64 {
         // inputs may jump at the end
         let before = |t: f64| t - 1e-9 * (t - from.t);
-        let arguments = |Sample { t, q, v, .. }: &Sample, at: f64, act: &mut dyn FnMut(&LookupTable, &[f64])| {
-            let u = self.inputs_at(at);
-            for (bound, _) in self.bound_expressions() {
+        let arguments = |Sample { t, q, v, z, .. }: &Sample, at: f64, act: &mut dyn FnMut(&LookupTable, &[f64])| {
+            let u = self.at(at, z);
+            for (bound, _) in self.acting_expressions() {
                 let column = |position: usize| bound.slots[position].value(*t, q, v, &u);
                 bound.formula.for_each_lookup(column, &mut *act);
             }
@@ -200,15 +239,14 @@ impl MultibodyModel {
         sum
     }
 
-    /// A message about the first effort that is not finite in a state at a time of the run: the square root of a negative number, for instance.
-    pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Option<String> {
-        self.undefined_effort(t, q, v, &self.inputs_at(t))
-            .map(|what| format!("{what} at t = {t} s, expected a finite number"))
+    /// A message about the first effort that is not finite in a state: the square root of a negative number, for instance.
+    pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
+        self.undefined_effort(t, q, v, u).map(|what| format!("{what} at t = {t} s, expected a finite number"))
     }
 
-    /// The first effort or prescribed acceleration that is not finite in a state with inputs `u`, and its value.
+    /// The first effort, prescribed acceleration or rate of an actuator state that is not finite in a state, and its value.
     pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
-        self.bound_expressions().find_map(|(bound, owner)| {
+        self.acting_expressions().find_map(|(bound, owner)| {
             let value = bound.value(t, q, v, u);
             (!value.is_finite()).then(|| format!("`{}` of `{owner}` is {value}", bound.text))
         })
@@ -252,13 +290,12 @@ impl MultibodyModel {
     }
 
     /// What these gradients times the accelerations must be: `F_c`, then `a - (s_q qd)_q qd` with a prescribed acceleration `a`.
-    pub fn deciding_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+    pub fn deciding_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
         let of_constraints = self.constraints.acceleration_side(t, q, v);
         if self.prescribed.is_empty() {
             return of_constraints;
         }
-        let u = self.inputs_at(t);
-        let side = |driver: &Prescribed| driver.expression.value(t, q, v, &u) - driver.coordinate.curvature(q, v);
+        let side = |driver: &Prescribed| driver.expression.value(t, q, v, u) - driver.coordinate.curvature(q, v);
         let sides = of_constraints.iter().copied().chain(self.prescribed.iter().map(side));
         DVector::from_iterator(of_constraints.len() + self.prescribed.len(), sides)
     }
@@ -338,6 +375,8 @@ pub struct Sample {
     pub q: DVector<f64>,
     /// Velocities.
     pub v: DVector<f64>,
+    /// Actuator states.
+    pub z: Vec<f64>,
     /// Accelerations.
     pub qdd: DVector<f64>,
     /// Lagrange multipliers of the constraints, then of the prescribed accelerations.

@@ -95,7 +95,8 @@ pub struct Terms {
     pub potential_force: DVector<f64>,
     /// `D`, the springs' damping; zero in the row of a driven coordinate: shape `[n, n]`.
     pub damping: DMatrix<f64>,
-    /// `B`: what a unit of each effort, and after them of each prescribed acceleration, gives: shape `[n, efforts]`.
+    /// `B`: what a unit of each effort, and after them of each prescribed acceleration, gives, and zero for each further known expression:
+    /// shape `[n, efforts]`.
     pub effort_map: DMatrix<f64>,
     /// Potential energy of gravity and springs, in J.
     pub potential: f64,
@@ -232,7 +233,7 @@ impl Reduced {
         let mut damping = -velocities.tr_mul(&self.model.damping_forces(&q, &velocities));
         let efforts = velocities.tr_mul(&self.model.effort_gradients(&q));
         let first = efforts.ncols();
-        let mut effort_map = efforts.resize_horizontally(first + self.driven.len(), 0.0);
+        let mut effort_map = efforts.resize_horizontally(self.model.known_expressions().count(), 0.0);
         for (driver, &k) in self.driven.iter().enumerate() {
             damping.row_mut(k).fill(0.0);
             effort_map.row_mut(k).fill(0.0);
@@ -414,15 +415,18 @@ fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -
     }
     let mut gradients = model.constraints.jacobian_transposed(q);
     let lever_arm = model.constraints.lever_arm(&gradients);
-    let mut scale_angles = |mut column: nalgebra::DVectorViewMut<f64>| {
-        column.iter_mut().skip(2).step_by(3).for_each(|of_angle| *of_angle /= lever_arm);
-    };
-    gradients.column_iter_mut().for_each(&mut scale_angles);
+    let mut scales = DVector::from_fn(q.len(), |row, _| if row % 3 == 2 { lever_arm } else { 1.0 });
+    // a coordinate that a gear multiplies is as good as the one that follows it
+    let gears = model.constraints.0.iter().zip(gradients.column_iter());
+    for (_, gradient) in gears.filter(|(constraint, _)| matches!(constraint.target, Target::Follows(_))) {
+        scales.zip_apply(&gradient, |scale, slope| *scale = scale.max(slope.abs()));
+    }
+    gradients.column_iter_mut().for_each(|mut column| column.component_div_assign(&scales));
     let mut chosen = Vec::new();
     for candidate in candidates {
         let mut gradient = DVector::zeros(q.len());
         candidate.add_gradient(q, 1.0, gradient.as_mut_slice());
-        scale_angles(gradient.column_mut(0));
+        gradient.component_div_assign(&scales);
         let with = DMatrix::from_columns(&[gradients.column_iter().collect(), vec![gradient.column(0)]].concat());
         if chosen.len() < count && independence(&with).last().is_some_and(|part| *part > INDEPENDENT) {
             gradients = with;
@@ -472,9 +476,13 @@ fn refuse_time(model: &MultibodyModel) -> Result<(), String> {
             return Err(format!("`{}` prescribes the motion `{motion}`, expected an `acceleration`", constraint.owner));
         }
     }
-    for (bound, owner) in model.bound_expressions() {
+    for (bound, owner) in model.acting_expressions() {
         if bound.slots.iter().any(|slot| matches!(slot, Slot::Time)) {
-            let what = if owner.starts_with("drivers.") { "acceleration" } else { "force" };
+            let what = match owner.split('.').next() {
+                Some("drivers") => "acceleration",
+                Some("states") => "rate",
+                _ => "force",
+            };
             return Err(format!("the {what} `{}` of `{owner}` depends on time", bound.text));
         }
     }

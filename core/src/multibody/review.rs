@@ -24,8 +24,9 @@ pub fn idle_parts(description: &Description) -> Problems {
 /// What is odd but may be intended: dotted keys and messages.
 pub fn oddities(description: &Description) -> Problems {
     let names = Names::of(description);
-    let Description { parameters, inputs, tables, variables, ground, bodies, springs, forces, actuators, .. } =
-        description;
+    let Description {
+        parameters, inputs, tables, variables, ground, bodies, springs, forces, actuators, states, ..
+    } = description;
     let mut oddities = Problems::default();
     let mut note = |key: String, message: &str| oddities.add(key, message);
     for name in parameters.keys().filter(|name| !names.values.contains(name.as_str())) {
@@ -39,6 +40,9 @@ pub fn oddities(description: &Description) -> Problems {
     }
     for name in variables.keys().filter(|name| !names.values.contains(name.as_str())) {
         note(format!("variables.{name}"), "no expression uses it");
+    }
+    for name in states.keys().filter(|name| !names.values.contains(name.as_str())) {
+        note(format!("states.{name}"), "no expression and no output uses it");
     }
     for point in ground.points.keys().filter(|point| !names.has(&format!("ground.{point}"))) {
         note(format!("ground.points.{point}"), "nothing uses this point");
@@ -96,11 +100,15 @@ impl<'a> Names<'a> {
             actuators,
             initial,
             outputs,
+            states,
             ..
         } = description;
         let expressions = expressions(description).into_iter();
         let tables = expressions.clone().flat_map(Expression::tables).collect();
-        let values: BTreeSet<&str> = expressions.flat_map(Expression::names).map(String::as_str).collect();
+        let values = expressions.flat_map(Expression::names);
+        let shown =
+            outputs.values().filter_map(|output| output.measure.as_ref()).filter(|name| states.contains_key(*name));
+        let values: BTreeSet<&str> = values.chain(shown).map(String::as_str).collect();
         let ends = joints.values().map(|joint| &joint.between);
         let ends = ends.chain(springs.values().filter_map(|spring| spring.between.as_ref()));
         let ends = ends.chain(bushings.values().map(|bushing| &bushing.between)).flatten();
@@ -112,7 +120,7 @@ impl<'a> Names<'a> {
         attached.extend(springs.values().filter_map(|spring| spring.coordinate.as_deref()));
         attached.extend(actuators.values().map(|actuator| actuator.coordinate.as_str()));
         let conditions = initial.iter().flat_map(|(owner, of)| of.keys().map(move |what| format!("{owner}.{what}")));
-        let measured = outputs.values().map(|output| output.measure.clone());
+        let measured = outputs.values().filter_map(|output| output.measure.clone());
         let named = attached.iter().chain(&values).map(|name| (*name).to_owned());
         Self { parts: named.chain(conditions).chain(measured).collect(), values, tables, attached }
     }
@@ -137,7 +145,7 @@ fn expressions(description: &Description) -> Vec<&Expression> {
     let Description {
         gravity, variables, ground, bodies, joints, couplings, drivers, springs, bushings, stops, ..
     } = description;
-    let Description { forces, actuators, initial, .. } = description;
+    let Description { forces, actuators, states, initial, outputs, .. } = description;
     let mut all: Vec<&Expression> =
         gravity.iter().chain(variables.values()).chain(ground.points.values().flatten()).collect();
     for BodyOptions { mass, inertia, position, angle, velocity, angular_velocity, points } in bodies.values() {
@@ -160,6 +168,8 @@ fn expressions(description: &Description) -> Vec<&Expression> {
     );
     all.extend(forces.values().flat_map(|force| &force.force));
     all.extend(actuators.values().map(|actuator| &actuator.effort));
+    all.extend(states.values().flat_map(|state| [&state.rate, &state.start]));
+    all.extend(outputs.values().filter_map(|output| output.formula.as_ref()));
     all.extend(initial.values().flat_map(|of| of.values()));
     all
 }

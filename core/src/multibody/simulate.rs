@@ -21,7 +21,8 @@ const NEARLY_SINGULAR: f64 = 0.1;
 /// A sentence that says what failed, when, and at which joint, or that the run's budget is spent.
 pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
-    simulate_from(model, model.initial_state(start)?, times, budget)
+    let (q, v) = model.initial_state(start)?;
+    simulate_from(model, (q, v, model.actuator_starts()), times, budget)
 }
 
 /// The same from a given state, which must be consistent.
@@ -30,17 +31,17 @@ pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Resul
 /// As [`simulate`].
 pub fn simulate_from(
     model: &MultibodyModel,
-    (q, v): (DVector<f64>, DVector<f64>),
+    (q, v, z): (DVector<f64>, DVector<f64>, Vec<f64>),
     times: &[f64],
     budget: &Budget,
 ) -> Result<Vec<Sample>, String> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
     budget.begin(times);
-    if model.degrees_of_freedom() == 0 {
+    if model.degrees_of_freedom() == 0 && model.actuator_states.is_empty() {
         return kinematics::follow(model, times, q, budget);
     }
     let formulation = Formulation::new(model.formulation, model, start, &q)?;
-    let mut samples = vec![sample(model, &formulation, start, q, v)?];
+    let mut samples = vec![sample(model, &formulation, start, (q, v, z))?];
     // signals with kinks have them at the rows: beginning anew there is faster than finding them
     let has_kinks = model.inputs.iter().any(|input| input.signal.has_knots());
     let has_bends = model.has_bends();
@@ -122,15 +123,16 @@ fn stretch(
 ) -> Result<Vec<Sample>, String> {
     let formulation = Formulation::new(kind, model, from.t, &from.q)?;
     let (guess, undefined) = (RefCell::new(from.q.clone()), RefCell::default());
-    let stretch = Stretch { model, formulation, guess, budget, undefined };
+    let stretch = Stretch { model, formulation, guess, z: &from.z, budget, undefined };
     let states = stretch.integrate(from, times)?;
     let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
     for (state, &t) in states.iter().zip(times).skip(1) {
         let guess = samples.last().map_or(&from.q, |sample| &sample.q);
-        let (mut q, mut v) = stretch.formulation.complete(model, t, &split_time(state).1, guess)?;
+        let (_, state, z) = split(state, model.actuator_states.len());
+        let (mut q, mut v) = stretch.formulation.complete(model, t, &state, guess)?;
         model.constraints.correct_positions(t, &mut q)?;
         model.constraints.correct_velocities(t, &q, &mut v)?;
-        samples.push(sample(model, &stretch.formulation, t, q, v)?);
+        samples.push(sample(model, &stretch.formulation, t, (q, v, z))?);
     }
     Ok(samples)
 }
@@ -139,14 +141,14 @@ fn sample(
     model: &MultibodyModel,
     formulation: &Formulation,
     t: f64,
-    q: DVector<f64>,
-    v: DVector<f64>,
+    (q, v, z): (DVector<f64>, DVector<f64>, Vec<f64>),
 ) -> Result<Sample, String> {
-    let acceleration = formulation.accelerate(model, t, &q, &v);
+    let u = model.at(t, &z);
+    let acceleration = formulation.accelerate(model, t, (&q, &v), &u);
     let Acceleration { qdd, multipliers } =
-        acceleration.map_err(|message| model.undefined_force(t, &q, &v).unwrap_or(message))?;
+        acceleration.map_err(|message| model.undefined_force(t, &q, &v, &u).unwrap_or(message))?;
     model.constraints.check(t, &q, &v)?;
-    Ok(Sample { t, q, v, qdd, multipliers })
+    Ok(Sample { t, q, v, z, qdd, multipliers })
 }
 
 /// A part of a run with one formulation's choices.
@@ -155,6 +157,8 @@ struct Stretch<'a> {
     formulation: Formulation,
     /// Coordinates found last: where the search for dependent coordinates begins.
     guess: RefCell<DVector<f64>>,
+    /// Actuator states at the start.
+    z: &'a [f64],
     budget: &'a Budget<'a>,
     /// A force that was not a number where the integrator has been.
     undefined: RefCell<Option<String>>,
@@ -163,7 +167,7 @@ struct Stretch<'a> {
 impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
     fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
-        let state = self.formulation.state(&from.q, &from.v).push(from.t);
+        let state = joined(&self.formulation.state(&from.q, &from.v), &from.z, from.t);
         let problem = StretchProblem { stretch: self, start: from.t };
         let IntegrationResult { states, failure, .. } =
             integrate::advance(problem, state, times, self.model.tolerance, self.budget);
@@ -178,7 +182,8 @@ impl Stretch<'_> {
             return format!("integration failed after t = {t} s: {force}");
         }
         let q = self.guess.borrow();
-        let reason = self.formulation.accelerate(self.model, t, &q, &DVector::zeros(q.len())).err();
+        let rest = DVector::zeros(q.len());
+        let reason = self.formulation.accelerate(self.model, t, (&q, &rest), &self.model.at(t, self.z)).err();
         let reason = reason.map_or(String::new(), |reason| format!("; {reason}"));
         let reason =
             if reason.is_empty() { self.singular().map_or(reason, |cause| format!("; {cause}")) } else { reason };
@@ -215,26 +220,29 @@ impl Stretch<'_> {
     }
 
     fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, String> {
-        let (t, state) = split_time(state);
+        let (t, state, z) = split(state, self.z.len());
         let mut guess = self.guess.borrow_mut();
         let (q, v) = self.formulation.complete(self.model, t, &state, &guess)?;
-        let acceleration = self.formulation.accelerate(self.model, t, &q, &v);
+        let u = self.model.at(t, &z);
+        let acceleration = self.formulation.accelerate(self.model, t, (&q, &v), &u);
+        let rates = self.model.actuator_rates(t, &q, &v, &u);
         let is_finite = |qdd: &DVector<f64>| qdd.iter().all(|value| value.is_finite());
         // stages after one that was not a number have no time either
         if t.is_finite()
-            && !acceleration.as_ref().is_ok_and(|acceleration| is_finite(&acceleration.qdd))
-            && let Some(force) = self.model.undefined_force(t, &q, &v)
+            && !(acceleration.as_ref().is_ok_and(|acceleration| is_finite(&acceleration.qdd))
+                && rates.iter().all(|rate| rate.is_finite()))
+            && let Some(force) = self.model.undefined_force(t, &q, &v, &u)
         {
             self.undefined.replace(Some(force.clone()));
             return Err(force);
         }
         let Acceleration { qdd, .. } = acceleration?;
         *guess = q;
-        Ok(self.formulation.state(&v, &qdd).push(1.0))
+        Ok(joined(&self.formulation.state(&v, &qdd), &rates, 1.0))
     }
 }
 
-/// A stretch in the form that `ode_solvers` needs: the time is the last of the states.
+/// A stretch in the form that `ode_solvers` needs.
 struct StretchProblem<'a> {
     stretch: &'a Stretch<'a>,
     start: f64,
@@ -251,12 +259,19 @@ impl System<f64, DVector<f64>> for StretchProblem<'_> {
 
     /// Stops after a row where the formulation is worn.
     fn solout(&mut self, _: f64, row: &DVector<f64>, _: &DVector<f64>) -> bool {
-        let (t, state) = split_time(row);
+        let (t, state, _) = split(row, self.stretch.z.len());
         t > self.start && self.stretch.formulation.is_worn(self.stretch.model, t, &state)
     }
 }
 
-fn split_time(state: &DVector<f64>) -> (f64, DVector<f64>) {
-    let count = state.len() - 1;
-    (state[count], state.rows(0, count).into_owned())
+/// What is integrated: the state of a formulation, the actuator states, the time.
+fn joined(state: &DVector<f64>, z: &[f64], t: f64) -> DVector<f64> {
+    let count = state.len() + z.len() + 1;
+    DVector::from_iterator(count, state.iter().chain(z).copied().chain([t]))
+}
+
+/// The time, the state of a formulation, and the actuator states.
+fn split(state: &DVector<f64>, actuators: usize) -> (f64, DVector<f64>, Vec<f64>) {
+    let (first, last) = (state.len() - 1 - actuators, state.len() - 1);
+    (state[last], state.rows(0, first).into_owned(), state.as_slice()[first..last].to_vec())
 }

@@ -69,7 +69,7 @@ impl Stepper {
     }
 
     fn go_on(&mut self, times: &[f64]) -> Result<(), String> {
-        let state = (self.now.q.clone(), self.now.v.clone());
+        let state = (self.now.q.clone(), self.now.v.clone(), self.now.z.clone());
         self.now = last(simulate_from(&self.model, state, times, &Budget::default())?)?;
         Ok(())
     }

@@ -105,6 +105,7 @@ impl Draft {
         let mut is_complete = damaged.is_empty();
         if !source {
             names_are_known &= study.load_source(&mut found, &mut problems, may_lack_table);
+            study.order_states();
             names_are_known &= is_damaged("states") || study.load_ranges(&mut found);
             is_complete &= names_are_known;
         }

@@ -530,7 +530,7 @@ impl Study {
         sampled.chain(self.is_discrete().then_some(("signals", &NUMBER)))
     }
 
-    /// The values of the states at the start: of the coordinates, then of the velocities.
+    /// The values of the states at the start: of the coordinates, of the velocities, then of actuator states.
     pub fn starts(&self) -> &IndexMap<String, ParameterOptions> {
         &self.starts
     }
@@ -538,6 +538,28 @@ impl Study {
     /// Whether it says how networks in the equations of motion of a mechanism are trained: has a section for that other than the defaults.
     pub fn trains_networks(&self) -> bool {
         self.network != NetworkOptions::of_equations() || self.training != TrainingOptions::of_equations()
+    }
+
+    /// Returns true if an entry of `[states]` is an actuator state of a mechanism: coordinates have a dot in their names.
+    pub fn is_actuator_state(&self, name: &str) -> bool {
+        self.source.is_of_equations() && !name.contains('.')
+    }
+
+    /// Entries of `[states]` but actuator states: coordinates of a mechanism or a table, states of an FMU.
+    pub fn coordinates(&self) -> impl Iterator<Item = (&String, &StateOptions)> + Clone {
+        self.states.iter().filter(|(name, _)| !self.is_actuator_state(name))
+    }
+
+    /// Actuator states of a mechanism.
+    pub fn actuator_states(&self) -> impl Iterator<Item = (&String, &StateOptions)> + Clone {
+        self.states.iter().filter(|(name, _)| self.is_actuator_state(name))
+    }
+
+    /// Moves the actuator states of a mechanism behind the coordinates, in the order of its file.
+    fn order_states(&mut self) {
+        let Some(mechanism) = self.mechanism.as_ref().filter(|_| self.has_states()) else { return };
+        self.states.sort_by_cached_key(|name, _| mechanism.actuator_states().get_index_of(name).map(|index| index + 1));
+        self.starts = states::starts(self);
     }
 
     /// Whether the surrogate has states.

@@ -4,7 +4,11 @@ use super::{
     Baselines, DynamicsModel, DynamicsOptions, NetworkOptions, ParameterOptions, Study, StudyStructure, TimeStructure,
     TrainingOptions, outputs::check_variable_name,
 };
-use crate::{Result, diagnostics::Problems, table::Table};
+use crate::{
+    Result,
+    diagnostics::{Problems, names::expected_one_of},
+    table::Table,
+};
 use indexmap::IndexMap;
 use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
@@ -15,13 +19,14 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-/// An entry of `[states]`: of a mechanism an independent coordinate, by the measure that names it, and its velocity; of an FMU a continuous
-/// state, by its name; of a table the column of a generalized coordinate.
+/// An entry of `[states]`: of a mechanism an independent coordinate, by the measure that names it, and its velocity, or an actuator state, by
+/// its name; of an FMU a continuous state, by its name; of a table the column of a generalized coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"min": -5.0, "max": 5.0}]))]
 pub struct StateOptions {
-    /// Lower end of the range in which the equations are learned; of a table its smallest value unless given.
+    /// Lower end of the range in which the equations are learned; of a table its smallest value unless given. An actuator state needs none: its
+    /// range of validity then follows from the training runs, as those of velocities.
     #[serde(default = "not_given", skip_serializing_if = "is_not_given")]
     #[schemars(extend("x-unit" = "rad or m"))]
     pub min: f64,
@@ -91,20 +96,25 @@ impl StateOptions {
         self.rate.clone().unwrap_or_else(|| format!("{name}_rate"))
     }
 
+    /// The range that the study gives.
+    pub fn range(&self) -> Option<[f64; 2]> {
+        (self.min.is_finite() && self.max.is_finite()).then_some([self.min, self.max])
+    }
+
     fn start(&self) -> [f64; 2] {
         let (middle, tenth) = (0.5 * (self.min + self.max), 0.1 * (self.max - self.min));
         self.start.unwrap_or([middle - tenth, middle + tenth])
     }
 }
 
-/// The values of the states at the start of a run, which are sampled like parameters: those of the coordinates, then those of the
-/// velocities.
+/// The values of the states at the start of a run, which are sampled like parameters: those of the coordinates, of the velocities, and of
+/// actuator states.
 pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
     let range = |name: &str, [min, max]: [f64; 2]| (State::start_name(name), ParameterOptions::range(min, max));
-    let states = &study.states;
-    let own = states.iter().map(|(name, state)| range(name, state.start()));
+    let own = study.coordinates().map(|(name, state)| range(name, state.start()));
+    let of_actuators = study.actuator_states().map(|(name, state)| range(name, state.start()));
     // those of an FMU are states by themselves
-    let coordinates = states.iter().filter(|_| study.source.fmu.is_none());
+    let coordinates = study.coordinates().filter(|_| study.source.fmu.is_none());
     let velocities = coordinates.map(|(name, state)| {
         let velocity = match study.source.is_recorded() {
             true => state.rate_name(name),
@@ -112,7 +122,7 @@ pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
         };
         range(&velocity, state.velocity.unwrap_or_default())
     });
-    own.chain(velocities).collect()
+    own.chain(velocities).chain(of_actuators).collect()
 }
 
 /// Takes the ranges that the study does not give from its table: the values of each coordinate in all rows. An angle has none, since every
@@ -179,10 +189,14 @@ pub(super) fn problems(study: &Study) -> Problems {
         if of_table && (min.is_nan() || max.is_nan()) {
             continue;
         }
-        if min.is_nan() || max.is_nan() {
+        let is_open = study.is_actuator_state(name) && min.is_nan() && max.is_nan();
+        if is_open && start.is_none() {
+            problems.add(&key, "expected `start`, or `min` and `max`: where runs begin");
+        } else if !is_open && (min.is_nan() || max.is_nan()) {
             problems.add(&key, "expected `min` and `max`: the range in which the equations are learned");
             continue;
         }
+        let [min, max] = if is_open { &[f64::MIN, f64::MAX] } else { &[*min, *max] };
         if !(min.is_finite() && max.is_finite() && min < max) {
             problems.add(&key, format!("range is empty or not finite: min {min}, max {max}"));
             continue;
@@ -221,13 +235,14 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         problems.expect_absent(study.dynamics != DynamicsOptions::default(), "dynamics", message);
         return problems;
     }
-    if states.is_empty() {
+    if study.coordinates().next().is_none() {
         let expected = if study.source.fmu.is_some() {
             "every continuous state of the FMU"
         } else {
             "a coordinate for each degree of freedom"
         };
-        problems.add("states", format!("no state, expected {expected}"));
+        let found = if states.is_empty() { "no state" } else { "no coordinate" };
+        problems.add("states", format!("{found}, expected {expected}"));
     }
     let (is_fmu, of_table) = (study.source.fmu.is_some(), study.source.is_recorded());
     for (name, state) in states {
@@ -245,9 +260,21 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             let message = "belongs to mechanisms: every state of an FMU has a range of its own";
             problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
             problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
+        } else if study.mechanism().is_some_and(|mechanism| mechanism.actuator_states().contains_key(name)) {
+            let message = "belongs to coordinates";
+            problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
+            problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
+            problems.expect_absent(state.periodic.is_some(), format!("{key}.periodic"), message);
         } else if velocity_name(name).is_none() {
             let expected = "expected `JOINT.angle`, `JOINT.position`, `BODY.angle`, `POINT.x` or `POINT.y`";
-            problems.add(&key, format!("`{name}` is not a coordinate, {expected}"));
+            let known: Vec<&str> =
+                study.mechanism().into_iter().flat_map(|of| of.actuator_states().keys()).map(String::as_str).collect();
+            let known = if known.is_empty() {
+                String::new()
+            } else {
+                format!("; of its states, {}", expected_one_of(name, &known))
+            };
+            problems.add(&key, format!("`{name}` is not a coordinate, {expected}{known}"));
         } else {
             let message = "belongs to FMUs: an angle of a mechanism is periodic";
             problems.expect_absent(state.is_periodic(), format!("{key}.periodic"), message);

@@ -464,3 +464,53 @@ fn epochs_of_a_static_map_follow_from_the_rows_unless_given() {
     assert_ne!(usual.digest(), study("static.model = 'linear'").digest());
     assert_eq!(usual.digest(), study("# a comment").digest());
 }
+
+#[test]
+fn actuator_states_of_a_mechanism_are_states_of_a_study() {
+    let folder = tempfile::tempdir().unwrap();
+    let mechanism = r#"
+        inputs.u = { min = -5, max = 5 }
+        states = { current = { rate = "u - current" }, integral = { rate = "u", start = 0.5 } }
+        bodies.a = { mass = 1, inertia = 1 }
+        joints.p = { type = "revolute", between = ["ground", "a"] }
+        actuators.m = { coordinate = "p.angle", effort = "current + integral" }
+        outputs = { angle = { measure = "p.angle" }, current = { measure = "current" } }
+    "#;
+    std::fs::write(folder.path().join("m.toml"), mechanism).unwrap();
+    let text = r#"
+        name = "s"
+        structure = "dynamics"
+        source.mechanism = "m.toml"
+        time = { stop = 1, step = 0.1 }
+        outputs.angle = {}
+        [states]
+        integral = { min = -2, max = 3 }
+        current = { start = [0, 1] }
+        "p.angle" = { min = -1, max = 1 }
+    "#;
+    let parse = |text: &str| Study::parse(text, &folder.path().join("s.toml"));
+    let study = parse(text).unwrap();
+    // coordinates, velocities, then the order of the mechanism file
+    let starts: Vec<&String> = study.starts().keys().collect();
+    assert_eq!(starts, ["p.angle_start", "p.angular_velocity_start", "current_start", "integral_start"]);
+    let start = &study.starts()["integral_start"];
+    assert_eq!([start.min, start.max], [0.0, 1.0]);
+    let kept = r#"integral = { min = -2, max = 3 }"#;
+    for (from, to, says) in [
+        (
+            "\"p.angle\" = { min = -1, max = 1 }",
+            "",
+            "states: no coordinate, expected a coordinate for each degree of freedom",
+        ),
+        ("current =", "curent =", "did you mean `current`?"),
+        ("start = [0, 1]", "min = 1", "states.current: expected `min` and `max`"),
+        ("start = [0, 1]", "", "states.current: expected `start`, or `min` and `max`"),
+        ("start = [0, 1]", "start = [1, 0]", "states.current.start: [1, 0]"),
+        ("start = [0, 1]", "start = [0, 1], velocity = [0, 1]", "states.current.velocity: belongs to coordinates"),
+        (kept, "integral = { min = -2, max = 3, start = [0, 5] }", "states.integral.start: from 0 to 5"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let message = parse(&text.replace(from, to)).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}\n{says}");
+    }
+}

@@ -272,6 +272,7 @@ pub fn crane() -> Surrogate {
         positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]).into(),
         windings: vec![1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
         reactions: None,
+        actuator_states: 0,
         outputs: vec![
             Shown::Position(0),
             Shown::Position(1),
@@ -400,6 +401,56 @@ pub fn crane_with_efforts() -> Surrogate {
     let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
     let motion = Motion { dynamics, ..motion.clone() };
     with_motion(&crane, crane.metadata().clone(), motion)
+}
+
+/// [`crane`] with a motor: the input is its voltage, its current is a state, the force is 4 times the current, and the electrical power is a
+/// further output.
+pub fn crane_with_motor() -> Surrogate {
+    use Combination::{Add, Multiply, Subtract};
+    use FormulaStep::{Column, Combine, Constant};
+    let crane = crane();
+    let motion = crane.program().motion().expect("the crane moves");
+    let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
+    // columns: l; voltage, current; x; its rate
+    let force = [Constant(4.0), Column(2), Combine(Multiply)];
+    let power = [Column(1), Column(2), Combine(Multiply)];
+    // 5 (voltage - 2 current - v / 2 - sin(theta) / 10)
+    let resistance = [Column(1), Constant(2.0), Column(2), Combine(Multiply), Combine(Subtract)];
+    let speed = [Column(5), Constant(0.5), Combine(Multiply), Combine(Subtract)];
+    let angle =
+        [Column(4), FormulaStep::Call(ElementaryFunction::Sin), Constant(-0.1), Combine(Multiply), Combine(Add)];
+    let rate = [&resistance[..], &speed, &angle, &[Constant(5.0), Combine(Multiply)]].concat();
+    let formulas = vec![formula(&force), formula(&power), formula(&rate)];
+    let efforts = Efforts::new([1, 2, 2], vec![1.0, 0.0, 0.0, 1.0], formulas).expect("the example is valid");
+    // two positions after V, and a column of B for each effort
+    let functions = Dynamics::functions(2, 3) + 2;
+    let widened = |term: Term| {
+        let mut coefficients = vec![0.0; functions];
+        coefficients[..4].copy_from_slice(&term.coefficients[..4]);
+        coefficients[6..12].copy_from_slice(&term.coefficients[4..10]);
+        coefficients[12] = term.coefficients[10];
+        Term { coefficients, ..term }
+    };
+    let terms: Vec<Term> = motion.dynamics.law().dictionary().terms().map(widened).collect();
+    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
+    let law = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
+    let outputs = motion.outputs.iter().copied().chain([Shown::Effort(1)]).collect();
+    let motion = Motion { dynamics, outputs, actuator_states: 1, ..motion.clone() };
+    let mut metadata = crane.metadata().clone();
+    metadata.outputs.push(shown("power", "W", 20.0));
+    let current = State {
+        name: "current".into(),
+        unit: "A".into(),
+        rate_unit: "A/s".into(),
+        description: "example state current".into(),
+        range: Some([-20.0, 20.0]),
+        nominal: 1.0,
+    };
+    let voltage = metadata.inputs.len() - 1;
+    metadata.inputs.insert(voltage, variable(&State::start_name("current"), Role::Start, "A", [-5.0, 5.0, 0.5]));
+    metadata.states.push(current);
+    with_motion(&crane, metadata, motion)
 }
 
 /// Tables of one argument with straight lines, of two arguments with a spline, and a spline that repeats itself.

@@ -51,7 +51,8 @@
 //! | `X.efforts.tables.K.values` | F64 | `[x]` or `[x, y]` | values at the knots |
 //! | `X.efforts.tables.K.kinds` | U32 | `[2]` | positions in [`Interpolation::ALL`](crate::formula::Interpolation::ALL) and [`Extrapolation::ALL`](crate::formula::Extrapolation::ALL) |
 //! | `X.positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
-//! | `X.outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K |
+//! | `X.outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K; 6: effort K |
+//! | `X.states.actuators` | U32 | `[1]` | number of actuator states; left out if there are none |
 //! | `X.reactions.exponents`, `X.reactions.coefficients` | | | of [`Reactions`](crate::Reactions), forces of joints, drivers and springs, if there are any |
 //!
 //! A network may add to the law, to the positions and to the forces: Y is `X.law`, `X.positions` or `X.forces`. The columns of the last one

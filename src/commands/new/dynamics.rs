@@ -9,7 +9,7 @@ use metafmu::{
     study::{Study, is_angle},
     systems::System,
 };
-use std::{f64::consts::TAU, fmt::Write, path::Path};
+use std::{collections::HashMap, f64::consts::TAU, fmt::Write, path::Path};
 
 /// A study of a mechanism file.
 pub fn of_mechanism(target: &StudyTarget, file: &Path) -> Result<Proposal> {
@@ -123,6 +123,13 @@ step = {:<20?} # s
             rate + spread,
         );
     }
+    for (name, state) in mechanism.actuator_states() {
+        // the start of the file, for the defaults of all parameters
+        let start = ranges.actuator_starts.get(name).copied().unwrap_or_default();
+        let unit = if state.unit.is_empty() { "no unit" } else { &state.unit };
+        let _ =
+            writeln!(text, "{} = {{ start = [{start:?}, {start:?}] }}    # {unit}; an actuator state", quoted(name));
+    }
     if !mechanism.inputs().is_empty() {
         text += "\n[inputs]                    # `bandwidth` in Hz and kinds of `excitation` of test runs; docs/dynamics.md\n";
     }
@@ -160,6 +167,8 @@ struct NonsingularRanges {
     alone: Vec<[f64; 2]>,
     /// Values of all parameters that are not varied.
     constants: Vec<(String, f64)>,
+    /// Actuator states at the start.
+    actuator_starts: HashMap<String, f64>,
     /// The singular position because of which they are narrower.
     narrowed: Option<String>,
 }
@@ -178,9 +187,12 @@ impl NonsingularRanges {
     fn new(mechanism: &Mechanism, coordinates: Vec<FreeCoordinate>) -> Self {
         let own = mechanism.parameters().iter();
         let parameters = own.clone().filter_map(|(name, p)| Some(QuantityRange::new(name, p.min?, p.max?))).collect();
-        let constants: Vec<(String, f64)> = own.map(|(name, p)| (name.clone(), p.default)).collect();
+        let constants: Vec<(String, f64)> = own.clone().map(|(name, p)| (name.clone(), p.default)).collect();
         let alone = coordinates.iter().map(|coordinate| coordinate.reach).collect();
-        let mut ranges = Self { coordinates, parameters, alone, constants, narrowed: None };
+        let defaults: Vec<f64> = own.map(|(_, parameter)| parameter.default).collect();
+        let starts = mechanism.build(&defaults).map_or_else(|_| Vec::new(), |(model, _)| model.actuator_starts());
+        let actuator_starts = mechanism.actuator_states().keys().cloned().zip(starts).collect();
+        let mut ranges = Self { coordinates, parameters, alone, constants, actuator_starts, narrowed: None };
         let all = vec![1.0; ranges.coordinates.len()];
         let singular = |ranges: &Self, shares: &[f64], of_parameters: f64| {
             dynamics::reach(mechanism, &ranges.scaled(shares, of_parameters).region(Vec::new()), true, SEED).err()
@@ -232,6 +244,7 @@ impl NonsingularRanges {
             parameters: parameters.collect(),
             alone: self.alone.clone(),
             constants: self.constants.clone(),
+            actuator_starts: self.actuator_starts.clone(),
             narrowed: self.narrowed.clone(),
         }
     }

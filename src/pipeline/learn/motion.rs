@@ -44,16 +44,16 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let region = driven.region().ok_or_else(|| study.refusal("source", "expected a mechanism"))?;
     let began = Instant::now();
     let learned = learn(project, dataset, (mechanism, driven, region), checkpoints)?;
-    for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !learned.dynamics.is_driven_by(*index)) {
+    for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !learned.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
     }
-    let n = study.states.len();
+    let n = study.coordinates().count();
     let rough = Integration::ErrorControlled { tolerance: ROUGH, longest: study.time.step };
     let unlimited = assemble(project, dataset, driven, &learned, (rough, &[]))?;
-    let reached = solver::velocity_ranges(project, &unlimited, &dataset.runs, n..2 * n);
+    let reached = solver::velocity_ranges(project, &unlimited, &dataset.runs, n..n + study.states.len());
     // accelerations were learned in a range
     let range = |(k, reached): (usize, [f64; 2])| {
-        let of_forces = learned.velocities.as_ref().filter(|_| learned.dynamics.extrapolates(k));
+        let of_forces = learned.velocities.as_ref().filter(|_| k >= n || learned.dynamics.extrapolates(k));
         of_forces.map_or(reached, |ranges| ranges[k])
     };
     let velocities: Vec<[f64; 2]> = reached.into_iter().enumerate().map(range).collect();
@@ -111,9 +111,10 @@ fn assemble(
         positions: positions.clone(),
         windings: fitted.windings.clone(),
         reactions: fitted.reactions.as_ref().map(|fitted| fitted.reactions.clone()),
+        actuator_states: fitted.actuator_states,
         outputs: fitted.outputs.clone(),
     };
-    let ranges = project.study.states.iter().enumerate().map(|(column, (name, options))| {
+    let ranges = project.study.coordinates().enumerate().map(|(column, (name, options))| {
         // the torque of a spring on a joint is another one a turn later
         let is_periodic = fitted.is_periodic[column] && options.goes_around(name);
         let is_limited = motion.depends_on(column) && !is_periodic;

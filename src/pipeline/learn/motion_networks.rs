@@ -36,7 +36,7 @@ pub(super) struct Learned {
     pub dynamics: Dynamics,
     /// The positions likewise.
     pub positions: Law,
-    /// Ranges of the velocities, if accelerations were learned in them.
+    /// Ranges of the velocities, then of actuator states, if accelerations were learned in them.
     pub velocities: Option<Vec<[f64; 2]>>,
     /// All that were compared; none if the dictionary is exact.
     pub candidates: Vec<Candidate>,
@@ -53,6 +53,13 @@ pub(super) struct Learned {
 }
 
 impl Learned {
+    /// Returns true if an input acts on the motion or on an actuator state.
+    pub(super) fn is_driven_by(&self, input: usize) -> bool {
+        let efforts = self.dynamics.efforts();
+        let rates = efforts.count() - self.fitted.actuator_states..efforts.count();
+        self.dynamics.is_driven_by(input) || rates.into_iter().any(|rate| efforts.follows_input(rate, input))
+    }
+
     /// Error of the equations that are exported: of functions, relative to their largest values, or of accelerations, relative to their
     /// standard deviations.
     pub(super) fn error(&self) -> f64 {
@@ -71,7 +78,11 @@ pub(super) fn learn(
     let study = &project.study;
     let began = Instant::now();
     let refuse = |message: String| study.refusal("states", message);
-    let inputs = driven.drivers().iter().map(|driver| [driver.min, driver.max]).collect();
+    let of_drivers = driven.drivers().iter().map(|driver| [driver.min, driver.max]);
+    let starts = &driven.start()[2 * study.coordinates().count()..];
+    let of_actuators =
+        study.actuator_states().zip(starts).map(|((_, state), start)| state.range().unwrap_or([*start; 2]));
+    let inputs = of_drivers.chain(of_actuators).collect();
     let mut region = Region { inputs, ..region.clone() };
     let fitted = fit(mechanism, &region, study.seed).map_err(refuse)?;
     let exact = fitted.error <= EXACT;
@@ -92,6 +103,8 @@ pub(super) fn learn(
         });
     }
     region.velocities = driven.velocities(study, mechanism, &dataset.runs).map_err(refuse)?;
+    let of_actuators = region.velocities.split_off(study.coordinates().count());
+    region.inputs.splice(driven.drivers().len().., of_actuators);
     let equations = Equations::new(mechanism, &region).map_err(refuse)?;
     let asked = Asked::new(project, &equations, checkpoints)?;
     let mut last = Last { history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
@@ -123,7 +136,9 @@ pub(super) fn learn(
         all.swap_remove(learned::chosen(&candidates, &study.dynamics));
     candidates.sort_by(|a, b| a.error.total_cmp(&b.error));
     let rows = if exported == DICTIONARY { rows } else { asked.seen.samples.points.len() };
-    let velocities = (exported == ACCELERATIONS).then(|| region.velocities.clone());
+    let actuators = driven.drivers().len();
+    let velocities =
+        (exported == ACCELERATIONS).then(|| [&region.velocities[..], &region.inputs[actuators..]].concat());
     let Last { history, best_epoch, stopped } = last;
     Ok(Learned { fitted, dynamics, positions, velocities, candidates, exported, history, best_epoch, stopped, rows })
 }

@@ -286,6 +286,7 @@ impl ColumnFactors {
                     // the positions are the coordinates
                     windings: (0..n * n).map(|index| f64::from(u8::from(index / n == index % n))).collect(),
                     reactions: None,
+                    actuator_states: 0,
                     outputs: outputs.collect(),
                 };
                 Program::of_motion(motion, integration)

@@ -82,7 +82,7 @@ fn accelerations_are_those_of_the_augmented_formulation() {
         reduced.model.inputs.iter_mut().zip(&u).for_each(|(input, u)| input.signal = Signal::Constant(*u));
         let terms = reduced.terms(&s).unwrap();
         let v = &terms.velocities * &rates;
-        let qdd = augmented(&reduced.model, 0.0, &terms.q, &v).unwrap().qdd;
+        let qdd = augmented(&reduced.model, 0.0, (&terms.q, &v), &reduced.model.at(0.0, &[])).unwrap().qdd;
         for (coordinate, found) in reduced.coordinates.iter().zip(&found) {
             let expected = coordinate.rate(&terms.q, &qdd) + coordinate.curvature(&terms.q, &v);
             assert!((found - expected).abs() < 1e-9 * (1.0 + expected.abs()), "{coordinate:?}: {found} {expected}");
@@ -101,7 +101,10 @@ fn multipliers_from_accelerations_are_those_of_the_augmented_formulation() {
         let forces = reduced.applied_forces(&terms, &rates, &u) + reduced.inertia_forces(&terms) * factors;
         let found = reduced.balance(&terms, &DMatrix::from_columns(&[forces])).unwrap();
         reduced.model.inputs.iter_mut().zip(&u).for_each(|(input, u)| input.signal = Signal::Constant(*u));
-        let expected = augmented(&reduced.model, 0.0, &terms.q, &(&terms.velocities * &rates)).unwrap().multipliers;
+        let expected =
+            augmented(&reduced.model, 0.0, (&terms.q, &(&terms.velocities * &rates)), &reduced.model.at(0.0, &[]))
+                .unwrap()
+                .multipliers;
         let largest = expected.amax();
         let multipliers = reduced.multipliers(found.column(0));
         assert_eq!(multipliers.len(), expected.len());

@@ -41,6 +41,54 @@ fn a_rack_follows_its_pinion() {
     }
 }
 
+/// A cylinder whose pressure `p` follows a valve, `p' = (u - p)/tau`, pushes a mass of 1 kg: `x'' = p`.
+#[test]
+fn an_actuator_state_follows_its_rate() {
+    let text = r#"
+        parameters = { tau = { default = 0.3 }, p0 = { default = 2 } }
+        inputs.u = { min = -5, max = 5, start = 0.5 }
+        states.p = { rate = "(u - p)/tau", start = "2*p0", unit = "bar" }
+        bodies.mass = { mass = 1 }
+        joints.rail = { type = "prismatic", between = ["ground", "mass"], axis = [1, 0] }
+        actuators.cylinder = { coordinate = "rail.position", effort = "p" }
+        springs.gauge = { coordinate = "rail.position", force = "p - p" }
+        initial.rail = { position = 0.1, velocity = -0.2 }
+        outputs = { x = { measure = "rail.position" }, p = { measure = "p" }, power = { formula = "p*rail.velocity", unit = "W" } }
+    "#;
+    let (u, tau, p0) = (0.5, 0.3, 4.0);
+    for mechanism in both_formulations(text) {
+        assert_eq!(mechanism.summary(), "1 body, 1 joint, 1 degree of freedom, 1 actuator state");
+        let units: Vec<&str> = mechanism.outputs().iter().map(|output| output.unit.as_str()).collect();
+        assert_eq!(units, ["m", "bar", "W"]);
+        for (row, t) in rows(&mechanism, &grid(2.0, 8)).iter().zip(grid(2.0, 8)) {
+            let decay = (-t / tau).exp();
+            let (p, v) = (u + (p0 - u) * decay, -0.2 + u * t + (p0 - u) * tau * (1.0 - decay));
+            let x = 0.1 - 0.2 * t + 0.5 * u * t * t + (p0 - u) * tau * (t - tau * (1.0 - decay));
+            for (found, expected) in row.iter().zip([x, p, p * v]) {
+                assert_close(*found, expected, 1e-11);
+            }
+        }
+    }
+}
+
+/// An arm whose motion is given leaves nothing free; its brake warms up by a constant power and cools: `T' = 3 - T/5`.
+#[test]
+fn an_actuator_state_needs_no_degree_of_freedom() {
+    let text = r#"
+        states.T = { rate = "abs(arm.angular_velocity) - T/5", start = 1 }
+        bodies.arm = { mass = 1, inertia = 1 }
+        joints.pivot = { type = "revolute", between = ["ground", "arm"] }
+        drivers.motor = { coordinate = "pivot.angle", motion = "-3*time" }
+        outputs = { T = { measure = "T" }, angle = { measure = "pivot.angle" } }
+    "#;
+    for mechanism in both_formulations(text) {
+        for (row, t) in rows(&mechanism, &grid(4.0, 5)).iter().zip(grid(4.0, 5)) {
+            assert_close(row[0], 15.0 - 14.0 * (-t / 5.0).exp(), 1e-11);
+            assert_close(row[1], -3.0 * t, 1e-12);
+        }
+    }
+}
+
 /// A heavy follower on a cam that turns freely: `J(φ) = J0 + m l'(φ)²` and energy is kept; the lift is a sine or a periodic spline.
 #[test]
 fn a_follower_on_a_cam_keeps_the_energy() {
@@ -222,6 +270,58 @@ fn mistakes_in_these_parts_say_what_was_expected() {
         ("v = \"2*r\"", "r = \"2*r\"", "variables.r: `r` is the name of parameters already"),
         ("effort = \"w\"", "effort = \"q\"", "actuators.m.effort: `q`: no `q`, expected one of r, v, w, time"),
         ("s.position\" }", "c.force\" }", "outputs.x.measure: `c` has no `force`, expected one of effort"),
+    ] {
+        assert!(text.contains(from), "{from}");
+        let message = refused(&text.replace(from, to));
+        assert!(message.contains(says), "{message}\n{says}");
+    }
+}
+
+#[test]
+fn mistakes_in_states_and_formulas_are_reported() {
+    let text = r#"
+        parameters.R = { default = 0.5 }
+        inputs.u = { min = -5, max = 5 }
+        states.current = { rate = "(u - R*current)/0.1", start = "R" }
+        bodies.a = { mass = 1, inertia = 1 }
+        joints.p = { type = "revolute", between = ["ground", "a"] }
+        actuators.m = { coordinate = "p.angle", effort = "current" }
+        outputs = { i = { measure = "current" }, power = { formula = "u*current" } }
+    "#;
+    parse(text);
+    for (from, to, says) in [
+        ("rate = \"(u", "rates = \"(u", "states.current.rates: unknown key `rates`"),
+        (
+            "rate = \"(u - R*current)/0.1\"",
+            "rate = \"(u - R*curent)/0.1\"",
+            "no `curent`, expected one of R, u, current, time; did you mean `current`?",
+        ),
+        ("start = \"R\"", "start = \"u\"", "states.current.start: `u`: no parameter `u`, expected one of R"),
+        ("start = \"R\"", "start = \"1/0\"", "states.current.start"),
+        ("states.current", "states.R", "states.R: `R` is the name of parameters already"),
+        ("states.current", "states.\"a.b\"", "states.a.b: `a.b` is not a valid name"),
+        (
+            "measure = \"current\"",
+            "measure = \"curent\"",
+            "outputs.i.measure: `curent` is not a measure, expected for instance `BODY.angle`, expected one of current; did you mean `current`?",
+        ),
+        (
+            "measure = \"current\"",
+            "measure = \"current\", formula = \"u\"",
+            "outputs.i: both of `measure` and `formula`, expected one of them",
+        ),
+        (
+            "formula = \"u*current\"",
+            "unit = \"W\"",
+            "outputs.power: neither of `measure` and `formula`, expected one of them",
+        ),
+        ("u*current", "u*p.speed", "outputs.power.formula: `u*p.speed`: `p` has no `speed`"),
+        ("measure = \"current\"", "measure = \"current\", unit = \"A\"", "outputs.i.unit: `A`, expected none"),
+        (
+            "effort = \"current\"",
+            "effort = \"current\" }\n drivers.d = { coordinate = \"p.angle\", motion = \"current\"",
+            "drivers.d.motion: `current`: no `current`, expected one of R, time",
+        ),
     ] {
         assert!(text.contains(from), "{from}");
         let message = refused(&text.replace(from, to));

@@ -26,7 +26,7 @@ use super::{
 };
 use crate::{
     FormatError,
-    check::expect_shape,
+    check::{expect_below, expect_shape},
     numbers::jet::{Jet, Number},
 };
 use std::{ops::Range, sync::Arc};
@@ -239,9 +239,8 @@ impl Dynamics {
     /// [`FormatError`] if there is no such coordinate.
     pub fn with_prescribed(mut self, coordinates: &[usize]) -> Result<Self, FormatError> {
         for (index, &found) in coordinates.iter().enumerate() {
-            let (found, limit) = (found as u64, self.coordinates as u64);
-            let is_prescribed = self.prescribed.get_mut(coordinates[index]);
-            *is_prescribed.ok_or(FormatError::Index { name: "prescribed".into(), index, found, limit })? = true;
+            expect_below("prescribed", index, found, self.coordinates)?;
+            self.prescribed[found] = true;
         }
         self.is_driven = self.prescribed.contains(&true);
         Ok(if coordinates.is_empty() { self } else { self.write() })
@@ -482,9 +481,12 @@ impl Dynamics {
         self.written.accelerations.iter().map(|register| work.get(*register))
     }
 
-    /// Writes `(v, vd)`, once the equations were solved.
-    pub(super) fn write_rates<T: Number>(&self, v: &[T], work: &TapeWork<T>, to: &mut [T]) {
-        let rates = v.iter().copied().chain(self.found(work));
+    /// Writes `(v, vd)` and the last efforts, once the equations were solved.
+    pub(super) fn write_rates<T: Number>(&self, v: &[T], work: &TapeWork<T>, last_efforts: usize, to: &mut [T]) {
+        let Written { accelerations, efforts, .. } = &self.written;
+        let efforts = efforts.iter().skip(efforts.len().saturating_sub(last_efforts));
+        let found = accelerations.iter().chain(efforts).map(|register| work.get(*register));
+        let rates = v.iter().copied().take(self.coordinates).chain(found);
         to.iter_mut().zip(rates).for_each(|(to, rate)| *to = rate);
     }
 }

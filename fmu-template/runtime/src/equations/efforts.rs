@@ -2,7 +2,7 @@
 
 use crate::{
     FormatError,
-    check::{expect_finite, expect_shape},
+    check::{expect_below, expect_finite, expect_shape},
     formula::{Formula, FormulaStep, LookupTable},
 };
 use std::sync::Arc;
@@ -28,7 +28,7 @@ pub struct Efforts {
 }
 
 /// A damaged file must not claim more memory than there is.
-const MOST_INPUTS: u64 = 1 << 16;
+const MOST_INPUTS: usize = 1 << 16;
 
 /// What a column of a formula is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,19 +54,15 @@ impl Efforts {
         windings: Vec<f64>,
         formulas: Vec<Formula>,
     ) -> Result<Self, FormatError> {
-        let (found, limit) = (inputs as u64, MOST_INPUTS);
-        if found >= limit {
-            return Err(FormatError::Index { name: "efforts.inputs".into(), index: 0, found, limit });
-        }
+        expect_below("efforts.inputs", 0, inputs, MOST_INPUTS)?;
         let positions = windings.len().checked_div(coordinates).unwrap_or(0);
         expect_shape("efforts.windings", &[windings.len()], &[positions * coordinates])?;
         expect_finite("efforts.windings", windings.iter().copied())?;
         let efforts = Self { parameters, inputs, windings, coordinates, formulas };
         let limit = parameters + inputs + 2 * positions;
         for (index, formula) in efforts.formulas.iter().enumerate() {
-            if let Some(column) = formula.columns().find(|column| *column >= limit) {
-                let (found, limit) = (column as u64, limit as u64);
-                return Err(FormatError::Index { name: "efforts.steps".into(), index, found, limit });
+            for column in formula.columns() {
+                expect_below("efforts.steps", index, column, limit)?;
             }
         }
         Ok(efforts)
@@ -153,7 +149,7 @@ impl Efforts {
     }
 
     /// Returns true if an effort changes with an input.
-    pub(super) fn follows_input(&self, effort: usize, input: usize) -> bool {
+    pub fn follows_input(&self, effort: usize, input: usize) -> bool {
         self.columns(effort).any(|column| column == EffortColumn::Input(input))
     }
 

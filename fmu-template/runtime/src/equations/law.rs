@@ -9,8 +9,7 @@ use super::{
     dictionary::Dictionary,
     tape::{Register, Tape, TapeBuilder, TapeWork, listing::Listing},
 };
-use crate::FormatError;
-use crate::{ScaledNetwork, numbers::jet::Number};
+use crate::{FormatError, ScaledNetwork, check::expect_below, numbers::jet::Number};
 pub(crate) use network::WrittenNetwork;
 use std::ops::Range;
 
@@ -182,16 +181,13 @@ impl NetworkTerm {
     /// # Errors
     /// [`FormatError`].
     pub(crate) fn check_limits(&self, columns: usize, functions: usize) -> Result<(), FormatError> {
-        let below = |name: &str, mut found: std::iter::Enumerate<std::vec::IntoIter<usize>>, limit: usize| {
-            let wrong = found.find(|(_, found)| *found >= limit);
-            wrong.map_or(Ok(()), |(index, found)| {
-                let (found, limit) = (found as u64, limit as u64);
-                Err(FormatError::Index { name: name.into(), index, found, limit })
-            })
-        };
-        let of: Vec<usize> = self.columns.iter().map(|column| column.of).collect();
-        below("network.columns", of.into_iter().enumerate(), columns)?;
-        below("network.outputs", self.outputs.clone().into_iter().enumerate(), functions)
+        for (index, column) in self.columns.iter().enumerate() {
+            expect_below("network.columns", index, column.of, columns)?;
+        }
+        for (index, output) in self.outputs.iter().enumerate() {
+            expect_below("network.outputs", index, *output, functions)?;
+        }
+        Ok(())
     }
 
     /// What its columns are.

@@ -7,8 +7,10 @@
 //! | `p` | parameters |
 //! | `u` | inputs |
 //! | `n`, `n` | coordinates `q` and velocities `v` |
+//! | `z` | actuator states: currents, pressures, integrals of a controller |
 //!
-//! and the results are the outputs and the derivatives `v`, `vd`. A position is a function of the configuration,
+//! and the results are the outputs and the derivatives `v`, `vd`, `zd`. To the equations, actuator states are further inputs, and
+//! their rates are efforts that act on no coordinate: the last of both. A position is a function of the configuration,
 //! `r(q, p) + w^T q` with whole numbers `w`, so that an angle may go around; its velocity and acceleration are exact derivatives.
 //! Forces of joints and springs are [`Reactions`].
 
@@ -20,7 +22,7 @@ use super::{
 };
 use crate::{
     FormatError,
-    check::{expect_finite, expect_shape},
+    check::{expect_below, expect_finite, expect_shape},
     formula::LookupTable,
     numbers::jet::{Jet, Number},
     task::Task,
@@ -38,6 +40,8 @@ pub struct Motion {
     pub windings: Vec<f64>,
     /// Forces of joints and springs, if outputs show any.
     pub reactions: Option<Reactions>,
+    /// Number of actuator states: the last inputs of the equations, whose rates are the last efforts.
+    pub actuator_states: usize,
     /// What the outputs are.
     pub outputs: Vec<Shown>,
 }
@@ -57,6 +61,8 @@ pub enum Shown {
     PotentialEnergy,
     /// One of the [`Reactions`].
     Reaction(usize),
+    /// Value of one of the [`Efforts`](super::efforts::Efforts).
+    Effort(usize),
 }
 
 /// Working memory of one evaluation at a time.
@@ -81,12 +87,17 @@ struct Parts<T> {
 impl Motion {
     /// Number of columns.
     pub fn columns(&self) -> usize {
-        self.velocities().end
+        self.velocities().end + self.actuator_states
+    }
+
+    /// Number of inputs that other components drive.
+    pub fn driven(&self) -> usize {
+        self.dynamics.inputs().saturating_sub(self.actuator_states)
     }
 
     fn inputs(&self) -> Range<usize> {
         let parameters = self.dynamics.parameters();
-        parameters..parameters + self.dynamics.inputs()
+        parameters..parameters + self.driven()
     }
 
     fn coordinates(&self) -> Range<usize> {
@@ -123,9 +134,14 @@ impl Motion {
         self.positions.with_windings(0, n..columns, &self.windings)
     }
 
-    /// Number of states, twice that of the coordinates.
+    /// Number of states: coordinates, velocities and actuator states.
     pub fn states(&self) -> usize {
-        2 * self.dynamics.coordinates()
+        2 * self.dynamics.coordinates() + self.actuator_states
+    }
+
+    /// Returns true if an effort changes at once with an input that other components drive.
+    pub fn effort_follows_inputs(&self, effort: usize) -> bool {
+        (0..self.driven()).any(|input| self.dynamics.efforts().follows_input(effort, input))
     }
 
     /// Number of results: outputs and derivatives of the states.
@@ -141,6 +157,8 @@ impl Motion {
         let coordinates = self.dynamics.coordinates();
         let columns = coordinates + self.dynamics.parameters();
         let positions = self.positions.dictionary();
+        let efforts = self.dynamics.efforts();
+        expect_below("states.actuators", 0, self.actuator_states, efforts.inputs().min(efforts.count()) + 1)?;
         expect_shape("positions", &[positions.columns()], &[columns])?;
         expect_shape("windings", &[self.windings.len()], &[positions.outputs() * coordinates])?;
         expect_finite("windings", self.windings.iter().copied())?;
@@ -153,12 +171,10 @@ impl Motion {
                     (position, positions.outputs())
                 }
                 Shown::Reaction(reaction) => (reaction, self.reactions.as_ref().map_or(0, Reactions::count)),
+                Shown::Effort(effort) => (effort, efforts.count()),
                 Shown::KineticEnergy | Shown::PotentialEnergy => continue,
             };
-            if found >= limit {
-                let (found, limit) = (found as u64, limit as u64);
-                return Err(FormatError::Index { name: "shown".into(), index, found, limit });
-            }
+            expect_below("shown", index, found, limit)?;
         }
         Ok(())
     }
@@ -176,7 +192,8 @@ pub(crate) struct PreparedMotion {
 impl PreparedMotion {
     pub(crate) fn new(motion: Motion) -> Self {
         let (q, p) = (motion.coordinates(), 0..motion.dynamics.parameters());
-        let inputs = q.chain(p).chain(motion.velocities()).chain(motion.inputs()).collect();
+        let actuators = motion.velocities().end..motion.columns();
+        let inputs = q.chain(p).chain(motion.velocities()).chain(motion.inputs()).chain(actuators).collect();
         Self { positions: motion.prepared_positions(), inputs, motion }
     }
 
@@ -238,7 +255,8 @@ impl PreparedMotion {
         let equations = &mut scratch.plain.equations;
         let place = |column: usize| if column < left_out.start { column } else { column + left_out.len() };
         self.motion.dynamics.solve(self.inputs.iter().map(|column| point[place(*column)]), equations);
-        self.motion.dynamics.write_rates(&point[place(self.motion.velocities().start)..], equations, rates);
+        let v = &point[place(self.motion.velocities().start)..];
+        self.motion.dynamics.write_rates(v, equations, self.motion.actuator_states, rates);
         self.motion.dynamics.write_arguments(equations, arguments);
     }
 
@@ -249,8 +267,8 @@ impl PreparedMotion {
         let n = self.motion.dynamics.coordinates();
         let (q, v) = (&columns[self.motion.coordinates()], &columns[self.motion.velocities()]);
         let (outputs, rates) = results.split_at_mut(self.motion.outputs.len());
-        self.motion.dynamics.write_rates(v, equations, rates);
-        let a = &rates[n..];
+        self.motion.dynamics.write_rates(v, equations, self.motion.actuator_states, rates);
+        let a = &rates[n..2 * n];
         for (k, column) in along.iter_mut().enumerate() {
             *column = match k.checked_sub(n) {
                 None => Jet { value: q[k], first: v[k], second: a[k] },
@@ -282,6 +300,7 @@ impl PreparedMotion {
                 Shown::KineticEnergy => kinetic,
                 Shown::PotentialEnergy => potential,
                 Shown::Reaction(index) => reaction(index),
+                Shown::Effort(index) => self.motion.dynamics.effort(index, equations),
             };
         }
     }
@@ -328,6 +347,53 @@ mod tests {
         let expected = [x, theta, load_x, load_v, load_a, kinetic, -9.81 * l * cosine, v, omega, a, alpha];
         for (found, expected) in results::<11>(&mut evaluator(), &POINT).iter().zip(expected) {
             assert!((found - expected).abs() < 1e-13, "{found} {expected}");
+        }
+    }
+
+    #[test]
+    fn actuator_states_change_and_act_as_their_formulas_say() {
+        let accurate = Integration::ErrorControlled { tolerance: 1e-11, longest: 0.01 };
+        let surrogate = example::integrated(&example::crane_with_motor(), accurate);
+        let mut evaluator = Evaluator::new(&surrogate);
+        // rope, states at the start, voltage, states
+        let point = [1.4, 0.0, 0.3, 0.0, 0.0, 0.0, 3.0, 0.4, 0.9, -1.2, 2.0, 0.75];
+        let [l, .., voltage, _, theta, v, omega, current] = point;
+        let (sine, cosine) = theta.sin_cos();
+        let force = 4.0 * current;
+        let a = (force - 0.3 * v + l * omega * omega * sine + 9.81 * sine * cosine) / (3.0 - cosine * cosine);
+        let alpha = -(a * cosine + 9.81 * sine) / l;
+        let rate = 5.0 * (voltage - 2.0 * current - 0.5 * v - 0.1 * sine);
+        let found = results::<13>(&mut evaluator, &point);
+        for (found, expected) in found[7..].iter().zip([voltage * current, v, omega, a, alpha, rate]) {
+            assert!((found - expected).abs() < 1e-13, "{found} {expected}");
+        }
+        // derivatives are those of differences
+        let direction = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.7, 0.3, -0.4, 0.9, 0.2, -0.6];
+        let mut derivative = [0.0; 13];
+        evaluator.directional(&point, &direction, &mut derivative);
+        let at = |h: f64, evaluator: &mut Evaluator| {
+            let moved: Vec<f64> = point.iter().zip(&direction).map(|(value, along)| value + h * along).collect();
+            results::<13>(evaluator, &moved)
+        };
+        let [low, high] = [-1e-6, 1e-6].map(|h| at(h, &mut evaluator));
+        for (found, (low, high)) in derivative.iter().zip(low.iter().zip(&high)) {
+            assert!((found - (high - low) / 2e-6).abs() < 1e-7, "{found}");
+        }
+        // a step with a constant voltage, as the solution of many small ones by hand
+        let mut stepped = point;
+        let rates = vec![0.0; point.len()];
+        let drive = Drive { rates: [&rates, &rates], clamp: None };
+        evaluator.advance(&mut stepped, CommunicationStep::of(0.1), drive).expect("the step is possible");
+        let mut expected = point;
+        for _ in 0..10_000 {
+            let half = results::<13>(&mut evaluator, &expected);
+            let mut middle = expected;
+            middle[7..].iter_mut().zip(&half[8..]).for_each(|(state, rate)| *state += 0.5e-5 * rate);
+            let rates = results::<13>(&mut evaluator, &middle);
+            expected[7..].iter_mut().zip(&rates[8..]).for_each(|(state, rate)| *state += 1e-5 * rate);
+        }
+        for (found, expected) in stepped.iter().zip(&expected) {
+            assert!((found - expected).abs() < 1e-8, "{stepped:?} {expected:?}");
         }
     }
 

@@ -15,7 +15,7 @@ use std::sync::Arc;
 impl Motion {
     /// Tensors whose names begin with this.
     pub(crate) fn tensors(&self, prefix: &str) -> Vec<Tensor> {
-        let Self { dynamics, positions, windings, reactions, outputs } = self;
+        let Self { dynamics, positions, windings, reactions, actuator_states, outputs } = self;
         let name = |what: &str| format!("{prefix}{what}");
         let shown: Vec<u32> = outputs
             .iter()
@@ -26,6 +26,7 @@ impl Motion {
                 Shown::KineticEnergy => [3, 0],
                 Shown::PotentialEnergy => [4, 0],
                 Shown::Reaction(reaction) => [5, reaction as u32],
+                Shown::Effort(effort) => [6, effort as u32],
             })
             .collect();
         let mut tensors = vec![
@@ -45,6 +46,10 @@ impl Motion {
             let content = bytes(&prescribed, u32::to_le_bytes);
             tensors.push((name("law.prescribed"), Dtype::U32, vec![prescribed.len()], content));
         }
+        if *actuator_states > 0 {
+            let content = bytes(&[*actuator_states as u32], u32::to_le_bytes);
+            tensors.push((name("states.actuators"), Dtype::U32, vec![1], content));
+        }
         tensors.extend(dynamics.forces().into_iter().flat_map(|network| of_network(&name("forces."), network)));
         tensors
             .extend(reactions.iter().flat_map(|reactions| of_dictionary(&name("reactions."), reactions.functions())));
@@ -63,30 +68,36 @@ impl Motion {
         let count = efforts.count();
         expect_shape(name("positions.windings"), &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
         let shown = whole_rows(tensors, &name("outputs.shown"))?;
-        let outputs = shown.iter().enumerate().map(|(index, &[kind, position])| {
+        let mut outputs = Vec::with_capacity(shown.len());
+        for (index, &[kind, position]) in shown.iter().enumerate() {
             let position = position as usize;
-            Ok(match kind {
+            outputs.push(match kind {
                 0 => Shown::Position(position),
                 1 => Shown::Velocity(position),
                 2 => Shown::Acceleration(position),
                 3 => Shown::KineticEnergy,
                 4 => Shown::PotentialEnergy,
                 5 => Shown::Reaction(position),
+                6 => Shown::Effort(position),
                 found => return Err(FormatError::Unknown { name: name("outputs.shown"), index: 2 * index, found }),
-            })
+            });
+        }
+        let [actuator_states, prescribed] = ["states.actuators", "law.prescribed"].map(|what| {
+            let name = name(what);
+            // empty tensors are left out
+            let numbers = match tensors.contain(&name) {
+                true => elements(take(tensors, &name, Dtype::U32, 1)?.data(), u32::from_le_bytes),
+                false => Vec::new(),
+            };
+            Ok(numbers.into_iter().map(|number| number as usize).collect::<Vec<_>>())
         });
-        let outputs = outputs.collect::<Result<_, _>>()?;
-        let prescribed = match tensors.contain(&name("law.prescribed")) {
-            true => elements(take(tensors, &name("law.prescribed"), Dtype::U32, 1)?.data(), u32::from_le_bytes),
-            false => Vec::new(),
-        };
-        let prescribed: Vec<usize> = prescribed.into_iter().map(|row| row as usize).collect();
+        let (actuator_states, prescribed) = (actuator_states?.first().copied().unwrap_or(0), prescribed?);
         let dynamics = Dynamics::with_efforts(efforts, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
         let of_reactions = name("reactions.");
         let has_reactions = tensors.names().any(|name| name.starts_with(&of_reactions));
         let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, &factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, count, functions)).transpose()?;
-        Ok(Self { dynamics, positions, windings, reactions, outputs })
+        Ok(Self { dynamics, positions, windings, reactions, actuator_states, outputs })
     }
 }
 
@@ -171,7 +182,8 @@ fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: us
     let (constants, _) = doubles(tensors, &name("constants"), 1)?;
     let tables = lookup_tables(tensors, prefix)?;
     let steps = whole_rows(tensors, &name("steps"))?;
-    let step = |(index, &[kind, argument]): (usize, &[u32; 2])| {
+    let mut known_steps = Vec::with_capacity(steps.len());
+    for (index, &[kind, argument]) in steps.iter().enumerate() {
         let at = argument as usize;
         let known = match kind {
             0 => constants.get(at).map(|value| FormulaStep::Constant(*value)),
@@ -181,12 +193,14 @@ fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: us
             4 => tables.get(at).cloned().map(FormulaStep::Lookup),
             _ => Combination::ALL.get((kind - FIRST_COMBINATION) as usize).copied().map(FormulaStep::Combine),
         };
-        let is_argument = kind <= 2 || kind == 4;
-        let (name, found) = (name("steps"), if is_argument { argument } else { kind });
-        known.ok_or(FormatError::Unknown { name, index: 2 * index + usize::from(is_argument), found })
-    };
-    let steps = steps.iter().enumerate().map(step).collect::<Result<Vec<_>, _>>()?;
-    let formulas = Formula::one_after_the_other(&steps)?;
+        let Some(known) = known else {
+            let is_argument = kind <= 2 || kind == 4;
+            let (name, found) = (name("steps"), if is_argument { argument } else { kind });
+            return Err(FormatError::Unknown { name, index: 2 * index + usize::from(is_argument), found });
+        };
+        known_steps.push(known);
+    }
+    let formulas = Formula::one_after_the_other(&known_steps)?;
     Efforts::new([parameters, inputs, coordinates], windings, formulas)
 }
 

@@ -560,6 +560,7 @@ fn a_motion_survives_the_round_trip_with_and_without_networks() {
         example::crane_with_networks(),
         example::crane_with_reactions(),
         example::crane_with_efforts(),
+        example::crane_with_motor(),
     ] {
         let surrogate = surrogate.sealed().unwrap();
         let bytes = surrogate.to_bytes().unwrap();
@@ -678,6 +679,8 @@ fn a_motion_that_makes_no_sense_is_refused() {
         ("tensor `reactions` has shape [2, 0, 3], expected [2, 1, 3]", &|motion, _| {
             motion.reactions = Some(reactions(2, 0).unwrap());
         }),
+        ("tensor `shown`, element 1: 1, expected less than 1", &|motion, _| motion.outputs[1] = Shown::Effort(1)),
+        ("tensor `graph.steps` has shape [12], expected [11]", &|motion, _| motion.actuator_states = 1),
         ("tensor `graph.steps` has shape [10], expected [11]", &|motion, _| motion.outputs.truncate(6)),
         ("tensor `windings` has shape [5], expected [6]", &|motion, _| motion.windings.truncate(5)),
         ("tensor `windings`, element 1: NaN is not finite", &|motion, _| motion.windings[1] = f64::NAN),

@@ -1,6 +1,9 @@
 //! Sums of decision trees.
 
-use crate::{FormatError, check::expect_finite};
+use crate::{
+    FormatError,
+    check::{expect_below, expect_finite},
+};
 
 /// In place of an input column: the node is a leaf.
 pub const LEAF: u32 = u32::MAX;
@@ -37,20 +40,10 @@ pub struct Tree {
 impl Forest {
     pub(super) fn check(&self, inputs: usize, outputs: usize) -> Result<(), FormatError> {
         expect_finite("forest.number", self.nodes.iter().map(|node| node.number))?;
-        let beyond = |name: &str, index: usize, found: u32, limit: usize| FormatError::Index {
-            name: name.into(),
-            index,
-            found: found.into(),
-            limit: limit as u64,
-        };
         for (position, node) in self.nodes.iter().enumerate().filter(|(_, node)| node.column != LEAF) {
-            if node.column as usize >= inputs {
-                return Err(beyond("forest.column", position, node.column, inputs));
-            }
+            expect_below("forest.column", position, node.column as usize, inputs)?;
             for (side, &below) in node.below.iter().enumerate() {
-                if below as usize >= self.nodes.len() {
-                    return Err(beyond("forest.below", 2 * position + side, below, self.nodes.len()));
-                }
+                expect_below("forest.below", 2 * position + side, below as usize, self.nodes.len())?;
                 // else a walk down the tree might never end
                 if below as usize <= position {
                     return Err(FormatError::Upwards { node: position, below });
@@ -58,12 +51,8 @@ impl Forest {
             }
         }
         for (index, tree) in self.trees.iter().enumerate() {
-            if tree.root as usize >= self.nodes.len() {
-                return Err(beyond("forest.root", index, tree.root, self.nodes.len()));
-            }
-            if tree.output as usize >= outputs {
-                return Err(beyond("forest.output", index, tree.output, outputs));
-            }
+            expect_below("forest.root", index, tree.root as usize, self.nodes.len())?;
+            expect_below("forest.output", index, tree.output as usize, outputs)?;
         }
         Ok(())
     }

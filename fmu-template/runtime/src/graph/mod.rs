@@ -15,7 +15,7 @@ mod tests;
 
 use crate::{
     FormatError, Motion, Numbers, Precision,
-    check::{expect_finite, expect_positive, expect_shape},
+    check::{expect_below, expect_finite, expect_positive, expect_shape},
     dictionary::Dictionary,
     network::{USUAL_SIZE, fits_single},
     simd::Simd,
@@ -402,15 +402,7 @@ impl Step {
     /// Length of what the step makes, of the values before it; its shape is checked.
     fn width(&self, number: usize, widths: &[usize]) -> Result<usize, FormatError> {
         let name = |what: &'static str| StepName { number, what };
-        let width = |of: usize| match widths.get(of) {
-            Some(width) => Ok(*width),
-            None => Err(FormatError::Index {
-                name: "graph.steps".into(),
-                index: number,
-                found: of as u64,
-                limit: widths.len() as u64,
-            }),
-        };
+        let width = |of: usize| expect_below("graph.steps", number, of, widths.len()).map(|()| widths[of]);
         match self {
             Self::Affine { of, weight, bias } => {
                 expect_shape(name("weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
@@ -434,11 +426,7 @@ impl Step {
             }
             Self::Columns { columns } => {
                 for (index, [of, column]) in columns.iter().enumerate() {
-                    let limit = width(*of as usize)?;
-                    if *column as usize >= limit {
-                        let (found, limit) = (u64::from(*column), limit as u64);
-                        return Err(FormatError::Index { name: name("columns").to_string(), index, found, limit });
-                    }
+                    expect_below(&name("columns").to_string(), index, *column as usize, width(*of as usize)?)?;
                 }
                 not_empty(columns.len())
             }

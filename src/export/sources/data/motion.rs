@@ -43,7 +43,12 @@ pub fn part(surrogate: &Surrogate, motion: &Motion, integration: Integration) ->
         names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
         sizes: vec![
             ("COORDINATE_COUNT", n, ""),
-            ("FIRST_DRIVEN", dynamics.parameters() + 2 * n, "the first input that is neither parameter nor start"),
+            ("ACTUATOR_STATES", motion.actuator_states, ""),
+            (
+                "FIRST_DRIVEN",
+                dynamics.parameters() + motion.states(),
+                "the first input that is neither parameter nor start",
+            ),
             ("EFFORT_COUNT", dynamics.efforts().count(), ""),
             ("ARGUMENT_COUNT", arguments, "of tables"),
             ("ARGUMENT_SIZE", arguments.max(1), "but C has no empty arrays"),
@@ -53,7 +58,7 @@ pub fn part(surrogate: &Surrogate, motion: &Motion, integration: Integration) ->
             ("REACTION_REGISTERS", reactions.registers, ""),
             ("POSITION_SIZE", positions_size, "number of positions, but C has no empty arrays"),
         ],
-        remark: states::remark(surrogate, integration, tape::operations(equations), 2 * n, dynamics.inputs()),
+        remark: states::remark(surrogate, integration, tape::operations(equations), motion.states(), motion.driven()),
         data,
     }
 }
@@ -93,6 +98,7 @@ fn write_shown(text: &mut String, motion: &Motion) {
         Shown::KineticEnergy => "SHOWN_KINETIC_ENERGY, 0".into(),
         Shown::PotentialEnergy => "SHOWN_POTENTIAL_ENERGY, 0".into(),
         Shown::Reaction(reaction) => format!("SHOWN_REACTION, {reaction}"),
+        Shown::Effort(effort) => format!("SHOWN_EFFORT, {effort}"),
     });
     table(text, "const Shown model_shown", shown, "");
 }

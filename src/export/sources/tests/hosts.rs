@@ -80,6 +80,12 @@ fn compare_run(surrogate: Surrogate, starts: &[(&str, f64)], record: &[&str], st
 fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
     let record = ["rope.angular_velocity", "der(rope.angular_velocity)"];
     compare_run(example::crane(), &[("rope", 1.3), ("rope.angle_start", 0.8)], &record, 0.013);
+    compare_run(
+        example::crane_with_motor(),
+        &[("rope", 1.3), ("current_start", 0.8)],
+        &["current", "der(current)"],
+        0.013,
+    );
     let by_network = example::oscillator(Some(example::residual_network()));
     for surrogate in [by_network, example::oscillator_by_graph(), turning(Activation::Tanh)] {
         compare_run(surrogate, &[("mu", 1.3), ("x_start", 0.8)], &["v", "der(v)"], 0.013);
@@ -146,6 +152,7 @@ fn states_and_derivatives_in_a_run_are_those_of_the_packed_library() {
     for (surrogate, starts) in [
         // beyond the rail
         (example::crane(), &[4.5, 0.5, 1.5, 0.3][..]),
+        (example::crane_with_motor(), &[4.5, 0.5, 1.5, 0.3, 2.5]),
         (turning(Activation::Tanh), &[3.5, 0.8]),
         (example::recorded(), &[0.5, -0.25]),
         (two_by_two(), &[0.5, -0.25]),

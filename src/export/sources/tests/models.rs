@@ -185,6 +185,7 @@ pub(super) fn pushed_by_nothing() -> Surrogate {
         positions: Dictionary::new(&factors, 0, &[]).unwrap().into(),
         windings: Vec::new(),
         reactions: None,
+        actuator_states: 0,
         outputs: vec![Shown::PotentialEnergy, Shown::KineticEnergy],
     };
     let mut metadata = crane.metadata().clone();

@@ -1,7 +1,12 @@
 //! Interpolation between networks at time points.
 
 use super::{Graph, GraphScratch, PreparedGraph, Step};
-use crate::{FormatError, Precision, check::expect_finite, simd::Simd, task::Task};
+use crate::{
+    FormatError, Precision,
+    check::{expect_below, expect_finite},
+    simd::Simd,
+    task::Task,
+};
 use std::mem::discriminant;
 
 /// Checks time points and networks against the number of columns and the column of the time. Returns the number of outputs.
@@ -11,10 +16,7 @@ pub(in crate::graph) fn check(
     instants: &[f64],
     functions: &[Graph],
 ) -> Result<usize, FormatError> {
-    if time >= columns {
-        let (found, limit) = (time as u64, columns as u64);
-        return Err(FormatError::Index { name: name.into(), index: 0, found, limit });
-    }
+    expect_below(name, 0, time, columns)?;
     if columns == 1 {
         return Err(FormatError::OnlyTime);
     }
