@@ -117,7 +117,7 @@ pub struct FittedReactions {
 const EXACT: f64 = 1e-12;
 
 /// Number of terms that are tried at most: the equations' cost in an FMU, and the cube of it in the least-squares problem.
-const MOST_TERMS: usize = 700;
+const MOST_TERMS: usize = 1000;
 
 /// Configurations at which the error is measured.
 const UNSEEN: usize = 200;

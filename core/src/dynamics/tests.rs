@@ -544,3 +544,28 @@ fn prescribed_accelerations_are_exact_however_large_the_forces_are() {
     assert!(rough.contains("tanh"));
     assert_alike(forces(&rough, &region, CRANE_STATE), 1e-11);
 }
+
+/// In angles of bodies, the inertia of a chain has products of two sines or cosines at most.
+#[test]
+fn a_long_chain_is_exact_in_the_proposed_coordinates() {
+    let path = format!("{}/../examples/dynamics/parts/chain.toml", env!("CARGO_MANIFEST_DIR"));
+    let text = &std::fs::read_to_string(path).unwrap();
+    let mechanism = parse(text);
+    let proposed = mechanism.free_coordinates().unwrap();
+    let names: Vec<&str> = proposed.iter().map(|coordinate| coordinate.name.as_str()).collect();
+    assert_eq!(names, ["j1.angle", "link2.angle", "link3.angle", "link4.angle", "link5.angle"]);
+    let region = Region {
+        coordinates: names.iter().map(|name| QuantityRange::new(name, -TAU / 2.0, TAU / 2.0)).collect(),
+        parameters: vec![QuantityRange::new("m", 0.3, 0.8)],
+        ..Region::default()
+    };
+    let (q, v) = ([0.4, -1.1, 2.3, 0.2, -2.9], [1.0, -2.0, 0.5, 3.0, -1.5]);
+    assert_exact(text, &region, [&q, &v, &[1.3], &[0.45]], 1e-9);
+    // three links have the angles of their joints
+    let cut = text.find("[bodies.link4]").unwrap();
+    let rest = text.find("[forces.push]").unwrap();
+    let three = format!("{}{}", &text[..cut], text[rest..].replace("link5", "link3").replace("j5", "j3"));
+    let proposed = parse(&three.replace("\"m\"", "0.5")).free_coordinates().unwrap();
+    let names: Vec<&str> = proposed.iter().map(|coordinate| coordinate.name.as_str()).collect();
+    assert_eq!(names, ["j1.angle", "j2.angle", "j3.angle"]);
+}

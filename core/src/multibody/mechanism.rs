@@ -3,7 +3,9 @@
 use super::{
     build::{Torsion, build, free_coordinates, limits, position_coordinates},
     constraint::BoundExpression,
-    description::{ActuatorStateOptions, Description, MechanismInput, MechanismParameter, SpringOptions},
+    description::{
+        ActuatorStateOptions, Description, JointOptions, JointType, MechanismInput, MechanismParameter, SpringOptions,
+    },
     expression::{Expression, is_function},
     measure::Measure,
     model::{MultibodyModel, Sample},
@@ -28,6 +30,10 @@ use crate::{
 use indexmap::IndexMap;
 use nalgebra::DVector;
 use std::{borrow::Cow, path::Path, sync::LazyLock};
+
+/// Revolute joints between moving bodies from which on the angles of bodies are better coordinates of a tree than those of joints: the
+/// inertia of a chain then is `cos(q_i - q_j)` of pairs, and of joints' angles a product of all in between.
+const LONG_CHAIN: usize = 3;
 
 static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Description>);
 
@@ -427,24 +433,16 @@ pub struct FreeCoordinate {
 impl Mechanism {
     /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters: those that drivers accelerate, then
     /// the first independent ones of those that the joints leave free, in the order of the file and those that follow others last, then of
-    /// the bodies.
+    /// the bodies. In long chains, angles of bodies against the ground replace those of revolute joints.
     ///
     /// # Errors
     /// A sentence, as [`Reduced::new`].
     pub fn free_coordinates(&self) -> std::result::Result<Vec<FreeCoordinate>, String> {
         let values: Vec<f64> = self.description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, _) = self.build(&values)?;
-        let of_joint = |name: &String| ["angle", "position"].map(|measure| format!("{name}.{measure}"));
-        let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
-        let drivers = self.description.drivers.values().filter(|driver| driver.acceleration.is_some());
-        let is_held = |name: &String| self.description.couplings.values().any(|coupling| coupling.coordinate == *name);
-        let (held, joints): (Vec<String>, Vec<String>) =
-            self.description.joints.keys().flat_map(of_joint).partition(is_held);
-        let names = drivers.map(|driver| driver.coordinate.clone()).chain(joints).chain(held);
-        let names = names.chain(self.description.bodies.keys().flat_map(of_body));
-        // a joint has one of the two, or none
+        // a joint has an angle or a position, or none
         let named = |name: String| Some((position_coordinates(&self.description, &values, &[&name]).ok()?[0], name));
-        let (coordinates, names): (Vec<_>, Vec<String>) = names.filter_map(named).unzip();
+        let (coordinates, names): (Vec<_>, Vec<String>) = self.candidate_names().filter_map(named).unzip();
         let reduced = Reduced::new(model, &coordinates)?;
         let (s, rates) = reduced.start();
         let z = reduced.model().actuator_starts();
@@ -467,6 +465,33 @@ impl Mechanism {
             Some(FreeCoordinate { name, start: s[k], rate: rates[k], acceleration, reach })
         });
         Ok(free.collect())
+    }
+}
+
+impl Mechanism {
+    /// Names of coordinates that may be independent, the best ones first; those of a joint that it does not have are among them.
+    fn candidate_names(&self) -> impl Iterator<Item = String> + '_ {
+        let Description { bodies, joints, couplings, drivers, .. } = &self.description;
+        let body_of = |end: &String| end.split('.').next().unwrap_or_default().to_owned();
+        let links = move |joint: &JointOptions| {
+            let bodies = joint.between.each_ref().map(body_of);
+            let is_link = joint.joint == JointType::Revolute && !bodies.contains(&"ground".to_owned());
+            is_link.then_some(bodies)
+        };
+        let is_tree = couplings.is_empty() && joints.len() == bodies.len();
+        let is_long = is_tree && joints.values().filter_map(links).count() >= LONG_CHAIN;
+        let of_joint = move |(name, joint): (&String, &JointOptions)| {
+            let [from, to] = links(joint).filter(|_| is_long).unwrap_or_default();
+            let against_ground = [to, from].into_iter().filter(|body| !body.is_empty());
+            let angles = against_ground.map(|body| format!("{body}.angle"));
+            angles.chain(["angle", "position"].map(|measure| format!("{name}.{measure}"))).collect::<Vec<_>>()
+        };
+        let of_body = |name: &String| ["x", "y", "angle"].map(|measure| format!("{name}.{measure}"));
+        let is_held = |name: &String| couplings.values().any(|coupling| coupling.coordinate == *name);
+        let (held, free): (Vec<String>, Vec<String>) = joints.iter().flat_map(of_joint).partition(is_held);
+        let drivers = drivers.values().filter(|driver| driver.acceleration.is_some());
+        let names = drivers.map(|driver| driver.coordinate.clone()).chain(free).chain(held);
+        names.chain(bodies.keys().flat_map(of_body))
     }
 }
 

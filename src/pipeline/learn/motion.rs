@@ -2,12 +2,14 @@
 
 use super::{
     Beginning, LearningMethod,
+    learned::EXACT,
     motion_networks::{Learned, learn},
 };
 use crate::{
     Result,
     dataset::Dataset,
     dynamics::FittedReactions,
+    multibody::{FreeCoordinate, Mechanism},
     pipeline::{
         follower::{Checkpoints, Trained},
         project::Project,
@@ -46,6 +48,9 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let learned = learn(project, dataset, (mechanism, driven, region), checkpoints)?;
     for driver in driven.drivers().iter().enumerate().filter(|(index, _)| !learned.is_driven_by(*index)) {
         project.warn(format_args!("input {} acts on nothing", driver.1.variable.name));
+    }
+    if learned.fitted.error > EXACT {
+        warn_of_coordinates(project, mechanism);
     }
     let n = study.coordinates().count();
     let rough = Integration::ErrorControlled { tolerance: ROUGH, longest: study.time.step };
@@ -95,6 +100,17 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         motion.describe()
     ));
     Ok(Trained { surrogate, history: learned.history, record })
+}
+
+/// Warns of coordinates other than those that are proposed, where equations are not exact in them.
+fn warn_of_coordinates(project: &Project, mechanism: &Mechanism) {
+    let proposed = mechanism.free_coordinates().unwrap_or_default();
+    let is_other = |proposed: &FreeCoordinate| !project.study.states.contains_key(&proposed.name);
+    if proposed.iter().any(is_other) {
+        let names: Vec<&str> = proposed.iter().map(|coordinate| coordinate.name.as_str()).collect();
+        let names = names.join(", ");
+        project.warn(format_args!("the equations are not exact in these coordinates; `metafmu new` proposes {names}"));
+    }
 }
 
 /// The surrogate with an integration and ranges of the velocities.
