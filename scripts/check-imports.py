@@ -21,7 +21,8 @@ from pathlib import Path
 ORDER = """
 diagnostics fail_points
 files integrate signal variable
-table multibody systems
+table
+multibody systems
 dataset dynamics
 layout
 scaling

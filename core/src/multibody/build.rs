@@ -173,6 +173,7 @@ impl<'a> MultibodyBuilder<'a> {
             velocity_guess: DVector::from_vec(velocities),
             initial_positions,
             initial_velocities,
+            starts_in_equilibrium: description.equilibrium,
         }
     }
 

@@ -8,6 +8,7 @@
 //! ```toml
 //! formulation = "augmented"                   # or "embedding"
 //! gravity = [0, -9.81]                        # in the ground frame; none by default
+//! equilibrium = true                          # start in a static equilibrium; false by default
 //!
 //! [parameters]                                # what a study may vary
 //! L = { default = 0.15, unit = "m" }
@@ -50,6 +51,7 @@ use super::expression::Expression;
 use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// A vector in the plane.
 pub type PlaneVector = [Expression; 2];
@@ -64,6 +66,10 @@ pub struct Description {
     /// How the equations of motion are solved.
     #[serde(default)]
     pub formulation: FormulationKind,
+    /// Start in a static equilibrium, which is searched from the guesses of positions along the forces. Inputs and states have their values
+    /// of the start; positions of `[initial]`, and those that drivers accelerate, are kept.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub equilibrium: bool,
     /// Acceleration of gravity in the ground frame.
     #[schemars(extend("x-unit" = "m/s²"))]
     #[serde(default)]
@@ -174,12 +180,20 @@ pub struct MechanismInput {
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"x": [0, 1, 2], "values": [0, 0.5, 2]}]))]
 pub struct TableOptions {
+    /// CSV or Parquet file with the knots and the values, in the place of `x` and `values`; relative to the mechanism file.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+    /// Columns of the knots and of the values in the file; the first two unless given.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub columns: Option<[String; 2]>,
     /// Knots of the first argument, ascending; two or more.
+    #[serde(default)]
     pub x: Vec<f64>,
     /// Knots of the second argument, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub y: Option<Vec<f64>>,
     /// A value for each knot; with `y` a list for each `x`, of a value for each `y`.
+    #[serde(default)]
     pub values: Vec<TableValues>,
     /// Interpolation between the knots.
     #[serde(default)]

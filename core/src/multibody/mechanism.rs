@@ -12,7 +12,7 @@ use super::{
     reduced::{self, Reduced},
     review::{idle_parts, is_zero, oddities},
     simulate::{simulate, simulate_from},
-    tables::tables,
+    tables::{read_files, tables},
     variables::variables,
 };
 use crate::{
@@ -83,7 +83,8 @@ impl Mechanism {
         if !problems.is_empty() {
             return Err(Error::Study { problems });
         }
-        let description: Description = origin.deserialize(root)?;
+        let mut description: Description = origin.deserialize(root)?;
+        origin.refuse(read_files(&mut description, origin.folder()))?;
         let mut problems = name_problems(&description);
         problems.extend(range_problems(&description));
         problems.extend(idle_parts(&description));
@@ -111,7 +112,8 @@ impl Mechanism {
                 let sets = [&model.deciding(), &model.initial_positions, &model.initial_velocities];
                 let mut owners = sets.iter().flat_map(|set| &set.0).map(|constraint| &constraint.owner);
                 let key = owners.find(|owner| message.contains(&format!("`{owner}`")));
-                problems.add(key.cloned().unwrap_or_default(), message);
+                let other = if description.equilibrium { "equilibrium" } else { "" };
+                problems.add(key.cloned().unwrap_or_else(|| other.into()), message);
             }
         }
         origin.refuse(problems)?;

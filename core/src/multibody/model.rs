@@ -122,6 +122,8 @@ pub struct MultibodyModel {
     pub initial_positions: Constraints,
     /// Velocities at the start.
     pub initial_velocities: Constraints,
+    /// True if positions at the start are those of a static equilibrium.
+    pub starts_in_equilibrium: bool,
 }
 
 impl MultibodyModel {
@@ -338,31 +340,6 @@ impl MultibodyModel {
     /// Number of coordinates that the constraints leave free, those included whose accelerations are prescribed.
     pub fn degrees_of_freedom(&self) -> usize {
         self.mass.len().saturating_sub(self.constraints.len())
-    }
-
-    /// Coordinates and velocities at the start: the guesses, corrected so that all constraints and initial conditions hold.
-    ///
-    /// # Errors
-    /// Which joint cannot be closed, which constraint is redundant, which initial condition contradicts.
-    pub fn initial_state(&self, t: f64) -> Result<(DVector<f64>, DVector<f64>), String> {
-        let (mut q, mut v) = (self.position_guess.clone(), self.velocity_guess.clone());
-        let with = |conditions: &Constraints| Constraints([&self.constraints.0[..], &conditions.0[..]].concat());
-        let (positions, velocities) = (with(&self.initial_positions), with(&self.initial_velocities));
-        positions.assemble(t, &mut q)?;
-        if let Some(constraint) = self.deciding().first_dependent(&self.deciding_gradients(&q)) {
-            return Err(format!(
-                "`{}` depends on the joints and drivers before it: it is redundant, or the mechanism starts in a singular \
-                 position",
-                constraint.owner
-            ));
-        }
-        for conditions in [&positions, &velocities] {
-            if let Some(condition) = conditions.first_dependent(&conditions.jacobian_transposed(&q)) {
-                return Err(format!("`{}` is decided by the constraints and conditions before it", condition.owner));
-            }
-        }
-        velocities.correct_velocities(t, &q, &mut v)?;
-        Ok((q, v))
     }
 }
 

@@ -4,9 +4,52 @@ use super::{
     description::{Description, ExtrapolationKind, InterpolationKind, TableOptions, TableValues},
     expression::Tables,
 };
-use crate::diagnostics::Problems;
+use crate::{Result as OwnResult, diagnostics::Problems, table::Table};
 use metafmu_runtime::formula::{Extrapolation, Interpolation, LookupTable};
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
+
+/// Reads knots and values of tables from the files that they name, which are relative to a folder; every mistake by its key.
+pub fn read_files(description: &mut Description, folder: &Path) -> Problems {
+    let mut problems = Problems::default();
+    for (name, options) in &mut description.tables {
+        let mut add = |field: &str, message: &str| problems.add(format!("tables.{name}{field}"), message);
+        let given = [("x", !options.x.is_empty()), ("y", options.y.is_some()), ("values", !options.values.is_empty())];
+        let Some(file) = &options.file else {
+            if options.columns.is_some() {
+                add(".columns", "belongs to tables with a `file`");
+            }
+            for (field, _) in given.iter().filter(|(field, is_given)| *field != "y" && !is_given) {
+                add("", &format!("no `{field}`, expected `x` and `values`, or a `file`"));
+            }
+            continue;
+        };
+        if let Some((field, _)) = given.iter().find(|(_, is_given)| *is_given) {
+            add(&format!(".{field}"), "belongs to tables without a `file`");
+            continue;
+        }
+        match read(&folder.join(file), options.columns.as_ref()) {
+            Ok((x, values)) => (options.x, options.values) = (x, values),
+            Err(error) => add(".file", &error.to_string()),
+        }
+    }
+    problems
+}
+
+/// Knots and values in a file.
+fn read(path: &Path, columns: Option<&[String; 2]>) -> OwnResult<(Vec<f64>, Vec<TableValues>)> {
+    let mut table = Table::open(path)?;
+    let [of_x, of_values] = match columns {
+        Some([x, values]) => [table.column(x)?, table.column(values)?],
+        None if table.columns().len() >= 2 => [0, 1],
+        None => return Err(table.mistake_in_header("one column, expected one of knots and one of values")),
+    };
+    let (mut x, mut values) = (Vec::new(), Vec::new());
+    while table.next_row()? {
+        x.push(table.number(of_x)?);
+        values.push(TableValues::One(table.number(of_values)?));
+    }
+    Ok((x, values))
+}
 
 /// The tables by their names, and what is wrong with the others.
 pub fn tables(description: &Description) -> (Tables, Problems) {
@@ -16,7 +59,10 @@ pub fn tables(description: &Description) -> (Tables, Problems) {
             Ok(table) => {
                 tables.insert(name.clone(), Arc::new(table));
             }
-            Err((field, message)) => problems.add(format!("tables.{name}.{field}"), message),
+            Err((field, message)) => {
+                let field = if options.file.is_some() { "file" } else { field };
+                problems.add(format!("tables.{name}.{field}"), message);
+            }
         }
     }
     (tables, problems)
@@ -24,7 +70,7 @@ pub fn tables(description: &Description) -> (Tables, Problems) {
 
 /// A table, or the field that is wrong, and why.
 fn table(options: &TableOptions) -> Result<LookupTable, (&'static str, String)> {
-    let TableOptions { x, y, values, interpolation, extrapolation } = options;
+    let TableOptions { x, y, values, interpolation, extrapolation, .. } = options;
     for (field, knots) in [("x", Some(x)), ("y", y.as_ref())] {
         knots.map_or(Ok(()), |knots| check_knots(knots)).map_err(|message| (field, message))?;
     }

@@ -328,3 +328,112 @@ fn mistakes_in_states_and_formulas_are_reported() {
         assert!(message.contains(says), "{message}\n{says}");
     }
 }
+
+/// A damper's table in a file is the table in the mechanism file.
+#[test]
+fn tables_are_read_from_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("damper.csv", "speed,force,other\n-1,-800,3\n0,0,4\n0.5,300,5\n2,900,6\n");
+    write("letters.csv", "speed,force\n-1,-800\n0,none\n");
+    write("falling.csv", "speed,force\n0,1\n-1,2\n");
+    write("narrow.csv", "speed\n0\n1\n");
+    let text = |table: &str| {
+        format!(
+            r#"
+            bodies.a = {{ mass = 1, inertia = 1 }}
+            joints.s = {{ type = "prismatic", between = ["ground", "a"], axis = [1, 0] }}
+            actuators.damper = {{ coordinate = "s.position", effort = "-f(s.velocity)/500" }}
+            initial.s = {{ position = 0, velocity = 3 }}
+            outputs.v = {{ measure = "s.velocity" }}
+            [tables.f]
+            {table}
+            "#
+        )
+    };
+    let parse = |table: &str| Mechanism::parse(&text(table), &folder.path().join("m.toml"));
+    let last = |table: &str| rows(&parse(table).unwrap(), &grid(1.0, 4)).pop().unwrap();
+    let expected = last("x = [-1, 0, 0.5, 2]\nvalues = [-800, 0, 300, 900]");
+    assert_eq!(last("file = \"damper.csv\""), expected);
+    assert_eq!(last("file = \"damper.csv\"\ncolumns = [\"speed\", \"force\"]"), expected);
+    assert_ne!(last("file = \"damper.csv\"\ncolumns = [\"speed\", \"other\"]"), expected);
+    for (table, says) in [
+        ("file = \"none.csv\"", "tables.f.file: "),
+        ("file = \"letters.csv\"", "letters.csv:3: column `force`: `none`, expected a finite number"),
+        ("file = \"falling.csv\"", "tables.f.file: element 2: -1 is not above 0, expected ascending knots"),
+        ("file = \"narrow.csv\"", "one column, expected one of knots and one of values"),
+        (
+            "file = \"damper.csv\"\ncolumns = [\"sped\", \"force\"]",
+            "no column `sped`, expected it among speed, force, other; did you mean `speed`?",
+        ),
+        ("file = \"damper.csv\"\nx = [1, 2]", "m.toml:9: tables.f.x: belongs to tables without a `file`"),
+        (
+            "x = [1, 2]\nvalues = [1, 2]\ncolumns = [\"a\", \"b\"]",
+            "m.toml:10: tables.f.columns: belongs to tables with a `file`",
+        ),
+        ("x = [1, 2]", "m.toml:7: tables.f: no `values`, expected `x` and `values`, or a `file`"),
+    ] {
+        let message = parse(table).unwrap_err().to_string();
+        assert!(message.contains(says), "{message}\n{says}");
+    }
+}
+
+/// Equilibria have closed forms: a mass on a spring, a pendulum that hangs down wherever it is guessed, and a body on two inclined springs.
+#[test]
+fn a_run_starts_in_the_static_equilibrium() {
+    let oscillator = r#"
+        equilibrium = true
+        gravity = [0, -9.81]
+        bodies.mass = { mass = 2, position = [0, 0.3] }
+        joints.guide = { type = "prismatic", between = ["ground", "mass"], axis = [0, 1] }
+        springs.s = { coordinate = "guide.position", stiffness = 500, damping = 3 }
+        outputs = { y = { measure = "guide.position" }, v = { measure = "guide.velocity" }, a = { measure = "guide.acceleration" } }
+    "#;
+    for mechanism in both_formulations(oscillator) {
+        for row in rows(&mechanism, &grid(1.0, 3)) {
+            assert_close(row[0], -2.0 * 9.81 / 500.0, 1e-14);
+            assert_close(row[1], 0.0, 1e-13);
+            assert_close(row[2], 0.0, 1e-11);
+        }
+    }
+    for angle in [0.4, 1.5, -2.0, 3.0] {
+        let pendulum = format!(
+            r#"
+            equilibrium = true
+            gravity = [0, -9.81]
+            inputs.torque = {{ min = -2, max = 2, start = 0.7 }}
+            bodies.rod = {{ mass = 1, inertia = 0.01, position = [0, -0.2], angle = {angle}, points = {{ top = [0, 0.2] }} }}
+            joints.pivot = {{ type = "revolute", between = ["ground", "rod.top"] }}
+            actuators.motor = {{ coordinate = "pivot.angle", effort = "torque" }}
+            outputs = {{ sine = {{ measure = "rod.x" }}, y = {{ measure = "rod.y" }} }}
+        "#
+        );
+        for mechanism in both_formulations(&pendulum) {
+            let row = rows(&mechanism, &[0.0]).remove(0);
+            // m g x = torque, below the pivot
+            assert_close(row[0], 0.7 / 9.81, 1e-12);
+            assert_close(row[1], -(0.04 - (0.7f64 / 9.81).powi(2)).sqrt(), 1e-12);
+        }
+    }
+    // a chain between two walls, whose middle is pulled down: symmetric, and the tension follows from the angle
+    let rope = r#"
+        equilibrium = true
+        gravity = [0, -9.81]
+        ground.points = { left = [-1, 0], right = [1, 0] }
+        bodies.bead = { mass = 3, inertia = 0.1, position = [0.2, -0.4] }
+        springs.a = { between = ["ground.left", "bead"], stiffness = 100, rest = 0.8 }
+        springs.b = { between = ["ground.right", "bead"], stiffness = 100, rest = 0.8 }
+        outputs = { x = { measure = "bead.x" }, y = { measure = "bead.y" }, force = { measure = "a.force" } }
+    "#;
+    let row = rows(&parse(rope), &[0.0]).remove(0);
+    let length = (1.0 + row[1] * row[1]).sqrt();
+    assert_close(row[0], 0.0, 1e-12);
+    assert_close(2.0 * row[2] * row[1] / length, 3.0 * 9.81, 1e-9);
+    // nothing holds it
+    let falling =
+        oscillator.replace("springs.s = { coordinate = \"guide.position\", stiffness = 500, damping = 3 }", "");
+    let message = refused(&falling);
+    let decided = refused(&format!("{oscillator}initial.guide.position = 0.1"));
+    assert!(decided.contains("m.toml:2: equilibrium: no position is free to settle"), "{decided}");
+    assert!(message.contains("m.toml:2: equilibrium: no static equilibrium is found"), "{message}");
+}

@@ -1,0 +1,34 @@
+//! State of a mechanism at the start of a run.
+
+use super::{constraint::Constraints, equilibrium, model::MultibodyModel};
+use nalgebra::DVector;
+
+impl MultibodyModel {
+    /// Coordinates and velocities at the start: the guesses, corrected so that all constraints and initial conditions hold.
+    ///
+    /// # Errors
+    /// Which joint cannot be closed, which constraint is redundant, which initial condition contradicts; no static equilibrium is found.
+    pub fn initial_state(&self, t: f64) -> Result<(DVector<f64>, DVector<f64>), String> {
+        let (mut q, mut v) = (self.position_guess.clone(), self.velocity_guess.clone());
+        let with = |conditions: &Constraints| Constraints([&self.constraints.0[..], &conditions.0[..]].concat());
+        let (positions, velocities) = (with(&self.initial_positions), with(&self.initial_velocities));
+        positions.assemble(t, &mut q)?;
+        if let Some(constraint) = self.deciding().first_dependent(&self.deciding_gradients(&q)) {
+            return Err(format!(
+                "`{}` depends on the joints and drivers before it: it is redundant, or the mechanism starts in a singular \
+                 position",
+                constraint.owner
+            ));
+        }
+        for conditions in [&positions, &velocities] {
+            if let Some(condition) = conditions.first_dependent(&conditions.jacobian_transposed(&q)) {
+                return Err(format!("`{}` is decided by the constraints and conditions before it", condition.owner));
+            }
+        }
+        if self.starts_in_equilibrium {
+            equilibrium::settle(self, t, &positions, &mut q)?;
+        }
+        velocities.correct_velocities(t, &q, &mut v)?;
+        Ok((q, v))
+    }
+}
