@@ -5,7 +5,7 @@ use super::{
     description::FormulationKind,
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
-    model::{MultibodyModel, Sample, Spring},
+    model::{ActuatorState, MultibodyModel, Sample, Spring},
 };
 use crate::integrate::{self, Budget, IntegrationResult};
 use nalgebra::DVector;
@@ -185,20 +185,23 @@ impl Stretch<'_> {
         let rest = DVector::zeros(q.len());
         let reason = self.formulation.accelerate(self.model, t, (&q, &rest), &self.model.at(t, self.z)).err();
         let reason = reason.map_or(String::new(), |reason| format!("; {reason}"));
-        let reason =
-            if reason.is_empty() { self.singular().map_or(reason, |cause| format!("; {cause}")) } else { reason };
+        let cause = || self.singular().or_else(|| self.stiffest_part());
+        let reason = if reason.is_empty() { cause().map_or(reason, |cause| format!("; {cause}")) } else { reason };
         let error = error.unwrap_or_else(|| "the state is not finite".into());
         format!("integration failed after t = {t} s: {error}{reason}")
     }
 
     /// What prevents the integration from progressing, if that is known.
     fn cause(&self) -> Option<String> {
-        // its motion decides the length of the steps
-        let stiff = self.stiffest_spring().filter(|(_, rate)| rate * self.budget.last_step() > 0.01);
-        stiff.map_or_else(|| self.singular(), |(spring, rate)| {
-            let message = "the equations are too stiff for an explicit method (Dormand and Prince, order 8); the stiffest part is";
-            Some(format!("{message} `{spring}`, {rate:.1e} rad/s"))
-        })
+        let message = "the equations are too stiff for an explicit method (Dormand and Prince, order 8)";
+        self.stiffest_part().map(|part| format!("{message}; {part}")).or_else(|| self.singular())
+    }
+
+    /// Names the spring or actuator state that alone makes the fastest motion or decay, if that decides the length of the steps.
+    fn stiffest_part(&self) -> Option<String> {
+        let rates = self.rates_of_springs().into_iter().chain(self.rates_of_actuators());
+        let (part, rate) = rates.max_by(|a, b| a.1.total_cmp(&b.1))?;
+        (rate * self.budget.last_step() > 0.01).then(|| format!("the stiffest part is `{part}`, {rate:.1e} rad/s"))
     }
 
     /// Names the constraint that has come close to depending on others.
@@ -210,13 +213,30 @@ impl Stretch<'_> {
         is_close.then(|| self.model.deciding().name_singular(self.budget.reached(), &here))
     }
 
-    /// The spring that alone makes the fastest motion or decay, and its angular frequency or rate.
-    fn stiffest_spring(&self) -> Option<(&str, f64)> {
+    /// Angular frequency or rate of decay that each spring makes alone.
+    fn rates_of_springs(&self) -> Vec<(&str, f64)> {
         let rates = self.model.springs.iter().filter_map(|Spring { coordinate, stiffness, damping, owner, .. }| {
             let mobility = mobility(self.model, &self.guess.borrow(), coordinate)?;
             Some((owner.as_str(), (stiffness * mobility).sqrt().max(damping * mobility)))
         });
-        rates.max_by(|a, b| a.1.total_cmp(&b.1))
+        rates.collect()
+    }
+
+    /// Rate of growth or decay of each actuator state while all else stays, `|d zd / d z|`, at the start of the stretch.
+    fn rates_of_actuators(&self) -> Vec<(&str, f64)> {
+        let (q, t) = (self.guess.borrow(), self.budget.reached());
+        let rest = DVector::zeros(q.len());
+        let rate = |(index, state): (usize, &'_ ActuatorState)| {
+            let by = f64::EPSILON.cbrt() * (1.0 + self.z[index].abs());
+            let [low, high] = [-by, by].map(|by| {
+                let mut z = self.z.to_vec();
+                z[index] += by;
+                state.rate.value(t, &q, &rest, &self.model.at(t, &z))
+            });
+            ((high - low) / (2.0 * by)).abs()
+        };
+        let states = self.model.actuator_states.iter();
+        states.enumerate().map(|(index, state)| (state.owner.as_str(), rate((index, state)))).collect()
     }
 
     fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, String> {

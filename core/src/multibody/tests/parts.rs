@@ -71,6 +71,21 @@ fn an_actuator_state_follows_its_rate() {
     }
 }
 
+#[test]
+fn a_state_that_is_too_fast_is_named() {
+    let text = r#"
+        inputs.u = { min = -5, max = 5, start = 1 }
+        states.current = { rate = "(u - current)/1e-9" }
+        bodies.a = { mass = 1, inertia = 1 }
+        joints.p = { type = "revolute", between = ["ground", "a"] }
+        actuators.m = { coordinate = "p.angle", effort = "current" }
+        outputs.i = { measure = "current" }
+    "#;
+    let mechanism = parse(text);
+    let message = mechanism.simulate(&[], &grid(10.0, 3), TOLERANCE, &Budget::default()).unwrap_err();
+    assert!(message.contains("the stiffest part is `states.current`, 1.0e9 rad/s"), "{message}");
+}
+
 /// An arm whose motion is given leaves nothing free; its brake warms up by a constant power and cools: `T' = 3 - T/5`.
 #[test]
 fn an_actuator_state_needs_no_degree_of_freedom() {
