@@ -58,7 +58,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     names = sorted(file.stem for file in PARTS.glob("*.toml"))
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"{', '.join(names)}; all unless given")
-    parser.add_argument("--chains", nargs="*", type=int, default=[], metavar="LINKS", help="chains with so many links, 5 or more")
+    parser.add_argument("--chains", nargs="*", type=int, default=[], metavar="LINKS", help="numbers of links, 5 or more, of further chains")
     parser.add_argument("--out", type=Path, default=Path("out/parts"), help="folder for the builds")
     options = parser.parse_args()
     if unknown := set(options.parts) - set(names):

@@ -1,5 +1,5 @@
-//! Efforts of a mechanism: its forces, actuators and prescribed accelerations, whose expressions become formulas of the equations; formulas
-//! of outputs and rates of actuator states are efforts that act on nothing.
+//! Efforts of a mechanism: its forces, actuators and prescribed accelerations, whose expressions become formulas of the equations. Formulas
+//! of outputs and rates of actuator states are efforts that act on no coordinate.
 
 use super::windings::Windings;
 use crate::multibody::{

@@ -142,7 +142,7 @@ impl<'a> MechanismRegion<'a> {
         self.mechanism.actuator_states().len()
     }
 
-    /// Number of known expressions: efforts, prescribed accelerations, and what acts on nothing.
+    /// Number of known expressions: efforts, prescribed accelerations, formulas of outputs, rates of actuator states.
     pub(super) fn efforts(&self) -> usize {
         self.efforts.count()
     }

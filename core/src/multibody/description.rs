@@ -66,8 +66,8 @@ pub struct Description {
     /// How the equations of motion are solved.
     #[serde(default)]
     pub formulation: FormulationKind,
-    /// Start in a static equilibrium, which is searched from the guesses of positions along the forces. Inputs and states have their values
-    /// of the start; positions of `[initial]`, and those that drivers accelerate, are kept.
+    /// Start in the static equilibrium to which the forces lead from the guesses of positions. Inputs and states have their values of the
+    /// start. Positions of `[initial]`, and those that drivers accelerate, are kept.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub equilibrium: bool,
     /// Acceleration of gravity in the ground frame.
@@ -464,7 +464,7 @@ pub struct ActuatorStateOptions {
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"measure": "rod.angle"}]))]
 pub struct MechanismOutput {
-    /// What is measured; the name of an actuator state, too.
+    /// Name of a measure or of an actuator state.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub measure: Option<String>,
     /// Or an expression of the parameters, inputs, states, `time`, positions and velocities.

@@ -1,15 +1,15 @@
 //! Static equilibrium of a mechanism: positions in which it stays at rest.
 //!
 //! With the multipliers `lambda` of least squares, `R = F_a - C_q^T lambda` is the part of the applied forces that the constraints do not
-//! balance. Positions follow it in pseudo-time steps `h`, linearly implicit in the stiffness `K = dR/dq` (Kelley, Keyes 1998: *Convergence
+//! balance. Positions follow it in steps of pseudo-time `h`, linearly implicit in the stiffness `K = dR/dq` (Kelley, Keyes 1998: *Convergence
 //! analysis of pseudo-transient continuation*):
 //!
 //! ```text
 //! [M/h - K  C_q^T; C_q  0] [dq; mu] = [R; -C]
 //! ```
 //!
-//! Steps grow until they are those of Newton's method, as long as they go along the forces: equilibria that are found are stable, unless the
-//! mechanism is there already.
+//! Steps grow until they are those of Newton's method. Each follows the forces, so that the equilibrium is stable unless the mechanism starts in
+//! an unstable one.
 
 use super::{
     constraint::{Constraint, Constraints, Target},
@@ -30,7 +30,7 @@ const NEWTON: f64 = 1e9;
 /// Part of the forces that rounding may leave.
 const BALANCED: f64 = 1e-11;
 
-/// Part of the forces from which on steps must go along them.
+/// Part of the forces above which steps must follow them.
 const DECIDED: f64 = 1e-6;
 
 /// Moves positions that meet some constraints to a static equilibrium with the inputs and actuator states of the start. What drivers
@@ -85,7 +85,7 @@ pub(super) fn settle(model: &MultibodyModel, t: f64, held: &Constraints, q: &mut
     Err(none_found(left))
 }
 
-/// The largest weight, or force of a spring or an effort; those of a body in equilibrium balance each other.
+/// The largest weight, or force of a spring or an effort. Their sum vanishes in equilibrium.
 fn largest(model: &MultibodyModel, t: f64, q: &DVector<f64>, u: &[f64]) -> f64 {
     let rest = DVector::zeros(q.len());
     let springs = model.springs.iter().map(|spring| spring.effort(q, &rest));

@@ -346,7 +346,7 @@ impl Mechanism {
         self.build(values).map(|(_, measures)| measures)
     }
 
-    /// What learned equations have as efforts, with a value for each parameter: see [`MultibodyModel::known_expressions`].
+    /// Expressions that are efforts of learned equations, with a value for each parameter: see [`MultibodyModel::known_expressions`].
     ///
     /// # Errors
     /// A sentence that says what cannot be built of these values.

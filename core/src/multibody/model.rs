@@ -191,7 +191,7 @@ impl MultibodyModel {
         efforts.chain(drivers).chain(self.actuator_states.iter().map(|state| (&state.rate, state.owner.as_str())))
     }
 
-    /// What learned equations have as efforts: efforts, prescribed accelerations, formulas of outputs, rates of actuator states.
+    /// Expressions that are efforts of learned equations: efforts, prescribed accelerations, formulas of outputs, rates of actuator states.
     pub fn known_expressions(&self) -> impl Iterator<Item = &BoundExpression> {
         let efforts = self.efforts.iter().map(|effort| &effort.expression);
         let drivers = self.prescribed.iter().map(|driver| &driver.expression);

@@ -284,7 +284,7 @@ impl System<f64, DVector<f64>> for StretchProblem<'_> {
     }
 }
 
-/// What is integrated: the state of a formulation, the actuator states, the time.
+/// Vector of integrated values: state of the formulation, actuator states, time.
 fn joined(state: &DVector<f64>, z: &[f64], t: f64) -> DVector<f64> {
     let count = state.len() + z.len() + 1;
     DVector::from_iterator(count, state.iter().chain(z).copied().chain([t]))

@@ -4,7 +4,7 @@ use super::{
     description::{Description, ExtrapolationKind, InterpolationKind, TableOptions, TableValues},
     expression::Tables,
 };
-use crate::{Result as OwnResult, diagnostics::Problems, table::Table};
+use crate::{diagnostics::Problems, table::Table};
 use metafmu_runtime::formula::{Extrapolation, Interpolation, LookupTable};
 use std::{path::Path, sync::Arc};
 
@@ -36,7 +36,7 @@ pub fn read_files(description: &mut Description, folder: &Path) -> Problems {
 }
 
 /// Knots and values in a file.
-fn read(path: &Path, columns: Option<&[String; 2]>) -> OwnResult<(Vec<f64>, Vec<TableValues>)> {
+fn read(path: &Path, columns: Option<&[String; 2]>) -> crate::Result<(Vec<f64>, Vec<TableValues>)> {
     let mut table = Table::open(path)?;
     let [of_x, of_values] = match columns {
         Some([x, values]) => [table.column(x)?, table.column(values)?],

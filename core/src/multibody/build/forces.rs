@@ -1,4 +1,4 @@
-//! What acts: springs, bushings, forces, actuators and stops.
+//! Springs, bushings, forces, actuators and stops of a model.
 
 use super::{MultibodyBuilder, Scope, Torsion};
 use crate::multibody::{

@@ -1,0 +1,351 @@
+//! Cranes with made-up numbers: equations of motion with efforts, a motor, reactions and networks.
+
+use super::{shown, surrogate, uniform_sequence, variable};
+use metafmu_runtime::{
+    Activation, Dynamics, Efforts, Integration, Layer, Metadata, Motion, Program, Reactions, Role, ScaledNetwork,
+    Scaling, Shown, State, Surrogate, Tunability,
+    dictionary::{Dictionary, Factor, Term},
+    formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
+    law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
+};
+use std::sync::Arc;
+
+/// A crane, exact: a trolley of 2 kg with damping 0.3 N.s/m that a force pushes, and a load of 1 kg on a rope whose length is a
+/// parameter. The states are the trolley's position, the rope's angle and their velocities; the outputs are both positions, the load's
+/// horizontal position, velocity and acceleration, and the energies.
+pub fn crane() -> Surrogate {
+    let output = |name: &str, unit: &str| shown(name, unit, 20.0);
+    let state = |name: &str, unit: &str, rate_unit: &str, range| State {
+        name: name.into(),
+        unit: unit.into(),
+        rate_unit: rate_unit.into(),
+        description: format!("example state {name}"),
+        range,
+        nominal: 1.0,
+    };
+    let start = |name: &str, unit, value| variable(&State::start_name(name), Role::Start, unit, [-5.0, 5.0, value]);
+    let metadata = Metadata {
+        name: "crane".into(),
+        description: "A crane with made-up numbers".into(),
+        inputs: vec![
+            variable("rope", Role::Parameter(Tunability::Fixed), "m", [1.0, 2.0, 1.5]),
+            start("trolley.position", "m", 0.0),
+            start("rope.angle", "rad", 0.3),
+            start("trolley.velocity", "m/s", 0.0),
+            start("rope.angular_velocity", "rad/s", 0.0),
+            variable("force", Role::Input, "N", [-10.0, 10.0, 0.0]),
+        ],
+        outputs: vec![
+            output("x", "m"),
+            output("theta", "rad"),
+            output("load.x", "m"),
+            output("load.vx", "m/s"),
+            output("load.ax", "m/s2"),
+            output("kinetic", "J"),
+            output("potential", "J"),
+        ],
+        states: vec![
+            state("trolley.position", "m", "m/s", Some([-5.0, 5.0])),
+            state("rope.angle", "rad", "rad/s", None),
+            state("trolley.velocity", "m/s", "m/s2", None),
+            state("rope.angular_velocity", "rad/s", "rad/s2", None),
+        ],
+        ..surrogate().metadata().clone()
+    };
+    let factors = [Factor::Power { middle: 0.0, half: 1.0 }, Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
+    // exponents, and coefficients by function
+    type Product<'a> = ([i16; 3], &'a [(usize, f64)]);
+    let dictionary = |functions: usize, terms: &[Product]| {
+        let term = |&(exponents, values): &Product| {
+            let mut coefficients = vec![0.0; functions];
+            values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+            Term { exponents: exponents.to_vec(), coefficients }
+        };
+        Dictionary::new(&factors, functions, &terms.iter().map(term).collect::<Vec<_>>()).expect("the example is valid")
+    };
+    // M = [3; l cos, l²], V = -g l cos, D_xx = 0.3, B_x = 1
+    let law = dictionary(
+        Dynamics::functions(2, 1),
+        &[
+            ([0, 0, 0], &[(0, 3.0), (6, 0.3), (10, 1.0)]),
+            ([0, 1, 1], &[(1, 1.0), (3, -9.81)]),
+            ([0, 0, 2], &[(2, 1.0)]),
+        ],
+    );
+    let motion = Motion {
+        dynamics: Dynamics::new(2, 1, law).expect("the example is valid"),
+        // x, theta and the load's x: what is not a winding is l sin theta
+        positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]).into(),
+        windings: vec![1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
+        reactions: None,
+        actuator_states: 0,
+        outputs: vec![
+            Shown::Position(0),
+            Shown::Position(1),
+            Shown::Position(2),
+            Shown::Velocity(2),
+            Shown::Acceleration(2),
+            Shown::KineticEnergy,
+            Shown::PotentialEnergy,
+        ],
+    };
+    let program = Program::of_motion(motion, Integration::Fixed { step: 0.005 });
+    Surrogate::new(metadata, program).expect("the example is valid")
+}
+
+/// The example with different equations.
+fn with_motion(like: &Surrogate, metadata: Metadata, motion: Motion) -> Surrogate {
+    let integration = like.program().integration().expect("it has states");
+    Surrogate::new(metadata, Program::of_motion(motion, integration)).expect("the example is valid")
+}
+
+/// [`crane`] with efforts: friction of the trolley, `force - 0.3 tanh(20 v)`, wind against the load's horizontal motion as a torque on the
+/// rope, and a force with made-up numbers that has every function and operation.
+pub fn crane_with_efforts() -> Surrogate {
+    use Combination::{Add, Angle, Divide, Maximum, Minimum, Multiply, Power, Subtract};
+    use ElementaryFunction::{Abs, Acos, Asin, Atan, Cos, Exp, Floor, Ln, Sign, Sin, Smooth, Sqrt, Tan, Tanh};
+    use FormulaStep::{Call, Column, Combine, Constant, Lookup, Negate};
+    let [held, smooth, periodic] = lookup_tables().map(Lookup);
+    let crane = crane();
+    let motion = crane.program().motion().expect("the crane moves");
+    let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
+    // columns: l, force; theta, the load's x, x; their rates
+    let friction = [
+        Column(1),
+        Constant(0.3),
+        Column(7),
+        Constant(20.0),
+        Combine(Multiply),
+        Call(Tanh),
+        Combine(Multiply),
+        Combine(Subtract),
+    ];
+    let wind_speed = [Column(6), Negate];
+    let wind = [
+        &[Constant(0.2)][..],
+        &wind_speed,
+        &[Combine(Multiply)],
+        &wind_speed,
+        &[Call(Abs), Combine(Multiply), Column(0), Combine(Multiply), Column(2), Call(Cos), Combine(Multiply)],
+    ];
+    let bounded = [Column(4), Constant(10.0), Combine(Divide), Call(Sin)];
+    let motor = [
+        &bounded[..],
+        &[Call(Asin)],
+        &bounded,
+        &[Call(Acos), Combine(Add)],
+        &bounded,
+        &[Call(Tan), Combine(Subtract)],
+        &bounded,
+        &[
+            Call(Atan),
+            Call(Exp),
+            Combine(Add),
+            Column(0),
+            Call(Ln),
+            Column(0),
+            Call(Sqrt),
+            Combine(Multiply),
+            Combine(Add),
+            Column(1),
+            Column(1),
+        ],
+        &[Constant(2.0), Combine(Power), Constant(1.0), Combine(Add), Combine(Divide), Combine(Add), Column(0)],
+        &bounded,
+        &[
+            Combine(Power),
+            Combine(Add),
+            Column(1),
+            Constant(2.0),
+            Combine(Minimum),
+            Column(1),
+            Constant(-2.5),
+            Combine(Maximum),
+            Combine(Add),
+            Combine(Add),
+        ],
+        &bounded,
+        &[Call(Sign), Combine(Add)],
+        &bounded,
+        &[Constant(0.6), Combine(Multiply), Constant(0.3), Combine(Add), Call(Smooth), Combine(Add)],
+        &bounded,
+        &[Constant(5.0), Combine(Multiply), Call(Floor), Combine(Add)],
+        &bounded,
+        &[Constant(1.5), Combine(Add), Column(0), Negate, Combine(Angle), Combine(Add)],
+        &[Column(7), held, Combine(Add)],
+        &[Column(0), Column(5), smooth, Combine(Add)],
+        &[Column(2), periodic, Combine(Add)],
+    ];
+    let formulas = vec![formula(&friction), formula(&wind.concat()), formula(&motor.concat())];
+    let windings = vec![0.0, 1.0, 1.0, 0.0, 1.0, 0.0];
+    let efforts = Efforts::new([1, 1, 2], windings, formulas).expect("the example is valid");
+    // three positions after V, and a column of B for each effort
+    let functions = Dynamics::functions(2, 3) + 3;
+    let widened = |term: Term| {
+        let mut coefficients = vec![0.0; functions];
+        coefficients[..4].copy_from_slice(&term.coefficients[..4]);
+        coefficients[7..13].copy_from_slice(&term.coefficients[4..10]);
+        Term { coefficients, ..term }
+    };
+    let mut terms: Vec<Term> = motion.dynamics.law().dictionary().terms().map(widened).collect();
+    let mut more = |exponents: [i16; 3], values: &[(usize, f64)]| {
+        let mut coefficients = vec![0.0; functions];
+        values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+        terms.push(Term { exponents: exponents.to_vec(), coefficients });
+    };
+    // l sin theta of the load; B = [1 0 0.5; 0 1 0]
+    more([0, -1, 1], &[(5, 1.0)]);
+    more([0, 0, 0], &[(13, 1.0), (15, 0.5), (17, 1.0)]);
+    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
+    let law = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
+    let motion = Motion { dynamics, ..motion.clone() };
+    with_motion(&crane, crane.metadata().clone(), motion)
+}
+
+/// [`crane`] with a motor: the input is its voltage, its current is a state, the force is 4 times the current, and the electrical power is a
+/// further output.
+pub fn crane_with_motor() -> Surrogate {
+    use Combination::{Add, Multiply, Subtract};
+    use FormulaStep::{Column, Combine, Constant};
+    let crane = crane();
+    let motion = crane.program().motion().expect("the crane moves");
+    let formula = |steps: &[FormulaStep]| Formula::new(steps.to_vec()).expect("the example is valid");
+    // columns: l; voltage, current; x; its rate
+    let force = [Constant(4.0), Column(2), Combine(Multiply)];
+    let power = [Column(1), Column(2), Combine(Multiply)];
+    // 5 (voltage - 2 current - v / 2 - sin(theta) / 10)
+    let resistance = [Column(1), Constant(2.0), Column(2), Combine(Multiply), Combine(Subtract)];
+    let speed = [Column(5), Constant(0.5), Combine(Multiply), Combine(Subtract)];
+    let angle =
+        [Column(4), FormulaStep::Call(ElementaryFunction::Sin), Constant(-0.1), Combine(Multiply), Combine(Add)];
+    let rate = [&resistance[..], &speed, &angle, &[Constant(5.0), Combine(Multiply)]].concat();
+    let formulas = vec![formula(&force), formula(&power), formula(&rate)];
+    let efforts = Efforts::new([1, 2, 2], vec![1.0, 0.0, 0.0, 1.0], formulas).expect("the example is valid");
+    // two positions after V, and a column of B for each effort
+    let functions = Dynamics::functions(2, 3) + 2;
+    let widened = |term: Term| {
+        let mut coefficients = vec![0.0; functions];
+        coefficients[..4].copy_from_slice(&term.coefficients[..4]);
+        coefficients[6..12].copy_from_slice(&term.coefficients[4..10]);
+        coefficients[12] = term.coefficients[10];
+        Term { coefficients, ..term }
+    };
+    let terms: Vec<Term> = motion.dynamics.law().dictionary().terms().map(widened).collect();
+    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
+    let law = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
+    let outputs = motion.outputs.iter().copied().chain([Shown::Effort(1)]).collect();
+    let motion = Motion { dynamics, outputs, actuator_states: 1, ..motion.clone() };
+    let mut metadata = crane.metadata().clone();
+    metadata.outputs.push(shown("power", "W", 20.0));
+    let current = State {
+        name: "current".into(),
+        unit: "A".into(),
+        rate_unit: "A/s".into(),
+        description: "example state current".into(),
+        range: Some([-20.0, 20.0]),
+        nominal: 1.0,
+    };
+    let voltage = metadata.inputs.len() - 1;
+    metadata.inputs.insert(voltage, variable(&State::start_name("current"), Role::Start, "A", [-5.0, 5.0, 0.5]));
+    metadata.states.push(current);
+    with_motion(&crane, metadata, motion)
+}
+
+/// Tables of one argument with straight lines, of two arguments with a spline, and a spline that repeats itself.
+fn lookup_tables() -> [Arc<LookupTable>; 3] {
+    let table = |axes: &[&[f64]], values: &[f64], interpolation, extrapolation| {
+        let axes = axes.iter().map(|axis| axis.to_vec()).collect();
+        Arc::new(LookupTable::new(axes, values.to_vec(), interpolation, extrapolation).expect("the example is valid"))
+    };
+    let surface: Vec<f64> = (0..20).map(|k| f64::from(k * k % 7) / 4.0 - 0.5).collect();
+    [
+        table(&[&[-0.5, 0.0, 0.75]], &[0.25, 0.0, -0.5], Interpolation::Linear, Extrapolation::Hold),
+        table(
+            &[&[0.5, 0.75, 1.0, 2.0], &[-1.0, -0.25, 0.0, 0.5, 1.0]],
+            &surface,
+            Interpolation::Cubic,
+            Extrapolation::Linear,
+        ),
+        table(&[&[-0.2, 0.1, 0.25, 0.8]], &[0.1, 0.3, -0.2, 0.1], Interpolation::Cubic, Extrapolation::Periodic),
+    ]
+}
+
+/// A crane whose trolley has a prescribed acceleration, its input less 0.3 of its velocity.
+pub fn with_prescribed_trolley(crane: &Surrogate) -> Surrogate {
+    let motion = crane.program().motion().expect("the crane moves");
+    let dynamics = motion.dynamics.clone().with_prescribed(&[0]).expect("the example is valid");
+    let motion = Motion { dynamics, ..motion.clone() };
+    with_motion(crane, crane.metadata().clone(), motion)
+}
+
+/// [`crane`] with two more outputs: the vertical force of the rope on the load, and a force with made-up numbers that has all parts.
+pub fn crane_with_reactions() -> Surrogate {
+    let crane = crane();
+    let motion = crane.program().motion().expect("the crane moves");
+    // A; C_00, C_10, C_11; D; F; B
+    let each = Reactions::functions_of_each(2, 1);
+    let term = |exponents: [i16; 3], values: &[(usize, f64)]| {
+        let mut coefficients = vec![0.0; 2 * each];
+        values.iter().for_each(|(index, value)| coefficients[*index] = *value);
+        Term { exponents: exponents.to_vec(), coefficients }
+    };
+    let terms = [
+        term([0, 0, 0], &[(7, 9.81), (each, 2.0), (each + 5, -0.3)]),
+        term([0, -1, 1], &[(1, 1.0), (each + 1, 0.25), (each + 2, -0.5)]),
+        term([0, 1, 1], &[(4, 1.0), (each + 3, 1.5), (each + 4, 0.75)]),
+        term([1, -2, 0], &[(each + 6, 0.125), (each + 7, 0.5)]),
+        term([0, 0, 2], &[(each + 8, 0.25)]),
+    ];
+    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
+    let functions = Dictionary::new(&factors, 2 * each, &terms).expect("the example is valid");
+    let reactions = Reactions::new(2, 1, functions).expect("the example is valid");
+    let mut metadata = crane.metadata().clone();
+    metadata.outputs.extend(["rope.fy", "belt"].map(|name| shown(name, "N", 20.0)));
+    let outputs = motion.outputs.iter().copied().chain([Shown::Reaction(0), Shown::Reaction(1)]).collect();
+    let motion = Motion { reactions: Some(reactions), outputs, ..motion.clone() };
+    with_motion(&crane, metadata, motion)
+}
+
+/// [`crane`] with networks of made-up numbers that add to the mass matrix, the potential, the damping and the force's effect, to a
+/// position, and to the forces, which depend on everything.
+pub fn crane_with_networks() -> Surrogate {
+    let crane = crane();
+    let motion = crane.program().motion().expect("the crane moves");
+    let mut uniform = uniform_sequence();
+    let mut term = |columns: &[(usize, ColumnKind)], outputs: &[usize], activation| {
+        let mut layer = |inputs: usize, outputs: usize, activation| {
+            let weight: Vec<f32> = (0..inputs * outputs).map(|_| uniform()).collect();
+            let bias: Vec<f32> = (0..outputs).map(|_| uniform()).collect();
+            Layer { inputs, outputs, weight: weight.into(), bias: bias.into(), activation }
+        };
+        let layers = vec![
+            layer(columns.len(), 9, activation),
+            layer(9, 6, activation),
+            layer(6, outputs.len(), Activation::Identity),
+        ];
+        let scaling = Scaling {
+            input_mean: vec![0.1; columns.len()],
+            input_scale: vec![2.0; columns.len()],
+            output_mean: vec![0.05; outputs.len()],
+            output_scale: vec![0.125; outputs.len()],
+        };
+        let columns = columns.iter().map(|&(of, kind)| NetworkColumn { of, kind }).collect();
+        NetworkTerm::new(columns, outputs.into(), ScaledNetwork { scaling, layers }).expect("the example is valid")
+    };
+    let (plain, sine, cosine) = (ColumnKind::Plain, ColumnKind::Sine, ColumnKind::Cosine);
+    let of_law = term(&[(1, sine), (1, cosine), (0, plain), (2, plain)], &[0, 1, 2, 3, 6, 10], Activation::Tanh);
+    let of_positions = term(&[(1, sine), (2, plain)], &[2], Activation::Silu);
+    let columns = [(0, plain), (1, cosine), (2, plain), (3, plain), (4, plain), (5, plain)];
+    let forces = term(&columns, &[1, 0], Activation::Tanh);
+    let law = Law::new(motion.dynamics.law().dictionary().clone(), Some(of_law)).expect("the example is valid");
+    let positions = motion.positions.dictionary().clone();
+    let dynamics = Dynamics::new(2, 1, law).and_then(|dynamics| dynamics.with_forces(Some(forces)));
+    let motion = Motion {
+        dynamics: dynamics.expect("the example is valid"),
+        positions: Law::new(positions, Some(of_positions)).expect("the example is valid"),
+        ..motion.clone()
+    };
+    with_motion(&crane, crane.metadata().clone(), motion)
+}
