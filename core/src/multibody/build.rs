@@ -157,13 +157,20 @@ impl<'a> MultibodyBuilder<'a> {
         }
         let (initial_positions, initial_velocities) = self.initial();
         let (springs, of_springs) = self.springs();
+        let (constraints, prescribed) = (self.constraints(), self.prescribed());
+        let still = |driver: &Prescribed| Constraint {
+            coordinate: driver.coordinate,
+            target: Target::Fixed { value: 0.0, rate: 0.0 },
+            owner: driver.owner.clone(),
+        };
         MultibodyModel {
             formulation: description.formulation,
             tolerance: TOLERANCE,
             mass: DVector::from_vec(mass),
             gravity: self.vector("gravity", &description.gravity),
-            constraints: self.constraints(),
-            prescribed: self.prescribed(),
+            deciding: constraints.iter().cloned().chain(prescribed.iter().map(still)).collect(),
+            constraints,
+            prescribed,
             efforts: self.efforts(of_springs),
             springs,
             inputs: self.inputs(),
@@ -211,7 +218,7 @@ impl<'a> MultibodyBuilder<'a> {
                 constraints.push(Constraint { coordinate, target, owner: format!("drivers.{name}") });
             }
         }
-        Constraints(constraints)
+        constraints.into_iter().collect()
     }
 
     /// The drivers of accelerations.
@@ -329,7 +336,7 @@ impl<'a> MultibodyBuilder<'a> {
 
     /// The conditions on positions and on velocities at the start.
     fn initial(&mut self) -> (Constraints, Constraints) {
-        let (mut positions, mut velocities) = (Constraints::default(), Constraints::default());
+        let (mut positions, mut velocities) = (Vec::new(), Vec::new());
         for (owner, values) in &self.description.initial {
             for (quantity, expression) in values {
                 let (name, key) = (format!("{owner}.{quantity}"), format!("initial.{owner}.{quantity}"));
@@ -342,17 +349,17 @@ impl<'a> MultibodyBuilder<'a> {
                 match self.noted(&key, measure) {
                     Some(Measure::Position(coordinate)) => {
                         let target = Target::Fixed { value: number, rate: 0.0 };
-                        positions.0.push(Constraint { coordinate, target, owner });
+                        positions.push(Constraint { coordinate, target, owner });
                     }
                     Some(Measure::Velocity(coordinate)) => {
                         let target = Target::Fixed { value: 0.0, rate: number };
-                        velocities.0.push(Constraint { coordinate, target, owner });
+                        velocities.push(Constraint { coordinate, target, owner });
                     }
                     _ => {}
                 }
             }
         }
-        (positions, velocities)
+        (positions.into_iter().collect(), velocities.into_iter().collect())
     }
 
     /// What a name refers to; see [`super::measure`].

@@ -5,9 +5,13 @@
 //! - `C_q qd = f'`
 //! - `C_q qdd = F_c` with `F_c = f'' - (C_q qd)_q qd`
 
-use super::coordinate::Coordinate;
+use super::{
+    coordinate::Coordinate,
+    gradients::{Elimination, Gradients},
+};
 use metafmu_runtime::{Jet, formula::Formula};
-use nalgebra::{DMatrix, DVector, DVectorView};
+use nalgebra::{DMatrix, DVector, Vector3};
+use std::{ops::Deref, sync::OnceLock};
 
 /// An expression whose names are resolved.
 #[derive(Clone, Debug)]
@@ -74,8 +78,8 @@ impl BoundExpression {
         })
     }
 
-    /// Adds `factor * f_q` of an expression of positions alone to a row of as many entries as `q`.
-    fn add_gradient(&self, q: &DVector<f64>, factor: f64, gradient: &mut [f64]) {
+    /// Passes the parts of `factor * f_q` of an expression of positions alone on.
+    fn visit_gradient(&self, q: &DVector<f64>, factor: f64, act: &mut dyn FnMut(usize, Vector3<f64>)) {
         for (changed, slot) in self.slots.iter().enumerate() {
             let Slot::Position(coordinate) = slot else { continue };
             let slope = self.formula.series(|position| match self.slots[position] {
@@ -83,7 +87,7 @@ impl BoundExpression {
                 Slot::Parameter(_, value) => Jet::from(value),
                 Slot::Time | Slot::Input(_) | Slot::Velocity(_) => Jet::from(f64::NAN),
             });
-            coordinate.add_gradient(q, factor * slope.first, gradient);
+            coordinate.visit_gradient(q, factor * slope.first, act);
         }
     }
 }
@@ -136,11 +140,11 @@ impl Constraint {
         self.coordinate.value(q) - target
     }
 
-    /// Adds `C_q` to a row of as many entries as `q`.
-    fn add_gradient(&self, q: &DVector<f64>, gradient: &mut [f64]) {
-        self.coordinate.add_gradient(q, 1.0, gradient);
+    /// Passes the parts of `C_q` on.
+    fn visit_gradient(&self, q: &DVector<f64>, act: &mut dyn FnMut(usize, Vector3<f64>)) {
+        self.coordinate.visit_gradient(q, 1.0, act);
         if let Target::Follows(of) = &self.target {
-            of.add_gradient(q, -1.0, gradient);
+            of.visit_gradient(q, -1.0, act);
         }
     }
 
@@ -153,7 +157,25 @@ impl Constraint {
 
 /// All scalar constraints of a mechanism, in the order of the multipliers.
 #[derive(Clone, Debug, Default)]
-pub struct Constraints(pub Vec<Constraint>);
+pub struct Constraints {
+    list: Vec<Constraint>,
+    /// Found when it is first used.
+    elimination: OnceLock<Elimination>,
+}
+
+impl Deref for Constraints {
+    type Target = [Constraint];
+
+    fn deref(&self) -> &[Constraint] {
+        &self.list
+    }
+}
+
+impl FromIterator<Constraint> for Constraints {
+    fn from_iter<I: IntoIterator<Item = Constraint>>(constraints: I) -> Self {
+        Self { list: constraints.into_iter().collect(), elimination: OnceLock::new() }
+    }
+}
 
 /// Constraints hold to this in every row: positions in m and rad, velocities in m/s and rad/s.
 pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
@@ -166,52 +188,43 @@ pub const CONSTRAINT_ROUNDING: f64 = 1e-14;
 const DEPENDENT: f64 = 1e-9;
 
 impl Constraints {
-    /// Number of scalar constraints.
-    pub fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
-    }
-
     /// `C(q, t)`.
     pub fn residual(&self, t: f64, q: &DVector<f64>) -> DVector<f64> {
-        DVector::from_iterator(self.len(), self.0.iter().map(|constraint| constraint.residual(t, q)))
+        DVector::from_iterator(self.len(), self.iter().map(|constraint| constraint.residual(t, q)))
     }
 
-    /// `C_q^T`, shape `[coordinates, constraints]`: a constraint's gradient is a column.
-    pub fn jacobian_transposed(&self, q: &DVector<f64>) -> DMatrix<f64> {
-        let mut transposed = DMatrix::zeros(q.len(), self.len());
-        if !q.is_empty() {
-            for (constraint, column) in self.0.iter().zip(transposed.as_mut_slice().chunks_mut(q.len())) {
-                constraint.add_gradient(q, column);
-            }
+    /// Gradients of the constraints: the columns of `C_q^T`.
+    pub fn gradients(&self, q: &DVector<f64>) -> Gradients {
+        let mut gradients = Gradients::new(q.len(), self.len());
+        for constraint in self.iter() {
+            gradients.push(|act| constraint.visit_gradient(q, act));
         }
-        transposed
+        gradients
+    }
+
+    /// Order and pattern in which these constraints are eliminated.
+    pub fn elimination(&self, gradients: &Gradients) -> &Elimination {
+        self.elimination.get_or_init(|| Elimination::new(gradients))
     }
 
     /// The longest lever arm: by how much a length changes with an angle at most, in m/rad; 1 if none does. It makes lengths
     /// comparable with angles.
-    pub fn lever_arm(&self, transposed: &DMatrix<f64>) -> f64 {
-        let lengths = self.0.iter().zip(transposed.column_iter()).filter(|(one, _)| !one.coordinate.is_angle());
-        let of_angles = |(_, gradient): (_, DVectorView<f64>)| {
-            gradient.iter().skip(2).step_by(3).fold(0.0, |arm: f64, entry| arm.max(entry.abs()))
-        };
-        let longest = lengths.map(of_angles).fold(0.0, f64::max);
+    pub fn lever_arm(&self, gradients: &Gradients) -> f64 {
+        let lengths = (0..self.len()).filter(|&row| !self[row].coordinate.is_angle());
+        let parts = lengths.flat_map(|row| gradients.parts(row));
+        let longest = parts.map(|(_, part)| part.z.abs()).fold(0.0, f64::max);
         if longest > 0.0 { longest } else { 1.0 }
     }
 
     /// `-C_t = f'(t)`: what `C_q qd` must be.
     pub fn target_rates(&self, t: f64) -> DVector<f64> {
-        DVector::from_iterator(self.len(), self.0.iter().map(|constraint| constraint.target.at(t).first))
+        DVector::from_iterator(self.len(), self.iter().map(|constraint| constraint.target.at(t).first))
     }
 
     /// `F_c`: what `C_q qdd` must be.
     pub fn acceleration_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
         let side = |constraint: &Constraint| constraint.target.at(t).second - constraint.curvature(q, v);
-        DVector::from_iterator(self.len(), self.0.iter().map(side))
+        DVector::from_iterator(self.len(), self.iter().map(side))
     }
 
     /// Largest violation of positions (m, rad) and velocities (m/s, rad/s).
@@ -226,7 +239,7 @@ impl Constraints {
     /// Which constraint is violated, and by how much.
     pub fn check(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<(), String> {
         let bound = CONSTRAINT_TOLERANCE.max(CONSTRAINT_ROUNDING * q.amax().max(v.amax()));
-        let mut violations = self.0.iter().zip(self.violations(t, q, v));
+        let mut violations = self.iter().zip(self.violations(t, q, v));
         match violations.find(|(_, violation)| violation.is_nan() || *violation > bound) {
             None => Ok(()),
             Some((Constraint { owner, .. }, violation)) => {
@@ -237,7 +250,7 @@ impl Constraints {
 
     /// Violation of each constraint, in its position or its velocity, whichever is larger.
     fn violations(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Vec<f64> {
-        let (positions, rates) = (self.residual(t, q), self.jacobian_transposed(q).tr_mul(v) - self.target_rates(t));
+        let (positions, rates) = (self.residual(t, q), self.gradients(q).along(v) - self.target_rates(t));
         let larger = |(position, rate): (&f64, &f64)| {
             if position.abs().total_cmp(&rate.abs()).is_gt() { position.abs() } else { rate.abs() }
         };
@@ -250,7 +263,7 @@ impl Constraints {
     /// # Errors
     /// Which constraint stays violated.
     pub fn correct_positions(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
-        self.newton(t, q, least_norm)
+        self.newton(t, q, |gradients, residual| self.least_norm(gradients, residual))
     }
 
     /// Like [`Constraints::correct_positions`] from a rough guess: constraints may depend on each other on the way.
@@ -258,9 +271,11 @@ impl Constraints {
     /// # Errors
     /// Which constraint stays violated.
     pub fn assemble(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
-        self.newton(t, q, |transposed, residual| {
-            let svd = transposed.transpose().svd(true, true);
-            svd.solve(residual, 1e-10 * svd.singular_values.amax()).ok()
+        self.newton(t, q, |gradients, residual| {
+            self.shortest(gradients, residual).or_else(|| {
+                let svd = gradients.dense().transpose().svd(true, true);
+                svd.solve(residual, 1e-10 * svd.singular_values.amax()).ok()
+            })
         })
     }
 
@@ -268,7 +283,7 @@ impl Constraints {
         &self,
         t: f64,
         q: &mut DVector<f64>,
-        solve: impl Fn(&DMatrix<f64>, &DVector<f64>) -> Option<DVector<f64>>,
+        solve: impl Fn(&Gradients, &DVector<f64>) -> Option<DVector<f64>>,
     ) -> Result<(), String> {
         let mut residual = self.residual(t, q);
         for _ in 0..100 {
@@ -276,7 +291,7 @@ impl Constraints {
             if residual.amax() <= 1e-15 * scale {
                 break;
             }
-            let Some(step) = solve(&self.jacobian_transposed(q), &residual) else { break };
+            let Some(step) = solve(&self.gradients(q), &residual) else { break };
             let Some((better, left)) = self.shortened(t, q, &step, residual.norm()) else { break };
             (*q, residual) = (better, left);
         }
@@ -285,10 +300,10 @@ impl Constraints {
         }
         let worst = residual.iter().enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
         let (row, gap) = worst.map_or((0, f64::NAN), |(row, gap)| (row, gap.abs()));
-        let unit = if self.0[row].coordinate.is_angle() { "rad" } else { "m" };
+        let unit = if self[row].coordinate.is_angle() { "rad" } else { "m" };
         Err(format!(
             "the mechanism cannot be assembled at t = {t} s: `{}` stays open by {gap:.3e} {unit}",
-            self.0[row].owner
+            self[row].owner
         ))
     }
 
@@ -315,35 +330,46 @@ impl Constraints {
         if self.is_empty() {
             return Ok(());
         }
-        let transposed = self.jacobian_transposed(q);
+        let gradients = self.gradients(q);
         if let Some(message) = self.undefined_motion(t) {
             return Err(message);
         }
         // the second pass removes the rounding of the first
         for _ in 0..2 {
-            let error = transposed.tr_mul(v) - self.target_rates(t);
-            *v -= least_norm(&transposed, &error).ok_or_else(|| self.name_singular(t, &transposed))?;
+            let error = gradients.along(v) - self.target_rates(t);
+            *v -= self.least_norm(&gradients, &error).ok_or_else(|| self.name_singular(t, &gradients))?;
         }
         Ok(())
+    }
+
+    /// The shortest `x` with `C_q x = b`, also where constraints are close to dependent.
+    fn least_norm(&self, gradients: &Gradients, b: &DVector<f64>) -> Option<DVector<f64>> {
+        self.shortest(gradients, b).or_else(|| least_norm(&gradients.dense(), b))
+    }
+
+    /// `x = C_q^T (C_q C_q^T)^-1 b`; `None` if constraints are close to dependent.
+    fn shortest(&self, gradients: &Gradients, b: &DVector<f64>) -> Option<DVector<f64>> {
+        let factors = self.elimination(gradients).factorise(gradients, |_| Vector3::repeat(1.0))?;
+        Some(gradients.sum(&factors.solve(b)))
     }
 
     /// Names a driver without a finite motion, rate or acceleration.
     pub fn undefined_motion(&self, t: f64) -> Option<String> {
         let is_finite = |Jet { value, first, second }: Jet| [value, first, second].iter().all(|x| x.is_finite());
-        let undefined = self.0.iter().find(|constraint| !is_finite(constraint.target.at(t)))?;
+        let undefined = self.iter().find(|constraint| !is_finite(constraint.target.at(t)))?;
         let owner = &undefined.owner;
         Some(format!("the motion of `{owner}` or a derivative of it is not finite at t = {t:.6} s"))
     }
 
     /// The first constraint that depends on those before it, by Gram-Schmidt in the order of the description.
-    pub fn first_dependent(&self, transposed: &DMatrix<f64>) -> Option<&Constraint> {
-        let mut constraints = self.0.iter().zip(independence(transposed));
+    pub fn first_dependent(&self, gradients: &Gradients) -> Option<&Constraint> {
+        let mut constraints = self.iter().zip(independence(&gradients.dense()));
         constraints.find(|(_, independent)| *independent <= DEPENDENT).map(|(constraint, _)| constraint)
     }
 
     /// Names the constraint that depends most on those before it.
-    pub fn name_singular(&self, t: f64, transposed: &DMatrix<f64>) -> String {
-        let worst = self.0.iter().zip(independence(transposed)).min_by(|a, b| a.1.total_cmp(&b.1));
+    pub fn name_singular(&self, t: f64, gradients: &Gradients) -> String {
+        let worst = self.iter().zip(independence(&gradients.dense())).min_by(|a, b| a.1.total_cmp(&b.1));
         let owner = worst.map_or("", |(constraint, _)| constraint.owner.as_str());
         format!("singular position at t = {t} s: `{owner}` depends on the other constraints there")
     }

@@ -7,7 +7,7 @@
 //! - the gradient `s_q`, a row of the constraint Jacobian,
 //! - the curvature `(s_q qd)_q qd`, so that `sdd = s_q qdd + curvature`.
 
-use nalgebra::{DVector, Vector2};
+use nalgebra::{DVector, Vector2, Vector3};
 
 /// A body by its position in the mechanism, or the ground.
 pub type Frame = Option<usize>;
@@ -76,13 +76,11 @@ impl BodyPoint {
         }
     }
 
-    /// Adds `direction . r_q` to a gradient.
-    pub fn add_gradient(&self, q: &DVector<f64>, direction: Vector2<f64>, gradient: &mut [f64]) {
+    /// Passes `direction . r_q` on.
+    fn visit_gradient(&self, q: &DVector<f64>, direction: Vector2<f64>, act: &mut dyn FnMut(usize, Vector3<f64>)) {
         if let Some(body) = self.frame {
             let arm = turned(self.frame, self.local, q);
-            gradient[3 * body] += direction.x;
-            gradient[3 * body + 1] += direction.y;
-            gradient[3 * body + 2] += direction.dot(&quarter_turn(arm));
+            act(body, Vector3::new(direction.x, direction.y, direction.dot(&quarter_turn(arm))));
         }
     }
 }
@@ -122,29 +120,38 @@ impl Coordinate {
         }
     }
 
-    /// Adds `factor * s_q` to a row of as many entries as `q`. The gradient of a distance of zero is not a number.
+    /// Adds `factor * s_q` to a row of as many entries as `q`. The gradient of a distance of zero is not finite.
     pub fn add_gradient(&self, q: &DVector<f64>, factor: f64, gradient: &mut [f64]) {
+        self.visit_gradient(q, factor, &mut |body, part| {
+            gradient[3 * body..3 * body + 3].iter_mut().zip(part.iter()).for_each(|(entry, by)| *entry += by);
+        });
+    }
+
+    /// Passes the parts of `factor * s_q` on: a body, and the derivatives along its `(x, y, phi)`. A body may have several parts, whose
+    /// sum counts. The bodies are the same in all positions.
+    pub fn visit_gradient(&self, q: &DVector<f64>, factor: f64, act: &mut dyn FnMut(usize, Vector3<f64>)) {
+        let along_angle = |slope| Vector3::new(0.0, 0.0, slope);
         match self {
             Self::Projection { from, to, frame, axis } => {
                 let axis = factor * turned(*frame, *axis, q);
-                to.add_gradient(q, axis, gradient);
-                from.add_gradient(q, -axis, gradient);
+                to.visit_gradient(q, axis, act);
+                from.visit_gradient(q, -axis, act);
                 if let Some(body) = frame {
-                    gradient[3 * body + 2] += quarter_turn(axis).dot(&self.difference(q, q).value);
+                    act(*body, along_angle(quarter_turn(axis).dot(&self.difference(q, q).value)));
                 }
             }
             Self::Angle { from, to } => {
                 for (frame, sign) in [(to, factor), (from, -factor)] {
                     if let Some(body) = frame {
-                        gradient[3 * body + 2] += sign;
+                        act(*body, along_angle(sign));
                     }
                 }
             }
             Self::Distance { from, to } => {
                 let difference = self.difference(q, q).value;
                 let direction = factor * difference / difference.norm();
-                to.add_gradient(q, direction, gradient);
-                from.add_gradient(q, -direction, gradient);
+                to.visit_gradient(q, direction, act);
+                from.visit_gradient(q, -direction, act);
             }
         }
     }

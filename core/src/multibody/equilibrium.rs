@@ -44,16 +44,16 @@ pub(super) fn settle(model: &MultibodyModel, t: f64, held: &Constraints, q: &mut
         target: Target::Fixed { value: driver.coordinate.value(q), rate: 0.0 },
         owner: driver.owner.clone(),
     });
-    let held = Constraints(held.0.iter().cloned().chain(driven).collect());
+    let held: Constraints = held.iter().cloned().chain(driven).collect();
     if held.len() >= q.len() {
         return Err("no position is free to settle: joints, `[initial]` and drivers decide all of them".into());
     }
     let (u, rest) = (model.at(t, &model.actuator_starts()), DVector::zeros(q.len()));
     let forces = |q: &DVector<f64>| model.applied_forces(t, q, &rest, &u);
-    let length = model.length(&held.jacobian_transposed(q));
+    let length = model.length(&held.gradients(q));
     let (mut h, mut left) = (FIRST, f64::NAN);
     for _ in 0..MOST_STEPS {
-        let transposed = held.jacobian_transposed(q);
+        let transposed = held.gradients(q).dense();
         let applied = forces(q);
         let multipliers = balance(&transposed, &applied);
         let residual = &applied - &transposed * &multipliers;
@@ -63,7 +63,7 @@ pub(super) fn settle(model: &MultibodyModel, t: f64, held: &Constraints, q: &mut
         if left <= BALANCED * scale && is_newton {
             return Ok(());
         }
-        let unbalanced = |q: &DVector<f64>| forces(q) - held.jacobian_transposed(q) * &multipliers;
+        let unbalanced = |q: &DVector<f64>| forces(q) - held.gradients(q).sum(&multipliers);
         let stiffness = derivative(&unbalanced, q);
         let step = loop {
             let step = step(&model.mass, h, &stiffness, &transposed, (&residual, &held.residual(t, q)));

@@ -13,15 +13,12 @@
 //! rows of either: of the augmented equations like a constraint, whose position and velocity are those of the start; of the
 //! others, with `G = s_q T`, as `[T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]`.
 
-use super::{coordinate::Coordinate, description::FormulationKind, model::MultibodyModel};
+use super::{coordinate::Coordinate, description::FormulationKind, gradients::Gradients, model::MultibodyModel};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::Cell;
 
 /// Violation of positions (m, rad) or velocities (m/s, rad/s) at which the augmented formulation's state is projected.
 const DRIFT: f64 = 1e-11;
-
-/// Part of the largest diagonal element below which a pivot of `C_q M^-1 C_q^T` costs too many digits.
-const SAFE_PIVOT: f64 = 1e-6;
 
 /// Part of the determinant of `C_d` when it was chosen at which another partition is chosen.
 const DEGRADED: f64 = 0.5;
@@ -142,35 +139,30 @@ pub fn augmented(
     (q, v): (&DVector<f64>, &DVector<f64>),
     u: &[f64],
 ) -> Result<Acceleration, String> {
-    let transposed = model.deciding_gradients(q);
+    let gradients = model.deciding.gradients(q);
     let (forces, side) = (model.applied_forces(t, q, v, u), model.deciding_side(t, q, v, u));
-    let solution = eliminated(&model.mass, &transposed, &forces, &side);
-    let solution = solution.or_else(|| whole(&model.mass, &transposed, &forces, &side));
-    solution.ok_or_else(|| without_solution(model, t, &transposed))
+    let solution = eliminated(model, &gradients, &forces, &side);
+    let solution = solution.or_else(|| whole(&model.mass, &gradients, &forces, &side));
+    solution.ok_or_else(|| without_solution(model, t, &gradients))
 }
 
 /// The augmented equations with the accelerations eliminated: `(C_q M^-1 C_q^T) lambda = C_q M^-1 F_a - F_c` by Cholesky's
 /// method, at a fraction of the cost. `None` where a mass is zero or the matrix is not safely positive definite.
 fn eliminated(
-    mass: &DVector<f64>,
-    transposed: &DMatrix<f64>,
+    model: &MultibodyModel,
+    gradients: &Gradients,
     forces: &DVector<f64>,
     side: &DVector<f64>,
 ) -> Option<Acceleration> {
-    if mass.iter().any(|&mass| mass <= 0.0) {
+    if model.mass.iter().any(|&mass| mass <= 0.0) {
         return None;
     }
-    let mut weighted = transposed.clone();
-    weighted.column_iter_mut().for_each(|mut column| column.component_div_assign(mass));
-    let matrix = transposed.tr_mul(&weighted);
-    let largest = matrix.diagonal().iter().copied().fold(0.0, f64::max);
-    let factors = matrix.cholesky()?;
-    // squares of these are the pivots
-    if factors.l_dirty().diagonal().iter().any(|pivot| pivot * pivot < SAFE_PIVOT * largest) {
-        return None;
-    }
-    let multipliers = factors.solve(&(weighted.tr_mul(forces) - side));
-    let qdd = forces.component_div(mass) - weighted * &multipliers;
+    let mobility = model.mass.map(|mass| 1.0 / mass);
+    let elimination = model.deciding.elimination(gradients);
+    let factors = elimination.factorise(gradients, |body| mobility.fixed_rows::<3>(3 * body).into_owned())?;
+    let free = forces.component_mul(&mobility);
+    let multipliers = factors.solve(&(gradients.along(&free) - side));
+    let qdd = free - gradients.sum(&multipliers).component_mul(&mobility);
     let is_finite = qdd.iter().chain(multipliers.iter()).all(|value| value.is_finite());
     is_finite.then_some(Acceleration { qdd, multipliers })
 }
@@ -178,15 +170,16 @@ fn eliminated(
 /// The augmented equations without elimination.
 fn whole(
     mass: &DVector<f64>,
-    transposed: &DMatrix<f64>,
+    gradients: &Gradients,
     forces: &DVector<f64>,
     side: &DVector<f64>,
 ) -> Option<Acceleration> {
+    let transposed = gradients.dense();
     let (n, m) = transposed.shape();
     let mut matrix = DMatrix::zeros(n + m, n + m);
     matrix.view_mut((0, 0), (n, n)).set_diagonal(mass);
-    matrix.view_mut((0, n), (n, m)).copy_from(transposed);
-    matrix.view_mut((n, 0), (m, n)).tr_copy_from(transposed);
+    matrix.view_mut((0, n), (n, m)).copy_from(&transposed);
+    matrix.view_mut((n, 0), (m, n)).tr_copy_from(&transposed);
     let solution = matrix.lu().solve(&stack(forces, side)).filter(|x| x.iter().all(|value| value.is_finite()))?;
     Some(Acceleration { qdd: solution.rows(0, n).into_owned(), multipliers: solution.rows(n, m).into_owned() })
 }
@@ -196,16 +189,15 @@ fn whole(
 pub fn mobility(model: &MultibodyModel, q: &DVector<f64>, coordinate: &Coordinate) -> Option<f64> {
     let mut force = DVector::zeros(q.len());
     coordinate.add_gradient(q, 1.0, force.as_mut_slice());
-    let transposed = model.deciding_gradients(q);
-    let Acceleration { qdd, .. } = whole(&model.mass, &transposed, &force, &DVector::zeros(transposed.ncols()))?;
+    let gradients = model.deciding.gradients(q);
+    let Acceleration { qdd, .. } = whole(&model.mass, &gradients, &force, &DVector::zeros(gradients.len()))?;
     Some(qdd.dot(&force))
 }
 
 /// Why the equations of motion have no solution.
-fn without_solution(model: &MultibodyModel, t: f64, transposed: &DMatrix<f64>) -> String {
-    let deciding = model.deciding();
-    match deciding.first_dependent(transposed) {
-        Some(_) => deciding.name_singular(t, transposed),
+fn without_solution(model: &MultibodyModel, t: f64, gradients: &Gradients) -> String {
+    match model.deciding.first_dependent(gradients) {
+        Some(_) => model.deciding.name_singular(t, gradients),
         None => format!(
             "the equations of motion have no finite solution at t = {t} s: a free motion without mass or inertia, or a \
              force that is not finite"
@@ -216,15 +208,16 @@ fn without_solution(model: &MultibodyModel, t: f64, transposed: &DMatrix<f64>) -
 impl Partition {
     /// Chooses the dependent coordinates: the pivots of Gaussian elimination with full pivoting of `C_q`.
     fn new(model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, String> {
-        let transposed = model.constraints.jacobian_transposed(q);
-        let (n, m) = transposed.shape();
-        if model.constraints.first_dependent(&transposed).is_some() {
-            return Err(model.constraints.name_singular(t, &transposed));
+        let gradients = model.constraints.gradients(q);
+        if model.constraints.first_dependent(&gradients).is_some() {
+            return Err(model.constraints.name_singular(t, &gradients));
         }
+        let transposed = gradients.dense();
+        let (n, m) = transposed.shape();
         let mut scaled = transposed.transpose();
         // lengths in parts of the mechanism's size: the pivots do not depend on the unit
-        let length = model.length(&transposed);
-        for (constraint, mut row) in model.constraints.0.iter().zip(scaled.row_iter_mut()) {
+        let length = model.length(&gradients);
+        for (constraint, mut row) in model.constraints.iter().zip(scaled.row_iter_mut()) {
             if !constraint.coordinate.is_angle() {
                 row.iter_mut().skip(2).step_by(3).for_each(|of_angle| *of_angle /= length);
             }
@@ -272,8 +265,9 @@ impl Partition {
     ) -> Result<PartitionedJacobian, String> {
         let mut converged = false;
         for _ in 0..30 {
-            let transposed = model.constraints.jacobian_transposed(q);
-            let split = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
+            let gradients = model.constraints.gradients(q);
+            let split = self.split(&gradients.dense());
+            let split = split.ok_or_else(|| model.constraints.name_singular(t, &gradients))?;
             if converged {
                 return Ok(split);
             }
@@ -294,17 +288,18 @@ impl Partition {
         (q, v): (&DVector<f64>, &DVector<f64>),
         u: &[f64],
     ) -> Result<Acceleration, String> {
-        let (gradients, side) = (model.deciding_gradients(q), model.deciding_side(t, q, v, u));
+        let (gradients, side) = (model.deciding.gradients(q), model.deciding_side(t, q, v, u));
         let (m, prescribed) = (model.constraints.len(), model.prescribed.len());
-        let transposed = gradients.columns(0, m).into_owned();
-        let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &transposed))?;
+        let all = gradients.dense();
+        let transposed = all.columns(0, m).into_owned();
+        let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &gradients))?;
         let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&side.rows(0, m)));
         let (t_d, r_d) = Option::zip(t_d, r_d).ok_or("C_d is singular")?;
         let forces = model.applied_forces(t, q, v, u);
         let (m_d, m_i) = (gather(&model.mass, &self.dependent), gather(&model.mass, &self.independent));
 
         // s_q^T of prescribed accelerations, and G^T
-        let s_q = gradients.columns(m, prescribed);
+        let s_q = all.columns(m, prescribed);
         let [s_d, s_i] = [&self.dependent, &self.independent].map(|rows| s_q.select_rows(rows));
         let g = s_i + t_d.tr_mul(&s_d);
 

@@ -95,10 +95,11 @@ pub fn follow(model: &MultibodyModel, times: &[f64], q: DVector<f64>, budget: &B
 
 impl<'a> Way<'a> {
     fn new(model: &'a MultibodyModel, q: &DVector<f64>, budget: &'a Budget) -> Self {
-        let transposed = model.constraints.jacobian_transposed(q);
+        let gradients = model.constraints.gradients(q);
         let mut loops = loops(&model.constraints, q);
+        let transposed = gradients.dense();
         loops.iter_mut().for_each(|one| one.side = one.sign(&transposed));
-        let length = model.constraints.lever_arm(&transposed);
+        let length = model.constraints.lever_arm(&gradients);
         let scale = DVector::from_fn(q.len(), |coordinate, _| if coordinate % 3 == 2 { 1.0 } else { length });
         Self { model, loops, scale, budget }
     }
@@ -123,7 +124,7 @@ impl<'a> Way<'a> {
         let (mut first, mut allowed) = (None, CORRECTION);
         loop {
             self.budget.spend();
-            let factors = square(&constraints.jacobian_transposed(&q));
+            let factors = square(&constraints.gradients(&q).dense());
             let correction = factors.solve(&constraints.residual(t, &q))?;
             let size = self.size(&correction);
             if size.is_nan() || size > allowed.max(rounding) {
@@ -142,7 +143,7 @@ impl<'a> Way<'a> {
     /// `C_q qd = f'`, `C_q qdd = F_c`; `None` where they have no solution, or where a loop has changed sides.
     fn position(&self, t: f64, q: DVector<f64>) -> Option<Position> {
         let constraints = &self.model.constraints;
-        let transposed = constraints.jacobian_transposed(&q);
+        let transposed = constraints.gradients(&q).dense();
         if self.loops.iter().any(|one| one.sign(&transposed) != one.side) {
             return None;
         }
@@ -157,7 +158,7 @@ impl<'a> Way<'a> {
     fn sample(&self, position: &Position) -> Result<Sample, String> {
         let Position { t, q, v, qdd } = position;
         let forces = self.model.applied_forces(*t, q, v, &self.model.at(*t, &[])) - self.model.mass.component_mul(qdd);
-        let multipliers = self.model.constraints.jacobian_transposed(q).lu().solve(&forces);
+        let multipliers = self.model.constraints.gradients(q).dense().lu().solve(&forces);
         let multipliers = multipliers.ok_or_else(|| self.obstacle(*t, *t, q))?;
         self.model.constraints.check(*t, q, v)?;
         Ok(Sample { t: *t, q: q.clone(), v: v.clone(), z: Vec::new(), qdd: qdd.clone(), multipliers })
@@ -178,14 +179,14 @@ impl<'a> Way<'a> {
         if let Some(message) = constraints.undefined_motion(to) {
             return message;
         }
-        for constraint in &constraints.0 {
+        for constraint in constraints.iter() {
             let [before, behind] = [from, to].map(|t| constraint.target.at(t));
             let unit = if constraint.coordinate.is_angle() { 1.0 } else { self.scale[0] };
             if (behind.value - before.value - before.first * (to - from)).abs() > 0.5 * CORRECTION * unit {
                 return format!("the motion of `{}` jumps at t = {to:.6} s", constraint.owner);
             }
         }
-        let owners = self.singular_loop(&constraints.jacobian_transposed(q));
+        let owners = self.singular_loop(&constraints.gradients(q).dense());
         format!("the mechanism reaches a singular position of {} at t = {to:.6} s", owners.join(", "))
     }
 
@@ -205,7 +206,7 @@ impl<'a> Way<'a> {
         let mut rows: Vec<usize> = decisions.filter(of_its_bodies).map(|(row, _)| row).collect();
         rows.sort_unstable();
         let mut owners: Vec<String> =
-            rows.into_iter().map(|row| format!("`{}`", self.model.constraints.0[row].owner)).collect();
+            rows.into_iter().map(|row| format!("`{}`", self.model.constraints[row].owner)).collect();
         owners.dedup();
         owners
     }
@@ -256,7 +257,7 @@ fn loops(constraints: &Constraints, q: &DVector<f64>) -> Vec<Loop> {
     let count = constraints.len();
     // what is zero in this position is zero in all
     let anywhere = DVector::from_fn(q.len(), |coordinate, _| q[coordinate] + (1.0 + coordinate as f64).sin());
-    let transposed = constraints.jacobian_transposed(&anywhere);
+    let transposed = constraints.gradients(&anywhere).dense();
     let has = |constraint: usize, coordinate: usize| {
         let column = transposed.column(constraint);
         column[coordinate].abs() > 1e-12 * column.amax()

@@ -97,7 +97,7 @@ impl Measure {
             Self::Velocity(coordinate) => coordinate.rate(q, v),
             Self::Acceleration(coordinate) => coordinate.rate(q, qdd) + coordinate.curvature(q, v),
             Self::JointForce { rows, component } => {
-                let force = |row: usize| match &model.constraints.0[row].coordinate {
+                let force = |row: usize| match &model.constraints[row].coordinate {
                     Coordinate::Projection { frame, axis, .. } => {
                         -multipliers[row] * turned(*frame, *axis, q)[*component]
                     }
@@ -106,7 +106,7 @@ impl Measure {
                 rows.clone().map(force).sum()
             }
             Self::JointMoment { rows } => {
-                let angles = rows.clone().filter(|&row| model.constraints.0[row].coordinate.is_angle());
+                let angles = rows.clone().filter(|&row| model.constraints[row].coordinate.is_angle());
                 angles.map(|row| -multipliers[row]).sum()
             }
             Self::DriverEffort(row) => -multipliers[*row],

@@ -109,8 +109,8 @@ impl Mechanism {
         match model.initial_state(0.0) {
             Ok((q, _)) => problems.extend(free_of_inertia(&description, &model, &q)),
             Err(message) => {
-                let sets = [&model.deciding(), &model.initial_positions, &model.initial_velocities];
-                let mut owners = sets.iter().flat_map(|set| &set.0).map(|constraint| &constraint.owner);
+                let sets = [&model.deciding, &model.initial_positions, &model.initial_velocities];
+                let mut owners = sets.iter().flat_map(|set| set.iter()).map(|constraint| &constraint.owner);
                 let key = owners.find(|owner| message.contains(&format!("`{owner}`")));
                 let other = if description.equilibrium { "equilibrium" } else { "" };
                 problems.add(key.cloned().unwrap_or_else(|| other.into()), message);

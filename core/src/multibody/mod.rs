@@ -11,6 +11,7 @@ pub mod description;
 mod equilibrium;
 pub mod expression;
 pub mod formulation;
+pub mod gradients;
 pub mod joints;
 pub mod kinematics;
 pub mod measure;

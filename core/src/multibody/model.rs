@@ -1,9 +1,10 @@
 //! A mechanism with numbers in it: mass matrix, applied forces and constraints of one run.
 
 use super::{
-    constraint::{BoundExpression, Constraint, Constraints, Target},
+    constraint::{BoundExpression, Constraints},
     coordinate::Coordinate,
     description::FormulationKind,
+    gradients::Gradients,
 };
 use crate::signal::Signal;
 use metafmu_runtime::formula::LookupTable;
@@ -104,6 +105,9 @@ pub struct MultibodyModel {
     pub constraints: Constraints,
     /// Drivers of accelerations; their multipliers follow those of the constraints.
     pub prescribed: Vec<Prescribed>,
+    /// The constraints, then the coordinates whose accelerations are prescribed, as constraints that hold still: all that decides
+    /// accelerations. For gradients and names.
+    pub deciding: Constraints,
     /// Springs and dampers.
     pub springs: Vec<Spring>,
     /// Forces at points and actuators.
@@ -267,31 +271,7 @@ impl MultibodyModel {
         height + self.springs.iter().map(stretch).sum::<f64>()
     }
 
-    /// Everything that decides accelerations as constraints that hold still, for gradients and names.
-    pub fn deciding(&self) -> Constraints {
-        let still = |driver: &Prescribed| Constraint {
-            coordinate: driver.coordinate,
-            target: Target::Fixed { value: 0.0, rate: 0.0 },
-            owner: driver.owner.clone(),
-        };
-        Constraints(self.constraints.0.iter().cloned().chain(self.prescribed.iter().map(still)).collect())
-    }
-
-    /// The gradients of the constraints, and of the coordinates whose accelerations are prescribed, `s_q`: one a column.
-    pub fn deciding_gradients(&self, q: &DVector<f64>) -> DMatrix<f64> {
-        let gradients = self.constraints.jacobian_transposed(q);
-        if self.prescribed.is_empty() {
-            return gradients;
-        }
-        let first = gradients.ncols();
-        let mut gradients = gradients.resize_horizontally(first + self.prescribed.len(), 0.0);
-        for (driver, mut column) in self.prescribed.iter().zip(gradients.columns_range_mut(first..).column_iter_mut()) {
-            driver.coordinate.add_gradient(q, 1.0, column.as_mut_slice());
-        }
-        gradients
-    }
-
-    /// What these gradients times the accelerations must be: `F_c`, then `a - (s_q qd)_q qd` with a prescribed acceleration `a`.
+    /// What the gradients of [`Self::deciding`] times the accelerations must be: `F_c`, then `a - (s_q qd)_q qd` with a prescribed acceleration `a`.
     pub fn deciding_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
         let of_constraints = self.constraints.acceleration_side(t, q, v);
         if self.prescribed.is_empty() {
@@ -304,22 +284,22 @@ impl MultibodyModel {
 
     /// A length that makes angles comparable with lengths: the longest lever arm of the constraints, or the longest radius of gyration.
     /// Lever arms alone vanish where a body passes the pivot that it turns about.
-    pub fn length(&self, transposed: &DMatrix<f64>) -> f64 {
+    pub fn length(&self, gradients: &Gradients) -> f64 {
         let radius = |mass: &[f64]| if mass[0] > 0.0 { (mass[2] / mass[0]).sqrt() } else { 0.0 };
         let longest = self.mass.as_slice().chunks(3).map(radius).fold(0.0, f64::max);
-        self.constraints.lever_arm(transposed).max(longest)
+        self.constraints.lever_arm(gradients).max(longest)
     }
 
     /// The coordinate of a multiplier.
     pub fn held_coordinate(&self, row: usize) -> &Coordinate {
         let first = self.constraints.len();
-        if row < first { &self.constraints.0[row].coordinate } else { &self.prescribed[row - first].coordinate }
+        if row < first { &self.constraints[row].coordinate } else { &self.prescribed[row - first].coordinate }
     }
 
     /// For each independent motion that the constraints and drivers allow and neither mass nor inertia resists, the coordinate that
     /// moves most: the null space of their gradients and of the coordinates with mass.
     pub fn motions_without_inertia(&self, q: &DVector<f64>) -> Vec<usize> {
-        let gradients = self.deciding_gradients(q);
+        let gradients = self.deciding.gradients(q).dense();
         let (n, m) = gradients.shape();
         let mut rows = DMatrix::zeros(n + m, n);
         for (index, gradient) in gradients.column_iter().enumerate() {

@@ -350,7 +350,7 @@ impl Reduced {
     /// `(dJ/ds_k) T`: of each row's coordinate the second derivatives along `T_k` and every column of `T`, from the curvature,
     /// which is a quadratic form, by polarization.
     fn second_derivatives(&self, q: &DVector<f64>, velocities: &DMatrix<f64>, k: usize) -> DMatrix<f64> {
-        let constraints = &self.model.constraints.0;
+        let constraints = &self.model.constraints;
         let curvature = |row: usize, along: &DVector<f64>| match constraints.get(row) {
             Some(constraint) => constraint.curvature(q, along),
             None => self.coordinates[row - constraints.len()].curvature(q, along),
@@ -385,8 +385,7 @@ impl Reduced {
 
     fn singular(&self, q: &DVector<f64>) -> String {
         let s: Vec<String> = self.coordinates.iter().map(|coordinate| format!("{:.4}", coordinate.value(q))).collect();
-        let transposed = self.model.constraints.jacobian_transposed(q);
-        match self.model.constraints.first_dependent(&transposed) {
+        match self.model.constraints.first_dependent(&self.model.constraints.gradients(q)) {
             Some(constraint) => {
                 format!("`{}` is singular at independent coordinates ({})", constraint.owner, s.join(", "))
             }
@@ -399,7 +398,7 @@ impl Reduced {
 fn jacobian(model: &MultibodyModel, coordinates: &[Coordinate], q: &DVector<f64>) -> DMatrix<f64> {
     let constraints = model.constraints.len();
     let mut transposed = DMatrix::zeros(q.len(), constraints + coordinates.len());
-    transposed.columns_mut(0, constraints).copy_from(&model.constraints.jacobian_transposed(q));
+    transposed.columns_mut(0, constraints).copy_from(&model.constraints.gradients(q).dense());
     for (index, coordinate) in coordinates.iter().enumerate() {
         coordinate.add_gradient(q, 1.0, transposed.column_mut(constraints + index).as_mut_slice());
     }
@@ -413,11 +412,11 @@ fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -
     if count == 0 {
         return Err("the mechanism has no degree of freedom".into());
     }
-    let mut gradients = model.constraints.jacobian_transposed(q);
-    let lever_arm = model.constraints.lever_arm(&gradients);
+    let gradients = model.constraints.gradients(q);
+    let (lever_arm, mut gradients) = (model.constraints.lever_arm(&gradients), gradients.dense());
     let mut scales = DVector::from_fn(q.len(), |row, _| if row % 3 == 2 { lever_arm } else { 1.0 });
     // a coordinate that a gear multiplies is as good as the one that follows it
-    let gears = model.constraints.0.iter().zip(gradients.column_iter());
+    let gears = model.constraints.iter().zip(gradients.column_iter());
     for (_, gradient) in gears.filter(|(constraint, _)| matches!(constraint.target, Target::Follows(_))) {
         scales.zip_apply(&gradient, |scale, slope| *scale = scale.max(slope.abs()));
     }
@@ -470,7 +469,7 @@ pub fn candidates(model: &MultibodyModel, free: impl IntoIterator<Item = Coordin
 
 /// Refuses what depends on time: it would be another state.
 fn refuse_time(model: &MultibodyModel) -> Result<(), String> {
-    for constraint in &model.constraints.0 {
+    for constraint in model.constraints.iter() {
         if let Target::Motion(formula) = &constraint.target {
             let motion = &formula.text;
             return Err(format!("`{}` prescribes the motion `{motion}`, expected an `acceleration`", constraint.owner));

@@ -207,10 +207,10 @@ impl Stretch<'_> {
     /// Names the constraint that has come close to depending on others.
     fn singular(&self) -> Option<String> {
         let (start, _) = self.model.initial_state(self.budget.start()).ok()?;
-        let here = self.model.deciding_gradients(&self.guess.borrow());
-        let parts = [&self.model.deciding_gradients(&start), &here].map(independence);
+        let here = self.model.deciding.gradients(&self.guess.borrow());
+        let parts = [&self.model.deciding.gradients(&start), &here].map(|gradients| independence(&gradients.dense()));
         let is_close = parts[0].iter().zip(&parts[1]).any(|(before, now)| *now < NEARLY_SINGULAR * before);
-        is_close.then(|| self.model.deciding().name_singular(self.budget.reached(), &here))
+        is_close.then(|| self.model.deciding.name_singular(self.budget.reached(), &here))
     }
 
     /// Angular frequency or rate of decay that each spring makes alone.

@@ -10,10 +10,12 @@ impl MultibodyModel {
     /// Which joint cannot be closed, which constraint is redundant, which initial condition contradicts; no static equilibrium is found.
     pub fn initial_state(&self, t: f64) -> Result<(DVector<f64>, DVector<f64>), String> {
         let (mut q, mut v) = (self.position_guess.clone(), self.velocity_guess.clone());
-        let with = |conditions: &Constraints| Constraints([&self.constraints.0[..], &conditions.0[..]].concat());
+        let with = |conditions: &Constraints| -> Constraints {
+            self.constraints.iter().chain(&**conditions).cloned().collect()
+        };
         let (positions, velocities) = (with(&self.initial_positions), with(&self.initial_velocities));
         positions.assemble(t, &mut q)?;
-        if let Some(constraint) = self.deciding().first_dependent(&self.deciding_gradients(&q)) {
+        if let Some(constraint) = self.deciding.first_dependent(&self.deciding.gradients(&q)) {
             return Err(format!(
                 "`{}` depends on the joints and drivers before it: it is redundant, or the mechanism starts in a singular \
                  position",
@@ -21,7 +23,7 @@ impl MultibodyModel {
             ));
         }
         for conditions in [&positions, &velocities] {
-            if let Some(condition) = conditions.first_dependent(&conditions.jacobian_transposed(&q)) {
+            if let Some(condition) = conditions.first_dependent(&conditions.gradients(&q)) {
                 return Err(format!("`{}` is decided by the constraints and conditions before it", condition.owner));
             }
         }
