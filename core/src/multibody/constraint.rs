@@ -6,7 +6,7 @@
 //! - `C_q qdd = F_c` with `F_c = f'' - (C_q qd)_q qd`
 
 use super::{
-    coordinate::Coordinate,
+    coordinate::{Coordinate, Directions, Positions},
     gradients::{Elimination, Gradients},
 };
 use metafmu_runtime::{Jet, formula::Formula};
@@ -41,7 +41,7 @@ pub enum Slot {
 
 impl Slot {
     /// Value in a state, with inputs `u`.
-    pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
+    pub fn value(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> f64 {
         match self {
             Self::Parameter(_, value) => *value,
             Self::Time => t,
@@ -63,12 +63,12 @@ impl BoundExpression {
     }
 
     /// Value in a state, with inputs `u`.
-    pub fn value(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> f64 {
+    pub fn value(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> f64 {
         self.formula.value(|position| self.slots[position].value(t, q, v, u))
     }
 
     /// Value of an expression of positions alone, its rate, and the part of its second derivative that accelerations do not enter.
-    fn of_positions(&self, q: &DVector<f64>, v: &DVector<f64>) -> Jet {
+    fn of_positions(&self, q: &impl Positions, v: &DVector<f64>) -> Jet {
         self.formula.series(|position| match self.slots[position] {
             Slot::Parameter(_, value) => Jet::from(value),
             Slot::Position(coordinate) => {
@@ -79,7 +79,7 @@ impl BoundExpression {
     }
 
     /// Passes the parts of `factor * f_q` of an expression of positions alone on.
-    fn visit_gradient(&self, q: &DVector<f64>, factor: f64, act: &mut dyn FnMut(usize, Vector3<f64>)) {
+    fn visit_gradient(&self, q: &impl Positions, factor: f64, act: &mut dyn FnMut(usize, Vector3<f64>)) {
         for (changed, slot) in self.slots.iter().enumerate() {
             let Slot::Position(coordinate) = slot else { continue };
             let slope = self.formula.series(|position| match self.slots[position] {
@@ -132,16 +132,16 @@ pub struct Constraint {
 
 impl Constraint {
     /// `C(q, t)`
-    fn residual(&self, t: f64, q: &DVector<f64>) -> f64 {
+    fn residual(&self, t: f64, q: &impl Positions) -> f64 {
         let target = match &self.target {
-            Target::Follows(of) => of.value(t, q, q, &[]),
+            Target::Follows(of) => of.value(t, q, q.coordinates(), &[]),
             target => target.at(t).value,
         };
         self.coordinate.value(q) - target
     }
 
     /// Passes the parts of `C_q` on.
-    fn visit_gradient(&self, q: &DVector<f64>, act: &mut dyn FnMut(usize, Vector3<f64>)) {
+    fn visit_gradient(&self, q: &impl Positions, act: &mut dyn FnMut(usize, Vector3<f64>)) {
         self.coordinate.visit_gradient(q, 1.0, act);
         if let Target::Follows(of) = &self.target {
             of.visit_gradient(q, -1.0, act);
@@ -149,7 +149,7 @@ impl Constraint {
     }
 
     /// `(C_q qd)_q qd`, in m/s² or rad/s².
-    pub fn curvature(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+    pub fn curvature(&self, q: &impl Positions, v: &DVector<f64>) -> f64 {
         let of_target = if let Target::Follows(of) = &self.target { of.of_positions(q, v).second } else { 0.0 };
         self.coordinate.curvature(q, v) - of_target
     }
@@ -189,13 +189,13 @@ const DEPENDENT: f64 = 1e-9;
 
 impl Constraints {
     /// `C(q, t)`.
-    pub fn residual(&self, t: f64, q: &DVector<f64>) -> DVector<f64> {
+    pub fn residual(&self, t: f64, q: &impl Positions) -> DVector<f64> {
         DVector::from_iterator(self.len(), self.iter().map(|constraint| constraint.residual(t, q)))
     }
 
     /// Gradients of the constraints: the columns of `C_q^T`.
-    pub fn gradients(&self, q: &DVector<f64>) -> Gradients {
-        let mut gradients = Gradients::new(q.len(), self.len());
+    pub fn gradients(&self, q: &impl Positions) -> Gradients {
+        let mut gradients = Gradients::new(q.coordinates().len(), self.len());
         for constraint in self.iter() {
             gradients.push(|act| constraint.visit_gradient(q, act));
         }
@@ -222,7 +222,7 @@ impl Constraints {
     }
 
     /// `F_c`: what `C_q qdd` must be.
-    pub fn acceleration_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
+    pub fn acceleration_side(&self, t: f64, q: &impl Positions, v: &DVector<f64>) -> DVector<f64> {
         let side = |constraint: &Constraint| constraint.target.at(t).second - constraint.curvature(q, v);
         DVector::from_iterator(self.len(), self.iter().map(side))
     }
@@ -250,6 +250,7 @@ impl Constraints {
 
     /// Violation of each constraint, in its position or its velocity, whichever is larger.
     fn violations(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Vec<f64> {
+        let q = &Directions::new(q);
         let (positions, rates) = (self.residual(t, q), self.gradients(q).along(v) - self.target_rates(t));
         let larger = |(position, rate): (&f64, &f64)| {
             if position.abs().total_cmp(&rate.abs()).is_gt() { position.abs() } else { rate.abs() }
@@ -285,13 +286,13 @@ impl Constraints {
         q: &mut DVector<f64>,
         solve: impl Fn(&Gradients, &DVector<f64>) -> Option<DVector<f64>>,
     ) -> Result<(), String> {
-        let mut residual = self.residual(t, q);
+        let mut residual = self.residual(t, &Directions::new(q));
         for _ in 0..100 {
             let scale = 1.0 + q.amax();
             if residual.amax() <= 1e-15 * scale {
                 break;
             }
-            let Some(step) = solve(&self.gradients(q), &residual) else { break };
+            let Some(step) = solve(&self.gradients(&Directions::new(q)), &residual) else { break };
             let Some((better, left)) = self.shortened(t, q, &step, residual.norm()) else { break };
             (*q, residual) = (better, left);
         }
@@ -317,7 +318,7 @@ impl Constraints {
     ) -> Option<(DVector<f64>, DVector<f64>)> {
         (0..12).find_map(|halvings| {
             let better = q - step * 0.5f64.powi(halvings);
-            let left = self.residual(t, &better);
+            let left = self.residual(t, &Directions::new(&better));
             (left.norm() < violation).then_some((better, left))
         })
     }
@@ -330,7 +331,7 @@ impl Constraints {
         if self.is_empty() {
             return Ok(());
         }
-        let gradients = self.gradients(q);
+        let gradients = self.gradients(&Directions::new(q));
         if let Some(message) = self.undefined_motion(t) {
             return Err(message);
         }

@@ -21,6 +21,49 @@ pub struct BodyPoint {
     pub local: Vector2<f64>,
 }
 
+/// Positions of all bodies: their coordinates, and vectors of their frames in the ground frame.
+pub trait Positions {
+    /// The coordinates `q`.
+    fn coordinates(&self) -> &DVector<f64>;
+
+    /// A vector of a body's frame in the ground frame.
+    fn turn(&self, body: usize, vector: Vector2<f64>) -> Vector2<f64>;
+}
+
+impl Positions for DVector<f64> {
+    fn coordinates(&self) -> &DVector<f64> {
+        self
+    }
+
+    fn turn(&self, body: usize, vector: Vector2<f64>) -> Vector2<f64> {
+        rotated(self[3 * body + 2].sin_cos(), vector)
+    }
+}
+
+/// Coordinates with the sine and cosine of each body's angle, for many functions of the same positions.
+#[derive(Clone, Debug)]
+pub struct Directions<'a> {
+    q: &'a DVector<f64>,
+    of_bodies: Vec<(f64, f64)>,
+}
+
+impl<'a> Directions<'a> {
+    /// Sines and cosines for the coordinates `q`.
+    pub fn new(q: &'a DVector<f64>) -> Self {
+        Self { q, of_bodies: q.as_slice().chunks_exact(3).map(|body| body[2].sin_cos()).collect() }
+    }
+}
+
+impl Positions for Directions<'_> {
+    fn coordinates(&self) -> &DVector<f64> {
+        self.q
+    }
+
+    fn turn(&self, body: usize, vector: Vector2<f64>) -> Vector2<f64> {
+        rotated(self.of_bodies[body], vector)
+    }
+}
+
 /// Motion of a vector: itself, its rate, and the part of its second derivative that accelerations do not enter.
 #[derive(Clone, Copy, Debug)]
 struct VectorMotion {
@@ -63,11 +106,11 @@ impl BodyPoint {
     /// The ground's origin.
     pub const ORIGIN: Self = Self { frame: None, local: Vector2::new(0.0, 0.0) };
 
-    fn motion(&self, q: &DVector<f64>, v: &DVector<f64>) -> VectorMotion {
+    fn motion(&self, at: &impl Positions, v: &DVector<f64>) -> VectorMotion {
         let Some(body) = self.frame else {
             return VectorMotion { value: self.local, rate: Vector2::zeros(), curvature: Vector2::zeros() };
         };
-        let arm = turned(self.frame, self.local, q);
+        let (q, arm) = (at.coordinates(), at.turn(body, self.local));
         let (x, y, omega) = (3 * body, 3 * body + 1, v[3 * body + 2]);
         VectorMotion {
             value: Vector2::new(q[x], q[y]) + arm,
@@ -77,9 +120,9 @@ impl BodyPoint {
     }
 
     /// Passes `direction . r_q` on.
-    fn visit_gradient(&self, q: &DVector<f64>, direction: Vector2<f64>, act: &mut dyn FnMut(usize, Vector3<f64>)) {
+    fn visit_gradient(&self, q: &impl Positions, direction: Vector2<f64>, act: &mut dyn FnMut(usize, Vector3<f64>)) {
         if let Some(body) = self.frame {
-            let arm = turned(self.frame, self.local, q);
+            let arm = q.turn(body, self.local);
             act(body, Vector3::new(direction.x, direction.y, direction.dot(&quarter_turn(arm))));
         }
     }
@@ -106,14 +149,15 @@ impl Coordinate {
     }
 
     /// `s(q)`, in m or rad.
-    pub fn value(&self, q: &DVector<f64>) -> f64 {
+    pub fn value(&self, at: &impl Positions) -> f64 {
+        let q = at.coordinates();
         let position = |point: &BodyPoint| {
-            let arm = turned(point.frame, point.local, q);
+            let arm = turned(point.frame, point.local, at);
             point.frame.map_or(arm, |body| Vector2::new(q[3 * body], q[3 * body + 1]) + arm)
         };
         match self {
             Self::Projection { from, to, frame, axis } => {
-                turned(*frame, *axis, q).dot(&(position(to) - position(from)))
+                turned(*frame, *axis, at).dot(&(position(to) - position(from)))
             }
             Self::Angle { from, to } => angle(*to, q) - angle(*from, q),
             Self::Distance { from, to } => (position(to) - position(from)).norm(),
@@ -121,7 +165,7 @@ impl Coordinate {
     }
 
     /// Adds `factor * s_q` to a row of as many entries as `q`. The gradient of a distance of zero is not finite.
-    pub fn add_gradient(&self, q: &DVector<f64>, factor: f64, gradient: &mut [f64]) {
+    pub fn add_gradient(&self, q: &impl Positions, factor: f64, gradient: &mut [f64]) {
         self.visit_gradient(q, factor, &mut |body, part| {
             gradient[3 * body..3 * body + 3].iter_mut().zip(part.iter()).for_each(|(entry, by)| *entry += by);
         });
@@ -129,7 +173,7 @@ impl Coordinate {
 
     /// Passes the parts of `factor * s_q` on: a body, and the derivatives along its `(x, y, phi)`. A body may have several parts, whose
     /// sum counts. The bodies are the same in all positions.
-    pub fn visit_gradient(&self, q: &DVector<f64>, factor: f64, act: &mut dyn FnMut(usize, Vector3<f64>)) {
+    pub fn visit_gradient(&self, q: &impl Positions, factor: f64, act: &mut dyn FnMut(usize, Vector3<f64>)) {
         let along_angle = |slope| Vector3::new(0.0, 0.0, slope);
         match self {
             Self::Projection { from, to, frame, axis } => {
@@ -137,7 +181,7 @@ impl Coordinate {
                 to.visit_gradient(q, axis, act);
                 from.visit_gradient(q, -axis, act);
                 if let Some(body) = frame {
-                    act(*body, along_angle(quarter_turn(axis).dot(&self.difference(q, q).value)));
+                    act(*body, along_angle(quarter_turn(axis).dot(&self.difference(q, q.coordinates()).value)));
                 }
             }
             Self::Angle { from, to } => {
@@ -148,7 +192,7 @@ impl Coordinate {
                 }
             }
             Self::Distance { from, to } => {
-                let difference = self.difference(q, q).value;
+                let difference = self.difference(q, q.coordinates()).value;
                 let direction = factor * difference / difference.norm();
                 to.visit_gradient(q, direction, act);
                 from.visit_gradient(q, -direction, act);
@@ -157,7 +201,7 @@ impl Coordinate {
     }
 
     /// `s_q qd`, in m/s or rad/s.
-    pub fn rate(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+    pub fn rate(&self, q: &impl Positions, v: &DVector<f64>) -> f64 {
         match self {
             Self::Projection { frame, axis, .. } => {
                 let (axis, omega) = (turned(*frame, *axis, q), angle(*frame, v));
@@ -173,7 +217,7 @@ impl Coordinate {
     }
 
     /// `(s_q qd)_q qd`, in m/s² or rad/s².
-    pub fn curvature(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+    pub fn curvature(&self, q: &impl Positions, v: &DVector<f64>) -> f64 {
         match self {
             Self::Projection { frame, axis, .. } => {
                 let (axis, omega) = (turned(*frame, *axis, q), angle(*frame, v));
@@ -195,7 +239,7 @@ impl Coordinate {
     }
 
     /// Motion of `r_to - r_from`.
-    fn difference(&self, q: &DVector<f64>, v: &DVector<f64>) -> VectorMotion {
+    fn difference(&self, q: &impl Positions, v: &DVector<f64>) -> VectorMotion {
         let (Self::Projection { from, to, .. } | Self::Distance { from, to }) = self else {
             return BodyPoint::ORIGIN.motion(q, v);
         };
@@ -209,9 +253,11 @@ impl Coordinate {
 }
 
 /// A vector of a frame in the ground frame.
-pub fn turned(frame: Frame, vector: Vector2<f64>, q: &DVector<f64>) -> Vector2<f64> {
-    let Some(body) = frame else { return vector };
-    let (sine, cosine) = q[3 * body + 2].sin_cos();
+pub fn turned(frame: Frame, vector: Vector2<f64>, q: &impl Positions) -> Vector2<f64> {
+    frame.map_or(vector, |body| q.turn(body, vector))
+}
+
+fn rotated((sine, cosine): (f64, f64), vector: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(cosine * vector.x - sine * vector.y, sine * vector.x + cosine * vector.y)
 }
 

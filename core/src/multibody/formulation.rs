@@ -2,7 +2,7 @@
 //!
 //! *Augmented*: accelerations and Lagrange multipliers of all coordinates from
 //! `[M C_q^T; C_q 0] [qdd; lambda] = [F_a; F_c]`. The state `(q, qd)` drifts off the constraints, which are enforced for
-//! accelerations only; it is projected back where the drift exceeds 1e-11.
+//! accelerations only; it is projected back where the drift exceeds 1e-11, or 100 tolerances of the integration if that is more.
 //!
 //! *Embedding*: the state is `(q_i, qd_i)`, the independent coordinates; the others follow from the constraints. With
 //! `C_q = [C_d C_i]`: `qdd = T qdd_i + r`, `T = [-C_d^-1 C_i; 1]`, `r = [C_d^-1 F_c; 0]`, and
@@ -13,12 +13,21 @@
 //! rows of either: of the augmented equations like a constraint, whose position and velocity are those of the start; of the
 //! others, with `G = s_q T`, as `[T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]`.
 
-use super::{coordinate::Coordinate, description::FormulationKind, gradients::Gradients, model::MultibodyModel};
+use super::{
+    coordinate::{Coordinate, Directions},
+    description::FormulationKind,
+    gradients::Gradients,
+    model::MultibodyModel,
+};
 use nalgebra::{DMatrix, DVector, Dyn, LU};
 use std::cell::Cell;
 
-/// Violation of positions (m, rad) or velocities (m/s, rad/s) at which the augmented formulation's state is projected.
-const DRIFT: f64 = 1e-11;
+/// Violation of positions (m, rad) or velocities (m/s, rad/s) at which the augmented formulation's state is projected, in tolerances of
+/// the integration.
+const DRIFT: f64 = 100.0;
+
+/// Least such violation: rounding must not reach it.
+const LEAST_DRIFT: f64 = 1e-11;
 
 /// Part of the determinant of `C_d` when it was chosen at which another partition is chosen.
 const DEGRADED: f64 = 0.5;
@@ -122,7 +131,8 @@ impl Formulation {
         match self {
             Self::Augmented => {
                 let (q, v) = halves(state);
-                model.constraints.violation(t, &q, &v) > DRIFT * (1.0 + q.amax())
+                let drift = LEAST_DRIFT.max(DRIFT * model.tolerance);
+                model.constraints.violation(t, &q, &v) > drift * (1.0 + q.amax())
             }
             Self::Embedding(partition) => partition.left.get() < DEGRADED,
         }
@@ -139,6 +149,7 @@ pub fn augmented(
     (q, v): (&DVector<f64>, &DVector<f64>),
     u: &[f64],
 ) -> Result<Acceleration, String> {
+    let q = &Directions::new(q);
     let gradients = model.deciding.gradients(q);
     let (forces, side) = (model.applied_forces(t, q, v, u), model.deciding_side(t, q, v, u));
     let solution = eliminated(model, &gradients, &forces, &side);

@@ -2,7 +2,7 @@
 
 use super::{
     constraint::{BoundExpression, Constraints},
-    coordinate::Coordinate,
+    coordinate::{Coordinate, Positions},
     description::FormulationKind,
     gradients::Gradients,
 };
@@ -29,7 +29,7 @@ pub struct Spring {
 
 impl Spring {
     /// Force or torque of stiffness and damping that acts to increase the coordinate.
-    pub fn effort(&self, q: &DVector<f64>, v: &DVector<f64>) -> f64 {
+    pub fn effort(&self, q: &impl Positions, v: &DVector<f64>) -> f64 {
         -self.stiffness * (self.coordinate.value(q) - self.rest) - self.damping * self.coordinate.rate(q, v)
     }
 }
@@ -142,13 +142,13 @@ impl MultibodyModel {
     }
 
     /// Derivatives of the actuator states with respect to time.
-    pub fn actuator_rates(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Vec<f64> {
+    pub fn actuator_rates(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> Vec<f64> {
         self.actuator_states.iter().map(|state| state.rate.value(t, q, v, u)).collect()
     }
 
     /// `F_a(t, q, qd, u)`: gravity, springs and efforts. With the centres of mass as coordinates there are no
     /// velocity terms of inertia.
-    pub fn applied_forces(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
+    pub fn applied_forces(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
         let mut sum = self.weights();
         for spring in &self.springs {
             spring.coordinate.add_gradient(q, spring.effort(q, v), sum.as_mut_slice());
@@ -272,7 +272,7 @@ impl MultibodyModel {
     }
 
     /// What the gradients of [`Self::deciding`] times the accelerations must be: `F_c`, then `a - (s_q qd)_q qd` with a prescribed acceleration `a`.
-    pub fn deciding_side(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
+    pub fn deciding_side(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
         let of_constraints = self.constraints.acceleration_side(t, q, v);
         if self.prescribed.is_empty() {
             return of_constraints;

@@ -207,7 +207,7 @@ impl Stretch<'_> {
     /// Names the constraint that has come close to depending on others.
     fn singular(&self) -> Option<String> {
         let (start, _) = self.model.initial_state(self.budget.start()).ok()?;
-        let here = self.model.deciding.gradients(&self.guess.borrow());
+        let here = self.model.deciding.gradients(&*self.guess.borrow());
         let parts = [&self.model.deciding.gradients(&start), &here].map(|gradients| independence(&gradients.dense()));
         let is_close = parts[0].iter().zip(&parts[1]).any(|(before, now)| *now < NEARLY_SINGULAR * before);
         is_close.then(|| self.model.deciding.name_singular(self.budget.reached(), &here))
@@ -231,7 +231,7 @@ impl Stretch<'_> {
             let [low, high] = [-by, by].map(|by| {
                 let mut z = self.z.to_vec();
                 z[index] += by;
-                state.rate.value(t, &q, &rest, &self.model.at(t, &z))
+                state.rate.value(t, &*q, &rest, &self.model.at(t, &z))
             });
             ((high - low) / (2.0 * by)).abs()
         };
