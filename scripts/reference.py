@@ -68,7 +68,8 @@ def kind_of(node):
         return node["format"]
     kind = node.get("type")
     if kind == "array":
-        count = f"{node['minItems']} of " if "minItems" in node else ""
+        least, most = node.get("minItems"), node.get("maxItems")
+        count = "" if least is None else f"{least} of " if most in (None, least) else f"{least} to {most} of "
         items = node.get("items", {})
         each = kind_of(items) if items not in ({}, True) else "values"
         return f"list of {count}({each})" if " or list" in each else f"list of {count}{each}"

@@ -1,4 +1,4 @@
-"""Mechanisms with couplings, stops, bushings, spring forces, variables and actuator states against scipy's solutions of equations by hand."""
+"""Mechanisms with couplings, stops, contacts, bushings, spring forces, variables and actuator states against scipy's solutions of equations by hand."""
 
 import json
 import subprocess
@@ -59,6 +59,20 @@ def mount(p, state):
     return [vx, vy, omega, force[0] / 80.0, force[1] / 80.0 - 9.81, moment / 4.0]
 
 
+def tyre(p, state):
+    """Friction and normal force of the wheel's contact."""
+    _, height, _, speed, rate, spin = state
+    normal = 2e4 * max(0.2 - height, 0.0) * max(1.0 - 0.5 * rate, 0.0)
+    return -p["mu"] * normal * np.tanh((speed + 0.2 * spin) / 0.05), normal
+
+
+def wheel(p, state):
+    _, _, _, speed, rate, spin = state
+    friction, normal = tyre(p, state)
+    weight = p["load"] + 2.0
+    return [speed, rate, spin, (friction - 4.0 * speed) / (weight + 0.5), normal / weight - 9.81, (p["torque"] + 0.2 * friction) / 0.04]
+
+
 def voltage(p, state):
     return 24.0 * np.tanh((p["kp"] * (p["speed"] - state[1]) + 10.0 * state[3]) / 24.0)
 
@@ -88,6 +102,13 @@ CASES = {
     "mount": (mount, ["engine.x", "engine.y", "engine.angle"], {"x": lambda p, s: s[0], "y": lambda p, s: s[1], "angle": lambda p, s: s[2]}, [
         ({"k": 1e4, "throttle": 1.0}, [0.01, -0.02, 0.1, 0.2, 0.0, -1.0]),
         ({"k": 4e4, "throttle": 0.5}, [0.0, 0.0, -0.1, 0.0, 0.3, 1.0]),
+    ]),
+    "wheel": (wheel, ["slide.position", "lift.position", "hub.angle"], {
+        "position": lambda p, s: s[0], "height": lambda p, s: s[1], "spin": lambda p, s: s[5], "friction": lambda p, s: tyre(p, s)[0],
+    }, [
+        # slides, bounces, then rolls
+        ({"mu": 0.2, "load": 8.0, "torque": 3.0}, [0.0, 0.25, 0.0, 0.5, 0.0, 8.0]),
+        ({"mu": 1.0, "load": 3.0, "torque": -3.0}, [-0.2, 0.2, 1.0, -0.5, 0.0, 2.0]),
     ]),
     "motor": (motor, ["hinge.angle", "current", "integral"], {
         "angle": lambda p, s: s[0], "omega": lambda p, s: s[1], "current": lambda p, s: s[2], "power": lambda p, s: voltage(p, s) * s[2],

@@ -98,8 +98,7 @@ impl Check<'_> {
         match value.get_ref() {
             DeValue::Table(table) if is_of_type(schema, value.get_ref()) => self.table(schema, table, key, offset),
             DeValue::Array(elements) if is_of_type(schema, value.get_ref()) => {
-                let length = schema.get("minItems").and_then(Value::as_u64);
-                if length.is_some_and(|length| length != elements.len() as u64) {
+                if lengths(schema).is_some_and(|[least, most]| !(least..=most).contains(&(elements.len() as u64))) {
                     let message = format!("a list of {}, expected {}", elements.len(), expected(schema));
                     self.add(key, value.span().start, message);
                 } else if let Some(items) = schema.get("items") {
@@ -231,6 +230,12 @@ fn listed_in(schema: &Value) -> Vec<&Value> {
     schema.get("enum").and_then(Value::as_array).into_iter().flatten().collect()
 }
 
+/// Least and largest number of elements of a list; the largest one is the least one unless the schema has it.
+fn lengths(schema: &Value) -> Option<[u64; 2]> {
+    let number = |key: &str| schema.get(key).and_then(Value::as_u64);
+    number("minItems").map(|least| [least, number("maxItems").unwrap_or(least)])
+}
+
 /// The type in words.
 pub fn expected(schema: &Value) -> String {
     if let Some(all) = schema.get("anyOf").and_then(Value::as_array) {
@@ -246,8 +251,9 @@ pub fn expected(schema: &Value) -> String {
             None => "a whole number".into(),
         },
         "boolean" => "true or false".into(),
-        "array" => match schema.get("minItems").and_then(Value::as_u64) {
-            Some(length) => format!("a list of {length}"),
+        "array" => match lengths(schema) {
+            Some([least, most]) if least == most => format!("a list of {least}"),
+            Some([least, most]) => format!("a list of {least} to {most}"),
             None => "a list in [ ]".into(),
         },
         "object" if examples.is_empty() => "a table".into(),

@@ -1,5 +1,6 @@
 //! From a description and the values of its parameters to a model: names are resolved and expressions evaluated.
 
+mod contacts;
 mod forces;
 
 use super::{
@@ -99,6 +100,10 @@ pub fn limits(description: &Description, values: &[f64]) -> Vec<(Coordinate, [f6
         Some((coordinate, [limit(&stop.min, f64::NEG_INFINITY), limit(&stop.max, f64::INFINITY)]))
     });
     limits.collect()
+}
+
+fn unknown_measure(owner: &str, what: &str, known: &[&str]) -> String {
+    format!("`{owner}` has no `{what}`, {}", expected_one_of(what, known))
 }
 
 /// Measures of points.
@@ -314,10 +319,13 @@ impl<'a> MultibodyBuilder<'a> {
         let (key, formula, unit) = match (measure, formula) {
             (Some(measure), None) => match self.description.states.get(measure) {
                 Some(state) => ("measure", Expression::parse(measure), state.unit.clone()),
-                None => {
-                    let measure = self.measure(measure);
-                    return self.noted(&format!("outputs.{name}.measure"), measure);
-                }
+                None => match self.contact_force(measure) {
+                    Some(force) => ("measure", force, "N".into()),
+                    None => {
+                        let measure = self.measure(measure);
+                        return self.noted(&format!("outputs.{name}.measure"), measure);
+                    }
+                },
             },
             (None, Some(formula)) => ("formula", Ok(formula.clone()), unit.clone().unwrap_or_default()),
             (measure, _) => {
@@ -375,7 +383,7 @@ impl<'a> MultibodyBuilder<'a> {
             let known = if known.is_empty() { String::new() } else { format!(", {}", expected_one_of(name, &known)) };
             return Err(format!("`{name}` is not a measure, expected for instance `BODY.angle`{known}"));
         };
-        let unknown = |known: &[&str]| Err(format!("`{owner}` has no `{what}`, {}", expected_one_of(what, known)));
+        let unknown = |known: &[&str]| Err(unknown_measure(owner, what, known));
         let one_of = |measures: Measures| {
             let known: Vec<&str> = measures.iter().map(|(name, _)| *name).collect();
             let found = measures.iter().find(|(name, _)| *name == what);
@@ -402,6 +410,9 @@ impl<'a> MultibodyBuilder<'a> {
             let positions = positions.map(Measure::Position).into_iter().chain(positions.map(Measure::Velocity));
             let names = ["fx", "fy", "moment", "x", "y", "angle", "vx", "vy", "angular_velocity"];
             return one_of(names.into_iter().zip(springs.take(3).chain(positions)).collect());
+        }
+        if description.contacts.contains_key(owner) {
+            return self.contact_measure(owner, what);
         }
         if let Some(index) = description.couplings.get_index_of(owner) {
             return one_of(Driver::measures(self.joint_rows(self.joints.len()).start + index));

@@ -44,8 +44,8 @@
 //! `coordinate`, an expression of the parameters and `time`, or its `acceleration`, which may depend on what efforts may. `[tables.NAME]` are
 //! functions of one or two variables for all expressions: `"-20*cam(shaft.angle)"`; `[variables]` are expressions with a name.
 //! `[states.NAME]` change with a `rate`, as the current of a motor does.
-//! `[couplings.NAME]` hold a `coordinate` at a function of others: gears, racks, cams. `[stops.NAME]` limit a `coordinate`, and `[bushings.NAME]`
-//! are springs in all directions `between` two points.
+//! `[couplings.NAME]` hold a `coordinate` at a function of others: gears, racks, cams. `[stops.NAME]` limit a `coordinate`, `[bushings.NAME]`
+//! are springs in all directions `between` two points, and `[contacts.NAME]` keep a `point` on one side of a `line`.
 
 use super::expression::Expression;
 use indexmap::IndexMap;
@@ -109,6 +109,9 @@ pub struct Description {
     /// Limits of coordinates.
     #[serde(default)]
     pub stops: IndexMap<String, StopOptions>,
+    /// Points and circles that touch lines.
+    #[serde(default)]
+    pub contacts: IndexMap<String, ContactOptions>,
     /// Forces at points.
     #[serde(default)]
     pub forces: IndexMap<String, ForceOptions>,
@@ -183,9 +186,11 @@ pub struct TableOptions {
     /// CSV or Parquet file with the knots and the values, in the place of `x` and `values`; relative to the mechanism file.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub file: Option<PathBuf>,
-    /// Columns of the knots and of the values in the file; the first two unless given.
+    /// Columns of the knots and of the values in the file; the first two unless given. Three make a table of two arguments, which has a row for
+    /// each pair of knots, in any order.
+    #[schemars(extend("minItems" = 2, "maxItems" = 3))]
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub columns: Option<[String; 2]>,
+    pub columns: Option<Vec<String>>,
     /// Knots of the first argument, ascending; two or more.
     #[serde(default)]
     pub x: Vec<f64>,
@@ -416,6 +421,37 @@ pub struct StopOptions {
     #[schemars(extend("x-unit" = "s/m or s/rad", "minimum" = 0))]
     #[serde(default)]
     pub damping: Expression,
+}
+
+/// An entry of `[contacts]`: a point or a circle about it stays on the left of a line. With `d` the depth beyond the line, the normal force is
+/// `stiffness d (1 + damping d')`, which never pulls; friction is `friction` times that force, times `tanh(v/slip)` of the sliding speed `v`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+#[schemars(extend("examples" = [{"point": "wheel", "line": ["ground", "ground.right"], "radius": 0.3, "stiffness": 2e5, "friction": 0.9, "slip": 0.05}]))]
+pub struct ContactOptions {
+    /// The point, or the centre of the circle.
+    pub point: String,
+    /// Two points of another body or the ground; the line goes on beyond both. The point stays on its left, seen from the first to the second.
+    pub line: [String; 2],
+    /// Radius of the circle; zero for a point.
+    #[schemars(extend("x-unit" = "m", "minimum" = 0))]
+    #[serde(default)]
+    pub radius: Expression,
+    /// Force per depth.
+    #[schemars(extend("x-unit" = "N/m", "minimum" = 0))]
+    pub stiffness: Expression,
+    /// Share by which a unit of speed into the line raises the normal force; zero or more.
+    #[schemars(extend("x-unit" = "s/m", "minimum" = 0))]
+    #[serde(default)]
+    pub damping: Expression,
+    /// Coefficient of friction.
+    #[schemars(extend("minimum" = 0))]
+    #[serde(default)]
+    pub friction: Expression,
+    /// Sliding speed at which friction has 76 % of its largest value: below it the contact creeps; required with `friction`.
+    #[schemars(extend("x-unit" = "m/s"))]
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub slip: Option<Expression>,
 }
 
 /// An entry of `[forces]`.

@@ -10,6 +10,8 @@
 //! | `SPRING.length`, `.velocity`, `SPRING.force` | of a spring between points; force (or torque), positive where it pushes |
 //! | `BUSHING.fx`, `.fy`, `.moment` | force and moment on the second body, in the frame of the first |
 //! | `BUSHING.x`, `.y`, `.angle`, `.vx`, `.vy`, `.angular_velocity` | its deflections, and their rates |
+//! | `CONTACT.fx`, `.fy` | friction along the line and normal force, on the body of the point; an output's measure only |
+//! | `CONTACT.x`, `.y`, `.angle`, `.vx`, `.vy`, `.angular_velocity` | the point and its body against the line, and their rates |
 //! | `DRIVER.effort`, `COUPLING.effort` | force or torque that keeps a driver's motion or acceleration, or holds a coupled coordinate |
 //! | `STATE` | an actuator state, by its name |
 //! | `kinetic_energy`, `potential_energy` | of gravity and springs |

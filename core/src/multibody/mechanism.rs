@@ -156,8 +156,8 @@ impl Mechanism {
 
     /// What is wrong with the equations of motion, with the line of the part that a sentence names in backticks: `forces.wind`.
     pub fn located(&self, message: &str) -> Problem {
-        let Description { joints, couplings, drivers, springs, bushings, stops, forces, actuators, states, .. } =
-            &self.description;
+        let Description { joints, couplings, drivers, springs, bushings, stops, .. } = &self.description;
+        let Description { contacts, forces, actuators, states, .. } = &self.description;
         let keys = |section: &'static str, names: Vec<&String>| {
             names.into_iter().map(move |name| format!("{section}.{name}")).collect::<Vec<_>>()
         };
@@ -169,6 +169,7 @@ impl Mechanism {
             keys("springs", springs.keys().collect()),
             keys("bushings", bushings.keys().collect()),
             keys("stops", stops.keys().collect()),
+            keys("contacts", contacts.keys().collect()),
             keys("couplings", couplings.keys().collect()),
             keys("joints", joints.keys().collect()),
         ];
@@ -594,11 +595,11 @@ fn constant_outputs(description: &Description, measures: &[Measure]) -> Problems
 fn name_problems(description: &Description) -> Problems {
     let mut problems = Problems::default();
     let Description { parameters, inputs, tables, variables, bodies, joints, couplings, drivers, .. } = description;
-    let Description { springs, bushings, stops, forces, actuators, states, .. } = description;
+    let Description { springs, bushings, stops, contacts, forces, actuators, states, .. } = description;
     // in expressions, parameters, inputs and tables are names without a dot, parts of the mechanism are followed by one
     let mut values: Vec<(&str, &str)> = vec![("the time", "time"), ("a number", "pi")];
     let mut parts: Vec<(&str, &str)> = vec![("the ground", "ground")];
-    let sections: [(&str, Vec<&String>); 14] = [
+    let sections: [(&str, Vec<&String>); 15] = [
         ("parameters", parameters.keys().collect()),
         ("inputs", inputs.keys().collect()),
         ("tables", tables.keys().collect()),
@@ -611,6 +612,7 @@ fn name_problems(description: &Description) -> Problems {
         ("springs", springs.keys().collect()),
         ("bushings", bushings.keys().collect()),
         ("stops", stops.keys().collect()),
+        ("contacts", contacts.keys().collect()),
         ("forces", forces.keys().collect()),
         ("actuators", actuators.keys().collect()),
     ];

@@ -1,7 +1,7 @@
 //! Parts of a description that have no effect: usually mistakes.
 
 use super::{
-    description::{BodyOptions, Description, PlaneVector, SpringOptions},
+    description::{BodyOptions, ContactOptions, Description, PlaneVector, SpringOptions},
     expression::{Expression, Tables},
 };
 use crate::diagnostics::Problems;
@@ -96,6 +96,7 @@ impl<'a> Names<'a> {
             springs,
             bushings,
             stops,
+            contacts,
             forces,
             actuators,
             initial,
@@ -116,6 +117,9 @@ impl<'a> Names<'a> {
         attached.extend(forces.values().map(|force| force.point.as_str()));
         attached.extend(couplings.values().map(|coupling| coupling.coordinate.as_str()));
         attached.extend(stops.values().map(|stop| stop.coordinate.as_str()));
+        attached.extend(
+            contacts.values().flat_map(|contact| contact.line.iter().chain([&contact.point])).map(String::as_str),
+        );
         attached.extend(drivers.values().map(|driver| driver.coordinate.as_str()));
         attached.extend(springs.values().filter_map(|spring| spring.coordinate.as_deref()));
         attached.extend(actuators.values().map(|actuator| actuator.coordinate.as_str()));
@@ -145,7 +149,7 @@ fn expressions(description: &Description) -> Vec<&Expression> {
     let Description {
         gravity, variables, ground, bodies, joints, couplings, drivers, springs, bushings, stops, ..
     } = description;
-    let Description { forces, actuators, states, initial, outputs, .. } = description;
+    let Description { contacts, forces, actuators, states, initial, outputs, .. } = description;
     let mut all: Vec<&Expression> =
         gravity.iter().chain(variables.values()).chain(ground.points.values().flatten()).collect();
     for BodyOptions { mass, inertia, position, angle, velocity, angular_velocity, points } in bodies.values() {
@@ -166,6 +170,9 @@ fn expressions(description: &Description) -> Vec<&Expression> {
     all.extend(
         stops.values().flat_map(|stop| stop.min.iter().chain(&stop.max).chain([&stop.stiffness, &stop.damping])),
     );
+    for ContactOptions { radius, stiffness, damping, friction, slip, .. } in contacts.values() {
+        all.extend([radius, stiffness, damping, friction].into_iter().chain(slip));
+    }
     all.extend(forces.values().flat_map(|force| &force.force));
     all.extend(actuators.values().map(|actuator| &actuator.effort));
     all.extend(states.values().flat_map(|state| [&state.rate, &state.start]));

@@ -4,7 +4,10 @@ use super::{
     description::{Description, ExtrapolationKind, InterpolationKind, TableOptions, TableValues},
     expression::Tables,
 };
-use crate::{diagnostics::Problems, table::Table};
+use crate::{
+    diagnostics::{Place, Problems},
+    table::Table,
+};
 use metafmu_runtime::formula::{Extrapolation, Interpolation, LookupTable};
 use std::{path::Path, sync::Arc};
 
@@ -27,28 +30,72 @@ pub fn read_files(description: &mut Description, folder: &Path) -> Problems {
             add(&format!(".{field}"), "belongs to tables without a `file`");
             continue;
         }
-        match read(&folder.join(file), options.columns.as_ref()) {
-            Ok((x, values)) => (options.x, options.values) = (x, values),
+        match read(&folder.join(file), options.columns.as_deref()) {
+            Ok((x, y, values)) => (options.x, options.y, options.values) = (x, y, values),
             Err(error) => add(".file", &error.to_string()),
         }
     }
     problems
 }
 
+/// Knots of one argument or of both, and the values.
+type Knots = (Vec<f64>, Option<Vec<f64>>, Vec<TableValues>);
+
 /// Knots and values in a file.
-fn read(path: &Path, columns: Option<&[String; 2]>) -> crate::Result<(Vec<f64>, Vec<TableValues>)> {
+fn read(path: &Path, columns: Option<&[String]>) -> crate::Result<Knots> {
     let mut table = Table::open(path)?;
-    let [of_x, of_values] = match columns {
-        Some([x, values]) => [table.column(x)?, table.column(values)?],
-        None if table.columns().len() >= 2 => [0, 1],
+    let places = match columns {
+        Some(names) => names.iter().map(|name| table.column(name)).collect::<crate::Result<Vec<usize>>>()?,
+        None if table.columns().len() >= 2 => vec![0, 1],
         None => return Err(table.mistake_in_header("one column, expected one of knots and one of values")),
     };
-    let (mut x, mut values) = (Vec::new(), Vec::new());
-    while table.next_row()? {
-        x.push(table.number(of_x)?);
-        values.push(TableValues::One(table.number(of_values)?));
+    let (of_values, of_knots) = places.split_last().unwrap_or((&0, &[]));
+    match of_knots {
+        [of_x, of_y] => read_grid(&mut table, [*of_x, *of_y], *of_values),
+        of_knots => {
+            let (mut x, mut values) = (Vec::new(), Vec::new());
+            while table.next_row()? {
+                x.push(table.number(of_knots.first().copied().unwrap_or_default())?);
+                values.push(TableValues::One(table.number(*of_values)?));
+            }
+            Ok((x, None, values))
+        }
     }
-    Ok((x, values))
+}
+
+/// Values at all pairs of knots, a row for each.
+fn read_grid(table: &mut Table, of_knots: [usize; 2], of_values: usize) -> crate::Result<Knots> {
+    let mut rows = Vec::new();
+    while table.next_row()? {
+        // -0 and 0 are the same knot
+        let [x, y] = [table.number(of_knots[0])? + 0.0, table.number(of_knots[1])? + 0.0];
+        rows.push((x, y, table.number(of_values)?, table.place()));
+    }
+    let knots = |of: fn(&(f64, f64, f64, Place)) -> f64| {
+        let mut knots: Vec<f64> = rows.iter().map(of).collect();
+        knots.sort_unstable_by(f64::total_cmp);
+        knots.dedup();
+        knots
+    };
+    let (x, y) = (knots(|row| row.0), knots(|row| row.1));
+    rows.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+    let name = |knots: usize| table.columns()[of_knots[knots]].name.clone();
+    let pair = |x: f64, y: f64| format!("{} = {x}, {} = {y}", name(0), name(1));
+    if let Some(rows) = rows.windows(2).find(|rows| (rows[0].0, rows[0].1) == (rows[1].0, rows[1].1)) {
+        let (x, y, _, place) = &rows[1];
+        let message = format!("{}: a second row, expected one for each pair", pair(*x, *y));
+        return Err(table.mistake_at(*place, &message));
+    }
+    let pairs = x.iter().flat_map(|x| y.iter().map(move |y| (*x, *y)));
+    let mut found = rows.iter();
+    for (x, y) in pairs {
+        if found.next().is_none_or(|row| (row.0, row.1) != (x, y)) {
+            return Err(table.mistake_in_header(&format!("no row with {}, expected one for each pair", pair(x, y))));
+        }
+    }
+    let values: Vec<f64> = rows.iter().map(|row| row.2).collect();
+    let values = values.chunks(y.len()).map(|row| TableValues::Row(row.to_vec())).collect();
+    Ok((x, Some(y), values))
 }
 
 /// The tables by their names, and what is wrong with the others.

@@ -1,5 +1,6 @@
 //! Physical identities and closed forms that whole mechanisms must meet, in both formulations.
 
+mod contacts;
 mod drivers;
 mod mistakes;
 mod parts;
@@ -46,6 +47,18 @@ fn values(mechanism: &Mechanism, set: &[(&str, f64)]) -> Vec<f64> {
         set.iter().find(|(known, _)| known == name).map_or(parameter.default, |(_, value)| *value)
     };
     mechanism.parameters().iter().map(value).collect()
+}
+
+/// Rows of outputs.
+fn rows(mechanism: &Mechanism, times: &[f64]) -> Vec<Vec<f64>> {
+    let values = values(mechanism, &[]);
+    let rows = mechanism.simulate(&values, times, TOLERANCE, &Budget::default()).unwrap();
+    rows.chunks(mechanism.outputs().len()).map(<[f64]>::to_vec).collect()
+}
+
+#[track_caller]
+fn assert_close(found: f64, expected: f64, bound: f64) {
+    assert!((found - expected).abs() <= bound, "{found} {expected}");
 }
 
 fn run(mechanism: &Mechanism, set: &[(&str, f64)], times: &[f64]) -> (MultibodyModel, Vec<Sample>) {

@@ -120,7 +120,7 @@ impl MultibodyBuilder<'_> {
         springs.push(Spring { coordinate, stiffness, damping, rest, further, owner });
     }
 
-    /// Forces of springs, forces at points, component by component, actuators, then stops.
+    /// Forces of springs, forces at points, component by component, actuators, stops, then contacts.
     pub(super) fn efforts(&mut self, of_springs: Vec<Effort>) -> Vec<Effort> {
         let mut efforts = of_springs;
         for (name, force) in &self.description.forces {
@@ -156,6 +156,7 @@ impl MultibodyBuilder<'_> {
                 efforts.push(Effort { coordinate, expression, owner });
             }
         }
+        efforts.extend(self.contacts());
         efforts
     }
 

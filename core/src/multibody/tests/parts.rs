@@ -3,18 +3,6 @@
 use super::*;
 use std::f64::consts::PI;
 
-/// Rows of outputs.
-fn rows(mechanism: &Mechanism, times: &[f64]) -> Vec<Vec<f64>> {
-    let values = values(mechanism, &[]);
-    let rows = mechanism.simulate(&values, times, TOLERANCE, &Budget::default()).unwrap();
-    rows.chunks(mechanism.outputs().len()).map(<[f64]>::to_vec).collect()
-}
-
-#[track_caller]
-fn assert_close(found: f64, expected: f64, bound: f64) {
-    assert!((found - expected).abs() <= bound, "{found} {expected}");
-}
-
 /// A torque `T` on a pinion of inertia `J` that moves a rack of mass `m`: `(J + m r²) φ'' = T`, with the force `m r φ''` between both.
 #[test]
 fn a_rack_follows_its_pinion() {
@@ -353,12 +341,16 @@ fn tables_are_read_from_files() {
     write("letters.csv", "speed,force\n-1,-800\n0,none\n");
     write("falling.csv", "speed,force\n0,1\n-1,2\n");
     write("narrow.csv", "speed\n0\n1\n");
+    write("map.csv", "load,speed,force\n1,2,900\n0,0,0\n0,-1,-800\n1,-1,-80\n1,0,0\n0,2,90\n");
+    write("twice.csv", "load,speed,force\n0,1,5\n0,0,0\n0,1,5\n");
+    write("gap.csv", "load,speed,force\n0,0,0\n0,1,1\n1,1,1\n");
     let text = |table: &str| {
+        let of_two = if table.contains("load") || table.contains("y = ") { ", 0.3*time" } else { "" };
         format!(
             r#"
             bodies.a = {{ mass = 1, inertia = 1 }}
             joints.s = {{ type = "prismatic", between = ["ground", "a"], axis = [1, 0] }}
-            actuators.damper = {{ coordinate = "s.position", effort = "-f(s.velocity)/500" }}
+            actuators.damper = {{ coordinate = "s.position", effort = "-f(s.velocity{of_two})/500" }}
             initial.s = {{ position = 0, velocity = 3 }}
             outputs.v = {{ measure = "s.velocity" }}
             [tables.f]
@@ -372,7 +364,19 @@ fn tables_are_read_from_files() {
     assert_eq!(last("file = \"damper.csv\""), expected);
     assert_eq!(last("file = \"damper.csv\"\ncolumns = [\"speed\", \"force\"]"), expected);
     assert_ne!(last("file = \"damper.csv\"\ncolumns = [\"speed\", \"other\"]"), expected);
+    let map = "columns = [\"speed\", \"load\", \"force\"]";
+    let grid_of_numbers = "x = [-1, 0, 2]\ny = [0, 1]\nvalues = [[-800, -80], [0, 0], [90, 900]]";
+    assert_eq!(last(&format!("file = \"map.csv\"\n{map}")), last(grid_of_numbers));
     for (table, says) in [
+        (
+            "file = \"twice.csv\"\ncolumns = [\"speed\", \"load\", \"force\"]",
+            "twice.csv:4: speed = 1, load = 0: a second row, expected one for each pair",
+        ),
+        (
+            "file = \"gap.csv\"\ncolumns = [\"speed\", \"load\", \"force\"]",
+            "gap.csv:1: no row with speed = 0, load = 1, expected one for each pair",
+        ),
+        ("file = \"map.csv\"\ncolumns = [\"load\"]", "tables.f.columns: "),
         ("file = \"none.csv\"", "tables.f.file: "),
         ("file = \"letters.csv\"", "letters.csv:3: column `force`: `none`, expected a finite number"),
         ("file = \"falling.csv\"", "tables.f.file: element 2: -1 is not above 0, expected ascending knots"),
