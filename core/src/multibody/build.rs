@@ -14,6 +14,7 @@ use super::{
     joints::{Driver, Ends, Joint, JointOption, Measures},
     measure::Measure,
     model::{ActuatorState, MultibodyInput, MultibodyModel, OutputFormula, Prescribed},
+    redundancy::Redundancy,
     tables::tables,
     variables::variables,
 };
@@ -25,7 +26,7 @@ use crate::{
 use forces::bushing_coordinates;
 use indexmap::IndexMap;
 use nalgebra::{DVector, Vector2};
-use std::ops::Range;
+use std::{collections::BTreeSet, ops::Range};
 
 /// Part of a model that the stiffness of springs along angles is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -51,6 +52,18 @@ pub fn build(
     let outputs = description.outputs.iter();
     let measures: Vec<Measure> =
         outputs.filter_map(|(name, output)| builder.output(name, output, &mut model.formulas)).collect();
+    if !builder.problems.is_empty() {
+        return Err(builder.problems);
+    }
+    let redundancy = Redundancy::take_out(&mut model);
+    for (name, _) in description.outputs.keys().zip(&measures).filter(|(_, measure)| redundancy.concerns(measure)) {
+        let owners: BTreeSet<String> = model.redundant.iter().map(|one| format!("`{}`", one.owner)).collect();
+        let owners = owners.into_iter().collect::<Vec<_>>().join(", ");
+        let message =
+            format!("is not determined: {owners} repeats what others hold; a bushing shares loads by its stiffness");
+        builder.problem(&format!("outputs.{name}.measure"), message);
+    }
+    let measures = measures.into_iter().map(|measure| redundancy.renumbered(measure)).collect();
     if builder.problems.is_empty() { Ok((model, measures)) } else { Err(builder.problems) }
 }
 
@@ -175,6 +188,7 @@ impl<'a> MultibodyBuilder<'a> {
             gravity: self.vector("gravity", &description.gravity),
             deciding: constraints.iter().cloned().chain(prescribed.iter().map(still)).collect(),
             constraints,
+            redundant: Constraints::default(),
             prescribed,
             efforts: self.efforts(of_springs),
             springs,

@@ -185,7 +185,7 @@ pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
 pub const CONSTRAINT_ROUNDING: f64 = 1e-14;
 
 /// A row of the Jacobian counts as dependent on those before it if its component outside their span is below this fraction of it.
-const DEPENDENT: f64 = 1e-9;
+pub(super) const DEPENDENT: f64 = 1e-9;
 
 impl Constraints {
     /// `C(q, t)`.
@@ -213,7 +213,8 @@ impl Constraints {
         let lengths = (0..self.len()).filter(|&row| !self[row].coordinate.is_angle());
         let parts = lengths.flat_map(|row| gradients.parts(row));
         let longest = parts.map(|(_, part)| part.z.abs()).fold(0.0, f64::max);
-        if longest > 0.0 { longest } else { 1.0 }
+        // a cam at rest has a slope of rounding errors
+        if longest > 1e-12 { longest } else { 1.0 }
     }
 
     /// `-C_t = f'(t)`: what `C_q qd` must be.

@@ -140,6 +140,14 @@ impl Coordinate {
         matches!(self, Self::Angle { .. })
     }
 
+    /// The frames between which it is measured.
+    pub fn frames(&self) -> [Frame; 2] {
+        match self {
+            Self::Projection { from, to, .. } | Self::Distance { from, to } => [from.frame, to.frame],
+            Self::Angle { from, to } => [*from, *to],
+        }
+    }
+
     /// Whether any body's motion changes it; otherwise it is of the ground alone.
     pub fn is_of_body(&self) -> bool {
         match self {

@@ -99,7 +99,7 @@ impl<'a> Way<'a> {
         let mut loops = loops(&model.constraints, q);
         let transposed = gradients.dense();
         loops.iter_mut().for_each(|one| one.side = one.sign(&transposed));
-        let length = model.constraints.lever_arm(&gradients);
+        let length = model.length(&gradients);
         let scale = DVector::from_fn(q.len(), |coordinate, _| if coordinate % 3 == 2 { 1.0 } else { length });
         Self { model, loops, scale, budget }
     }
@@ -160,7 +160,7 @@ impl<'a> Way<'a> {
         let forces = self.model.applied_forces(*t, q, v, &self.model.at(*t, &[])) - self.model.mass.component_mul(qdd);
         let multipliers = self.model.constraints.gradients(q).dense().lu().solve(&forces);
         let multipliers = multipliers.ok_or_else(|| self.obstacle(*t, *t, q))?;
-        self.model.constraints.check(*t, q, v)?;
+        self.model.check(*t, q, v)?;
         Ok(Sample { t: *t, q: q.clone(), v: v.clone(), z: Vec::new(), qdd: qdd.clone(), multipliers })
     }
 

@@ -119,6 +119,12 @@ impl Mechanism {
         origin.refuse(problems)?;
         let mut odd = oddities(&description);
         odd.extend(constant_outputs(&description, &measures));
+        for owner in model.redundant.iter().map(|constraint| &constraint.owner) {
+            let message = "is left out as far as it repeats what others hold: their reactions are not determined";
+            if !odd.iter().any(|known| known.key == *owner) {
+                odd.add(owner.clone(), message);
+            }
+        }
         let warnings = origin.locate(odd);
         let torsion = Torsion::default();
         Ok(Self { description, torsion, outputs, degrees_of_freedom: model.degrees_of_freedom(), warnings, origin })

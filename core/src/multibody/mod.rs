@@ -18,6 +18,7 @@ pub mod measure;
 mod mechanism;
 pub mod model;
 pub mod reduced;
+mod redundancy;
 pub mod review;
 pub mod simulate;
 mod start;

@@ -108,6 +108,8 @@ pub struct MultibodyModel {
     /// The constraints, then the coordinates whose accelerations are prescribed, as constraints that hold still: all that decides
     /// accelerations. For gradients and names.
     pub deciding: Constraints,
+    /// Constraints that follow from the others.
+    pub redundant: Constraints,
     /// Springs and dampers.
     pub springs: Vec<Spring>,
     /// Forces at points and actuators.
@@ -131,6 +133,15 @@ pub struct MultibodyModel {
 }
 
 impl MultibodyModel {
+    /// Makes sure that a state is a row of a run, as [`Constraints::check`], redundant constraints included.
+    ///
+    /// # Errors
+    /// Which constraint is violated, and by how much.
+    pub fn check(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<(), String> {
+        self.constraints.check(t, q, v)?;
+        self.redundant.check(t, q, v)
+    }
+
     /// Values `u`: those of the inputs at a time of the run, then the actuator states `z`.
     pub fn at(&self, t: f64, z: &[f64]) -> Vec<f64> {
         self.inputs.iter().map(|input| input.signal.value(t)).chain(z.iter().copied()).collect()

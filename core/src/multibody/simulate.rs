@@ -147,7 +147,7 @@ fn sample(
     let acceleration = formulation.accelerate(model, t, (&q, &v), &u);
     let Acceleration { qdd, multipliers } =
         acceleration.map_err(|message| model.undefined_force(t, &q, &v, &u).unwrap_or(message))?;
-    model.constraints.check(t, &q, &v)?;
+    model.check(t, &q, &v)?;
     Ok(Sample { t, q, v, z, qdd, multipliers })
 }
 

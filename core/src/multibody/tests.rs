@@ -4,6 +4,7 @@ mod contacts;
 mod drivers;
 mod mistakes;
 mod parts;
+mod redundancy;
 
 use super::{
     Mechanism,
