@@ -353,10 +353,10 @@ fn scatter(vector: &mut DVector<f64>, positions: &[usize], values: &DVector<f64>
 }
 
 fn stack(upper: &DVector<f64>, lower: &DVector<f64>) -> DVector<f64> {
-    DVector::from_iterator(upper.len() + lower.len(), upper.iter().chain(lower.iter()).copied())
+    DVector::from_vec([upper.as_slice(), lower.as_slice()].concat())
 }
 
 fn halves(state: &DVector<f64>) -> (DVector<f64>, DVector<f64>) {
-    let half = state.len() / 2;
-    (state.rows(0, half).into_owned(), state.rows(half, half).into_owned())
+    let (upper, lower) = state.as_slice().split_at(state.len() / 2);
+    (DVector::from_column_slice(upper), DVector::from_column_slice(lower))
 }

@@ -192,6 +192,11 @@ impl Elimination {
         Self { order, rows, starts, products, before: of_row.concat(), before_ends }
     }
 
+    /// Number of entries of the factors.
+    pub fn entries(&self) -> usize {
+        self.rows.len()
+    }
+
     /// Factors of `C_q W C_q^T` with the weights `W` of a body's coordinates. `None` if the matrix is not safely positive definite.
     pub fn factorise(&self, gradients: &Gradients, weight: impl Fn(usize) -> Vector3<f64>) -> Option<Factors<'_>> {
         let weighted: Vec<Vector3<f64>> =
