@@ -1,12 +1,13 @@
 """Compares chains in MuJoCo with the FMU of examples/dynamics/parts/chain.toml, and with our simulation of 5 to 40 links.
 
-Chains are pushed by 1 N and released from bent positions. MuJoCo's step is halved from 4 ms until its largest error is that of the other side. Times
-are those of the whole motion for a simulated second, median and minimum of alternating repetitions.
+Chains are pushed by 1 N and released from bent positions. MuJoCo's step is shortened until its largest error is at most that of the other side.
+Times are those of the whole motion for a simulated second, median and minimum of alternating repetitions.
 
-FMU: MuJoCo with steps of 20 µs is the reference; both are driven from Python in steps of 10 ms, and the FMU's outputs are read after each.
+FMU: MuJoCo with steps of 20 µs is the reference, and its step is halved from 4 ms; both are driven from Python in steps of 10 ms, and the FMU's outputs are read after each.
 Usage: .venv/bin/python scripts/measure parts chain --out FOLDER; .venv/bin/python scripts/measure mujoco-chain --out FOLDER
 
-Simulation: `run_mechanism` times itself, without assembly; our simulation with a tolerance of 1e-13 is the reference. Errors are those of all joint angles.
+Simulation: `run_mechanism` times itself, without assembly; our simulation with a tolerance of 1e-13 is the reference. Errors are those of all joint angles, in rad.
+MuJoCo's step is divided by the root of 2 from 10 ms.
 Usage: cargo build --release -p metafmu-core --example run_mechanism; .venv/bin/python scripts/measure mujoco-chain --simulation
 
 It needs `pip install mujoco`.
@@ -146,11 +147,10 @@ def timed(simulate):
     return time.perf_counter() - begin
 
 
-def at_error(error, largest, masses):
-    """MuJoCo's step, halved until its largest error is below another one."""
-    step = 4e-3
+def at_error(error, largest, masses, step, factor):
+    """MuJoCo's step, divided by a factor until its largest error is below another one."""
     while largest(in_mujoco(STEP / np.ceil(STEP / step), masses)) > error and step > 2 * REFERENCE:
-        step /= 2
+        step /= factor
     return STEP / np.ceil(STEP / step)
 
 
@@ -165,7 +165,7 @@ def compare_simulation(program):
             for tolerance in TOLERANCES:
                 error = np.abs(simulated(program, file.name, tolerance)[0] - reference).max()
                 largest = lambda found: np.abs(found[1] - reference).max()
-                step = at_error(error, largest, masses)
+                step = at_error(error, largest, masses, STEP, 2**0.5)
                 found = in_mujoco(step, masses)
                 # the first run of a process warms its caches
                 ours = lambda: simulated(program, file.name, tolerance, 2)[1][1]
@@ -186,7 +186,7 @@ def compare_fmu(fmu):
     reference, *_ = in_mujoco(REFERENCE)
     largest = lambda found: np.abs(found[0] - reference).max() / np.ptp(reference, axis=0).min()
     own = largest([found])
-    step = at_error(own, largest, MASSES)
+    step = at_error(own, largest, MASSES, 4e-3, 2)
     rows = in_mujoco(step)
     print(f"largest error, of the range: FMU {own:.1e}; MuJoCo with steps of {step * 1e3:.3g} ms {largest(rows):.1e}")
     slave = Slave(fmu, starts)
