@@ -6,8 +6,8 @@
 //! - `C_q qdd = F_c` with `F_c = f'' - (C_q qd)_q qd`
 
 use super::{
-    coordinate::{Coordinate, Directions, Positions},
-    gradients::{Elimination, Gradients},
+    coordinate::{Coordinate, Positions, TurnedBodies},
+    gradients::{Elimination, SparseGradients},
 };
 use metafmu_runtime::{Jet, formula::Formula};
 use nalgebra::{DMatrix, DVector, Vector3};
@@ -193,23 +193,23 @@ impl Constraints {
         DVector::from_iterator(self.len(), self.iter().map(|constraint| constraint.residual(t, q)))
     }
 
-    /// Gradients of the constraints: the columns of `C_q^T`.
-    pub fn gradients(&self, q: &impl Positions) -> Gradients {
-        let mut gradients = Gradients::new(q.coordinates().len(), self.len());
+    /// SparseGradients of the constraints: the columns of `C_q^T`.
+    pub fn gradients(&self, q: &impl Positions) -> SparseGradients {
+        let mut gradients = SparseGradients::new(q.coordinates().len(), self.len());
         for constraint in self.iter() {
             gradients.push(|act| constraint.visit_gradient(q, act));
         }
         gradients
     }
 
-    /// Order and pattern in which these constraints are eliminated.
-    pub fn elimination(&self, gradients: &Gradients) -> &Elimination {
+    /// Order and pattern of the factors for the gradients of these constraints.
+    pub fn elimination(&self, gradients: &SparseGradients) -> &Elimination {
         self.elimination.get_or_init(|| Elimination::new(gradients))
     }
 
     /// The longest lever arm: by how much a length changes with an angle at most, in m/rad; 1 if none does. It makes lengths
     /// comparable with angles.
-    pub fn lever_arm(&self, gradients: &Gradients) -> f64 {
+    pub fn lever_arm(&self, gradients: &SparseGradients) -> f64 {
         let lengths = (0..self.len()).filter(|&row| !self[row].coordinate.is_angle());
         let parts = lengths.flat_map(|row| gradients.parts(row));
         let longest = parts.map(|(_, part)| part.z.abs()).fold(0.0, f64::max);
@@ -251,7 +251,7 @@ impl Constraints {
 
     /// Violation of each constraint, in its position or its velocity, whichever is larger.
     fn violations(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Vec<f64> {
-        let q = &Directions::new(q);
+        let q = &TurnedBodies::new(q);
         let (positions, rates) = (self.residual(t, q), self.gradients(q).along(v) - self.target_rates(t));
         let larger = |(position, rate): (&f64, &f64)| {
             if position.abs().total_cmp(&rate.abs()).is_gt() { position.abs() } else { rate.abs() }
@@ -285,15 +285,15 @@ impl Constraints {
         &self,
         t: f64,
         q: &mut DVector<f64>,
-        solve: impl Fn(&Gradients, &DVector<f64>) -> Option<DVector<f64>>,
+        solve: impl Fn(&SparseGradients, &DVector<f64>) -> Option<DVector<f64>>,
     ) -> Result<(), String> {
-        let mut residual = self.residual(t, &Directions::new(q));
+        let mut residual = self.residual(t, &TurnedBodies::new(q));
         for _ in 0..100 {
             let scale = 1.0 + q.amax();
             if residual.amax() <= 1e-15 * scale {
                 break;
             }
-            let Some(step) = solve(&self.gradients(&Directions::new(q)), &residual) else { break };
+            let Some(step) = solve(&self.gradients(&TurnedBodies::new(q)), &residual) else { break };
             let Some((better, left)) = self.shortened(t, q, &step, residual.norm()) else { break };
             (*q, residual) = (better, left);
         }
@@ -319,7 +319,7 @@ impl Constraints {
     ) -> Option<(DVector<f64>, DVector<f64>)> {
         (0..12).find_map(|halvings| {
             let better = q - step * 0.5f64.powi(halvings);
-            let left = self.residual(t, &Directions::new(&better));
+            let left = self.residual(t, &TurnedBodies::new(&better));
             (left.norm() < violation).then_some((better, left))
         })
     }
@@ -332,7 +332,7 @@ impl Constraints {
         if self.is_empty() {
             return Ok(());
         }
-        let gradients = self.gradients(&Directions::new(q));
+        let gradients = self.gradients(&TurnedBodies::new(q));
         if let Some(message) = self.undefined_motion(t) {
             return Err(message);
         }
@@ -345,12 +345,12 @@ impl Constraints {
     }
 
     /// The shortest `x` with `C_q x = b`, also where constraints are close to dependent.
-    fn least_norm(&self, gradients: &Gradients, b: &DVector<f64>) -> Option<DVector<f64>> {
+    fn least_norm(&self, gradients: &SparseGradients, b: &DVector<f64>) -> Option<DVector<f64>> {
         self.shortest(gradients, b).or_else(|| least_norm(&gradients.dense(), b))
     }
 
     /// `x = C_q^T (C_q C_q^T)^-1 b`; `None` if constraints are close to dependent.
-    fn shortest(&self, gradients: &Gradients, b: &DVector<f64>) -> Option<DVector<f64>> {
+    fn shortest(&self, gradients: &SparseGradients, b: &DVector<f64>) -> Option<DVector<f64>> {
         let factors = self.elimination(gradients).factorise(gradients, |_| Vector3::repeat(1.0))?;
         Some(gradients.sum(&factors.solve(b)))
     }
@@ -364,13 +364,17 @@ impl Constraints {
     }
 
     /// The first constraint that depends on those before it, by Gram-Schmidt in the order of the description.
-    pub fn first_dependent(&self, gradients: &Gradients) -> Option<&Constraint> {
+    pub fn first_dependent(&self, gradients: &SparseGradients) -> Option<&Constraint> {
+        // safe pivots are far from dependence
+        if self.elimination(gradients).factorise(gradients, |_| Vector3::repeat(1.0)).is_some() {
+            return None;
+        }
         let mut constraints = self.iter().zip(independence(&gradients.dense()));
         constraints.find(|(_, independent)| *independent <= DEPENDENT).map(|(constraint, _)| constraint)
     }
 
     /// Names the constraint that depends most on those before it.
-    pub fn name_singular(&self, t: f64, gradients: &Gradients) -> String {
+    pub fn name_singular(&self, t: f64, gradients: &SparseGradients) -> String {
         let worst = self.iter().zip(independence(&gradients.dense())).min_by(|a, b| a.1.total_cmp(&b.1));
         let owner = worst.map_or("", |(constraint, _)| constraint.owner.as_str());
         format!("singular position at t = {t} s: `{owner}` depends on the other constraints there")

@@ -42,19 +42,19 @@ impl Positions for DVector<f64> {
 
 /// Coordinates with the sine and cosine of each body's angle, for many functions of the same positions.
 #[derive(Clone, Debug)]
-pub struct Directions<'a> {
+pub struct TurnedBodies<'a> {
     q: &'a DVector<f64>,
     of_bodies: Vec<(f64, f64)>,
 }
 
-impl<'a> Directions<'a> {
+impl<'a> TurnedBodies<'a> {
     /// Sines and cosines for the coordinates `q`.
     pub fn new(q: &'a DVector<f64>) -> Self {
         Self { q, of_bodies: q.as_slice().chunks_exact(3).map(|body| body[2].sin_cos()).collect() }
     }
 }
 
-impl Positions for Directions<'_> {
+impl Positions for TurnedBodies<'_> {
     fn coordinates(&self) -> &DVector<f64> {
         self.q
     }

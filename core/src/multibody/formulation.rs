@@ -2,7 +2,8 @@
 //!
 //! *Augmented*: accelerations and Lagrange multipliers of all coordinates from
 //! `[M C_q^T; C_q 0] [qdd; lambda] = [F_a; F_c]`. The state `(q, qd)` drifts off the constraints, which are enforced for
-//! accelerations only; it is projected back where the drift exceeds 1e-11, or 100 tolerances of the integration if that is more.
+//! accelerations only; it is projected back where the drift exceeds 1e-11, or 10 tolerances of the integration
+//! if that is more.
 //!
 //! *Embedding*: the state is `(q_i, qd_i)`, the independent coordinates; the others follow from the constraints. With
 //! `C_q = [C_d C_i]`: `qdd = T qdd_i + r`, `T = [-C_d^-1 C_i; 1]`, `r = [C_d^-1 F_c; 0]`, and
@@ -14,9 +15,9 @@
 //! others, with `G = s_q T`, as `[T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]`.
 
 use super::{
-    coordinate::{Coordinate, Directions},
+    coordinate::{Coordinate, TurnedBodies},
     description::FormulationKind,
-    gradients::Gradients,
+    gradients::SparseGradients,
     model::MultibodyModel,
 };
 use nalgebra::{DMatrix, DVector, Dyn, LU};
@@ -24,7 +25,7 @@ use std::cell::Cell;
 
 /// Violation of positions (m, rad) or velocities (m/s, rad/s) at which the augmented formulation's state is projected, in tolerances of
 /// the integration.
-const DRIFT: f64 = 100.0;
+const DRIFT: f64 = 10.0;
 
 /// Least such violation: rounding must not reach it.
 const LEAST_DRIFT: f64 = 1e-11;
@@ -149,7 +150,7 @@ pub fn augmented(
     (q, v): (&DVector<f64>, &DVector<f64>),
     u: &[f64],
 ) -> Result<Acceleration, String> {
-    let q = &Directions::new(q);
+    let q = &TurnedBodies::new(q);
     let gradients = model.deciding.gradients(q);
     let (forces, side) = (model.applied_forces(t, q, v, u), model.deciding_side(t, q, v, u));
     let solution = eliminated(model, &gradients, &forces, &side);
@@ -161,7 +162,7 @@ pub fn augmented(
 /// method, at a fraction of the cost. `None` where a mass is zero or the matrix is not safely positive definite.
 fn eliminated(
     model: &MultibodyModel,
-    gradients: &Gradients,
+    gradients: &SparseGradients,
     forces: &DVector<f64>,
     side: &DVector<f64>,
 ) -> Option<Acceleration> {
@@ -181,7 +182,7 @@ fn eliminated(
 /// The augmented equations without elimination.
 fn whole(
     mass: &DVector<f64>,
-    gradients: &Gradients,
+    gradients: &SparseGradients,
     forces: &DVector<f64>,
     side: &DVector<f64>,
 ) -> Option<Acceleration> {
@@ -206,7 +207,7 @@ pub fn mobility(model: &MultibodyModel, q: &DVector<f64>, coordinate: &Coordinat
 }
 
 /// Why the equations of motion have no solution.
-fn without_solution(model: &MultibodyModel, t: f64, gradients: &Gradients) -> String {
+fn without_solution(model: &MultibodyModel, t: f64, gradients: &SparseGradients) -> String {
     match model.deciding.first_dependent(gradients) {
         Some(_) => model.deciding.name_singular(t, gradients),
         None => format!(
@@ -353,10 +354,10 @@ fn scatter(vector: &mut DVector<f64>, positions: &[usize], values: &DVector<f64>
 }
 
 fn stack(upper: &DVector<f64>, lower: &DVector<f64>) -> DVector<f64> {
-    DVector::from_iterator(upper.len() + lower.len(), upper.iter().chain(lower.iter()).copied())
+    DVector::from_vec([upper.as_slice(), lower.as_slice()].concat())
 }
 
 fn halves(state: &DVector<f64>) -> (DVector<f64>, DVector<f64>) {
-    let half = state.len() / 2;
-    (state.rows(0, half).into_owned(), state.rows(half, half).into_owned())
+    let (upper, lower) = state.as_slice().split_at(state.len() / 2);
+    (DVector::from_column_slice(upper), DVector::from_column_slice(lower))
 }

@@ -13,9 +13,9 @@ const SAFE_PIVOT: f64 = 1e-6;
 /// Part of a gradient: a body by its position, and the derivatives along its `(x, y, phi)`.
 type BodyPart = (usize, Vector3<f64>);
 
-/// Gradients one after the other, such as the columns of `C_q^T`.
+/// SparseGradients one after the other, such as the columns of `C_q^T`.
 #[derive(Clone, Debug)]
-pub struct Gradients {
+pub struct SparseGradients {
     /// Number of coordinates of all bodies.
     coordinates: usize,
     parts: Vec<BodyPart>,
@@ -23,7 +23,7 @@ pub struct Gradients {
     ends: Vec<usize>,
 }
 
-impl Gradients {
+impl SparseGradients {
     /// No gradients yet, of functions of so many coordinates.
     pub fn new(coordinates: usize, capacity: usize) -> Self {
         Self { coordinates, parts: Vec::with_capacity(2 * capacity), ends: Vec::with_capacity(capacity) }
@@ -107,9 +107,9 @@ impl Gradients {
 }
 
 /// Order and pattern of the factors of `C_q W C_q^T`: the same for all configurations of a model.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Elimination {
-    /// Gradients in the order in which they are eliminated.
+    /// SparseGradients in the order in which they are eliminated.
     order: Vec<usize>,
     /// Row of each entry of `L`, column by column: the diagonal, then the rows below it.
     rows: Vec<usize>,
@@ -133,7 +133,7 @@ pub struct Factors<'a> {
 
 impl Elimination {
     /// Order and pattern for gradients with parts of these bodies.
-    pub fn new(gradients: &Gradients) -> Self {
+    pub fn new(gradients: &SparseGradients) -> Self {
         let count = gradients.len();
         let mut of_body = vec![Vec::new(); gradients.coordinates() / 3];
         for gradient in 0..count {
@@ -192,8 +192,17 @@ impl Elimination {
         Self { order, rows, starts, products, before: of_row.concat(), before_ends }
     }
 
+    /// Number of entries of the factors.
+    pub fn entries(&self) -> usize {
+        self.rows.len()
+    }
+
     /// Factors of `C_q W C_q^T` with the weights `W` of a body's coordinates. `None` if the matrix is not safely positive definite.
-    pub fn factorise(&self, gradients: &Gradients, weight: impl Fn(usize) -> Vector3<f64>) -> Option<Factors<'_>> {
+    pub fn factorise(
+        &self,
+        gradients: &SparseGradients,
+        weight: impl Fn(usize) -> Vector3<f64>,
+    ) -> Option<Factors<'_>> {
         let weighted: Vec<Vector3<f64>> =
             gradients.parts.iter().map(|(body, part)| part.component_mul(&weight(*body))).collect();
         let mut entries = vec![0.0; self.rows.len()];

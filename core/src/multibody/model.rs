@@ -4,7 +4,7 @@ use super::{
     constraint::{BoundExpression, Constraints},
     coordinate::{Coordinate, Positions},
     description::FormulationKind,
-    gradients::Gradients,
+    gradients::SparseGradients,
 };
 use crate::signal::Signal;
 use metafmu_runtime::formula::LookupTable;
@@ -179,7 +179,7 @@ impl MultibodyModel {
         sum
     }
 
-    /// Gradients of the coordinates of the efforts, `s_q`: one a column.
+    /// SparseGradients of the coordinates of the efforts, `s_q`: one a column.
     pub fn effort_gradients(&self, q: &DVector<f64>) -> DMatrix<f64> {
         let mut gradients = DMatrix::zeros(q.len(), self.efforts.len());
         for (effort, mut column) in self.efforts.iter().zip(gradients.column_iter_mut()) {
@@ -295,7 +295,7 @@ impl MultibodyModel {
 
     /// A length that makes angles comparable with lengths: the longest lever arm of the constraints, or the longest radius of gyration.
     /// Lever arms alone vanish where a body passes the pivot that it turns about.
-    pub fn length(&self, gradients: &Gradients) -> f64 {
+    pub fn length(&self, gradients: &SparseGradients) -> f64 {
         let radius = |mass: &[f64]| if mass[0] > 0.0 { (mass[2] / mass[0]).sqrt() } else { 0.0 };
         let longest = self.mass.as_slice().chunks(3).map(radius).fold(0.0, f64::max);
         self.constraints.lever_arm(gradients).max(longest)

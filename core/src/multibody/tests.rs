@@ -1,5 +1,6 @@
 //! Physical identities and closed forms that whole mechanisms must meet, in both formulations.
 
+mod chains;
 mod contacts;
 mod drivers;
 mod mistakes;
