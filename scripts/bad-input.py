@@ -385,9 +385,9 @@ SECTIONS = {
         "a joint of an unknown kind": mechanism('"revolute"', '"hinge"'),
         "a measure that is not there": mechanism('"rod.x"', '"rod.z"'),
         "a name for two things": mechanism("[springs.damper]", "[springs.rod]"),
-        "a redundant joint": mechanism(
+        "a reaction that a redundant joint leaves open": mechanism(
             "[springs.return]",
-            '[joints.E]\ntype = "revolute"\nbetween = ["ground.right", "rocker.bottom"]\n[springs.return]',
+            '[joints.E]\ntype = "revolute"\nbetween = ["ground.right", "rocker.bottom"]\n[outputs.load]\nmeasure = "D.fx"\n[springs.return]',
             LINKAGE,
             FOUR_BAR,
         ),

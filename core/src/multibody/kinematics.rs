@@ -99,7 +99,7 @@ impl<'a> Way<'a> {
         let mut loops = loops(&model.constraints, q);
         let transposed = gradients.dense();
         loops.iter_mut().for_each(|one| one.side = one.sign(&transposed));
-        let length = model.length(&gradients);
+        let length = model.constraints.lever_arm(&gradients);
         let scale = DVector::from_fn(q.len(), |coordinate, _| if coordinate % 3 == 2 { 1.0 } else { length });
         Self { model, loops, scale, budget }
     }

@@ -6,7 +6,7 @@
 
 use super::{
     constraint::{Constraint, Constraints, DEPENDENT, Target, independence},
-    coordinate::Directions,
+    coordinate::TurnedBodies,
     measure::Measure,
     model::MultibodyModel,
 };
@@ -53,7 +53,7 @@ impl Redundancy {
         let mut q = model.position_guess.clone();
         let all: Constraints = model.constraints.iter().chain(model.initial_positions.iter()).cloned().collect();
         all.assemble(0.0, &mut q).ok()?;
-        let gradients = geometry.gradients(&Directions::new(&q)).dense();
+        let gradients = geometry.gradients(&TurnedBodies::new(&q)).dense();
         let parts = independence(&gradients);
         let removed: BTreeSet<usize> = (0..parts.len()).filter(|&row| parts[row] <= DEPENDENT).collect();
         if removed.is_empty() {
@@ -123,8 +123,8 @@ fn has_loops(constraints: &Constraints, coordinates: usize) -> bool {
 
 /// True if some constraints hold wherever the mechanism is moved under the others from `q`.
 fn follows(model: &MultibodyModel, some: &Constraints, others: &Constraints, q: &DVector<f64>) -> bool {
-    let gradients = others.gradients(&Directions::new(q));
-    let length = model.length(&model.constraints.gradients(&Directions::new(q)));
+    let gradients = others.gradients(&TurnedBodies::new(q));
+    let length = model.length(&model.constraints.gradients(&TurnedBodies::new(q)));
     let motions = null_space(&gradients.dense().transpose());
     let size = |motion: &DVector<f64>| {
         let of = |(index, value): (usize, &f64)| if index % 3 == 2 { value.abs() } else { value.abs() / length };
@@ -144,7 +144,7 @@ fn follows(model: &MultibodyModel, some: &Constraints, others: &Constraints, q: 
                 continue;
             }
             moved += 1;
-            if some.residual(0.0, &Directions::new(&q)).amax() > VIOLATION * (1.0 + q.amax()) {
+            if some.residual(0.0, &TurnedBodies::new(&q)).amax() > VIOLATION * (1.0 + q.amax()) {
                 return false;
             }
         }
