@@ -15,6 +15,7 @@ pub mod joints;
 pub mod kinematics;
 pub mod measure;
 mod mechanism;
+mod method;
 pub mod model;
 pub mod reduced;
 pub mod review;
