@@ -120,7 +120,7 @@ fn tables_and_loops_are_as_exact_as_with_the_explicit_method() {
     let times = grid(1.0, 11);
     let run = |mechanism: &Mechanism| {
         let budget = Budget::default();
-        let rows = mechanism.simulate_driven(&[], &[signal.clone()], &times, 1e-11, &budget).unwrap();
+        let rows = mechanism.simulate_driven(&[], std::slice::from_ref(&signal), &times, 1e-11, &budget).unwrap();
         (rows, budget.spent())
     };
     // a hinge so viscous that it does not turn in a second is nearly welded: two formulations agree
