@@ -4,6 +4,7 @@
 //! step's beginning (node `c_12` is 0 and not 1). Where time matters it is a state with the derivative 1.
 
 mod budget;
+pub(crate) mod radau;
 
 pub use budget::Budget;
 use nalgebra::{DefaultAllocator, Dim, OVector, SVector, allocator::Allocator};
@@ -24,6 +25,8 @@ pub struct IntegrationResult<State> {
     pub states: Vec<State>,
     /// The method's message if it failed before the last row.
     pub failure: Option<String>,
+    /// True if the method found the equations to be stiff.
+    pub is_stiff: bool,
     /// Evaluations of the right-hand side.
     pub evaluations: u32,
 }
@@ -101,7 +104,12 @@ where
     DefaultAllocator: Allocator<D>,
 {
     let &[start, .., stop] = times else {
-        return IntegrationResult { states: vec![initial; times.len()], failure: None, evaluations: 0 };
+        return IntegrationResult {
+            states: vec![initial; times.len()],
+            failure: None,
+            is_stiff: false,
+            evaluations: 0,
+        };
     };
     let spacing = (stop - start) / (times.len() - 1) as f64;
     // ode_solvers extrapolates a row at the very end of the integration from the step before it: no row is there
@@ -125,20 +133,21 @@ where
         1000,
         OutputType::Dense,
     );
-    let (evaluations, failure) = match solver.integrate() {
-        Ok(statistics) => (statistics.num_eval, None),
+    let (evaluations, failure, is_stiff) = match solver.integrate() {
+        Ok(statistics) => (statistics.num_eval, None, false),
         Err(error) => {
+            let is_stiff = matches!(error, IntegrationError::StiffnessDetected { .. });
             let (IntegrationError::MaxNumStepReached { x, .. }
             | IntegrationError::StepSizeUnderflow { x }
             | IntegrationError::StiffnessDetected { x }) = &error;
-            (0, Some(format!("{} at t = {x} s", in_words(&error))))
+            (0, Some(format!("{} at t = {x} s", in_words(&error))), is_stiff)
         }
     };
     let finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());
     let states: Vec<_> = solver.y_out().iter().take(times.len()).take_while(finite).cloned().collect();
     // nothing is wrong if only the way past the last row failed
     let failure = failure.filter(|_| states.len() < times.len());
-    IntegrationResult { states, failure, evaluations }
+    IntegrationResult { states, failure, is_stiff, evaluations }
 }
 
 /// Why a method gave up, without the time.

@@ -71,7 +71,7 @@ impl<'a> Budget<'a> {
     }
 
     fn look(&self, spent: u64) {
-        let progress = (self.reached.get() - self.start.get()) / self.duration.get();
+        let progress = self.progress();
         if self.stops.iter().any(|stop| stop.load(Ordering::Relaxed)) {
             self.end.set(Some(StopCause::Stopped));
         } else if self.clock.is_some_and(|(begin, limit)| begin.elapsed() > limit) {
@@ -99,6 +99,25 @@ impl<'a> Budget<'a> {
         self.start.get()
     }
 
+    /// Begins anew from where the run is, for another method, if the evaluations are spent.
+    pub(crate) fn renew(&self) {
+        if self.is_spent() {
+            self.end.set(None);
+            self.evaluations.set((EVALUATIONS * self.progress()) as u64);
+            self.window.set(f64::NEG_INFINITY);
+        }
+    }
+
+    /// Part of the run that is done.
+    fn progress(&self) -> f64 {
+        (self.reached.get() - self.start.get()) / self.duration.get()
+    }
+
+    /// Number of evaluations until now.
+    pub(crate) fn spent(&self) -> u64 {
+        self.evaluations.get()
+    }
+
     /// How far the run has come.
     pub(crate) fn reached(&self) -> f64 {
         self.reached.get()
@@ -107,6 +126,11 @@ impl<'a> Budget<'a> {
     /// How far it came last at once.
     pub(crate) fn last_step(&self) -> f64 {
         self.last_step.get()
+    }
+
+    /// Returns true if the evaluations are spent.
+    pub(crate) fn is_spent(&self) -> bool {
+        matches!(self.end.get(), Some(StopCause::Evaluations))
     }
 
     /// Whether the run must be given up.
@@ -127,10 +151,7 @@ impl<'a> Budget<'a> {
             }
             (Some(StopCause::Evaluations), _) => {
                 let (spent, step) = (self.evaluations.get(), self.last_step.get());
-                let cause = cause().unwrap_or_else(|| {
-                    "the equations are stiff or the motion is too fast for an explicit method (Dormand and Prince, order 8)"
-                        .into()
-                });
+                let cause = cause().unwrap_or_else(|| "the motion is too fast, or the equations are too stiff".into());
                 format!("given up at t = {t} s after {spent} evaluations, the last step was {step:.1e} s: {cause}")
             }
             _ => format!("stopped at t = {t} s"),

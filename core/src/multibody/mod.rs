@@ -16,6 +16,7 @@ pub mod joints;
 pub mod kinematics;
 pub mod measure;
 mod mechanism;
+mod method;
 pub mod model;
 pub mod reduced;
 mod redundancy;

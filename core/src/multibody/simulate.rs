@@ -1,14 +1,17 @@
 //! Runs of a model: integration of its equations of motion, or, where the drivers leave nothing free, its [`kinematics`].
+//!
+//! The explicit method integrates as long as accuracy decides the length of its steps. Where stability does, the implicit method continues.
 
 use super::{
     constraint::independence,
     description::FormulationKind,
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
+    method::{Lap, MethodChoice, jacobian},
     model::{ActuatorState, MultibodyModel, Sample, Spring},
 };
-use crate::integrate::{self, Budget, IntegrationResult};
-use nalgebra::DVector;
+use crate::integrate::{self, Budget, IntegrationResult, radau};
+use nalgebra::{DMatrix, DVector};
 use ode_solvers::System;
 use std::cell::RefCell;
 
@@ -31,9 +34,23 @@ pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Resul
 /// As [`simulate`].
 pub fn simulate_from(
     model: &MultibodyModel,
+    state: (DVector<f64>, DVector<f64>, Vec<f64>),
+    times: &[f64],
+    budget: &Budget,
+) -> Result<Vec<Sample>, String> {
+    continue_from(model, state, times, budget, &mut MethodChoice::default())
+}
+
+/// The same with the choice of the method so far.
+///
+/// # Errors
+/// As [`simulate`].
+pub(super) fn continue_from(
+    model: &MultibodyModel,
     (q, v, z): (DVector<f64>, DVector<f64>, Vec<f64>),
     times: &[f64],
     budget: &Budget,
+    choice: &mut MethodChoice,
 ) -> Result<Vec<Sample>, String> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
     budget.begin(times);
@@ -50,26 +67,17 @@ pub fn simulate_from(
         let from = &samples[samples.len() - 1];
         let ahead = &times[samples.len() - 1..];
         let ahead = &ahead[..rows.min(ahead.len())];
-        let next = match has_bends {
-            true => over_bends(model.formulation, model, from, ahead[1], budget).map(|sample| vec![sample]),
-            false => stretch(model.formulation, model, from, ahead, budget),
-        };
-        let next = match next {
-            Ok(next) => next,
-            // with other independent coordinates on the way it may succeed, and else with all coordinates
-            Err(_) if model.formulation == FormulationKind::Embedding && !budget.is_over() => {
-                match bridge(model, from, ahead[1], 5, budget) {
-                    Ok(sample) => vec![sample],
-                    Err(message) if budget.is_over() => return Err(message),
-                    Err(message) => {
-                        let all = stretch(FormulationKind::Augmented, model, from, &ahead[..2], budget);
-                        all.map_err(|_| message)?
-                    }
-                }
+        let run = ModelRun { model, budget };
+        let next = run.rows(has_bends, from, ahead, choice).or_else(|message| {
+            // where stability could not be checked, the implicit method may succeed
+            budget.renew();
+            if choice.is_stiff() || budget.is_over() || !choice.is_suspect() {
+                return Err(message);
             }
-            Err(message) => return Err(message),
-        };
-        samples.extend(next);
+            choice.set_stiff();
+            run.rows(has_bends, from, ahead, choice).map_err(|_| message)
+        });
+        samples.extend(next?);
     }
     Ok(samples)
 }
@@ -77,64 +85,99 @@ pub fn simulate_from(
 /// Part of the time between two rows that is not divided any further.
 const SHORTEST: f64 = 1e-12;
 
-/// The sample at a time; on the way no table is stepped over.
-fn over_bends(
-    kind: FormulationKind,
-    model: &MultibodyModel,
-    from: &Sample,
-    t: f64,
-    budget: &Budget,
-) -> Result<Sample, String> {
-    let (mut from, least) = (from.clone(), SHORTEST * (t - from.t));
-    let mut h = t - from.t;
-    while from.t < t {
-        let to = if from.t + h < t - least { from.t + h } else { t };
-        let next = stretch(kind, model, &from, &[from.t, to], budget)?.swap_remove(0);
-        let share = model.share_without_bends(&from, &next);
-        if share < 1.0 && share * h > least {
-            h *= share.min(0.9);
-            continue;
-        }
-        from = next;
-        h *= 5.0;
-    }
-    Ok(from)
+/// A run of a model.
+#[derive(Clone, Copy)]
+struct ModelRun<'a> {
+    model: &'a MultibodyModel,
+    budget: &'a Budget<'a>,
 }
 
-/// The sample at the next time; independent coordinates are chosen again in between as often as necessary.
-fn bridge(model: &MultibodyModel, from: &Sample, t: f64, halvings: u32, budget: &Budget) -> Result<Sample, String> {
-    match stretch(model.formulation, model, from, &[from.t, t], budget) {
-        Ok(mut samples) => Ok(samples.swap_remove(0)),
-        Err(message) if halvings == 0 || budget.is_over() => Err(message),
-        Err(_) => {
-            let middle = bridge(model, from, 0.5 * (from.t + t), halvings - 1, budget)?;
-            bridge(model, &middle, t, halvings - 1, budget)
+impl ModelRun<'_> {
+    /// The samples after one, at least one of them.
+    fn rows(
+        self,
+        has_bends: bool,
+        from: &Sample,
+        ahead: &[f64],
+        choice: &mut MethodChoice,
+    ) -> Result<Vec<Sample>, String> {
+        let Self { model, budget } = self;
+        let next = match has_bends {
+            true => self.over_bends(from, ahead[1], choice).map(|sample| vec![sample]),
+            false => self.stretch(model.formulation, from, ahead, choice),
+        };
+        match next {
+            Ok(next) => Ok(next),
+            // with other independent coordinates on the way it may succeed, and else with all coordinates
+            Err(_) if model.formulation == FormulationKind::Embedding && !budget.is_over() => {
+                match self.bridge(from, ahead[1], 5, choice) {
+                    Ok(sample) => Ok(vec![sample]),
+                    Err(message) if budget.is_over() => Err(message),
+                    Err(message) => {
+                        let all = self.stretch(FormulationKind::Augmented, from, &ahead[..2], choice);
+                        all.map_err(|_| message)
+                    }
+                }
+            }
+            Err(message) => Err(message),
         }
     }
-}
 
-/// The samples after one, as far as a formulation's choices last; at least one.
-fn stretch(
-    kind: FormulationKind,
-    model: &MultibodyModel,
-    from: &Sample,
-    times: &[f64],
-    budget: &Budget,
-) -> Result<Vec<Sample>, String> {
-    let formulation = Formulation::new(kind, model, from.t, &from.q)?;
-    let (guess, undefined) = (RefCell::new(from.q.clone()), RefCell::default());
-    let stretch = Stretch { model, formulation, guess, z: &from.z, budget, undefined };
-    let states = stretch.integrate(from, times)?;
-    let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
-    for (state, &t) in states.iter().zip(times).skip(1) {
-        let guess = samples.last().map_or(&from.q, |sample| &sample.q);
-        let (_, state, z) = split(state, model.actuator_states.len());
-        let (mut q, mut v) = stretch.formulation.complete(model, t, &state, guess)?;
-        model.constraints.correct_positions(t, &mut q)?;
-        model.constraints.correct_velocities(t, &q, &mut v)?;
-        samples.push(sample(model, &stretch.formulation, t, (q, v, z))?);
+    /// The sample at a time; on the way no table is stepped over.
+    fn over_bends(self, from: &Sample, t: f64, choice: &mut MethodChoice) -> Result<Sample, String> {
+        let kind = self.model.formulation;
+        let (mut from, least) = (from.clone(), SHORTEST * (t - from.t));
+        let mut h = t - from.t;
+        while from.t < t {
+            let to = if from.t + h < t - least { from.t + h } else { t };
+            let next = self.stretch(kind, &from, &[from.t, to], choice)?.swap_remove(0);
+            let share = self.model.share_without_bends(&from, &next);
+            if share < 1.0 && share * h > least {
+                h *= share.min(0.9);
+                continue;
+            }
+            from = next;
+            h *= 5.0;
+        }
+        Ok(from)
     }
-    Ok(samples)
+
+    /// The sample at the next time; independent coordinates are chosen again in between as often as necessary.
+    fn bridge(self, from: &Sample, t: f64, halvings: u32, choice: &mut MethodChoice) -> Result<Sample, String> {
+        match self.stretch(self.model.formulation, from, &[from.t, t], choice) {
+            Ok(mut samples) => Ok(samples.swap_remove(0)),
+            Err(message) if halvings == 0 || self.budget.is_over() => Err(message),
+            Err(_) => {
+                let middle = self.bridge(from, 0.5 * (from.t + t), halvings - 1, choice)?;
+                self.bridge(&middle, t, halvings - 1, choice)
+            }
+        }
+    }
+
+    /// The samples after one, as far as a formulation's choices last; at least one.
+    fn stretch(
+        self,
+        kind: FormulationKind,
+        from: &Sample,
+        times: &[f64],
+        choice: &mut MethodChoice,
+    ) -> Result<Vec<Sample>, String> {
+        let Self { model, budget } = self;
+        let formulation = Formulation::new(kind, model, from.t, &from.q)?;
+        let (guess, undefined) = (RefCell::new(from.q.clone()), RefCell::default());
+        let stretch = Stretch { model, formulation, guess, z: &from.z, budget, undefined };
+        let states = stretch.integrate(from, times, choice)?;
+        let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
+        for (state, &t) in states.iter().zip(times).skip(1) {
+            let guess = samples.last().map_or(&from.q, |sample| &sample.q);
+            let (_, state, z) = split(state, model.actuator_states.len());
+            let (mut q, mut v) = stretch.formulation.complete(model, t, &state, guess)?;
+            model.constraints.correct_positions(t, &mut q)?;
+            model.constraints.correct_velocities(t, &q, &mut v)?;
+            samples.push(sample(model, &stretch.formulation, t, (q, v, z))?);
+        }
+        Ok(samples)
+    }
 }
 
 fn sample(
@@ -166,14 +209,63 @@ struct Stretch<'a> {
 
 impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
-    fn integrate(&self, from: &Sample, times: &[f64]) -> Result<Vec<DVector<f64>>, String> {
+    fn integrate(&self, from: &Sample, times: &[f64], choice: &mut MethodChoice) -> Result<Vec<DVector<f64>>, String> {
         let state = joined(&self.formulation.state(&from.q, &from.v), &from.z, from.t);
+        let mut failed = None;
+        if choice.is_stiff() {
+            match self.implicit(&state, times)? {
+                Ok(states) => return Ok(states),
+                Err(message) => failed = Some(message),
+            }
+        }
+        let lap = Lap::begin(self.budget, from.t);
         let problem = StretchProblem { stretch: self, start: from.t };
-        let IntegrationResult { states, failure, .. } =
-            integrate::advance(problem, state, times, self.model.tolerance, self.budget);
+        let IntegrationResult { states, failure, is_stiff, .. } =
+            integrate::advance(problem, state.clone(), times, self.model.tolerance, self.budget);
+        let gave_up = is_stiff || self.budget.is_spent();
+        if !choice.is_stiff()
+            && choice.note(lap.end(self.budget), gave_up, || self.jacobian(states.last().unwrap_or(&state)))
+        {
+            self.budget.renew();
+            if states.len() < 2 {
+                match self.implicit(&state, times)? {
+                    Ok(states) => return Ok(states),
+                    Err(message) => failed = Some(message),
+                }
+            }
+        }
         self.budget.check(|| self.cause())?;
         // after a failure the next stretch may succeed, if there is a row from which to continue
-        if states.len() >= 2 { Ok(states) } else { Err(self.explain(failure, from.t)) }
+        if states.len() >= 2 { Ok(states) } else { Err(self.explain(failed.or(failure), from.t)) }
+    }
+
+    /// The same by the implicit method, or its message.
+    ///
+    /// # Errors
+    /// The budget is over.
+    fn implicit(&self, state: &DVector<f64>, times: &[f64]) -> Result<Result<Vec<DVector<f64>>, String>, String> {
+        let guess = self.guess.borrow().clone();
+        let mut problem = StretchProblem { stretch: self, start: times[0] };
+        let IntegrationResult { mut states, failure, .. } =
+            radau::advance(&mut problem, without_time(state), times, self.model.tolerance, self.budget);
+        self.budget.check(|| self.cause())?;
+        if states.len() < 2 {
+            self.guess.replace(guess);
+            return Ok(Err(failure.unwrap_or_else(|| "the state is not finite".into())));
+        }
+        states.iter_mut().zip(times).for_each(|(state, t)| *state = state.push(*t));
+        Ok(Ok(states))
+    }
+
+    /// The Jacobian of the equations in a state, its time fixed.
+    fn jacobian(&self, state: &DVector<f64>) -> Option<DMatrix<f64>> {
+        let (guess, undefined) = (self.guess.borrow().clone(), self.undefined.borrow().clone());
+        let t = state[state.len() - 1];
+        let rates = |y: &DVector<f64>| self.derivative(&y.push(t)).ok().map(|rates| without_time(&rates));
+        let found = jacobian(rates, &without_time(state));
+        self.guess.replace(guess);
+        self.undefined.replace(undefined);
+        found
     }
 
     /// The integrator's message with what the equations of motion say where it stopped.
@@ -193,7 +285,7 @@ impl Stretch<'_> {
 
     /// What prevents the integration from progressing, if that is known.
     fn cause(&self) -> Option<String> {
-        let message = "the equations are too stiff for an explicit method (Dormand and Prince, order 8)";
+        let message = "the motion is too fast";
         self.stiffest_part().map(|part| format!("{message}; {part}")).or_else(|| self.singular())
     }
 
@@ -282,6 +374,21 @@ impl System<f64, DVector<f64>> for StretchProblem<'_> {
         let (t, state, _) = split(row, self.stretch.z.len());
         t > self.start && self.stretch.formulation.is_worn(self.stretch.model, t, &state)
     }
+}
+
+impl radau::ImplicitProblem for StretchProblem<'_> {
+    fn derivative(&mut self, t: f64, state: &DVector<f64>) -> Option<DVector<f64>> {
+        self.stretch.derivative(&state.push(t)).ok().map(|rates| without_time(&rates))
+    }
+
+    fn is_last(&mut self, t: f64, row: &DVector<f64>) -> bool {
+        self.solout(t, &row.push(t), row)
+    }
+}
+
+/// All integrated values but the time.
+fn without_time(state: &DVector<f64>) -> DVector<f64> {
+    state.rows(0, state.len() - 1).into_owned()
 }
 
 /// Vector of integrated values: state of the formulation, actuator states, time.

@@ -4,8 +4,9 @@ use super::{
     Mechanism,
     build::motions,
     measure::Measure,
+    method::MethodChoice,
     model::{MultibodyModel, Sample},
-    simulate::{simulate, simulate_from},
+    simulate::{continue_from, simulate},
 };
 use crate::{
     integrate::{Budget, TOLERANCE},
@@ -18,6 +19,7 @@ pub struct Stepper {
     model: MultibodyModel,
     measures: Vec<Measure>,
     now: Sample,
+    choice: MethodChoice,
 }
 
 impl Mechanism {
@@ -31,7 +33,7 @@ impl Mechanism {
         model.tolerance = tolerance;
         hold(&mut model, inputs);
         let now = last(simulate(&model, &[time], &Budget::default())?)?;
-        Ok(Stepper { model, measures, now })
+        Ok(Stepper { model, measures, now, choice: MethodChoice::default() })
     }
 
     /// Positions and velocities of all joints and bodies at the beginning of a run, by the names of their measures.
@@ -70,7 +72,7 @@ impl Stepper {
 
     fn go_on(&mut self, times: &[f64]) -> Result<(), String> {
         let state = (self.now.q.clone(), self.now.v.clone(), self.now.z.clone());
-        self.now = last(simulate_from(&self.model, state, times, &Budget::default())?)?;
+        self.now = last(continue_from(&self.model, state, times, &Budget::default(), &mut self.choice)?)?;
         Ok(())
     }
 

@@ -456,3 +456,5 @@ fn no_step_goes_over_a_pulse_in_a_table_of_time() {
         }
     }
 }
+
+mod stiff;

@@ -1,0 +1,349 @@
+//! The implicit method of Radau IIA with seven stages, order 13, for stiff equations.
+//!
+//! A step of size `h` solves `Z = h A F(y + Z)` for the changes `Z` of the states at seven nodes; the last node is the end of the step.
+//! The method is L-stable: decays that are much faster than a step cost nothing. Newton's method uses the Jacobian `J` of some earlier
+//! state, by differences. With the eigenvalues of the inverse of `A` its linear system falls into one real system of the size of the state and
+//! three complex ones. The error is estimated against an embedded formula of order 7 (Hairer, Wanner: *Solving Ordinary Differential
+//! Equations II*, IV.8; *Stiff differential equations solved by Radau methods*, 1999). Steps end at rows.
+
+mod coefficients;
+
+use super::{Budget, IntegrationResult};
+use coefficients::*;
+use nalgebra::{Complex, DMatrix, DVector, Dyn, LU};
+
+/// Part of the tolerance that Newton's method may leave.
+const CONVERGED: f64 = 0.02;
+/// The same where rounding prevents further convergence.
+const ROUNDED: f64 = 0.3;
+/// Iterations of Newton's method at most.
+const ITERATIONS: usize = 12;
+/// Rate of convergence above which the next step has a new Jacobian.
+const SLOW: f64 = 1e-3;
+/// Part of the time between two rows that no step is shorter than.
+const SHORTEST: f64 = 1e-14;
+/// Part of the time between two rows that is tried first.
+const FIRST: f64 = 1e-2;
+
+/// Right-hand side `f(t, y)` of `y' = f(t, y)`. None: not defined or not finite there.
+pub(crate) trait ImplicitProblem {
+    /// The derivative.
+    fn derivative(&mut self, t: f64, y: &DVector<f64>) -> Option<DVector<f64>>;
+
+    /// Returns true if the integration shall stop after this row.
+    fn is_last(&mut self, t: f64, row: &DVector<f64>) -> bool;
+}
+
+/// States at `times`, from `initial` at the first of them; `tolerance` is relative and absolute.
+///
+/// At the last time the derivative is evaluated just before it: inputs may jump there.
+pub(crate) fn advance(
+    problem: &mut impl ImplicitProblem,
+    initial: DVector<f64>,
+    times: &[f64],
+    tolerance: f64,
+    budget: &Budget,
+) -> IntegrationResult<DVector<f64>> {
+    let mut states = vec![initial.clone()];
+    let failure = match RadauRun::new(problem, initial, times, tolerance, budget) {
+        None => Some("the derivative is not finite".to_owned()),
+        Some(mut integration) => integration.follow(times, &mut states).err(),
+    };
+    states.truncate(times.len());
+    IntegrationResult { states, failure, is_stiff: false, evaluations: 0 }
+}
+
+/// Matrices of Newton's method for a Jacobian and a step size, factorised.
+struct Factors {
+    size: f64,
+    real: LU<f64, Dyn, Dyn>,
+    pairs: Vec<LU<Complex<f64>, Dyn, Dyn>>,
+}
+
+/// The last step that was made; its collocation polynomial predicts the next one.
+struct LastStep {
+    size: f64,
+    changes: DMatrix<f64>,
+    error: f64,
+}
+
+struct RadauRun<'a, 'b, P> {
+    problem: &'a mut P,
+    budget: &'a Budget<'b>,
+    tolerance: f64,
+    /// Last time at which the derivative is evaluated.
+    end: f64,
+    t: f64,
+    y: DVector<f64>,
+    /// Derivative at the beginning of the step.
+    slope: DVector<f64>,
+    jacobian: DMatrix<f64>,
+    /// True if the Jacobian is that of the present state.
+    is_fresh: bool,
+    /// True if Newton's method converged slowly in the last step.
+    is_slow: bool,
+    factors: Option<Factors>,
+    last: Option<LastStep>,
+    /// Remainder of Newton's method over its last change.
+    remainder: f64,
+}
+
+impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
+    fn new(problem: &'a mut P, y: DVector<f64>, times: &[f64], tolerance: f64, budget: &'a Budget<'b>) -> Option<Self> {
+        let &[t, .., end] = times else { return None };
+        let n = y.len();
+        let mut integration = Self {
+            problem,
+            budget,
+            tolerance,
+            end: end.next_down(),
+            t,
+            y,
+            slope: DVector::zeros(n),
+            jacobian: DMatrix::zeros(n, n),
+            is_fresh: false,
+            is_slow: false,
+            factors: None,
+            last: None,
+            remainder: 1.0,
+        };
+        integration.find_slope()?;
+        integration.renew_jacobian()?;
+        Some(integration)
+    }
+
+    /// Appends the states at the times after the first one.
+    fn follow(&mut self, times: &[f64], states: &mut Vec<DVector<f64>>) -> Result<(), String> {
+        let mut h = FIRST * (times[1] - times[0]);
+        if self.budget.last_step() > 0.0 {
+            h = h.min(self.budget.last_step());
+        }
+        for pair in times.windows(2) {
+            let shortest = SHORTEST * (pair[1] - pair[0]);
+            while self.t < pair[1] {
+                let rest = pair[1] - self.t;
+                // no sliver before the row
+                let step = if h > 0.99 * rest { rest } else { h.min(0.5 * rest) };
+                let attempt = self.attempt(step);
+                if self.budget.is_over() {
+                    return Ok(());
+                }
+                match attempt {
+                    Ok(factor) => {
+                        self.t = if step == rest { pair[1] } else { self.t + step };
+                        self.budget.arrive(self.t);
+                        h = if step < h { h.max(step * factor) } else { step * factor };
+                        // beyond the last row a force may be undefined
+                        if self.t < times[times.len() - 1] {
+                            self.begin_step().ok_or_else(|| self.no_step())?;
+                        }
+                    }
+                    Err(factor) => h = step * factor,
+                }
+                if h < shortest {
+                    return Err(self.no_step());
+                }
+            }
+            states.push(self.y.clone());
+            if self.problem.is_last(self.t, &self.y) {
+                return Ok(());
+            }
+        }
+        Ok(())
+    }
+
+    fn no_step(&self) -> String {
+        format!("no step of the implicit method is short enough for the tolerance at t = {} s", self.t)
+    }
+
+    fn begin_step(&mut self) -> Option<()> {
+        self.is_fresh = false;
+        self.find_slope()?;
+        if self.is_slow { self.renew_jacobian() } else { Some(()) }
+    }
+
+    fn find_slope(&mut self) -> Option<()> {
+        let y = self.y.clone();
+        self.slope = self.derivative(self.t, &y)?;
+        Some(())
+    }
+
+    fn derivative(&mut self, t: f64, y: &DVector<f64>) -> Option<DVector<f64>> {
+        if !self.budget.spend() {
+            return None;
+        }
+        let derivative = self.problem.derivative(t.min(self.end), y)?;
+        derivative.iter().all(|value| value.is_finite()).then_some(derivative)
+    }
+
+    /// The Jacobian at the present state, by differences; backward ones where the derivative is not defined beyond.
+    fn renew_jacobian(&mut self) -> Option<()> {
+        let mut y = self.y.clone();
+        for column in 0..y.len() {
+            let value = y[column];
+            let by = f64::EPSILON.sqrt() * (1.0 + value.abs());
+            let mut difference = |run: &mut Self, by: f64| {
+                y[column] = value + by;
+                let moved = run.derivative(run.t, &y);
+                let step = y[column] - value;
+                y[column] = value;
+                moved.map(|moved| (moved - &run.slope) / step)
+            };
+            let difference = difference(self, by).or_else(|| difference(self, -by))?;
+            self.jacobian.set_column(column, &difference);
+        }
+        self.is_fresh = true;
+        self.factors = None;
+        Some(())
+    }
+
+    /// Makes a step of size `h`. Returns the factor of the next one: Ok if the step was made, Err if it must be repeated.
+    fn attempt(&mut self, h: f64) -> Result<f64, f64> {
+        let factors = self.factors.take().filter(|factors| factors.size == h);
+        let factors = factors.or_else(|| self.factorise(h)).ok_or(0.5)?;
+        let changes = match self.solve(&factors) {
+            Some(changes) => changes,
+            None if self.is_fresh => return Err(0.25),
+            // it may converge with the Jacobian of this state
+            None => return self.renew_jacobian().map_or(Err(0.25), |()| Err(1.0)),
+        };
+        let error = self.error(&changes, &factors);
+        let scale = |error: f64| 0.9 * error.max(1e-16).powf(-1.0 / (STAGES + 1) as f64);
+        if error.is_nan() || error > 1.0 {
+            self.factors = Some(factors);
+            // the first step may be too long by far
+            return Err(if self.last.is_none() { 0.1 } else { scale(error).clamp(0.1, 0.9) });
+        }
+        let mut factor = scale(error);
+        if let Some(last) = &self.last {
+            // Gustafsson's prediction
+            factor = factor.min(factor * (h / last.size) * scale(error) / scale(last.error.max(1e-2)));
+        }
+        self.y += changes.column(STAGES - 1);
+        self.last = Some(LastStep { size: h, changes, error });
+        self.factors = Some(factors);
+        let factor = factor.clamp(0.2, 8.0);
+        // with the same size the factors serve again
+        Ok(if (1.0..1.2).contains(&factor) { 1.0 } else { factor })
+    }
+
+    fn factorise(&self, h: f64) -> Option<Factors> {
+        let shifted = |shift: f64| {
+            let mut matrix = -self.jacobian.clone();
+            (0..matrix.nrows()).for_each(|k| matrix[(k, k)] += shift / h);
+            matrix
+        };
+        let real = shifted(GAMMA).lu();
+        let pair = |[re, im]: &[f64; 2]| {
+            let mut matrix = shifted(*re).map(|value| Complex::new(value, 0.0));
+            (0..matrix.nrows()).for_each(|k| matrix[(k, k)].im += im / h);
+            matrix.lu()
+        };
+        let pairs: Vec<_> = PAIRS.iter().map(pair).collect();
+        (real.is_invertible() && pairs.iter().all(LU::is_invertible)).then_some(Factors { size: h, real, pairs })
+    }
+
+    /// Newton's method: the changes at the nodes, one a column. None if it does not converge.
+    fn solve(&mut self, factors: &Factors) -> Option<DMatrix<f64>> {
+        let (n, h) = (self.y.len(), factors.size);
+        let mut changes = self.predicted(h);
+        let mut slopes = DMatrix::zeros(n, STAGES);
+        let weights = DMatrix::from_fn(STAGES, STAGES, |node, stage| h * WEIGHTS[stage][node]);
+        let mut remainder = self.remainder.max(1e-4).powf(0.8);
+        let (mut before, mut rate) = (f64::INFINITY, 0.0f64);
+        for iteration in 0..ITERATIONS {
+            for (stage, node) in NODES.iter().enumerate() {
+                let y = &self.y + changes.column(stage);
+                slopes.set_column(stage, &self.derivative(self.t + node * h, &y)?);
+            }
+            let residual = &slopes * &weights - &changes;
+            let step = self.corrected(&residual, factors)?;
+            changes += &step;
+            let norm = step.column_iter().map(|change| self.norm(&change.into_owned())).fold(0.0, f64::max);
+            if !norm.is_finite() {
+                return None;
+            }
+            if iteration > 0 {
+                rate = norm / before;
+                remainder = if rate < 1.0 { rate / (1.0 - rate) } else { f64::INFINITY };
+            }
+            if remainder * norm <= CONVERGED || norm == 0.0 || (rate > 0.1 && norm <= ROUNDED) {
+                // where rounding decides the changes, the rate says nothing
+                self.is_slow = rate > SLOW && before > 1.0 / CONVERGED;
+                self.remainder = remainder.min(1.0);
+                return Some(changes);
+            }
+            if rate >= 1.0 {
+                return None;
+            }
+            before = norm;
+        }
+        None
+    }
+
+    /// Newton's correction for a residual `h A F - Z`.
+    fn corrected(&self, residual: &DMatrix<f64>, Factors { size: h, real, pairs }: &Factors) -> Option<DMatrix<f64>> {
+        let mut step = DMatrix::zeros(residual.nrows(), STAGES);
+        let side = residual * DVector::from_column_slice(&REAL_ROW) * (GAMMA / h);
+        let solution = real.solve(&side)?;
+        for (stage, weight) in REAL_VECTOR.iter().enumerate() {
+            step.column_mut(stage).axpy(*weight, &solution, 1.0);
+        }
+        let complex = |[re, im]: [f64; 2]| Complex::new(re, im);
+        for (pair, factors) in pairs.iter().enumerate() {
+            let mut side = DVector::from_element(residual.nrows(), Complex::new(0.0, 0.0));
+            for (column, weight) in residual.column_iter().zip(PAIR_ROWS[pair]) {
+                let weight = complex(weight) * complex(PAIRS[pair]) / *h;
+                side.zip_apply(&column, |sum, value| *sum += weight * value);
+            }
+            let solution = factors.solve(&side)?;
+            for (mut column, weight) in step.column_iter_mut().zip(PAIR_VECTORS[pair]) {
+                // of a pair of conjugates
+                column.zip_apply(&solution, |sum, value| *sum += 2.0 * (complex(weight) * value).re);
+            }
+        }
+        Some(step)
+    }
+
+    /// The changes that the collocation polynomial of the last step has at the nodes of a step of size `h`.
+    fn predicted(&self, h: f64) -> DMatrix<f64> {
+        let n = self.y.len();
+        let Some(last) = &self.last else { return DMatrix::zeros(n, STAGES) };
+        let mut changes = DMatrix::zeros(n, STAGES);
+        for (mut change, node) in changes.column_iter_mut().zip(NODES) {
+            let at = 1.0 + node * h / last.size;
+            for (index, of_node) in NODES.iter().enumerate() {
+                let others = NODES.iter().enumerate().filter(|(other, _)| *other != index);
+                let weight =
+                    others.fold(at / of_node, |product, (_, other)| product * (at - other) / (of_node - other));
+                change.axpy(weight, &last.changes.column(index), 1.0);
+            }
+            change -= &last.changes.column(STAGES - 1);
+        }
+        changes
+    }
+
+    /// Estimate of the error of a step, relative to the tolerance.
+    fn error(&mut self, changes: &DMatrix<f64>, Factors { size: h, real, .. }: &Factors) -> f64 {
+        let of_changes = changes * DVector::from_column_slice(&ERROR) * (GAMMA / h);
+        let solve = |slope: &DVector<f64>| real.solve(&(slope + &of_changes));
+        let Some(error) = solve(&self.slope) else { return f64::NAN };
+        let norm = self.norm(&error);
+        if norm < 1.0 || self.last.is_some() {
+            return norm;
+        }
+        // a stiff transient is overestimated: once more, filtered
+        let slope = self.derivative(self.t, &(&self.y + error));
+        slope.and_then(|slope| solve(&slope)).map_or(norm, |error| self.norm(&error))
+    }
+
+    /// Largest change of a state, relative to the tolerance.
+    fn norm(&self, change: &DVector<f64>) -> f64 {
+        let of = |(change, y): (&f64, &f64)| change.abs() / (self.tolerance * (1.0 + y.abs()));
+        // a maximum would ignore NaN
+        change.iter().zip(&self.y).map(of).fold(0.0, |largest, one| if one <= largest { largest } else { one })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,120 @@
+//! The method against closed forms and published solutions.
+
+use super::*;
+
+/// A right-hand side.
+struct Function<F>(F);
+
+impl<F: Fn(f64, &DVector<f64>) -> DVector<f64>> ImplicitProblem for Function<F> {
+    fn derivative(&mut self, t: f64, y: &DVector<f64>) -> Option<DVector<f64>> {
+        Some((self.0)(t, y))
+    }
+
+    fn is_last(&mut self, _: f64, _: &DVector<f64>) -> bool {
+        false
+    }
+}
+
+/// Rows of a run.
+fn run(
+    derivative: impl Fn(f64, &DVector<f64>) -> DVector<f64>,
+    initial: &[f64],
+    times: &[f64],
+    tolerance: f64,
+) -> Vec<DVector<f64>> {
+    let budget = Budget::default();
+    budget.begin(times);
+    let initial = DVector::from_column_slice(initial);
+    let result = advance(&mut Function(derivative), initial, times, tolerance, &budget);
+    assert_eq!(result.failure, None);
+    assert_eq!(result.states.len(), times.len());
+    result.states
+}
+
+#[test]
+fn the_coefficients_integrate_polynomials_exactly() {
+    for (node, weights) in NODES.iter().zip(WEIGHTS) {
+        for power in 1..=STAGES as i32 {
+            let sum: f64 = weights.iter().zip(NODES).map(|(weight, node)| weight * node.powi(power - 1)).sum();
+            let exact = node.powi(power) / f64::from(power);
+            assert!((sum - exact).abs() < 1e-15, "{power}: {sum} {exact}");
+        }
+    }
+    // the quadrature is of order 13
+    for power in 1..=2 * STAGES as i32 - 1 {
+        let sum: f64 = WEIGHTS[STAGES - 1].iter().zip(NODES).map(|(weight, node)| weight * node.powi(power - 1)).sum();
+        assert!((sum - 1.0 / f64::from(power)).abs() < 1e-15, "{power}");
+    }
+}
+
+#[test]
+fn the_eigenvectors_are_those_of_the_inverse() {
+    let matrix = DMatrix::from_fn(STAGES, STAGES, |row, column| WEIGHTS[row][column]);
+    let real = DVector::from_column_slice(&REAL_VECTOR);
+    assert!((&matrix * &real * GAMMA - &real).amax() < 1e-14);
+    assert!((DVector::from_column_slice(&REAL_ROW).dot(&real) - 1.0).abs() < 1e-13);
+    for pair in 0..PAIR_COUNT {
+        let complex = |[re, im]: [f64; 2]| Complex::new(re, im);
+        let vector = DVector::from_iterator(STAGES, PAIR_VECTORS[pair].map(complex));
+        let product = matrix.map(|value| Complex::new(value, 0.0)) * &vector * complex(PAIRS[pair]);
+        assert!((product - &vector).map(|value| value.norm()).amax() < 1e-14);
+        let row = DVector::from_iterator(STAGES, PAIR_ROWS[pair].map(complex));
+        assert!((row.dot(&vector) - Complex::new(1.0, 0.0)).norm() < 1e-12);
+    }
+}
+
+/// Prothero and Robinson (1974): `y' = -k (y - sin t) + cos t` has the solution `sin t` for every `k`.
+#[test]
+fn a_fast_decay_to_a_sine_is_followed() {
+    let times: Vec<f64> = (0..=50).map(|row| 0.2 * f64::from(row)).collect();
+    for k in [1.0, 1e3, 1e6, 1e9] {
+        for tolerance in [1e-6, 1e-9, 1e-12] {
+            let derivative = |t: f64, y: &DVector<f64>| DVector::from_element(1, -k * (y[0] - t.sin()) + t.cos());
+            for (state, t) in run(derivative, &[0.0], &times, tolerance).iter().zip(&times) {
+                let error = (state[0] - t.sin()).abs();
+                assert!(error < 10.0 * tolerance, "k = {k}, tolerance {tolerance}, t = {t}: {error}");
+            }
+        }
+    }
+}
+
+/// Robertson's reaction, whose solution at t = 40 Hairer and Wanner (1996) give; its start is a transient.
+#[test]
+fn a_stiff_reaction_is_that_of_the_test_set() {
+    let derivative = |_: f64, y: &DVector<f64>| {
+        let (a, b, c) = (0.04 * y[0], 1e4 * y[1] * y[2], 3e7 * y[1] * y[1]);
+        DVector::from_column_slice(&[-a + b, a - b - c, c])
+    };
+    let rows = run(derivative, &[1.0, 0.0, 0.0], &[0.0, 40.0], 1e-12);
+    for (found, expected) in
+        rows[1].iter().zip([0.715_827_068_718_903_6, 9.185_534_764_557_82e-6, 0.284_163_745_746_331])
+    {
+        assert!((found - expected).abs() < 1e-11, "{found} {expected}");
+    }
+}
+
+/// A mass on a stiff spring without damping: nothing is lost where the tolerance resolves the oscillation.
+#[test]
+fn an_oscillation_keeps_its_amplitude() {
+    let omega = 1e3;
+    let times = [0.0, 0.5, 1.0];
+    let derivative = |_: f64, y: &DVector<f64>| DVector::from_column_slice(&[omega * y[1], -omega * y[0]]);
+    let rows = run(derivative, &[1.0, 0.0], &times, 1e-12);
+    for (row, t) in rows.iter().zip(times) {
+        assert!((row[0] - (omega * t).cos()).abs() < 1e-10, "{}", row[0] - (omega * t).cos());
+    }
+}
+
+#[test]
+fn a_state_that_leaves_the_numbers_is_located() {
+    let budget = Budget::default();
+    let times = [0.0, 0.75, 1.5];
+    budget.begin(&times);
+    let mut problem = Function(|_: f64, y: &DVector<f64>| y.component_mul(y));
+    let result = advance(&mut problem, DVector::from_element(1, 1.0), &times, 1e-9, &budget);
+    assert_eq!(result.states.len(), 2);
+    let message = result.failure.unwrap_or_default();
+    let t = message.strip_prefix("no step of the implicit method is short enough for the tolerance at t = ");
+    let t: f64 = t.and_then(|t| t.strip_suffix(" s")).unwrap().parse().unwrap();
+    assert!((t - 1.0).abs() < 1e-9, "{t}");
+}
