@@ -323,6 +323,59 @@ def stop(p):
     a.key(1.75, 0.5, ("closed form", "circle", INK))
 
 
+@element("contact", "A disc on the ground: friction over the sliding speed, and the disc's speeds until it rolls")
+def contact(p):
+    heading(p, 0, "A circle on the left of a line")
+    p.ground(24, 196, 296, 196)
+    for x, name in ((44, "left"), (276, "right")):
+        p.mark(x, 196)
+        p.text(x, 224, f"`{name}`", anchor="middle")
+    p.circle(160, 146, 50)
+    p.mark(160, 146)
+    p.text(166, 162, "`disc`")
+    p.line((160, 146), (125, 111), color=GREY, width=1)
+    p.text(114, 154, "`radius`", GREY)
+    p.arrow(160, 262, 160, 202, ORANGE)
+    p.text(168, 250, "`floor.fy`", ORANGE)
+    p.arrow(160, 196, 222, 196, ORANGE)
+    p.text(216, 186, "`floor.fx`", ORANGE)
+    p.arrow(212, 84, 262, 84, BLUE)
+    p.text(232, 102, "`floor.vx`", BLUE)
+    p.turn(160, 146, 62, 40, 140, BLUE)
+    p.text(84, 66, "`floor.angular_velocity`", BLUE)
+    p.text(16, 282, "`line = [\"ground.left\", \"ground.right\"]`")
+    limit = 0.3 * 2 * 9.81
+    a = axes(
+        p,
+        1,
+        "Friction, with a normal force of 19.6 N",
+        (-0.4, 0.4),
+        (-10, 10),
+        x_label="`vx + radius*angular_velocity`, m/s",
+        y_label="`floor.fx`, N",
+        y_ticks=[(-limit, "−`friction` `fy`"), (0, "0"), (limit, "`friction` `fy`")],
+    )
+    speeds = np.linspace(-0.4, 0.4, 161)
+    for slip, color in ((0.05, BLUE), (0.15, ORANGE)):
+        a.line(speeds, -limit * np.tanh(speeds / slip), color)
+    a.key(-0.02, 9, ("`slip` = 0.05 m/s", "line", BLUE), ("`slip` = 0.15 m/s", "line", ORANGE))
+    found = runs("contact", [{"friction": 0.3}, {"friction": 0.15}], 0.8, 0.005)
+    a = axes(p, 2, "A disc that is pushed with 2 m/s", (0, 0.8), (0, 2.4), x_label="time, s", y_label="speed, m/s")
+    for run, friction, dash in ((found[0], 0.3, None), (found[1], 0.15, "6 3")):
+        # the sliding speed s alone decides: s' = -3 friction g tanh(s/slip), of which v takes a third
+        t = run["time"]
+        start, decay = 2 / 0.05, 3 * friction * 9.81 * t / 0.05
+        # arsinh(sinh(start) exp(-decay)) without overflow
+        power = start - decay - np.log(2)
+        sliding = 0.05 * np.where(power > 20, power + np.log(2), np.arcsinh(np.exp(np.minimum(power, 20)) * (1 - np.exp(-2 * start))))
+        a.line(t, run["speed"], BLUE, dash=dash)
+        a.line(t, -0.2 * run["spin"], ORANGE, dash=dash)
+        a.compare(t, run["speed"], 2 - (2 - sliding) / 3, every=8)
+        a.compare(t, -0.2 * run["spin"], (2 - sliding) * 2 / 3, every=8)
+    a.key(0.2, 2.25, ("`disc.vx`", "line", BLUE), ("−`r*disc.angular_velocity`", "line", ORANGE), ("closed form", "circle", INK))
+    a.text(0.24, 0.3, "dashed: half the friction", GREY)
+
+
 @element("bushing", "An engine on a bushing: its three springs, their forces, and how the engine sags and comes to rest")
 def bushing(p):
     heading(p, 0, "A bushing between two points")
