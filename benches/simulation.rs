@@ -35,7 +35,7 @@ fn grid(stop: f64) -> Vec<f64> {
 
 /// A mechanism of `examples/` in one formulation.
 fn mechanism(name: &str, formulation: &str) -> Mechanism {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("examples/mechanisms/{name}.toml"));
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../examples/mechanisms/{name}.toml"));
     let text = std::fs::read_to_string(&path).unwrap();
     let rest: Vec<&str> = text.lines().filter(|line| !line.starts_with("formulation")).collect();
     Mechanism::parse(&format!("formulation = \"{formulation}\"\n{}", rest.join("\n")), &path).unwrap()

@@ -2,7 +2,7 @@
 //!
 //! A constraint depends on two bodies, one that follows others on a few more. With weights `W` of the coordinates, `C_q W C_q^T` has an
 //! entry where two constraints share a body. Its factors `L D L^T` are found in an order of least degree, which adds no entries
-//! in a tree of joints and few in one with loops (George, Liu: *Computer Solution of Large Sparse Positive Definite Systems*, chapter 5).
+//! in a chain, and few in trees and loops (George, Liu: *Computer Solution of Large Sparse Positive Definite Systems*, chapter 5).
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use std::collections::BTreeSet;
