@@ -43,7 +43,7 @@ pub const GRAPH: &[File] = files!["graph.c", "graph.h", "graph_steps.h"];
 pub const TAPE: &[File] = files!["jet_activation.h", "tape.h", "tape_run.h"];
 
 /// Files of models with continuous states.
-pub const STATES: &[File] = files!["states.c", "states.h"];
+pub const STATES: &[File] = files!["rosenbrock.h", "states.c", "states.h"];
 
 /// Files of equations of motion.
 pub const MOTION: &[File] = files!["equations.h", "formulas.h", "motion.c", "motion.h"];

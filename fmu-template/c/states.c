@@ -7,6 +7,10 @@
  *
  *     S (6 E + 86 n + 30 m + 24) + E + 2 n + 5 m + 3 + H
  *
+ * or, with the implicit method,
+ *
+ *     S ((8 + n) (E + 5 m) + 131 n + 18 n^2 + 2/3 n^3 + 24) + E + 5 m + 3 + H
+ *
  * with n states, m inputs that are driven, S = ceil(size of the step / model_solver_step) steps of four or six stages,
  * E for a stage, which runs the tape of the equations or functions, and H for what follows from parameters alone, if they
  * have changed: tape.h has both. A network of a state space takes 5 for each angle, besides rounding down; its graph what
@@ -167,10 +171,12 @@ static const Method DORMAND_PRINCE = {
     {R(35.0) / R(384.0), R(0.0), R(500.0) / R(1113.0), R(125.0) / R(192.0), -R(2187.0) / R(6784.0), R(11.0) / R(84.0)},
 };
 
+#if !SOLVER_IS_IMPLICIT
 /* Result of order 5 minus that of order 4. */
 static const Real DORMAND_PRINCE_ERROR[SOLVER_STAGES] = {
     R(71.0) / R(57600.0), R(0.0), -R(71.0) / R(16695.0), R(71.0) / R(1920.0), -R(17253.0) / R(339200.0), R(22.0) / R(525.0), -R(1.0) / R(40.0),
 };
+#endif
 
 /* The rate of a state, by the first so many stages. */
 static Real weighted(const Scratch *scratch, const Real weights[], size_t stages, size_t state)
@@ -207,21 +213,23 @@ static void stages(Scratch *scratch, const Method *method, size_t first, size_t 
     }
 }
 
-/* Goes to the end of a step of size h, and whether the states are plausible there. */
-static Advance proceed(Scratch *scratch, const Real weights[], size_t count, Real h, Failure *failure)
+static void add_to_state(Scratch *scratch, size_t i, Real change)
 {
-    for (size_t i = 0; i < STATE_COUNT; i++) {
-        Real *state = &scratch->solver.point[INPUT_COUNT + i];
+    Real *state = &scratch->solver.point[INPUT_COUNT + i];
 #ifdef METAFMU_SINGLE
-        /* what rounding takes off a sum is part of the next one (Kahan), or small steps would add up to a drift */
-        const Real change = h * weighted(scratch, weights, count, i) + scratch->solver.lost[i];
-        const Real sum = *state + change;
-        scratch->solver.lost[i] = change - (sum - *state);
-        *state = sum;
+    /* what rounding takes off a sum is part of the next one (Kahan), or small steps would add up to a drift */
+    change += scratch->solver.lost[i];
+    const Real sum = *state + change;
+    scratch->solver.lost[i] = change - (sum - *state);
+    *state = sum;
 #else
-        *state += h * weighted(scratch, weights, count, i);
+    *state += change;
 #endif
-    }
+}
+
+/* Whether the states are plausible. */
+static Advance check_states(const Scratch *scratch, Failure *failure)
+{
     for (size_t i = 0; i < STATE_COUNT; i++) {
         const Real magnitude = MATH(fabs)(scratch->solver.point[INPUT_COUNT + i]);
         if (!(magnitude < REAL_HUGE)) {
@@ -234,6 +242,15 @@ static Advance proceed(Scratch *scratch, const Real weights[], size_t count, Rea
         }
     }
     return ADVANCE_DONE;
+}
+
+/* Goes to the end of a step of size h, and whether the states are plausible there. */
+static Advance proceed(Scratch *scratch, const Real weights[], size_t count, Real h, Failure *failure)
+{
+    for (size_t i = 0; i < STATE_COUNT; i++) {
+        add_to_state(scratch, i, h * weighted(scratch, weights, count, i));
+    }
+    return check_states(scratch, failure);
 }
 
 /* Number of equal parts, none of them longer than the longest step, of a communication step. */
@@ -276,13 +293,22 @@ static Real scale_of(const StateScale *scale, Real state)
     return nominal > least ? nominal : least;
 }
 
+#if SOLVER_IS_IMPLICIT
+#include "rosenbrock.h"
+#endif
+
 /* The largest estimate of the error of a step in any state, relative to its scale. */
 static Real error_of(const Scratch *scratch, Real h)
 {
     Real error = R(0.0);
     for (size_t i = 0; i < STATE_COUNT; i++) {
         const Real scale = scale_of(&model_scales[i], scratch->solver.point[INPUT_COUNT + i]);
+#if SOLVER_IS_IMPLICIT
+        (void)h;
+        const Real found = MATH(fabs)(scratch->solver.implicit.changes[IMPLICIT_STAGES - 1][i]) / scale;
+#else
         const Real found = MATH(fabs)(h * weighted(scratch, DORMAND_PRINCE_ERROR, SOLVER_STAGES, i)) / scale;
+#endif
         /* a maximum would leave out what is not a number */
         if (found > error || is_nan(found)) {
             error = found;
@@ -308,6 +334,36 @@ static double tolerance_of(const Step *step)
     return least > LEAST_TOLERANCE ? least : LEAST_TOLERANCE;
 }
 
+/* Makes a step of size h, of which the first rates are known. One that is repeated has the same Jacobian. */
+static void try_step(Scratch *scratch, Real since, Real h, bool is_repeated)
+{
+#if SOLVER_IS_IMPLICIT
+    implicit_stages(scratch, since, h, is_repeated);
+#else
+    (void)is_repeated;
+    stages(scratch, &DORMAND_PRINCE, 1, SOLVER_STAGES, since, h);
+#endif
+}
+
+/* Goes to the end of a step of size h, which the next one begins with, and whether the states are plausible there. */
+static Advance accept_step(Scratch *scratch, Real h, Failure *failure)
+{
+#if SOLVER_IS_IMPLICIT
+    add_implicit_changes(scratch);
+    begin(scratch);
+    stages(scratch, &DORMAND_PRINCE, 0, 1, (Real)failure->after, R(0.0));
+    (void)h;
+    return check_states(scratch, failure);
+#else
+    const Advance result = proceed(scratch, DORMAND_PRINCE.result, SOLVER_STAGES - 1, h, failure);
+    /* the last stage is the first of the next step */
+    memcpy(scratch->solver.rates[0], scratch->solver.rates[SOLVER_STAGES - 1], sizeof scratch->solver.rates[0]);
+    memcpy(scratch->solver.arguments[0], scratch->solver.arguments[SOLVER_STAGES - 1],
+           sizeof scratch->solver.arguments[0]);
+    return result;
+#endif
+}
+
 /* Rates of the states at the beginning of a communication step. */
 static void find_first_rates(Scratch *scratch, const Step *step)
 {
@@ -331,6 +387,7 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
     const Real tolerance = (Real)tolerance_of(step);
     double h = longest;
     uint32_t steps = 0;
+    bool is_repeated = false;
     if (count > (double)MAX_STEPS) {
         return ADVANCE_TOO_MANY_STEPS;
     }
@@ -348,7 +405,8 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
         } else if (h > 0.5 * rest) {
             h = 0.5 * rest;
         }
-        stages(scratch, &DORMAND_PRINCE, 1, SOLVER_STAGES, (Real)failure->after, (Real)h);
+        try_step(scratch, (Real)failure->after, (Real)h, is_repeated);
+        is_repeated = true;
         const double share = (double)model_share_of_step(scratch);
         if (share < 1.0 && share * h >= SHORTEST * size) {
             /* less than what would be lengthened to the end of the communication step again */
@@ -358,14 +416,11 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
         const Real error = error_of(scratch, (Real)h) / tolerance;
         if (error <= R(1.0)) {
             failure->after += h;
-            const Advance result = proceed(scratch, DORMAND_PRINCE.result, SOLVER_STAGES - 1, (Real)h, failure);
+            is_repeated = false;
+            const Advance result = accept_step(scratch, (Real)h, failure);
             if (result != ADVANCE_DONE) {
                 return result;
             }
-            /* the last stage is the first of the next step */
-            memcpy(scratch->solver.rates[0], scratch->solver.rates[SOLVER_STAGES - 1], sizeof scratch->solver.rates[0]);
-            memcpy(scratch->solver.arguments[0], scratch->solver.arguments[SOLVER_STAGES - 1],
-                   sizeof scratch->solver.arguments[0]);
         }
         h *= (double)change_of_size(error);
         h = h < longest ? h : longest;

@@ -22,6 +22,22 @@ extern const StateScale model_scales[]; /* of each state */
 
 enum { SOLVER_STAGES = 7 }; /* of the method of Dormand and Prince */
 
+#if SOLVER_IS_IMPLICIT
+
+enum { IMPLICIT_STAGES = 8 }; /* of the method Rodas5P */
+
+/* Working memory of the implicit method (rosenbrock.h). */
+typedef struct {
+    Real jacobian[STATE_COUNT][STATE_COUNT];
+    Real factors[STATE_COUNT][STATE_COUNT]; /* of 1 / (gamma h) - J */
+    size_t pivots[STATE_COUNT];
+    Real by_time[STATE_COUNT]; /* derivative of the rates with respect to time */
+    Real rates[STATE_COUNT];
+    Real changes[IMPLICIT_STAGES][STATE_COUNT];
+} Rosenbrock;
+
+#endif
+
 /* Working memory of a step. */
 typedef struct {
     Real point[COLUMN_COUNT]; /* as far as it came */
@@ -30,6 +46,9 @@ typedef struct {
     Real rates[SOLVER_STAGES][STATE_COUNT]; /* of the states at each stage */
     Drive drives[INPUT_COUNT];              /* of the inputs that are driven */
     Real arguments[SOLVER_STAGES][ARGUMENT_SIZE]; /* of tables at each stage */
+#if SOLVER_IS_IMPLICIT
+    Rosenbrock implicit;
+#endif
 #ifdef METAFMU_SINGLE
     Real lost[STATE_COUNT]; /* what rounding has taken off the states */
 #endif

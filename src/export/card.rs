@@ -467,6 +467,11 @@ fn integrated(integration: Integration) -> String {
             "integrated with error control: each step is off by at most {tolerance:.0e} of a state's nominal value, or the host's tolerance if that is \
              smaller, and no longer than {longest} s (Dormand and Prince, order 5)"
         ),
+        Integration::Implicit { tolerance, longest } => format!(
+            "integrated by an implicit method with error control (Rodas5P, order 5), as the equations are stiff: each step is off by at most \
+             {tolerance:.0e} of a state's nominal value, or the host's tolerance if that is smaller, and no longer than {longest} s; a step takes nine \
+             evaluations of the equations and one for each state, and solves eight systems of linear equations"
+        ),
         Integration::Fixed { step } => {
             format!("integrated in equal steps of at most {step} s (Runge-Kutta, order 4), for real time")
         }

@@ -3,7 +3,7 @@
 use super::{
     corners::{IntegrationTrial, corners},
     project::Project,
-    record::SolverRecord,
+    record::{ImplicitCost, SolverRecord},
 };
 use crate::{
     Result,
@@ -33,6 +33,10 @@ const BY_ONE_ROUND: f64 = 1e-3;
 const MOST_STEPS: u64 = 100_000;
 /// How often the longest step is halved, at most, for fewer steps that are repeated.
 const HALVINGS: i32 = 6;
+/// Steps of the explicit method between two rows of a run above which the implicit one is tried.
+const MANY_STEPS: f64 = 20.0;
+/// Part of the explicit method's evaluations below which the implicit one is chosen.
+const CHEAPER: f64 = 0.5;
 /// Largest velocity of a coordinate that hardly moves, in rad/s or m/s.
 const SLOWEST: f64 = 1e-3;
 /// Safety factor on the wanted error, for motions between the corners, such as one that nearly comes to rest upright.
@@ -45,6 +49,7 @@ pub(super) fn unmeasured(step: f64) -> SolverRecord {
     SolverRecord {
         tolerance: Some(FIRST),
         step,
+        implicit: None,
         error: f64::MAX,
         wanted: LARGEST_ERROR,
         runs: [0; 2],
@@ -136,7 +141,10 @@ pub(super) fn choose(
             }
             record
         }
-        None => measure.record(measure.chosen(largest, wanted), wanted),
+        None => {
+            let (integration, implicit) = measure.chosen(largest, wanted);
+            SolverRecord { implicit, ..measure.record(integration, wanted) }
+        }
     };
     let program = reference.program().clone().with_integration(record.integration());
     let metadata = Metadata { solver_error: Some(record.error), ..reference.metadata().clone() };
@@ -234,19 +242,22 @@ impl<'a> IntegrationComparison<'a> {
         paths.par_iter().enumerate().map(|(trial, path)| self.error(trial, path)).collect()
     }
 
-    /// The largest tolerance that is good enough with a reserve, and the longest step with which the training runs take the fewest evaluations.
-    fn chosen(&self, largest: f64, wanted: f64) -> Integration {
-        let mut tolerance = FIRST;
-        let wanted = wanted / RESERVE;
-        loop {
-            let paths = self.paths(Integration::ErrorControlled { tolerance, longest: largest }, self.trials.len());
-            let error = self.errors(&paths).into_iter().fold(0.0, f64::max);
-            if error <= wanted || tolerance <= LAST {
-                break;
+    /// The integration that takes the fewest evaluations, and the cost of the implicit method if that is it.
+    fn chosen(&self, largest: f64, wanted: f64) -> (Integration, Option<ImplicitCost>) {
+        let explicit = |tolerance: f64| Integration::ErrorControlled { tolerance, longest: largest };
+        let implicit = |tolerance: f64| Integration::Implicit { tolerance, longest: largest };
+        let rough = self.paths(explicit(FIRST), self.trials.len());
+        if rough.iter().any(|path| path.steps as f64 > MANY_STEPS * path.rows as f64) {
+            let (tolerance, error, paths) = self.largest_tolerance(&implicit, wanted);
+            let cost = ImplicitCost {
+                evaluations: self.evaluations_per_second(implicit(tolerance), &paths),
+                explicit: self.evaluations_per_second(explicit(FIRST), &rough),
+            };
+            if error <= wanted && cost.evaluations < CHEAPER * cost.explicit {
+                return (implicit(tolerance), Some(cost));
             }
-            // the error is about proportional to it
-            tolerance = rounded((tolerance * (wanted / error).max(BY_ONE_ROUND)).min(0.5 * tolerance)).max(LAST);
         }
+        let (tolerance, ..) = self.largest_tolerance(&explicit, wanted);
         let evaluations = |longest: f64| -> u64 {
             let paths = self.paths(Integration::ErrorControlled { tolerance, longest }, self.training);
             paths.iter().map(|path| 6 * path.steps + path.rows as u64).sum()
@@ -254,7 +265,31 @@ impl<'a> IntegrationComparison<'a> {
         let longest = (0..=HALVINGS).map(|halvings| largest * 0.5f64.powi(halvings));
         let longest =
             longest.map(|longest| (evaluations(longest), longest)).min_by_key(|(evaluations, _)| *evaluations);
-        Integration::ErrorControlled { tolerance, longest: longest.map_or(largest, |(_, longest)| longest) }
+        let longest = longest.map_or(largest, |(_, longest)| longest);
+        (Integration::ErrorControlled { tolerance, longest }, None)
+    }
+
+    /// The largest tolerance that is good enough with a reserve, its error, and the runs with it.
+    fn largest_tolerance(&self, integration: &dyn Fn(f64) -> Integration, wanted: f64) -> (f64, f64, Vec<Path>) {
+        let mut tolerance = FIRST;
+        let wanted = wanted / RESERVE;
+        loop {
+            let paths = self.paths(integration(tolerance), self.trials.len());
+            let error = self.errors(&paths).into_iter().fold(0.0, f64::max);
+            if error <= wanted || tolerance <= LAST {
+                return (tolerance, error, paths);
+            }
+            // the error is about proportional to it
+            tolerance = rounded((tolerance * (wanted / error).max(BY_ONE_ROUND)).min(0.5 * tolerance)).max(LAST);
+        }
+    }
+
+    /// Evaluations of the equations in a second of simulated time; systems of linear equations count as some.
+    fn evaluations_per_second(&self, integration: Integration, paths: &[Path]) -> f64 {
+        let states = self.surrogate.states().len() as f64;
+        let of_step = if integration.is_implicit() { 9.0 + 1.5 * states } else { 6.0 };
+        let evaluations: f64 = paths.iter().map(|path| of_step * path.steps as f64 + path.rows as f64).sum();
+        evaluations / paths.iter().map(|path| path.seconds).sum::<f64>().max(f64::MIN_POSITIVE)
     }
 
     fn record(&self, integration: Integration, wanted: f64) -> SolverRecord {
@@ -276,6 +311,7 @@ impl<'a> IntegrationComparison<'a> {
         SolverRecord {
             tolerance: integration.tolerance(),
             step: integration.longest(),
+            implicit: None,
             error: error.min(f64::MAX),
             wanted,
             runs: [self.training, self.trials.len() - self.training],

@@ -70,6 +70,7 @@
 //! |---|---|---|---|
 //! | `solver.step` | F64 | `[1]` | longest step, in seconds |
 //! | `solver.tolerance` | F64 | `[1]` | largest error of a step, relative to the states' nominal values; left out if all steps are equal |
+//! | `solver.implicit_tolerance` | F64 | `[1]` | the same of the implicit method, instead of `solver.tolerance` |
 //!
 //! and a [sampled](Clock::Sampled) one
 //!

@@ -10,7 +10,7 @@ pub(super) mod trajectories;
 
 pub use discrete::DiscreteRecord;
 pub use motion::{MotionRecord, ReactionRecord};
-pub use solver::SolverRecord;
+pub use solver::{ImplicitCost, SolverRecord};
 pub use speed::Speed;
 pub use state_space::StateSpaceRecord;
 pub use static_map::StaticRecord;

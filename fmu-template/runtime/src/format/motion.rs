@@ -294,22 +294,30 @@ pub(super) fn doubles(
     Ok((values, view.shape().to_vec()))
 }
 
-/// Longest step and tolerance of the solver.
+/// Longest step and tolerance of the solver, under a name for each method with error control.
 pub(super) fn of_integration(integration: Integration) -> Vec<Tensor> {
     let step = double("solver.step", &[1], &[integration.longest()]);
-    let tolerance = integration.tolerance().map(|tolerance| double("solver.tolerance", &[1], &[tolerance]));
+    let name = if integration.is_implicit() { IMPLICIT } else { EXPLICIT };
+    let tolerance = integration.tolerance().map(|tolerance| double(name, &[1], &[tolerance]));
     [step].into_iter().chain(tolerance).collect()
 }
+
+/// Tensors of tolerances.
+const EXPLICIT: &str = "solver.tolerance";
+const IMPLICIT: &str = "solver.implicit_tolerance";
 
 /// The inverse of [`of_integration`].
 pub(super) fn integration(tensors: &mut Views) -> Result<Integration, FormatError> {
     let step = exactly(tensors, "solver.step", 1)?[0];
-    match tensors.contain("solver.tolerance") {
-        true => {
-            Ok(Integration::ErrorControlled { tolerance: exactly(tensors, "solver.tolerance", 1)?[0], longest: step })
-        }
-        false => Ok(Integration::Fixed { step }),
+    let is_implicit = tensors.contain(IMPLICIT);
+    if !is_implicit && !tensors.contain(EXPLICIT) {
+        return Ok(Integration::Fixed { step });
     }
+    let tolerance = exactly(tensors, if is_implicit { IMPLICIT } else { EXPLICIT }, 1)?[0];
+    Ok(match is_implicit {
+        true => Integration::Implicit { tolerance, longest: step },
+        false => Integration::ErrorControlled { tolerance, longest: step },
+    })
 }
 
 /// The inverse of [`columns`].

@@ -146,6 +146,8 @@ impl Evaluator {
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
+    // the shell of the FMU, which calls it, is optimised for size
+    #[inline(never)]
     pub fn advance(&mut self, point: &mut [f64], step: CommunicationStep, drive: Drive) -> Result<u32, StepError> {
         self.check_point(point);
         let Self { prepared, integration, work } = self;

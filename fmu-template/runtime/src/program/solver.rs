@@ -1,6 +1,9 @@
 //! Integration of a program's states over a communication step.
 
+mod rosenbrock;
+
 use crate::{Domain, FormatError, State, TOLERANCE, formula::LookupTable};
+use rosenbrock::Rosenbrock;
 use std::{ops::Range, sync::Arc};
 
 /// Integration of the states of a program over a communication step.
@@ -8,6 +11,13 @@ use std::{ops::Range, sync::Arc};
 pub enum Integration {
     /// The method of Dormand and Prince, order 5, which estimates the error of each step.
     ErrorControlled {
+        /// Largest error of a step, relative to each state's [`Scale`].
+        tolerance: f64,
+        /// Longest step, in seconds, which is also the first one that is tried.
+        longest: f64,
+    },
+    /// The method of Rosenbrock's type of order 5 by Steinebach (2023), for stiff equations: it estimates the error of each step, too.
+    Implicit {
         /// Largest error of a step, relative to each state's [`Scale`].
         tolerance: f64,
         /// Longest step, in seconds, which is also the first one that is tried.
@@ -24,7 +34,7 @@ impl Integration {
     /// Longest step, in seconds.
     pub fn longest(self) -> f64 {
         match self {
-            Self::ErrorControlled { longest, .. } => longest,
+            Self::ErrorControlled { longest, .. } | Self::Implicit { longest, .. } => longest,
             Self::Fixed { step } => step,
         }
     }
@@ -32,9 +42,14 @@ impl Integration {
     /// Tolerance of a step; none if steps are fixed.
     pub fn tolerance(self) -> Option<f64> {
         match self {
-            Self::ErrorControlled { tolerance, .. } => Some(tolerance),
+            Self::ErrorControlled { tolerance, .. } | Self::Implicit { tolerance, .. } => Some(tolerance),
             Self::Fixed { .. } => None,
         }
+    }
+
+    /// Returns true if steps solve linear equations.
+    pub fn is_implicit(self) -> bool {
+        matches!(self, Self::Implicit { .. })
     }
 
     /// Number of equal parts, none of them longer than the longest step, of a communication step.
@@ -90,7 +105,7 @@ impl Scale {
 pub struct CommunicationStep<'a> {
     /// In seconds.
     pub size: f64,
-    /// Tolerance that the host wants: that of an [error-controlled](Integration::ErrorControlled) integration, if it is the smaller one.
+    /// Tolerance that the host wants: that of an integration with error control, if it is the smaller one.
     pub tolerance: Option<f64>,
     /// Derivatives of the states at the beginning, if they are known, with which an evaluation is saved.
     pub derivatives: Option<&'a [f64]>,
@@ -208,6 +223,7 @@ pub(super) struct Solver {
     /// Tables with the axes of their arguments, and the arguments at each stage.
     tables: Vec<(Arc<LookupTable>, usize)>,
     arguments: Vec<f64>,
+    implicit: Rosenbrock,
 }
 
 impl Solver {
@@ -231,6 +247,7 @@ impl Solver {
             rates: vec![[0.0; LANES]; STAGES * states.div_ceil(LANES)],
             arguments: vec![0.0; STAGES * tables.len()],
             tables,
+            implicit: Rosenbrock::new(states),
         }
     }
 
@@ -301,11 +318,13 @@ impl Solver {
         }
         let longest = size / parts;
         let (mut since, mut h, mut steps) = (0.0, longest, 0);
+        let is_implicit = integration.is_implicit();
+        let mut is_repeated = false;
         self.begin(point);
         // arguments of tables are not known
         match derivatives.filter(|_| self.tables.is_empty()) {
             Some(known) => self.rates.as_flattened_mut()[..known.len()].copy_from_slice(known),
-            None => self.first_stage(point, drive, &mut respond),
+            None => self.first_stage(point, 0.0, drive, &mut respond),
         }
         // what is left by rounding is no step
         while size - since > SHORTEST * size {
@@ -316,21 +335,31 @@ impl Solver {
             let rest = size - since;
             // no sliver at the end
             h = if h > 0.99 * rest { rest } else { h.min(0.5 * rest) };
-            self.stages(&DORMAND_PRINCE, 1, point, (since, h), drive, &mut respond);
+            if is_implicit {
+                self.implicit_stages(point, (since, h), is_repeated, drive, &mut respond);
+            } else {
+                self.stages(&DORMAND_PRINCE, 1, point, (since, h), drive, &mut respond);
+            }
+            is_repeated = true;
             let share = self.share_of_step();
             if share < 1.0 && share * h >= SHORTEST * size {
                 // less than what would be lengthened to the end of the communication step again
                 h *= share.min(0.9);
                 continue;
             }
-            let error = self.error(&point[self.states.clone()], h) / tolerance;
+            let error = self.error(&point[self.states.clone()], h, is_implicit) / tolerance;
             if error <= 1.0 {
-                // the last stage is the end of the step
+                // the last stage is at the end of the step
                 point[self.states.clone()].copy_from_slice(&self.stage[self.states.clone()]);
-                let last = (STAGES - 1) * self.lanes();
-                self.rates.copy_within(last.., 0);
-                self.arguments.copy_within((STAGES - 1) * self.tables.len().., 0);
                 since += h;
+                if is_implicit {
+                    is_repeated = false;
+                    self.first_stage(point, since, drive, &mut respond);
+                } else {
+                    let last = (STAGES - 1) * self.lanes();
+                    self.rates.copy_within(last.., 0);
+                    self.arguments.copy_within((STAGES - 1) * self.tables.len().., 0);
+                }
                 self.expect_plausible(&point[self.states.clone()], since)?;
             }
             // a step of full length that could have been longer is followed by another one, whatever the power is
@@ -370,8 +399,15 @@ impl Solver {
     }
 
     /// Largest estimate of the error of a step of size `h` in any state, relative to its scale.
-    fn error(&self, states: &[f64], h: f64) -> f64 {
+    fn error(&self, states: &[f64], h: f64, is_implicit: bool) -> f64 {
         let mut largest = 0.0f64;
+        if is_implicit {
+            for ((state, scale), error) in states.iter().zip(&self.scales).zip(self.implicit.error()) {
+                let error = error.abs() / scale.of(*state);
+                largest = if error > largest || error.is_nan() { error } else { largest };
+            }
+            return largest;
+        }
         for (lane, (states, scales)) in states.chunks(LANES).zip(self.scales.chunks(LANES)).enumerate() {
             let sums = weighted(&DORMAND_PRINCE_ERROR, &self.rates[lane..], self.lanes());
             for ((state, scale), sum) in states.iter().zip(scales).zip(sums) {
@@ -400,10 +436,16 @@ impl Solver {
         self.stage.copy_from_slice(point);
     }
 
-    /// Rates of the states at a point at the beginning of a communication step.
-    fn first_stage(&mut self, point: &[f64], drive: Drive, respond: &mut impl FnMut(&[f64], &mut [f64], &mut [f64])) {
+    /// Rates of the states at a point, `since` seconds after the beginning of a communication step.
+    fn first_stage(
+        &mut self,
+        point: &[f64],
+        since: f64,
+        drive: Drive,
+        respond: &mut impl FnMut(&[f64], &mut [f64], &mut [f64]),
+    ) {
         let begin = Tableau { stages: &DORMAND_PRINCE.stages[..1], ..DORMAND_PRINCE };
-        self.stages(&begin, 0, point, (0.0, 0.0), drive, respond);
+        self.stages(&begin, 0, point, (since, 0.0), drive, respond);
     }
 
     /// Rates of the states at the stages, from one on, of a step of size `h`, `since` seconds after the beginning.

@@ -39,7 +39,7 @@ pub fn part(surrogate: &Surrogate, motion: &Motion, integration: Integration) ->
     write_shown(&mut data, motion);
     ModelSources {
         header: "motion.h",
-        defines: vec![index_type(&[equations, positions, reactions])],
+        defines: vec![index_type(&[equations, positions, reactions]), states::method(integration)],
         names: [&ACTIVATIONS[..], &states::NAMES, &NAMES].concat(),
         sizes: vec![
             ("COORDINATE_COUNT", n, ""),

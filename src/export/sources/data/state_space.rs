@@ -11,7 +11,7 @@ pub fn part(surrogate: &Surrogate, integration: Integration) -> ModelSources {
     let stage = [Operations::default(), graph.operations, Operations::default()];
     ModelSources {
         header: "state_space.h",
-        defines: graph.defines,
+        defines: [graph.defines, vec![states::method(integration)]].concat(),
         names: [&states::NAMES[..], &NAMES, &graph.names].concat(),
         sizes: [
             vec![

@@ -35,6 +35,11 @@ pub(super) fn data(surrogate: &Surrogate, integration: Integration) -> String {
     text
 }
 
+/// Definition that chooses the method that controls the error of steps.
+pub(super) fn method(integration: Integration) -> (&'static str, String) {
+    ("SOLVER_IS_IMPLICIT", u8::from(integration.is_implicit()).to_string())
+}
+
 /// Remark on the cost of a step, from the operations of the parameters' part and of a stage.
 pub(super) fn remark(
     surrogate: &Surrogate,
@@ -44,15 +49,16 @@ pub(super) fn remark(
     driven: usize,
 ) -> String {
     let sub_steps = integration.parts(surrogate.metadata().time_step);
-    let of_stages = stage.times(stages(sub_steps, integration), fixed);
+    let of_stages = stage.times(stages(sub_steps, integration, states as f64), fixed);
     let arithmetic = fixed.arithmetic + operations(sub_steps, integration, stage.arithmetic, states, driven);
     Operations { arithmetic, ..of_stages }.remark("A step of model_time_step takes", "states.c has")
 }
 
 /// Evaluations of the equations in so many steps, none of which is repeated.
-fn stages(sub_steps: f64, integration: Integration) -> f64 {
+fn stages(sub_steps: f64, integration: Integration, states: f64) -> f64 {
     match integration {
         Integration::ErrorControlled { .. } => 6.0 * sub_steps + 1.0,
+        Integration::Implicit { .. } => (8.0 + states) * sub_steps + 1.0,
         Integration::Fixed { .. } => 4.0 * sub_steps,
     }
 }
@@ -63,6 +69,10 @@ fn operations(sub_steps: f64, integration: Integration, stage: f64, states: usiz
     match integration {
         Integration::ErrorControlled { .. } => {
             sub_steps * (6.0 * stage + 86.0 * states + 30.0 * driven + 24.0) + stage + 2.0 * states + 5.0 * driven + 3.0
+        }
+        Integration::Implicit { .. } => {
+            let of_states = 131.0 * states + states * states * (18.0 + 2.0 / 3.0 * states);
+            sub_steps * ((8.0 + states) * (stage + 5.0 * driven) + of_states + 24.0) + stage + 5.0 * driven + 3.0
         }
         Integration::Fixed { .. } => sub_steps * (4.0 * stage + 30.0 * states + 20.0 * driven + 9.0) + 3.0,
     }
@@ -89,5 +99,11 @@ mod tests {
         let expected = 2 * (600 + 4 * of_state + 30 + 24) + 100 + 8 + 5 + 3;
         let controlled = Integration::ErrorControlled { tolerance: 1e-9, longest: 0.005 };
         assert_eq!(operations(2.0, controlled, 100.0, 4, 1), f64::from(expected));
+        // the Jacobian, its factors, and eight solutions, each with sums of the stages before it
+        let (jacobian, factors, solutions) = (5 * 4 + 2 * 16, 2 * 16 + 2 * 64 / 3, 8 * (2 * 16));
+        let rest = f64::from(jacobian + factors + solutions + 8 * 4 * 14);
+        let implicit = Integration::Implicit { tolerance: 1e-9, longest: 0.005 };
+        let found = operations(1.0, implicit, 0.0, 4, 0) - 27.0;
+        assert!((0.9..1.3).contains(&(found / rest)), "{found} {rest}");
     }
 }

@@ -109,7 +109,7 @@ fn the_outputs_of_a_model_of_samples_are_those_of_the_evaluator() {
 /// Two hundred steps of a crane by each method with a force that changes, and steps that fail, in C and in Rust.
 #[test]
 fn the_steps_of_a_motion_are_those_of_the_evaluator() {
-    for integration in [Integration::Fixed { step: 0.005 }, CONTROLLED] {
+    for integration in [Integration::Fixed { step: 0.005 }, CONTROLLED, IMPLICIT] {
         let surrogate = example::integrated(&example::crane(), integration);
         let mut steps = Steps::of(&surrogate);
         let start = steps.start(&[1.4, 0.4, 0.9, -1.2, 2.0, 3.0]);
@@ -137,12 +137,14 @@ fn the_steps_of_a_motion_are_those_of_the_evaluator() {
 
 /// With this integration a tolerance that a host may give is looked at.
 const CONTROLLED: Integration = Integration::ErrorControlled { tolerance: 1e-5, longest: 0.02 };
+const IMPLICIT: Integration = Integration::Implicit { tolerance: 1e-5, longest: 0.02 };
 
 #[test]
 fn the_steps_of_a_state_space_are_those_of_the_evaluator() {
     let by_network = example::oscillator(Some(example::residual_network()));
     let controlled = [&by_network, &turning(Activation::Tanh)].map(|space| example::integrated(space, CONTROLLED));
-    for surrogate in [by_network, example::oscillator_by_graph()].into_iter().chain(controlled) {
+    let implicit = example::integrated(&by_network, IMPLICIT);
+    for surrogate in [by_network, example::oscillator_by_graph(), implicit].into_iter().chain(controlled) {
         let mut steps = Steps::of(&surrogate);
         let start = steps.start(&[1.2, 0.8, -0.5, 0.4]);
         for (tolerance, clamp) in [(0.0, false), (1e-7, false), (0.0, true), (1e-2, true)] {
