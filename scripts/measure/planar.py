@@ -170,7 +170,7 @@ class Planar:
         self.constants = {name: options["default"] for name, options in part("parameters").items()} | (parameters or {})
         self.inputs = {name: options.get("start", 0.0) for name, options in part("inputs").items()} | (inputs or {})
         self.functions = FUNCTIONS | {name: table(options) for name, options in part("tables").items()}
-        self.compiled = {}
+        self.compiled, self.numbers = {}, {}
         self.bodies = list(self.file["bodies"])
         self.count = 3 * len(self.bodies)
         mass = [[self.number(body.get(key, 0)) for key in ("mass", "mass", "inertia")] for body in part("bodies").values()]
@@ -185,7 +185,12 @@ class Planar:
         self.units = np.eye(self.count)
 
     def number(self, expression):
-        return expression if isinstance(expression, (int, float)) else float(self.evaluate(expression, None))
+        """Value of an expression of the parameters, which stays the same."""
+        if isinstance(expression, (int, float)):
+            return expression
+        if expression not in self.numbers:
+            self.numbers[expression] = float(self.evaluate(expression, None))
+        return self.numbers[expression]
 
     def evaluate(self, expression, state, is_moving=False):
         """Value of an expression in a state; as a `Moving` number of it if that is asked for."""
