@@ -22,7 +22,7 @@ ACCELERATIONS = {"angular_acceleration": "angle", "acceleration": "position", "a
 class Moving:
     """A value with its gradient, its rate, and the part of its second derivative that accelerations do not enter."""
 
-    __slots__ = ("value", "gradient", "rate", "curvature")
+    __slots__ = ("curvature", "gradient", "rate", "value")
 
     def __init__(self, value, gradient=0.0, rate=0.0, curvature=0.0):
         self.value, self.gradient, self.rate, self.curvature = value, gradient, rate, curvature
