@@ -56,6 +56,10 @@ pub fn build(
         return Err(builder.problems);
     }
     let redundancy = Redundancy::take_out(&mut model);
+    // where nothing is free, kinks of motions have no effect on positions
+    if model.degrees_of_freedom() > 0 {
+        builder.refuse_kinked_motions();
+    }
     for (name, _) in description.outputs.keys().zip(&measures).filter(|(_, measure)| redundancy.concerns(measure)) {
         let owners: BTreeSet<String> = model.redundant.iter().map(|one| format!("`{}`", one.owner)).collect();
         let owners = owners.into_iter().collect::<Vec<_>>().join(", ");
@@ -238,6 +242,20 @@ impl<'a> MultibodyBuilder<'a> {
             }
         }
         constraints.into_iter().collect()
+    }
+
+    /// Velocities jump at kinks of motions, and what is free would need the impulse.
+    fn refuse_kinked_motions(&mut self) {
+        for (name, driver) in &self.description.drivers {
+            let Some(Ok(motion)) = driver.motion.as_ref().map(|motion| motion.with_variables(&self.variables)) else {
+                continue;
+            };
+            let is_fixed = |name: &str| self.description.parameters.contains_key(name);
+            if let Some(function) = motion.kinked_function(is_fixed) {
+                let message = "has no rate at its kinks, expected for instance `step` where other motions are free";
+                self.problem(&format!("drivers.{name}.motion"), format!("`{motion}`: `{function}` {message}"));
+            }
+        }
     }
 
     /// The drivers of accelerations.
@@ -616,6 +634,13 @@ impl<'a> MultibodyBuilder<'a> {
         if let Some(name) = expression.tables().find(kinked).filter(|_| !of_state) {
             let expected = "expected `interpolation = \"cubic\"` and `extrapolation = \"linear\"` or `\"periodic\"`";
             self.problem(key, format!("`{expression}`: the table `{name}` has no rate at its kinks, {expected}"));
+        }
+        let is_fixed = |name: &str| self.description.parameters.contains_key(name);
+        if let Some(name) = expression.kinked_function(is_fixed).filter(|_| allowed == Scope::Positions) {
+            self.problem(
+                key,
+                format!("`{expression}`: `{name}` has no rate at its kinks, expected for instance `step`"),
+            );
         }
         let formula = expression.formula(&self.tables);
         Some(BoundExpression { text: expression.to_string(), formula: self.noted(key, formula)?, slots })

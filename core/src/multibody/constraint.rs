@@ -293,8 +293,11 @@ impl Constraints {
             if residual.amax() <= 1e-15 * scale {
                 break;
             }
-            let Some(step) = solve(&self.gradients(&TurnedBodies::new(q)), &residual) else { break };
-            let Some((better, left)) = self.shortened(t, q, &step, residual.norm()) else { break };
+            let gradients = self.gradients(&TurnedBodies::new(q));
+            let Some(step) = solve(&gradients, &residual) else { break };
+            // turning a body of a kilometre by a radian moves its end by a kilometre
+            let length = self.lever_arm(&gradients).max(1.0);
+            let Some((better, left)) = self.shortened(t, q, &step, (&residual, length)) else { break };
             (*q, residual) = (better, left);
         }
         if residual.amax() <= 1e-12 * (1.0 + q.amax()) {
@@ -309,18 +312,23 @@ impl Constraints {
         ))
     }
 
-    /// `q - step`, shortened until the constraints are less violated; `None` if that does not help.
+    /// `q - step`, shortened until the constraints are less violated, lengths in parts of `length`; `None` if that does not help.
     fn shortened(
         &self,
         t: f64,
         q: &DVector<f64>,
         step: &DVector<f64>,
-        violation: f64,
+        (residual, length): (&DVector<f64>, f64),
     ) -> Option<(DVector<f64>, DVector<f64>)> {
+        let violation = |residual: &DVector<f64>| {
+            let of_row = |(row, gap): (&Constraint, &f64)| if row.coordinate.is_angle() { *gap } else { *gap / length };
+            self.iter().zip(residual.iter()).map(of_row).map(|gap| gap * gap).sum::<f64>()
+        };
+        let before = violation(residual);
         (0..12).find_map(|halvings| {
             let better = q - step * 0.5f64.powi(halvings);
             let left = self.residual(t, &TurnedBodies::new(&better));
-            (left.norm() < violation).then_some((better, left))
+            (violation(&left) < before).then_some((better, left))
         })
     }
 

@@ -199,6 +199,8 @@ impl Coordinate {
                     }
                 }
             }
+            // a spring of no length that is at rest there has no force, whatever its direction is
+            Self::Distance { .. } if factor == 0.0 => {}
             Self::Distance { from, to } => {
                 let difference = self.difference(q, q.coordinates()).value;
                 let direction = factor * difference / difference.norm();

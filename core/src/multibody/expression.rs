@@ -71,6 +71,38 @@ impl Expression {
         })
     }
 
+    /// A function with a kink or a jump whose argument depends on a name that is not fixed.
+    pub fn kinked_function(&self, is_fixed: impl Fn(&str) -> bool) -> Option<&'static str> {
+        // for each value on the stack: does it change?
+        let mut stack: Vec<bool> = Vec::new();
+        let mut found = None;
+        for token in &self.tokens {
+            let operands = match token {
+                Token::Lookup { arguments, .. } => *arguments,
+                Token::Step(FormulaStep::Constant(_) | FormulaStep::Column(_)) => 0,
+                Token::Step(FormulaStep::Combine(_)) => 2,
+                Token::Step(_) => 1,
+            };
+            let mut changes = stack.split_off(stack.len().saturating_sub(operands)).contains(&true);
+            let kinked = match token {
+                Token::Step(FormulaStep::Column(index)) => {
+                    changes = !is_fixed(&self.names[*index]);
+                    None
+                }
+                Token::Step(FormulaStep::Call(ElementaryFunction::Floor)) => Some("floor` or `mod"),
+                Token::Step(FormulaStep::Call(function @ (ElementaryFunction::Abs | ElementaryFunction::Sign))) => {
+                    Some(function.name())
+                }
+                Token::Step(FormulaStep::Combine(Combination::Minimum)) => Some("min"),
+                Token::Step(FormulaStep::Combine(Combination::Maximum)) => Some("max"),
+                _ => None,
+            };
+            found = found.or(kinked.filter(|_| changes));
+            stack.push(changes);
+        }
+        found
+    }
+
     /// The same expression with the expressions of variables in the place of their names.
     ///
     /// # Errors

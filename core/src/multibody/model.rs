@@ -30,7 +30,9 @@ pub struct Spring {
 impl Spring {
     /// Force or torque of stiffness and damping that acts to increase the coordinate.
     pub fn effort(&self, q: &impl Positions, v: &DVector<f64>) -> f64 {
-        -self.stiffness * (self.coordinate.value(q) - self.rest) - self.damping * self.coordinate.rate(q, v)
+        // a distance of zero has no rate
+        let damping = if self.damping == 0.0 { 0.0 } else { self.damping * self.coordinate.rate(q, v) };
+        -self.stiffness * (self.coordinate.value(q) - self.rest) - damping
     }
 }
 
@@ -261,8 +263,16 @@ impl MultibodyModel {
         self.undefined_effort(t, q, v, u).map(|what| format!("{what} at t = {t} s, expected a finite number"))
     }
 
-    /// The first effort, prescribed acceleration or rate of an actuator state that is not finite in a state, and its value.
+    /// The first effort, prescribed acceleration or rate of an actuator state that is not finite in a state, and its value; or a spring
+    /// whose length is zero.
     pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
+        let without_length = |spring: &&Spring| {
+            spring.coordinate.direction(q).is_some_and(|direction| direction.norm() == 0.0)
+                && spring.effort(q, v) != 0.0
+        };
+        if let Some(spring) = self.springs.iter().find(without_length) {
+            return Some(format!("the direction of `{}` is not defined: its length is zero", spring.owner));
+        }
         self.acting_expressions().find_map(|(bound, owner)| {
             let value = bound.value(t, q, v, u);
             (!value.is_finite()).then(|| format!("`{}` of `{owner}` is {value}", bound.text))

@@ -364,3 +364,74 @@ fn a_motion_without_inertia_is_refused() {
         .unwrap_err();
     assert!(error.contains("without mass or inertia"), "{error}");
 }
+
+/// Velocities jump at a kink of what is prescribed. Where other motions are free, that would take an impulse.
+#[test]
+fn kinks_of_motions_and_couplings_are_refused() {
+    let text = |more: &str| {
+        format!(
+            r#"
+            gravity = [0, -9.81]
+            parameters = {{ p = {{ default = -0.3 }} }}
+            bodies.rod = {{ mass = 1, inertia = 0.1, position = [0, -0.5], points = {{ top = [0, 0.5], bot = [0, -0.5] }} }}
+            bodies.w = {{ mass = 1, inertia = 0.1, position = [0, -1.5], points = {{ t = [0, 0.5] }} }}
+            joints.pivot = {{ type = "revolute", between = ["ground", "rod.top"] }}
+            joints.q = {{ type = "revolute", between = ["rod.bot", "w.t"] }}
+            outputs = {{ a = {{ measure = "pivot.angle" }} }}
+            {more}
+        "#
+        )
+    };
+    let driver = |motion: &str| text(&format!("drivers.d = {{ coordinate = \"pivot.angle\", motion = \"{motion}\" }}"));
+    for (motion, function) in [
+        ("max(0, time - 0.55)", "max"),
+        ("min(time, 0.5)", "min"),
+        ("0.2*abs(0.35 - time)", "abs"),
+        ("mod(time, 0.4)", "floor` or `mod"),
+        ("0.1*floor(time + 0.45)", "floor` or `mod"),
+        ("sign(time - 0.5)", "sign"),
+    ] {
+        let message = refused(&driver(motion));
+        let expected = format!("drivers.d.motion: `{motion}`: `{function}` has no rate at its kinks");
+        assert!(message.contains(&expected), "{message}");
+    }
+    // kinks of parameters are none of the motion
+    assert!(parse(&driver("max(p, 0)*time + abs(p)*step(time, 0, 0, 1, 1)")).warnings().is_empty());
+    let coupling =
+        |follows: &str| text(&format!("couplings.c = {{ coordinate = \"q.angle\", follows = \"{follows}\" }}"));
+    let message = refused(&coupling("abs(pivot.angle)"));
+    assert!(message.contains("couplings.c.follows: `abs(pivot.angle)`: `abs` has no rate at its kinks"), "{message}");
+    assert!(parse(&coupling("abs(p)*pivot.angle")).warnings().is_empty());
+}
+
+/// A rod of a kilometre is turned from its guess like one of a metre, and a spring without length has no force.
+#[test]
+fn large_mechanisms_are_assembled_and_springs_without_length_are_named() {
+    let rod = |length: f64, spring: &str| {
+        format!(
+            r#"
+            gravity = [0, -9.81]
+            bodies.rod = {{ mass = 1, inertia = {}, position = [0, {}], points = {{ top = [0, {}] }} }}
+            joints.pivot = {{ type = "revolute", between = ["ground", "rod.top"] }}
+            initial.pivot.angle = 1.5
+            {spring}
+            outputs = {{ x = {{ measure = "rod.x" }}, a = {{ measure = "pivot.angle" }} }}
+        "#,
+            length * length / 12.0,
+            -length / 2.0,
+            length / 2.0
+        )
+    };
+    for length in [1.0, 1e3, 1e5] {
+        let found = rows(&parse(&rod(length, "")), &[0.0]).remove(0);
+        assert_close(found[0], 0.5 * length * 1.5f64.sin(), 1e-12 * length);
+    }
+    let at_pivot =
+        |more: &str| rod(1.0, &format!("springs.s = {{ between = [\"ground\", \"rod.top\"], stiffness = 10{more} }}"));
+    let [plain, sprung] = [rod(1.0, ""), at_pivot("")].map(|text| rows(&parse(&text), &grid(1.0, 4)));
+    let pairs = plain.iter().flatten().zip(sprung.iter().flatten());
+    pairs.for_each(|(plain, sprung)| assert_close(*sprung, *plain, 1e-12));
+    let message =
+        parse(&at_pivot(", rest = 0.1")).simulate(&[], &grid(1.0, 4), TOLERANCE, &Budget::default()).unwrap_err();
+    assert!(message.contains("the direction of `springs.s` is not defined: its length is zero"), "{message}");
+}
