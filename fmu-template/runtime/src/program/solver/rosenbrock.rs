@@ -96,7 +96,7 @@ pub(super) struct Rosenbrock {
 }
 
 /// The parts of the working memory.
-struct Parts<'a> {
+struct RosenbrockParts<'a> {
     jacobian: &'a mut [f64],
     factors: &'a mut [f64],
     by_time: &'a mut [f64],
@@ -121,17 +121,17 @@ impl Rosenbrock {
         &self.memory[self.memory.len() - self.pivots.len()..]
     }
 
-    fn parts(&mut self) -> Parts<'_> {
+    fn parts(&mut self) -> RosenbrockParts<'_> {
         let (n, pivots) = (self.pivots.len(), &mut *self.pivots);
         let (jacobian, rest) = self.memory.split_at_mut(n * n);
         let (factors, rest) = rest.split_at_mut(n * n);
         let (by_time, rest) = rest.split_at_mut(n);
         let (rates, changes) = rest.split_at_mut(n);
-        Parts { jacobian, factors, by_time, rates, changes, pivots }
+        RosenbrockParts { jacobian, factors, by_time, rates, changes, pivots }
     }
 }
 
-impl Parts<'_> {
+impl RosenbrockParts<'_> {
     /// Factorises `1 / (gamma h) - J`, with the largest pivots: columns of `P W = L R`. A singular matrix makes NaN.
     fn factorise(&mut self, h: f64) {
         let Self { jacobian, factors, pivots, .. } = self;
@@ -198,7 +198,7 @@ impl Solver {
         }
         self.implicit.parts().factorise(h);
         for stage in 0..COUNT {
-            let Parts { rates, changes, .. } = self.implicit.parts();
+            let RosenbrockParts { rates, changes, .. } = self.implicit.parts();
             let states = &mut self.stage[self.states.clone()];
             states.copy_from_slice(&point[self.states.clone()]);
             let weights = WEIGHTS[stage.min(5)].iter().chain(&[1.0; 2][..stage.saturating_sub(5)]);
@@ -240,7 +240,7 @@ impl Solver {
             let by = self.stage[first + column] - value;
             self.respond_at(point, (since, LAST), drive, respond);
             self.stage[first + column] = value;
-            let Parts { jacobian, rates, .. } = self.implicit.parts();
+            let RosenbrockParts { jacobian, rates, .. } = self.implicit.parts();
             difference(&mut jacobian[column * n..][..n], rates, &self.rates, by);
         }
         let is_driven = self.inputs.clone().any(|column| drive.rates.iter().any(|rates| rates[column] != 0.0));
@@ -248,7 +248,7 @@ impl Solver {
         if is_driven {
             self.respond_at(point, (since + by, LAST), drive, respond);
         }
-        let Parts { by_time, rates, .. } = self.implicit.parts();
+        let RosenbrockParts { by_time, rates, .. } = self.implicit.parts();
         by_time.fill(0.0);
         if is_driven {
             difference(by_time, rates, &self.rates, by);
