@@ -67,8 +67,8 @@ typedef struct {
 
 /*
  * Goes on from a point. Continuous states are integrated: in steps of the method of Dormand and Prince, whose local
- * error is at most model_solver_tolerance, or, if that is zero, in equal steps of the classical Runge-Kutta method;
- * none is longer than model_solver_step. A model of samples advances to the next ones. If that fails, the point is as
+ * error is at most model_solver_tolerance (with SOLVER_IS_IMPLICIT the method Rodas5P), or, if that is zero, in equal steps
+ * of the classical Runge-Kutta method; none is longer than model_solver_step. A model of samples advances to the next ones. If that fails, the point is as
  * before.
  */
 Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, Failure *failure);

@@ -155,7 +155,7 @@ static void solve_stage(Rosenbrock *work, size_t stage)
         }
     }
     for (size_t k = STATE_COUNT; k-- > 0;) {
-        for (size_t j = k + 1; j < STATE_COUNT; j++) {
+        for (size_t j = STATE_COUNT; j-- > k + 1;) {
             side[k] -= work->factors[k][j] * side[j];
         }
         side[k] /= work->factors[k][k];

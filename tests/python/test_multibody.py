@@ -1,6 +1,7 @@
 """Mechanisms against an independent code: scipy on equations derived by hand, beside tables and FMUs of the command."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -141,6 +142,41 @@ def quarter_car(stiffness, damping, times):
     matrix[5, 4] = -(omega**2)
     states = np.array([expm(matrix * t) @ [0, 0, 0, 0, 0, height * omega] for t in times])
     return np.column_stack([1 + states[:, 0], states @ matrix[2], 0.4 + states[:, 1]])
+
+
+STIFF_TYRE = """
+formulation = "FORMULATION"
+parameters.c = { default = 1e7, min = 1e5, max = 1e7, unit = "N.s/m" }
+bodies.body = { mass = 250, inertia = 1 }
+bodies.wheel = { mass = 40, inertia = 1 }
+joints.b = { type = "prismatic", between = ["ground", "body"], axis = [0, 1] }
+joints.w = { type = "prismatic", between = ["ground", "wheel"], axis = [0, 1] }
+springs.tyre = { coordinate = "w.position", stiffness = 160000, damping = "c" }
+bushings.suspension = { between = ["wheel", "body"], stiffness = [0, 16000, 0], damping = [0, 1000, 0] }
+initial = { b = { position = 0.1, velocity = 0.3 }, w = { position = 0.01, velocity = -0.5 } }
+outputs = { y = { measure = "body.y" }, w = { measure = "wheel.y" }, v = { measure = "body.vy" } }
+"""
+
+
+@pytest.mark.parametrize("formulation", ["augmented", "embedding"])
+def test_a_tyre_with_a_stiff_damper_is_its_matrix_exponential(formulation, tmp_path):
+    """Up to 250000 / s in a run of 5 s, in which the explicit method takes millions of evaluations."""
+    (tmp_path / "tyre.toml").write_text(STIFF_TYRE.replace("FORMULATION", formulation))
+    metafmu("new", tmp_path / "study", "--mechanism", tmp_path / "tyre.toml")
+    study = (tmp_path / "study.toml").read_text()
+    study = re.sub(r"(?m)^runs = .*", "runs = 6", re.sub(r"(?m)^stop = .*", "stop = 5.0", re.sub(r"(?m)^step = .*", "step = 0.05", study)))
+    (tmp_path / "study.toml").write_text(re.sub(r"(?m)^test_runs = .*", "test_runs = 2", study))
+    metafmu("sample", tmp_path / "study.toml", "--out", tmp_path / "out")
+    table = pd.read_csv(tmp_path / "out" / "train.csv")
+    assert table["c"].max() > 5e6
+    for _, run in table.groupby("run"):
+        c = run["c"].iloc[0]
+        matrix = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [-64, 64, -4, 4], [400, -4400, 25, -25 - c / 40]])
+        times = run["time"].to_numpy()
+        states, transition = [np.array([0.1, 0.01, 0.3, -0.5])], expm(matrix * times[1])
+        for _ in times[1:]:
+            states.append(transition @ states[-1])
+        np.testing.assert_allclose(run[["y", "w", "v"]], np.array(states)[:, :3], rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("formulation", ["augmented", "embedding"])

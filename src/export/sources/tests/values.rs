@@ -128,7 +128,8 @@ fn the_steps_of_a_motion_are_those_of_the_evaluator() {
             steps.step(true, &mut point, size, 0.0, false, [0.0; 2]);
         }
         steps.step(true, &mut start.clone(), 1e9, 0.0, false, [0.0; 2]);
-        let ends = steps.compare(&SANITIZERS);
+        // differences for the Jacobian magnify rounding
+        let ends = steps.compare_within(if integration == IMPLICIT { 1e-10 } else { 1e-12 }, &SANITIZERS);
         assert!(ends[..800].iter().all(|end| *end == 0.0));
         assert_eq!((ends[800], ends[801], ends[802]), (1.0, 3.0, 0.0), "{integration:?}");
         assert_eq!(ends[804], 2.0);

@@ -4,7 +4,7 @@
 //! `y + sum m_j U_j`; its error is about `U_8` (Steinebach: *Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within
 //! the Julia Differential Equations package*, BIT 63, 2023). The Jacobian `J` and `f_t` are differences.
 
-use super::{Drive, STAGES, Solver, without_rounding};
+use super::{Drive, LANES, STAGES, Solver, without_rounding};
 
 /// Stages.
 const COUNT: usize = 8;
@@ -90,83 +90,92 @@ type Respond<'a> = dyn FnMut(&[f64], &mut [f64], &mut [f64]) + 'a;
 /// Working memory of the method.
 #[derive(Clone, Debug)]
 pub(super) struct Rosenbrock {
-    /// `J`, row by row.
-    jacobian: Vec<f64>,
-    /// `W` factorised: `P W = L R`.
-    factors: Vec<f64>,
+    /// Columns of `J`, those of `W` factorised, the derivative of the rates with respect to time, the rates at a stage, and `U` of all stages.
+    memory: Vec<f64>,
     pivots: Vec<usize>,
-    /// Derivative of the rates with respect to time.
-    by_time: Vec<f64>,
-    /// Rates at a stage, and `U` of all stages.
-    rates: Vec<f64>,
-    changes: Vec<f64>,
+}
+
+/// The parts of the working memory.
+struct RosenbrockParts<'a> {
+    jacobian: &'a mut [f64],
+    factors: &'a mut [f64],
+    by_time: &'a mut [f64],
+    rates: &'a mut [f64],
+    changes: &'a mut [f64],
+    pivots: &'a mut [usize],
+}
+
+/// `to += factor from`, for as many as there are of both. A function of its own keeps the library small.
+#[inline(never)]
+fn add(to: &mut [f64], factor: f64, from: &[f64]) {
+    to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
 }
 
 impl Rosenbrock {
     pub(super) fn new(states: usize) -> Self {
-        let zeros = || vec![0.0; states];
-        Self {
-            jacobian: vec![0.0; states * states],
-            factors: vec![0.0; states * states],
-            pivots: vec![0; states],
-            by_time: zeros(),
-            rates: zeros(),
-            changes: vec![0.0; COUNT * states],
-        }
+        Self { memory: vec![0.0; (2 * states + 2 + COUNT) * states], pivots: vec![0; states] }
     }
 
     /// Estimate of the error of each state.
     pub(super) fn error(&self) -> &[f64] {
-        &self.changes[(COUNT - 1) * self.pivots.len()..]
+        &self.memory[self.memory.len() - self.pivots.len()..]
     }
 
-    /// Factorises `1 / (gamma h) - J`, with the largest pivots. A singular matrix makes NaN.
+    fn parts(&mut self) -> RosenbrockParts<'_> {
+        let (n, pivots) = (self.pivots.len(), &mut *self.pivots);
+        let (jacobian, rest) = self.memory.split_at_mut(n * n);
+        let (factors, rest) = rest.split_at_mut(n * n);
+        let (by_time, rest) = rest.split_at_mut(n);
+        let (rates, changes) = rest.split_at_mut(n);
+        RosenbrockParts { jacobian, factors, by_time, rates, changes, pivots }
+    }
+}
+
+impl RosenbrockParts<'_> {
+    /// Factorises `1 / (gamma h) - J`, with the largest pivots: columns of `P W = L R`. A singular matrix makes NaN.
     fn factorise(&mut self, h: f64) {
         let Self { jacobian, factors, pivots, .. } = self;
         let n = pivots.len();
-        for (index, (to, from)) in factors.iter_mut().zip(&*jacobian).enumerate() {
-            *to = if index % (n + 1) == 0 { 1.0 / (GAMMA * h) - from } else { -from };
-        }
+        factors.fill(0.0);
+        add(factors, -1.0, jacobian);
+        factors.iter_mut().step_by(n + 1).for_each(|diagonal| *diagonal += 1.0 / (GAMMA * h));
         for k in 0..n {
+            let (before, rest) = factors.split_at_mut((k + 1) * n);
+            let column = &mut before[k * n..];
             let mut pivot = k;
             for row in k + 1..n {
-                if factors[row * n + k].abs() > factors[pivot * n + k].abs() {
+                if column[row].abs() > column[pivot].abs() {
                     pivot = row;
                 }
             }
             pivots[k] = pivot;
-            for column in 0..n {
-                factors.swap(k * n + column, pivot * n + column);
-            }
-            let (above, below) = factors.split_at_mut((k + 1) * n);
-            let upper = &above[k * n..];
-            for row in below.chunks_exact_mut(n) {
-                row[k] /= upper[k];
-                for column in k + 1..n {
-                    row[column] -= row[k] * upper[column];
-                }
+            column.swap(k, pivot);
+            let largest = column[k];
+            column[k + 1..].iter_mut().for_each(|value| *value /= largest);
+            for later in rest.chunks_exact_mut(n) {
+                later.swap(k, pivot);
+                let value = later[k];
+                add(&mut later[k + 1..], -value, &column[k + 1..]);
             }
         }
     }
 
     /// Solves `W U = rates` for a stage.
     fn solve(&mut self, stage: usize) {
-        let n = self.pivots.len();
-        let side = &mut self.changes[stage * n..][..n];
-        side.copy_from_slice(&self.rates);
-        for (k, &pivot) in self.pivots.iter().enumerate() {
-            side.swap(k, pivot);
+        let Self { factors, rates, changes, pivots, .. } = self;
+        let n = pivots.len();
+        let side = &mut changes[stage * n..][..n];
+        side.copy_from_slice(rates);
+        // rows of earlier columns were not exchanged
+        for (k, column) in factors.chunks_exact(n).enumerate() {
+            side.swap(k, pivots[k]);
+            let value = side[k];
+            add(&mut side[k + 1..], -value, &column[k + 1..]);
         }
-        for (k, row) in self.factors.chunks_exact(n).enumerate() {
-            for column in 0..k {
-                side[k] -= row[column] * side[column];
-            }
-        }
-        for (k, row) in self.factors.chunks_exact(n).enumerate().rev() {
-            for column in k + 1..n {
-                side[k] -= row[column] * side[column];
-            }
-            side[k] /= row[k];
+        for (k, column) in factors.chunks_exact(n).enumerate().rev() {
+            side[k] /= column[k];
+            let value = side[k];
+            add(&mut side[..k], -value, column);
         }
     }
 }
@@ -187,34 +196,28 @@ impl Solver {
         if !is_repeated {
             self.find_jacobian(point, (since, h), drive, respond);
         }
-        self.implicit.factorise(h);
+        self.implicit.parts().factorise(h);
         for stage in 0..COUNT {
-            let states = self.states.clone();
-            self.stage[states.clone()].copy_from_slice(&point[states.clone()]);
+            let RosenbrockParts { rates, changes, .. } = self.implicit.parts();
+            let states = &mut self.stage[self.states.clone()];
+            states.copy_from_slice(&point[self.states.clone()]);
             let weights = WEIGHTS[stage.min(5)].iter().chain(&[1.0; 2][..stage.saturating_sub(5)]);
-            self.add_changes(weights, 1.0);
+            for (weight, changes) in weights.zip(changes.chunks_exact(n)) {
+                add(states, *weight, changes);
+            }
             if stage == 0 {
-                self.implicit.rates.copy_from_slice(&self.rates.as_flattened()[..n]);
+                rates.copy_from_slice(&self.rates.as_flattened()[..n]);
             } else {
                 self.respond_at(point, (since + TIMES[stage] * h, stage.min(LAST)), drive, respond);
             }
-            let Rosenbrock { by_time, rates, changes, .. } = &mut self.implicit;
-            for (weight, changes) in COUPLINGS[stage].iter().zip(changes.chunks_exact(n)) {
-                rates.iter_mut().zip(changes).for_each(|(rate, change)| *rate += weight / h * change);
+            let mut parts = self.implicit.parts();
+            for (weight, changes) in COUPLINGS[stage].iter().zip(parts.changes.chunks_exact(n)) {
+                add(parts.rates, weight / h, changes);
             }
-            rates.iter_mut().zip(by_time).for_each(|(rate, by_time)| *rate += h * BY_TIME[stage] * *by_time);
-            self.implicit.solve(stage);
+            add(parts.rates, h * BY_TIME[stage], parts.by_time);
+            parts.solve(stage);
         }
-        let last = &self.implicit.changes[(COUNT - 1) * n..];
-        self.stage[self.states.clone()].iter_mut().zip(last).for_each(|(state, change)| *state += change);
-    }
-
-    /// Adds weighted changes to the states of the stage.
-    fn add_changes<'a>(&mut self, weights: impl Iterator<Item = &'a f64>, factor: f64) {
-        let states = &mut self.stage[self.states.clone()];
-        for (weight, changes) in weights.zip(self.implicit.changes.chunks_exact(states.len())) {
-            states.iter_mut().zip(changes).for_each(|(state, change)| *state += factor * weight * change);
-        }
+        add(&mut self.stage[self.states.clone()], 1.0, self.implicit.error());
     }
 
     /// The rates at the stage, with inputs of a time; arguments of tables go to this part of them.
@@ -224,7 +227,7 @@ impl Solver {
             self.stage[column] = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
         }
         let tables = self.tables.len();
-        respond(&self.stage, &mut self.implicit.rates, &mut self.arguments[part * tables..][..tables]);
+        respond(&self.stage, self.implicit.parts().rates, &mut self.arguments[part * tables..][..tables]);
     }
 
     /// The Jacobian, and the derivative with respect to time if inputs change, at the beginning of a step.
@@ -237,22 +240,27 @@ impl Solver {
             let by = self.stage[first + column] - value;
             self.respond_at(point, (since, LAST), drive, respond);
             self.stage[first + column] = value;
-            let Rosenbrock { jacobian, rates, .. } = &mut self.implicit;
-            let before = self.rates.as_flattened();
-            for ((to, rate), before) in jacobian[column..].iter_mut().step_by(n).zip(rates).zip(before) {
-                *to = (*rate - before) / by;
-            }
+            let RosenbrockParts { jacobian, rates, .. } = self.implicit.parts();
+            difference(&mut jacobian[column * n..][..n], rates, &self.rates, by);
         }
-        self.implicit.by_time.fill(0.0);
-        if self.inputs.clone().any(|column| drive.rates.iter().any(|rates| rates[column] != 0.0)) {
-            let by = SHORT * h;
+        let is_driven = self.inputs.clone().any(|column| drive.rates.iter().any(|rates| rates[column] != 0.0));
+        let by = SHORT * h;
+        if is_driven {
             self.respond_at(point, (since + by, LAST), drive, respond);
-            let Rosenbrock { by_time, rates, .. } = &mut self.implicit;
-            let before = self.rates.as_flattened();
-            for ((to, rate), before) in by_time.iter_mut().zip(rates).zip(before) {
-                *to = (*rate - before) / by;
-            }
         }
+        let RosenbrockParts { by_time, rates, .. } = self.implicit.parts();
+        by_time.fill(0.0);
+        if is_driven {
+            difference(by_time, rates, &self.rates, by);
+        }
+    }
+}
+
+/// `to = (after - before) / by`.
+#[inline(never)]
+fn difference(to: &mut [f64], after: &[f64], before: &[[f64; LANES]], by: f64) {
+    for ((to, after), before) in to.iter_mut().zip(after).zip(before.as_flattened()) {
+        *to = (after - before) / by;
     }
 }
 
