@@ -54,7 +54,7 @@ pub(crate) fn advance(
 }
 
 /// Matrices of Newton's method for a Jacobian and a step size, factorised.
-struct Factors {
+struct StageFactors {
     size: f64,
     real: LU<f64, Dyn, Dyn>,
     pairs: Vec<LU<Complex<f64>, Dyn, Dyn>>,
@@ -82,7 +82,7 @@ struct RadauRun<'a, 'b, P> {
     is_fresh: bool,
     /// True if Newton's method converged slowly in the last step.
     is_slow: bool,
-    factors: Option<Factors>,
+    factors: Option<StageFactors>,
     last: Option<LastStep>,
     /// Remainder of Newton's method over its last change.
     remainder: f64,
@@ -227,7 +227,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         Ok(if (1.0..1.2).contains(&factor) { 1.0 } else { factor })
     }
 
-    fn factorise(&self, h: f64) -> Option<Factors> {
+    fn factorise(&self, h: f64) -> Option<StageFactors> {
         let shifted = |shift: f64| {
             let mut matrix = -self.jacobian.clone();
             (0..matrix.nrows()).for_each(|k| matrix[(k, k)] += shift / h);
@@ -240,11 +240,11 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
             matrix.lu()
         };
         let pairs: Vec<_> = PAIRS.iter().map(pair).collect();
-        (real.is_invertible() && pairs.iter().all(LU::is_invertible)).then_some(Factors { size: h, real, pairs })
+        (real.is_invertible() && pairs.iter().all(LU::is_invertible)).then_some(StageFactors { size: h, real, pairs })
     }
 
     /// Newton's method: the changes at the nodes, one a column. None if it does not converge.
-    fn solve(&mut self, factors: &Factors) -> Option<DMatrix<f64>> {
+    fn solve(&mut self, factors: &StageFactors) -> Option<DMatrix<f64>> {
         let (n, h) = (self.y.len(), factors.size);
         let mut changes = self.predicted(h);
         let mut slopes = DMatrix::zeros(n, STAGES);
@@ -282,7 +282,11 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     }
 
     /// Newton's correction for a residual `h A F - Z`.
-    fn corrected(&self, residual: &DMatrix<f64>, Factors { size: h, real, pairs }: &Factors) -> Option<DMatrix<f64>> {
+    fn corrected(
+        &self,
+        residual: &DMatrix<f64>,
+        StageFactors { size: h, real, pairs }: &StageFactors,
+    ) -> Option<DMatrix<f64>> {
         let mut step = DMatrix::zeros(residual.nrows(), STAGES);
         let side = residual * DVector::from_column_slice(&REAL_ROW) * (GAMMA / h);
         let solution = real.solve(&side)?;
@@ -324,7 +328,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     }
 
     /// Estimate of the error of a step, relative to the tolerance.
-    fn error(&mut self, changes: &DMatrix<f64>, Factors { size: h, real, .. }: &Factors) -> f64 {
+    fn error(&mut self, changes: &DMatrix<f64>, StageFactors { size: h, real, .. }: &StageFactors) -> f64 {
         let of_changes = changes * DVector::from_column_slice(&ERROR) * (GAMMA / h);
         let solve = |slope: &DVector<f64>| real.solve(&(slope + &of_changes));
         let Some(error) = solve(&self.slope) else { return f64::NAN };

@@ -38,11 +38,11 @@ pub fn read_files(description: &mut Description, folder: &Path) -> Problems {
     problems
 }
 
-/// Knots of one argument or of both, and the values.
-type Knots = (Vec<f64>, Option<Vec<f64>>, Vec<TableValues>);
+/// TableContent of one argument or of both, and the values.
+type TableContent = (Vec<f64>, Option<Vec<f64>>, Vec<TableValues>);
 
-/// Knots and values in a file.
-fn read(path: &Path, columns: Option<&[String]>) -> crate::Result<Knots> {
+/// TableContent and values in a file.
+fn read(path: &Path, columns: Option<&[String]>) -> crate::Result<TableContent> {
     let mut table = Table::open(path)?;
     let places = match columns {
         Some(names) => names.iter().map(|name| table.column(name)).collect::<crate::Result<Vec<usize>>>()?,
@@ -64,7 +64,7 @@ fn read(path: &Path, columns: Option<&[String]>) -> crate::Result<Knots> {
 }
 
 /// Values at all pairs of knots, a row for each.
-fn read_grid(table: &mut Table, of_knots: [usize; 2], of_values: usize) -> crate::Result<Knots> {
+fn read_grid(table: &mut Table, of_knots: [usize; 2], of_values: usize) -> crate::Result<TableContent> {
     let mut rows = Vec::new();
     while table.next_row()? {
         // -0 and 0 are the same knot
