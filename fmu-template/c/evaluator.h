@@ -66,10 +66,10 @@ typedef struct {
 } Failure;
 
 /*
- * Goes on from a point. Continuous states are integrated: in steps of the method of Dormand and Prince, whose local
- * error is at most model_solver_tolerance (with SOLVER_IS_IMPLICIT the method Rodas5P), or, if that is zero, in equal steps
- * of the classical Runge-Kutta method; none is longer than model_solver_step. A model of samples advances to the next ones. If that fails, the point is as
- * before.
+ * Goes on from a point. Continuous states are integrated by the method of Dormand and Prince, with SOLVER_IS_IMPLICIT by
+ * Rodas5P, whose local errors are at most model_solver_tolerance. If that is zero, the classical Runge-Kutta method makes
+ * equal steps. No step is longer than model_solver_step. A model of samples advances to the next ones. If that fails,
+ * the point is as before.
  */
 Advance model_advance(Scratch *scratch, double point[COLUMN_COUNT], const Step *step, Failure *failure);
 

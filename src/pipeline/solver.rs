@@ -248,7 +248,8 @@ impl<'a> IntegrationComparison<'a> {
         let implicit = |tolerance: f64| Integration::Implicit { tolerance, longest: largest };
         let rough = self.paths(explicit(FIRST), self.trials.len());
         if rough.iter().any(|path| path.steps as f64 > MANY_STEPS * path.rows as f64) {
-            let (tolerance, error, paths) = self.largest_tolerance(&implicit, wanted);
+            let first = self.paths(implicit(FIRST), self.trials.len());
+            let (tolerance, error, paths) = self.largest_tolerance(&implicit, first, wanted);
             let cost = ImplicitCost {
                 evaluations: self.evaluations_per_second(implicit(tolerance), &paths),
                 explicit: self.evaluations_per_second(explicit(FIRST), &rough),
@@ -257,7 +258,7 @@ impl<'a> IntegrationComparison<'a> {
                 return (implicit(tolerance), Some(cost));
             }
         }
-        let (tolerance, ..) = self.largest_tolerance(&explicit, wanted);
+        let (tolerance, ..) = self.largest_tolerance(&explicit, rough, wanted);
         let evaluations = |longest: f64| -> u64 {
             let paths = self.paths(Integration::ErrorControlled { tolerance, longest }, self.training);
             paths.iter().map(|path| 6 * path.steps + path.rows as u64).sum()
@@ -269,18 +270,23 @@ impl<'a> IntegrationComparison<'a> {
         (Integration::ErrorControlled { tolerance, longest }, None)
     }
 
-    /// The largest tolerance that is good enough with a reserve, its error, and the runs with it.
-    fn largest_tolerance(&self, integration: &dyn Fn(f64) -> Integration, wanted: f64) -> (f64, f64, Vec<Path>) {
+    /// The largest tolerance that is good enough with a reserve, its error, and the runs with it; `paths` are those with the [`FIRST`] one.
+    fn largest_tolerance(
+        &self,
+        integration: &dyn Fn(f64) -> Integration,
+        mut paths: Vec<Path>,
+        wanted: f64,
+    ) -> (f64, f64, Vec<Path>) {
         let mut tolerance = FIRST;
         let wanted = wanted / RESERVE;
         loop {
-            let paths = self.paths(integration(tolerance), self.trials.len());
             let error = self.errors(&paths).into_iter().fold(0.0, f64::max);
             if error <= wanted || tolerance <= LAST {
                 return (tolerance, error, paths);
             }
             // the error is about proportional to it
             tolerance = rounded((tolerance * (wanted / error).max(BY_ONE_ROUND)).min(0.5 * tolerance)).max(LAST);
+            paths = self.paths(integration(tolerance), self.trials.len());
         }
     }
 

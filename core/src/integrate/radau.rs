@@ -53,6 +53,28 @@ pub(crate) fn advance(
     IntegrationResult { states, failure, is_stiff: false, evaluations: 0 }
 }
 
+/// Jacobian of a function by differences at a point where its value is known; backward ones where it is not defined beyond.
+pub(crate) fn jacobian(
+    mut function: impl FnMut(&DVector<f64>) -> Option<DVector<f64>>,
+    at: &DVector<f64>,
+    value: &DVector<f64>,
+) -> Option<DMatrix<f64>> {
+    let (mut jacobian, mut point) = (DMatrix::zeros(value.len(), at.len()), at.clone());
+    for column in 0..at.len() {
+        let by = f64::EPSILON.sqrt() * (1.0 + at[column].abs());
+        let mut difference = |by: f64| {
+            point[column] = at[column] + by;
+            let moved = function(&point);
+            let step = point[column] - at[column];
+            point[column] = at[column];
+            moved.map(|moved| (moved - value) / step)
+        };
+        let difference = difference(by).or_else(|| difference(-by))?;
+        jacobian.set_column(column, &difference);
+    }
+    jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
+}
+
 /// Matrices of Newton's method for a Jacobian and a step size, factorised.
 struct StageFactors {
     size: f64,
@@ -176,22 +198,10 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         derivative.iter().all(|value| value.is_finite()).then_some(derivative)
     }
 
-    /// The Jacobian at the present state, by differences; backward ones where the derivative is not defined beyond.
+    /// The Jacobian at the present state.
     fn renew_jacobian(&mut self) -> Option<()> {
-        let mut y = self.y.clone();
-        for column in 0..y.len() {
-            let value = y[column];
-            let by = f64::EPSILON.sqrt() * (1.0 + value.abs());
-            let mut difference = |run: &mut Self, by: f64| {
-                y[column] = value + by;
-                let moved = run.derivative(run.t, &y);
-                let step = y[column] - value;
-                y[column] = value;
-                moved.map(|moved| (moved - &run.slope) / step)
-            };
-            let difference = difference(self, by).or_else(|| difference(self, -by))?;
-            self.jacobian.set_column(column, &difference);
-        }
+        let (t, y, slope) = (self.t, self.y.clone(), self.slope.clone());
+        self.jacobian = jacobian(|y| self.derivative(t, y), &y, &slope)?;
         self.is_fresh = true;
         self.factors = None;
         Some(())

@@ -410,6 +410,17 @@ pub(super) fn independence(columns: &DMatrix<f64>) -> Vec<f64> {
     parts
 }
 
+/// Orthonormal vectors `x` with `A x = 0`.
+pub(super) fn null_space(matrix: &DMatrix<f64>) -> Vec<DVector<f64>> {
+    let (rows, columns) = matrix.shape();
+    // with as many rows as columns the decomposition has all of them
+    let square = matrix.clone().resize_vertically(rows.max(columns), 0.0);
+    let svd = square.svd(false, true);
+    let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
+    let vectors = svd.v_t.iter().flat_map(DMatrix::row_iter).zip(&svd.singular_values);
+    vectors.filter(|(_, value)| **value <= DEPENDENT * largest).map(|(vector, _)| vector.transpose()).collect()
+}
+
 /// The shortest `x` with `A x = b`, given `A^T` of full column rank: `A^T = Q R`, `x = Q R^-T b`.
 fn least_norm(transposed: &DMatrix<f64>, b: &DVector<f64>) -> Option<DVector<f64>> {
     if transposed.ncols() > transposed.nrows() {

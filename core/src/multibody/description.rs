@@ -431,7 +431,8 @@ pub struct StopOptions {
 pub struct ContactOptions {
     /// The point, or the centre of the circle.
     pub point: String,
-    /// Two points of another body or the ground; the line goes on beyond both. The point stays on its left, seen from the first to the second.
+    /// Two points of another body or of the ground through which the line passes. The line is infinite; its left is that of somebody who looks from
+    /// the first point to the second.
     pub line: [String; 2],
     /// Radius of the circle; zero for a point.
     #[schemars(extend("x-unit" = "m", "minimum" = 0))]

@@ -24,7 +24,7 @@ pub struct SparseGradients {
 }
 
 impl SparseGradients {
-    /// No gradients yet, of functions of so many coordinates.
+    /// An empty list, with memory for `capacity` gradients of functions of `coordinates` coordinates.
     pub fn new(coordinates: usize, capacity: usize) -> Self {
         Self { coordinates, parts: Vec::with_capacity(2 * capacity), ends: Vec::with_capacity(capacity) }
     }

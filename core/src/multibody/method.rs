@@ -1,7 +1,7 @@
 //! Choice between the explicit and the implicit method during a run.
 
 use crate::integrate::Budget;
-use nalgebra::{DMatrix, DVector, Schur};
+use nalgebra::{DMatrix, Schur};
 
 /// Evaluations of the explicit method in a step: eleven, and some for steps that are repeated.
 const OF_STEP: f64 = 12.0;
@@ -39,8 +39,8 @@ impl MethodChoice {
         self.is_suspect
     }
 
-    /// Learns from a stretch of the explicit method, of so many evaluations and seconds, that may have been given up for stiffness or cost.
-    /// `jacobian` is that of the equations there. Returns true if it was given up because stability limits its steps.
+    /// Takes note of a stretch of the explicit method: its evaluations and seconds, and if it was given up for stiffness or cost. `jacobian` is
+    /// that of the equations there. Returns true if it was given up because stability limits its steps.
     pub fn note(
         &mut self,
         (evaluations, seconds): (u64, f64),
@@ -64,22 +64,6 @@ impl MethodChoice {
 fn fastest_rate(jacobian: DMatrix<f64>) -> Option<f64> {
     let schur = Schur::try_new(jacobian, f64::EPSILON, 1000)?;
     Some(schur.complex_eigenvalues().iter().map(|value| value.norm()).fold(0.0, f64::max))
-}
-
-/// Jacobian of a function by differences, without a budget.
-pub(crate) fn jacobian(
-    function: impl Fn(&DVector<f64>) -> Option<DVector<f64>>,
-    at: &DVector<f64>,
-) -> Option<DMatrix<f64>> {
-    let (value, mut point) = (function(at)?, at.clone());
-    let mut jacobian = DMatrix::zeros(value.len(), at.len());
-    for column in 0..at.len() {
-        let by = f64::EPSILON.sqrt() * (1.0 + at[column].abs());
-        point[column] = at[column] + by;
-        jacobian.set_column(column, &((function(&point)? - &value) / (point[column] - at[column])));
-        point[column] = at[column];
-    }
-    jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
 }
 
 /// Begin of a part of a run, for its evaluations and its time.
@@ -106,7 +90,7 @@ mod tests {
 
     /// An oscillator of 1e3 rad/s.
     fn oscillator() -> Option<DMatrix<f64>> {
-        jacobian(|y| Some(DVector::from_column_slice(&[y[1], -1e6 * y[0]])), &DVector::from_element(2, 0.3))
+        Some(DMatrix::from_row_slice(2, 2, &[0.0, 1.0, -1e6, 0.0]))
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! A mechanism with numbers in it: mass matrix, applied forces and constraints of one run.
 
 use super::{
-    constraint::{BoundExpression, Constraints},
+    constraint::{BoundExpression, Constraints, null_space},
     coordinate::{Coordinate, Positions},
     description::FormulationKind,
     gradients::SparseGradients,
@@ -292,7 +292,8 @@ impl MultibodyModel {
         height + self.springs.iter().map(stretch).sum::<f64>()
     }
 
-    /// What the gradients of [`Self::deciding`] times the accelerations must be: `F_c`, then `a - (s_q qd)_q qd` with a prescribed acceleration `a`.
+    /// Right-hand side of the equations that [`Self::deciding`] sets for accelerations: `F_c`, then `a - (s_q qd)_q qd` with a prescribed
+    /// acceleration `a`.
     pub fn deciding_side(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> DVector<f64> {
         let of_constraints = self.constraints.acceleration_side(t, q, v);
         if self.prescribed.is_empty() {
@@ -329,10 +330,7 @@ impl MultibodyModel {
         for (coordinate, _) in self.mass.iter().enumerate().filter(|(_, mass)| **mass > 0.0) {
             rows[(m + coordinate, coordinate)] = 1.0;
         }
-        let svd = rows.svd(false, true);
-        let free = svd.v_t.iter().flat_map(|v_t| v_t.row_iter()).zip(&svd.singular_values);
-        let free = free.filter(|(_, value)| **value < 1e-9);
-        let mut found: Vec<usize> = free.map(|(motion, _)| motion.transpose().iamax()).collect();
+        let mut found: Vec<usize> = null_space(&rows).iter().map(DVector::iamax).collect();
         found.sort_unstable();
         found.dedup();
         found

@@ -5,7 +5,7 @@
 //! determined, nor are those of the rows with which they make a null vector `y`, `C_q^T y = 0`.
 
 use super::{
-    constraint::{Constraint, Constraints, DEPENDENT, Target, independence},
+    constraint::{Constraint, Constraints, DEPENDENT, Target, independence, null_space},
     coordinate::TurnedBodies,
     measure::Measure,
     model::MultibodyModel,
@@ -150,17 +150,6 @@ fn follows(model: &MultibodyModel, some: &Constraints, others: &Constraints, q: 
         }
     }
     tried == 0 || moved > 0
-}
-
-/// Orthonormal vectors `x` with `A x = 0`.
-fn null_space(matrix: &DMatrix<f64>) -> Vec<DVector<f64>> {
-    let (rows, columns) = matrix.shape();
-    // with as many rows as columns the decomposition has all of them
-    let square = matrix.clone().resize_vertically(rows.max(columns), 0.0);
-    let svd = square.svd(false, true);
-    let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
-    let vectors = svd.v_t.iter().flat_map(DMatrix::row_iter).zip(&svd.singular_values);
-    vectors.filter(|(_, value)| **value <= DEPENDENT * largest).map(|(vector, _)| vector.transpose()).collect()
 }
 
 /// Columns that have a part in a combination that is zero.

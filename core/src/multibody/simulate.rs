@@ -7,7 +7,7 @@ use super::{
     description::FormulationKind,
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
-    method::{Lap, MethodChoice, jacobian},
+    method::{Lap, MethodChoice},
     model::{ActuatorState, MultibodyModel, Sample, Spring},
 };
 use crate::integrate::{self, Budget, IntegrationResult, radau};
@@ -262,7 +262,8 @@ impl Stretch<'_> {
         let (guess, undefined) = (self.guess.borrow().clone(), self.undefined.borrow().clone());
         let t = state[state.len() - 1];
         let rates = |y: &DVector<f64>| self.derivative(&y.push(t)).ok().map(|rates| without_time(&rates));
-        let found = jacobian(rates, &without_time(state));
+        let y = without_time(state);
+        let found = rates(&y).and_then(|value| radau::jacobian(rates, &y, &value));
         self.guess.replace(guess);
         self.undefined.replace(undefined);
         found

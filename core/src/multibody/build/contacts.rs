@@ -29,7 +29,7 @@ impl ContactForces {
     }
 }
 
-/// Names of what a contact measures: forces, then positions, then their rates.
+/// Names of a contact's measures: forces, then positions, then their rates.
 const MEASURES: [&str; 8] = ["fx", "fy", "x", "y", "angle", "vx", "vy", "angular_velocity"];
 
 impl MultibodyBuilder<'_> {
@@ -56,7 +56,7 @@ impl MultibodyBuilder<'_> {
         Ok([projection(along), projection(Vector2::new(-along.y, along.x)), angle])
     }
 
-    /// What a contact measures, as a position or a velocity.
+    /// Position or velocity that a contact measures.
     ///
     /// # Errors
     /// Which names there are, or why there is no such contact.

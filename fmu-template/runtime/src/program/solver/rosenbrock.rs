@@ -105,7 +105,7 @@ struct RosenbrockParts<'a> {
     pivots: &'a mut [usize],
 }
 
-/// `to += factor from`, for as many as there are of both. A function of its own keeps the library small.
+/// `to += factor * from`, as far as the shorter one reaches. Not inlined: the library stays small.
 #[inline(never)]
 fn add(to: &mut [f64], factor: f64, from: &[f64]) {
     to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
