@@ -12,15 +12,8 @@ use metafmu_runtime::{
 use pyo3::{prelude::*, types::PyByteArray};
 use std::path::Path;
 
-/// Functions of one number by name.
-const FUNCTIONS: [(&str, Elementwise); 25] = [
-    ("tanh", Elementwise::Activation(Activation::Tanh)),
-    ("sigmoid", Elementwise::Activation(Activation::Sigmoid)),
-    ("relu", Elementwise::Activation(Activation::Relu)),
-    ("gelu_tanh", Elementwise::Activation(Activation::Gelu)),
-    ("silu", Elementwise::Activation(Activation::Silu)),
-    ("sin", Elementwise::Activation(Activation::Sine)),
-    ("identity", Elementwise::Activation(Activation::Identity)),
+/// Functions of one number by name, besides activations.
+const OTHERS: [(&str, Elementwise); 18] = [
     ("linear", Elementwise::Linear),
     ("cos", Elementwise::Cosine),
     ("exp", Elementwise::Exponential),
@@ -51,9 +44,21 @@ const OPERATIONS: [(&str, Operation); 6] = [
     ("minimum", Operation::Minimum),
 ];
 
+/// Functions of one number by name.
+fn functions() -> Vec<(&'static str, Elementwise)> {
+    let name = |activation: Activation| match activation {
+        // in Python frameworks, GELU without an addition is the exact one
+        Activation::Gelu => "gelu_tanh",
+        Activation::Sine => "sin",
+        other => other.key(),
+    };
+    let activations = Activation::ALL.map(|activation| (name(activation), Elementwise::Activation(activation)));
+    activations.into_iter().chain(OTHERS).collect()
+}
+
 /// The names of functions of one number.
 pub fn names() -> Vec<&'static str> {
-    FUNCTIONS.iter().map(|(name, _)| *name).collect()
+    functions().iter().map(|(name, _)| *name).collect()
 }
 
 fn by_name<T: Copy>(table: &[(&str, T)], wanted: &str) -> PyResult<T> {
@@ -155,7 +160,7 @@ impl PyGraph {
     }
 
     fn elementwise(&mut self, of: usize, function: &str, parameters: Vec<f64>) -> PyResult<usize> {
-        let function = by_name(&FUNCTIONS, function)?;
+        let function = by_name(&functions(), function)?;
         let builder = self.of(&[of])?;
         if parameters.len() != function.parameters() {
             lengths("parameters", parameters.len(), function.parameters() * builder.width(of))?;

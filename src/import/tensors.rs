@@ -179,7 +179,7 @@ pub fn layers(tensors: &Tensors, interface: &ModelInterface) -> crate::Result<Im
         width = bias.len();
         let builder = builder.get_or_insert_with(|| Builder::new(inputs));
         let Some((function, parameters)) = activation(&options.activation) else {
-            let known: Vec<&str> = ACTIVATIONS.iter().map(|(name, ..)| *name).collect();
+            let known: Vec<&str> = activations().map(|(name, ..)| name).collect();
             let message = format!("\"{}\", {}", options.activation, expected_one_of(&options.activation, &known));
             problems.add(format!("{key}.activation"), message);
             break;
@@ -288,23 +288,23 @@ fn transposed(tensor: &NumericTensor) -> Numbers {
     }
 }
 
-/// Names of activations, with their functions and parameters.
-const ACTIVATIONS: [(&str, Elementwise, &[f64]); 12] = [
-    ("tanh", Elementwise::Activation(Activation::Tanh), &[]),
-    ("sigmoid", Elementwise::Activation(Activation::Sigmoid), &[]),
-    ("relu", Elementwise::Activation(Activation::Relu), &[]),
-    ("gelu", Elementwise::Activation(Activation::Gelu), &[]),
+/// Functions of layers besides the activations that metafmu trains, with their parameters.
+const OTHERS: [(&str, Elementwise, &[f64]); 5] = [
     ("gelu-exact", Elementwise::GeluExact, &[]),
-    ("silu", Elementwise::Activation(Activation::Silu), &[]),
-    ("sine", Elementwise::Activation(Activation::Sine), &[]),
-    ("identity", Elementwise::Activation(Activation::Identity), &[]),
     ("leaky-relu", Elementwise::LeakyRelu, &[0.01]),
     ("elu", Elementwise::Elu, &[1.0]),
     ("softplus", Elementwise::Softplus, &[]),
     ("softsign", Elementwise::Softsign, &[]),
 ];
 
+/// Names, functions and parameters of all that `activation` may be.
+fn activations() -> impl Iterator<Item = (&'static str, Elementwise, &'static [f64])> {
+    let trained =
+        Activation::ALL.map(|activation| (activation.key(), Elementwise::Activation(activation), [].as_slice()));
+    trained.into_iter().chain(OTHERS)
+}
+
 fn activation(name: &str) -> Option<(Elementwise, Vec<f64>)> {
-    let found = ACTIVATIONS.iter().find(|(known, ..)| *known == name)?;
-    Some((found.1, found.2.to_vec()))
+    let (_, function, parameters) = activations().find(|(known, ..)| *known == name)?;
+    Some((function, parameters.to_vec()))
 }

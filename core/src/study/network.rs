@@ -48,8 +48,7 @@ impl NetworkOptions {
 
 /// The runtime has no schemas: what is in every FMU stays small.
 fn activations(_: &mut SchemaGenerator) -> Schema {
-    use Activation::{Gelu, Identity, Relu, Sigmoid, Silu, Sine, Tanh};
-    json_schema!({ "type": "string", "enum": [Tanh, Sigmoid, Relu, Gelu, Silu, Sine, Identity] })
+    json_schema!({ "type": "string", "enum": Activation::ALL })
 }
 
 /// Hidden layers of a network.

@@ -101,7 +101,7 @@ use crate::{
     Clock, Metadata, Program, Sampling, Support, Surrogate,
     check::expect_shape,
     graph::Graph,
-    tensors::{Tensor, Views, bytes, counts, elements, take, whole_rows},
+    tensors::{Tensor, Views, bytes, counts, elements, joined, take, whole_rows},
 };
 use fields::{Fields, Read};
 use motion::{double, doubles, integration, of_integration};

@@ -6,10 +6,7 @@ use crate::{
     variables::{Variable, Variables},
 };
 use sha2::{Digest, Sha256};
-use std::{
-    collections::{HashMap, HashSet},
-    fmt::Write,
-};
+use std::{collections::HashMap, fmt::Write, mem};
 
 /// A program with everything needed to use it: which variable each column is, in what unit, and over what range it was
 /// trained.
@@ -205,6 +202,9 @@ fn hexadecimal(bytes: impl AsRef<[u8]>) -> String {
     })
 }
 
+/// Positions by name: one type for all, since each type of table is a kilobyte and a half of every FMU.
+type Positions<'a> = HashMap<&'a str, usize>;
+
 fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), FormatError> {
     if metadata.inputs.is_empty() {
         return Err(FormatError::NoVariables { what: "inputs" });
@@ -212,15 +212,13 @@ fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), F
     if metadata.outputs.is_empty() {
         return Err(FormatError::NoVariables { what: "outputs" });
     }
-    let built_in = variables.iter().filter(|(_, variable)| variable.is_built_in());
-    let reserved: HashSet<&str> = built_in.map(|(_, variable)| variable.name.as_str()).collect();
-    let mut names = HashSet::new();
-    for (_, Variable { name, .. }) in variables.iter().filter(|(_, variable)| !variable.is_built_in()) {
-        if reserved.contains(name.as_str()) {
-            return Err(FormatError::ReservedName { name: name.clone() });
-        }
-        if !names.insert(name) {
-            return Err(FormatError::DuplicateVariable { name: name.clone() });
+    let (built_in, own): (Vec<_>, Vec<_>) = variables.iter().partition(|(_, variable)| variable.is_built_in());
+    let mut names: Positions = built_in.iter().map(|(_, variable)| (variable.name.as_str(), 0)).collect();
+    for (position, (_, Variable { name, .. })) in (1..).zip(&own) {
+        match names.insert(name, position) {
+            None => {}
+            Some(0) => return Err(FormatError::ReservedName { name: name.clone() }),
+            Some(_) => return Err(FormatError::DuplicateVariable { name: name.clone() }),
         }
     }
     let stds = metadata.outputs[metadata.predictions().len()..].iter().enumerate();
@@ -278,27 +276,23 @@ fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), F
 
 /// The output columns of each array.
 fn array_columns(metadata: &Metadata) -> Result<Vec<Vec<usize>>, FormatError> {
-    let positions: HashMap<&str, usize> =
+    let positions: Positions =
         metadata.outputs.iter().enumerate().map(|(column, output)| (output.name.as_str(), column)).collect();
     metadata.arrays.iter().map(|array| columns_of(array, &metadata.outputs, &positions)).collect()
 }
 
-fn columns_of(
-    array: &OutputArray,
-    outputs: &[Output],
-    positions: &HashMap<&str, usize>,
-) -> Result<Vec<usize>, FormatError> {
+fn columns_of(array: &OutputArray, outputs: &[Output], positions: &Positions) -> Result<Vec<usize>, FormatError> {
     let name = || array.name.clone();
     if array.outputs.len() < 2 {
         return Err(FormatError::ShortArray { array: name(), count: array.outputs.len() });
     }
     let mut columns = Vec::with_capacity(array.outputs.len());
-    let mut seen = HashSet::new();
+    let mut is_used = vec![false; outputs.len()];
     for output in &array.outputs {
         let Some(&column) = positions.get(output.as_str()) else {
             return Err(FormatError::UnknownElement { array: name(), output: output.clone() });
         };
-        if !seen.insert(column) {
+        if mem::replace(&mut is_used[column], true) {
             return Err(FormatError::DuplicateElement { array: name(), output: output.clone() });
         }
         columns.push(column);

@@ -64,6 +64,12 @@ impl<'a> Views<'a> {
     }
 }
 
+/// Name of a tensor. A separate function, since reading and checking code would otherwise be a tenth of the FMU's library.
+#[inline(never)]
+pub(crate) fn joined<const N: usize>(parts: [&str; N]) -> String {
+    parts.concat()
+}
+
 /// Tensors whose leading dimension is the number of `parts`, which have the same names, types and shapes.
 pub(crate) fn stacked(parts: impl Iterator<Item = Vec<Tensor>>) -> Vec<Tensor> {
     let mut count = 0;
@@ -87,6 +93,7 @@ pub(crate) fn numbers(dtype: Dtype, bytes: &[u8]) -> Numbers {
     }
 }
 
+#[inline(never)]
 pub(crate) fn take<'a>(
     tensors: &mut Views<'a>,
     name: &str,
@@ -96,6 +103,7 @@ pub(crate) fn take<'a>(
     take_one_of(tensors, name, &[expected], dimensions)
 }
 
+#[inline(never)]
 pub(crate) fn take_one_of<'a>(
     tensors: &mut Views<'a>,
     name: &str,
@@ -121,6 +129,7 @@ pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) 
 }
 
 /// So many whole numbers.
+#[inline(never)]
 pub(crate) fn counts(tensors: &mut Views, name: &str, count: usize) -> Result<Vec<u32>, FormatError> {
     let view = take(tensors, name, Dtype::U32, 1)?;
     expect_shape(name, view.shape(), &[count])?;
@@ -128,6 +137,7 @@ pub(crate) fn counts(tensors: &mut Views, name: &str, count: usize) -> Result<Ve
 }
 
 /// Rows of whole numbers.
+#[inline(never)]
 pub(crate) fn whole_rows<const N: usize>(tensors: &mut Views, name: &str) -> Result<Vec<[u32; N]>, FormatError> {
     let view = take(tensors, name, Dtype::U32, 2)?;
     expect_shape(name, &view.shape()[1..], &[N])?;

@@ -139,6 +139,7 @@ impl LookupTable {
         share
     }
 
+    #[inline(never)]
     fn find_bends(&self, axis: usize) -> Vec<Bend> {
         let knots = &self.axes[axis];
         let range = |values: &[f64]| {
@@ -216,6 +217,7 @@ impl LookupTable {
     }
 
     /// Position of the first value at an end that differs from that at the start, in a periodic table.
+    #[inline(never)]
     fn first_open_end(&self) -> Option<usize> {
         if self.extrapolation != Extrapolation::Periodic {
             return None;
@@ -226,6 +228,7 @@ impl LookupTable {
     }
 
     /// Positions of the values along an axis, line by line.
+    #[inline(never)]
     fn lines(&self, axis: usize) -> Vec<Vec<usize>> {
         let columns = self.axes.get(1).map_or(1, Vec::len);
         let rows = self.axes[0].len();
@@ -235,6 +238,7 @@ impl LookupTable {
         }
     }
 
+    #[inline(never)]
     fn with_slopes(&self) -> Vec<f64> {
         if !self.has_slopes() {
             return self.values.clone();
@@ -323,6 +327,7 @@ impl LookupTable {
 }
 
 /// Slopes of straight lines at the first and the last knot; zero at all others, where they are not used.
+#[inline(never)]
 fn end_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
     let last = x.len() - 1;
     let slope = |k: usize| (y[k + 1] - y[k]) / (x[k + 1] - x[k]);
@@ -332,6 +337,7 @@ fn end_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
 }
 
 /// Slopes of a cubic spline at its knots.
+#[inline(never)]
 fn spline_slopes(x: &[f64], y: &[f64], is_periodic: bool) -> Vec<f64> {
     let h: Vec<f64> = x.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let chord: Vec<f64> = y.windows(2).zip(&h).map(|(pair, h)| (pair[1] - pair[0]) / h).collect();
@@ -382,6 +388,7 @@ fn spline_slopes(x: &[f64], y: &[f64], is_periodic: bool) -> Vec<f64> {
 }
 
 /// Solution of equations with three diagonals, row by row those before, on and after the diagonal, and the right side.
+#[inline(never)]
 fn tridiagonal(rows: &[([f64; 3], f64)]) -> Vec<f64> {
     let mut reduced: Vec<[f64; 2]> = Vec::with_capacity(rows.len());
     for ([before, own, after], side) in rows {

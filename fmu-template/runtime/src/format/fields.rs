@@ -24,11 +24,23 @@ impl Fields {
     }
 
     pub(super) fn take<T: Read>(&mut self, name: &'static str) -> Result<T, Error> {
-        T::read(self.0.remove(name).ok_or_else(|| Error::missing_field(name))?)
+        T::read(self.required(name)?)
     }
 
     fn take_or_default<T: Read + Default>(&mut self, name: &str) -> Result<T, Error> {
-        self.0.remove(name).map_or_else(|| Ok(T::default()), T::read)
+        self.optional(name).map_or_else(|| Ok(T::default()), T::read)
+    }
+
+    // both stay out of line: for every type of field they would be several kilobytes of every FMU
+
+    #[inline(never)]
+    fn required(&mut self, name: &'static str) -> Result<Value, Error> {
+        self.optional(name).ok_or_else(|| Error::missing_field(name))
+    }
+
+    #[inline(never)]
+    fn optional(&mut self, name: &str) -> Option<Value> {
+        self.0.remove(name)
     }
 
     pub(super) fn rest(self) -> Value {
@@ -60,6 +72,7 @@ impl Read for Value {
 }
 
 impl Read for f64 {
+    #[inline(never)]
     fn read(value: Value) -> Result<Self, Error> {
         value.as_f64().ok_or_else(|| wrong(&value, "f64"))
     }
@@ -72,6 +85,7 @@ impl Read for f32 {
 }
 
 impl Read for u64 {
+    #[inline(never)]
     fn read(value: Value) -> Result<Self, Error> {
         value.as_u64().ok_or_else(|| wrong(&value, "u64"))
     }
@@ -84,6 +98,7 @@ impl Read for u32 {
 }
 
 impl Read for String {
+    #[inline(never)]
     fn read(value: Value) -> Result<Self, Error> {
         match value {
             Value::String(text) => Ok(text),
@@ -132,6 +147,7 @@ macro_rules! words {
 macro_rules! structures {
     ($($name:ident { $($field:ident),* $(; $($optional:ident),*)? })*) => {$(
         impl Read for $name {
+            #[inline(never)]
             fn read(value: Value) -> Result<Self, Error> {
                 let mut fields = Fields::of(value)?;
                 let read = Self {

@@ -1,6 +1,6 @@
 //! The tensors of equations of motion.
 
-use super::{Tensor, Views, bytes, counts, elements, exactly, take, whole_rows};
+use super::{Tensor, Views, bytes, counts, elements, exactly, joined, take, whole_rows};
 use crate::{
     Efforts, FormatError, Graph, Integration, Motion, Reactions, Shown,
     check::{expect_finite, expect_shape},
@@ -16,7 +16,7 @@ impl Motion {
     /// Tensors whose names begin with this.
     pub(crate) fn tensors(&self, prefix: &str) -> Vec<Tensor> {
         let Self { dynamics, positions, windings, reactions, actuator_states, outputs } = self;
-        let name = |what: &str| format!("{prefix}{what}");
+        let name = |what: &str| joined([prefix, what]);
         let shown: Vec<u32> = outputs
             .iter()
             .flat_map(|shown| match *shown {
@@ -57,7 +57,7 @@ impl Motion {
     }
 
     pub(crate) fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
-        let name = |what: &str| format!("{prefix}{what}");
+        let name = |what: &str| joined([prefix, what]);
         let factors = factors(tensors, prefix)?;
         let (windings, winding_shape) = doubles(tensors, &name("positions.windings"), 2)?;
         let law = law(tensors, &name("law."), &factors)?;
@@ -103,7 +103,7 @@ impl Motion {
 
 /// Formulas of efforts, and what their columns are.
 fn of_efforts(prefix: &str, efforts: &Efforts) -> Vec<Tensor> {
-    let name = |what: &str| format!("{prefix}efforts.{what}");
+    let name = |what: &str| joined([prefix, "efforts.", what]);
     let (mut steps, mut constants) = (Vec::new(), Vec::new());
     let tables = efforts.tables();
     for step in efforts.formulas().iter().flat_map(Formula::steps) {
@@ -150,10 +150,12 @@ const FIRST_COMBINATION: u32 = 5;
 const AXES: [&str; 2] = ["x", "y"];
 
 /// The tables of the efforts.
+#[inline(never)]
 fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTable>>, FormatError> {
     let mut tables = Vec::new();
     loop {
-        let name = |what: &str| format!("{prefix}efforts.tables.{}.{what}", tables.len());
+        let number = tables.len().to_string();
+        let name = |what: &str| joined([prefix, "efforts.tables.", &number, ".", what]);
         if !tensors.contain(&name("values")) {
             return Ok(tables);
         }
@@ -174,8 +176,9 @@ fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTabl
 }
 
 /// The inverse of [`of_efforts`].
+#[inline(never)]
 fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: usize) -> Result<Efforts, FormatError> {
-    let name = |what: &str| format!("{prefix}efforts.{what}");
+    let name = |what: &str| joined([prefix, "efforts.", what]);
     let inputs = counts(tensors, &name("inputs"), 1)?[0] as usize;
     let (windings, shape) = doubles(tensors, &name("windings"), 2)?;
     expect_shape(name("windings"), &shape[1..], &[coordinates])?;
@@ -222,8 +225,9 @@ fn of_network(prefix: &str, term: &NetworkTerm) -> Vec<Tensor> {
 const KINDS: [ColumnKind; 3] = [ColumnKind::Plain, ColumnKind::Sine, ColumnKind::Cosine];
 
 /// The inverse of [`of_network`]; none if there are no such tensors.
+#[inline(never)]
 fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, FormatError> {
-    let name = |what: &str| format!("{prefix}network.{what}");
+    let name = |what: &str| joined([prefix, "network.", what]);
     let columns_name = name("columns");
     if !tensors.contain(&columns_name) {
         return Ok(None);
@@ -283,6 +287,7 @@ fn of_dictionary(prefix: &str, dictionary: &Dictionary) -> [Tensor; 2] {
 }
 
 /// Finite numbers and their shape.
+#[inline(never)]
 pub(super) fn doubles(
     tensors: &mut Views,
     name: &str,
@@ -321,8 +326,9 @@ pub(super) fn integration(tensors: &mut Views) -> Result<Integration, FormatErro
 }
 
 /// The inverse of [`columns`].
+#[inline(never)]
 fn factors(tensors: &mut Views, prefix: &str) -> Result<Vec<Factor>, FormatError> {
-    let name = format!("{prefix}columns");
+    let name = joined([prefix, "columns"]);
     let (columns, shape) = doubles(tensors, &name, 2)?;
     expect_shape(&name, &shape[1..], &[2])?;
     let factor = |pair: &[f64; 2]| match *pair {
@@ -333,8 +339,9 @@ fn factors(tensors: &mut Views, prefix: &str) -> Result<Vec<Factor>, FormatError
     Ok(columns.as_chunks::<2>().0.iter().map(factor).collect())
 }
 
+#[inline(never)]
 fn dictionary(tensors: &mut Views, prefix: &str, factors: &[Factor]) -> Result<Dictionary, FormatError> {
-    let (coefficients_name, exponents_name) = (format!("{prefix}coefficients"), format!("{prefix}exponents"));
+    let (coefficients_name, exponents_name) = (joined([prefix, "coefficients"]), joined([prefix, "exponents"]));
     let view = take(tensors, &exponents_name, Dtype::I16, 2)?;
     let (exponents, shape) = (elements(view.data(), i16::from_le_bytes), view.shape().to_vec());
     let view = take(tensors, &coefficients_name, Dtype::F64, 2)?;

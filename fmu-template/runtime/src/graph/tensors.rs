@@ -5,7 +5,7 @@ use crate::{
     FormatError, Motion, Numbers,
     check::expect_shape,
     dictionary::Dictionary,
-    tensors::{Tensor, Views, bytes, counts, elements, numbers, stacked, take, take_one_of, whole_rows},
+    tensors::{Tensor, Views, bytes, counts, elements, joined, numbers, stacked, take, take_one_of, whole_rows},
 };
 use safetensors::Dtype;
 
@@ -60,7 +60,7 @@ impl Graph {
             if is_called && codes[0] >= CALL {
                 return Err(unknown(0));
             }
-            Step::read(tensors, &format!("{prefix}{number}."), *codes, unknown)
+            Step::read(tensors, &joined([prefix, &number.to_string(), "."]), *codes, unknown)
         };
         let steps = steps.iter().enumerate().map(step).collect::<Result<_, _>>()?;
         Ok(Self { inputs, steps })
@@ -97,7 +97,7 @@ impl Step {
 
     /// Tensors whose names begin with this.
     fn tensors(&self, prefix: &str) -> Vec<Tensor> {
-        let name = |what: &str| [prefix, what].concat();
+        let name = |what: &str| joined([prefix, what]);
         match self {
             Self::Affine { weight, bias, .. } => {
                 let shape = vec![bias.len(), weight.len() / bias.len().max(1)];
@@ -145,7 +145,7 @@ impl Step {
         [kind, code, a, b]: [u32; 4],
         unknown: impl Fn(usize) -> FormatError,
     ) -> Result<Self, FormatError> {
-        let name = |what: &str| [prefix, what].concat();
+        let name = |what: &str| joined([prefix, what]);
         let mut doubles = |what: &str| -> Result<Vec<f64>, FormatError> {
             let view = take(tensors, &name(what), Dtype::F64, 1)?;
             Ok(elements(view.data(), f64::from_le_bytes))
@@ -208,7 +208,7 @@ impl Step {
 impl Forest {
     fn tensors(&self, prefix: &str) -> Vec<Tensor> {
         let Self { nodes, trees } = self;
-        let name = |what: &str| format!("{prefix}forest.{what}");
+        let name = |what: &str| joined([prefix, "forest.", what]);
         let columns: Vec<u32> = nodes.iter().map(|node| node.column).collect();
         let numbers: Vec<f64> = nodes.iter().map(|node| node.number).collect();
         let below: Vec<u32> = nodes.iter().flat_map(|node| node.below).collect();
@@ -225,7 +225,7 @@ impl Forest {
 
     /// The forest of the tensors whose names have this prefix.
     fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
-        let name = |what: &str| format!("{prefix}forest.{what}");
+        let name = |what: &str| joined([prefix, "forest.", what]);
         let mut indices = |what: &str| {
             let view = take(tensors, &name(what), Dtype::U32, 1)?;
             Ok::<_, FormatError>(elements(view.data(), u32::from_le_bytes))

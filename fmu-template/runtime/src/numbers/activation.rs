@@ -30,6 +30,19 @@ impl Activation {
     pub const ALL: [Self; 7] =
         [Self::Tanh, Self::Sigmoid, Self::Relu, Self::Gelu, Self::Silu, Self::Sine, Self::Identity];
 
+    /// Name in studies, interfaces and files, the one that serde writes.
+    pub fn key(self) -> &'static str {
+        match self {
+            Self::Tanh => "tanh",
+            Self::Sigmoid => "sigmoid",
+            Self::Relu => "relu",
+            Self::Gelu => "gelu",
+            Self::Silu => "silu",
+            Self::Sine => "sine",
+            Self::Identity => "identity",
+        }
+    }
+
     /// Name for people.
     pub fn name(self) -> &'static str {
         match self {
@@ -424,6 +437,13 @@ mod tests {
         let mut values = [x];
         pass_values::<T, SIMD>(kernel, &mut values);
         values[0]
+    }
+
+    #[test]
+    fn keys_are_the_names_that_serde_writes() {
+        for activation in Activation::ALL {
+            assert_eq!(serde_json::to_value(activation).unwrap(), activation.key());
+        }
     }
 
     fn points() -> impl Iterator<Item = f64> {
