@@ -1,7 +1,7 @@
 //! The command line: definitions only.
 
 use clap::{
-    ArgGroup, Args, Parser, Subcommand, ValueEnum, ValueHint,
+    ArgGroup, Args, ColorChoice, Parser, Subcommand, ValueEnum, ValueHint,
     builder::{PossibleValue, PossibleValuesParser},
 };
 use clap_complete::Shell;
@@ -35,8 +35,28 @@ Review the file that this writes, then:
 Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, also where the stages after a training that it shortened were done."
 )]
 pub struct Cli {
+    #[command(flatten)]
+    pub global: GlobalArgs,
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// Options of every verb.
+#[derive(Clone, Copy, Debug, Args)]
+#[command(next_help_heading = "Options of every verb")]
+pub struct GlobalArgs {
+    /// Write warnings and errors to stderr only, without progress and notes
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Write notes in addition to the progress bar; with --version, platforms and threads as well
+    #[arg(short, long, global = true)]
+    pub verbose: bool,
+    /// Color of verdicts, warnings and errors
+    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = ColorChoice::Auto)]
+    pub color: ColorChoice,
+    /// Number of threads [default: one for each core]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
 }
 
 #[derive(Debug, Subcommand)]
