@@ -121,7 +121,7 @@ where
     IntegrationResult { states, failure, is_stiff, evaluations }
 }
 
-/// The same for two times, where the last step ends at the second one: nothing is evaluated beyond it.
+/// Integration as by [`advance`] between two times, where the last step ends at the second one: nothing is evaluated beyond it.
 pub(crate) fn advance_to<D: Dim>(
     problem: impl System<f64, OVector<f64, D>>,
     initial: OVector<f64, D>,

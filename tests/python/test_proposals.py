@@ -65,30 +65,6 @@ a = { measure = "A.angle" }
 b = { measure = "B.angle" }
 """
 
-# a weight on a torsion spring that a motor winds up
-TURNS = """
-gravity = [0, -9.81]
-[parameters]
-m = { default = 1, min = 0.5, max = 2 }
-[inputs]
-T = { min = -4, max = 4 }
-[bodies.rod]
-mass = "m"
-inertia = "0.02*m"
-position = [0, -0.3]
-points = { o = [0, 0.3] }
-[joints]
-pivot = { type = "revolute", between = ["ground", "rod.o"] }
-[actuators]
-motor = { coordinate = "pivot.angle", effort = "T" }
-[springs]
-k = { coordinate = "pivot.angle", stiffness = STIFFNESS, damping = 0.1 }
-[initial]
-pivot.angle = 0.5
-[outputs]
-q = { measure = "pivot.angle" }
-"""
-
 
 def new(folder, *arguments, check=True):
     result = subprocess.run([METAFMU, "new", "proposed", *arguments], cwd=folder, capture_output=True, text=True)
@@ -113,7 +89,7 @@ def test_an_angle_whose_spring_is_not_periodic_is_learned_in_its_range(tmp_path)
 
 @pytest.mark.parametrize(("stiffness", "turns"), [(50, 1), (2, 2), (0.6, 3)])
 def test_an_angle_with_a_torsion_spring_has_the_turns_that_its_motion_reaches(tmp_path, stiffness, turns):
-    of_mechanism(tmp_path, TURNS.replace("STIFFNESS", str(stiffness)))
+    of_mechanism(tmp_path, TORSION.replace("stiffness = 5", f"stiffness = {stiffness}"))
     (low, high) = re.search(r'"pivot.angle" = { min = (.*?), max = (.*?),', (tmp_path / "proposed.toml").read_text()).groups()
     assert float(high) - float(low) == pytest.approx(2 * math.pi * turns, abs=1e-9)
     assert (float(high) + float(low)) / 2 == pytest.approx(0.5, abs=1e-9)

@@ -165,7 +165,7 @@ impl Switch {
     }
 }
 
-/// What a value depends on.
+/// Dependence of a value.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Dependence {
     Constant,
