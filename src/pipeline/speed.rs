@@ -12,15 +12,15 @@ use std::time::{Duration, Instant};
 
 /// Time after which a measurement is not repeated, and most repetitions; the shortest counts.
 const ENOUGH: (Duration, usize) = (Duration::from_millis(100), 20);
-/// Further runs of an FMU, whose time is that of a run: the first one also loads it.
+/// Further runs of an FMU or a program, whose time is that of a run: the first one also loads it.
 const RUNS: usize = 3;
-/// Seconds of a run of an FMU that is not repeated.
+/// Seconds of a run of an FMU or a program that is not repeated.
 const LONG: f64 = 2.0;
 
 /// Measures both; none of recorded runs, whose source cannot be run, or where a run fails.
 ///
 /// # Errors
-/// Those of an FMU that cannot be loaded, [`Error::Interrupted`](crate::Error::Interrupted).
+/// Those of an FMU or a program that cannot be started, [`Error::Interrupted`](crate::Error::Interrupted).
 pub(super) fn measure(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
     let Source::Simulation(simulation) = &project.source else { return Ok(None) };
     let Some(run) = test.runs.first() else { return Ok(None) };
@@ -54,14 +54,14 @@ fn shortest(mut work: impl FnMut()) -> f64 {
 fn of_source(project: &Project, simulation: &Simulation) -> Result<Option<f64>> {
     let points: Vec<Vec<f64>> = simulation.plan(&project.study).test.into_iter().take(1 + RUNS).collect();
     let Some((first, others)) = points.split_first() else { return Ok(None) };
-    let Some(fmu) = simulation.fmu() else {
+    let Some(model) = simulation.worker_model() else {
         let mut fails = false;
         let seconds = shortest(|| fails |= simulation.run(first).is_err());
         return Ok((!fails).then_some(seconds));
     };
     let time = |points: &[Vec<f64>]| -> Result<(f64, bool)> {
         let began = Instant::now();
-        let outcomes = fmu.run_all(points, None, project.workers(), &|_, _| Ok(()), || ())?;
+        let outcomes = model.run_all(points, None, project.workers(), &|_, _| Ok(()), || ())?;
         Ok((began.elapsed().as_secs_f64(), outcomes.iter().any(|outcome| outcome.is_err())))
     };
     // as many processes as threads
