@@ -161,10 +161,7 @@ impl WorkerModel {
         let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
         (missing.len()..points.len()).for_each(|_| done());
         if !missing.is_empty() {
-            let launcher: Box<dyn Launcher + '_> = match &self.runner {
-                Runner::Fmu(runs) => Box::new(runs.launcher()?),
-                Runner::Program(runs) => Box::new(runs),
-            };
+            let launcher = self.launcher()?;
             let campaign = Campaign {
                 model: self,
                 launcher: &*launcher,
@@ -182,6 +179,47 @@ impl WorkerModel {
             }
         }
         outcomes.into_iter().map(|outcome| outcome.ok_or(Error::Interrupted)).collect()
+    }
+
+    /// Seconds of the shortest of these runs, one after the other, without the start of the process; none if one fails. A run that takes longer
+    /// than `long` is the last one.
+    ///
+    /// # Errors
+    /// Those of [`WorkerModel::run_all`], but of the runs.
+    pub fn seconds(&self, points: &[Vec<f64>], long: Duration, workers: Workers<'_>) -> Result<Option<f64>> {
+        let launcher = self.launcher()?;
+        let (mut shortest, mut idle) = (None, None);
+        for point in points {
+            let started = match idle.take() {
+                Some(process) => Some(process),
+                None => launcher.start(self.time_limit, workers)?,
+            };
+            let Some(mut process) = started else { return Err(Error::Interrupted) };
+            let request = self.request(point);
+            let begin = Instant::now();
+            match process.run(&request, self.time_limit, workers.stop) {
+                WorkerReply::Done(outputs) if outputs.len() == self.values => {}
+                WorkerReply::Stopped => return Err(Error::Interrupted),
+                _ => return Ok(None),
+            }
+            let time = begin.elapsed();
+            shortest = Some(shortest.map_or(time, |shortest: Duration| shortest.min(time)));
+            if time > long {
+                break;
+            }
+            idle = (!process.is_spent()).then_some(process);
+        }
+        if let Some(process) = idle {
+            process.finish();
+        }
+        Ok(shortest.map(|time| time.as_secs_f64()))
+    }
+
+    fn launcher(&self) -> Result<Box<dyn Launcher + '_>> {
+        Ok(match &self.runner {
+            Runner::Fmu(runs) => Box::new(runs.launcher()?),
+            Runner::Program(runs) => Box::new(runs),
+        })
     }
 
     /// Request to a process for a point.
