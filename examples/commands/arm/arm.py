@@ -14,9 +14,9 @@ import metafmu
 
 FILE = Path(__file__).with_name("arm.xml")
 CONTACT = "contact" in sys.argv[1:]
-JOINTS = {"turn": (-1.2, 1.2), "shoulder": (-0.6, 1.0), "elbow": (0.2, 1.6)}
+JOINTS = {"turn": (-0.5, 0.5), "shoulder": (-0.4, 0.4), "elbow": (0.3, 1.3)}
 START = {"turn": 0.0, "shoulder": 0.0, "elbow": 0.8}
-RATES = {"turn": 2.5, "shoulder": 4.0, "elbow": 6.0}
+RATES = {"turn": 1.2, "shoulder": 1.5, "elbow": 2.5}
 
 states = {name: {"min": low, "max": high, "start": START[name], "unit": "rad"} for name, (low, high) in JOINTS.items()}
 states |= {f"{name}.rate": {"min": -rate, "max": rate, "start": 0.0, "unit": "rad/s"} for name, rate in RATES.items()}
@@ -44,7 +44,10 @@ class Arm:
         if self.key != parameters:
             spec = mujoco.MjSpec.from_file(str(FILE))
             spec.geom("payload").mass = parameters["payload.mass"]
-            if not CONTACT:
+            if CONTACT:
+                for name in ("base", "upper", "lower"):
+                    spec.body(name).gravcomp = 0.0
+            else:
                 spec.geom("floor").contype = spec.geom("floor").conaffinity = 0
                 spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
             self.key, self.model = dict(parameters), spec.compile()
