@@ -164,9 +164,9 @@ impl Launcher for &ProgramRuns {
         }
         // numbers of up to 25 characters, and what else a program adds
         let numbers = self.times.len().max(64) * (self.study.outputs.len() + self.study.states.len());
-        let Some((program, description)) = RunningProgram::start(&self.command, numbers, limit, workers.stop)? else {
-            return Ok(None);
-        };
+        let started = RunningProgram::start(&self.command, numbers, limit, workers.stop);
+        let refused = |error: Error| self.study.refusal("source.command", error.to_string());
+        let Some((program, description)) = started.map_err(refused)? else { return Ok(None) };
         self.study.refuse(description::differences(&description, &self.study))?;
         Ok(Some(Box::new(ProgramProcess { program, runs: (*self).clone() })))
     }
