@@ -34,7 +34,7 @@ pub type ReplyStream = BufReader<ChildStdout>;
 #[derive(Debug)]
 pub struct ChildProcess<M> {
     child: Child,
-    /// What the process is called in the message about its end.
+    /// Name of the process in the message about its end.
     name: &'static str,
     /// Lines on their way to standard input, which is closed when there is no sender.
     requests: Option<Sender<String>>,
@@ -215,7 +215,7 @@ fn listen(errors: ChildStderr, heard: fn(&str)) -> String {
     last
 }
 
-/// Makes a command start a group of processes of its own: Ctrl-C in a terminal does not reach it, and [`kill`] ends what it
+/// Makes a command start a separate group of processes: Ctrl-C in a terminal does not reach it, and [`kill`] ends what it
 /// starts in turn, such as the simulation tool behind an FMU.
 fn in_own_group(command: &mut Command) {
     #[cfg(unix)]

@@ -49,7 +49,7 @@ pub struct WorkerModel {
     driven: Option<Driven>,
 }
 
-/// What the processes run.
+/// Model that the processes run.
 #[derive(Clone, Debug)]
 enum Runner {
     Fmu(FmuRuns),
@@ -98,12 +98,12 @@ impl WorkerModel {
         self.driven.as_ref()
     }
 
-    /// The same, to change it.
+    /// [`WorkerModel::driven`], to change it.
     pub(super) fn driven_mut(&mut self) -> Option<&mut Driven> {
         self.driven.as_mut()
     }
 
-    /// Number of times that `done` is called for so many points by [`WorkerModel::derivatives`].
+    /// Number of times that [`WorkerModel::derivatives`] calls `done` for a number of points.
     pub fn batches(&self, points: usize) -> usize {
         points.div_ceil(self.batch())
     }
@@ -141,13 +141,15 @@ impl WorkerModel {
         Ok(rows.take(points.len()).collect())
     }
 
-    /// Makes the run of each point, by as many processes as there are threads; runs that are in the journal are taken from
-    /// there. `done` is called after each run; when the token of `workers` turns true, runs that have begun are abandoned. `failure` is called with
-    /// the point and the reason of each run that failed; its error ends everything.
+    /// Makes the run of each point, by a process for each thread; runs that are in the journal are taken from it. `done` is called after each
+    /// run. When the token of `workers` turns true, runs that have begun are abandoned. `failure` is called with the point and the reason of
+    /// each run that failed; its error ends everything.
     ///
     /// # Errors
-    /// Those of `failure`, [`Error::Worker`] if an FMU cannot be loaded or a program does not answer, [`Error::Study`] if a program does not have
-    /// what the study names, [`Error::Interrupted`], [`Error::Io`] of the journal or the processes, the errors of an FMU that cannot be unpacked.
+    /// - Those of `failure`, of the journal and of an FMU that cannot be unpacked;
+    /// - [`Error::Worker`] if an FMU cannot be loaded;
+    /// - [`Error::Study`] if a program does not answer, or does not have what the study names;
+    /// - [`Error::Interrupted`], [`Error::Io`] of the processes.
     pub fn run_all(
         &self,
         points: &[Vec<f64>],

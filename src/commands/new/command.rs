@@ -1,6 +1,6 @@
 //! A study of a program, from the program's description of itself.
 
-use super::{DISCRETE, RESPONSE, RUNS, StudyTarget, key, quoted, rest, sampling};
+use super::{DISCRETE, RESPONSE, RUNS, StudyTarget, fmu::short, key, quoted, rest, sampling};
 use crate::commands::interrupt;
 use indexmap::IndexMap;
 use metafmu::{
@@ -20,7 +20,7 @@ const LIMIT: Duration = Duration::from_secs(60);
 const STOP: f64 = 1.0;
 /// Rows of a run if the program gives no step.
 const ROWS: f64 = 200.0;
-/// States at which the program is asked for its equations.
+/// States at which the program evaluates its equations.
 const STATES: usize = 5000;
 
 pub fn study(target: &StudyTarget, command: &[String], structure: &str) -> Result<String> {
@@ -46,14 +46,14 @@ fn of_study(target: &StudyTarget, argument: &str) -> String {
     if file.is_file() { target.path_from(file) } else { argument.to_owned() }
 }
 
-/// What a program offers for a structure.
+/// Offer of a program for a structure.
 struct ProgramProposal<'a> {
     description: ProgramDescription,
     structure: &'a str,
 }
 
 impl ProgramProposal<'_> {
-    /// What the structure needs and the program does not have.
+    /// Needs of the structure that the program does not meet.
     fn missing(&self) -> Vec<String> {
         let ProgramDescription { parameters, inputs, states, outputs, .. } = &self.description;
         let no_range = |quantities: &IndexMap<String, ProgramQuantity>, section: &str| {
@@ -173,7 +173,8 @@ fn of_states(states: &IndexMap<String, ProgramQuantity>) -> String {
         let mut keys = vec![format!("min = {min:?}, max = {max:?}")];
         if let Some(start) = state.start {
             let spread = 0.1 * (max - min);
-            keys.push(format!("start = {:?}", [(start - spread).clamp(min, max), (start + spread).clamp(min, max)]));
+            let ends = [start - spread, start + spread].map(|end| short(end.clamp(min, max)));
+            keys.push(format!("start = {ends:?}"));
         }
         if state.periodic {
             keys.push("periodic = true".into());
@@ -184,7 +185,7 @@ fn of_states(states: &IndexMap<String, ProgramQuantity>) -> String {
 }
 
 fn of_inputs(inputs: &IndexMap<String, ProgramQuantity>, stop: f64) -> String {
-    let bandwidth: f64 = format!("{:.3e}", 10.0 / stop).parse().unwrap_or(1.0);
+    let bandwidth = short(10.0 / stop);
     let line = |(name, input): (&String, &ProgramQuantity)| {
         let [min, max] = input.range().unwrap_or_default();
         let mut keys = vec![format!("min = {min:?}, max = {max:?}")];

@@ -14,7 +14,7 @@ use std::{
     time::Duration,
 };
 
-/// What worker processes need.
+/// Needs of worker processes.
 #[derive(Clone, Copy, Debug)]
 pub struct Workers<'a> {
     /// The program that is started, with [`ARGUMENT`]: `metafmu`, or another one that calls [`serve`](super::serve) then.
@@ -23,10 +23,10 @@ pub struct Workers<'a> {
     pub stop: &'a AtomicBool,
 }
 
-/// How an FMU is watched over while it runs in a process of its own.
+/// How an FMU is watched over while it runs in a separate process.
 #[derive(Clone, Copy, Debug)]
 pub struct Watch<'a> {
-    /// What its process needs.
+    /// Needs of its process.
     pub workers: Workers<'a>,
     /// How long it may take.
     pub limit: Option<Duration>,

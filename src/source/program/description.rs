@@ -1,4 +1,4 @@
-//! Description of a program by itself, and what differs from a study.
+//! Description that a program gives, and differences from a study.
 
 use super::{
     PROTOCOL,
@@ -11,7 +11,7 @@ use crate::{
 use indexmap::IndexMap;
 use serde::Deserialize;
 
-/// What a program has.
+/// Quantities of a program, as it describes them.
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(default)]
 pub struct ProgramDescription {

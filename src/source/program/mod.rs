@@ -101,7 +101,7 @@ impl ProgramRuns {
         Ok(ResolvedProgram { runs, driven, parameters, outputs })
     }
 
-    /// The same program, of which processes evaluate the equations.
+    /// Copy whose processes evaluate the equations.
     pub(super) fn of_equations(&self) -> Self {
         Self { is_of_equations: true, ..self.clone() }
     }
@@ -235,7 +235,7 @@ struct RunningProgram {
 }
 
 impl RunningProgram {
-    /// Starts a program that replies with up to so many numbers, and asks what it has; none if that is interrupted.
+    /// Starts a program whose replies have at most `numbers` numbers, and asks what it has; none if that is interrupted.
     fn start(
         command: &ProgramCommand,
         numbers: usize,

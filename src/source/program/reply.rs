@@ -127,7 +127,7 @@ impl ProgramReply {
     }
 }
 
-/// NamedValues of these names, each of so many finite values.
+/// Columns of these names, each of `expected` finite values.
 fn found<'a>(
     columns: &NamedValues,
     what: &str,
