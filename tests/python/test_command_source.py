@@ -391,3 +391,15 @@ def test_the_arm_in_mujoco_has_equations_and_runs(tmp_path, package):
     output, _ = program.communicate(json.dumps(request) + "\n")
     reply = json.loads(output)
     assert reply["derivatives"]["turn"] == [0.1] and np.isfinite(reply["derivatives"]["elbow.rate"]).all()
+
+
+def test_a_flexible_cable_in_exudyn_is_sampled(tmp_path, package):
+    pytest.importorskip("exudyn")
+    study = new(tmp_path, "my-cable", "cable.py")
+    change(study, (r"\nruns = \d+", "\nruns = 4"), (r"test_runs = \d+", "test_runs = 2"))
+    metafmu("sample", study, "--out", tmp_path / "out")
+    rows = np.genfromtxt(tmp_path / "out" / "test.csv", delimiter=",", names=True)
+    # it begins straight, and keeps its length as far as it bends
+    begin = rows[rows["time"] == 0]
+    assert np.abs(begin["tipx"] - begin["length"]).max() < 1e-12 and np.abs(begin["tipy"]).max() < 1e-12
+    assert (np.hypot(rows["tipx"], rows["tipy"]) < 1.001 * rows["length"]).all() and rows["tipy"].min() < -0.1
