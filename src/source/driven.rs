@@ -83,7 +83,8 @@ impl DrivingInput {
         problems.extend(wrong_unit(&key, options.unit.as_deref(), &unit));
         let ends = (options.min.or(range[0]), options.max.or(range[1]));
         let (Some(min), Some(max)) = ends else {
-            problems.add(&key, "has no range in the source either, expected `min` and `max`");
+            let elsewhere = if study.source.command.is_some() { "" } else { " in the source either" };
+            problems.add(&key, format!("has no range{elsewhere}, expected `min` and `max`"));
             return Err(problems);
         };
         let start = options.start.or(start).unwrap_or(0.5 * (min + max));
@@ -218,11 +219,11 @@ impl Driven {
         }
     }
 
-    /// The study's inputs and an FMU's states, with the values that they have at the start, or none where the FMU does not say.
+    /// The study's inputs and the states of an FMU or program, with the values that they have at the start, or none where these are unknown.
     ///
     /// # Errors
-    /// Every range that is not known or empty, every unit that is not the FMU's, by dotted key.
-    pub fn of_fmu(
+    /// Every range that is not known or empty, every unit that is not the source's, by dotted key.
+    pub fn of_states(
         study: &Study,
         states: Vec<(SourceVariable, Option<f64>)>,
         inputs: Vec<OwnInput>,
