@@ -18,7 +18,7 @@ fn crane(tolerance: Option<f64>) -> Surrogate {
     example::integrated(&example::crane(), integration)
 }
 
-/// What the callback was told, and what it does.
+/// Arguments of the callback so far, and its action.
 struct Watcher {
     instance: *mut c_void,
     told: Vec<(f64, [Boolean; 4])>,
