@@ -267,7 +267,7 @@ impl Dictionary {
     }
 }
 
-/// What the columns of a dictionary contribute.
+/// Tensor of the columns of a dictionary.
 fn columns(prefix: &str, dictionary: &Dictionary) -> Tensor {
     let pair = |factor| match factor {
         Factor::Angle => [0.0, 0.0],
