@@ -1,4 +1,4 @@
-"""Runs an FMU or SSP in a host and prints every row as JSON, in a process of its own: a host that crashes takes no test along.
+"""Runs an FMU or SSP in a host and prints every row as JSON, in a separate process: a crash of the host must not end the tests.
 
 Usage: run_host.py HOST REQUEST, the request being the JSON of the arguments of the host's function below.
 A row is the time and the outputs; the first is that of the start time. `inputs` has the values of an input in each step, by its name.

@@ -1,4 +1,4 @@
-"""Surrogates of other tools' FMUs for co-simulation that go on from sample to sample."""
+"""Discrete-time surrogates of third-party FMUs for co-simulation."""
 
 import json
 import os

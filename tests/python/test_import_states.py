@@ -85,7 +85,8 @@ def looped(graph, x, of):
 
 
 def rounding(graph, x, expected):
-    """What single precision has added up to in ONNX Runtime's loop, of the range: beside the definition in double precision, with the same weights."""
+    """Rounding error accumulated in ONNX Runtime's loop in single precision, relative to the range, against the definition in double
+    precision with the same weights."""
     double = onnx.ModelProto()
     double.CopyFrom(graph)
     for constant in double.graph.initializer:

@@ -38,7 +38,7 @@ return [...document.querySelectorAll('figure')].map(figure => {
 });
 """
 
-# What is cut at the right edge of the window
+# elements cut at the right edge of the window
 CUT = "return [...document.querySelectorAll('td, th, p, h1, h2, h3, li, figcaption')].filter(e => e.getBoundingClientRect().right > innerWidth + 0.5).map(e => e.textContent)"
 
 

@@ -1,4 +1,4 @@
-"""A build that is killed at any moment goes on with --resume and ends in the same bytes."""
+"""A build that is killed at any moment resumes with --resume and ends in the same bytes."""
 
 import subprocess
 import time
