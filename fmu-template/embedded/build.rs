@@ -170,7 +170,7 @@ fn clean_environment(cargo: &mut Command, workspace: &Path, target_dir: &Path) {
     }
     // intermediate files beside the results even where a cargo configuration puts them elsewhere
     cargo.env("CARGO_BUILD_BUILD_DIR", target_dir);
-    // goes before flags from configuration files as well: no `target-cpu=native` in a library that is given away; and
+    // goes before flags from configuration files as well: no `target-cpu=native` in a library that is released; and
     // the builder's folders do not appear in its panic messages
     let mut flags = vec![format!("--remap-path-prefix={}=metafmu", workspace.display())];
     let home = env::var_os("CARGO_HOME").map(PathBuf::from);

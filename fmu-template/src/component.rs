@@ -203,7 +203,7 @@ unsafe fn perform(
     // SAFETY: not null and the host's promise; only the instance is borrowed, so that the logger stays free
     let instance = unsafe { &mut (*component).instance };
     let mut refusal = None;
-    // a result that is looked at before it is moved: to move a refusal that is none takes as long as the call itself
+    // checks the result before moving it: moving an empty refusal takes as long as the call itself
     let answer = guard(|| match instance.begin(called.legal).and_then(|()| body(instance)) {
         Ok(()) => true,
         Err(reason) => {

@@ -89,7 +89,7 @@ impl PySurrogate {
                         return;
                     }
                     for (values, point) in values.chunks_exact_mut(width).zip(points.chunks_exact(columns)) {
-                        // a comparison with what is no number has no answer
+                        // a comparison with NaN has no result
                         match point.iter().any(|number| number.is_nan()) {
                             true => values.fill(f64::NAN),
                             false => row(point, values, evaluator),

@@ -81,7 +81,7 @@ def run_libcosimpy(fmu, start_values, outputs, step, steps, inputs={}):
     assert execution.simulate_until(nanoseconds * steps)
     columns = []
     for output in outputs:
-        # it takes the number of step 0 for the end of the list: asked for two samples, it gives that of step 0
+        # it takes the number of step 0 for the end of the list: of two samples it returns that of step 0
         first = observer.time_series_real_samples(slave, references[output], 0, 2)
         later = observer.time_series_real_samples(slave, references[output], 1, steps)
         times = [time * 1e-9 for time in first[0] + later[0]]

@@ -164,7 +164,7 @@ def test_accuracy_is_that_of_simulations_and_the_best_model_is_exported(tmp_path
     metrics = json.loads((built.folder / "metrics.json").read_text())
     candidates = {candidate["name"]: candidate["error"] for candidate in metrics["discrete"]["candidates"]}
     assert set(candidates) == {"linear", "polynomial", "state-space", "window", "feedback"}
-    # the plant is a polynomial of a past sample; what is left over is rounding
+    # the plant is a polynomial of a past sample; the residual is rounding
     assert metrics["discrete"]["exported"] == min(candidates, key=candidates.get) == "polynomial"
     assert candidates["polynomial"] < 1e-6
     assert candidates["feedback"] < 0.3 * candidates["linear"]

@@ -38,7 +38,7 @@ DOUBLE_CELLS = ["lstm", "lstm-peepholes", "gru", "gru-linear-before-reset", "rnn
 def cell(name, of=np.float32, explicit=True, sequence=None):
     """A cell and a layer: inputs x, h0, c0 and outputs y, h1, c1, or x and y alone; the sequence stands before the batch."""
     operator, attributes, more = CELLS[name]
-    # of their own, whatever tests ran before
+    # independent of the tests that ran before
     random = np.random.default_rng(list(name.encode()))
     drawn = lambda *shape: random.uniform(-1.0, 1.0, shape).astype(of)
     gates, kind = GATES[operator], FLOAT if of == np.float32 else DOUBLE

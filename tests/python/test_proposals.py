@@ -151,7 +151,7 @@ def test_rounded_time_stamps_are_those_of_the_recorder(tmp_path, decimals):
     step = float(re.search(r"^step = (\S+)", (tmp_path / "proposed.toml").read_text(), re.M)[1])
     assert abs(step - 0.0016384) < 1e-6 * 0.0016384
     metafmu("sample", "proposed.toml", cwd=tmp_path)
-    # a row that is missing is told with its line
+    # a missing row is reported with its line
     lines = (tmp_path / "record.csv").read_text().splitlines()
     (tmp_path / "record.csv").write_text("\n".join(lines[:300] + lines[301:]) + "\n")
     result = metafmu("sample", "proposed.toml", cwd=tmp_path, check=False)

@@ -94,7 +94,7 @@ def show(browser, page, size):
     width, height = size
     metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": size != DESKTOP}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    # a new window has a page of its own
+    # a new window has a separate page
     browser.get("about:blank")
     browser.get_log("performance")
     browser.get_log("browser")

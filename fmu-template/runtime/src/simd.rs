@@ -165,7 +165,7 @@ impl Real for f64 {
     const ROUND: Self = 6_755_399_441_055_744.0;
     const LN2_HIGH: Self = 0.693_147_180_369_123_8;
     const LN2_LOW: Option<Self> = Some(1.908_214_929_270_587_7e-10);
-    // off by 5e-17 at the most
+    // error at most 5e-17
     const EXP2: (Self, &'static [Self]) = (
         4.454_960_598_186_519e-10,
         &[
@@ -297,7 +297,7 @@ impl Real for f32 {
     const ROUND: Self = 12_582_912.0;
     const LN2_HIGH: Self = std::f32::consts::LN_2;
     const LN2_LOW: Option<Self> = None;
-    // off by 8e-9 at the most
+    // error at most 8e-9
     const EXP2: (Self, &'static [Self]) =
         (1.546_144_8e-4, &[1.339_086_7e-3, 9.618_057e-3, 5.550_357e-2, 0.240_226_5, std::f32::consts::LN_2]);
     // the first omitted term is below 2e-8 of the sum

@@ -230,7 +230,7 @@ def interface_of_columns(columns, results, *, outputs, states, **about):
     left = _without(columns, [given["column"] for given in of_states.values()])
     shown = _without(results, [given.get("next", given.get("derivative", "")) for given in of_states.values()])
     if not shown and of_states:
-        # a model that only tells how its states go on shows them
+        # a model that returns only next values or derivatives of its states shows the states
         of_model = [column for column in columns if column not in left]
         section = of_section(outputs, len(of_model), "y", "output", ("column", *_OUTPUT_KEYS), of_model)
         outputs = {name: {"column": column, **about} for column, (name, about) in zip(of_model, section.items())}

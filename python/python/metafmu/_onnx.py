@@ -87,7 +87,7 @@ def _compare(surrogate, source, model, names, text, rows):
     try:
         predict, precision = _by_onnxruntime(onnxruntime, source, len(columns))
         predict(points[1][:1])
-    except Exception as error:  # those of onnxruntime have no class of their own
+    except Exception as error:  # onnxruntime has no base class of errors
         warnings.warn(f"the model was not compared with onnxruntime, which does not run it: {error}", stacklevel=3)
         return
     compare(points, found, "the ONNX model", predict, precision, "")

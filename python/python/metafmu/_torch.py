@@ -98,7 +98,7 @@ def _read(module, example, options):
         begin += size
     device = tensors[0].device if tensors else None
     predict = lambda rows: _predicted(module, shapes, torch.tensor(rows, dtype=kind, device=device))
-    # hooks compute weights as they are from now on; what else goes wrong is told afterwards
+    # hooks compute weights as they are from now on; other errors are reported afterwards
     with contextlib.suppress(Exception):
         predict(np.zeros((1, graph.width(0))))
     made = _follow(traced, given)

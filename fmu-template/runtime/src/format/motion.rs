@@ -84,7 +84,7 @@ impl Motion {
         }
         let [actuator_states, prescribed] = ["states.actuators", "law.prescribed"].map(|what| {
             let name = name(what);
-            // empty tensors are left out
+            // empty tensors are omitted
             let numbers = match tensors.contain(&name) {
                 true => elements(take(tensors, &name, Dtype::U32, 1)?.data(), u32::from_le_bytes),
                 false => Vec::new(),

@@ -328,7 +328,7 @@ impl Solver {
             Some(known) => self.rates.as_flattened_mut()[..known.len()].copy_from_slice(known),
             None => self.first_stage(point, 0.0, drive, &mut respond),
         }
-        // what is left by rounding is no step
+        // a remainder by rounding is not a step
         while size - since > SHORTEST * size {
             steps += 1;
             if f64::from(steps) > MAX_SOLVER_STEPS {
