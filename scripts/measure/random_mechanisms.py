@@ -417,7 +417,7 @@ KINDS = [
 
 
 def scales(values, measures):
-    """What counts as 1 in each output: the largest value of its kind, as rounding goes by the largest term of the equations."""
+    """Unit of differences of each output: the largest value of its kind, as rounding is relative to the largest term of the equations."""
     largest = np.abs(values).max(axis=0)
     kinds = [next((kind for kind in KINDS if name.rpartition(".")[2] in kind), name) for name in measures]
     sizes = [max(size for size, other in zip(largest, kinds) if other == kind) for kind in kinds]

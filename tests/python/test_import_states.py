@@ -297,7 +297,7 @@ column = "power"
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_neural_differential_equation_is_that_of_scipy(tmp_path, version):
-    """Of ONNX Runtime's right side, in co-simulation and in model exchange."""
+    """The right-hand side is that of ONNX Runtime, in co-simulation and in model exchange."""
     graph = right_side()
     session = session_of(graph)
 

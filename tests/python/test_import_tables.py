@@ -119,7 +119,7 @@ column = "y"
 
 
 def test_a_check_compares_something(tmp_path):
-    """Of samples the first row of a run is none of the model's."""
+    """The first row of a run of a discrete-time model is not an output of the model."""
     graph = model([node("Mul", "h0 u", "h1"), node("Add", "h0 u", "y")], inputs=[("u", [1, 1]), ("h0", [1, 1])], outputs=[("y", None), ("h1", None)], kind=DOUBLE)
     (tmp_path / "m.onnx").write_bytes(graph.SerializeToString())
     table = pd.DataFrame({"time": [0.0, 0.1, 0.2], "u [N]": [1.0, 0.5, 0.0], "y": [99.0, 1.5, 1.0]})
