@@ -76,7 +76,7 @@ fn time(evaluator: &mut Evaluator, pass: Pass) -> f64 {
     begin.elapsed().as_secs_f64() / f64::from(REPEATED)
 }
 
-/// The same layers; each hidden layer after the first is added to the one before it.
+/// The layers of `chain`; each hidden layer after the first is added to the one before it.
 fn residual(chain: &Surrogate, precision: Precision) -> Surrogate {
     let network = chain.network().expect("the example is a network");
     let numbers = |numbers: &Numbers| match precision {

@@ -13,7 +13,7 @@ use metafmu::{
 use std::{env, error::Error, path::Path, sync::atomic::AtomicBool};
 
 fn main() -> Result<(), Box<dyn Error>> {
-    // FMUs and baselines run in processes of their own: this program, started again
+    // FMUs and baselines run in separate processes: this program, started again
     if serve_workers()? {
         return Ok(());
     }

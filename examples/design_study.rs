@@ -1,8 +1,9 @@
-//! A design study: many parameter sets through one instance of an FMU, against metafmu's integrator in one thread.
+//! A design study: many parameter sets through one instance of an FMU, compared with metafmu's integrator in one
+//! thread.
 //!
-//! Reads parameter sets from POINTS.csv, writes the outputs at the stop time to RESULT.csv and prints for each of BLOCKS
-//! equal shares of the sets the seconds a run takes: by the FMU step by step, by the FMU in one step from start to stop, by
-//! the integrator. `embedding/design_study.py` uses it.
+//! Reads parameter sets from POINTS.csv and writes the outputs at the stop time to RESULT.csv. It prints the seconds
+//! that a run takes for each of BLOCKS equal shares of the sets. They are those of the FMU step by step, of the FMU in
+//! one step from start to stop, and of the integrator. `embedding/design_study.py` uses it.
 //!
 //!     cargo run --release --example design_study -- STUDY.toml NAME.fmu POINTS.csv RESULT.csv BLOCKS
 

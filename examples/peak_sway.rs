@@ -1,9 +1,9 @@
-//! A design study with the surrogate of a crane: how far the load swings when the motor pushes for a second and brakes for
-//! another.
+//! A design study with the surrogate of a crane: peak swing of the load when the motor pushes for a second and brakes
+//! for another.
 //!
-//! Draws lengths, masses, dampings and forces at random, runs the FMU with each on all cores, and prints a CSV table. On
-//! stderr: the time of a run on a core, least and median of ten equal shares, beside that of the mechanism for fifty of the
-//! runs, drawn at random, and how far the angles differ.
+//! Draws lengths, masses, dampings and forces at random, runs the FMU with each on all cores, and prints a CSV table.
+//! On stderr it prints the time of a run on one core, minimum and median of ten equal shares. For fifty runs drawn at
+//! random, it compares time and angles with those of the mechanism.
 //!
 //!     cargo run --release --example peak_sway -- examples/dynamics/crane.toml crane.fmu 10000 > result.csv
 
@@ -31,7 +31,7 @@ use variables::{references, values};
 
 const STEP: f64 = 0.05;
 const STEPS: usize = 200;
-/// For so many steps the motor pushes, and then brakes.
+/// Number of steps in which the motor pushes; afterwards it brakes.
 const PUSH_STEPS: usize = 20;
 /// Parameters that vary, and the force.
 const NAMES: [&str; 4] = ["l", "m", "b", "force"];
@@ -40,7 +40,7 @@ const SHARES: usize = 10;
 const COMPARED: usize = 50;
 
 type Design = [f64; 4];
-/// A peak in rad, or what went wrong; for other threads.
+/// A peak in rad, or the message of an error; for other threads.
 type Peak = Result<f64, String>;
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -119,7 +119,7 @@ impl Method {
         Ok(())
     }
 
-    /// Least and median of the shares.
+    /// Minimum and median of the shares.
     fn times(&self) -> Result<[f64; 2], &'static str> {
         let mut sorted = self.seconds.clone();
         sorted.sort_by(f64::total_cmp);
@@ -128,7 +128,7 @@ impl Method {
     }
 }
 
-/// One of equal shares; empty if there are not so many.
+/// One of equal shares; empty if `share` is beyond the last one.
 fn share_of(designs: &[Design], share: usize) -> &[Design] {
     designs.chunks(designs.len().div_ceil(SHARES).max(1)).nth(share).unwrap_or(&[])
 }

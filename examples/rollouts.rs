@@ -191,7 +191,7 @@ impl Run {
         run
     }
 
-    /// The state at the start, as the mechanism has it.
+    /// Sets the state at the start, as the mechanism has it.
     fn begin(&mut self, mechanism: &Mechanism, case: &Case) {
         let names: Vec<&str> = case.coordinates.iter().map(|(name, ..)| *name).collect();
         let reduced = mechanism.reduced(&self.values, &names).expect("the mechanism can be assembled");
@@ -199,7 +199,7 @@ impl Run {
         self.initial = (q.as_slice().to_vec(), v.as_slice().to_vec());
     }
 
-    /// The same without damping and inputs.
+    /// Removes damping and inputs.
     fn without(mut self, mechanism: &Mechanism, case: &Case, damping: &[&str]) -> Self {
         for name in damping {
             let index = case.parameters.iter().position(|known| known == name).expect("a parameter that varies");
@@ -210,7 +210,7 @@ impl Run {
         self
     }
 
-    /// The coordinates of the mechanism, its start off by so much.
+    /// Coordinates of the mechanism, with its start perturbed by `off`.
     fn truth(&self, mechanism: &Mechanism, off: f64) -> Result<Vec<Vec<f64>>, String> {
         let mut values = self.values.clone();
         values[self.start] += off;

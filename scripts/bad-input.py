@@ -179,7 +179,7 @@ def static(*changes, more="", rows="1,2,3\n2,1,5\n3,3,4\n"):
 
 
 def discrete_fmu(*changes, fmu_of=None):
-    """The same of an FMU that has the input, with parts of the study or of the FMU replaced."""
+    """A study of an FMU that has the input, with parts of the study or of the FMU replaced."""
     text = DISCRETE.replace('table = "runs.csv"', 'fmu = "model.fmu"').replace("y = {}", "x0 = {}")
     for old, new in changes:
         assert old in text, old
@@ -227,7 +227,7 @@ def dynamics(*changes, more="", **of_mechanism):
 
 
 def driver(*lines, **options):
-    """The same with a driver of the trolley in the place of its motor."""
+    """A study as of `dynamics`, with a driver of the trolley instead of its motor."""
     return dynamics(trolley=[(MOTOR, "\n".join(["[drivers.servo]", *lines, ""]))], **options)
 
 
@@ -682,7 +682,7 @@ ARGUMENTS = {
 
 
 def message(folder, files, arguments):
-    """What the command says about the files, without `error: `."""
+    """Message of the command about the files, without `error: `."""
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         if isinstance(text, dict):

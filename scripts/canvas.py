@@ -158,7 +158,7 @@ class Picture:
 
 
 def round_steps(low, high, most=6):
-    """Round numbers that divide a range into at most so many parts."""
+    """Round numbers that divide a range into at most `most` parts."""
     raw = (high - low) / most
     power = 10.0 ** math.floor(math.log10(raw))
     step = next(factor * power for factor in (1, 2, 2.5, 5, 10) if factor * power >= raw * (1 - 1e-9))

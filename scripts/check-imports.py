@@ -1,8 +1,8 @@
 """Checks that imports go downward only, that there is no circle among modules, and that a type name means one thing.
 
 In core/src/ and src/ a module may use those before it in ORDER and no other. Below that, and in the other crates, the modules of a folder may use each
-other in one direction: every circle among them is printed with its arrows. A folder's own file, `mod.rs`, and the modules below it are not told apart.
-Re-exports are followed to the module that has the name. Tests may look anywhere.
+other in one direction: every circle among them is printed with its arrows. A folder's own file, `mod.rs`, and the modules below it count as
+one. Re-exports are followed to the module that has the name. Tests may import anything.
 
 The types of all crates together, of every module and macro except tests, have different names: a name that two definitions share is printed with both places.
 Types inside functions, and associated types, may have any name.
@@ -43,7 +43,7 @@ LEVELS = {module: level for level, line in enumerate(ORDER.split("\n")) for modu
 REEXPORTED = {"Error": "diagnostics", "Result": "diagnostics"}
 PROGRAM = ("main", "cli", "commands")
 TYPE = r"(?:pub(?:\([^)]*\))? )?(?:struct|enum|trait|type|union) (\w+)"
-# formatted code: what a module defines begins its line, and so does the brace that ends a module or a macro inside of it
+# formatted code: definitions of a module begin their lines, and so does the last brace of an inner module or macro
 OF_MODULE, INSIDE = re.compile(rf"^{TYPE}", re.MULTILINE), re.compile(rf"^ +{TYPE}", re.MULTILINE)
 INNER = re.compile(r"^(?:macro_rules!|(?:pub(?:\([^)]*\))? )?mod) \w+ \{\n.*?^\}", re.MULTILINE | re.DOTALL)
 
@@ -215,7 +215,7 @@ def main():
 
 
 def upward(crate):
-    """What goes up in ORDER, or is not in it."""
+    """Imports that go up in ORDER, and modules that are missing from it."""
     for module in sorted({module[0] for module in crate.files if module} - set(LEVELS)):
         yield f"{crate.src / module}: module `{module}` is not in the order of {Path(__file__).name}"
     for module, full, path, line in crate.uses:

@@ -58,7 +58,7 @@ def choices(node):
 
 
 def kind_of(node):
-    """The type of a value in words."""
+    """Type of a value as text."""
     if choices(node):
         return "one of " + ", ".join(f'`"{name}"`' for name in choices(node))
     if "anyOf" in node:
@@ -110,7 +110,7 @@ def row(key, node, is_required):
 
 
 def is_section(node):
-    """Whether a value is written as a table with a heading."""
+    """Returns True if a value is written as a table with a heading."""
     others = node.get("additionalProperties")
     return "properties" in node or isinstance(others, dict) and ("properties" in others or "anyOf" in others and is_section_of_tables(others))
 

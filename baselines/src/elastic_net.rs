@@ -19,7 +19,7 @@ impl Baseline for ElasticNet {
     }
 }
 
-/// Of the duality gap, relative to the outputs' squares.
+/// Tolerance of the duality gap, relative to the squares of the outputs.
 const TOLERANCE: f64 = 1e-9;
 const MOST_STEPS: u32 = 1000;
 

@@ -1,9 +1,10 @@
-//! Gradient boosting: trees that each correct the sum of those before, of columns in bins.
+//! Gradient boosting on binned columns: each tree corrects the residual of the trees before it.
 //!
-//! With `r = y - f` the residual of the sum `f` of the trees so far, a node with `n` rows adds `shrinkage * G / (n + L2)`, `G` the sum of `r` over its
-//! rows, and is split where `G_l^2 / (n_l + L2) + G_r^2 / (n_r + L2) - G^2 / (n + L2)` is largest, if that is positive (Chen and Guestrin, XGBoost, 2016,
-//! of squared errors). Splits lie between bins of about as many rows each, so that the sums of a histogram decide (Ke et al., LightGBM, 2017): a node's
-//! histogram minus that of its smaller child is that of the other one.
+//! The residual is `r = y - f` with the sum `f` of the trees so far. A node of `n` rows whose residuals sum to `G` adds
+//! `shrinkage * G / (n + L2)`. It is split where `G_l^2 / (n_l + L2) + G_r^2 / (n_r + L2) - G^2 / (n + L2)` is largest,
+//! if that is positive (Chen and Guestrin, XGBoost, 2016, with squared errors). Splits lie between bins of about equal
+//! numbers of rows, so the sums of a histogram determine the split (Ke et al., LightGBM, 2017). The histogram of a
+//! child is that of its parent minus that of its smaller sibling.
 
 use crate::{Baseline, Fitted, StandardizedRows, for_each_output, tree::MARGIN};
 use metafmu_core::study::baselines::GradientBoosting;

@@ -29,18 +29,19 @@ pub use rows::StandardizedRows;
 
 /// A model that can be fitted to rows.
 pub trait Baseline {
-    /// At most so many rows, chosen at random; none: all there are.
+    /// Maximum number of training rows, chosen at random; `None`: all rows.
     fn most_rows(&self) -> Option<usize> {
         None
     }
 
-    /// Fits it to standardised rows; the same rows and seed give the same model.
+    /// Fits the model to standardised rows; the same rows and seed give the same model.
     ///
     /// # Errors
-    /// Why it cannot be fitted, in words.
+    /// The reason why the model cannot be fitted.
     fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String>;
 
-    /// The same with the predicted standard deviation of a further row for each output behind all outputs.
+    /// Fits a model that also predicts standard deviations: those of a further row, one for each output, follow all
+    /// outputs.
     ///
     /// # Errors
     /// Those of [`Self::fit`], and if the model has no predicted standard deviation.
@@ -75,14 +76,14 @@ pub enum Fitted {
     Library(LibraryModel),
 }
 
-/// What a library predicts at some rows, or why not.
+/// Predictions of a library at rows, or the reason for a failure.
 pub type Predict = dyn Fn(&[f64]) -> Result<Vec<f64>, String>;
 
 /// A fitted model inside a library.
 pub struct LibraryModel {
     /// From standardised rows, shape `[rows, inputs]`, to standardised outputs, shape `[rows, outputs]`.
     pub predict: Box<Predict>,
-    /// Bytes of its numbers.
+    /// Memory of the model's numbers.
     pub memory_bytes: u64,
     /// Why it cannot be exported.
     pub not_exportable: &'static str,

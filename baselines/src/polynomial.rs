@@ -13,7 +13,7 @@ use rayon::prelude::*;
 const BLOCK: usize = 1024;
 const PART: usize = 64 * BLOCK;
 
-/// Of the degree that is chosen unless one is given.
+/// Maximum number of terms if the study gives no degree.
 const USUAL_TERMS: usize = 1000;
 const USUAL_DEGREE: u8 = 6;
 

@@ -22,7 +22,7 @@ pub fn rows(dataset: &Dataset, layout: &RowLayout, runs: &[&Run]) -> Standardize
     StandardizedRows::new(x, y, scaling)
 }
 
-/// At most so many of the rows, chosen at random: fewer are the first of more.
+/// At most `most` of the rows, chosen at random; a smaller choice is the beginning of a larger one.
 pub fn choose_rows(rows: &StandardizedRows, most: Option<usize>, seed: u64) -> Cow<'_, StandardizedRows> {
     match most {
         Some(most) if most < rows.len() => {

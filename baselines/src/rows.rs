@@ -33,7 +33,7 @@ impl StandardizedRows {
         self.x.len() / self.inputs
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no rows.
     pub fn is_empty(&self) -> bool {
         self.x.is_empty()
     }

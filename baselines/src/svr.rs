@@ -12,7 +12,7 @@ use smartcore::{
     },
 };
 
-/// What smartcore's machine says of itself when it is serialized.
+/// Fields of smartcore's serialized support vector machine.
 #[derive(Deserialize)]
 struct Serialized {
     instances: Vec<Vec<f64>>,

@@ -67,7 +67,7 @@ impl Baseline for ExtraTrees {
     }
 }
 
-/// What smartcore's trees say of themselves when they are serialized: their fields are private.
+/// Fields of smartcore's serialized trees: in the library itself they are private.
 #[derive(Deserialize)]
 struct SerializedTree {
     nodes: Vec<SerializedNode>,
@@ -122,8 +122,9 @@ fn fit(
     Ok(Fitted::Formula(Graph::of_forest(&rows.scaling, forest)))
 }
 
-/// Splits lie in the middle between two values of the rows, which are often other rows' values, such as times: a time that a
-/// host has summed up step by step, and that is larger by its rounding, must not fall on the other side.
+/// Offset of each split from the middle between two values of the rows. The middle is often a value of other rows, such
+/// as a time. A time that a host has accumulated step by step exceeds it by rounding and must not fall on the other
+/// side.
 pub(crate) const MARGIN: f64 = 1e-9;
 
 /// Puts the nodes of a tree, whose leaves are multiplied by its share, behind the others: depth first.

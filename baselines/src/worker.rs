@@ -1,7 +1,7 @@
-//! A baseline in a process of its own: a library that cannot be interrupted, that panics, or that takes all memory, costs
-//! its row of the table and nothing else.
+//! A baseline in a separate process: a library that cannot be interrupted, panics or exhausts memory costs its row of
+//! the table and nothing else.
 //!
-//! What goes in: a line of JSON, then the numbers of the rows and of the test inputs. What comes out: a line of JSON, then the
+//! Input is a line of JSON, then the numbers of the rows and of the test inputs. Output is a line of JSON, then the
 //! predictions. All numbers are little-endian doubles.
 
 use crate::{BaselineKind, Baselines, Fitted, StandardizedRows, model};
@@ -162,10 +162,10 @@ impl FitResult {
         to.flush()
     }
 
-    /// What a worker said.
+    /// Reads the result of a worker.
     ///
     /// # Errors
-    /// If it broke off.
+    /// If the result is incomplete.
     pub fn read(from: &[u8]) -> std::io::Result<Self> {
         let mut from = BufReader::new(from);
         let ResultHeader { result, predictions } = read_line(&mut from)?;

@@ -2,8 +2,8 @@
 
 Usage: dask_campaign.py STUDY OUT SHARDS [SCHEDULER]
 
-Without the address of a scheduler, on a cluster of processes of this machine. The workers of another cluster share the study,
-its files and OUT under the same paths, and have `metafmu` on their PATH (or the variable METAFMU names it).
+Without the address of a scheduler, it starts a cluster of processes on this machine. The workers of any other cluster must share the study,
+its files and OUT under the same paths. They must have `metafmu` on their PATH, or the variable METAFMU must name it.
 """
 
 import os
@@ -14,7 +14,7 @@ from dask.distributed import Client, LocalCluster, as_completed
 
 
 def sample(study, out, shard, shards):
-    """One shard; returns what the command says about it."""
+    """Samples one shard; returns the last message of the command."""
     command = [os.environ.get("METAFMU", "metafmu"), "sample", study, "--out", out, "--shard", f"{shard}/{shards}"]
     result = subprocess.run(command, capture_output=True, text=True)
     if result.returncode != 0:
@@ -23,7 +23,7 @@ def sample(study, out, shard, shards):
 
 
 def campaign(client, study, out, shards):
-    """All shards, in any order; a task whose worker is lost is run again and goes on from the runs that are finished."""
+    """Samples all shards, in any order. A task whose worker is lost runs again and continues after the finished runs."""
     numbers = range(1, shards + 1)
     # each task uses all processors of its worker
     tasks = [client.submit(sample, study, out, number, shards, pure=False, retries=2) for number in numbers]

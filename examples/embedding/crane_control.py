@@ -1,11 +1,12 @@
-"""A controller of another tool moves the surrogate of a crane to its target and damps the sway: in fmpy, and as SSP.
+"""A third-party controller moves the surrogate of a crane to its target and damps the sway: in fmpy, and as SSP.
 
 Both FMUs step over the same interval with the values of its beginning (Jacobi): the controller samples, and its force acts
 one step later.
 
 Usage: crane_control.py CRANE.fmu FOLDER > RESULT.csv, after `metafmu build examples/dynamics/crane-study.toml`
-Writes controller.fmu, crane.ssp and mechanism.ssp, with the mechanism in the surrogate's place, into the folder and prints on
-stderr how far the result is from that of the crane's own equations under the same controller, solved by scipy.
+
+Writes controller.fmu, crane.ssp and mechanism.ssp, with the mechanism instead of the surrogate, into the folder. On stderr it prints the
+difference between the result and scipy's solution of the crane's equations under the same controller.
 """
 
 import contextlib
@@ -27,7 +28,7 @@ TROLLEY, GRAVITY = 2.0, 9.81
 
 
 def build_controller(folder):
-    """crane/controller.py as FMU; PythonFMU names it after the class."""
+    """Builds crane/controller.py as an FMU; PythonFMU names it after the class."""
     script = HERE / "crane" / "controller.py"
     command = [sys.executable, "-m", "pythonfmu", "build", "-f", script, "-d", folder]
     subprocess.run(command, check=True, capture_output=True)
@@ -54,7 +55,7 @@ def simulate(crane, controller, stop=STOP, step=STEP):
 
 
 def rates(state, force, parameters):
-    """Time derivatives of the crane's states, by its own equations: position, angle and their velocities; l, m and b."""
+    """Time derivatives of the crane's states, by its equations of motion: position, angle and their velocities; l, m and b."""
     (_, theta, v, omega), (l, m, b) = state, parameters
     masses = [[TROLLEY + m, m * l * np.cos(theta)], [np.cos(theta), l]]
     forces = [force - b * v + m * l * omega**2 * np.sin(theta), -GRAVITY * np.sin(theta)]
@@ -62,7 +63,8 @@ def rates(state, force, parameters):
 
 
 def solve(parameters, start, measure=lambda index, x, theta: (x, theta), stop=STOP, step=STEP):
-    """The same table by these equations; `measure` says what the controller gets in a step."""
+    """The table of `simulate`, computed from the equations of motion; `measure` maps the positions of a step to the inputs of the
+    controller."""
     controller, state, rows = Controller(instance_name="controller"), start, [[0.0, *start[:2], 0.0]]
     for index in range(round(stop / step)):
         derivative = lambda _, state: rates(state, controller.force, parameters)
@@ -75,7 +77,7 @@ def solve(parameters, start, measure=lambda index, x, theta: (x, theta), stop=ST
 
 
 def start_values(fmu):
-    """What `solve` needs: parameters and start of a crane's FMU."""
+    """Parameters and start of a crane's FMU, as `solve` needs them."""
     starts = {variable.name: variable.start for variable in read_model_description(fmu).modelVariables}
     states = ["rail.position", "rope.angle", "rail.velocity", "rope.angular_velocity"]
     return [float(starts[name]) for name in "lmb"], [float(starts[f"{state}_start"]) for state in states]

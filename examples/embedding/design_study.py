@@ -1,8 +1,9 @@
-"""A design study: 10,000 parameter sets of the single pendulum through one instance of its FMU, against solving the equations.
+"""A design study: 10,000 parameter sets of the single pendulum through one instance of its FMU, compared with solving the equations.
 
 Usage: design_study.py NAME.fmu [SETS], after `metafmu build examples/single-pendulum.toml`
-Prints the time a run takes, least and median of ten equal shares of the sets, and how many times faster that is than solving
-the equations at 1e-12 in the same language. scipy solves the first hundredth of the sets only. Everything runs in one thread.
+
+Prints the time of a run, minimum and median of ten equal shares of the sets. The speedup is that over solving the equations at 1e-12 in the
+same language. scipy solves only the first hundredth of the sets. Everything runs in one thread.
 """
 
 import subprocess

@@ -45,7 +45,7 @@ def activated():
 
 
 def python_environment():
-    """What another host that is not Python needs to run an FMU of PythonFMU: this interpreter's library and its packages."""
+    """Environment in which a host that is not Python can run an FMU of PythonFMU: this interpreter's library and its packages."""
     library = Path(sysconfig.get_config_var("LIBDIR")) / (sysconfig.get_config_var("INSTSONAME") or "")
     if not library.is_file():
         sys.exit(f"PythonFMU needs the shared library of {sys.base_prefix}: install libpython3-dev, or another Python")

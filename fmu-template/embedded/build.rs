@@ -1,11 +1,12 @@
-//! Collects what goes into every FMU: the `fmu-template` library for each platform.
+//! Collects the libraries that are embedded in FMUs: `fmu-template` for each platform.
 //!
-//! In a checkout the one for the target is built here. The package that is published has no sources of it, and holds what
-//! scripts/build-runtimes.sh made for each platform instead, in `prebuilt/TUPLE/`: whoever installs it builds nothing but the tool.
-//! In both, libraries in the folder that METAFMU_RUNTIMES names go before.
+//! In a checkout this script builds the library for the target. The published package has no sources of the library. It
+//! contains the libraries that scripts/build-runtimes.sh made for each platform, in `prebuilt/TUPLE/`: installing it
+//! compiles only the tool. In both cases, libraries in the folder that METAFMU_RUNTIMES names take precedence.
 //!
-//! The library is built by a cargo of its own, with the profile `fmu`, into a target directory of its own, which all profiles
-//! share: it is the same library for all of them. The cargo that runs this script has another one and holds no lock of it.
+//! A separate cargo builds the library, with the profile `fmu`, into a separate target directory that all profiles
+//! share: the library is the same for all of them. The cargo that runs this script has a different target directory and
+//! does not hold its lock.
 
 use std::{
     collections::BTreeMap,
@@ -56,7 +57,7 @@ fn main() {
     embed(&libraries, &out);
 }
 
-/// The libraries in a folder, each as TUPLE/NAME.
+/// Libraries in a folder, each as TUPLE/NAME.
 fn in_folder(folder: &Path) -> Libraries {
     println!("cargo::rerun-if-changed={}", folder.display());
     let library = |platform: PathBuf| {
@@ -133,7 +134,7 @@ fn own_tuple() -> String {
     }
 }
 
-/// What is in a folder, sorted.
+/// Entries of a folder, sorted.
 fn entries(folder: &Path) -> Vec<PathBuf> {
     match fs::read_dir(folder) {
         Ok(entries) => {
@@ -169,7 +170,7 @@ fn clean_environment(cargo: &mut Command, workspace: &Path, target_dir: &Path) {
     }
     // intermediate files beside the results even where a cargo configuration puts them elsewhere
     cargo.env("CARGO_BUILD_BUILD_DIR", target_dir);
-    // goes before flags from configuration files as well: no `target-cpu=native` in a library that is given away; and
+    // goes before flags from configuration files as well: no `target-cpu=native` in a library that is released; and
     // the builder's folders do not appear in its panic messages
     let mut flags = vec![format!("--remap-path-prefix={}=metafmu", workspace.display())];
     let home = env::var_os("CARGO_HOME").map(PathBuf::from);

@@ -1,9 +1,10 @@
-//! What all C functions of both versions have in common: an instance with its logger behind a pointer, the check
-//! whether a call is allowed, and the way an answer reaches the host.
+//! Common part of all C functions of both versions: an instance with its logger behind a pointer, the check of whether
+//! a call is allowed, and the return of results to the host.
 //!
-//! What every `SAFETY` comment calls the host's promise is the standard's: a component is null or came from an
-//! instantiate function and is used by one thread at a time; arrays have the length that is passed with them; strings
-//! are terminated; states came from this library and were not freed. Null pointers are tested for, not trusted.
+//! Every `SAFETY` comment that refers to the host's promise means that of the standard. A component is null or was
+//! returned by an instantiate function, and one thread at a time uses it. Arrays have the length that is passed with
+//! them, strings are terminated, and states came from this library and were not freed. Null pointers are tested for,
+//! not trusted.
 
 use crate::{
     boundary::{TextError, guard, not_null, slice, slice_mut, text, write},
@@ -21,11 +22,11 @@ use std::{
     ptr::null_mut,
 };
 
-/// What `fmi2Component` and `fmi3Instance` point to.
+/// Target of the pointers `fmi2Component` and `fmi3Instance`.
 pub(crate) struct Component {
     pub instance: Instance,
     logger: Logger,
-    /// How the host is called back in the middle of a step, if it is.
+    /// Callback in the middle of a step, if the host has one.
     pub updates: Option<Updates>,
 }
 
@@ -38,7 +39,7 @@ pub(crate) type UpdateCallback = unsafe extern "C" fn(*mut c_void, f64, u8, u8, 
 pub(crate) struct Updates {
     pub callback: UpdateCallback,
     pub environment: *mut c_void,
-    /// Whether the host allows steps to end early.
+    /// `true` if the host allows steps to end early.
     pub early_return: bool,
 }
 
@@ -202,7 +203,7 @@ unsafe fn perform(
     // SAFETY: not null and the host's promise; only the instance is borrowed, so that the logger stays free
     let instance = unsafe { &mut (*component).instance };
     let mut refusal = None;
-    // a result that is looked at before it is moved: to move a refusal that is none takes as long as the call itself
+    // checks the result before moving it: moving an empty refusal takes as long as the call itself
     let answer = guard(|| match instance.begin(called.legal).and_then(|()| body(instance)) {
         Ok(()) => true,
         Err(reason) => {

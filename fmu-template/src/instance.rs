@@ -17,12 +17,12 @@ mod updates;
 mod values;
 mod variables;
 
-/// What an instance is made for.
+/// FMI version, interface and use of Event Mode, fixed at instantiation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct InstanceKind {
     pub version: Version,
     pub interface: Interface,
-    /// FMI 3.0 co-simulation: whether the host enters Event Mode between steps.
+    /// FMI 3.0 co-simulation: `true` if the host enters Event Mode between steps.
     pub event_mode: bool,
 }
 
@@ -59,19 +59,19 @@ pub(crate) struct Instance {
     /// Nominal values of the states.
     nominals: Vec<f64>,
     now: Snapshot,
-    /// What it was when the present communication step began, of those with updates in between.
+    /// Snapshot at the start of the current communication step, for steps with intermediate updates.
     before: Snapshot,
-    /// How the states are integrated, of models with states.
+    /// Integration of the states, for models with states.
     integration: Option<Integration>,
-    /// How much of the communication step was made before the present one of the solver, in seconds.
+    /// Part of the communication step before the current step of the solver, in seconds.
     since: f64,
-    /// Whether outputs have derivatives with respect to time: those of samples do not.
+    /// `true` if outputs have derivatives with respect to time; those of discrete-time models have none.
     is_smooth: bool,
-    /// Where the model is evaluated: the inputs, clamped if that is the policy, and the states.
+    /// Point where the model is evaluated: the inputs, clamped if that is the policy, and the states.
     point: Vec<f64>,
     /// Outputs and, after them, derivatives of the states. Valid unless `stale`.
     results: Vec<f64>,
-    /// Whether something changed since the results were computed; they are, when somebody asks.
+    /// `true` if something changed since the results were computed; they are updated when they are read.
     stale: bool,
     /// Work space of derivatives: one vector over the columns and one over the results for each order.
     columns: [Vec<f64>; 2],
@@ -79,16 +79,17 @@ pub(crate) struct Instance {
     /// Columns the host was warned of in this run. Kept out of the snapshot: a host that repeats a step is not to be
     /// warned at each attempt.
     warned: Vec<bool>,
-    /// Whether it was warned in this run that an input or parameter changed, or that there were no training data nearby, likewise.
+    /// `true` if a warning was logged in this run that an input or parameter changed; `warned_of_data`: that no
+    /// training data were nearby.
     warned_of_change: bool,
     warned_of_data: bool,
-    /// Which part of the training data was near last.
+    /// Position of the part of the training data that was nearest last.
     near: usize,
     warnings: Vec<Warning>,
 }
 
-/// Memory that loading takes at most: this many bytes, and so many times the length of the model file. Networks take less
-/// than five times.
+/// Maximum memory for loading: a number of bytes, and a multiple of the length of the model file. Networks take less
+/// than five times that length.
 const MEMORY: (usize, usize) = (1 << 18, 8);
 
 impl Instance {
@@ -192,7 +193,7 @@ impl Instance {
         Err(Refusal::IllegalState { state: self.now.state, legal })
     }
 
-    /// What the host is to be told of calls that were carried out; empty afterwards.
+    /// Warnings about calls that were carried out; the list is empty afterwards.
     pub(crate) fn take_warnings(&mut self) -> Vec<Warning> {
         std::mem::take(&mut self.warnings)
     }
@@ -408,14 +409,15 @@ impl Instance {
         Ok(())
     }
 
-    /// Whether times and inputs are those a solver tries. They may lie outside the domain, also past the stop time, and
-    /// many a solver takes any answer but OK for a failure: what counts is a point that it accepts.
+    /// Returns true if times and inputs are trial values of a solver. Trial values may lie outside the domain or past
+    /// the stop time, and many solvers treat any status but OK as a failure. Checks wait for the point that the solver
+    /// accepts.
     #[inline]
     fn is_trial(&self) -> bool {
         self.now.state == InstanceState::ContinuousTime
     }
 
-    /// Where a solver has completed a step or an event begins: now the time and the inputs count.
+    /// Accepts the point where a solver has completed a step or an event begins: here time and inputs are checked.
     pub(crate) fn accept_point(&mut self) -> Result<(), Refusal> {
         if self.now.time <= self.now.start_time {
             self.now.at_start.copy_from_slice(&self.now.values);
@@ -438,7 +440,7 @@ impl Instance {
         &self.now
     }
 
-    /// Goes on from a snapshot of any instance of this surrogate, made by the same FMI version and interface.
+    /// Continues from a snapshot of any instance of this surrogate, made by the same FMI version and interface.
     pub(crate) fn restore(&mut self, snapshot: &Snapshot) -> Result<(), Refusal> {
         if snapshot.surrogate != self.now.surrogate {
             return Err(Refusal::ForeignState);
@@ -471,7 +473,7 @@ impl Instance {
         Refusal::NotComputable { status }
     }
 
-    /// The same of derivatives, which FMI 2.0 has no Discard for.
+    /// Refuses derivatives that are not finite. FMI 2.0 has no Discard for them.
     fn check_derivatives(&self, found: &[f64]) -> Result<(), Refusal> {
         if !self.has_memory() || found.iter().all(|value| value.is_finite()) {
             return Ok(());
@@ -491,8 +493,8 @@ impl Instance {
     }
 }
 
-/// An allocation that fails ends the process, which is the host's. So all that loading will take is asked for at once and
-/// given back, where a failure is an answer.
+/// Checks that loading will find enough memory, by a single allocation that is freed at once. A failed allocation is an
+/// error here; later it would end the process, which is the host's.
 fn check_memory(length: u64) -> Result<(), TryReserveError> {
     let (least, times) = MEMORY;
     let length = usize::try_from(length).unwrap_or(usize::MAX);

@@ -37,7 +37,7 @@ impl Logger {
         Self { sink, environment, warnings: true, debug }
     }
 
-    /// `loggingOn` of FMI 3.0 governs everything but errors. A host without a callback is told nothing.
+    /// `loggingOn` of FMI 3.0 governs everything but errors. A host without a callback gets no messages.
     pub(crate) fn fmi3(callback: Option<Callback3>, environment: *mut c_void, on: bool) -> Self {
         Self { sink: Sink::Fmi3(callback), environment, warnings: on, debug: on }
     }

@@ -30,23 +30,23 @@ pub(crate) struct Snapshot {
     /// [`fingerprint`] of the instantiation token, the FMI version and the interface: other states are refused.
     pub surrogate: u64,
     pub state: InstanceState,
-    /// Whether the start time is known.
+    /// `true` if the start time is known.
     pub experiment: bool,
     pub policy: DomainPolicy,
-    /// Whether inputs or parameters were changed during the run.
+    /// `true` if inputs or parameters changed during the run.
     pub changed: bool,
     pub time: f64,
     pub start_time: f64,
     /// Infinite if none is defined.
     pub stop_time: f64,
-    /// Where a solver may go back to: the start time or the last event.
+    /// Earliest time a solver may go back to: the start time or the last event.
     pub earliest: f64,
-    /// Of the solver inside the FMU; zero for steps of fixed size. They begin anew at each communication point, so that nothing else of
-    /// the solver is to be kept.
+    /// Tolerance of the solver inside the FMU; zero for steps of fixed size. The solver restarts at each communication
+    /// point, so nothing else of it is part of the snapshot.
     pub tolerance: f64,
     /// One value for each input of the model, the time among them, and one for each state.
     pub values: Vec<f64>,
-    /// What they were when the run began to go on from its start time.
+    /// Values when the run began to advance from its start time.
     pub at_start: Vec<f64>,
     /// First and second derivatives with respect to time of the columns that are inputs, zero for others.
     pub rates: [Vec<f64>; 2],

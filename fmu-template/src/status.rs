@@ -1,5 +1,5 @@
-//! What a call is answered with when it is not simply fine. Messages say what was expected and what was found; the
-//! adapter puts the function's name in front.
+//! Results of calls other than success. Messages state the expected and the found value; the adapter prepends the name
+//! of the function.
 
 use crate::state::InstanceState;
 
@@ -159,7 +159,7 @@ fn when(after: &Option<f64>) -> String {
 }
 
 impl Refusal {
-    /// What the host is told.
+    /// Status that the host receives.
     pub(crate) fn status(&self) -> Status {
         match self {
             // "if a status is required which cannot be retrieved by the slave it returns fmi2Discard"

@@ -1,4 +1,4 @@
-//! What the tests of both versions share: a resource folder, the example's value references, an allocator that counts.
+//! Common part of the tests of both versions: a resource folder, the example's value references, a counting allocator.
 
 #![allow(clippy::undocumented_unsafe_blocks)] // an allocator that passes everything on
 
@@ -70,7 +70,7 @@ pub(crate) fn c_string(text: &str) -> std::ffi::CString {
     std::ffi::CString::new(text).unwrap()
 }
 
-/// What the outputs must be.
+/// Expected outputs of the example.
 pub(crate) fn expected(length: f64, speed: f64, time: f64) -> [f64; 2] {
     let mut evaluator = Evaluator::new(&example::surrogate());
     let mut outputs = [0.0; 2];
@@ -83,12 +83,12 @@ pub(crate) fn starts() -> [f64; 2] {
     [surrogate.inputs()[0].start, surrogate.inputs()[1].start]
 }
 
-/// Allocations of this thread: how many there were, and how many bytes are not freed.
+/// Allocations of this thread: their number, and the bytes that are not freed.
 pub(crate) fn allocations() -> (usize, isize) {
     (ALLOCATIONS.get(), LIVE.get())
 }
 
-/// Calls a function that may have so many bytes more on this thread than now.
+/// Calls a function that may allocate at most `bytes` more bytes on this thread.
 pub(crate) fn limited<T>(bytes: isize, call: impl FnOnce() -> T) -> T {
     LIMIT.set(LIVE.get() + bytes);
     let result = call();

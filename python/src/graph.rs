@@ -245,7 +245,7 @@ impl PyGraph {
         self.made(made)
     }
 
-    /// What some numbers are at rows of the inputs, before the end.
+    /// Values of these columns at rows of the inputs, before the graph is finished.
     fn evaluate<'py>(
         &mut self,
         py: Python<'py>,
@@ -259,7 +259,8 @@ impl PyGraph {
         Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).concat())))
     }
 
-    /// Ends with these numbers as the outputs of a model, whose columns have names: `named` has those of the inputs and of the outputs.
+    /// Finishes the graph with these columns as the outputs of a model, whose columns have names: `named` has those of
+    /// the inputs and of the outputs.
     #[allow(clippy::too_many_arguments)]
     fn finish_with_states(
         &mut self,
@@ -283,7 +284,7 @@ impl PyGraph {
         made.map(PySurrogate::new).map_err(refused)
     }
 
-    /// Ends with these numbers as the outputs.
+    /// Finishes the graph with these columns as the outputs.
     fn finish(
         &mut self,
         columns: Vec<[u32; 2]>,
@@ -305,7 +306,7 @@ impl PyGraph {
 }
 
 impl PyGraph {
-    /// The builder, at its end, if it has so many inputs and outputs.
+    /// Takes the builder of a graph that is finished, after a check of the numbers of inputs and outputs.
     fn taken(&mut self, columns: &[[u32; 2]], [inputs, outputs]: [usize; 2]) -> PyResult<Builder> {
         self.check_columns(columns)?;
         lengths("outputs", columns.len(), outputs)?;

@@ -1,4 +1,4 @@
-//! Work in a thread of its own, while the caller's thread looks for Ctrl-C and shows what the work says.
+//! Work in a separate thread, while the caller's thread checks for Ctrl-C and prints the messages of the work.
 
 use crate::threads::shared;
 use metafmu::pipeline::{Control, Event, PipelineObserver};
@@ -15,19 +15,19 @@ use std::{
     time::Duration,
 };
 
-/// Time between two looks for Ctrl-C.
+/// Time between two checks for Ctrl-C.
 const BETWEEN: Duration = Duration::from_millis(50);
 
-/// Sends the lines that a pipeline says to the thread that may print them.
+/// Sends the messages of a pipeline to the thread that may print them.
 pub struct LineSender(Option<Mutex<Sender<String>>>);
 
 impl LineSender {
-    /// None of them unless wanted.
+    /// Drops all messages unless they are wanted.
     pub fn only_if(self, wanted: bool) -> Self {
         Self(self.0.filter(|_| wanted))
     }
 
-    /// What a pipeline gets.
+    /// Control of a pipeline with this observer, stop flag and program.
     pub fn control<'a>(&'a self, stop: &'a AtomicBool, program: &'a Path) -> Control<'a> {
         Control { observer: self, stop, program, heard: |_| {} }
     }

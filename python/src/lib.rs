@@ -1,8 +1,8 @@
-//! `metafmu._metafmu`: what the Python package does not do itself.
+//! `metafmu._metafmu`: the native part of the Python package.
 //!
-//! Thin: rows come and go as bytes of doubles, descriptions as JSON, and every error is a `metafmu.Error` with the message that the
-//! command prints. Work is done in a thread of its own, without Python's lock, while the caller's thread looks for Ctrl-C and shows
-//! progress.
+//! A thin layer: rows come and go as bytes of doubles, descriptions as JSON. Every error is a `metafmu.Error` with the
+//! message that the command prints. Work runs in a separate thread, without Python's lock, while the caller's thread
+//! checks for Ctrl-C and shows progress.
 
 mod graph;
 mod interruptible;
@@ -65,7 +65,7 @@ impl PySurrogate {
         Self { evaluator: Evaluator::new(&surrogate), domain: Domain::of(&surrogate), surrogate }
     }
 
-    /// What `row` writes for each row of doubles, `width` of them.
+    /// Results of `row` for each row of doubles, `width` numbers each.
     fn rows<'py>(
         &self,
         py: Python<'py>,
@@ -89,7 +89,7 @@ impl PySurrogate {
                         return;
                     }
                     for (values, point) in values.chunks_exact_mut(width).zip(points.chunks_exact(columns)) {
-                        // a comparison with what is no number has no answer
+                        // a comparison with NaN has no result
                         match point.iter().any(|number| number.is_nan()) {
                             true => values.fill(f64::NAN),
                             false => row(point, values, evaluator),
@@ -151,12 +151,12 @@ impl PySurrogate {
         self.rows(py, x, self.evaluator.results(), |point, values, evaluator| evaluator.evaluate(point, values))
     }
 
-    /// Of each row, how far it is from the domain of validity.
+    /// Distance of each row from the domain of validity.
     fn domain_distance<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
         self.rows(py, x, 1, |point, values, _| values[0] = self.domain.distance(point, 0))
     }
 
-    /// How far predictions are from what they should be, as JSON.
+    /// Accuracy of predictions against expected outputs, as JSON.
     fn evaluate(&self, py: Python<'_>, x: &[u8], y: &[u8]) -> PyResult<String> {
         let (points, labels) =
             (rows(Some(x), self.evaluator.columns()), rows(Some(y), self.surrogate.predictions().len()));
@@ -170,8 +170,8 @@ impl PySurrogate {
         self.surrogate.program().sampling().map(|sampling| sampling.step)
     }
 
-    /// The outputs at each of the times, of a surrogate with states, from its start on: `constants` are its parameters and starts, `inputs` has a row
-    /// for each time, `measured` one of outputs for each time that is negative, or none.
+    /// Outputs of a surrogate with states at each of the times, from its start on. `constants` are its parameters and
+    /// starts. `inputs` has a row for each time, `measured` a row of outputs for each negative time, or no rows.
     fn simulate<'py>(
         &self,
         py: Python<'py>,
@@ -186,7 +186,7 @@ impl PySurrogate {
         Ok(PyByteArray::new(py, &bytes(&outputs)))
     }
 
-    /// Of each row, the derivatives of each output by each input, output by output.
+    /// Derivatives of each output by each input, at each row, output by output.
     fn jacobian<'py>(&self, py: Python<'py>, x: &[u8]) -> PyResult<Bound<'py, PyByteArray>> {
         let (inputs, outputs) = (self.evaluator.columns(), self.evaluator.results());
         self.rows(py, x, inputs * outputs, |point, values, evaluator| {
@@ -367,7 +367,7 @@ fn build(
     Ok(built.map_err(refused)?.to_string())
 }
 
-/// What is wrong with an FMU, as JSON.
+/// Problems found in an FMU, as JSON.
 #[pyfunction]
 fn validate(py: Python<'_>, fmu: PathBuf, time_limit: f64, program: PathBuf) -> PyResult<String> {
     let limit = std::time::Duration::try_from_secs_f64(time_limit).map_err(refused)?;

@@ -1,4 +1,4 @@
-"""What the tests of all frameworks share: an FMU, run by fmpy, gives what the framework predicts."""
+"""Common part of the tests of all frameworks: an FMU, run by fmpy, gives the predictions of the framework."""
 
 import numpy as np
 import pytest

@@ -105,7 +105,7 @@ def test_a_differential_equation_has_states():
 
 
 def test_examples_of_numpy_are_what_jax_makes_of_them(rows):
-    """Without doubles, which JAX has only if it is told so."""
+    """Without doubles, which JAX has only if configured."""
     code = (
         "import jax.numpy as jnp, numpy as np, metafmu; w = np.random.default_rng(0).normal(size=(3, 2)); "
         "s = metafmu.from_jax(lambda x: jnp.tanh(x @ jnp.array(w)), inputs={k: (-1, 1) for k in 'abc'}, example=np.zeros((1, 3))); "

@@ -75,7 +75,7 @@ def test_a_simulation_from_measured_rows_is_that_of_predict(surrogate, expected)
     assert surrogate.sample_time == STEP
     for history in (past, names_of(past), frame, {**names_of(past), "time": TIME[:GIVEN]}):
         assert close(surrogate.simulate(TIME[GIVEN:], driving, history=history))
-    # at any time, from as many rows as there are
+    # at any time, from all rows given
     late = {**names_of(past), "time": 100.0 + TIME[:GIVEN]}
     assert close(surrogate.simulate(100.0 + TIME[GIVEN:], {"force": driving}, history=late))
     assert not close(surrogate.simulate(TIME[GIVEN:], driving))

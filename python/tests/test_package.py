@@ -411,7 +411,7 @@ def test_the_estimator_needs_its_columns_in_order_without_scikit_learn_too():
 
 
 def test_the_accuracy_of_few_rows_is_that_of_unseen_rows():
-    """Of 20 noisy rows the mean squared error, over some draws, is that on thousands of others."""
+    """The mean squared error of fits to 20 noisy rows, averaged over some draws, is that on thousands of unseen rows."""
     told, true = [], []
     for seed in range(4):
         random = np.random.default_rng(seed)

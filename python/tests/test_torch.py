@@ -101,7 +101,7 @@ class Choices(nn.Module):
 
 
 class Logarithms(nn.Module):
-    """Of sums of exponentials that are far below the smallest number."""
+    """Logarithms of sums of exponentials far below the smallest number."""
 
     def __init__(self):
         super().__init__()

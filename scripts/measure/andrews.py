@@ -52,7 +52,7 @@ def mechanism(folder):
 
 
 def angles(fmu, stiffness, **options):
-    """The same of the FMU in co-simulation, from its start values."""
+    """Angles of the FMU in co-simulation, from its start values: shape `[rows, outputs]`."""
     values = {"c0": stiffness, "mom": 0.033}
     result = simulate_fmu(fmu, fmi_type="CoSimulation", start_values=values, output=OUTPUTS, stop_time=STOP, **options)
     return np.column_stack([result[name] for name in OUTPUTS])

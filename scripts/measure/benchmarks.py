@@ -1,11 +1,14 @@
 """Times metafmu, Exudyn and MuJoCo at equal error on published benchmarks and on chains, in a Markdown table.
 
-The benchmarks are A01 (pendulum), A02 (N-four-bar) and A03 (Andrews' squeezing mechanism) of the IFToMM library, the car axis of the test set for initial
-value problems, and damped chains of 5, 10, 20 and 40 links. Each program gets the loosest tolerance, or the longest step, with an error of at most --error
-in m or rad at the end of the run: metafmu in powers of ten, the others by halving. Times are those of one run on one thread, the median and the minimum
-of --repetitions. The start of the process, reading the model and building it are excluded: metafmu reports the seconds of its runs, which write their rows to
-a CSV file; the others are timed around the solver. Exudyn has redundant coordinates (index 2, trapezoidal rule), and for chains also minimal
-coordinates (kinematic tree, Runge-Kutta of order 7). MuJoCo has trees only here, as its loops are soft (Runge-Kutta of order 4).
+The benchmarks are A01 (pendulum), A02 (N-four-bar) and A03 (Andrews' squeezing mechanism) of the IFToMM library. Further cases are the car
+axis of the test set for initial value problems, and damped chains of 5, 10, 20 and 40 links. Each program gets the loosest tolerance, or
+the longest step, with an error of at most --error in m or rad at the end of the run. The tolerance of metafmu is a power of ten; those of
+the others are halved.
+
+Times are those of one run on one thread, the median and the minimum of --repetitions. They exclude the start of the process, reading the
+model and building it. metafmu reports the seconds of its runs, which write their rows to a CSV file; the others are timed around the
+solver. Exudyn has redundant coordinates (index 2, trapezoidal rule), and for chains also minimal coordinates (kinematic tree, Runge-Kutta
+of order 7). MuJoCo has trees only here, as its loops are soft (Runge-Kutta of order 4).
 
 Usage: .venv/bin/python scripts/measure benchmarks [--error 1e-6] [--repetitions 5] [CASE...]
 It needs `pip install mujoco exudyn`.
@@ -130,7 +133,7 @@ vyr = {{ measure = "axle.vy" }}
 """
 
 
-# of the chains: m, kg, N.m.s/rad, and the angles of the links against the ground at the start, again and again
+# chains: m, kg, N.m.s/rad; initial angles from the ground, repeated along the chain
 LINK, MASS, DAMPING = 0.2, 0.4, 0.05
 BENT = [0.6 - math.pi / 2, 0.2 - math.pi / 2, 0.7 - math.pi / 2, 1.0 - math.pi / 2, 0.3 - math.pi / 2]
 

@@ -1,4 +1,4 @@
-"""Where the checkout and its command are, and how a study is built."""
+"""Paths of the checkout and its command, and the build of a study."""
 
 import re
 import subprocess
@@ -9,7 +9,7 @@ METAFMU = ROOT / "target" / "release" / "metafmu"
 
 
 def run(folder, *arguments):
-    """What a command prints; a surrogate that is rejected is measured as well."""
+    """Output of a command; a rejected surrogate is measured as well."""
     done = subprocess.run([METAFMU, *map(str, arguments)], cwd=folder, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     if done.returncode and "\nrejected: " not in done.stdout:
         raise SystemExit(f"error: metafmu {' '.join(map(str, arguments))}: {done.stdout}")
@@ -17,7 +17,8 @@ def run(folder, *arguments):
 
 
 def build_record(folder, table, seed, test=None):
-    """Builds the study that `metafmu new` writes for a record with an input `u`, tested on another table if there is one; what is printed is also in build.txt."""
+    """Builds the study that `metafmu new` writes for a record with an input `u`, tested on a separate table if one is given. The output is
+    also written to build.txt."""
     study = folder / "study.toml"
     study.unlink(missing_ok=True)
     run(folder, "new", "study", "--table", table, "--structure", "discrete", "--inputs", "u")

@@ -4,10 +4,10 @@ For each mechanism file (those of examples/dynamics/ unless given) `metafmu new 
 `metafmu build` makes the FMU, and fmpy steps it in co-simulation. The truth is the mechanism itself, integrated in redundant coordinates with a
 tolerance of 1e-10 or less by `metafmu sample`, which shares neither the equations nor the solver with the FMU.
 
-What the FMU states is the error of a start: `wanted` of the solver in training.json, and the error of the equations. The bound of an output at a
-time is the largest change up to there by an initial state of the truth that is perturbed by so much in each component, at least so much of the
-output's range in training. For each corner the script prints the largest error over this bound while `in_domain` is true, and for how long it is.
-It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
+The FMU states the error of a start: `wanted` of the solver in training.json, and the error of the equations. To find the bound of an
+output, each component of the truth's initial state is perturbed by this error. The bound at a time is the largest change up to this time,
+and at least this share of the output's range in training. For each corner the script prints the largest error over this bound while
+`in_domain` is true, and how long it is true. It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
 
 Usage: .venv/bin/python scripts/measure corners [--corners N] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
 """

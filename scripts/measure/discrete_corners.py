@@ -1,11 +1,14 @@
 """Compares discrete-time surrogates with their source where no training run was.
 
-The study must have been built, and its source is an FMU, or `--source` names one with the same inputs, outputs and parameters. Both FMUs run
-from rest for ten times `time.stop`, with the parameters at their ends and in the middle, and the inputs constant at both ends, zero, with one
-step, with a release to zero, or with a square wave. Printed for each study: the largest error in multiples of the bound (the largest one of
-`[bounds]`, without that section the largest error on the test runs); the same where `in_domain` is true, also as a share of the output's range in the
-test runs; the share of the rows there whose error is beyond the bound; in how many runs it is; and how many rows of the test runs have `in_domain`
-false. The script exits with 1 if more rows inside the domain are beyond the bound than its coverage allows, and without `[bounds]` if any are.
+The study must have been built. Its source is an FMU, or `--source` names one with the same inputs, outputs and parameters. Both FMUs run
+from rest for ten times `time.stop`, with the parameters at their ends and in the middle. The inputs are constant at both ends, zero, a
+step, a release to zero, or a square wave.
+
+For each study the script prints the largest error in multiples of the bound, which is the largest one of `[bounds]`, or without that
+section the largest error on the test runs. It prints the same figure for rows where `in_domain` is true, also as a share of the output's
+range in the test runs. For these rows it adds the share with an error beyond the bound, and the number of runs with such rows. The last
+number is that of rows of the test runs where `in_domain` is false. The script exits with 1 if more rows inside the domain are beyond the
+bound than its coverage allows, and without `[bounds]` if any are.
 
 Usage: .venv/bin/python scripts/measure discrete-corners [--out FOLDER] [--source FMU] [--runs N] [--json FILE] STUDY ...
 """

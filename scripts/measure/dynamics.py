@@ -54,7 +54,7 @@ def row(name, folder, networks):
 
 
 def processor_time():
-    """Of all finished commands, in s: other work on the machine changes it less than the time that passes."""
+    """Processor time of all finished commands, in s: other work on the machine changes it less than the wall time."""
     usage = resource.getrusage(resource.RUSAGE_CHILDREN)
     return usage.ru_utime + usage.ru_stime
 

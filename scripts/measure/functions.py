@@ -1,10 +1,11 @@
 """Measures the way from a table to an FMU on functions of the literature, beside SMT's kriging and scikit-learn's network.
 
-For each seed a table of a Latin hypercube becomes an FMU by `metafmu new` and `metafmu build`, and `metafmu predict` evaluates the FMU at 5,000 other points.
-Errors are RMSEs relative to the standard deviation there; the table has medians over the seeds, and processor seconds. `FMU` is what the study chooses,
-`network` an FMU of a study with model = "network", `kriging` SMT's KRG, and `MLP` scikit-learn's MLPRegressor with L-BFGS on standardized columns, the
-best of three sizes by cross-validation. Each result is added to the file of --results, and what is there is not measured again: methods may
-need different Python environments,
+For each seed a table of a Latin hypercube becomes an FMU by `metafmu new` and `metafmu build`. `metafmu predict` evaluates the FMU at 5,000
+other points. Errors are RMSEs relative to the standard deviation there; the table has medians over the seeds, and processor seconds.
+
+`FMU` is the model that the study chooses, `network` an FMU of a study with model = "network", and `kriging` SMT's KRG. `MLP` is
+scikit-learn's MLPRegressor with L-BFGS on standardized columns, the best of three sizes by cross-validation. Each result is added to the
+file of --results, and results in this file are not measured again: methods may need different Python environments,
 
     pip install smt==2.15.0 scikit-learn==1.9.1 scipy
 

@@ -1,10 +1,12 @@
 """Compares what two builds of metafmu make of the same models: for changes that must not change results.
 
-A model of every kind is built and exported by each program: equations of motion as sums and as networks, with friction, a state space, a network,
-one for each instant, regressions, graphs in both precisions, a discrete one and a recurrent cell. The FMUs, of FMI 3.0, are compared at random
-points of their ranges: outputs, derivatives of states, directional and adjoint derivatives, and a run of 25 steps. Differences are relative to the
-largest value over the points. So are the texts: modelDescription.xml, C sources, model card, and the ONNX model if there is one; versions, dates and
-tokens do not count. Ends with 1 if a number differs by more than --limit, or XML or card at all. Needs the packages of the tests.
+Each program builds and exports a model of every kind: equations of motion as sums and as networks, with friction, and a state space. Further
+kinds are a network, a network for each time point, regressions, graphs in both precisions, a discrete model and a recurrent cell.
+
+The FMUs, of FMI 3.0, are compared at random points of their ranges: outputs, derivatives of states, directional and adjoint derivatives,
+and a run of 25 steps. Differences are relative to the largest value over the points. The texts are compared as well: modelDescription.xml,
+C sources, model card, and the ONNX model if there is one; versions, dates and tokens do not count. Ends with 1 if a number differs by more
+than --limit, or XML or card at all. Needs the packages of the tests.
 
 Usage: .venv/bin/python scripts/measure golden BEFORE AFTER [--folder FOLDER] [--limit 1e-12] [MODEL ...]
 """
@@ -170,7 +172,7 @@ def numbers(fmu):
 
 
 def texts(out, fmu):
-    """What there is to read, by its name."""
+    """Texts of an FMU and its ONNX model, by kind and file name."""
     parts = {}
     with ZipFile(fmu) as archive:
         for name in archive.namelist():

@@ -1,9 +1,10 @@
 """Prints how far surrogates from 300 rows of one motion are from the motion: tables of docs/dynamics.md, beside what others published of other rows of
 the same motions.
 
-The studies of examples/dynamics/mbd-node/ are built from tables in double and in single precision and with noise, and the FMUs are run in fmpy from t = 0
-over all 400 rows. Then, for the double pendulum of examples/dynamics/ as a mechanism, from a chaotic start: the time until the surrogate is
-0.1 rad from the truth, beside the time until the truth from a start that is a little off is. Needs target/release/metafmu and fmpy.
+The studies of examples/dynamics/mbd-node/ are built from tables in double and in single precision and with noise. The FMUs are run in fmpy
+from t = 0 over all 400 rows. Then the double pendulum of examples/dynamics/ is simulated as a mechanism from a chaotic start. The script
+prints the time until the surrogate is 0.1 rad from the truth, and the time until the truth from a slightly perturbed start is. Needs
+target/release/metafmu and fmpy.
 
 Usage: .venv/bin/python scripts/measure motions
 """

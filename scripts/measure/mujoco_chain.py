@@ -3,7 +3,8 @@
 Chains are pushed by 1 N and released from bent positions. MuJoCo's step is shortened until its largest error is at most that of the other side.
 Times are those of the whole motion for a simulated second, median and minimum of alternating repetitions.
 
-FMU: MuJoCo with steps of 20 µs is the reference, and its step is halved from 4 ms; both are driven from Python in steps of 10 ms, and the FMU's outputs are read after each.
+FMU: MuJoCo with steps of 20 µs is the reference, and its step is halved from 4 ms. Both are driven from Python in steps of 10 ms, and the
+FMU's outputs are read after each.
 Usage: .venv/bin/python scripts/measure parts chain --out FOLDER; .venv/bin/python scripts/measure mujoco-chain --out FOLDER
 
 Simulation: `run_mechanism` times itself, without assembly; our simulation with a tolerance of 1e-13 is the reference. Errors are those of all joint angles, in rad.

@@ -1,7 +1,8 @@
 """Measures surrogates of the mechanisms in examples/dynamics/parts, and of chains with other numbers of links.
 
-Each is built from the study that `metafmu new` writes. The table has the products in the equations, the largest error on 20 unseen runs of any output
-in parts of its range, the processor time of both commands, and how many times the surrogate is as fast as its source.
+Each is built from the study that `metafmu new` writes. The table has the products in the equations and the largest error of any output on
+20 unseen runs relative to its range. Further columns are the processor time of both commands and the speedup of the surrogate over its
+source.
 
 Usage: .venv/bin/python scripts/measure parts [--chains 10 20] [--out FOLDER] [PART]...
 """

@@ -1,4 +1,4 @@
-"""Mechanism files in Cartesian coordinates by scipy: equations of its own, to compare metafmu's runs with.
+"""Mechanism files in Cartesian coordinates by scipy: separate equations, to compare metafmu's runs with.
 
 Unknowns are position and angle of every body, and the actuator states. Each evaluation solves `[M C_q^T; C_q 0] [a; -f] = [F; c]` with the
 acceleration side stabilized (Baumgarte 1972). Gradients and second derivatives come from differentiated numbers, not from formulas for each joint.
@@ -193,7 +193,7 @@ class Planar:
         return self.numbers[expression]
 
     def evaluate(self, expression, state, is_moving=False):
-        """Value of an expression in a state; as a `Moving` number of it if that is asked for."""
+        """Value of an expression in a state, or its `Moving` number if `is_moving` is true."""
         if isinstance(expression, (int, float)):
             return expression
         if expression not in self.compiled:

@@ -1,10 +1,10 @@
-"""Prints the table of docs/using-the-fmu.md: what single precision changes in the C sources of each kind of surrogate.
+"""Prints the table of docs/using-the-fmu.md: effect of single precision in the C sources of each kind of surrogate.
 
-Studies of the examples are built, or given by --built. Their sources are compiled twice, with and without -DMETAFMU_SINGLE, and both libraries are
-stepped through the first test runs of the study by fmpy. Errors are root mean squares of a run, of the output where they are largest,
-relative to its standard deviation in the run: single against double precision, and double precision against the truth of the test runs.
-Operations are those that model_data.h says. Where
-the sources refuse single precision, the refusal is taken out for the measurement. Needs target/release/metafmu, a C compiler as `cc`, fmpy, and pythonfmu3 for the FMU.
+Studies of the examples are built, or given by --built. Their sources are compiled twice, with and without -DMETAFMU_SINGLE, and fmpy steps
+both libraries through the first test runs of the study. Errors are root mean squares of a run relative to the standard deviation in the
+run, for the output where they are largest. They compare single with double precision, and double precision with the truth of the test runs.
+Operations are those that model_data.h states. Where the sources refuse single precision, the measurement removes the refusal. Needs
+target/release/metafmu, a C compiler as `cc`, fmpy, and pythonfmu3 for the FMU.
 
 Usage: python3 scripts/measure precision [--runs N] [--built FOLDER] [MODEL ...]
 """

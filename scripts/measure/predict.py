@@ -1,8 +1,8 @@
 """Times `metafmu predict` beside pandas with numpy or onnxruntime: .venv/bin/python scripts/measure predict MODEL [--rows N]
 
 MODEL is a model file of a tanh network, for instance out/single-pendulum-quick/single-pendulum-quick.safetensors. The table has random
-points in the training ranges. Everything is done from file to file, all ways in turn, and of each the round with the least processor time
-counts. metafmu reads while it evaluates. onnxruntime, in single precision, takes part if it is installed, with onnx. Needs
+points in the training ranges. Every way reads and writes files. The ways take turns, and the round with the least processor time counts for
+each. metafmu reads while it evaluates. onnxruntime, in single precision, takes part if it is installed, with onnx. Needs
 target/release/metafmu.
 """
 
@@ -77,7 +77,7 @@ def by_pandas(network, evaluate, table, out):
 
 
 def processor_time():
-    """Of this process and of those that it has started, on all cores."""
+    """Processor time of this process and of those that it has started, on all cores."""
     usages = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
 

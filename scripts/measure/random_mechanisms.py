@@ -1,11 +1,14 @@
 """Compares both formulations of random mechanisms, and an independent integration, run by run.
 
-Each seed gives a mechanism file: a tree of 1 to 8 bodies with up to two loops, revolute, prismatic and fixed joints, springs, dampers, bushings, stops,
-couplings, drivers, actuators, friction, tables and actuator states. It is simulated in both formulations at its defaults and at corners of its
-parameters and inputs. They agree if no position or speed differs by more than ALLOWED tolerances of the largest value of its kind, and no acceleration or
-force by more than STEEP times as much, with stops STOPS times that, beside what perturbations of the start by 1e-9 change until then. Rows after a
-perturbation has grown to 1e-5 of it are not compared: there, rounding decides the motion. An integration in
-Cartesian coordinates by scipy (planar.py) is the third opinion. A formulation may refuse a mechanism with a message that names a part.
+Each seed gives a mechanism file: a tree of 1 to 8 bodies with up to two loops. It has revolute, prismatic and fixed joints, springs,
+dampers, bushings, stops, couplings, drivers, actuators, friction, tables and actuator states. It is simulated in both formulations at its
+defaults and at corners of its parameters and inputs.
+
+The formulations agree if no position or speed differs by more than ALLOWED tolerances of the largest value of its kind. The limit of
+accelerations and forces is STEEP times as large, with stops STOPS times that. To each limit is added the change up to this row by
+perturbations of the start by 1e-9. Rows after a perturbation has grown to 1e-5 are not compared: there, rounding decides the motion. An
+integration in Cartesian coordinates by scipy (planar.py) is the third opinion. A formulation may refuse a mechanism with a message that
+names a part.
 
 Usage: .venv/bin/python scripts/measure random-mechanisms [--count 50] [--seed 1] [--independent 25] [--out FOLDER]
 It ends with exit code 1 if runs differ, or a message names nothing; FOLDER then has their files.
@@ -135,7 +138,7 @@ class Generator:
         self.file["joints"][name] = joint
 
     def value(self, coordinate):
-        """Of a joint's coordinate at the start."""
+        """Value of a joint's coordinate at the start."""
         if coordinate in self.slides:
             return self.slides[coordinate]
         owner, what = coordinate.rsplit(".", 1)
@@ -220,12 +223,12 @@ class Generator:
             self.file["drivers"][name] = {"coordinate": coordinate, "acceleration": acceleration}
 
     def coordinates(self):
-        """Those of the joints."""
+        """Coordinates of the joints."""
         what = {"revolute": "angle", "prismatic": "position"}
         return [f"{name}.{what[joint['type']]}" for name, joint in self.file["joints"].items() if joint["type"] in what]
 
     def gradients(self):
-        """Of the constraints, with a row for each driver of an acceleration."""
+        """State at the start and gradients of the constraints, with a row for each driver of an acceleration."""
         mechanism = planar.Planar(written(self.file))
         q = np.array([place for name, place in self.places.items() if name != "ground"]).ravel()
         state = planar.State(mechanism, 0.0, np.concatenate([q, 0 * q, [0.0] * len(self.file["states"])]))
@@ -280,7 +283,7 @@ class Generator:
             file["actuators"]["lift"] = {"coordinate": f"{body}.y", "effort": f"5*sin(2*{body}.angle)"}
 
     def provide(self, effort, coordinate):
-        """What an effort names."""
+        """Adds the parts that an effort names."""
         file, rate = self.file, self.rate(coordinate)
         if "target" in effort:
             file["variables"]["target"] = f"{self.value(coordinate)!r} + 0.2*sin(time)"
@@ -414,7 +417,7 @@ KINDS = [
 
 
 def scales(values, measures):
-    """What counts as 1 in each output: the largest value of its kind, as rounding goes by the largest term of the equations."""
+    """Unit of differences of each output: the largest value of its kind, as rounding is relative to the largest term of the equations."""
     largest = np.abs(values).max(axis=0)
     kinds = [next((kind for kind in KINDS if name.rpartition(".")[2] in kind), name) for name in measures]
     sizes = [max(size for size, other in zip(largest, kinds) if other == kind) for kind in kinds]
@@ -422,7 +425,7 @@ def scales(values, measures):
 
 
 def sensitivity(values):
-    """What the perturbations change in each row and output."""
+    """Largest change by the perturbations in each row and output."""
     return np.abs(values[1:] - values[0]).max(axis=0)
 
 

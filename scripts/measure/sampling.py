@@ -1,9 +1,9 @@
 """Data generation for the paper's pendulum and double pendulum: metafmu beside scipy and vectorised numpy.
 
-Needs numpy and scipy (.venv has them) and target/release/metafmu. Prints seconds for the paper's 11-level meshes, the
-shortest of several: `metafmu sample` on all cores, at a tolerance of 1e-10 and at its usual 1e-13; scipy's DOP853 at 1e-10, one run after the other, from a part of the
-mesh; fixed-step Runge-Kutta of order 8 in numpy, all runs at once. Errors are the largest at any row of about 60 runs,
-against the last with four steps a row.
+Needs numpy and scipy (.venv has them) and target/release/metafmu. Prints seconds for the paper's 11-level meshes, the shortest of several.
+`metafmu sample` runs on all cores, at a tolerance of 1e-10 and at its usual 1e-13. scipy's DOP853 at 1e-10 integrates a part of the mesh,
+one run after the other. Fixed-step Runge-Kutta of order 8 in numpy integrates all runs at once. Errors are the largest at any row of about
+60 runs, compared with numpy's with four steps a row.
 """
 
 import argparse

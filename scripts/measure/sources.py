@@ -1,8 +1,8 @@
 """Times a step of an FMU with the library inside and with its C sources compiled: scripts/measure sources [--flags FLAGS]...
 
-Networks of random weights are imported and exported: a chain of six hidden layers of 64 nodes, and the same layers with residual connections,
-in double and in single precision (with -DMETAFMU_SINGLE). Library and compiled sources step in turn, each in a process of its own. Prints the
-minimum and the median processor time of a step and their ratios. Needs a C compiler and the packages of the tests.
+Networks of random weights are imported and exported: a chain of six hidden layers of 64 nodes, and the same layers with residual
+connections, in double and in single precision (with -DMETAFMU_SINGLE). Library and compiled sources step in turn, each in a separate
+process. Prints the minimum and the median processor time of a step and their ratios. Needs a C compiler and the packages of the tests.
 
 Usage: .venv/bin/python scripts/measure sources [--flags=FLAGS]... [--rounds N] [--models NAME ...]
 """

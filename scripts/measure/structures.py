@@ -156,7 +156,7 @@ class Result:
 
 
 def table(results):
-    """Of a recipe: S_full, S_fixed, and S_fixed over S_full."""
+    """Prints the table of a recipe: S_full, S_fixed, and S_fixed over S_full."""
     full, fixed = results
     print("| | S_full | S_fixed | S_fixed / S_full |\n|---|---|---|---|")
 

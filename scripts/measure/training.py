@@ -1,9 +1,9 @@
 """Time of an optimizer step beside PyTorch and JAX: scripts/measure training [--seconds S] [--rounds N] [--activation A]
 
-The paper's three networks, Adam, mean squared error, the same rows in random order, one and two threads. Every tool
-takes its turn in every round, in a process of its own; the minimum and the median are over all samples of all rounds,
-each some 20 ms long ("jax epoch": an epoch). The peak is that of the faster of numpy's and PyTorch's products of large square matrices, measured
-in the same rounds. Makes .venv-bench with scripts/measure/training-requirements.txt at first (several GB).
+The paper's three networks, Adam, mean squared error, the same rows in random order, one and two threads. Every tool takes its turn in every
+round, in a separate process. The minimum and the median are over all samples of all rounds, each some 20 ms long ("jax epoch": an epoch).
+The peak is that of the faster of numpy's and PyTorch's products of large square matrices, measured in the same rounds. The first run
+creates .venv-bench with scripts/measure/training-requirements.txt (several GB).
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""The same trained network as an FMU of several tools: what it takes to get there, and what comes out.
+"""One trained network as an FMU of several tools: cost of packaging, and the resulting FMUs.
 
     scripts/packagers/compare.py dist/metafmu-*.whl
 
-Each tool gets a virtual environment of its own, made from nothing, and packages target/packagers/network.onnx: 4 inputs, six hidden layers of 64
-tanh nodes, 3 outputs, single precision. All FMUs are then stepped by the same C program in turn, and their outputs compared with numpy's.
-Needs a C compiler, and numpy and onnx where it runs itself.
+Each tool gets a fresh virtual environment and packages target/packagers/network.onnx: 4 inputs, six hidden layers of 64 tanh nodes, 3
+outputs, single precision. One C program then steps all FMUs in turn, and their outputs are compared with numpy's. Needs a C compiler, and
+numpy and onnx in the environment of this script.
 """
 
 import argparse
@@ -68,11 +68,11 @@ def run(*command, **options):
 
 
 class Tool:
-    """A way from a network to an FMU, in an environment of its own."""
+    """Packaging of a network as an FMU, in a separate environment."""
 
     name: str
     packages: list
-    # so many that the median is one of a second or more
+    # enough that the median is one of a second or more
     steps: int
     # value references of the first input and of the first output
     first: tuple

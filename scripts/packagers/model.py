@@ -1,4 +1,4 @@
-"""The network as UniFMU packages it: a process of its own, to which the FMU speaks."""
+"""The network as UniFMU packages it: a separate process that the FMU communicates with."""
 
 from pathlib import Path
 

@@ -124,7 +124,7 @@ def candidate(folder, first_output):
 
 
 def python_environment():
-    """What a host that is not Python needs for FMUs of PythonFMU: this interpreter's library, and where its modules are."""
+    """Variables for a host that is not Python and runs FMUs of PythonFMU: this interpreter's library, and the path of its modules."""
     library = Path(sysconfig.get_config_var("LIBDIR")) / (sysconfig.get_config_var("INSTSONAME") or "")
     if not library.is_file():
         sys.exit(f"PythonFMU needs the shared library of {sys.base_prefix}: install libpython3-dev, or another Python")

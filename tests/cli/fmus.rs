@@ -156,7 +156,7 @@ fn platforms_are_chosen_and_added_by_name() {
         let names = archive.file_names().map(|name| name.unwrap().into_owned());
         names.filter(|name| name.starts_with("binaries/")).collect()
     };
-    // as much of a Windows library as is looked at
+    // the part of a Windows library that is checked
     let library = [b"MZ".as_slice(), &[0; 58], &[0x40, 0, 0, 0], b"PE\0\0\x64\x86"].concat();
     fs::write(bench.path("fmu.dll"), library).unwrap();
     let with = entries(&["--binary", "x86_64-windows=fmu.dll"]);

@@ -23,7 +23,7 @@ impl Bench {
         bench
     }
 
-    /// The same after `metafmu build`.
+    /// A folder with the results of `metafmu build`.
     fn built() -> Self {
         let bench = Self::new();
         let output = bench.run(&["build", "study.toml"]);

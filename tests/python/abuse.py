@@ -1,7 +1,7 @@
 """Raw C calls to the library of an unpacked FMU, as only a broken host makes them.
 
-Usage: abuse.py FOLDER SCENARIO, in a process of its own: a crash must not take the tests along.
-Each scenario is a function below; it ends the process with 0 and prints what it measured.
+Usage: abuse.py FOLDER SCENARIO, in a separate process: a crash must not end the tests.
+Each scenario is a function below; it ends the process with 0 and prints its measurements.
 """
 
 import ctypes
@@ -301,7 +301,7 @@ def instances(fmu, count=1000):
 
 
 def threads(fmu, count=8, runs=500):
-    """Threads that make, step and free instances of their own; ctypes lets go of Python's lock during each call."""
+    """Threads that each make, step and free separate instances; ctypes releases Python's lock during each call."""
     expected = {scale: fmu.run(scale) for scale in (1.0, 1.01, 1.02)}
     failures = []
 

@@ -49,7 +49,7 @@ def fmu_of(folder, name, version):
 
 
 def compiled_from_sources(packed, monkeypatch, flags=""):
-    """The unpacked folder of an FMU with a library of its own sources, compiled with these flags, and nothing else it could read."""
+    """Unpacked folder of an FMU whose library is compiled from its sources with these flags, without any other file that it could read."""
     # fmpy calls the cmake that was installed beside it
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     unpacked = Path(fmpy.extract(str(packed)))

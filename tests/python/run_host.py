@@ -1,4 +1,4 @@
-"""Runs an FMU or SSP in a host and prints every row as JSON, in a process of its own: a host that crashes takes no test along.
+"""Runs an FMU or SSP in a host and prints every row as JSON, in a separate process: a crash of the host must not end the tests.
 
 Usage: run_host.py HOST REQUEST, the request being the JSON of the arguments of the host's function below.
 A row is the time and the outputs; the first is that of the start time. `inputs` has the values of an input in each step, by its name.
@@ -81,7 +81,7 @@ def run_libcosimpy(fmu, start_values, outputs, step, steps, inputs={}):
     assert execution.simulate_until(nanoseconds * steps)
     columns = []
     for output in outputs:
-        # it takes the number of step 0 for the end of the list: asked for two samples, it gives that of step 0
+        # it takes the number of step 0 for the end of the list: of two samples it returns that of step 0
         first = observer.time_series_real_samples(slave, references[output], 0, 2)
         later = observer.time_series_real_samples(slave, references[output], 1, steps)
         times = [time * 1e-9 for time in first[0] + later[0]]

@@ -1,4 +1,4 @@
-"""The same calls to two libraries of one FMU: random walks over all functions, with good and bad arguments.
+"""Equal calls to two libraries of one FMU: random walks over all functions, with good and bad arguments.
 
 Usage: shells.py FOLDER LIBRARY OTHER INTERFACE SEED[,SEED]..., in a separate process: a crash must not take the tests along. FOLDER is the unpacked
 FMU of both libraries. Prints each kind of difference once, with the calls before the first one, and ends with 1 if there are any.
@@ -89,7 +89,7 @@ class Bytes:
 
 @dataclass
 class Event:
-    """What a shell does: a message, an update in the middle of a step, or the end of a call."""
+    """An action of a shell: a message, an update in the middle of a step, or the end of a call."""
 
     kind: str
     text: str
@@ -199,7 +199,7 @@ class Walk:
         return self.chance.random() < probability
 
     def bad(self, probability):
-        """Whether to make a mistake: seldom in half of the runs, so that these get far."""
+        """Returns True to make a mistake: seldom in half of the runs, so that these get far."""
         return self.is_(probability * self.mischief)
 
     def some(self, references):

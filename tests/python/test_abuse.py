@@ -1,4 +1,4 @@
-"""What broken hosts do to the FMU's library: it neither crashes nor leaks, and answers as the standard says."""
+"""Broken hosts: the FMU's library neither crashes nor leaks, and responds as the standard requires."""
 
 import subprocess
 import sys

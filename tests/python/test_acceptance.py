@@ -1,4 +1,4 @@
-"""What a verdict is about: outputs that do not vary, trainings that were stopped, surrogates that are no use."""
+"""Reasons of verdicts: constant outputs, stopped trainings, useless surrogates."""
 
 import json
 import signal

@@ -31,7 +31,7 @@ def script(shell, folder):
 
 @pytest.fixture(scope="module")
 def bash(tmp_path_factory):
-    """What Bash offers for the last of some words."""
+    """Completions by Bash for the last of some words."""
     folder = tmp_path_factory.mktemp("completions")
     path = script("bash", folder)
     (folder / "study.toml").write_text("")

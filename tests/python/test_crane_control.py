@@ -37,7 +37,7 @@ def read_table(text):
 
 @pytest.fixture(scope="module")
 def system(tmp_path_factory):
-    """What the fmpy script makes of a crane: the controller, the SSP, a table, and the errors that it reports."""
+    """Results of the fmpy script for a crane: the controller, the SSP, a table, and the errors that it reports."""
     folder = tmp_path_factory.mktemp("crane-control")
     crane = build(folder / "crane").fmu(2)
     result = run([sys.executable, ROOT / "examples" / "embedding" / "crane_control.py", crane, folder])

@@ -1,4 +1,4 @@
-"""examples/embedding/design_study.py: one instance gives for each parameter set what an instance of its own gives."""
+"""examples/embedding/design_study.py: one instance gives the results of a separate instance for each parameter set."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""Surrogates of recorded inputs and outputs that go on from sample to sample, in fmpy, against the model file in numpy."""
+"""Discrete-time surrogates of recorded inputs and outputs, in fmpy, against the model file in numpy."""
 
 import csv
 import json
@@ -164,7 +164,7 @@ def test_accuracy_is_that_of_simulations_and_the_best_model_is_exported(tmp_path
     metrics = json.loads((built.folder / "metrics.json").read_text())
     candidates = {candidate["name"]: candidate["error"] for candidate in metrics["discrete"]["candidates"]}
     assert set(candidates) == {"linear", "polynomial", "state-space", "window", "feedback"}
-    # the plant is a polynomial of a past sample; what is left over is rounding
+    # the plant is a polynomial of a past sample; the residual is rounding
     assert metrics["discrete"]["exported"] == min(candidates, key=candidates.get) == "polynomial"
     assert candidates["polynomial"] < 1e-6
     assert candidates["feedback"] < 0.3 * candidates["linear"]
@@ -398,7 +398,7 @@ test_runs = 3
 
 @pytest.mark.parametrize("model", ["linear", "state-space"])
 def test_predict_starts_from_rows_before_the_start(tmp_path, model):
-    # one long record, cut into runs each of which has the rows before it
+    # one long record, cut into runs that each start with the rows before them
     force = np.concatenate([forces(seed) for seed in range(6)])
     rows = zip(np.arange(len(force)) * STEP, force, plant(force, 1.0))
     lines = ["time,force,y,speed", *(f"{time:.6f},{float(value)!r},{float(y)!r},{float(speed)!r}" for time, value, (y, speed) in rows)]
@@ -419,7 +419,7 @@ def test_predict_starts_from_rows_before_the_start(tmp_path, model):
         # the first row of a run from rest is given as well
         count = metrics["test_rows"]
         np.testing.assert_allclose((errors[~is_given] ** 2).sum() / count, metrics["outputs"][name]["mse"], rtol=1e-9)
-    # without measured outputs it starts from start values, and is wrong at first
+    # without measured outputs, runs begin from start values and are wrong at first
     stripped = tmp_path / "stripped.csv"
     names = [name for name in measured[0] if not name.startswith(("position", "speed"))]
     stripped.write_text("\n".join([",".join(names), *(",".join(row[name] for name in names) for row in measured)]) + "\n")
@@ -430,7 +430,7 @@ def test_predict_starts_from_rows_before_the_start(tmp_path, model):
 
 def test_predict_rolls_out_the_runs_of_a_table(built, tmp_path):
     result = metafmu("predict", built.fmu(2), built.folder / "test.csv", "--out", tmp_path / "found.csv")
-    # of one past sample the force before the start does not count
+    # with one past sample, the force before the start has no effect
     counts = "force_start" in {variable.name for variable in read_model_description(built.fmu(2)).modelVariables}
     assert counts == ("force_start" not in result.stderr)
     with open(built.folder / "test.csv", newline="") as file:
@@ -451,7 +451,7 @@ def test_other_numbers_of_threads_give_the_same_bytes(built, tmp_path):
 @pytest.mark.parametrize("moving", [False, True])
 def test_a_single_run_is_cut_into_runs_that_go_on_from_the_rows_before(moving, tmp_path):
     count, stop = 8, 20
-    # before the first row of a record that begins in the middle of a motion there were others, and its first rows tell it
+    # a record that begins in the middle of a motion shows this in its first rows
     earlier, given = (15, 12) if moving else (0, 0)
     force = np.concatenate([forces(run)[:stop] for run in range(count)] + [forces(count)[: given + earlier + 1]])
     values = plant(force, 1.0)[earlier:]
@@ -471,14 +471,14 @@ def test_a_single_run_is_cut_into_runs_that_go_on_from_the_rows_before(moving, t
     rows = np.column_stack([force, values])
     begins = set()
     for run in map(np.array, found.values()):
-        # which piece it is follows from its forces
+        # the forces identify the piece
         start = next(piece for piece in range(count) if np.array_equal(run[run[:, 0] > -1e-9][:, 1], force[given + piece * stop :][: stop + 1]))
         before = 0 if start == 0 and not moving else 12
         assert np.abs(run[:, 0] - STEP * np.arange(-before, stop + 1)).max() < 1e-12
         assert np.array_equal(run[:, 1:], rows[given + start * stop - before : given + (start + 1) * stop + 1])
         begins.add(start)
     assert begins == set(range(count))
-    # the held-out runs are simulated from the rows before them: nearly linear motions are simulated well from the first row on
+    # held-out runs are simulated from the rows before them: nearly linear motions are simulated well from the first row on
     record = json.loads((tmp_path / "out" / "training.json").read_text())
     assert min(candidate["error"] for candidate in record["discrete"]["candidates"]) < 0.3
 

@@ -1,4 +1,4 @@
-"""Surrogates of other tools' FMUs for co-simulation that go on from sample to sample."""
+"""Discrete-time surrogates of third-party FMUs for co-simulation."""
 
 import json
 import os
@@ -114,9 +114,9 @@ def test_inputs_are_held_over_the_sample_time(built):
         assert table["run"].nunique() == count and (table["force_start"] == 0).all()
         for _, run in table.groupby("run"):
             assert np.allclose(run["time"], STEP * np.arange(ROWS), rtol=0, atol=1e-12)
-            # the chain integrates by itself
+            # the chain has an internal integrator
             assert np.abs(run[POSITIONS].to_numpy() - positions(run["force"])).max() < 1e-8
-        # runs that no parameter tells apart have signals of their own
+        # runs with equal parameters have different signals
         assert table.groupby("run")["force"].std().nunique() == count
         assert table["force"].between(-20, 20).all()
 

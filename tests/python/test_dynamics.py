@@ -499,7 +499,7 @@ def test_a_study_of_a_built_in_system_is_written_and_built(tmp_path):
     result = run("new", "pendulum", "--system", "single-pendulum", "--structure", "dynamics")
     assert result.returncode == 0, result.stderr
     text = (tmp_path / "pendulum.toml").read_text()
-    # a velocity at the start
+    # an initial velocity
     assert "# thetad0: acts on nothing but the start" in text
     (tmp_path / "pendulum.toml").write_text(text.replace("stop = 10.0", "stop = 1.0").replace("test_runs = 20", "test_runs = 2"))
     result = run("build", "pendulum.toml", "--out", "out")
@@ -507,7 +507,7 @@ def test_a_study_of_a_built_in_system_is_written_and_built(tmp_path):
     fmu = tmp_path / "out" / "pendulum.fmu"
     starts = {"L": 0.15, "c": 0.05, "pivot.angle_start": 1.0, "pivot.angular_velocity_start": -2.0}
     found = simulate_fmu(str(fmu), stop_time=1.0, output_interval=0.002, start_values=starts, output=["theta", "thetad", "fx", "fy"])
-    # the equation of Choi et al. 2021, section 4.1
+    # Choi et al. 2021, §4.1
     equation = lambda t, y: [y[1], -9.81 / 0.15 * np.sin(y[0]) - 0.05 / (0.3 * 0.15) * y[1]]
     exact = solve_ivp(equation, (0, 1), [1.0, -2.0], t_eval=np.minimum(found["time"], 1.0), rtol=1e-12, atol=1e-12).y
     assert np.abs(found["theta"] - exact[0]).max() < 1e-6 and np.abs(found["thetad"] - exact[1]).max() < 1e-5

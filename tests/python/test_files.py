@@ -1,4 +1,4 @@
-"""What happens to files: those that stand where an output goes, those that were changed, and those there is no room for."""
+"""Files: existing ones at the path of an output, changed ones, and full disks."""
 
 import os
 import random
@@ -52,13 +52,13 @@ def built(tmp_path_factory):
 
 @pytest.fixture
 def copied(built, tmp_path):
-    """The same to be changed."""
+    """A copy of `built`, to be changed."""
     return built[0], shutil.copytree(built[1], tmp_path / "out")
 
 
 @pytest.fixture(scope="module")
 def table(built):
-    """What `simulate` writes."""
+    """Table that `simulate` prints."""
     return metafmu("simulate", built[1] / "study.fmu").stdout
 
 

@@ -66,7 +66,7 @@ def fault(k1):
 def folder(tmp_path):
     make_fmus.build_c(ROOT / "tests" / "data" / "faulty" / "faulty.c", tmp_path / "faulty.fmu")
     (tmp_path / "campaign.toml").write_text(STUDY)
-    # what a campaign unpacks is looked for here
+    # campaigns unpack FMUs here, where the tests check for remains
     (tmp_path / "temporary").mkdir()
     return tmp_path
 

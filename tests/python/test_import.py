@@ -35,7 +35,7 @@ ROWS = RANDOM.uniform(-1.0, 1.0, (60, 3))
 
 
 def of_runtime(model, rows):
-    """What ONNX Runtime gives for these rows."""
+    """Outputs of ONNX Runtime for these rows."""
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(model.SerializeToString(), options)
@@ -45,7 +45,7 @@ def of_runtime(model, rows):
 
 
 def of_reference(model, rows):
-    """What the definition of ONNX gives, in numpy: ONNX Runtime has not all operators in double precision."""
+    """Outputs by the definition of ONNX, in numpy: ONNX Runtime does not have all operators in double precision."""
     reference = ReferenceEvaluator(model)
     name = model.graph.input[0].name
     return np.array([reference.run(None, {name: row[None, :]})[0].ravel() for row in rows])
@@ -67,7 +67,7 @@ def imported(folder, model, rows, expected, of=np.float32):
 
 @pytest.mark.parametrize("of", [np.float32, np.float64], ids=["single", "double"])
 def test_operators_are_those_of_onnx(tmp_path, of):
-    """Of ONNX Runtime in single precision, of the definition in double."""
+    """The reference is ONNX Runtime in single precision, and the definition in double precision."""
     evaluate = of_runtime if of == np.float32 else of_reference
     count = 0
     for name, model in [*fitting(of), *windowed(of)]:
@@ -377,7 +377,7 @@ def by_fmpy(fmu, row, outputs):
 
 
 def test_tensors_by_name(tmp_path):
-    """What numpy computes of arrays in .npz and .safetensors files, rows or columns being outputs."""
+    """Arrays in .npz and .safetensors files, whose rows or columns are outputs, give the outputs of numpy."""
     w0, b0, w1, b1 = RANDOM.normal(size=(3, 8)), RANDOM.normal(size=8), RANDOM.normal(size=(8, 2)), RANDOM.normal(size=2)
     expected = np.tanh(ROWS @ w0 + b0) @ w1 + b1
     pd.DataFrame(np.c_[ROWS, expected], columns=["a", "b", "c", "u", "v"]).to_csv(tmp_path / "rows.csv", index=False, float_format="%.17g")
@@ -481,7 +481,7 @@ def test_a_tolerance_is_a_number(tmp_path):
 
 
 def test_rows_with_a_fixed_first_dimension_may_be_mixed(tmp_path):
-    """What is refused where the first dimension is free is read as a whole where it is a number."""
+    """Models that are refused with a free first dimension are read as a whole if it is a number."""
     for name, nodes, constants, _ in graphs.mixed():
         if name == "constant-3":
             # ONNX Runtime broadcasts one row to three

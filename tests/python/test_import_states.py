@@ -38,7 +38,7 @@ DOUBLE_CELLS = ["lstm", "lstm-peepholes", "gru", "gru-linear-before-reset", "rnn
 def cell(name, of=np.float32, explicit=True, sequence=None):
     """A cell and a layer: inputs x, h0, c0 and outputs y, h1, c1, or x and y alone; the sequence stands before the batch."""
     operator, attributes, more = CELLS[name]
-    # of their own, whatever tests ran before
+    # independent of the tests that ran before
     random = np.random.default_rng(list(name.encode()))
     drawn = lambda *shape: random.uniform(-1.0, 1.0, shape).astype(of)
     gates, kind = GATES[operator], FLOAT if of == np.float32 else DOUBLE
@@ -85,7 +85,8 @@ def looped(graph, x, of):
 
 
 def rounding(graph, x, expected):
-    """What single precision has added up to in ONNX Runtime's loop, of the range: beside the definition in double precision, with the same weights."""
+    """Rounding error accumulated in ONNX Runtime's loop in single precision, relative to the range, against the definition in double
+    precision with the same weights."""
     double = onnx.ModelProto()
     double.CopyFrom(graph)
     for constant in double.graph.initializer:
@@ -296,7 +297,7 @@ column = "power"
 
 @pytest.mark.parametrize("version", [2, 3])
 def test_a_neural_differential_equation_is_that_of_scipy(tmp_path, version):
-    """Of ONNX Runtime's right side, in co-simulation and in model exchange."""
+    """The right-hand side is that of ONNX Runtime, in co-simulation and in model exchange."""
     graph = right_side()
     session = session_of(graph)
 

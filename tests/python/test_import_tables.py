@@ -119,7 +119,7 @@ column = "y"
 
 
 def test_a_check_compares_something(tmp_path):
-    """Of samples the first row of a run is none of the model's."""
+    """The first row of a run of a discrete-time model is not an output of the model."""
     graph = model([node("Mul", "h0 u", "h1"), node("Add", "h0 u", "y")], inputs=[("u", [1, 1]), ("h0", [1, 1])], outputs=[("y", None), ("h1", None)], kind=DOUBLE)
     (tmp_path / "m.onnx").write_bytes(graph.SerializeToString())
     table = pd.DataFrame({"time": [0.0, 0.1, 0.2], "u [N]": [1.0, 0.5, 0.0], "y": [99.0, 1.5, 1.0]})
@@ -150,7 +150,7 @@ def test_units_of_tables_are_those_of_the_interface(tmp_path):
     table = rows("x", "time")
     table["y"] = table["x"] + 10 * table["time"]
     good = table.set_axis(["x [m]", "time [s]", "y [K]"], axis=1)
-    # the time by its name, and by that of its column in the interface
+    # names of the time: that of the variable, and that of its column in the interface
     for names in (table.columns, good.columns, ["x", "clock", "y"]):
         compared(tmp_path, PLAIN, table.set_axis(names, axis=1), "--data", "c.csv")
     wrong = good.rename(columns={"x [m]": "x [mm]", "time [s]": "time [ms]"})
@@ -160,7 +160,7 @@ def test_units_of_tables_are_those_of_the_interface(tmp_path):
     ):
         assert "c.csv:1: column `x`: unit `mm`, expected `m`; column `time`: unit `ms`, expected `s`" in said
     assert "column `y`: unit `degC`, expected `K`" in compared(tmp_path, PLAIN, good.rename(columns={"y [K]": "y [degC]"}), "--data", "c.csv", code=2)
-    # a row of what is missing is none of units
+    # a row of missing values has no units
     lines = ["x,time,y", "NA,NA,NA", "0.5,1.0,10.5"]
     (tmp_path / "t.csv").write_text("\n".join(lines))
     run = metafmu("import", "m.onnx", "--interface", "i.toml", "--data", "t.csv", cwd=tmp_path, check=False)

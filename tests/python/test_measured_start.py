@@ -88,7 +88,7 @@ class Measured(Running):
         (self.fmu.setFMUState if self.is_fmi3 else self.fmu.setFMUstate)(state)
 
     def serialized(self, state):
-        """The same state by way of its bytes."""
+        """The state after serialization and deserialization."""
         if self.is_fmi3:
             return self.fmu.deserializeFMUState(self.fmu.serializeFMUState(state))
         return self.fmu.deSerializeFMUstate(self.fmu.serializeFMUstate(state))
@@ -150,7 +150,7 @@ def test_both_validators_accept_an_fmu_with_measured_inputs(surrogates, version)
 
 
 def signals(times=TIMES, given=GIVEN):
-    """What fmpy drives an FMU with."""
+    """Input signals for fmpy."""
     names = ["time", "force", "position_measured", "speed_measured", "use_measured"]
     kinds = [float] * 4 + [bool]
     return np.array(list(zip(times, FORCE, *TRUTH.T, np.arange(len(times)) < given)), dtype=list(zip(names, kinds)))

@@ -89,7 +89,7 @@ def test_metrics_are_those_of_the_test_table(pendulum):
 def test_pandas_opens_the_tables_and_the_data_is_the_pendulum(pendulum):
     train, test = (pd.read_csv(pendulum.folder / name) for name in ("train.csv", "test.csv"))
     assert list(train) == ["run", "time", "L", "c", "thetad0", *OUTPUTS]
-    # training runs go on to 2.1 s
+    # training runs end at 2.1 s
     assert len(train) == 1331 * 211 and len(test) == 200 * 201
     parameters = ["L", "c", "thetad0"]
     assert not set(map(tuple, train[parameters].to_numpy())) & set(map(tuple, test[parameters].to_numpy()))

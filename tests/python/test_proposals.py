@@ -1,4 +1,4 @@
-"""What `metafmu new` proposes is what `metafmu build` takes."""
+"""Studies that `metafmu new` proposes are accepted by `metafmu build`."""
 
 import csv
 import json
@@ -104,7 +104,7 @@ def test_ranges_of_a_five_bar_linkage_have_no_singular_positions(tmp_path):
     text = (tmp_path / "proposed.toml").read_text()
     assert text.count("beyond are singular positions") == 2
     metafmu("sample", "proposed.toml", "--dry-run", cwd=tmp_path)
-    # with wider ranges it is told before anything is sampled
+    # wider ranges are refused before anything is sampled
     wide = re.sub(r"min = -?[\d.]+, max = [\d.]+, start", "min = 0.1, max = 3.0, start", text)
     (tmp_path / "wide.toml").write_text(wide)
     result = metafmu("sample", "wide.toml", "--out", "other", cwd=tmp_path, check=False)
@@ -163,7 +163,7 @@ def test_rounded_time_stamps_are_those_of_the_recorder(tmp_path, decimals):
     step = float(re.search(r"^step = (\S+)", (tmp_path / "proposed.toml").read_text(), re.M)[1])
     assert abs(step - 0.0016384) < 1e-6 * 0.0016384
     metafmu("sample", "proposed.toml", cwd=tmp_path)
-    # a row that is missing is told with its line
+    # a missing row is reported with its line
     lines = (tmp_path / "record.csv").read_text().splitlines()
     (tmp_path / "record.csv").write_text("\n".join(lines[:300] + lines[301:]) + "\n")
     result = metafmu("sample", "proposed.toml", cwd=tmp_path, check=False)

@@ -38,7 +38,7 @@ return [...document.querySelectorAll('figure')].map(figure => {
 });
 """
 
-# What is cut at the right edge of the window
+# elements cut at the right edge of the window
 CUT = "return [...document.querySelectorAll('td, th, p, h1, h2, h3, li, figcaption')].filter(e => e.getBoundingClientRect().right > innerWidth + 0.5).map(e => e.textContent)"
 
 
@@ -94,7 +94,7 @@ def show(browser, page, size):
     width, height = size
     metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": size != DESKTOP}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    # a new window has a page of its own
+    # a new window has a separate page
     browser.get("about:blank")
     browser.get_log("performance")
     browser.get_log("browser")

@@ -1,4 +1,4 @@
-"""A build that is killed at any moment goes on with --resume and ends in the same bytes."""
+"""A build that is killed at any moment resumes with --resume and ends in the same bytes."""
 
 import subprocess
 import time
@@ -93,7 +93,7 @@ def test_a_build_that_is_killed_at_random_goes_on_and_ends_in_the_same_bytes(stu
     for number in range(KILLS):
         folder = tmp_path / f"killed-{number}"
         killed += kill("build", longer, "--out", folder)
-        # and again, while it goes on
+        # and again, while it continues
         kill("build", longer, "--out", folder, "--resume", latest=0.5)
         went_on += (folder / "checkpoint.safetensors").exists()
         metafmu("build", longer, "--out", folder, "--resume")

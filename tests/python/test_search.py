@@ -86,7 +86,7 @@ def test_the_best_trial_is_the_best_of_the_table_and_a_study(study, undisturbed)
 
 
 def test_a_trial_is_the_training_of_its_study(study, undisturbed):
-    """The same epoch is the best one and the number of threads does not matter."""
+    """Trial and training find the same best epoch, whatever the number of threads."""
     rows, _ = results(undisturbed[0])
     best = min((row for row in rows if row["status"] == "finished"), key=lambda row: float(row["one_minus_r2"]))
     folder = study.parent / "alone"

@@ -1,4 +1,4 @@
-"""Surrogates of other tools' FMUs for model exchange, with their states and inputs."""
+"""Surrogates of third-party FMUs for model exchange, with their states and inputs."""
 
 import json
 import shutil
@@ -120,7 +120,7 @@ def test_the_fmu_keeps_states_and_outputs_of_its_source(oscillator):
         description = read_model_description(str(fmu))
         names = {variable.name: variable for variable in description.modelVariables}
         assert [names[name].causality for name in ("x0", "x1", "mu")] == ["output", "output", "parameter"]
-        # an output that is a state keeps the name
+        # output states keep their names
         assert [names[name].causality for name in ("x0_state", "x1_state")] == ["local", "local"]
         derivatives = [variable for variable in description.modelVariables if variable.derivative is not None]
         assert [variable.derivative.name for variable in derivatives] == ["x0_state", "x1_state"]

@@ -57,7 +57,7 @@ def built(folder, *arguments, check=True):
 
 
 def notes(folder, columns, *arguments, **how):
-    """What `new` prints about a table, and the study."""
+    """Messages of `new` about a table, and the study."""
     write(folder / "t.csv", columns, **how)
     (folder / "s.toml").unlink(missing_ok=True)
     result = new(folder, *arguments)

@@ -76,11 +76,11 @@ SYSTEM = """<?xml version="1.0" encoding="UTF-8"?>
   <ssd:DefaultExperiment startTime="0" stopTime="5"/>
 </ssd:SystemStructureDescription>
 """
-# a parameter with a name of its own does not take the value of the source's
+# a parameter with a different name does not take the value of the source's
 SOFTER = [('name="stiffness"', 'name="k"'), ('start="4000"', 'start="3900"')]
 LOAD_CODE = [("[STIFFNESS] = 4000.0", "[STIFFNESS] = 3900.0")]
 FASTER = [('name="k"', 'name="rate"'), ('start="1" min="0.5"', 'start="2" min="0.5"')]
-# its displacement at the start is a parameter, as that of a surrogate's state
+# its initial displacement is a parameter, as in a surrogate
 STATE = [
     ('name="displacement" valueReference="4" description="displacement of the load relative to the carriage" causality="output" '
      'variability="continuous" initial="exact">\n      <Real unit="m" start="0"/>',
@@ -214,7 +214,7 @@ def test_states_start_where_those_of_the_source_do(shaker):
 
 
 def test_archives_tables_and_plots(shaker, tmp_path):
-    """The same system as an archive; without outputs of its own, those of the component are compared."""
+    """The system as an archive; if it has no outputs, those of the component are compared."""
     ssp, plot = tmp_path / "shaker.ssp", tmp_path / "shaker.svg"
     structure = tmp_path / "SystemStructure.ssd"
     outputs = [line for line in SYSTEM.splitlines(True) if 'endConnector="stroke"' in line or 'endConnector="push"' in line]

@@ -2,9 +2,9 @@
 
     m y'' + c y' + k y + z = F,    z' = a y' - b (g |y'| z + d y' |z|)
 
-with the constants of the nonlinear system identification benchmark of Noel and Schoukens. `z` is not recorded. The force has a flat
-spectrum from 5 to 150 Hz, another level in each run, and is held between two rows, 1.25 ms apart. bouc-wen.csv has 22 runs of 2 s from
-rest, unseen.csv ten more, for tests by others than metafmu. Needs numpy.
+The constants are those of the nonlinear system identification benchmark of Noel and Schoukens. `z` is not recorded. The force has a flat
+spectrum from 5 to 150 Hz and a different level in each run. It is constant between two rows, 1.25 ms apart. bouc-wen.csv has 22 runs of 2 s
+from rest. unseen.csv has ten more, for tests with other programs. Needs numpy.
 
 Usage: python3 make_table.py [FOLDER]       # next to this file unless given
 """
@@ -26,7 +26,8 @@ def rates(state, force):
 
 
 def simulate(forces):
-    """Positions at the rows of each run, `[runs, rows]`, by Runge-Kutta steps; the forces likewise, held between two rows."""
+    """Positions at the rows of each run, `[runs, rows]`, by Runge-Kutta steps. The forces have the same shape and are constant between two
+    rows."""
     state, h = np.zeros((3, len(forces))), STEP / SUBSTEPS
     positions = np.zeros_like(forces)
     for row in range(forces.shape[1]):

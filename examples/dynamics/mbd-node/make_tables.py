@@ -1,7 +1,8 @@
 """Writes the tables of the studies beside it: one motion each of a spring, three masses and a double pendulum, 400 rows.
 
-They are those of "MBD-NODE: physics-informed data-driven modeling and simulation of constrained multibody systems" (arXiv 2407.08664):
-a mass of 10 kg on a spring that hardens, a chain of 100, 10 and 1 kg from a wall on, and a double pendulum in absolute angles.
+The systems are those of "MBD-NODE: physics-informed data-driven modeling and simulation of constrained multibody systems" (arXiv
+2407.08664). They are a mass of 10 kg on a hardening spring, a chain of 100, 10 and 1 kg attached to a wall, and a double pendulum in
+absolute angles.
 
 Usage: python make_tables.py FOLDER [--single] [--noise SIGMA]
 """

@@ -1,7 +1,7 @@
 """A controller of a crane: moves the trolley to its target and damps the sway. PythonFMU makes an FMU of it.
 
-It samples two positions at the beginning of each step and takes their velocities from the sample before; the force it finds
-is its output at the end of the step, so that it acts one step later, as that of a digital controller does.
+It samples two positions at the beginning of each step and computes their velocities from the previous sample. The force is its output at
+the end of the step: it acts one step later, as that of a digital controller does.
 """
 
 from pythonfmu import DefaultExperiment, Fmi2Causality, Fmi2Initial, Fmi2Slave, Fmi2Variability, Real

@@ -1,8 +1,9 @@
-//! The libraries that go into FMUs, embedded as bytes.
+//! Libraries that are embedded in FMUs, as bytes.
 //!
-//! A crate of its own, so that its build script, which needs a minute of one core, runs beside the compilation of what
-//! `metafmu` depends on.
+//! This is a separate crate so that its build script, which takes one core for a minute, runs while the dependencies of
+//! `metafmu` are compiled.
 
-/// Platform tuples of FMI 3.0, sorted, and the library of `fmu-template` for each: in a checkout the one built with this program, in
-/// what is published those that are packed with it, and those in the folder that `METAFMU_RUNTIMES` named when it was built.
+/// Platform tuples of FMI 3.0, sorted, each with its library of `fmu-template`. In a checkout this is the library built
+/// with this program, in the published package those packed with it. Libraries in the folder that `METAFMU_RUNTIMES`
+/// named at build time are added.
 pub const LIBRARIES: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/libraries.rs"));

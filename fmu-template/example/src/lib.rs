@@ -25,7 +25,7 @@ pub fn with_cover(surrogate: &Surrogate) -> Surrogate {
     Surrogate::new(metadata, surrogate.program().clone()).expect("its inputs are no constants")
 }
 
-/// The same variables with hidden layers of the given sizes.
+/// [`surrogate`] with hidden layers of the given sizes.
 ///
 /// # Panics
 /// If a size is zero.
@@ -33,7 +33,7 @@ pub fn with_network(hidden: &[usize], activation: Activation) -> Surrogate {
     with_precision(hidden, activation, Precision::Double)
 }
 
-/// The same in a precision of choice.
+/// [`with_network`] in a given precision.
 ///
 /// # Panics
 /// If a size is zero.
@@ -90,7 +90,7 @@ fn shown(name: &str, unit: &str, largest: f64) -> Output {
     Output { name: name.into(), unit: unit.into(), description, min: -largest, max: largest, std_of: None }
 }
 
-/// The same with a network for each of four instants, which are not evenly spaced.
+/// [`with_precision`] with a network for each of four time points, which are not evenly spaced.
 ///
 /// # Panics
 /// If a size is zero.
@@ -206,7 +206,7 @@ fn uniform_sequence() -> impl FnMut() -> f32 {
     }
 }
 
-/// The same with another integration of its states.
+/// A surrogate with a different integration of its states.
 pub fn integrated(surrogate: &Surrogate, integration: Integration) -> Surrogate {
     let program = surrogate.program().clone().with_integration(integration);
     Surrogate::new(surrogate.metadata().clone(), program).expect("the integration is valid")

@@ -1,19 +1,19 @@
-//! How far outputs may be from the truth.
+//! Error bounds of outputs.
 
 use crate::FormatError;
 use serde::Serialize;
 
-/// Split-conformal error bounds. Of a run that is drawn like those the bounds were measured on, the share `coverage` of the
-/// rows is expected to have `|y - prediction| <= half_width`, for each output by itself; of a model with a state, whose errors grow,
-/// of the rows between any two of `times`.
+/// Split-conformal error bounds. On a run drawn like those that the bounds were measured on, the share `coverage` of
+/// the rows is expected to satisfy `|y - prediction| <= half_width`, separately for each output. The errors of a model
+/// with a state grow: there, this holds for the rows between any two consecutive `times`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Bounds {
     /// Stated share of rows, between 0 and 1.
     pub coverage: f64,
     /// Number of runs the bounds were measured on, seen neither in training nor in tests.
     pub runs: u64,
-    /// Times since the start of a run, in seconds, increasing from 0, of a model with a state; bounds are linear between them and stay what
-    /// they are at the last one. Empty: bounds do not depend on the time.
+    /// Times since the start of a run, in seconds, increasing from 0, of a model with a state. Bounds are linear
+    /// between them and constant after the last one. Empty: bounds do not depend on the time.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub times: Vec<f64>,
     /// The bound of each output, in its unit, not negative: shape `[max(times, 1), outputs]`.
@@ -21,7 +21,7 @@ pub struct Bounds {
 }
 
 impl Bounds {
-    /// The bound of an output so many seconds after the start of a run. Does not allocate.
+    /// Bound of an output `elapsed` seconds after the start of a run. Does not allocate.
     ///
     /// # Panics
     /// If there is no such output.
@@ -37,7 +37,7 @@ impl Bounds {
         width(next - 1) + share.max(0.0) * (width(next) - width(next - 1))
     }
 
-    /// Its derivative with respect to that time, of the part that follows. Does not allocate.
+    /// Derivative of a bound with respect to that time, of the part that follows. Does not allocate.
     ///
     /// # Panics
     /// If there is no such output.
@@ -48,7 +48,7 @@ impl Bounds {
         (self.at(output, end) - self.at(output, begin)) / (end - begin)
     }
 
-    /// The largest bound of an output.
+    /// Largest bound of an output.
     ///
     /// # Panics
     /// If there is no such output.
@@ -58,7 +58,7 @@ impl Bounds {
         self.half_widths.iter().skip(output).step_by(outputs).copied().fold(0.0, f64::max)
     }
 
-    /// Whether they depend on the time since the start.
+    /// Returns true if the bounds depend on the time since the start.
     pub fn grow(&self) -> bool {
         !self.times.is_empty()
     }

@@ -17,12 +17,12 @@ pub struct Cover {
 }
 
 impl Cover {
-    /// Whether an input can be a column of a cover.
+    /// Returns true if an input can be a column of a cover.
     pub fn counts(input: &Input) -> bool {
         !matches!(input.role, Role::Time | Role::Start) && input.encoding == Encoding::Plain && input.min < input.max
     }
 
-    /// Makes sure that it belongs to these inputs.
+    /// Makes sure that the cover belongs to these inputs.
     ///
     /// # Errors
     /// [`FormatError::Cover`]
@@ -54,11 +54,11 @@ pub(crate) struct Cubes {
 struct CubeAxis {
     input: usize,
     min: f64,
-    /// Of the range.
+    /// Width of the range.
     width: f64,
 }
 
-/// How a point lies to the cubes.
+/// Position of a point relative to the cubes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Nearest {
     /// The first centre that is near enough, else the nearest one.

@@ -53,7 +53,7 @@ pub struct Input {
     pub encoding: Encoding,
 }
 
-/// What an input column of the network is to a host.
+/// Role of an input column of the network for a host.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase", tag = "causality", content = "variability")]
 pub enum Role {
@@ -67,7 +67,8 @@ pub enum Role {
     Start,
 }
 
-/// What a network computes in. Weights are kept in single precision and scaling is done in double precision either way.
+/// Precision of a network's arithmetic. Weights are kept in single precision and scaling is done in double precision
+/// either way.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Precision {
@@ -95,9 +96,10 @@ pub enum Tunability {
     Tunable,
 }
 
-/// How many times the largest value in its range a state can be before the solution is no motion any more.
+/// Limit of a state with a range, as a multiple of the largest value in the range: beyond it the solution is not a
+/// motion.
 const IMPLAUSIBLE: f64 = 1e3;
-/// The same of a state that has no range.
+/// Limit of a state without a range, as a multiple of its nominal value, which counts as 1 at least.
 const LARGEST: f64 = 1e9;
 
 /// A continuous state.
@@ -114,7 +116,7 @@ pub struct State {
     /// Where it was trained; none if every number is as good, as for an angle or what enters exactly.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub range: Option<[f64; 2]>,
-    /// Typical magnitude, positive: what a solver's tolerance is relative to.
+    /// Typical magnitude, positive; a solver's tolerance is relative to it.
     pub nominal: f64,
 }
 
@@ -135,7 +137,7 @@ impl State {
         if self.range.is_some() { IMPLAUSIBLE * self.nominal } else { LARGEST * self.nominal.max(1.0) }
     }
 
-    /// Where a value may be, in words.
+    /// Description of the valid values.
     pub fn valid(&self) -> String {
         self.range.map_or("all numbers".into(), |[min, max]| format!("the training range from {min} to {max}"))
     }

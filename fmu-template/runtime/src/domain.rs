@@ -9,7 +9,7 @@ use crate::{
 /// How far outside the domain a point may be and still count as inside: hosts add up step sizes and convert units.
 pub const TOLERANCE: f64 = 1e-9;
 
-/// What to do outside the training ranges: the values of [`BuiltIn::DomainPolicy`](crate::BuiltIn::DomainPolicy).
+/// Policy outside the training ranges: the values of [`BuiltIn::DomainPolicy`](crate::BuiltIn::DomainPolicy).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DomainPolicy {
     /// Compute anyway and warn once a run for each variable.
@@ -54,7 +54,7 @@ enum Valid {
 struct Range {
     min: f64,
     max: f64,
-    /// What distances are relative to: the width, but for a column that was constant in training its magnitude.
+    /// Unit of distances: the width, or the magnitude for a column that was constant in training.
     scale: f64,
     /// `min` and `max` with the tolerance, for a comparison that is cheap enough for every step.
     lowest: f64,
@@ -113,13 +113,13 @@ impl Domain {
         Self { distance: Some(column), ..self }
     }
 
-    /// What of it is near the data.
+    /// Restricts the domain to the neighborhood of the training data.
     #[must_use]
     pub fn near(self, cover: &Cover, inputs: &[Input]) -> Self {
         Self { data: Some(Cubes::new(cover, inputs)), ..self }
     }
 
-    /// Whether it knows more of the data than their ranges.
+    /// Returns true if more is known of the training data than their ranges.
     pub fn knows_data(&self) -> bool {
         self.data.is_some() || self.distance.is_some()
     }
@@ -160,8 +160,9 @@ impl Domain {
         self.data.as_ref().map(|data| data.nearest(inputs, guess, 0.0)).filter(|nearest| nearest.distance > 0.0)
     }
 
-    /// Whether there are training data near a point, up to [`TOLERANCE`]; true if nothing is known about that. Notes in `guess` which of them, so
-    /// that the search for a point not far away may begin there; the result does not depend on it. Does not allocate.
+    /// Returns true if training data are near a point, up to [`TOLERANCE`], or if nothing is known about the data.
+    /// Stores the position of the data in `guess`: the search for a nearby point may begin there, and the result does
+    /// not depend on it. Does not allocate.
     #[inline]
     pub fn is_near_data(&self, inputs: &[f64], guess: &mut usize) -> bool {
         if self.own_distance(inputs) > TOLERANCE {
@@ -173,14 +174,16 @@ impl Domain {
         distance <= TOLERANCE
     }
 
-    /// Whether an input's value is in its range or one of its values, up to [`TOLERANCE`].
+    /// Returns true if the value of a column is in its range or equal to one of its nominal values, up to
+    /// [`TOLERANCE`].
     #[inline]
     pub fn contains(&self, column: usize, value: f64) -> bool {
         let Range { lowest, highest, .. } = self.range(column, value);
         lowest <= value && value <= highest
     }
 
-    /// Whether every input's value is in its range or one of its values, up to [`TOLERANCE`].
+    /// Returns true if the value of every column is in its range or equal to one of its nominal values, up to
+    /// [`TOLERANCE`].
     pub fn is_in_ranges(&self, inputs: &[f64]) -> bool {
         let mut columns = inputs.iter().enumerate().take(self.columns());
         columns.all(|(column, &value)| self.contains(column, value))
@@ -191,12 +194,13 @@ impl Domain {
         self.inputs.len()
     }
 
-    /// Whether a point is in the domain: in the ranges and near the data. `guess`: see [`Domain::is_near_data`].
+    /// Returns true if a point is in the domain: in the ranges and near the data. `guess`: see
+    /// [`Domain::is_near_data`].
     pub fn contains_point(&self, inputs: &[f64], mut guess: usize) -> bool {
         self.is_in_ranges(inputs) && self.is_near_data(inputs, &mut guess)
     }
 
-    /// The valid value that is nearest.
+    /// Valid value that is nearest.
     #[inline]
     pub fn clamp(&self, column: usize, value: f64) -> f64 {
         let Range { min, max, .. } = self.range(column, value);

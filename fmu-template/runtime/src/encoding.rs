@@ -1,4 +1,4 @@
-//! How the inputs' values become the columns of the network.
+//! Encodings: from the inputs' values to the columns of the network.
 
 use crate::{Encoding, FormatError, Input, Role};
 use std::f64::consts::TAU;
@@ -12,7 +12,7 @@ impl Input {
         }
     }
 
-    /// Where a value may be, in words: for instance `the training range from 0 to 2`.
+    /// Description of the valid values: for instance `the training range from 0 to 2`.
     pub fn valid(&self) -> String {
         match &self.encoding {
             Encoding::Plain => format!("the training range from {} to {}", self.min, self.max),
@@ -21,7 +21,7 @@ impl Input {
         }
     }
 
-    /// Whether the encoding fits role, range and start.
+    /// Makes sure that the encoding fits role, range and start.
     pub(crate) fn check_encoding(&self) -> Result<(), FormatError> {
         let Self { name, role, min, max, start, encoding, .. } = self;
         let problem = match encoding {
@@ -100,12 +100,12 @@ impl Encoder {
         self.width
     }
 
-    /// Whether every column is the value itself.
+    /// Returns true if every column is the value itself.
     pub fn is_plain(&self) -> bool {
         self.inputs.iter().all(|input| matches!(input, Encoded::Plain))
     }
 
-    /// The columns of one value per input. What is not a number stays so in all its columns.
+    /// Columns of one value per input. All columns of a NaN are NaN.
     ///
     /// # Panics
     /// If the lengths are not those of inputs and columns.

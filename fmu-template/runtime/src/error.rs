@@ -1,4 +1,4 @@
-//! What can be wrong with a model file.
+//! Errors in a model file.
 
 use safetensors::SafeTensorError;
 
@@ -35,7 +35,7 @@ pub enum FormatError {
         /// Format in the file.
         found: u32,
     },
-    /// A tensor that must be there is not.
+    /// A required tensor is missing.
     #[error("tensor `{name}` is missing")]
     MissingTensor {
         /// The tensor's name.
@@ -54,7 +54,7 @@ pub enum FormatError {
         name: String,
         /// Type in the file.
         found: String,
-        /// Type the format asks for.
+        /// Type that the format requires.
         expected: String,
     },
     /// Wrong shape.
@@ -74,7 +74,7 @@ pub enum FormatError {
         name: String,
         /// Position in row-major order.
         index: usize,
-        /// What stands there.
+        /// Value in the file.
         value: f64,
     },
     /// A scale that is zero or negative.
@@ -84,10 +84,10 @@ pub enum FormatError {
         name: String,
         /// Position.
         index: usize,
-        /// What stands there.
+        /// Value in the file.
         value: f64,
     },
-    /// More numbers than anybody needs.
+    /// More numbers than the limit.
     #[error("the values of the graph have {found} numbers together, expected at most {limit}")]
     TooLarge {
         /// How many.
@@ -95,7 +95,7 @@ pub enum FormatError {
         /// How many there may be.
         limit: usize,
     },
-    /// No word about the clock of the program.
+    /// The clock of the program is missing.
     #[error("metadata entry `{METADATA_KEY}`: the field `clock` is missing")]
     NoClock,
     /// A kind of output that this version does not know.
@@ -105,7 +105,7 @@ pub enum FormatError {
         name: String,
         /// Position.
         index: usize,
-        /// What stands there.
+        /// Value in the file.
         found: u32,
     },
     /// A periodic lookup table with other values at its end.
@@ -147,7 +147,7 @@ pub enum FormatError {
     Nominal {
         /// The state.
         name: String,
-        /// What stands there.
+        /// Value in the file.
         found: f64,
     },
     /// A graph that must be a network.
@@ -201,7 +201,7 @@ pub enum FormatError {
     Encoding {
         /// The variable.
         name: String,
-        /// What must hold.
+        /// Expected condition.
         expected: &'static str,
     },
     /// More than one time column.
@@ -228,7 +228,7 @@ pub enum FormatError {
         index: usize,
         /// The one before it.
         before: f64,
-        /// What stands there.
+        /// Value in the file.
         found: f64,
     },
     /// More or fewer networks than instants.
@@ -244,7 +244,7 @@ pub enum FormatError {
     OfInstant {
         /// Counted from 0.
         instant: usize,
-        /// What is wrong with it.
+        /// Error of the network.
         source: Box<FormatError>,
     },
     /// Networks of different sizes.
@@ -270,9 +270,9 @@ pub enum FormatError {
         name: String,
         /// Position.
         index: usize,
-        /// What stands there.
+        /// Index in the file.
         found: u64,
-        /// How many there are.
+        /// Number of elements it may point at.
         limit: u64,
     },
     /// A tree that does not lead downwards.
@@ -280,7 +280,7 @@ pub enum FormatError {
     Upwards {
         /// The node.
         node: usize,
-        /// What should be below it.
+        /// Node below it in the file.
         below: u32,
     },
     /// An array of fewer than two outputs.
@@ -296,7 +296,7 @@ pub enum FormatError {
     UnknownElement {
         /// The array's name.
         array: String,
-        /// What stands there.
+        /// Name in the file.
         output: String,
     },
     /// An array with an output twice.
@@ -338,39 +338,39 @@ pub enum FormatError {
     Bound {
         /// `coverage`, `time` or `half-width`.
         what: &'static str,
-        /// What stands there.
+        /// Value in the file.
         found: f64,
     },
     /// A cover of the training data that does not belong to the inputs.
     #[error("the cover of the training data makes no sense: expected that {expected}")]
     Cover {
-        /// What is not so.
+        /// Expected condition.
         expected: &'static str,
     },
-    /// The content is not what it was when the digest was put in.
+    /// The content differs from that when the digest was computed.
     #[error("the file is damaged: its content has the digest {found}, expected {expected}")]
     Damaged {
-        /// Of the content as it is.
+        /// Digest of the content.
         found: String,
-        /// In the file.
+        /// Digest in the file.
         expected: String,
     },
     /// A content digest that is no SHA-256.
     #[error("content digest `{found}` is not 64 hexadecimal digits")]
     Digest {
-        /// What stands there.
+        /// Digest in the file.
         found: String,
     },
     /// A tolerance of the solver that is zero, negative or not finite.
     #[error("the tolerance {found} of the solver is not positive")]
     Tolerance {
-        /// What the file has.
+        /// Value in the file.
         found: f64,
     },
     /// A time step that is zero, negative or not finite.
     #[error("time step {found} is not positive")]
     TimeStep {
-        /// What stands there.
+        /// Value in the file.
         found: f64,
     },
 }

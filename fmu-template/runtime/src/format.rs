@@ -3,14 +3,15 @@
 //! A safetensors container: numpy (`safetensors.numpy.load_file`) and PyTorch (`safetensors.torch.load_file`) open it
 //! in one line. The very same file is an FMU's `resources/model.safetensors`.
 //!
-//! The graph of the program is a sequence of steps K; value 0 is the columns, value K + 1 the result of step K. The columns of a
-//! [static](Clock::Static) program are the inputs after their [`Encoding`](crate::Encoding), input by input: one column unless the metadata
-//! say otherwise, for a nominal input one for each value, for a periodic one sine and cosine.
+//! The graph of the program is a sequence of steps K; value 0 is the columns, value K + 1 the result of step K. The
+//! columns of a [static](Clock::Static) program are the inputs after their [`Encoding`](crate::Encoding), input by
+//! input. An input is one column unless the metadata say otherwise: a nominal input is one for each value, a periodic
+//! one sine and cosine.
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `graph.inputs` | U32 | `[1]` | number of columns |
-//! | `graph.steps` | U32 | `[steps, 4]` | kind, code, and the values that it is of: 0: affine, 1: elementwise, code: position in [`Activation::ALL`](crate::Activation::ALL), or from 32 on that of the others as [`Elementwise`](crate::graph::Elementwise) lists them, 2: of two values, code: position in [`Operation::ALL`](crate::graph::Operation::ALL), 3: columns, 4: normalized, 5: softmax, 6: distances, 7: forest, code: number of outputs, 8: one of two values, code: the value that says which, 9: products of Legendre polynomials, 10: standardized, 11: rescaled, 12: another graph, 13: between graphs, code: position of the time, 14: dictionary, 15: equations of motion |
+//! | `graph.steps` | U32 | `[steps, 4]` | kind, code and operands of each step, see the kinds below |
 //! | `graph.K.weight`, `graph.K.bias` | F32 or F64 | `[outputs, inputs]`, `[outputs]` | of an affine step, as PyTorch's `Linear` |
 //! | `graph.K.parameters` | F64 | `[parameters]` or `[parameters * length]` | of an elementwise step; `ε` of a normalized one |
 //! | `graph.K.mean`, `graph.K.scale` | F64 | `[length]` | standardized: `(x - mean) / scale`, rescaled: `mean + scale * x` |
@@ -23,6 +24,27 @@
 //! | `graph.K.function.*` | | | the tensors of another graph, without the kinds from 12 on |
 //! | `graph.K.instants` | F64 | `[instants]` | seconds, ascending |
 //! | `graph.K.functions.*` | | `[instants, ...]` | the tensors of the networks, of all time points one after the other |
+//!
+//! The kinds of steps and their codes are
+//!
+//! | kind | step | code |
+//! |---|---|---|
+//! | 0 | affine | |
+//! | 1 | elementwise | position in [`Activation::ALL`](crate::Activation::ALL); from 32 on the other functions, in the order of [`Elementwise`](crate::graph::Elementwise) |
+//! | 2 | combination of two values | position in [`Operation::ALL`](crate::graph::Operation::ALL) |
+//! | 3 | columns | |
+//! | 4 | normalized | |
+//! | 5 | softmax | |
+//! | 6 | distances | |
+//! | 7 | forest | number of outputs |
+//! | 8 | selection of one of two values | value that decides |
+//! | 9 | products of Legendre polynomials | |
+//! | 10 | standardized | |
+//! | 11 | rescaled | |
+//! | 12 | another graph | |
+//! | 13 | interpolation between graphs | position of the time |
+//! | 14 | dictionary | |
+//! | 15 | equations of motion | |
 //!
 //! A network is a graph of a standardized step, affine and elementwise ones by turns, and a rescaled one.
 //!
@@ -42,21 +64,33 @@
 //! | `X.columns` | | | as those of a dictionary |
 //! | `X.law.exponents`, `X.positions.exponents` | | | as `X.exponents` of a dictionary |
 //! | `X.law.coefficients`, `X.positions.coefficients` | | | in the order of [`Dynamics`](crate::Dynamics); positions |
-//! | `X.law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; left out if there are none |
+//! | `X.law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; missing if there are none |
 //! | `X.efforts.inputs` | U32 | `[1]` | number of inputs |
 //! | `X.efforts.windings` | F64 | `[positions, coordinates]` | of the positions in the [`Efforts`](crate::Efforts), as those of the positions |
-//! | `X.efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation, each a kind and an argument: 0: element K of `efforts.constants`, 1: column K, 2: function K of [`ElementaryFunction::ALL`](crate::formula::ElementaryFunction::ALL), 3: minus, 4: lookup table K, 5 and more: combination K of [`Combination::ALL`](crate::formula::Combination::ALL), from 5 on |
+//! | `X.efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation: kind and argument of each step, see below |
 //! | `X.efforts.constants` | F64 | `[constants]` | numbers in the formulas |
 //! | `X.efforts.tables.K.x`, `X.efforts.tables.K.y` | F64 | `[x]`, `[y]` | knots of [lookup table](crate::formula::LookupTable) K; one with one argument has no `y` |
 //! | `X.efforts.tables.K.values` | F64 | `[x]` or `[x, y]` | values at the knots |
 //! | `X.efforts.tables.K.kinds` | U32 | `[2]` | positions in [`Interpolation::ALL`](crate::formula::Interpolation::ALL) and [`Extrapolation::ALL`](crate::formula::Extrapolation::ALL) |
 //! | `X.positions.windings` | F64 | `[positions, coordinates]` | added to a position for each radian of a coordinate |
 //! | `X.outputs.shown` | U32 | `[outputs, 2]` | 0, 1, 2: this derivative of position K; 3: kinetic, 4: potential energy; 5: reaction K; 6: effort K |
-//! | `X.states.actuators` | U32 | `[1]` | number of actuator states; left out if there are none |
+//! | `X.states.actuators` | U32 | `[1]` | number of actuator states; missing if there are none |
 //! | `X.reactions.exponents`, `X.reactions.coefficients` | | | of [`Reactions`](crate::Reactions), forces of joints, drivers and springs, if there are any |
 //!
-//! A network may add to the law, to the positions and to the forces: Y is `X.law`, `X.positions` or `X.forces`. The columns of the last one
-//! are coordinates, parameters, velocities and inputs, and it gives the forces on the coordinates.
+//! The kinds of steps of a formula are
+//!
+//! | kind | step with argument K |
+//! |---|---|
+//! | 0 | element K of `efforts.constants` |
+//! | 1 | column K |
+//! | 2 | function K of [`ElementaryFunction::ALL`](crate::formula::ElementaryFunction::ALL) |
+//! | 3 | minus |
+//! | 4 | lookup table K |
+//! | 5 and more | combination: 5 plus the position in [`Combination::ALL`](crate::formula::Combination::ALL) |
+//!
+//! A network may add to the law, to the positions and to the forces: Y is `X.law`, `X.positions` or `X.forces`. The
+//! columns of the last one are coordinates, parameters, velocities and inputs; its results are the forces on the
+//! coordinates.
 //!
 //! | tensor | type | shape | |
 //! |---|---|---|---|
@@ -69,8 +103,8 @@
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `solver.step` | F64 | `[1]` | longest step, in seconds |
-//! | `solver.tolerance` | F64 | `[1]` | largest error of a step, relative to the states' nominal values; left out if all steps are equal |
-//! | `solver.implicit_tolerance` | F64 | `[1]` | the same of the implicit method, instead of `solver.tolerance` |
+//! | `solver.tolerance` | F64 | `[1]` | largest error of a step, relative to the states' nominal values; missing if all steps are equal |
+//! | `solver.implicit_tolerance` | F64 | `[1]` | largest error of a step of the implicit method, instead of `solver.tolerance` |
 //!
 //! and a [sampled](Clock::Sampled) one
 //!
@@ -78,8 +112,8 @@
 //! |---|---|---|---|
 //! | `samples.history` | U32 | `[2]` | number of past samples of the outputs and of the inputs |
 //! | `samples.time` | F64 | `[1]` | time between two samples, in seconds |
-//! | `samples.hidden` | F64 | `[hidden numbers]` | of a sample, what they are at the start; left out if there are none |
-//! | `samples.direct` | F64 | `[outputs * inputs]` | direct effect of the inputs on the outputs; left out if there is none |
+//! | `samples.hidden` | F64 | `[hidden numbers]` | hidden numbers of a sample at the start; missing if there are none |
+//! | `samples.direct` | F64 | `[outputs * inputs]` | direct effect of the inputs on the outputs; missing if there is none |
 //! | `support.ranges` | F64 | `[measures, 2]` | smallest and largest value of each measure of a transition in training, if they are known: [`Support`] |
 //! | `support.inputs` | U32 | `[1]` | number of inputs among the features: all or none |
 //! | `support.components` | F64 | `[components * features]` | weights of the components, features from the averages of inputs on |
@@ -93,7 +127,7 @@
 //! | `format` | 6, the version of this layout |
 //! | `clock` | `"static"`, `"continuous"` or `"sampled"` |
 //!
-//! Older formats are refused: what made them can make them again.
+//! Older formats are refused: the program that made a file can make it again.
 
 pub use crate::error::FORMAT;
 use crate::error::{FormatError, METADATA_KEY};
@@ -237,14 +271,14 @@ impl Sampling {
     }
 }
 
-/// So many numbers.
+/// Takes a tensor of `count` numbers.
 fn exactly(tensors: &mut Views, name: &str, count: usize) -> Result<Vec<f64>, FormatError> {
     let (values, shape) = doubles(tensors, name, 1)?;
     expect_shape(name, &shape, &[count])?;
     Ok(values)
 }
 
-/// Numbers that are left out if there are none.
+/// Takes the numbers of a tensor, none if the tensor is missing.
 fn if_any(tensors: &mut Views, name: &str) -> Result<Vec<f64>, FormatError> {
     if tensors.contain(name) { doubles(tensors, name, 1).map(|(values, _)| values) } else { Ok(Vec::new()) }
 }

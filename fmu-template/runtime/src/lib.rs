@@ -1,4 +1,4 @@
-//! What the metafmu tool and every FMU it writes share.
+//! Common part of the metafmu tool and of every FMU it writes.
 //!
 //! - [`Surrogate`]: the variables and the program of a surrogate, as the model file has them.
 //! - [`Program`]: a [`Graph`], which is a sequence of steps (a network, a polynomial, equations), and a [`Clock`], which says when it is

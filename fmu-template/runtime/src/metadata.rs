@@ -20,19 +20,20 @@ pub struct Metadata {
     /// The continuous states, in order; the model integrates them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub states: Vec<State>,
-    /// Outputs grouped into arrays, for FMI 3.0; each output is a variable of its own all the same.
+    /// Outputs grouped into arrays, for FMI 3.0; each output remains a separate variable.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub arrays: Vec<OutputArray>,
-    /// How far outputs may be from the truth, if that was measured.
+    /// Error bounds of the outputs, if they were measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bounds: Option<Bounds>,
-    /// Error of a start, in all states, that changes the outputs as much as the solver of the states does, at most, if that was measured.
+    /// Perturbation of the start, in all states, that changes the outputs as much as the error of the states' solver at
+    /// most, if that was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub solver_error: Option<f64>,
     /// Where in the ranges of the inputs the training data are, if that is known; of a model without a state.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub cover: Option<Cover>,
-    /// What its networks compute in.
+    /// Precision of its networks.
     #[serde(skip_serializing_if = "Precision::is_double")]
     pub precision: Precision,
     /// Time between two rows of a training run, in seconds: the natural communication step size.

@@ -57,7 +57,7 @@ pub enum Numbers {
 }
 
 impl Numbers {
-    /// How many there are.
+    /// Number of elements.
     pub fn len(&self) -> usize {
         match self {
             Self::Single(values) => values.len(),
@@ -65,7 +65,7 @@ impl Numbers {
         }
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no elements.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -154,7 +154,7 @@ pub(crate) const USUAL_SIZE: f64 = 1.0;
 /// as zero. Networks trained on standardized rows do not need them, but an output in coulomb may.
 pub(crate) fn fits_single(weight: &Numbers, bias: &Numbers, sizes: &[f64]) -> bool {
     const SMALL: f64 = <f32 as Real>::NEGLIGIBLE as f64;
-    /// Of the largest term of a sum.
+    /// Terms up to this share of the largest term of a sum are lost in rounding.
     const ROUNDING: f64 = 1e-8;
     if sizes.iter().any(|size| *size != 0.0 && *size < SMALL / ROUNDING) {
         return false;

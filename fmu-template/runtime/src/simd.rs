@@ -1,5 +1,5 @@
-//! One source for every instruction set and both precisions: functions generic over the instruction set, `SIMD`, are compiled
-//! once for each set the processor may have, and the best one is chosen when the program runs.
+//! One source for every instruction set and both precisions. Functions are generic over the instruction set, `SIMD`,
+//! and compiled once for each set the processor may have; the best one is chosen at run time.
 
 #[cfg(target_arch = "x86_64")]
 use std::arch::x86_64::*;
@@ -8,7 +8,7 @@ use std::{
     ops::{Add, Div, Mul, Neg, Sub},
 };
 
-/// Instruction sets as functions are generic over them: multiplications and additions of their own.
+/// Instruction set, a parameter of generic functions: separate multiplications and additions.
 pub(crate) const PLAIN: u8 = 0;
 /// Fused multiply-add, and otherwise what the compiler makes of arrays.
 pub(crate) const FUSED: u8 = 1;
@@ -18,10 +18,10 @@ pub(crate) const AVX2: u8 = 2;
 /// AVX-512 F and DQ, and the sets before.
 #[cfg(target_arch = "x86_64")]
 pub(crate) const AVX512: u8 = 3;
-/// What every processor of the platform has: fused multiply-add is part of the base instruction set of 64-bit ARM.
+/// Instruction set of every processor of the platform: fused multiply-add is in the base instruction set of 64-bit ARM.
 pub(crate) const PORTABLE: u8 = if cfg!(target_arch = "aarch64") { FUSED } else { PLAIN };
 
-/// What a network computes in: `f64` or `f32`, and nothing else, as the trait does not leave this crate.
+/// Number type of a network's arithmetic: `f64` or `f32`, and nothing else, as the trait does not leave this crate.
 pub(crate) trait Real:
     'static
     + Copy
@@ -38,9 +38,9 @@ pub(crate) trait Real:
     const ZERO: Self;
     const ONE: Self;
     const IS_SINGLE: bool;
-    /// Magnitudes below it become zero in weights and hidden values. Products and differences of what is left are
-    /// never denormal, which processors compute at a fraction of the speed, and the flags of the host's thread that
-    /// would have the processor do the same are left alone.
+    /// Magnitudes below it become zero in weights and hidden values. Products and differences of the remaining values
+    /// are never denormal, which would slow processors down severely. The flags of the host's thread that would make
+    /// the processor do the same are left unchanged.
     const NEGLIGIBLE: Self;
     /// `2 log2 e`
     const TWO_LOG2_E: Self;
@@ -165,7 +165,7 @@ impl Real for f64 {
     const ROUND: Self = 6_755_399_441_055_744.0;
     const LN2_HIGH: Self = 0.693_147_180_369_123_8;
     const LN2_LOW: Option<Self> = Some(1.908_214_929_270_587_7e-10);
-    // off by 5e-17 at the most
+    // error at most 5e-17
     const EXP2: (Self, &'static [Self]) = (
         4.454_960_598_186_519e-10,
         &[
@@ -297,7 +297,7 @@ impl Real for f32 {
     const ROUND: Self = 12_582_912.0;
     const LN2_HIGH: Self = std::f32::consts::LN_2;
     const LN2_LOW: Option<Self> = None;
-    // off by 8e-9 at the most
+    // error at most 8e-9
     const EXP2: (Self, &'static [Self]) =
         (1.546_144_8e-4, &[1.339_086_7e-3, 9.618_057e-3, 5.550_357e-2, 0.240_226_5, std::f32::consts::LN_2]);
     // the first omitted term is below 2e-8 of the sum

@@ -157,7 +157,7 @@ impl Surrogate {
         if *noted == found { Ok(()) } else { Err(FormatError::Damaged { found, expected: noted.clone() }) }
     }
 
-    /// The same surrogate with error bounds; to be sealed again.
+    /// Replaces the error bounds; the surrogate must be sealed again.
     ///
     /// # Errors
     /// [`FormatError::BoundCount`] or [`FormatError::Bound`] if the bounds do not fit the outputs.
@@ -166,7 +166,7 @@ impl Surrogate {
         Self::new(self.metadata, self.program)
     }
 
-    /// The same surrogate with another content digest.
+    /// Replaces the content digest.
     ///
     /// # Errors
     /// [`FormatError::Digest`] if it is not 64 hexadecimal digits.

@@ -1,6 +1,6 @@
 //! Tasks of a graph: outputs or derivatives at a point.
 
-/// What to compute at a point.
+/// Task at a point.
 pub(crate) enum Task<'a> {
     /// The outputs.
     Outputs(&'a mut [f64]),

@@ -128,7 +128,7 @@ pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) 
     bytes.as_chunks::<N>().0.iter().map(|chunk| from(*chunk)).collect()
 }
 
-/// So many whole numbers.
+/// Takes a tensor of `count` whole numbers.
 #[inline(never)]
 pub(crate) fn counts(tensors: &mut Views, name: &str, count: usize) -> Result<Vec<u32>, FormatError> {
     let view = take(tensors, name, Dtype::U32, 1)?;

@@ -3,8 +3,8 @@
 
 use crate::{Metadata, Output, Role};
 
-/// All variables, each at the position that is its FMI value reference: inputs, outputs, states, their derivatives, what every FMU
-/// has, arrays of outputs, error bounds, measured values.
+/// All variables, each at the position that is its FMI value reference: inputs, outputs, states, their derivatives,
+/// built-in variables, arrays of outputs, error bounds, measured values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variables(Vec<Variable>);
 
@@ -13,13 +13,13 @@ pub struct Variables(Vec<Variable>);
 pub struct Variable {
     /// Name, as the FMU shows it.
     pub name: String,
-    /// What its value is.
+    /// Quantity that the variable shows.
     pub quantity: Quantity,
-    /// Whether FMI 2.0 does not have it. Its value reference stays unused there.
+    /// `true` if FMI 2.0 does not have the variable. Its value reference stays unused there.
     pub only_fmi3: bool,
 }
 
-/// What the value of a variable is.
+/// Quantity that a variable shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// An input of the surrogate: a parameter, the time or an input that is driven.
@@ -30,7 +30,7 @@ pub enum Quantity {
     State(usize),
     /// The derivative of a state with respect to time.
     Derivative(usize),
-    /// Something that every FMU has.
+    /// A variable that every FMU has.
     BuiltIn(BuiltIn),
     /// Several outputs as one array. FMI 2.0 has no arrays.
     Array(usize),
@@ -40,17 +40,17 @@ pub enum Quantity {
     Measured(usize),
 }
 
-/// The variables that an FMU adds to those of the surrogate: how far it may be trusted, and what it follows.
+/// Variables that an FMU adds to those of the surrogate: its validity, and the policies and signals that control it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BuiltIn {
-    /// What to do outside the training ranges, a [`DomainPolicy`](crate::DomainPolicy): a tunable integer parameter.
+    /// Policy outside the training ranges, a [`DomainPolicy`](crate::DomainPolicy): a tunable integer parameter.
     DomainPolicy,
-    /// Whether every input, parameter and the time are in their training ranges, up to [`TOLERANCE`](crate::TOLERANCE), and
-    /// inputs and parameters have been what they were at the start of the run if the time is an input of the model: a
-    /// discrete Boolean output.
+    /// `true` if inputs, parameters and time are in the domain, up to [`TOLERANCE`](crate::TOLERANCE): a discrete
+    /// Boolean output. If the time is an input of the model, inputs and parameters must also be unchanged since the
+    /// start of the run.
     InDomain,
-    /// How far outside the worst one is, see [`Domain::distance`](crate::Domain::distance): a continuous dimensionless
-    /// output, never negative.
+    /// Distance from the domain, see [`Domain::distance`](crate::Domain::distance): a continuous dimensionless output,
+    /// never negative.
     DomainDistance,
     /// The independent variable of a surrogate of which no input is the time, as FMI 3.0 asks for exactly one.
     Time,
@@ -58,12 +58,12 @@ pub enum BuiltIn {
     UseMeasured,
 }
 
-/// What a surrogate knows, as far as its built-in variables depend on it.
+/// Properties of a surrogate that its built-in variables depend on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Known {
-    /// Whether the time is among the inputs: a run is that of what it begins with.
+    /// `true` if the time is among the inputs: the values at the start then define the whole run.
     pub time: bool,
-    /// Whether it knows where its training data are.
+    /// `true` if it knows where its training data are.
     pub data: bool,
     /// `true` if it knows the training ranges of the outputs that it feeds back.
     pub fed_back: bool,
@@ -184,12 +184,12 @@ impl Variables {
         self.0.iter().enumerate().map(|(reference, variable)| (reference as u32, variable))
     }
 
-    /// How many there are.
+    /// Number of variables.
     pub fn len(&self) -> usize {
         self.0.len()
     }
 
-    /// Whether there are none, which is never so.
+    /// Returns true if there are no variables, which never happens.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

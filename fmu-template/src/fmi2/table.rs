@@ -1,4 +1,4 @@
-//! What a host may call in which state of FMI 2.0.
+//! Legal calls in each state of FMI 2.0.
 
 use crate::component::{Call, legal_calls};
 

@@ -32,8 +32,8 @@ struct Message {
 
 type Log = Mutex<Vec<Message>>;
 
-/// Stands in for the C-variadic logger, which stable Rust cannot define. The calling conventions of x86-64 and of 64-bit
-/// ARM but Apple's pass the first argument after the format as if it had a parameter of its own.
+/// Stands in for the C-variadic logger, which stable Rust cannot define. The calling conventions of x86-64 and of
+/// 64-bit ARM except Apple's pass the first argument after the format as if it were a named parameter.
 unsafe extern "C" fn log(
     environment: *mut c_void,
     instance: *const c_char,
@@ -141,7 +141,7 @@ impl Host {
         host
     }
 
-    /// Messages since the last time they were asked for.
+    /// Messages since the last call of this function.
     fn messages(&self) -> Vec<Message> {
         std::mem::take(&mut self.log.lock().unwrap())
     }
@@ -160,7 +160,7 @@ impl Host {
         message.text.clone()
     }
 
-    /// Whether there were warnings since the last time, which the log has and no status.
+    /// Returns true if warnings were logged since the last call. Only the log has them: no status reports them.
     fn warned(&self) -> bool {
         let messages = self.messages();
         assert!(messages.iter().all(|message| message.status == Status::Warning as c_int), "{messages:?}");

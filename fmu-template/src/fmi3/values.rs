@@ -111,7 +111,7 @@ pub(super) unsafe extern "C" fn fmi3SetBoolean(
     }
 }
 
-/// Functions for types that no variable has. A macro, as each needs a name of its own.
+/// Functions for types that no variable has. This is a macro because each function needs a different name.
 macro_rules! no_variables {
     ($($function:ident, $name:ident, $values:ty;)*) => {$(
         #[unsafe(no_mangle)]

@@ -144,7 +144,7 @@ impl Instance {
         Ok(())
     }
 
-    /// The same for the second derivatives, along the first ones.
+    /// Puts the second derivatives of the states into the columns' work space, along the first ones.
     fn bend_states(&mut self) {
         if self.metadata.states.is_empty() {
             return;

@@ -1,4 +1,4 @@
-//! Whether values are where the surrogate was trained, and what happens if not.
+//! Checks of values against the domain of the surrogate, and the consequences.
 
 use super::Instance;
 use crate::{
@@ -8,8 +8,8 @@ use crate::{
 use metafmu_runtime::{DomainPolicy, Metadata};
 
 impl Instance {
-    /// Whether a value at this time is another than the one the run began with. If the time is an input of the network,
-    /// its outputs are those of a run in which nothing changes.
+    /// Returns true if a value at this time differs from its value at the start of the run. If the time is an input of
+    /// the network, the outputs are those of a run in which nothing changes.
     #[inline]
     pub(super) fn is_changed(&self, column: usize, value: f64, time: f64) -> bool {
         self.time_column.is_some_and(|other| other != column)
@@ -45,7 +45,7 @@ impl Instance {
         Ok(())
     }
 
-    /// The same for all values as they are; the time counts once it is known.
+    /// Checks all current values as [`Self::check_value`] does; the time counts once it is known.
     pub(super) fn check_point(&self, policy: DomainPolicy) -> Result<(), Refusal> {
         for (column, &value) in self.now.values.iter().enumerate() {
             if self.time_column != Some(column) || self.now.experiment {
@@ -58,7 +58,7 @@ impl Instance {
         Ok(())
     }
 
-    /// The first call that leaves the domain logs a warning; those after it do not, as a message a step would be a flood.
+    /// Logs a warning for the first call that leaves the domain; one message for each step would flood the log.
     #[inline]
     pub(super) fn note_value(&mut self, column: usize) {
         let value = self.now.values[column];
@@ -75,8 +75,8 @@ impl Instance {
         self.warnings.push(Warning::OutsideDomain { name, value, valid, instead });
     }
 
-    /// Whether there are training data near the inputs. This concerns all of them together, so it is asked where they are used and not
-    /// where they are set, one after the other. What is outside its range is another matter.
+    /// Checks that training data are near the inputs. This concerns all inputs together, so it is checked where they
+    /// are used, not where they are set one after the other. Values outside their ranges are handled elsewhere.
     #[inline]
     pub(super) fn note_data(&mut self, refused: Status) -> Result<(), Refusal> {
         // a history that becomes measured is no prediction yet
@@ -97,12 +97,12 @@ impl Instance {
         Ok(())
     }
 
-    /// Whether outputs are measured.
+    /// Returns true if the outputs are measured.
     pub(super) fn is_measured(&self) -> bool {
         !self.measured.is_empty() && self.now.values[self.measured.end] == 1.0
     }
 
-    /// Nothing can be clamped here, so this is said whatever the policy.
+    /// Records a change during the run and warns once, whatever the policy: nothing can be clamped here.
     pub(super) fn note_change(&mut self, column: usize) {
         self.now.changed = true;
         if !self.warned_of_change {
@@ -112,7 +112,7 @@ impl Instance {
         }
     }
 
-    /// Where the value of a column may be, in words.
+    /// Description of the valid values of a column.
     fn valid(&self, column: usize) -> String {
         let Metadata { inputs, states, .. } = &self.metadata;
         inputs.get(column).map_or_else(|| states[column - inputs.len()].valid(), |input| input.valid())

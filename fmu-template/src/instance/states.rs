@@ -9,7 +9,7 @@ use metafmu_runtime::{CommunicationStep, DomainPolicy, Drive, StepError};
 use std::mem::swap;
 
 impl Instance {
-    /// Whether outputs follow from what was before: whether there are states, or a memory.
+    /// Returns true if outputs depend on the past: there are states, or a memory.
     #[inline]
     pub(super) fn has_memory(&self) -> bool {
         self.point.len() > self.metadata.inputs.len()
@@ -20,7 +20,7 @@ impl Instance {
         &self.now.values[self.metadata.inputs.len()..][..self.metadata.states.len()]
     }
 
-    /// What the states' values are relative to in a solver's tolerance.
+    /// Nominal values of the states, which a solver's tolerance is relative to.
     pub(crate) fn nominals(&self) -> &[f64] {
         &self.nominals
     }
@@ -43,12 +43,12 @@ impl Instance {
         Ok(())
     }
 
-    /// Whether the states are what the parameters for the start say.
+    /// Returns true if the states are still those that the start parameters give.
     pub(super) fn is_starting(&self) -> bool {
         matches!(self.now.state, InstanceState::Instantiated | InstanceState::Initialization)
     }
 
-    /// Gives the states, or the memory, their values at the start, until the simulation runs.
+    /// Initializes the states, or the memory, until the simulation runs.
     pub(super) fn initialize_states(&mut self) {
         if !self.is_starting() {
             return;
@@ -61,7 +61,8 @@ impl Instance {
         input_columns.iter().for_each(|&column| swap(&mut now.values[column], &mut point[column]));
     }
 
-    /// Integrates the states over a communication step that ends at `time`, or goes on from sample to sample. Inputs follow the derivatives the host gave.
+    /// Advances the states over a communication step that ends at `time`, by integration or from sample to sample.
+    /// Inputs follow the derivatives that the host gave.
     pub(super) fn advance_states(&mut self, time: f64, size: f64, refused: Status) -> Result<(), Refusal> {
         let first = self.metadata.inputs.len();
         // those of results that were computed here

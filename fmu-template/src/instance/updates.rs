@@ -1,4 +1,4 @@
-//! Communication steps in the middle of which the host may look, set inputs and return.
+//! Communication steps with intermediate updates: the host may read outputs, set inputs and return early.
 
 use super::Instance;
 use crate::{
@@ -8,13 +8,13 @@ use crate::{
 use metafmu_runtime::MAX_SOLVER_STEPS;
 
 impl Instance {
-    /// Whether a host can be called back in the middle of a step: between steps of the solver.
+    /// Returns true if a host can be called back in the middle of a step: between steps of the solver.
     pub(crate) fn offers_updates(&self) -> bool {
         (self.kind.version, self.kind.interface) == (Version::Fmi3, Interface::CoSimulation)
             && self.integration.is_some()
     }
 
-    /// Whether there are inputs that can be set then.
+    /// Returns true if there are inputs, which can be set in intermediate updates.
     pub(crate) fn has_inputs(&self) -> bool {
         !self.input_columns.is_empty()
     }

@@ -242,8 +242,8 @@ impl Instance {
         Refusal::WrongType { name: self.name(reference), reference, found, asked }
     }
 
-    /// What a variable depends on: pairs of an element, counted from one, and the value reference of what it depends on.
-    /// The element of a scalar is zero, which stands for all there are.
+    /// Dependencies of a variable: pairs of an element, counted from one, and the value reference it depends on. The
+    /// element of a scalar is zero, which stands for all elements.
     pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = (usize, u32)> + use<>, Refusal> {
         let quantity = self.quantity(reference)?;
         let Metadata { inputs, outputs, states, .. } = &self.metadata;

@@ -1,4 +1,4 @@
-//! What value references stand for in one version of the standard.
+//! Value references and their quantities in one version of the standard.
 
 use crate::{state::Version, status::Refusal};
 use metafmu_runtime::{Bounds, BuiltIn, Quantity, Surrogate, Variable};
@@ -58,17 +58,17 @@ impl InstanceVariables {
         self.all.iter().position(is_wanted).map(|reference| reference as u32)
     }
 
-    /// The error bound of an output that has one, so many seconds after the start.
+    /// Error bound of an output that has one, `elapsed` seconds after the start.
     pub(super) fn bound(&self, output: usize, elapsed: f64) -> f64 {
         self.bounds.as_ref().map_or(0.0, |bounds| bounds.at(output, elapsed))
     }
 
-    /// The derivative of such a bound with respect to the time.
+    /// Derivative of such a bound with respect to the time.
     pub(super) fn bound_rate(&self, output: usize, elapsed: f64) -> f64 {
         self.bounds.as_ref().map_or(0.0, |bounds| bounds.rate(output, elapsed))
     }
 
-    /// Whether bounds depend on the time.
+    /// Returns true if the bounds depend on the time.
     pub(super) fn bounds_grow(&self) -> bool {
         self.bounds.as_ref().is_some_and(Bounds::grow)
     }

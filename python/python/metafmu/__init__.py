@@ -4,7 +4,7 @@
 >>> surrogate = metafmu.from_sklearn(pipeline, data=X)         # or from_torch, from_keras, from_jax, from_onnx
 >>> surrogate.export("model.fmu", fmi="both")                  # doctest: +SKIP
 
-What is not used is not imported: neither the frameworks nor numpy for the command.
+Modules are imported on first use: neither the frameworks nor, for the command, numpy.
 """
 
 from typing import TYPE_CHECKING

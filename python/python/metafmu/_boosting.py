@@ -1,4 +1,4 @@
-"""Boosted trees of XGBoost, LightGBM and CatBoost, read from what each writes of its models in JSON."""
+"""Boosted trees of XGBoost, LightGBM and CatBoost, read from their models in JSON."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Error = _metafmu.Error
 
 
 def _linked(graph, value, objective, functions):
-    """What makes predictions of sums of trees, by the name of the loss."""
+    """Predictions from sums of trees: applies the function that belongs to a loss, which is given by its name."""
     if objective not in functions:
         raise Error(f"a loss {objective}, expected one of {', '.join(functions)}")
     return value if functions[objective] is None else graph.elementwise(value, functions[objective])
@@ -31,7 +31,7 @@ _MARGINS = {None: lambda score: score, "exp": np.log, "sigmoid": lambda score: n
 
 
 def xgboost(graph, estimator, value):
-    """`XGBRegressor`, `XGBRFRegressor`: it compares and adds in single precision."""
+    """`XGBRegressor`, `XGBRFRegressor`, which compare and add in single precision."""
     graph.is_single = True
     if not np.isnan(estimator.missing):
         raise Error(f"{type(estimator).__name__} with missing={estimator.missing}, expected nan: an FMU has no inputs that are missing")
@@ -76,7 +76,7 @@ def _rounds(estimator, model):
 
 
 def _weights(booster, count):
-    """Of each tree: those of DART differ."""
+    """Weight of each tree; only DART has weights other than 1."""
     return booster.get("weight_drop") or [1.0] * count
 
 

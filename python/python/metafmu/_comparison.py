@@ -1,4 +1,4 @@
-"""What a surrogate predicts, beside what the model predicts that it was read from."""
+"""Comparison of a surrogate's predictions with those of its source model."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ FEW, _MORE = 32, 512
 
 
 class Precision(NamedTuple):
-    """The relative rounding error of a kind of numbers, and the largest difference of predictions as a share of their spread: what rounding makes of
-    them, also in models that are ill-conditioned, is below, and what was read wrongly is above."""
+    """Relative rounding error of a number type, and largest difference of predictions as a share of their spread.
+
+    Differences by rounding are below this share, even in ill-conditioned models; differences of a model that was read wrongly are above.
+    """
 
     epsilon: float
     share: float
 
     @classmethod
     def of(cls, name):
-        """By the name of a type, as numpy and PyTorch have it; of types of less precision than float32, it is that of them."""
+        """By the name of a type in numpy or PyTorch; unknown types get that of float32."""
         known = {"float64": cls(2.2e-16, 1e-8), "float32": SINGLE, "float16": cls(9.8e-4, 0.03), "bfloat16": cls(7.8e-3, 0.1)}
         return known.get(str(name).rsplit(".", 1)[-1], SINGLE)
 
@@ -32,12 +34,13 @@ DOUBLE = Precision.of("float64")
 
 
 def drawn_rows(low, high):
-    """Points in ranges, of shape (rows, inputs), the same ones each time."""
+    """Random points in ranges, of shape (rows, inputs), identical in each call."""
     return np.random.default_rng(0).uniform(low, high, (FEW + _MORE, len(low)))
 
 
 def some_rows(surrogate, rows):
-    """Some of the rows that it was made with, unless they are None, and points in the ranges of the inputs: two arrays of shape (rows, inputs)."""
+    """Some of the rows that the surrogate was made with, unless they are None, and random points in the ranges of the inputs: two arrays of
+    shape (rows, inputs)."""
     low, high = ([getattr(item, side) for item in surrogate.inputs] for side in ("min", "max"))
     rows = np.empty((0, len(low))) if rows is None else rows
     return rows[:: max(1, -(-len(rows) // FEW))], drawn_rows(low, high)
@@ -47,10 +50,12 @@ _ONNX_MAY_HELP = "; an export to ONNX and from_onnx may help"
 
 
 def compare(rows, found, what, predict, precision, advice=_ONNX_MAY_HELP):
-    """Raises :class:`metafmu.Error` if what ``found`` gives for rows of the inputs, of shape (rows, outputs), is something else than the model,
-    ``what``, predicts: a part of it was read wrongly, or its rows depend on each other, or on chance.
+    """Raises :class:`metafmu.Error` if a surrogate and its source model ``what`` predict different outputs.
 
-    ``rows``: rows that are known, and points that were drawn.
+    Reasons are a part of the model that was read wrongly, rows that depend on each other, and random predictions. ``found`` and ``predict``
+    map rows of the inputs to outputs of the surrogate and of the model, of shape (rows, outputs).
+
+    ``rows``: known rows, and random points.
     """
     known, drawn = rows
     first = np.concatenate([known, drawn[:FEW]])
@@ -68,7 +73,7 @@ def compare(rows, found, what, predict, precision, advice=_ONNX_MAY_HELP):
 
 
 def _different(rows, found, what, predict, precision):
-    """Which rows differ, and the largest difference."""
+    """Mask of the rows that differ, and the largest difference."""
     try:
         expected = np.asarray(predict(rows), dtype=np.float64).reshape(len(rows), -1)
     except _metafmu.Error:
@@ -92,7 +97,7 @@ def _different(rows, found, what, predict, precision):
 
 
 def ranges_of(columns, text, rows):
-    """Ends of the ranges in which the columns of a model with states are drawn: those of the interface, of the data, or around the start."""
+    """Ends of the ranges from which columns of a model with states are drawn: those of the interface, of the data, or around the start."""
     about = json.loads(text)
     low, high = dict.fromkeys(columns, -1.0), dict.fromkeys(columns, 1.0)
     of = lambda column: [name for name in columns if column in (name, name.split("[")[0])]

@@ -1,4 +1,4 @@
-"""A function as a sequence of steps: what the readers of other tools' models make."""
+"""A function as a sequence of steps: the result of the readers of third-party models."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from ._surrogate import Surrogate
 
 
 class Graph:
-    """A graph of some input columns; each method adds a step and gives the number of its value, a vector. Value 0 is the inputs.
+    """A graph of some input columns. Each method adds a step and returns the number of its value, a vector. Value 0 is the inputs.
 
     >>> graph = metafmu.Graph(2)
     >>> hidden = graph.elementwise(graph.affine(0, [[1.0, 2.0], [3.0, 4.0]], [0.0, 1.0]), "tanh")
     >>> y = graph.affine(hidden, [[0.5, -0.5]])
     >>> surrogate = graph.finish(y, inputs={"a": (0, 1), "b": (0, 1)}, outputs=["y"])
 
-    Derivatives are exact. A chain of dense layers becomes a network of metafmu's own, which is fastest.
+    Derivatives are exact. A chain of dense layers becomes a network, which is evaluated fastest.
     """
 
     FUNCTIONS = tuple(_metafmu.FUNCTIONS)
@@ -33,7 +33,7 @@ class Graph:
         self._content = hashlib.sha256(str(inputs).encode())
 
     def width(self, value):
-        """The length of a value."""
+        """Length of a value."""
         return self._core.width(value)
 
     def _note(self, what, *parts):
@@ -42,7 +42,7 @@ class Graph:
             self._content.update(part if isinstance(part, bytes) else repr(part).encode())
 
     def affine(self, of, weight, bias=None):
-        """``W x + b``, ``weight`` of shape (outputs, inputs); single precision is kept if both are."""
+        """``W x + b``, ``weight`` of shape (outputs, inputs); single precision is kept if both arrays have it."""
         weight = np.asarray(weight)
         bias = np.zeros(len(weight), dtype=weight.dtype) if bias is None else np.asarray(bias)
         width = self.width(of)
@@ -60,7 +60,8 @@ class Graph:
         return self._core.surrogate(of, surrogate._core)
 
     def elementwise(self, of, function, *parameters):
-        """A function of each number, one of ``Graph.FUNCTIONS``; each parameter is a number, or one for each number of the value."""
+        """Applies a function, one of ``Graph.FUNCTIONS``, to each number. Each parameter is a number, or an array with one for each number
+        of the value."""
         parameters = [np.asarray(parameter, dtype=np.float64) for parameter in parameters]
         if any(parameter.ndim for parameter in parameters):
             width = self.width(of)
@@ -74,7 +75,7 @@ class Graph:
         return self.elementwise(of, "linear", factor, offset)
 
     def combine(self, first, second, operation):
-        """Two values number by number: add, subtract, multiply, divide, maximum, minimum; one of length 1 is repeated."""
+        """Combines two values number by number: add, subtract, multiply, divide, maximum, minimum. A value of length 1 is repeated."""
         widths = self.width(first), self.width(second)
         if widths[0] != widths[1] and 1 in widths:
             if widths[0] == 1:
@@ -85,7 +86,7 @@ class Graph:
         return self._core.combine(first, second, operation)
 
     def choose(self, condition, chosen, otherwise):
-        """Numbers of one value where a condition is positive, else of another one; all of the same length."""
+        """Numbers of one value where a condition is positive, else of another one; all three have the same length."""
         self._note("choose", condition, chosen, otherwise)
         return self._core.choose(condition, chosen, otherwise)
 
@@ -112,7 +113,7 @@ class Graph:
         return self.elementwise(self.columns([(0, 0)] * len(numbers)), "linear", np.zeros(len(numbers)), numbers)
 
     def standardise(self, of, epsilon):
-        """Minus the mean of all numbers, over the square root of their variance plus ``epsilon``."""
+        """Subtracts the mean of all numbers and divides by the square root of their variance plus ``epsilon``."""
         self._note("standardise", of, epsilon)
         return self._core.standardise(of, float(epsilon))
 
@@ -149,14 +150,14 @@ class Graph:
         return self._core.forest(of, columns.tolist(), numbers.tobytes(), below.tolist(), roots, int(outputs))
 
     def evaluate(self, value, rows):
-        """What a value is at rows of the inputs, of shape (rows, numbers)."""
+        """Numbers of a value at rows of the inputs, of shape (rows, numbers)."""
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         columns = [[value, place] for place in range(self.width(value))]
         return np.frombuffer(self._core.evaluate(columns, rows.tobytes()), dtype=np.float64).reshape(len(rows), -1)
 
     def _finish(self, value, described, single, producer, names=None):
-        """The surrogate whose outputs are a value. ``described``: text and rows of its interface; ``names``: of the columns that a model with states takes
-        and gives."""
+        """Surrogate with a value as its outputs. ``described``: text and rows of its interface; ``names``: names of the input and output
+        columns of a model with states."""
         text, self.rows = described
         places = [[value, place] for place in range(self.width(value))]
         described = places, text, as_bytes(self.rows), self._content.digest(), bool(single), producer
@@ -164,10 +165,11 @@ class Graph:
 
     def finish(self, value, *, inputs=None, outputs=None, data=None, name="surrogate", description="", step=0.01, stop=1.0, domain="data", producer="",
                single=False, input_names=None, output_names=None):
-        """The surrogate whose outputs are a value.
+        """Returns the :class:`Surrogate` whose outputs are a value.
 
-        ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts with the keys of an interface file; ``data``: rows of
-        the inputs, whose ranges count where ``inputs`` has none; ``single``: a network is computed in single precision; ``step``, ``stop``: of a simulation, unless the host says otherwise.
+        ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts with the keys of an interface file. ``data``: rows of
+        the inputs, whose ranges are used where ``inputs`` has none. ``single``: compute a network in single precision. ``step``, ``stop``:
+        step and stop time of a simulation, unless the host sets others.
         """
         described = interface(
             self.width(0), self.width(value), inputs=inputs, outputs=outputs, data=data, name=name, description=description, step=step, stop=stop, domain=domain,

@@ -1,4 +1,4 @@
-"""Names, units and ranges of variables from what a user gives: names, dicts, data."""
+"""Names, units and ranges of variables from arguments: names, dicts, data."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def identifier(name):
 
 
 def number(value, what):
-    """The value as a float. Raises :class:`metafmu.Error` if it is no finite number."""
+    """The value as a float. Raises :class:`metafmu.Error` if it is not a finite number."""
     try:
         found = float(value)
     except (TypeError, ValueError):
@@ -34,14 +34,14 @@ def number(value, what):
 
 
 def check_keys(about, keys, what):
-    """Raises :class:`metafmu.Error` if a dict has other keys."""
+    """Raises :class:`metafmu.Error` if a dict has keys other than these."""
     unknown = [key for key in about if key not in keys]
     if unknown:
         raise _metafmu.Error(f"{what}: unknown key `{unknown[0]}`, expected one of {', '.join(keys)}")
 
 
 def items_of(given, what):
-    """Pairs of names and what is said of them. Raises :class:`metafmu.Error` for what has no names, or not in an order."""
+    """Pairs of names and their descriptions. Raises :class:`metafmu.Error` if there are no names, or if they have no order."""
     if hasattr(given, "items"):
         return list(given.items())
     if given is None or isinstance(given, str):
@@ -52,16 +52,16 @@ def items_of(given, what):
 
 
 def names_in(given, what):
-    """The names of what :func:`items_of` takes."""
+    """Names in an argument of :func:`items_of`."""
     return [str(item.name if isinstance(item, Variable) else item) for item, _ in items_of(given, what)]
 
 
 def of_section(given, count, prefix, what, keys, names=None):
-    """The entries of a section of an interface: a dict of dicts by name, in the order of the model's columns.
+    """Entries of a section of an interface: a dict of dicts by name, in the order of the model's columns.
 
     ``given``: a list of names or :class:`Variable`, or a dict of names to units, ranges ``(min, max)`` or dicts with the keys of
-    docs/import.md; ``names``: those of the columns, used if nothing is given. If ``keys`` has ``column``, and all entries do, there may be another number of
-    them.
+    docs/import.md. ``names``: names of the columns, used if nothing is given. If ``keys`` has ``column``, and all entries do, their number
+    may differ from that of the columns.
     """
     if given is None:
         made_up = [f"{prefix}{place}" for place in range(count)] if count != 1 else [prefix]
@@ -103,13 +103,13 @@ def of_section(given, count, prefix, what, keys, names=None):
 
 
 def _is_valid(name):
-    """Whether a variable of an FMU may have this name."""
+    """Returns True if a variable of an FMU may have this name."""
     return name == name.strip() and name.isprintable() and name not in ("", "time", "in_domain", "domain_distance")
 
 
 def _in_order(section, names, is_dict, what):
-    """The entries in the order of the columns, whose names are known: what a name is written for is the column of that name, and names that are none of
-    them are those of the columns in their order."""
+    """Entries in the order of the columns, whose names are known. An entry with the name of a column describes that column; entries with
+    other names describe the columns in their order."""
     known = set(names)
     if set(section) == known or is_dict and section and set(section) <= known:
         return {name: section.get(name, {}) for name in names}
@@ -127,8 +127,11 @@ def _quoted(names):
 
 
 def _refuse_other_orders(*lists):
-    """Raises :class:`metafmu.Error` if a name of one of these lists, pairs of what they are and names in the order of the same columns, is that of another
-    column apart from case, punctuation and a unit in brackets."""
+    """Raises :class:`metafmu.Error` if two lists give the same names in different orders.
+
+    Each list is a pair: a description, and names in the order of the columns. Case, punctuation and units in brackets do not distinguish
+    names.
+    """
     lists = [(what, list(names)) for what, names in lists if names]
     for place, of in enumerate(lists):
         for names in lists[place + 1 :]:
@@ -137,8 +140,12 @@ def _refuse_other_orders(*lists):
 
 
 def _names_of_columns(known, count, given, there):
-    """The names of a model's columns: those that it knows, ``known``, unless it knows none, or none of those that are given. Then they have the order of a
-    DataFrame, whose columns are ``there`` and of which there may be more, or none is known."""
+    """Names of a model's columns.
+
+    These are ``known``, the names that the model has, unless it has none, or none of them occurs in a DataFrame's columns ``there`` or in
+    ``given``. Otherwise they are the given names in the order of the DataFrame, or the names of a DataFrame with as many columns, else
+    ``known``.
+    """
     known = list(known) if known is not None and len(known) == len(set(known)) == count else None
     if known is not None and not (there and set(known).isdisjoint([*given, *there])):
         return known
@@ -151,9 +158,10 @@ def interface(
     count_inputs, count_outputs, *, inputs, outputs, data, name, description, step, stop, domain="data", input_names=None, output_names=None,
     states=None, sample=None, solver_step=None, named=False,
 ):
-    """The text of an interface, in JSON, and the rows of the data as an array, in the order of the variables, or None.
+    """Text of an interface, in JSON, and the rows of the data as an array in the order of the variables, or None.
 
-    ``input_names``, ``output_names``: of the columns, as far as the model knows them; ``named``: whether entries may say by these which column they are.
+    ``input_names``, ``output_names``: names of the columns, as far as the model has them. ``named``: entries may refer to columns by these
+    names.
     """
     if domain not in ("data", "ranges"):
         raise _metafmu.Error(f"domain: {domain!r}, expected \"data\" or \"ranges\"")
@@ -200,7 +208,7 @@ def interface(
 
 
 def as_bytes(rows):
-    """As the extension takes them."""
+    """The rows as bytes, as the extension takes them."""
     return None if rows is None else rows.tobytes()
 
 
@@ -208,8 +216,11 @@ _STATE_KEYS = ("column", "next", "derivative", "start", "min", "max", "unit", "d
 
 
 def interface_of_columns(columns, results, *, outputs, states, **about):
-    """The same of a model whose columns have names, ``columns`` those that it takes and ``results`` those that it gives, some of which may be
-    states: ``states`` is a dict of names to the output that is the next value, or to dicts with the keys of docs/import.md."""
+    """Interface of a model with named columns: text and rows, as :func:`interface` returns them.
+
+    ``columns``, ``results``: names of the model's input and output columns, some of which may be states. ``states``: a dict of names to the
+    output that is the next value, or to dicts with the keys of docs/import.md.
+    """
     if not isinstance(states or {}, Mapping):
         raise _metafmu.Error(f"states: {states!r}, expected a dict: {{\"INPUT\": \"OUTPUT\", ...}}")
     of_states = {name: _state(name, given) for name, given in (states or {}).items()}
@@ -219,7 +230,7 @@ def interface_of_columns(columns, results, *, outputs, states, **about):
     left = _without(columns, [given["column"] for given in of_states.values()])
     shown = _without(results, [given.get("next", given.get("derivative", "")) for given in of_states.values()])
     if not shown and of_states:
-        # a model that only tells how its states go on shows them
+        # a model that returns only next values or derivatives of its states shows the states
         of_model = [column for column in columns if column not in left]
         section = of_section(outputs, len(of_model), "y", "output", ("column", *_OUTPUT_KEYS), of_model)
         outputs = {name: {"column": column, **about} for column, (name, about) in zip(of_model, section.items())}

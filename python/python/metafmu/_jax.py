@@ -21,20 +21,21 @@ def from_jax(
     model: Callable[..., Any], inputs: Names = None, outputs: Names = None, data: Any = None, *, example: Any, params: Any = None, states: States = None,
     sample: float | None = None, solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
-    """The surrogate of a function of JAX.
+    """Returns the :class:`Surrogate` of a function of JAX.
 
-    ``model(x)``, or ``model(params, x)`` if there are ``params``; ``example``: an array like ``x``, a single row of shape (n,) or a
-    batch of shape (rows, n), or a tuple of arrays if there are several. The other arguments are those of :func:`metafmu.from_torch`.
+    ``model(x)``, or ``model(params, x)`` if there are ``params``. ``example``: an array like ``x``, which is a single row of shape (n,) or
+    a batch of shape (rows, n), or a tuple of arrays if there are several arguments. The other arguments are those of
+    :func:`metafmu.from_torch`.
 
     >>> f = lambda params, x: jax.nn.tanh(x @ params["w"]) @ params["v"]
     >>> metafmu.from_jax(f, data=X, outputs=["y"], example=X[:1], params=params).export("f.fmu")
 
-    The right side of a differential equation, whose arguments are its states and inputs, a time among them with a value:
+    The right-hand side of a differential equation has its states and inputs as arguments. A time among them has a value:
 
     >>> flow = lambda t, x, u: A @ x + B @ u
     >>> metafmu.from_jax(flow, inputs={"t": {"value": 0.0}, "u": (-2, 2)}, states={"x": {"derivative": "output"}}, example=(0.0, x, u))
 
-    Raises :class:`metafmu.Error` with the primitive that is not known.
+    Raises :class:`metafmu.Error` with the unknown primitive.
     """
     import jax
 
@@ -184,7 +185,7 @@ def _product(equation, operands):
 
 
 def _of_basis(equation, operands, place):
-    """What is linear in an operand, by what it makes of each unit vector."""
+    """An operation that is linear in an operand, from its results for each unit vector."""
     import jax
 
     row = operands[place]
@@ -202,7 +203,7 @@ def _of_basis(equation, operands, place):
 
 
 class _Mask:
-    """A comparison: the row is 1 where it is true, else 0; none if it is true nowhere."""
+    """A comparison: the row is 1 where it is true, else 0; None if it is true nowhere."""
 
     def __init__(self, row):
         self.row = row
@@ -212,7 +213,7 @@ class _Mask:
 
 
 def _of_masks(name, params, operands):
-    """What is made of comparisons: a mask, or numbers; None if it is not known."""
+    """Result of an operation on comparisons: a mask, or numbers; None if the operation is unknown."""
     rows = [part.row if isinstance(part, _Mask) else part for part in operands]
     if name == "convert_element_type":
         # the mask of a comparison that is true nowhere has no numbers

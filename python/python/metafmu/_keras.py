@@ -21,15 +21,15 @@ def from_keras(
     model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, states: States = None, sample: float | None = None,
     solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
-    """The surrogate of a built Keras model, as it predicts.
+    """Returns the :class:`Surrogate` of a built Keras model, in inference mode.
 
-    The arguments are those of :func:`metafmu.from_torch`. A model with ``states`` has inputs with the names of `keras.Input`, or ``input``, or ``input0`` and
-    so on, and outputs ``output``, or ``output0`` and so on, or the keys of a dict.
+    The arguments are those of :func:`metafmu.from_torch`. A model with ``states`` has the names of `keras.Input` as inputs, or ``input``,
+    or ``input0`` and so on. Its outputs are ``output``, or ``output0`` and so on, or the keys of a dict.
 
     >>> model = keras.Sequential([keras.Input((2,)), keras.layers.Dense(16, "tanh"), keras.layers.Dense(1)])
     >>> metafmu.from_keras(model, data=X, outputs={"force": "N"}).export("force.fmu")
 
-    Raises :class:`metafmu.Error` with the layer that is not known.
+    Raises :class:`metafmu.Error` with the unknown layer.
     """
     options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     shapes = [(1, *tensor.shape[1:]) for tensor in _inputs(model)]
@@ -54,7 +54,7 @@ def from_keras(
 
 
 def _columns(model, sizes):
-    """Names of the columns, of the keys that the model takes, or of `keras.Input`, and these names unless Keras made them up."""
+    """Names of the columns, from the keys that the model takes or from `keras.Input`, and these names again unless Keras made them up."""
     names = [tensor.name for tensor in model.inputs]
     keys = _packed(model, list(range(len(sizes))))
     if isinstance(keys, dict) and all(isinstance(place, int) for place in keys.values()):
@@ -65,7 +65,7 @@ def _columns(model, sizes):
 
 
 def _predicted(model, shapes, rows, keys=None):
-    """What the model predicts of rows; ``keys``: of a dict that it gives, in their order."""
+    """Predictions of the model for rows; ``keys``: keys of a dict that it returns, in their order."""
     sizes = [int(np.prod(shape)) for shape in shapes]
     parts = [part.reshape(len(rows), *shape[1:]) for part, shape in zip(np.split(rows, np.cumsum(sizes[:-1]), axis=1), shapes)]
     given = _packed(model, [part.astype(np.float32) for part in parts])

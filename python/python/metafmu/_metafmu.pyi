@@ -7,7 +7,7 @@ __version__: str
 FUNCTIONS: list[str]
 
 class Error(ValueError):
-    """What the command `metafmu` would say about wrong input."""
+    """Message of the command `metafmu` about wrong input."""
 
 class Surrogate:
     @staticmethod

@@ -25,25 +25,27 @@ def from_onnx(
     model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, states: States = None, sample: float | None = None,
     solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
-    """The surrogate of an ONNX model: a path, bytes, or what `onnx.load` gives.
+    """Returns the :class:`Surrogate` of an ONNX model: a path, bytes, or a model loaded by `onnx.load`.
 
     The arguments are those of :func:`metafmu.from_torch`.
 
     >>> metafmu.from_onnx("net.onnx", inputs={"x": (-1, 1)}, outputs=["y"]).export("net.fmu")
 
-    ``states``: inputs of the model that follow from its outputs, each with what is its next value a ``sample`` time (in seconds) later, or a
-    dict with the keys of docs/import.md: ``next`` or ``derivative``, ``start``, ``column``, ``min``, ``max``, ``unit``, ``description``.
-    What is left are inputs and outputs; if no output is left, the states are. An LSTM that is exported with its states in and out:
+    ``states``: inputs of the model that follow from its outputs. Each is mapped to the output that is its next value, a ``sample`` time (in
+    seconds) later, or to a dict with the keys of docs/import.md. These are ``next`` or ``derivative``, ``start``, ``column``, ``min``,
+    ``max``, ``unit``, ``description``. The remaining inputs and outputs are those of the surrogate; if no output remains, the states are
+    its outputs. An LSTM exported with its states as inputs and outputs:
 
     >>> metafmu.from_onnx("cell.onnx", inputs={"torque": (-50, 50)}, states={"h0": "h1", "c0": "c1"}, sample=0.01).export("cell.fmu")
 
-    and a neural ODE, whose FMU is for model exchange, too, with ``solver_step`` as its longest step:
+    A neural ODE, whose FMU supports model exchange as well, with ``solver_step`` as its longest step:
 
     >>> metafmu.from_onnx("ode.onnx", inputs={"u": (-2, 2)}, states={"x": {"derivative": "dx", "start": 0.5}}).export("ode.fmu")
 
-    Where onnxruntime is installed, it evaluates the model at some rows of ``data`` and points in the ranges, and other predictions are an error.
+    If onnxruntime is installed, it evaluates the model at some rows of ``data`` and at points in the ranges. Predictions that differ are an
+    error.
 
-    Raises :class:`metafmu.Error` with the nodes that do not fit.
+    Raises :class:`metafmu.Error` with the nodes that are not supported.
     """
     options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     folder, title = None, "model"
@@ -65,8 +67,10 @@ def from_onnx(
 
 
 def _compare(surrogate, source, model, names, text, rows):
-    """Raises :class:`metafmu.Error` if onnxruntime, unless it is not installed, finds other outputs; ``source``: the model's path or bytes, ``names``: of
-    the columns that it takes and gives."""
+    """Raises :class:`metafmu.Error` if onnxruntime, where it is installed, computes different outputs.
+
+    ``source``: the model's path or bytes; ``names``: names of its input and output columns.
+    """
     try:
         import onnxruntime
     except ImportError:
@@ -83,14 +87,14 @@ def _compare(surrogate, source, model, names, text, rows):
     try:
         predict, precision = _by_onnxruntime(onnxruntime, source, len(columns))
         predict(points[1][:1])
-    except Exception as error:  # those of onnxruntime have no class of their own
+    except Exception as error:  # onnxruntime has no base class of errors
         warnings.warn(f"the model was not compared with onnxruntime, which does not run it: {error}", stacklevel=3)
         return
     compare(points, found, "the ONNX model", predict, precision, "")
 
 
 def _by_onnxruntime(onnxruntime, source, count):
-    """What onnxruntime makes of rows of ``count`` columns, and the precision of the model."""
+    """Outputs by onnxruntime for rows of ``count`` columns, and the precision of the model."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads, options.log_severity_level = 1, 4
     session = onnxruntime.InferenceSession(os.fspath(source) if not isinstance(source, bytes) else source, options, providers=["CPUExecutionProvider"])

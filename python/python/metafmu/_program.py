@@ -1,4 +1,4 @@
-"""Where the command ``metafmu`` is: FMUs and baselines run in processes of it, so that a crash ends those only."""
+"""Location of the command ``metafmu``: FMUs and baselines run in separate processes of it, so that a crash ends only those."""
 
 import os
 import sys

@@ -16,7 +16,7 @@ from ._surrogate import Names, States
 
 @dataclass
 class ReaderOptions:
-    """Arguments that all readers have."""
+    """Arguments of all readers."""
 
     inputs: Names
     outputs: Names
@@ -37,10 +37,11 @@ class ReaderOptions:
 
 
 def surrogate_of(graph, made, options, title, *, what, predict, precision, columns, producer, single=False):
-    """The surrogate of a graph that was read, whose predictions are compared with those of the model.
+    """Surrogate of a graph, whose predictions are compared with those of the model.
 
-    ``made``: result of the model, as of :func:`outputs_of`; ``title``, ``what``: name of the model, and what errors call it; ``predict``: its predictions of
-    rows; ``columns``: names of its input columns, and the names that it knows itself or None; ``single``: it computes in single precision.
+    ``made``: result of the model, an argument of :func:`outputs_of`. ``title``, ``what``: name of the model, and its name in errors.
+    ``predict``: maps rows to its predictions. ``columns``: names of its input columns, and the names that it has itself or None.
+    ``single``: it computes in single precision.
     """
     _, value = outputs_of(made)
     (names, known), results, about = columns, names_of(made), options.of_interface(title)
@@ -60,7 +61,7 @@ def surrogate_of(graph, made, options, title, *, what, predict, precision, colum
 
 
 def _refuse_frozen_time(graph, value, columns, inputs, rows):
-    """A time with a value is always the same."""
+    """Raises if the time has a value: it would be constant."""
     for place, name in enumerate(columns):
         given = inputs.get(name) if isinstance(inputs, dict) else None
         if name in ("t", "time") and isinstance(given, dict) and "value" in given:

@@ -70,7 +70,7 @@ except ImportError:  # scikit-learn is optional
 
 
 class AccuracyWarning(UserWarning):
-    """A surrogate that predicts hardly better than a mean does."""
+    """Warning that a surrogate is hardly better than the mean."""
 
 
 _PARAMETERS = ("hidden", "activation", "epochs", "batch", "learning_rate", "validation", "random_state", "training", "verbose", "model", "std")
@@ -79,34 +79,36 @@ _OF_NETWORKS = {"hidden": (64, 64), "activation": "tanh", "epochs": None, "batch
 
 
 class Regressor(RegressorMixin, BaseEstimator):
-    """A model of rows: a network, a Gaussian process, a polynomial or another kind. An estimator of scikit-learn, if that is installed.
+    """A regression model: a network, a Gaussian process, a polynomial or another kind. An estimator of scikit-learn, if that is installed.
 
-    ``model``: ``"auto"`` compares a polynomial, a Gaussian process (of up to 1000 rows) and a network on rows that they were not fitted to, and fits the best
-    to all rows; ``"network"``; or the name of a baseline: ``"gaussian-process"``, ``"polynomial"``, ``"linear"``, ``"ridge"``, ``"lasso"``, ``"elastic-net"``,
-    ``"svr"``, ``"decision-tree"``, ``"random-forest"``, ``"extra-trees"``, ``"gradient-boosting"``, with its default options. Unless given it is ``"auto"``,
-    or ``"network"`` if one of the parameters of networks has another value than the default.
+    ``model``: ``"auto"`` compares a polynomial, a Gaussian process (of up to 1000 rows) and a network on held-out rows and fits the best to
+    all rows. Other values are ``"network"`` and the names of baselines, which have their default options: ``"gaussian-process"``,
+    ``"polynomial"``, ``"linear"``, ``"ridge"``, ``"lasso"``, ``"elastic-net"``, ``"svr"``, ``"decision-tree"``, ``"random-forest"``,
+    ``"extra-trees"``, ``"gradient-boosting"``. The default is ``"auto"``, or ``"network"`` if a parameter of networks differs from its
+    default.
 
-    Networks of few rows are small and trained by Levenberg-Marquardt steps with Bayesian regularization, with hidden layers that are chosen unless ``hidden`` is given;
-    if one of ``epochs``, ``batch``, ``learning_rate`` and ``training`` has another value than the default, and of many rows, they are trained by SOAP in single precision.
+    Networks of few rows are small and trained by Levenberg-Marquardt steps with Bayesian regularization; their hidden layers are chosen
+    unless ``hidden`` is given. Networks of many rows are trained by SOAP in single precision, and so are those of few rows if one of
+    ``epochs``, ``batch``, ``learning_rate`` and ``training`` differs from its default.
 
-    Parameters of networks: ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid,
-    relu, gelu, silu or sine; ``epochs``: passes over the rows at most, unless given 150, of few rows as many as make 2000 steps; ``batch``: rows of a step;
+    Parameters of networks: ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid, relu, gelu, silu or sine; ``epochs``:
+    maximum number of passes over the rows, by default 150, for few rows the number that makes 2000 steps; ``batch``: rows of a step;
     ``learning_rate``; ``training``: further keys of `[training]` in a study file, as a dict.
 
-    ``std``: whether there are predicted standard deviations, for ``predict(X, return_std=True)`` and as outputs ``NAME_std`` of the FMU: then a Gaussian process
-    is fitted, to 1000 rows at most.
+    ``std``: fit a Gaussian process, to at most 1000 rows, that predicts standard deviations. They are returned by ``predict(X,
+    return_std=True)`` and are outputs ``NAME_std`` of the FMU.
 
-    ``validation``: share of the rows that is held out to choose the best epoch, and of 1000 or more rows the kind of model; ``random_state``: an
-    integer, 0 unless given; ``verbose``: lines of progress on stderr.
+    ``validation``: share of the rows held out to choose the best epoch and, for 1000 or more rows, the kind of model; ``random_state``: an
+    integer, 0 by default; ``verbose``: lines of progress on stderr.
 
     >>> model = metafmu.Regressor().fit(X, y)
     >>> model.model_                            # "gaussian-process", say
     >>> model.score(X_test, y_test)
     >>> model.export("model.fmu")
 
-    After `fit` there are `surrogate_`, `model_` (the kind of model), `candidates_` (a list of dicts: ``model``, ``one_minus_r2``, the mean over outputs of 1 - R² on
-    unseen rows, ``fit_seconds`` and ``note``), `history_` (a dict with the losses of each epoch, lists without items but of networks that were trained in epochs),
-    `n_features_in_` and, of a DataFrame, `feature_names_in_`.
+    Attributes after `fit`: `surrogate_`; `model_`, the kind of model; `candidates_`, a list of dicts with ``model``, ``one_minus_r2`` (the
+    mean over outputs of 1 - R² on unseen rows), ``fit_seconds`` and ``note``; `history_`, a dict with the losses of each epoch, whose lists
+    are empty unless a network was trained in epochs; `n_features_in_` and, for a DataFrame, `feature_names_in_`.
     """
 
     def __init__(self, hidden=(64, 64), activation="tanh", epochs=None, batch=256, learning_rate=5e-3, validation=0.1, random_state=None,
@@ -167,7 +169,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         return Surrogate(core, fit.pop("accuracy"), {key: fit.pop(key) for key in ("model", "candidates")}), fit
 
     def _kind(self):
-        """The kind of model: of networks if a parameter of theirs is given."""
+        """Kind of model: a network if a parameter of networks is given."""
         given = [name for name, default in _OF_NETWORKS.items() if not _is_same(getattr(self, name), default)]
         if self.model is None:
             return "network" if given else "auto"
@@ -178,7 +180,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         return self.model
 
     def _small_networks(self):
-        """Which networks of few rows are trained by Levenberg-Marquardt steps: none if a parameter of the training is given."""
+        """Networks of few rows that are trained by Levenberg-Marquardt steps: none if a parameter of the training is given."""
         given = {name for name, default in _OF_NETWORKS.items() if not _is_same(getattr(self, name), default)}
         if given & {"epochs", "batch", "learning_rate", "training"}:
             return "never"
@@ -200,8 +202,8 @@ class Regressor(RegressorMixin, BaseEstimator):
         return int(self.random_state.randint(2**31 - 1))
 
     def predict(self, X, return_std=False):
-        """Outputs of rows of inputs, of the shape of ``y``. With ``return_std`` also the predicted standard deviation of further rows there, noise
-        included, of the same shape: of a model that was fitted with ``std=True``."""
+        """Predicts outputs for rows of inputs, in the shape of ``y``. With ``return_std`` it also returns the predicted standard deviation
+        of a new observation, noise included, in the same shape, for a model fitted with ``std=True``."""
         check_is_fitted(self)
         _refuse_times(X)
         x = validate_data(self, X, reset=False, dtype=np.float64)
@@ -220,7 +222,7 @@ class Regressor(RegressorMixin, BaseEstimator):
 
 
 def _refuse_times(*arrays):
-    """scikit-learn makes numbers of dates and durations."""
+    """Raises for dates and durations, which scikit-learn would convert to numbers."""
     for array in arrays:
         kinds = np.ravel(np.array(getattr(array, "dtypes", getattr(array, "dtype", None)), dtype=object))
         if wrong := [kind for kind in kinds if getattr(kind, "kind", "f") in "mM"]:
@@ -254,13 +256,13 @@ def fit(
 ) -> Surrogate:
     """Fits a model to rows of inputs and outputs; returns a :class:`Surrogate`.
 
-    ``X``, ``y``: arrays or DataFrames; ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts, those of the DataFrames unless
-    given; ``options``: those of :class:`Regressor`, among them ``model``: unless given the best of a polynomial, a Gaussian process and a network on unseen rows;
-    and ``std``: predicted standard deviations.
+    ``X``, ``y``: arrays or DataFrames. ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts; by default the names of
+    the DataFrames. ``options``: those of :class:`Regressor`, among them ``model``, by default the best of a polynomial, a Gaussian process
+    and a network on unseen rows, and ``std``, predicted standard deviations.
 
-    A share of the rows is held out: half of them choose the kind of model and the best epoch, the other half measure `Surrogate.accuracy`. Fewer than 1000 rows
-    choose and measure by five-fold cross-validation: each row is predicted by a model that was fitted without it, of the kind that the other folds choose. An
-    :class:`AccuracyWarning` names outputs of which less than half of the variance is explained.
+    A share of the rows is held out: half of them choose the kind of model and the best epoch, the other half measure `Surrogate.accuracy`.
+    With fewer than 1000 rows, five-fold cross-validation does both: each row is predicted by a model fitted without it, of the kind chosen
+    by the other folds. An :class:`AccuracyWarning` names outputs of which less than half of the variance is explained.
 
     >>> surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], outputs={"force": "N"})
     >>> surrogate.model, surrogate.candidates       # the kind of model, and how the others compare

@@ -1,4 +1,4 @@
-"""Tensors of one row while a model of a framework is followed: a value of the graph, and its shape."""
+"""Tensors of one row during the tracing of a model: a value of the graph, and its shape."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ def compared(name, first, second):
 
 
 def choose(mask, chosen, otherwise):
-    """One or the other, by what :func:`compared` gives; what is not chosen may be no number."""
+    """Elements of one or the other tensor, by a mask from :func:`compared`; elements that are not chosen may be NaN."""
     graph = mask.graph
     parts = [mask, *(part if is_row(part) else constant(graph, part) for part in (chosen, otherwise))]
     shape = np.broadcast_shapes(*(part.shape for part in parts))
@@ -201,8 +201,8 @@ def names_of(results):
 
 
 def columns_of_arguments(arguments, sizes, are_known=True):
-    """Names of the columns of arguments, and the names that a model knows: these, but None of a single argument with several columns, whose name says nothing
-    of them."""
+    """Names of the columns of arguments, and the names that a model knows: the same ones, but None for a single argument with several
+    columns, whose name does not identify them."""
     names = [column for name, size in zip(arguments, sizes) for column in columns_of(name, size)]
     return names, names if are_known and (len(sizes) > 1 or sizes[0] == 1) else None
 
@@ -216,7 +216,7 @@ def columns_of(name, count):
 
 
 def compose(row, name):
-    """What is made of other functions; None if it is not known."""
+    """A function composed of others; None if it is unknown."""
     made = {
         "sqrt": lambda: row.map("power", 0.5),
         "rsqrt": lambda: row.map("power", -0.5),

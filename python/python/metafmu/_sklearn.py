@@ -40,17 +40,18 @@ def from_sklearn(
     model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, states: States = None, sample: float | None = None,
     solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
-    """The surrogate of a fitted regressor or pipeline of scikit-learn, XGBoost, LightGBM or CatBoost.
+    """Returns the :class:`Surrogate` of a fitted regressor or pipeline of scikit-learn, XGBoost, LightGBM or CatBoost.
 
-    The arguments are those of :func:`metafmu.from_torch`. A regressor of derivatives, or of next values, has ``states``: its inputs have the names of the
-    DataFrame that it was fitted to, or are ``x[0]``, ``x[1]`` and so on, its outputs ``output``, or ``output[0]`` and so on.
+    The arguments are those of :func:`metafmu.from_torch`. A regressor of derivatives, or of next values, has ``states``. Its inputs have
+    the names of the DataFrame that it was fitted to, or are ``x[0]``, ``x[1]`` and so on; its outputs are ``output``, or ``output[0]`` and
+    so on.
 
     >>> model = make_pipeline(StandardScaler(), MLPRegressor()).fit(X, y)
     >>> metafmu.from_sklearn(model, data=X, outputs={"force": "N"}).export("model.fmu")
     >>> metafmu.from_sklearn(rate, inputs={"u": (-2, 2)}, states={"x[0]": {"derivative": "output", "start": 0.5}}).export("flow.fmu")
 
-    Raises :class:`metafmu.Error` for an estimator that is not known, with those that are, and if the surrogate does not predict what the estimator
-    does, which a version that is not known may cause.
+    Raises :class:`metafmu.Error` for an unknown estimator, with the known ones. Also raises if the surrogate and the estimator predict
+    different outputs, which an unknown version of the library may cause.
     """
     options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     _check(model)
@@ -70,7 +71,7 @@ def from_sklearn(
 
 
 def _predict(estimator, names, data):
-    """What the estimator predicts of rows, which have its names if it knows some."""
+    """Predictions of the estimator for rows, which get its column names if it has some."""
     frame = type(data) if is_frame(data) else None
     if names is not None and frame is None:
         # who chooses columns by name needs them
@@ -88,7 +89,8 @@ def _predict(estimator, names, data):
 
 
 def _known(estimator, *attributes):
-    """The first of these attributes that the estimator has, or what gets the same columns: what it wraps, or begins with; None if none has one."""
+    """First of these attributes that the estimator has, or that a part with the same input columns has: a wrapped estimator or a first
+    step. None if none has one."""
     found = next((found for attribute in attributes if (found := getattr(estimator, attribute, None)) is not None), None)
     steps = [step for _, step in getattr(estimator, "steps", []) if not _does_nothing(step)]
     wrapped = [getattr(estimator, name, None) for name in ("best_estimator_", "regressor_", "estimator_")]
@@ -98,7 +100,7 @@ def _known(estimator, *attributes):
 
 
 def _does_nothing(step):
-    """Whether a step of a pipeline is none, or a pipeline of such steps."""
+    """Returns True if a step of a pipeline is None or a string, or a pipeline of such steps."""
     return step is None or isinstance(step, str) or hasattr(step, "steps") and all(_does_nothing(part) for _, part in step.steps)
 
 
@@ -146,13 +148,16 @@ def _or(array, otherwise):
 
 
 def _kind(part):
-    """The name of a class of scikit-learn; a class of somebody else may do something else."""
+    """Name of a class of scikit-learn, with its module if it is from a different package: there, the same name may mean something else."""
     kind = type(part)
     return kind.__name__ if kind.__module__.split(".")[0] in _PACKAGES else f"{kind.__name__} of {kind.__module__}"
 
 
 def _scaling(estimator):
-    """Of a transformer that is linear in each column, ``factor (x - centre) + offset``: factors, centres and offsets. Numbers far from zero cancel otherwise."""
+    """Factors, centres and offsets of a transformer that is linear in each column, ``factor (x - centre) + offset``.
+
+    The centre is subtracted first, as numbers far from zero cancel otherwise.
+    """
     name = _kind(estimator)
     if name == "StandardScaler":
         return 1.0 / _or(estimator.scale_, 1.0), _or(estimator.mean_ if estimator.with_mean else None, 0.0), 0.0
@@ -177,7 +182,7 @@ def _scaler(graph, estimator, value):
 
 
 def _by_numpy(graph, function, value):
-    """A function of numpy, number by number, or the same one of scipy; not any that has its name."""
+    """A function of numpy or scipy, number by number; functions with the same name from other modules are refused."""
     import scipy.special
 
     name = getattr(function, "__name__", repr(function))
@@ -384,7 +389,7 @@ def _regressor(graph, estimator, value):
 
 
 def _kernel_of_vectors(graph, value, vectors, kernel, gamma, coef0, degree):
-    """What a kernel of libsvm gives for each of the vectors."""
+    """Values of a kernel of libsvm for each of the vectors."""
     if kernel == "rbf":
         return graph.elementwise(graph.linear(graph.distances(value, vectors), -gamma), "exp")
     if kernel == "linear":
@@ -492,7 +497,7 @@ def _tree(tree, scale=1.0):
 
 
 def _finite(thresholds):
-    """The same for all numbers: a split off of missing values only has an infinite threshold."""
+    """Finite thresholds: a split that separates only missing values has an infinite one."""
     largest = np.finfo(np.float64).max
     return np.clip(thresholds, -largest, largest)
 
@@ -594,7 +599,7 @@ def _transformed_target(graph, estimator, value):
 
 
 def _inverse(graph, transformer, value):
-    """What undoes a transformer of targets."""
+    """Inverse of a transformer of targets."""
     scaling = _scaling(transformer)
     if scaling is not None:
         if getattr(transformer, "clip", False):

@@ -13,7 +13,7 @@ from ._surrogate import Surrogate
 
 
 class Study:
-    """A study file: what is sampled, how, and what is made of it.
+    """A study file: sampling, training and export of a surrogate.
 
     >>> result = metafmu.Study.load("study.toml").build()
     >>> result.metrics["outputs"], result.fmus
@@ -25,7 +25,7 @@ class Study:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Study:
-        """Reads and checks a study; :class:`metafmu.Error` has every mistake with its line."""
+        """Reads and checks a study. :class:`metafmu.Error` lists every mistake with its line."""
         path = Path(path)
         name, _ = _metafmu.study(path, None, program())
         return cls(path, name)
@@ -35,9 +35,9 @@ class Study:
     ) -> Result:
         """Samples, trains, evaluates, exports, validates and reports; returns a :class:`Result`.
 
-        ``out``: folder of the results, ``out/NAME`` unless given; ``fmi``: ``"2"``, ``"3"`` or ``"both"``, the study's unless given;
-        ``resume``: keeps what a stopped build of the same study has finished; ``verbose``: lines of progress on stderr. Ctrl-C ends the
-        training and raises KeyboardInterrupt.
+        ``out``: folder of the results, by default ``out/NAME``. ``fmi``: ``"2"``, ``"3"`` or ``"both"``, by default that of the study.
+        ``resume``: keep the finished stages of an interrupted build of the same study. ``verbose``: lines of progress on stderr. Ctrl-C
+        ends the training and raises KeyboardInterrupt.
         """
         out = None if out is None else Path(out)
         fmi = None if fmi is None else str(fmi)
@@ -48,7 +48,7 @@ class Study:
 
 
 class Result:
-    """What a build has made."""
+    """Results of a build."""
 
     def __init__(self, built):
         self._built = built
@@ -94,7 +94,7 @@ class Report(os.PathLike):
 
 
 class Validation:
-    """What was found wrong with an FMU: true if nothing was."""
+    """Problems found in an FMU. An instance is true if there are none."""
 
     def __init__(self, found):
         #: Dicts with `area`, `line` and `message`.
@@ -111,8 +111,9 @@ class Validation:
 
 
 def validate(fmu: str | os.PathLike[str], time_limit: float = 60.0) -> Validation:
-    """Checks any FMU of FMI 2.0 or 3.0: archive, description, and, if it has a binary for this machine, how it runs, in a process of
-    its own. ``time_limit``: seconds that each of the checks that run it may take.
+    """Checks any FMU of FMI 2.0 or 3.0: archive, description, and, if it has a binary for this machine, simulations in a separate process.
+
+    ``time_limit``: seconds for each of the checks that run the FMU.
 
     >>> bool(metafmu.validate("model.fmu"))
     True

@@ -1,4 +1,4 @@
-"""Surrogates: what is evaluated, differentiated, saved and exported."""
+"""Surrogates: evaluation, derivatives, model files and export."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Variable:
-    """An input or output: name, unit, and the range for which the model was made. ``start`` is None for outputs."""
+    """An input or output: name, unit, and the range the model was made for. ``start`` is None for outputs."""
 
     name: str
     unit: str
@@ -37,7 +37,7 @@ States = Optional[Mapping[str, Any]]
 
 
 def rows_of(x, names, what="X"):
-    """The rows of an array-like or a DataFrame with columns of these names, as an array of doubles of shape (rows, columns).
+    """Rows of an array-like or a DataFrame with columns of these names, as an array of doubles of shape (rows, columns).
 
     Raises :class:`metafmu.Error` if they do not fit.
     """
@@ -60,7 +60,7 @@ def rows_of(x, names, what="X"):
 
 
 def is_frame(x):
-    """Whether it is a DataFrame."""
+    """Returns True for a DataFrame."""
     return hasattr(x, "columns") and hasattr(x, "__getitem__")
 
 
@@ -80,8 +80,11 @@ def numbers_of(x, what):
 
 
 def data_rows(data, names, columns):
-    """The rows of training data, for variables of these names. Those of a DataFrame are found by the names that the model has for its columns, or by
-    those of the variables, or by their order, if there are as many of them and their names are others."""
+    """Rows of training data, for variables of these names.
+
+    Columns of a DataFrame are found by the model's names for its columns or by the names of the variables. A DataFrame with other names and
+    as many columns is used in its order.
+    """
     if not is_frame(data):
         if isinstance(data, Mapping):
             raise _metafmu.Error("data is a dict, expected an array or a DataFrame")
@@ -102,9 +105,9 @@ def data_rows(data, names, columns):
 
 
 class Surrogate:
-    """A model with named inputs and outputs, their units and ranges, which becomes an FMU.
+    """A model with named inputs and outputs, their units and ranges, which can be exported as an FMU.
 
-    Made by :func:`metafmu.from_torch`, :func:`metafmu.from_sklearn` and so on, :func:`metafmu.fit`, :meth:`Study.build`, or
+    Created by :func:`metafmu.from_torch`, :func:`metafmu.from_sklearn` and the other readers, :func:`metafmu.fit`, :meth:`Study.build`, or
     :meth:`Surrogate.load`.
 
     >>> surrogate = metafmu.Surrogate.load("model.safetensors")
@@ -129,17 +132,17 @@ class Surrogate:
         return cls(_metafmu.Surrogate.load(os.fspath(path)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a model file; its name must end in ``.safetensors`` to be read again."""
+        """Writes a model file; to be loaded again, its name must end in ``.safetensors``."""
         self._core.save(os.fspath(path))
 
     @property
     def name(self) -> str:
-        """The name, also of the FMU's model."""
+        """Name of the surrogate, also of the FMU's model."""
         return self._metadata["name"]
 
     @property
     def content_digest(self) -> str:
-        """SHA-256 of everything in the model: two surrogates with one digest are the same."""
+        """SHA-256 of the whole model: surrogates with equal digests are identical."""
         return self._metadata["provenance"]["content_digest"]
 
     @property
@@ -150,7 +153,8 @@ class Surrogate:
 
     @property
     def outputs(self) -> list[Variable]:
-        """The outputs, in the order of the columns of a prediction; without predicted standard deviations, which are outputs of the FMU."""
+        """The outputs, in the order of the columns of a prediction. Predicted standard deviations, which are outputs of the FMU, are not
+        among them."""
         keys = ("name", "unit", "min", "max", "description")
         return [Variable(**{key: item[key] for key in keys}) for item in self._predictions]
 
@@ -159,10 +163,10 @@ class Surrogate:
         return rows_of(x, [item["name"] for item in self._metadata["inputs"]])
 
     def predict(self, X: Any, return_std: bool = False) -> Any:
-        """Outputs of shape (rows, outputs), in double precision; all cores work on them.
+        """Predicts outputs of shape (rows, outputs), in double precision, on all cores.
 
-        ``X``: rows of the inputs, as an array or a DataFrame with a column for each input; ``return_std``: whether the predicted standard deviations, of
-        the same shape, are returned as well, of a surrogate that was fitted with ``std=True``.
+        ``X``: rows of the inputs, as an array or a DataFrame with a column for each input. ``return_std``: also return the predicted
+        standard deviations, of the same shape, of a surrogate fitted with ``std=True``.
         """
         rows, predictions = self._rows(X), len(self._predictions)
         if return_std and not self.has_std:
@@ -185,23 +189,26 @@ class Surrogate:
         return values[:, : len(self._predictions)]
 
     def domain_distance(self, X: Any) -> np.ndarray:
-        """How far each row is from the domain of validity, relative to the ranges of the inputs: 0 inside, as the FMU's output of that name."""
+        """Distance of each row from the domain of validity, relative to the ranges of the inputs: 0 inside, as the FMU's output of the same
+        name."""
         return np.frombuffer(self._core.domain_distance(self._rows(X).tobytes()), dtype=np.float64)
 
     def in_domain(self, X: Any) -> np.ndarray:
-        """Whether each row is in the domain of validity: in the ranges of the inputs and, if the model was made with its training data,
-        near some of them."""
+        """True for each row in the domain of validity: in the ranges of the inputs and, if the model was made with its training data, near
+        some of them."""
         return self.domain_distance(X) <= _TOLERANCE
 
     def evaluate(self, X: Any, y: Any) -> dict[str, dict[str, float | None]]:
-        """How far predictions are from what they should be: a dict for each output, of which `pandas.DataFrame` makes a table.
+        """Measures errors of predictions on given rows. Returns a dict for each output, from which `pandas.DataFrame` makes a table.
 
-        ``X``: rows of the inputs; ``y``: outputs of the original model there, an array or a DataFrame; both unseen in training, or the figures
-        say little. ``r2``: coefficient of determination, None if ``y`` is constant; ``rmse``: root mean square error; ``max_error``: the largest
-        error, ``worst_row``: where it is; ``relative_max_error``: the largest error as a share of the range of ``y``;
-        ``within_two_std``: share of the rows within two predicted standard deviations, if there are any.
+        ``X``: rows of the inputs; ``y``: outputs of the original model there, an array or a DataFrame. Both must be unseen in training: on
+        training rows the figures are too optimistic.
 
-        FMUs that are exported afterwards have the figures in their model card.
+        The keys of the dicts are ``r2``: coefficient of determination, None if ``y`` is constant; ``rmse``: root mean square error;
+        ``max_error``: largest error; ``worst_row``: row of the largest error; ``relative_max_error``: largest error as a share of the range
+        of ``y``; ``within_two_std``: share of the rows within two predicted standard deviations, if there are any.
+
+        FMUs that are exported afterwards show the figures in their model card.
 
         >>> surrogate.evaluate(X_test, y_test)["force"]["r2"]
         """
@@ -221,8 +228,11 @@ class Surrogate:
 
     @property
     def accuracy(self) -> dict[str, dict[str, float | None]] | None:
-        """What :meth:`evaluate` measured last; after :func:`metafmu.fit` the accuracy on rows that took part neither in the fit nor in the choice of the kind of
-        model and of the best epoch, of few rows by cross-validation. None if nothing was measured."""
+        """Result of the last :meth:`evaluate`. None if nothing was measured.
+
+        After :func:`metafmu.fit` it is the accuracy on rows that took part neither in the fit nor in the choice of the kind of model and of
+        the best epoch; for few rows it is that of cross-validation.
+        """
         if self._accuracy is None:
             return None
         figures = {}
@@ -236,30 +246,35 @@ class Surrogate:
 
     @property
     def model(self) -> str | None:
-        """Kind of model after :func:`metafmu.fit`: ``"network"``, ``"gaussian-process"`` and so on; None of other surrogates, and if it was loaded from a file."""
+        """Kind of model after :func:`metafmu.fit`: ``"network"``, ``"gaussian-process"`` and so on. None for other surrogates, and after
+        loading from a file."""
         return self._fit["model"] if self._fit else None
 
     @property
     def candidates(self) -> list[dict[str, Any]]:
-        """Kinds of model that :func:`metafmu.fit` compared, a dict for each: ``model``, ``one_minus_r2`` (the mean over outputs of 1 - R² on rows that it was not
-        fitted to, or None), ``fit_seconds`` and ``note``. Empty where `model` is None."""
+        """Kinds of model that :func:`metafmu.fit` compared, a dict for each. Empty where `model` is None.
+
+        The keys are ``model``, ``one_minus_r2`` (the mean over outputs of 1 - R² on rows that it was not fitted to, or None),
+        ``fit_seconds`` and ``note``.
+        """
         return [dict(row) for row in self._fit["candidates"]] if self._fit else []
 
     @property
     def sample_time(self) -> float | None:
-        """Time between two samples of a discrete-time surrogate, in seconds; None of others."""
+        """Time between two samples of a discrete-time surrogate, in seconds; None for other surrogates."""
         return self._core.sample_time()
 
     def simulate(self, time: Any, inputs: Any = None, parameters: Mapping[str, float] | None = None, history: Any = None) -> np.ndarray:
-        """Outputs of shape (times, outputs) of a surrogate with states, which begins at the first of the times.
+        """Simulates a surrogate with states from the first of the times on; returns outputs of shape (times, outputs).
 
-        ``time``: ascending, in seconds; ``inputs``: what drives it at these times, of shape (times, inputs), or a DataFrame or dict with a column for
-        each: linear in between, but of models of samples held from sample to sample; ``parameters``: numbers by name, also the ``..._start`` of states;
-        start values unless given.
+        ``time``: ascending, in seconds. ``inputs``: input signals at these times, of shape (times, inputs), or a DataFrame or dict with a
+        column for each. They are linear between the times; a discrete-time surrogate holds them from sample to sample. ``parameters``:
+        numbers by name, also the ``..._start`` of states; others keep their start values.
 
-        ``history``: of a discrete-time surrogate, what was measured before the first of the times: rows of inputs and outputs, of shape (rows, inputs +
-        outputs), or a DataFrame or dict with a column for each. They are :attr:`sample_time` apart, the last one that long before the first of the times;
-        a column ``time`` is compared with that. Their outputs replace the predicted ones; the result has no rows for them.
+        ``history``: measurements before the first of the times, for a discrete-time surrogate. They are rows of inputs and outputs, of
+        shape (rows, inputs + outputs), or a DataFrame or dict with a column for each. Rows are :attr:`sample_time` apart, and the last one
+        is that long before the first of the times; a column ``time`` is checked against that. Measured outputs replace the predicted ones;
+        the result has no rows for them.
 
         >>> t = numpy.linspace(0.0, 10.0, 1001)
         >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, {"angle_start": 0.5})
@@ -295,7 +310,7 @@ class Surrogate:
         return np.frombuffer(values, dtype=np.float64).reshape(len(time), len(outputs))[len(measured) :]
 
     def _past(self, history, names, start):
-        """Times before the start, relative to it, and the rows of a history, with columns of these names."""
+        """Times before the start, relative to it, and the rows of a history with columns of these names."""
         step = self.sample_time
         if step is None:
             raise _metafmu.Error(f"`{self.name}` has no past samples, expected a discrete-time surrogate: `parameters` has the states at the start")
@@ -326,9 +341,9 @@ class Surrogate:
     ) -> list[Path]:
         """Writes FMUs and returns their paths.
 
-        ``path``: the FMU, or a folder for ``NAME.fmu``. ``fmi``: ``"2"``, ``"3"`` or ``"both"``; of both, that of 3.0 is beside the
-        other one, with ``-fmi3`` in its name. ``sources``: also C99 source code, for targets without a binary. ``platforms``: tuples
-        like ``"x86_64-linux"``, all that the package has unless given.
+        ``path``: the FMU, or a folder for ``NAME.fmu``. ``fmi``: ``"2"``, ``"3"`` or ``"both"``; for both, the FMU of FMI 3.0 is in the
+        same folder, with ``-fmi3`` in its name. ``sources``: also C99 source code, for targets without a binary. ``platforms``: tuples like
+        ``"x86_64-linux"``; by default all that the package has.
         """
         path = Path(path)
         if path.is_dir():

@@ -24,24 +24,27 @@ def from_torch(
     model: Any, inputs: Names = None, outputs: Names = None, data: Any = None, *, example: Any = None, states: States = None, sample: float | None = None,
     solver_step: float | None = None, name: str | None = None, description: str = "", step: float | None = None, stop: float = 1.0, domain: str = "data",
 ) -> Surrogate:
-    """The surrogate of a module of PyTorch, as it is after `eval()`.
+    """Returns the :class:`Surrogate` of a module of PyTorch in evaluation mode, as after `eval()`.
 
-    ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts with ``min``, ``max``, ``start``, ``unit``, ``causality`` ("input",
-    "parameter" or "time"); ``outputs``: names, or a dict of names to units; unless given, the names that the model knows. ``data``: rows that it was
-    trained on, an array or a DataFrame, for the ranges of inputs that have none and for the domain of validity; ``domain="ranges"``: all of the ranges are
-    valid. ``step``, ``stop``: default step and stop time of a simulation. All readers of models have these arguments.
+    ``inputs``: names, or a dict of names to units, ranges ``(min, max)`` or dicts with ``min``, ``max``, ``start``, ``unit``, ``causality``
+    ("input", "parameter" or "time"). ``outputs``: names, or a dict of names to units. Names that are not given are those of the model.
+    ``data``: rows that the model was trained on, an array or a DataFrame, for missing ranges of inputs and for the domain of validity; with
+    ``domain="ranges"`` the whole ranges are valid. ``step``, ``stop``: default step and stop time of a simulation. All readers of models
+    have these arguments.
 
-    ``example``: a tensor like the input, or a tuple of tensors if there are several or if they have more dimensions than a batch and columns.
+    ``example``: a tensor like the input, or a tuple of tensors if there are several inputs or if they have more dimensions than batch and
+    columns.
 
     >>> net = torch.nn.Sequential(torch.nn.Linear(2, 16), torch.nn.Tanh(), torch.nn.Linear(16, 1))
     >>> metafmu.from_torch(net, inputs={"x": (-1, 1), "v": (-2, 2)}, outputs=["force"]).export("force.fmu")
 
-    ``states``, ``sample``, ``solver_step``: as of :func:`metafmu.from_onnx`, for the right side of a differential equation, or a model that gives the next
-    values of states. Inputs have the names of the arguments of ``forward``; outputs are ``output``, or ``output0`` and so on, or the keys of a dict:
+    ``states``, ``sample``, ``solver_step``: see :func:`metafmu.from_onnx`. The model is then the right-hand side of a differential
+    equation, or gives the next values of states. Inputs have the names of the arguments of ``forward``; outputs are ``output``, or
+    ``output0`` and so on, or the keys of a dict:
 
     >>> metafmu.from_torch(flow, inputs={"u": (-2, 2)}, states={"x": {"derivative": "output", "start": 0.5}}, example=(x, u)).export("flow.fmu")
 
-    Raises :class:`metafmu.Error` with the operation that is not known, or cannot be followed.
+    Raises :class:`metafmu.Error` with the operation that is unknown or cannot be traced.
     """
     import torch
     import torch.fx
@@ -58,7 +61,7 @@ def from_torch(
 
 @contextlib.contextmanager
 def _evaluated(module):
-    """The module as it is after `eval()`, meanwhile; copies are not made, as not all modules can be copied."""
+    """The module in evaluation mode, as after `eval()`, within the context. It is not copied, as not all modules can be copied."""
     parts = [(part, part.training) for part in module.modules()] if hasattr(module, "modules") else []
     try:
         for part, _ in parts:
@@ -95,7 +98,7 @@ def _read(module, example, options):
         begin += size
     device = tensors[0].device if tensors else None
     predict = lambda rows: _predicted(module, shapes, torch.tensor(rows, dtype=kind, device=device))
-    # hooks compute weights as they are from now on; what else goes wrong is told afterwards
+    # hooks compute weights as they are from now on; other errors are reported afterwards
     with contextlib.suppress(Exception):
         predict(np.zeros((1, graph.width(0))))
     made = _follow(traced, given)
@@ -119,7 +122,7 @@ def _kind(tensors, example):
 
 
 def _predicted(module, shapes, rows):
-    """What the module gives for rows: all at once, or one after the other where it takes a single one."""
+    """Outputs of the module for rows: all at once, or one after the other if it takes only single rows."""
     import torch
 
     sizes = [int(np.prod(shape)) for shape in shapes]
@@ -270,7 +273,7 @@ def _is_in_place(traced, node):
 
 
 def _may_share(traced, node):
-    """Whether the result may be the tensor itself, or a view of it."""
+    """Returns True if the result may be the tensor itself, or a view of it."""
     if node.op == "call_module":
         return type(traced.get_submodule(node.target)).__name__ in ("Identity", "Dropout", "Dropout1d", "AlphaDropout", "FeatureAlphaDropout", "Flatten", "Unflatten")
     name = node.target if node.op == "call_method" else getattr(node.target, "__name__", "")
@@ -585,7 +588,7 @@ _FUNCTIONS = {
 
 
 def _gates(module, x, h):
-    """What the weights of a cell make of the input and of the hidden numbers, gate by gate."""
+    """Sums of weighted inputs and of weighted hidden numbers of a cell, gate by gate."""
     sums = []
     for row, weight, bias in ((x, module.weight_ih, module.bias_ih), (h, module.weight_hh, module.bias_hh)):
         made = _linear(row, weight, bias)

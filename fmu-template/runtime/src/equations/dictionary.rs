@@ -1,4 +1,4 @@
-//! Linear combinations of products of sines, cosines and powers: what the functions of a mechanism's configuration are made of.
+//! Linear combinations of products of sines, cosines and powers: the functions of a mechanism's configuration.
 //!
 //! ```text
 //! y_j = sum over terms t of c_tj  product over columns i of f(e_ti, x_i)
@@ -6,15 +6,15 @@
 //! power: f(e, x) = ((x - middle) / half)^e
 //! ```
 //!
-//! The entries of a mass matrix of revolute and prismatic joints are such sums exactly, with harmonics of order two at most; those of
-//! a closed loop are analytic and periodic, so that their series converge geometrically.
+//! The entries of a mass matrix of revolute and prismatic joints are exactly such sums, with harmonics of order two at
+//! most. The entries of a closed loop are analytic and periodic, so their series converge geometrically.
 
 use super::tape::{Register, SumTerm, TapeBuilder};
 use crate::FormatError;
 use crate::check::{expect_finite, expect_positive, expect_shape};
 use std::ops::Range;
 
-/// What a column contributes to the products.
+/// Contribution of a column to the products.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Factor {
     /// Sines and cosines of its multiples; in rad.
@@ -28,7 +28,7 @@ pub enum Factor {
     },
 }
 
-/// A product and what each output has of it.
+/// A product and its coefficient in each output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Term {
     /// `e_ti`, one for each column: a harmonic, negative for a sine, or a power.
@@ -42,7 +42,7 @@ pub struct Term {
 pub struct Dictionary {
     columns: Vec<Column>,
     outputs: usize,
-    /// Of all columns one after the other.
+    /// Number of atoms of all columns.
     atoms: usize,
     products: Vec<PreparedTerm>,
     /// Column and atom of each factor other than 1, product by product.
@@ -55,7 +55,8 @@ pub struct Dictionary {
 #[derive(Clone, Debug, PartialEq)]
 struct Column {
     factor: Factor,
-    /// Of an angle: cos and sin of 1, cos and sin of 2, ...; of a power: 1, 2, ...
+    /// Positions of the atoms. Those of an angle are cos and sin of 1, cos and sin of 2, ...; those of a power are 1,
+    /// 2, ...
     atoms: Range<usize>,
 }
 
@@ -163,7 +164,7 @@ impl Dictionary {
         self.outputs
     }
 
-    /// What each column contributes.
+    /// Contribution of each column.
     pub fn factors(&self) -> impl Iterator<Item = Factor> + '_ {
         self.columns.iter().map(|column| column.factor)
     }

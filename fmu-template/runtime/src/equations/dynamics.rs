@@ -1,5 +1,4 @@
-//! Equations of motion in generalized coordinates `q`, with functions of the configuration that were
-//! learned.
+//! Equations of motion in generalized coordinates `q`, with learned functions of the configuration.
 //!
 //! ```text
 //! qd = v
@@ -7,9 +6,10 @@
 //! h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
 //! ```
 //!
-//! The [efforts](Efforts) `e` are the inputs `u`, or formulas of them and of the motion, as friction is. `h` has the exact derivatives of
-//! `M`, so that without `F`, `D` and `e` the energy `v^T M v / 2 + V` is conserved whatever the functions are. No velocity enters what
-//! was learned, so that none is ever extrapolated, unless a network of `(q, p, v, u)` adds to the right side.
+//! The [efforts](Efforts) `e` are the inputs `u`, or formulas of them and of the motion, as friction is. `h` has the
+//! exact derivatives of `M`, so that without `F`, `D` and `e` the energy `v^T M v / 2 + V` is conserved whatever the
+//! functions are. No velocity enters a learned function, so none is ever extrapolated, unless a network of `(q, p, v,
+//! u)` adds to the right-hand side.
 //!
 //! Drivers may prescribe accelerations, of the coordinates `d`; the others, `f`, follow:
 //!
@@ -40,9 +40,9 @@ pub struct Dynamics {
     law: Law,
     /// From `(q, p, v, u)` to further forces.
     forces: Option<NetworkTerm>,
-    /// Whether the acceleration of each coordinate is prescribed.
+    /// `true` for each coordinate whose acceleration is prescribed.
     prescribed: Vec<bool>,
-    /// Whether one of them is.
+    /// `true` if any acceleration is prescribed.
     is_driven: bool,
     written: Written,
 }
@@ -233,7 +233,7 @@ impl Dynamics {
         self.coordinates * (self.coordinates + 1) / 2 + 1 + self.efforts.positions()
     }
 
-    /// The same with prescribed accelerations of some coordinates.
+    /// Prescribes the accelerations of some coordinates.
     ///
     /// # Errors
     /// [`FormatError`] if there is no such coordinate.
@@ -246,7 +246,7 @@ impl Dynamics {
         Ok(if coordinates.is_empty() { self } else { self.write() })
     }
 
-    /// The same with a network of `(q, p, v, u)` that adds forces.
+    /// Sets the network of `(q, p, v, u)` that adds forces, if there is one.
     ///
     /// # Errors
     /// [`FormatError`] if it has other columns, or more forces than there are coordinates.
@@ -289,25 +289,26 @@ impl Dynamics {
         self.forces.as_ref()
     }
 
-    /// Whether the acceleration of each coordinate is prescribed.
+    /// Mask of the coordinates whose accelerations are prescribed.
     pub fn prescribed(&self) -> &[bool] {
         &self.prescribed
     }
 
-    /// Whether a function or an effort depends on a coordinate or parameter, by its position among both.
+    /// Returns true if a function or an effort depends on a coordinate or parameter, by its position among both.
     pub fn depends_on(&self, column: usize) -> bool {
         self.law.depends_on(column)
             || self.efforts.depends_on(column)
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
 
-    /// Whether a velocity enters otherwise than exactly: the forces' network has it.
+    /// Returns true if a velocity enters the network of forces, which may extrapolate it: elsewhere velocities enter
+    /// exactly.
     pub fn extrapolates(&self, coordinate: usize) -> bool {
         let velocity = self.coordinates + self.parameters() + coordinate;
         self.forces.as_ref().is_some_and(|forces| forces.depends_on(velocity))
     }
 
-    /// Whether an input has an effect.
+    /// Returns true if an input has an effect.
     pub fn is_driven_by(&self, input: usize) -> bool {
         let (n, e) = (self.coordinates, self.efforts.count());
         let first = self.law.dictionary().outputs() - n * e;
@@ -317,7 +318,7 @@ impl Dynamics {
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
 
-    /// Whether nothing but the inputs changes the energy.
+    /// Returns true if only the inputs change the energy.
     pub fn is_conservative(&self) -> bool {
         let (n, first) = (self.coordinates, self.differentiated());
         let mut forces = first..first + n + n * n;

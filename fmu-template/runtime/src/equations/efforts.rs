@@ -1,4 +1,4 @@
-//! Efforts: what acts in [equations of motion](super::dynamics) by formulas that are known.
+//! Efforts: forces, torques and accelerations in [equations of motion](super::dynamics) that have known formulas.
 
 use crate::{
     FormatError,
@@ -30,7 +30,7 @@ pub struct Efforts {
 /// A damaged file must not claim more memory than there is.
 const MOST_INPUTS: usize = 1 << 16;
 
-/// What a column of a formula is.
+/// Quantity in a column of a formula.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EffortColumn {
     /// A parameter.
@@ -44,11 +44,11 @@ pub enum EffortColumn {
 }
 
 impl Efforts {
-    /// Efforts from their formulas, in equations with so many parameters, inputs and coordinates.
+    /// Efforts from their formulas, in equations with these numbers of parameters, inputs and coordinates.
     ///
     /// # Errors
-    /// [`FormatError`] if there are too many inputs, a position has not a winding for each coordinate, or a formula has a column beyond the
-    /// last.
+    /// [`FormatError`] if there are too many inputs, a position does not have a winding for each coordinate, or a
+    /// formula has a column beyond the last.
     pub fn new(
         [parameters, inputs, coordinates]: [usize; 3],
         windings: Vec<f64>,
@@ -68,7 +68,7 @@ impl Efforts {
         Ok(efforts)
     }
 
-    /// The inputs themselves.
+    /// Efforts that are the inputs.
     pub fn of_inputs([parameters, inputs, coordinates]: [usize; 3]) -> Self {
         let formulas = (0..inputs).map(|input| Formula::column(parameters + input)).collect();
         Self { parameters, inputs, windings: Vec::new(), coordinates, formulas }
@@ -117,7 +117,7 @@ impl Efforts {
         tables
     }
 
-    /// What a column of the formulas is.
+    /// Quantity in a column of the formulas.
     pub fn column(&self, column: usize) -> EffortColumn {
         let (inputs, positions) = (self.parameters, self.parameters + self.inputs);
         let rates = positions + self.positions();

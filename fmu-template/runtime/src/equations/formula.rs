@@ -127,7 +127,7 @@ impl Formula {
         self.steps.iter().filter_map(|step| if let FormulaStep::Column(column) = step { Some(*column) } else { None })
     }
 
-    /// The same formula with other steps in the place of its columns.
+    /// Replaces the columns of the formula by other steps.
     ///
     /// # Errors
     /// As [`new`](Self::new).

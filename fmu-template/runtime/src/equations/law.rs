@@ -31,13 +31,13 @@ pub struct NetworkTerm {
 /// A column of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetworkColumn {
-    /// Position of the column that it is made of.
+    /// Position of the column it is a function of.
     pub of: usize,
-    /// What it is of that one.
+    /// Function of that column.
     pub kind: ColumnKind,
 }
 
-/// What a column of the network is.
+/// Function that makes a column of the network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ColumnKind {
     /// The value.
@@ -74,18 +74,18 @@ impl Law {
         &self.dictionary
     }
 
-    /// What adds to it.
+    /// Network that adds to the dictionary.
     pub fn network(&self) -> Option<&NetworkTerm> {
         self.network.as_ref()
     }
 
-    /// Whether a function depends on a column.
+    /// Returns true if any function depends on a column.
     pub fn depends_on(&self, column: usize) -> bool {
         self.dictionary.terms().any(|term| term.exponents[column] != 0)
             || self.network.as_ref().is_some_and(|network| network.depends_on(column))
     }
 
-    /// Whether a function is zero everywhere.
+    /// Returns true if a function is zero everywhere.
     pub fn is_zero(&self, function: usize) -> bool {
         self.dictionary.is_zero(function)
             && self.network.as_ref().is_none_or(|network| !network.outputs.contains(&function))
@@ -190,7 +190,7 @@ impl NetworkTerm {
         Ok(())
     }
 
-    /// What its columns are.
+    /// Columns of the network.
     pub fn columns(&self) -> &[NetworkColumn] {
         &self.columns
     }
@@ -205,7 +205,7 @@ impl NetworkTerm {
         &self.network
     }
 
-    /// Whether it has a column of this one.
+    /// Returns true if the network has a function of this column.
     pub fn depends_on(&self, column: usize) -> bool {
         self.columns.iter().any(|own| own.of == column)
     }
@@ -230,7 +230,7 @@ impl NetworkColumn {
 }
 
 impl ColumnKind {
-    /// What it is of a value, and its derivative.
+    /// Value of the function at `x`, and its derivative.
     fn of(self, x: f64) -> [f64; 2] {
         match self {
             Self::Plain => [x, 1.0],
@@ -251,7 +251,7 @@ mod tests {
     const SMOOTH: [Activation; 5] =
         [Activation::Tanh, Activation::Sigmoid, Activation::Gelu, Activation::Silu, Activation::Sine];
 
-    /// Of an angle, a coordinate and a parameter, of which the network has the angle and the parameter.
+    /// Law of an angle, a coordinate and a parameter. Its network has the angle and the parameter.
     fn law(activation: Activation) -> Law {
         let mut state = 0.3f64;
         let mut number = || {
@@ -267,7 +267,8 @@ mod tests {
         with_network(layers)
     }
 
-    /// The same with nodes of the angle, of the parameter, of both and of neither, for one function or both.
+    /// Law of the same columns, with nodes of the angle, of the parameter, of both and of neither, for one function or
+    /// both.
     fn nodes() -> Law {
         let columns = |node: usize| [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0; 3]][node % 4];
         let functions = |node: usize| [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0]][node / 4 % 3];
@@ -310,7 +311,7 @@ mod tests {
 
     const POINT: [f64; 3] = [0.8, 1.3, -1.1];
 
-    /// With derivatives with respect to so many first columns.
+    /// Computes a law with derivatives with respect to the first columns, `first` in number.
     fn compute<T: Number>(law: &Law, first: usize, x: &[T], y: &mut [T], gradient: &mut [T]) {
         let prepared = law.prepared(first, 0..0);
         prepared.compute(x, y, gradient, &mut prepared.work());

@@ -72,8 +72,8 @@ impl LookupTable {
     /// A table of values, shape `[x]` or `[x, y]`, at the knots of one or two axes.
     ///
     /// # Errors
-    /// [`FormatError`] if there are not one or two axes of two or more ascending knots, numbers are not finite, the values have another shape, or a
-    /// periodic table has other values at its end.
+    /// [`FormatError`] if there is no axis or more than two, an axis has fewer than two knots, knots do not ascend, or
+    /// numbers are not finite. Also if the values have a different shape, or the ends of a periodic table differ.
     pub fn new(
         axes: Vec<Vec<f64>>,
         values: Vec<f64>,
@@ -186,7 +186,8 @@ impl LookupTable {
         &self.values
     }
 
-    /// Values and slopes at the knots: shape `[x, y, numbers]`, with [so many numbers](Self::numbers_of_node) of a knot.
+    /// Values and slopes at the knots: shape `[x, y, numbers]`, with this [number for each
+    /// knot](Self::numbers_of_node).
     pub fn nodes(&self) -> &[f64] {
         &self.nodes
     }

@@ -42,18 +42,18 @@ pub struct Motion {
     pub reactions: Option<Reactions>,
     /// Number of actuator states: the last inputs of the equations, whose rates are the last efforts.
     pub actuator_states: usize,
-    /// What the outputs are.
+    /// Quantities that the outputs show.
     pub outputs: Vec<Shown>,
 }
 
-/// What an output shows of the motion.
+/// Quantity of the motion that an output shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shown {
     /// A position.
     Position(usize),
     /// The first derivative of a position with respect to time.
     Velocity(usize),
-    /// The second one.
+    /// The second derivative of a position with respect to time.
     Acceleration(usize),
     /// `v^T M v / 2`.
     KineticEnergy,
@@ -77,7 +77,7 @@ struct Parts<T> {
     columns: Vec<T>,
     results: Vec<T>,
     equations: TapeWork<T>,
-    /// Columns of the positions along the motion, what they are and their working memory.
+    /// Columns of the positions along the motion, the positions, and their working memory.
     along: Vec<Jet<T>>,
     positions: Vec<Jet<T>>,
     of_positions: TapeWork<Jet<T>>,
@@ -110,15 +110,15 @@ impl Motion {
         first..first + self.dynamics.coordinates()
     }
 
-    /// Whether equations, positions or reactions depend on a coordinate or parameter, by its position among both. One on which none does
-    /// may be any number.
+    /// Returns true if equations, positions or reactions depend on a coordinate or parameter, by its position among
+    /// both. A column that none of them depends on may have any value.
     pub fn depends_on(&self, column: usize) -> bool {
         self.dynamics.depends_on(column)
             || self.positions.depends_on(column)
             || self.reactions.as_ref().is_some_and(|reactions| reactions.depends_on(column))
     }
 
-    /// Whether any function is that of a network.
+    /// Returns true if any function has a network.
     pub fn has_networks(&self) -> bool {
         let networks = [self.dynamics.law().network(), self.dynamics.forces(), self.positions.network()];
         networks.into_iter().any(|network| network.is_some())

@@ -7,8 +7,9 @@
 //! r = A(q, p) a + sum over i >= j of C_ij(q, p) v_i v_j + D(q, p) v + F(q, p) + B(q, p) e
 //! ```
 //!
-//! whose functions of the configuration are of the same kind as those of the [equations of motion](super::dynamics), and whose efforts `e`
-//! are theirs: of a tree of joints sums of sines, cosines and powers. The accelerations are those of the equations.
+//! The functions of the configuration are of the same kind as those of the [equations of motion](super::dynamics): for
+//! a tree of joints they are sums of sines, cosines and powers. The efforts `e` and the accelerations are those of the
+//! equations.
 
 use super::{
     dictionary::Dictionary,
@@ -17,7 +18,7 @@ use super::{
 };
 use crate::{FormatError, check::expect_shape, numbers::jet::Number};
 
-/// Forces and moments in a motion with `n` coordinates and so many efforts.
+/// Forces and moments of a motion with `n` coordinates, as functions of state, accelerations and efforts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reactions {
     coordinates: usize,
@@ -91,7 +92,8 @@ impl Reactions {
         self.tape.listing(self.forces.iter().copied())
     }
 
-    /// Makes sure that it fits equations of motion with so many coordinates, efforts, and coordinates and parameters.
+    /// Makes sure that the reactions fit equations with these numbers of coordinates, of efforts, and of coordinates
+    /// and parameters.
     ///
     /// # Errors
     /// [`FormatError`].
@@ -110,12 +112,12 @@ impl Reactions {
         &self.functions
     }
 
-    /// Whether a force depends on a coordinate or parameter, by its position among both.
+    /// Returns true if a force depends on a coordinate or parameter, by its position among both.
     pub fn depends_on(&self, column: usize) -> bool {
         self.functions.terms().any(|term| term.exponents[column] != 0)
     }
 
-    /// Whether a force changes at once with an effort: by its own share, or because accelerations do.
+    /// Returns true if a force changes at once with an effort: directly, or because accelerations do.
     pub fn follows_efforts(&self, index: usize) -> bool {
         let each = Self::functions_of_each(self.coordinates, self.efforts);
         let of_efforts = each - self.efforts..each;

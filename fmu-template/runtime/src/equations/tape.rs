@@ -587,7 +587,7 @@ impl TapeBuilder {
         to
     }
 
-    /// Cosines of 1, 2, ... times an angle, so many of them, and after them the sines.
+    /// Cosines of 1, 2, ..., `count` times an angle, followed by the sines.
     pub(crate) fn harmonics(&mut self, of: Register, count: usize) -> Vec<Register> {
         let known = self.follows(&[of]);
         if let Some(same) = self.part(known).angles.iter().find(|angle| angle.of == of && angle.count as usize >= count)
@@ -628,7 +628,7 @@ impl TapeBuilder {
         c
     }
 
-    /// The weights of a run of numbers one after the other, zero where there is no number.
+    /// Weights of a run of consecutive numbers, zero in the gaps of the run.
     fn weights(&mut self, run: &[SumTerm]) -> Vec<Register> {
         let (zero, one) = (self.zero, self.one);
         let mut terms = run.iter().peekable();

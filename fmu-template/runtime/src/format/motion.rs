@@ -84,7 +84,7 @@ impl Motion {
         }
         let [actuator_states, prescribed] = ["states.actuators", "law.prescribed"].map(|what| {
             let name = name(what);
-            // empty tensors are left out
+            // empty tensors are omitted
             let numbers = match tensors.contain(&name) {
                 true => elements(take(tensors, &name, Dtype::U32, 1)?.data(), u32::from_le_bytes),
                 false => Vec::new(),
@@ -267,7 +267,7 @@ impl Dictionary {
     }
 }
 
-/// What the columns of a dictionary contribute.
+/// Tensor of the columns of a dictionary.
 fn columns(prefix: &str, dictionary: &Dictionary) -> Tensor {
     let pair = |factor| match factor {
         Factor::Angle => [0.0, 0.0],

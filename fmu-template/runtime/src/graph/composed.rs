@@ -100,7 +100,7 @@ impl Graph {
         }
     }
 
-    /// The same function of some of `inputs` columns.
+    /// Applies the function to some of `inputs` columns.
     #[must_use]
     pub fn of_columns(mut self, inputs: usize, columns: impl IntoIterator<Item = usize>) -> Self {
         self.steps.iter_mut().for_each(|step| step.rename(|of| of + 1));
@@ -108,7 +108,7 @@ impl Graph {
         Self { inputs, ..self }
     }
 
-    /// The same function with each output clipped to a range, if there are ranges.
+    /// Clips each output to a range, if there are ranges.
     #[must_use]
     pub fn limited(mut self, ranges: Option<Vec<[f64; 2]>>) -> Self {
         if let Some(ranges) = ranges {
@@ -118,9 +118,9 @@ impl Graph {
         self
     }
 
-    /// The next sample by a model whose states are corrected by measured outputs, which differ from its predictions. The columns are the
-    /// outputs; the states of the model, of which the first ones are its outputs; the number 1, which is 0 before the first prediction; and the other
-    /// columns of the model, `u`. Weights, constants and function are those of
+    /// Next sample of a model whose states are corrected by measured outputs, which differ from its predictions. The
+    /// columns are the outputs, the states of the model (its outputs first), `s`, and the other columns `u` of the
+    /// model. `s` is 0 before the first prediction and 1 afterwards. Weights, constants and function are those of
     /// [`of_samples`](Self::of_samples).
     ///
     /// ```text

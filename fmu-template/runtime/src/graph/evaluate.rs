@@ -1,7 +1,8 @@
 //! A graph laid out for evaluation: its value, and its exact derivatives.
 //!
-//! Every task is one or two passes over the steps. Outputs take the value of each; derivatives along a curve take the derivatives with it;
-//! `J^T weights` takes the values and the slopes of activations first, and then goes back from the last step to the columns.
+//! Every task takes one or two passes over the steps. Outputs need the value of each step; derivatives along a curve
+//! carry the derivatives with the value. `J^T weights` first computes the values and the slopes of activations, then
+//! goes back from the last step to the columns.
 
 mod interpolate;
 mod layers;

@@ -20,15 +20,15 @@ pub struct Forest {
 /// A split or a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Node {
-    /// Which input a split looks at, or [`LEAF`].
+    /// Input of a split, or [`LEAF`].
     pub column: u32,
-    /// Of a split: inputs up to this one go to the first node below, others to the second. Of a leaf: its value.
+    /// Threshold of a split: inputs up to it go to the first node below, others to the second. Value of a leaf.
     pub number: f64,
     /// Positions of the nodes below a split; 0 at a leaf.
     pub below: [u32; 2],
 }
 
-/// Where a tree begins and what it adds to.
+/// Root of a tree and the output that it adds to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Tree {
     /// Position of its first node.

@@ -1,4 +1,5 @@
-//! Sequences of steps, each of which makes a vector of those before it: what baselines fit, and functions of other tools.
+//! Sequences of steps, each of which computes a vector from earlier ones: fitted baselines, and functions of
+//! third-party tools.
 
 mod cell;
 mod composed;
@@ -41,7 +42,7 @@ pub struct Graph {
     pub steps: Vec<Step>,
 }
 
-/// What makes a vector `y` of earlier ones, `x`. `of` is the number of the value that `x` is.
+/// Step that computes a vector `y` from earlier ones, `x`. `of` is the index of the value `x`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Step {
     /// `y = W x + b`
@@ -59,7 +60,8 @@ pub enum Step {
         of: usize,
         /// `f`
         function: Elementwise,
-        /// What `f` depends on besides, [`Elementwise::parameters`] in number; or so many rows of one number for each `x_i`.
+        /// Parameters of `f`: [`Elementwise::parameters`] numbers, or a row for each of them with one number for each
+        /// `x_i`.
         parameters: Vec<f64>,
     },
     /// `y_i = a_i op b_i`
@@ -69,7 +71,7 @@ pub enum Step {
         /// `op`
         operation: Operation,
     },
-    /// `y_i = a_i` where `c_i > 0`, else `b_i`; what is not chosen may be infinite or not a number.
+    /// `y_i = a_i` where `c_i > 0`, else `b_i`; the number that is not chosen may be infinite or NaN.
     Select {
         /// `c`, `a` and `b`, of one length.
         of: [usize; 3],
@@ -169,7 +171,7 @@ pub enum Step {
     },
 }
 
-/// What makes one number of two.
+/// Operation on two numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operation {
     /// `a + b`
@@ -182,7 +184,7 @@ pub enum Operation {
     Divide,
     /// The larger one; the first of equal ones counts for derivatives.
     Maximum,
-    /// The smaller one, likewise.
+    /// The smaller one; the first of equal ones counts for derivatives.
     Minimum,
 }
 
@@ -191,7 +193,8 @@ impl Operation {
     pub const ALL: [Self; 6] = [Self::Add, Self::Subtract, Self::Multiply, Self::Divide, Self::Maximum, Self::Minimum];
 }
 
-/// How many numbers all values of a graph may have together: a file of a few megabytes must not ask for gigabytes of memory.
+/// Limit of the numbers in all values of a graph together: a file of a few megabytes must not ask for gigabytes of
+/// memory.
 pub const MAX_VALUES: usize = 1 << 22;
 
 impl Graph {
@@ -268,7 +271,7 @@ impl Graph {
         })
     }
 
-    /// Makes sure that lengths fit so many columns and outputs, and that every number is finite.
+    /// Makes sure that lengths fit the numbers of columns and outputs, and that every number is finite.
     ///
     /// # Errors
     /// The first [`FormatError`].

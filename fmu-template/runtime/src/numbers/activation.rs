@@ -311,7 +311,7 @@ fn sigmoid_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
     [fma::<T, SIMD>(half, y, half), T::from(0.25) * slope, T::from(0.125) * curvature]
 }
 
-/// The same with the value of [`exact_sigmoid`].
+/// [`sigmoid_series`] with the value of [`exact_sigmoid`].
 #[inline(always)]
 fn exact_sigmoid_series<T: Real, const SIMD: u8>(x: T) -> [T; 3] {
     let [_, slope, curvature] = sigmoid_series::<T, SIMD>(x);

@@ -4,7 +4,7 @@ use super::{activation, elementary::ElementaryFunction};
 use crate::simd;
 use std::ops::{Add, Mul, Sub};
 
-/// What a formula is computed in: plain numbers, or [`Jet`]s, also of jets.
+/// Number type of a formula: plain numbers, or [`Jet`]s, also of jets.
 pub(crate) trait Number:
     Copy + PartialEq + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self>
 {

@@ -9,13 +9,25 @@
 //! | columns | |
 //! |---|---|
 //! | `p` | parameters |
-//! | `y_start`, `u_start` | what outputs and inputs were before the start: parameters, too; the latter if m > 1, as else they do not count |
+//! | `y_start`, `u_start` | outputs and inputs before the start, which are parameters as well; `u_start` only if m > 1, as it has no effect otherwise |
 //! | `u` | inputs |
-//! | memory | `y[k], ...`: n samples, one at least; `u[k], ...`: m samples; averages, last values and average changes of the inputs, if the [`Support`] of the training has them, what is left of errors outside it and the distance from it, -1 before the first sample, if it is known; measured outputs, and 1 while they are used, else 0; `y[k + 1]`; the time since sample k over `T` |
+//! | memory | see below |
 //!
-//! and the results are the outputs. The last numbers of `y` may be hidden: they advance like outputs, start from values of the program,
-//! and are not outputs. Inputs may act on outputs at the same instant: the outputs are then `y + D u`, with the inputs of the point. The rule for
-//! communication points between samples:
+//! and the results are the outputs. The memory is, in this order,
+//!
+//! | part | |
+//! |---|---|
+//! | `y[k], ...` | n samples, at least one |
+//! | `u[k], ...` | m samples |
+//! | support | averages, last values and average changes of the inputs, if the [`Support`] of the training has them |
+//! | | residual of errors outside the support and distance from it, -1 before the first sample, if there is a support |
+//! | measured outputs | one of each, and 1 while they are used, else 0 |
+//! | `y[k + 1]` | next sample |
+//! | phase | time since sample k over `T` |
+//!
+//! The last numbers of `y` may be hidden: they advance like outputs, start from values of the program, and are not
+//! outputs. Inputs may act on outputs at the same time: the outputs are then `y + D u`, with the inputs of the point.
+//! The rule for communication points between samples:
 //!
 //! - the program advances at multiples of `T` after the start, independently of the communication steps;
 //! - an input has its value at the sample. Within a communication step its derivatives give that value;
@@ -63,7 +75,7 @@ impl Sampling {
         self.history[0] * self.numbers(ports) + self.history[1] * ports.inputs + ports.parameters
     }
 
-    /// How many numbers a sample has: outputs, and what is hidden.
+    /// Number of values of a sample: outputs and hidden numbers.
     pub fn numbers(&self, ports: &Ports) -> usize {
         ports.outputs + self.hidden.len()
     }
@@ -86,7 +98,7 @@ impl Sampling {
         first..first + ports.outputs
     }
 
-    /// Number of values for the support: its memory of inputs, what is left of errors, and the distance.
+    /// Number of values for the support: its memory of inputs, the residual of errors, and the distance.
     fn supported(&self) -> usize {
         self.support.as_ref().map_or(0, |support| support.memory() + 2)
     }
@@ -97,7 +109,8 @@ impl Sampling {
         self.support.as_ref().map(|_| ports.known() + past_outputs + past_inputs + self.supported() - 1)
     }
 
-    /// Factor by which the distance of a transition from the support fades from sample to sample: one of 1 ends when all past samples that count came after it.
+    /// Factor by which the distance of a transition from the support fades from sample to sample: a distance of 1 fades
+    /// until all past samples that count came after it.
     pub fn settling(&self) -> f64 {
         NEGLIGIBLE.powf(1.0 / self.history[0].max(self.history[1]) as f64)
     }
@@ -155,7 +168,7 @@ pub(super) struct SamplesScratch {
 struct Memory<'a> {
     outputs: &'a mut [f64],
     inputs: &'a mut [f64],
-    /// Memory of inputs of the support, what is left of errors, and the distance from it.
+    /// Memory of inputs of the support, residual of errors, and distance from the support.
     support: &'a mut [f64],
     next: &'a mut [f64],
     phase: &'a mut f64,

@@ -75,24 +75,25 @@ pub(super) fn expect_step(step: f64) -> Result<(), FormatError> {
     if step.is_finite() && step > 0.0 { Ok(()) } else { Err(FormatError::TimeStep { found: step }) }
 }
 
-/// What values of a state are measured by.
+/// Scale of a state for errors of a step and for plausible values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
-    /// What an error of a step is relative to.
+    /// Unit of errors of a step.
     pub nominal: f64,
-    /// Whether an error is relative to the state's magnitude as well, where that is larger: of a state without a range that is no angle.
+    /// `true` if errors are relative to the state's magnitude as well, where that is larger: for a state that has no
+    /// range and is not an angle.
     pub is_relative: bool,
     /// Magnitude beyond which no value is plausible.
     pub limit: f64,
 }
 
 impl Scale {
-    /// That of a state; `is_angle`: whether whole turns change nothing but the state itself.
+    /// Scale of a state; `is_angle` is true if whole turns change nothing but the state itself.
     pub fn new(state: &State, is_angle: bool) -> Self {
         Self { nominal: state.nominal, is_relative: state.range.is_none() && !is_angle, limit: state.limit() }
     }
 
-    /// Error of a step of which the tolerance is a part.
+    /// Unit of errors of a step: the tolerance is relative to it.
     fn of(self, value: f64) -> f64 {
         // what rounding makes of a large value is no error of a step
         let least = if self.is_relative { value.abs() } else { f64::EPSILON * value.abs() };
@@ -112,16 +113,17 @@ pub struct CommunicationStep<'a> {
 }
 
 impl CommunicationStep<'_> {
-    /// One of so many seconds.
+    /// A communication step of `size` seconds.
     pub fn of(size: f64) -> Self {
         Self { size, ..Self::default() }
     }
 }
 
-/// Why a step of the solver was not made; the states are as before.
+/// Reasons why the solver made no step; the states are as before.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StepError {
-    /// After so many seconds a state is not finite: the mass matrix is not positive definite there, or the motion diverged.
+    /// A state is not finite after `after` seconds: the mass matrix is not positive definite there, or the motion
+    /// diverged.
     NotFinite {
         /// Since the beginning of the step.
         after: f64,
@@ -130,7 +132,7 @@ pub enum StepError {
     Implausible {
         /// Position among the states.
         state: usize,
-        /// What it is.
+        /// Value of the state.
         value: f64,
         /// Since the beginning of the step, in seconds.
         after: f64,
@@ -326,7 +328,7 @@ impl Solver {
             Some(known) => self.rates.as_flattened_mut()[..known.len()].copy_from_slice(known),
             None => self.first_stage(point, 0.0, drive, &mut respond),
         }
-        // what is left by rounding is no step
+        // a remainder by rounding is not a step
         while size - since > SHORTEST * size {
             steps += 1;
             if f64::from(steps) > MAX_SOLVER_STEPS {

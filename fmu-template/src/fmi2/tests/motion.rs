@@ -158,7 +158,7 @@ fn what_a_solver_tries_that_is_not_finite_is_discarded_and_it_goes_on() {
     }
     assert_eq!(unsafe { fmi2SetContinuousStates(host.c, [0.4, 0.9, -1.2, 2.0].as_ptr(), 4) }, Status::Ok);
     assert_eq!((host.complete(), host.set_time(0.1)), (Status::Ok, Status::Ok));
-    // a time that is no number, no solver tries
+    // no solver tries a time that is NaN
     assert_eq!(host.set_time(f64::NAN), Status::Error);
 }
 

@@ -1,4 +1,4 @@
-//! A surrogate that goes on from sample to sample: [`example::recorded`].
+//! Tests of a discrete-time surrogate: [`example::recorded`].
 
 use super::*;
 use metafmu_runtime::{Program, graph::Step};

@@ -18,7 +18,7 @@ fn crane(tolerance: Option<f64>) -> Surrogate {
     example::integrated(&example::crane(), integration)
 }
 
-/// What the callback was told, and what it does.
+/// Arguments of the callback so far, and its action.
 struct Watcher {
     instance: *mut c_void,
     told: Vec<(f64, [Boolean; 4])>,
@@ -225,7 +225,7 @@ fn a_step_ends_early_where_the_host_wants_it() {
         // whose steps of the solver are others
         let mut pairs = crane.states().into_iter().zip(alone(time - 1.0, None));
         assert!(pairs.all(|(found, expected)| (found - expected).abs() < 1e-9), "{time}");
-        // and goes on from there
+        // and continues from there
         let (status, _, end) = crane.step(time, 0.001);
         assert_eq!((status, end), (Status::Ok, time + 0.001));
         (early, ((time - 1.0) * 1e6).round())

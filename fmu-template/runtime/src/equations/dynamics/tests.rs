@@ -1,8 +1,8 @@
 use super::*;
 use crate::dictionary::{Dictionary, Factor, Term};
 
-/// A cart of 2 kg with damping 0.3, pushed by the input, and a load of 1 kg on a rope whose length is the parameter `l`: columns
-/// x, theta, l; the law is `M = [3; l cos, l²]`, `V = -g l cos`.
+/// A cart of 2 kg with damping 0.3, pushed by the input, and a load of 1 kg on a rope of length `l`, a parameter. The
+/// columns are x, theta, l; the law is `M = [3; l cos, l²]`, `V = -g l cos`.
 fn crane() -> Dynamics {
     let factors = [Factor::Power { middle: 0.0, half: 1.0 }, Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
     let functions = Dynamics::functions(2, 1);

@@ -7,7 +7,7 @@ use crate::{
     simd::{Compute, Real, Simd},
 };
 
-/// Operation of a layer. Blocks have so many lanes, of [`LANES`] registers each.
+/// Operation of a layer on blocks of `lanes` lanes, with [`LANES`] registers each.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum LaneOperation {
     /// `to = W of + c`, with `weights[lane * columns + column]`; `c` is zero if it is none.
@@ -212,7 +212,7 @@ impl TapeBuilder {
         to
     }
 
-    /// The block `W x + c` of the first numbers `x` of a block, so many. `c` is zero if it is none.
+    /// The block `W x + c` of the first `columns` numbers `x` of a block. `c` is zero if it is none.
     pub(crate) fn matrix(
         &mut self,
         [rows, columns]: [usize; 2],
@@ -245,7 +245,7 @@ impl TapeBuilder {
         to
     }
 
-    /// The blocks `f(x_i)` and `f'(x_i)` of a block of so many numbers.
+    /// The blocks `f(x_i)` and `f'(x_i)` of a block of `count` numbers.
     pub(crate) fn activation(&mut self, function: Activation, of: Register, count: usize) -> [Register; 2] {
         let known = self.follows(&[of]);
         let lanes = count.div_ceil(LANES);
@@ -254,7 +254,7 @@ impl TapeBuilder {
         [to, to.plus(lanes * LANES)]
     }
 
-    /// The block `a_i b_i` of blocks of so many numbers.
+    /// The block `a_i b_i` of blocks of `count` numbers.
     pub(crate) fn products(&mut self, a: Register, b: Register, count: usize) -> Register {
         let known = self.follows(&[a, b]);
         let to = self.block(known, count);

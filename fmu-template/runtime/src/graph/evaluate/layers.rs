@@ -31,7 +31,7 @@ pub(crate) struct DenseRows<T, const WIDTH: usize> {
 
 /// Lanes of rows computed at a time: few, so that a block of weights is small beside the first cache.
 const NARROW: usize = 2;
-/// The same of a layer that needs no more padding with it: an input that is read serves more products.
+/// Lanes of rows computed at a time if that adds no padding: each input that is read then serves more products.
 const WIDE: usize = 4;
 
 /// From which end the blocks of a layer are computed.
@@ -90,7 +90,8 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         }
     }
 
-    /// [`WIDE`] lanes and two columns at a time, each with accumulators of its own: enough to hide the latency of a multiply-add.
+    /// [`WIDE`] lanes and two columns at a time, each column with separate accumulators: enough to hide the latency of
+    /// a multiply-add.
     #[inline(always)]
     fn apply_wide<const SIMD: u8>(
         &self,
@@ -133,7 +134,7 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
         }
     }
 
-    /// [`NARROW`] lanes and four columns at a time, likewise.
+    /// [`NARROW`] lanes and four columns at a time, each column with separate accumulators.
     #[inline(always)]
     fn apply_narrow<const SIMD: u8>(
         &self,

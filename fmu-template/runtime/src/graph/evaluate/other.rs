@@ -97,7 +97,7 @@ impl OtherStep {
         if let Self::Products { products, .. } = self { products.numbers() } else { width }
     }
 
-    /// The value, so many numbers, of those before it.
+    /// Computes the value, `width` numbers, from the values before it.
     #[inline(never)]
     pub(super) fn value<T: Real, const WIDTH: usize>(
         &self,
@@ -293,10 +293,10 @@ impl OtherStep {
     }
 }
 
-/// What a function depends on besides: the same for all numbers, or a row of one for each.
+/// Parameters of a function: common to all numbers, or a row of numbers for each parameter.
 struct Parameters<'a> {
     all: &'a [f64],
-    /// Distance between those of a number; 0 if they are the same for all.
+    /// Distance between the parameters of a number; 0 if they are common to all.
     stride: usize,
 }
 

@@ -38,7 +38,7 @@ fn machines() -> [KernelMachine; 2] {
     })
 }
 
-/// Machines that share their kernels, and machines with lengths of their own.
+/// Machines that share their kernels, and machines with different lengths.
 fn kernels() -> [Graph; 2] {
     let [first, second] = machines();
     let own = KernelMachine { lengths: vec![0.5, 2.0, 0.7], ..second.clone() };

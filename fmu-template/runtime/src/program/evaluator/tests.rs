@@ -157,7 +157,7 @@ fn on_curve(surrogate: &Surrogate, inputs: &[f64], rates: [&[f64]; 2], h: f64) -
     scaled.map(|((&y, &mean), &scale)| exact(mean) + exact(scale) * y).collect()
 }
 
-/// The same between the networks of two instants.
+/// Outputs on a curve, see [`on_curve`], between the networks of two time points.
 fn per_instant_on_curve(
     surrogate: &Surrogate,
     instants: &[f64],
@@ -252,7 +252,7 @@ fn encoded_inputs_give_the_textbook_formula_of_their_columns() {
     }
 }
 
-/// Of the first network's layers.
+/// Activations of the first network's layers.
 fn activations(surrogate: &Surrogate) -> Vec<Activation> {
     let graph = &surrogate.program().graph;
     let network = graph.instants().map_or(graph, |(_, networks)| &networks[0]).network();

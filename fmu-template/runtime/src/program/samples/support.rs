@@ -17,20 +17,22 @@ const LEAST: f64 = 1e-6;
 /// s[k] = s[k - 1] + (u[k] - s[k - 1]) / M,  y[k + 1],  y[k + 1] - y[k],  h[k + 1]
 /// ```
 ///
-/// with outputs `y` and hidden states `h`. A constant input at an end of its range never leaves the range, but its average `s` leaves that of
-/// inputs that change; an input that changes at each sample by no more than in training leaves the range of the average change `r`.
-/// Features from `s` on have a shape as well: their components, linear combinations with weights, and the sums and differences of any two of the
-/// first four components are further measures.
+/// with outputs `y` and hidden states `h`. A constant input at an end of its range stays in the range, but its average
+/// `s` leaves that of inputs that change. An input that changes at each sample by no more than in training leaves the
+/// range of the average change `r`. Further measures describe the shape of the features from `s` on: their components,
+/// which are linear combinations with weights, and the sums and differences of any two of the first four components.
 ///
-/// The distance `d` of a transition is that of its farthest measure from its range, relative to the width of the range. It ends when no past sample of that
-/// time counts any more. Errors made outside are fed back, though: what may be left of them is
+/// The distance `d` of a transition is that of its farthest measure from its range, relative to the width of the range.
+/// It ends when no past sample of that time counts any more. Errors made outside are fed back, however: their possible
+/// residual is
 ///
 /// ```text
 /// e[k] = f e[k - 1] + (1 - f) min(d[k], 1),  f = exp(-1 / L)
 /// ```
 ///
-/// with the number `L` of samples after which the model has forgotten an error of its outputs. The larger of both is the distance; where it is negligible, it
-/// is 0. Measured outputs end both when all past samples that count are measured.
+/// with the number `L` of samples after which the model has forgotten an error of its outputs. The larger of both is
+/// the distance, which is 0 where it is negligible. Measured outputs end both when all past samples that count are
+/// measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Support {
     /// Number of inputs with features: all or none.
@@ -41,7 +43,7 @@ pub struct Support {
     pub components: Vec<f64>,
     /// `M`, at least 1.
     pub samples: f64,
-    /// `L`, at least 1: over how many samples the model forgets an error of its outputs.
+    /// `L`, at least 1: number of samples over which the model forgets an error of its outputs.
     pub lasting: f64,
 }
 
@@ -62,7 +64,7 @@ impl Support {
         3 * self.inputs + coordinates + components + paired * paired.saturating_sub(1)
     }
 
-    /// Number of values that it remembers of inputs: averages, last values and average changes.
+    /// Number of values in the memory of inputs: averages, last values and average changes.
     pub fn memory(&self) -> usize {
         3 * self.inputs
     }
@@ -180,8 +182,8 @@ fn distance(value: f64, [min, max]: [f64; 2]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Input from -1 to 1 that changes by 0.5 on average, an output from 0 to 10 that changes by at most 2 a sample; the output is ten times
-    /// the average of the input, up to 1.
+    /// Input from -1 to 1 that changes by 0.5 on average, and an output from 0 to 10 that changes by at most 2 a
+    /// sample. The output is ten times the average of the input, up to 1.
     fn support() -> Support {
         let ranges = vec![[-1.0, 1.0], [-2.0, 2.0], [0.0, 0.5], [0.0, 1.0], [0.0, 10.0], [-2.0, 2.0], [-1.0, 1.0]];
         let support = Support { inputs: 1, ranges, components: vec![-10.0, 1.0, 0.0], samples: 5.0, lasting: 5.0 };

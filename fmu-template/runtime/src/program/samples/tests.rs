@@ -14,7 +14,7 @@ fn drive<'a>(rates: [&'a [f64]; 2]) -> Drive<'a> {
     Drive { rates, clamp: None }
 }
 
-/// What [`example::recorded`] says, one number after the other: outputs at the samples for these forces.
+/// Outputs at the samples for these forces, by the formula of [`example::recorded`] evaluated number by number.
 fn expected(start: f64, forces: &[f64]) -> Vec<f64> {
     let surrogate = example::recorded();
     let (weights, constants) = linear(&surrogate);
