@@ -2,12 +2,13 @@
 """Checks the English of documentation, doc comments and docstrings against docs/maintainers/style.md.
 
 Refused are the phrases of the page's table, sentences of more than 35 words, and summaries of doc comments that open with a pronoun or
-a clause ("Of", "Likewise", "As there", "What", "Whether"). Exceptions are in EXCEPTIONS, each with its reason.
+a clause: OPENINGS. EXCEPTIONS has the exceptions, each with its reason.
 
 Usage: python3 scripts/check-words.py [--count] [FILE...]
 """
 
 import argparse
+import ast
 import re
 import subprocess
 import sys
@@ -117,10 +118,16 @@ def texts(path):
                 for index, (line, text) in enumerate(markdown(block)):
                     yield begin + line - 1, text, index == 0
     elif path.suffix == ".py":
-        for match in re.finditer(r'^[ ]*"""(.*?)"""', "\n".join(content), re.S | re.M):
-            begin = "\n".join(content)[: match.start()].count("\n") + 1
-            for index, (line, text) in enumerate(markdown(match[1].splitlines())):
+        for begin, block in docstrings("\n".join(content)):
+            for index, (line, text) in enumerate(markdown(block)):
                 yield begin + line - 1, text, index == 0
+
+
+def docstrings(source):
+    """Line and lines of each docstring of a module."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)) and (text := ast.get_docstring(node)):
+            yield node.body[0].lineno, text.splitlines()
 
 
 def problems(path):
