@@ -11,7 +11,7 @@ RATE, BATCH = 1e-2, 32
 def state_space(runs, seconds, sizes, seed, from_rest, epochs, penalty):
     """States `x+ = A x + B u + W3 tanh(W1 x + W2 u + b1)`, output `y = C x`, with a constant unless runs begin at rest; and the seconds.
 
-    `runs` are pairs of inputs and outputs, columns. LinearModel finds the linear part first; then Adam, then L-BFGS, in parts as long as there is time.
+    `runs` are pairs of inputs and outputs, columns. LinearModel finds the linear part first; then Adam, then L-BFGS, in parts until the time is up.
     States at the start are 0 or fitted. `epochs` are those of LinearModel's Adam and L-BFGS and of a part of L-BFGS.
     """
     began = time.process_time()

@@ -88,7 +88,7 @@ def test_a_tunable_parameter_may_change_while_the_simulation_runs_and_the_domain
 ):
     """fmpy sets a tunable parameter like an input: at events, and in co-simulation between steps.
 
-    It prints what the FMU logs. No test gives `simulate_fmu` a logger of its own: it stays the logger of every later FMI 2.0 simulation of
+    It prints what the FMU logs. No test gives `simulate_fmu` a separate logger: it stays the logger of every later FMI 2.0 simulation of
     the process, although it is freed, and what calls it then crashes.
     """
     dtype = [("time", float), ("L", float)]

@@ -91,9 +91,14 @@ class Regressor(RegressorMixin, BaseEstimator):
     unless ``hidden`` is given. Networks of many rows are trained by SOAP in single precision, and so are those of few rows if one of
     ``epochs``, ``batch``, ``learning_rate`` and ``training`` differs from its default.
 
-    Parameters of networks: ``hidden``: nodes of each hidden layer; ``activation``: tanh, sigmoid, relu, gelu, silu or sine; ``epochs``:
-    maximum number of passes over the rows, by default 150, for few rows the number that makes 2000 steps; ``batch``: rows of a step;
-    ``learning_rate``; ``training``: further keys of `[training]` in a study file, as a dict.
+    Parameters of networks:
+
+    - ``hidden``: nodes of each hidden layer
+    - ``activation``: tanh, sigmoid, relu, gelu, silu or sine
+    - ``epochs``: maximum number of passes over the rows; by default 150, for few rows the number that makes 2000 steps
+    - ``batch``: rows of a step
+    - ``learning_rate``
+    - ``training``: further keys of `[training]` in a study file, as a dict
 
     ``std``: fit a Gaussian process, to at most 1000 rows, that predicts standard deviations. They are returned by ``predict(X,
     return_std=True)`` and are outputs ``NAME_std`` of the FMU.
@@ -106,9 +111,13 @@ class Regressor(RegressorMixin, BaseEstimator):
     >>> model.score(X_test, y_test)
     >>> model.export("model.fmu")
 
-    Attributes after `fit`: `surrogate_`; `model_`, the kind of model; `candidates_`, a list of dicts with ``model``, ``one_minus_r2`` (the
-    mean over outputs of 1 - R² on unseen rows), ``fit_seconds`` and ``note``; `history_`, a dict with the losses of each epoch, whose lists
-    are empty unless a network was trained in epochs; `n_features_in_` and, for a DataFrame, `feature_names_in_`.
+    Attributes after `fit`:
+
+    - `surrogate_`
+    - `model_`: kind of model
+    - `candidates_`: list of dicts with ``model``, ``one_minus_r2`` (mean over outputs of 1 - R² on unseen rows), ``fit_seconds``, ``note``
+    - `history_`: dict with the losses of each epoch; its lists are empty unless a network was trained in epochs
+    - `n_features_in_` and, for a DataFrame, `feature_names_in_`
     """
 
     def __init__(self, hidden=(64, 64), activation="tanh", epochs=None, batch=256, learning_rate=5e-3, validation=0.1, random_state=None,

@@ -204,9 +204,14 @@ class Surrogate:
         ``X``: rows of the inputs; ``y``: outputs of the original model there, an array or a DataFrame. Both must be unseen in training: on
         training rows the figures are too optimistic.
 
-        The keys of the dicts are ``r2``: coefficient of determination, None if ``y`` is constant; ``rmse``: root mean square error;
-        ``max_error``: largest error; ``worst_row``: row of the largest error; ``relative_max_error``: largest error as a share of the range
-        of ``y``; ``within_two_std``: share of the rows within two predicted standard deviations, if there are any.
+        The keys of the dicts are
+
+        - ``r2``: coefficient of determination, None if ``y`` is constant
+        - ``rmse``: root mean square error
+        - ``max_error``: largest error
+        - ``worst_row``: row of the largest error
+        - ``relative_max_error``: largest error as a share of the range of ``y``
+        - ``within_two_std``: share of the rows within two predicted standard deviations, if the model predicts them
 
         FMUs that are exported afterwards show the figures in their model card.
 
@@ -230,8 +235,8 @@ class Surrogate:
     def accuracy(self) -> dict[str, dict[str, float | None]] | None:
         """Result of the last :meth:`evaluate`. None if nothing was measured.
 
-        After :func:`metafmu.fit` it is the accuracy on rows that took part neither in the fit nor in the choice of the kind of model and of
-        the best epoch; for few rows it is that of cross-validation.
+        After :func:`metafmu.fit` it is the accuracy on rows that were used neither to fit nor to choose the model or the best epoch. For few
+        rows it is that of cross-validation.
         """
         if self._accuracy is None:
             return None
