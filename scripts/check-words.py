@@ -53,7 +53,7 @@ ABBREVIATION = re.compile(r"\b(?:e\.g|i\.e|et al|vs|cf|approx|Fig|Eq|No|H|S)\.$"
 
 def sentences(paragraph):
     """Sentences of a paragraph, with code as one word each."""
-    text = re.sub(r"``?[^`]*``?", "CODE", paragraph)
+    text = re.sub(r"``?[^`]*``?", "CODE", paragraph.replace("<br>", ". "))
     text = re.sub(r"!?\[([^\]]*)\](?:\([^)]*\)|\[[^\]]*\])?", r"\1", text)
     text = re.sub(r"[*_]{1,2}(\w[^*_]*)[*_]{1,2}", r"\1", text)
     start = 0
