@@ -12,8 +12,8 @@ use std::{path::PathBuf, time::Duration};
 
 /// Makes FMUs of multibody models, recorded runs, other FMUs and trained networks
 ///
-/// A surrogate is sampled and trained, measured on runs that it has not seen, and packaged as a Functional Mock-up Unit, which runs
-/// in every tool that knows FMI 2.0 or 3.0 and needs nothing else there.
+/// A surrogate is sampled and trained, measured on unseen runs, and packaged as a Functional Mock-up Unit. It runs in
+/// every tool that supports FMI 2.0 or 3.0, without further software.
 #[derive(Debug, Parser)]
 #[command(
     version,
@@ -239,7 +239,7 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is [default: response, of a table without a time static]
+    /// Structure of the surrogate [default: response; static for a table without a time]
     #[arg(long, value_name = "STRUCTURE", requires_if("discrete", "samples"), requires_if("static", "table"))]
     #[arg(value_parser = PossibleValuesParser::new(structures()))]
     pub structure: Option<String>,

@@ -10,7 +10,7 @@ use std::{
     path::Path,
 };
 
-/// So many bytes are printed at once: of work that fails before, nothing.
+/// Number of bytes that are printed at once. Work that fails before prints nothing.
 const PIECE: usize = 1 << 20;
 
 /// Does work that writes to a file, whole or not at all, or to stdout. A reader that has seen enough (`| head`) ends it without

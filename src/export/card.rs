@@ -82,7 +82,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     page
 }
 
-/// What holds of values that were constant in each run of the training.
+/// Clause on inputs and parameters that were constant in each training run.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
     let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Tunability::Tunable));
     if surrogate.time_column().is_some() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
@@ -309,7 +309,7 @@ fn measured(surrogate: &Surrogate, page: &mut String) {
     line(page, "</table>");
 }
 
-/// What the outputs are computed with.
+/// Text on the model that computes the outputs.
 fn model(surrogate: &Surrogate) -> String {
     let metadata = surrogate.metadata();
     let Program { graph, clock } = surrogate.program();
@@ -370,7 +370,7 @@ fn of_baseline(graph: &Graph) -> Option<(&'static str, String)> {
     }
 }
 
-/// What a graph is made of.
+/// Size of a graph as text.
 fn size_of_graph(graph: &Graph) -> String {
     let weights: usize = (graph.steps.iter())
         .map(|step| match step {
@@ -400,7 +400,7 @@ fn outputs(graph: &Graph) -> usize {
     graph.widths().ok().and_then(|widths| widths.last().copied()).unwrap_or_default()
 }
 
-/// What the next outputs are computed from, and with what.
+/// Text on the function that computes the next outputs, and on its inputs.
 fn size_of_samples(graph: &Graph, sampling: &Sampling) -> String {
     let Sampling { hidden, direct, history: [outputs, inputs], step, .. } = sampling;
     let is_linear = graph.steps.iter().any(|step| matches!(step, Step::Affine { .. }));
@@ -450,7 +450,7 @@ fn size_of_motion(motion: &Motion, integration: Integration) -> String {
     )
 }
 
-/// What the solver adds to the errors of the equations, as text.
+/// Text on the error that the solver adds to that of the equations.
 fn accuracy_of_solver(error: Option<f64>) -> String {
     let text = |error| {
         format!(
@@ -478,7 +478,7 @@ fn integrated(integration: Integration) -> String {
     }
 }
 
-/// The hidden layers in words, for instance `64 + 64 tanh nodes`.
+/// Hidden layers as text, for instance `64 + 64 tanh nodes`.
 fn nodes(layers: &[Layer]) -> String {
     let hidden = &layers[..layers.len() - 1];
     let mut words: Vec<String> = Vec::new();

@@ -76,7 +76,7 @@ impl ModelDescription {
     }
 }
 
-/// Whether all names have the form that hierarchical ones have.
+/// Naming convention of the variables: structured if all names have the hierarchical form.
 fn naming(table: &[(u32, &Variable)]) -> NamingConvention {
     let is_identifier = |part: &str| {
         part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
@@ -282,7 +282,7 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate, fmi_version: FmiVersion) -
     DescribedVariable::scalar(variable.description(known(surrogate)), what, kind)
 }
 
-/// What descriptions of built-in variables depend on.
+/// Properties of a surrogate that the descriptions of built-in variables depend on.
 pub(super) fn known(surrogate: &Surrogate) -> Known {
     let fed_back = surrogate.program().sampling().is_some_and(|sampling| sampling.support.is_some());
     Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some(), fed_back }
@@ -331,7 +331,7 @@ fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
     names.into_iter().map(define).collect()
 }
 
-/// What is said of a solver that does not control its error.
+/// Text on a solver with fixed steps, which does not control its error.
 fn of_fixed_steps(surrogate: &Surrogate) -> String {
     match (surrogate.program().integration(), surrogate.metadata().solver_error) {
         (Some(Integration::Fixed { step }), Some(error)) => {
@@ -351,10 +351,12 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     }
 }
 
-/// Every output and every derivative of a state is computed from every input and every state, and those of the model from the domain
-/// policy as well, which may clamp them; a state at the start is its parameter. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
-/// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
-/// Variables are given by their position in the table.
+/// Model structure: unknowns and their dependencies, as positions of the variables in the table.
+///
+/// Every output and every derivative of a state depends on every input and every state. Those of the model also depend
+/// on the domain policy, which may clamp inputs and states. The initial value of a state is its parameter. In the
+/// standard only inputs, states and the time are known during the simulation, and parameters at initialization as well.
+/// Dependency kinds are omitted, which means that every dependency is nonlinear.
 fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructure {
     let positions = |is_wanted: &dyn Fn(Quantity) -> bool| -> Vec<usize> {
         table.iter().enumerate().filter(|(_, (_, v))| is_wanted(v.quantity)).map(|(position, _)| position).collect()

@@ -35,12 +35,12 @@ const LICENSES: [(&str, &[u8]); 3] = [
     ("Apache-2.0.txt", include_bytes!("../../LICENSE-APACHE")),
 ];
 
-/// What an FMU is made of, beside the surrogate.
+/// Contents of an FMU beside the surrogate.
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     /// Version of the standard.
     pub version: FmiVersion,
-    /// What the FMU says about itself.
+    /// Metadata of the FMU.
     pub about: &'a ExportOptions,
     /// The library for each platform; [`Binary::embedded`] has those that came with this program.
     pub binaries: &'a [Binary],
@@ -48,7 +48,7 @@ pub struct Contents<'a> {
     pub accuracy: Option<&'a Accuracy>,
     /// Pictures of how good it is, for the model card.
     pub figures: &'a [Drawn],
-    /// Whether the surrogate as C source code comes along.
+    /// `true` if the FMU contains the surrogate as C source code.
     pub sources: bool,
 }
 

@@ -20,12 +20,12 @@ pub const RESULT_FILE: &str = "extra/org.metafmu/reference_result.csv";
 const MAX_STEPS: f64 = 100.0;
 /// Processors round differently: largest difference relative to an output's nominal value.
 const DOUBLE_TOLERANCE: f64 = 1e-9;
-/// The same for networks that compute in single precision.
+/// Largest difference for networks that compute in single precision, relative to an output's nominal value.
 const SINGLE_TOLERANCE: f64 = 1e-4;
 /// Largest difference of two predicted standard deviations by rounding, relative to the smallest one: a variance is at least four times its rounding error.
 const STD_ROUNDING: f64 = 0.25;
 
-/// What to run. Inputs and parameters keep their start values throughout.
+/// Options of the reference run. Inputs and parameters keep their start values throughout.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReferenceOptions {
     /// Start time, in seconds.

@@ -31,9 +31,9 @@ pub struct Archive {
 pub struct Entry {
     /// Name as it is in the archive.
     pub name: String,
-    /// Whether it can only be read with a password.
+    /// `true` if reading it requires a password.
     pub encrypted: bool,
-    /// Whether FMI allows how it is packed: stored or deflated.
+    /// `true` if FMI allows its compression method: stored or deflated.
     pub allowed_method: bool,
     /// Bytes of its content.
     pub size: u64,
@@ -114,12 +114,12 @@ impl Archive {
             .collect()
     }
 
-    /// Whether two entries have the same name, so that it depends on the reader which one is seen.
+    /// Returns true if two entries have the same name, so that readers may disagree about the content.
     pub fn has_duplicates(&self) -> bool {
         self.zip.has_duplicate_names()
     }
 
-    /// Whether there is an entry of that name.
+    /// Returns true if an entry of that name exists.
     pub fn contains(&self, name: &str) -> bool {
         self.zip.index_for_name(name).is_some()
     }

@@ -86,19 +86,19 @@ pub enum NamingConvention {
 pub struct InterfaceCapabilities {
     /// Name of the binary and prefix of its functions in source code: a C identifier.
     pub model_identifier: String,
-    /// Whether the FMU is only a connection to another program.
+    /// `true` if the FMU is only a connection to another program.
     pub needs_execution_tool: bool,
-    /// Whether a process may hold one instance only.
+    /// `true` if a process may hold one instance only.
     pub only_once_per_process: bool,
-    /// Whether the FMU allocates memory by itself instead of through the host; FMI 2.0 only, later FMUs always do.
+    /// `true` if the FMU allocates its memory without the host; FMI 2.0 only, later FMUs always do.
     pub own_memory_management: bool,
-    /// Whether the state can be taken and put back.
+    /// `true` if the host can save and restore the state.
     pub get_and_set_state: bool,
-    /// Whether a saved state can be serialized.
+    /// `true` if a saved state can be serialized.
     pub serialize_state: bool,
-    /// Whether directional derivatives are offered.
+    /// `true` if the FMU provides directional derivatives.
     pub directional_derivative: bool,
-    /// Whether adjoint derivatives are offered; FMI 3.0 only.
+    /// `true` if the FMU provides adjoint derivatives; FMI 3.0 only.
     pub adjoint_derivative: bool,
     /// Source files to compile, relative to `sources/`; FMI 2.0 only, later FMUs have a build description instead.
     pub source_files: Vec<String>,
@@ -109,7 +109,7 @@ pub struct InterfaceCapabilities {
 pub struct ModelExchange {
     /// Capabilities that every type of interface has.
     pub interface: InterfaceCapabilities,
-    /// Whether the host must report every completed integrator step.
+    /// `true` if the host must report every completed integrator step.
     pub needs_completed_integrator_step: bool,
 }
 
@@ -118,23 +118,23 @@ pub struct ModelExchange {
 pub struct CoSimulation {
     /// Capabilities that every type of interface has.
     pub interface: InterfaceCapabilities,
-    /// Whether communication steps may differ in size.
+    /// `true` if communication steps may differ in size.
     pub variable_step_size: bool,
-    /// Whether derivatives of inputs are used to interpolate them within a step; FMI 2.0 only.
+    /// `true` if the FMU interpolates inputs within a step by their derivatives; FMI 2.0 only.
     pub interpolate_inputs: bool,
     /// Highest order of output derivatives.
     pub max_output_derivative_order: u32,
-    /// Whether a step may go on while the host does something else; FMI 2.0 only.
+    /// `true` if a step may run while the host does something else; FMI 2.0 only.
     pub run_asynchronously: bool,
     /// Step size inside the FMU, if it has one; FMI 3.0 only.
     pub fixed_internal_step_size: Option<f64>,
-    /// Whether events can be handled between steps; FMI 3.0 only.
+    /// `true` if events can be handled between steps; FMI 3.0 only.
     pub event_mode: bool,
-    /// Whether the host can exchange values in the middle of a step; FMI 3.0 only.
+    /// `true` if the host can exchange values in the middle of a step; FMI 3.0 only.
     pub intermediate_update: bool,
-    /// Whether a step may end before the time it was asked for; FMI 3.0 only.
+    /// `true` if a step may end before the requested time; FMI 3.0 only.
     pub might_return_early: bool,
-    /// Whether the host may get them in the middle of a step; FMI 3.0 only.
+    /// `true` if the host may end a step early at an intermediate update; FMI 3.0 only.
     pub return_early_after_intermediate_update: bool,
 }
 
@@ -208,7 +208,7 @@ pub struct ScalarVariable {
     pub dimensions: Vec<Dimension>,
     /// Value references of the clocks it is assigned to.
     pub clocks: Vec<u32>,
-    /// Whether the host may set or get it in the middle of a co-simulation step; FMI 3.0 only.
+    /// `true` if the host may set or get it in the middle of a co-simulation step; FMI 3.0 only.
     pub intermediate_update: bool,
     /// Other names it goes by.
     pub aliases: Vec<Alias>,
@@ -331,7 +331,7 @@ pub enum IntervalVariability {
 /// Attributes of a floating point variable; the start value of an array is that of its first element.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RealAttributes {
-    /// Whether it is of single precision.
+    /// `true` if it has single precision.
     pub single: bool,
     /// Unit.
     pub unit: Option<String>,
@@ -393,7 +393,7 @@ pub struct ModelStructure {
     pub derivatives: Vec<Unknown>,
     /// Discrete states of FMI 3.0 that change with a clock.
     pub clocked_states: Vec<Unknown>,
-    /// What is computed at initialization, with the variables known then that it depends on.
+    /// Variables computed at initialization, each with the variables known then that it depends on.
     pub initial_unknowns: Vec<Unknown>,
     /// Event indicators, which only FMI 3.0 lists.
     pub event_indicators: Vec<Unknown>,
@@ -569,7 +569,7 @@ impl VariableType {
         }
     }
 
-    /// Whether there is a start value.
+    /// Returns true if it has a start value.
     pub fn has_start(&self) -> bool {
         match self {
             Self::Real(real) => real.start.is_some(),
@@ -580,7 +580,7 @@ impl VariableType {
         }
     }
 
-    /// Whether its value is a number or can be counted as one: not a text, not bytes, not a clock.
+    /// Returns true if its value is a number or can be counted as one: not a text, not bytes, not a clock.
     pub fn is_number(&self) -> bool {
         !matches!(self, Self::String { .. } | Self::Binary { .. } | Self::Clock { .. })
     }

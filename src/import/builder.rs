@@ -18,7 +18,7 @@ pub struct Builder {
 }
 
 impl Builder {
-    /// A graph of so many input columns, which are value 0.
+    /// A graph with `inputs` input columns, which are value 0.
     pub fn new(inputs: usize) -> Self {
         Self { widths: vec![inputs], steps: Vec::new(), numbers: inputs, weights: 0 }
     }
@@ -119,7 +119,7 @@ impl Builder {
         Ok(last)
     }
 
-    /// The same graph of other columns: those that it had are what `first` makes of them.
+    /// The graph for other columns: `first` computes its previous columns from them.
     #[must_use]
     pub fn after(self, inputs: usize, first: Step) -> Self {
         let Self { widths, steps, numbers, weights } = self;
@@ -245,9 +245,9 @@ fn shifts(parameters: &[f64]) -> bool {
     parameters[parameters.len() / 2..].iter().any(|offset| *offset != 0.0)
 }
 
-/// Whether a step and the one before it must stay two: inputs may be far from zero, compared with how much they vary (a pressure in Pa, a
-/// temperature in K). What is subtracted from them must be before anything is multiplied or added up, or few digits are left: the
-/// difference is exact, that of two products is not.
+/// Returns true if a step and the one before it must not be merged. Inputs may be far from zero compared with their
+/// range (a pressure in Pa, a temperature in K). Their offset must be subtracted before products or sums, because this
+/// difference is exact and that of two products is not.
 fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize) -> Option<&'a Step>) -> bool {
     let linear = |of: usize| match inner(of) {
         Some(Step::Elementwise { of, function: Elementwise::Linear, parameters }) => Some((*of, parameters)),

@@ -36,22 +36,22 @@ pub struct Imported {
     pub columns: Vec<[u32; 2]>,
     /// States that the model itself has.
     pub recurrences: Vec<RecurrentState>,
-    /// Whether it was made to be computed in single precision.
+    /// `true` if the model computes in single precision.
     pub is_single: bool,
-    /// What wrote it.
+    /// Program that wrote the model.
     pub producer: String,
 }
 
 /// Hidden state: numbers that a model keeps from one sample to the next and that are not columns of it.
 #[derive(Clone, Debug)]
 pub struct RecurrentState {
-    /// What it is in the model.
+    /// Its name in the model.
     pub name: String,
     /// First input column of the graph, behind those of the model.
     pub first: usize,
     /// The value that has the next numbers.
     pub next: usize,
-    /// What they are at the start.
+    /// Their initial values.
     pub start: Vec<f64>,
 }
 
@@ -120,16 +120,16 @@ fn arranged(mut builder: Builder, sources: &[ColumnSource], variables: usize) ->
 /// Points at which the ranges of outputs are found, if there are no data.
 const POINTS: usize = 4096;
 
-/// What is known of a map beside its interface.
+/// Origin of a map.
 #[derive(Clone, Copy, Debug)]
 pub struct About<'a> {
     /// Its file, or what it is called in messages.
     pub path: &'a Path,
-    /// What it was made of: the bytes of its file, for instance. Another model has others.
+    /// Its content, which identifies it: the bytes of its file, for instance.
     pub content: &'a [u8],
-    /// Whether it was made to be computed in single precision.
+    /// `true` if the model computes in single precision.
     pub is_single: bool,
-    /// What wrote it.
+    /// Program that wrote the model.
     pub producer: &'a str,
 }
 
@@ -206,7 +206,7 @@ fn with_ranges(metadata: &Metadata, ranges: &[[f64; 2]]) -> Metadata {
     metadata
 }
 
-/// What an interface says of a model with these inputs; ranges of outputs are not known yet.
+/// Metadata of a model with these inputs, from its interface; ranges of outputs are not known yet.
 fn metadata(about: About, interface: &ModelInterface, inputs: Vec<Input>, rows: usize) -> Metadata {
     let About { content, producer, .. } = about;
     let outputs = interface.outputs.iter().map(|(name, output)| Output {
@@ -294,7 +294,7 @@ pub(crate) fn inputs(interface: &ModelInterface, rows: Option<&[Vec<f64>]>) -> R
     Ok(inputs)
 }
 
-/// What is wrong with a stated range that most of the training data are outside of: the data of another column, or of another unit.
+/// Problem of a stated range that excludes most of the training data, which may be those of another column or unit.
 fn mostly_outside([min, max]: [Option<f64>; 2], values: impl Iterator<Item = f64> + Clone) -> Option<String> {
     let (low, high) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
     // an end that was rounded is not outside

@@ -14,7 +14,7 @@ const STEPS: usize = 400;
 /// Steps over which an input of these simulations stays what it is.
 const HELD: usize = 10;
 
-/// What the solver may add to the outputs in these simulations, relative to their ranges.
+/// Largest error of the outputs by the solver in these simulations, relative to their ranges.
 const SOLVER_ERROR: f64 = 1e-9;
 /// Tolerances of the solver that are tried, ten times smaller each, and part of one with which it is compared.
 const TOLERANCES: [f64; 7] = [1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12];
@@ -96,7 +96,7 @@ impl<'a> StatefulModel<'a> {
         Self { path, interface, mapping, variables, parameters, driven }
     }
 
-    /// What is wrong with the model.
+    /// Error for a problem of the model.
     fn refused(&self, problem: String) -> Error {
         Error::Import { path: self.path.to_owned(), problems: vec![problem] }
     }
@@ -231,7 +231,7 @@ fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Re
 enum SampleNumber {
     State(usize),
     Column(usize),
-    /// Of a recurrence, its position in it.
+    /// Recurrence, and position in it.
     Kept(usize, usize),
 }
 

@@ -26,17 +26,17 @@ pub struct NumericTensor {
     pub numbers: Numbers,
 }
 
-/// Whether these bytes are an archive of numpy.
+/// Returns true if these bytes are an archive of numpy.
 pub fn is_npz(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04")
 }
 
-/// Whether these bytes are a file of safetensors.
+/// Returns true if these bytes are a file of safetensors.
 pub fn is_safetensors(bytes: &[u8]) -> bool {
     bytes.get(8) == Some(&b'{') && bytes[..8].ends_with(&[0, 0])
 }
 
-/// What is said of a file that is an FMU, or a model file of metafmu: there is nothing to import.
+/// Message for a file that is an FMU, or a model file of metafmu: there is nothing to import.
 pub fn made_already(bytes: &[u8]) -> Option<String> {
     let expected = "expected a trained network of another tool: ONNX, .npz or .safetensors";
     if is_npz(bytes) {

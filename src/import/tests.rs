@@ -21,7 +21,7 @@ fn outputs(graph: Graph, point: &[f64; 3]) -> Vec<f64> {
     outputs
 }
 
-/// The same steps as they are, and made fewer.
+/// Graphs of the steps as they are, and simplified.
 fn both(build: impl Fn(&mut Builder) -> usize) -> [Graph; 2] {
     let columns = |value: usize| vec![[value as u32, 0], [value as u32, 1]];
     let mut builder = Builder::new(3);

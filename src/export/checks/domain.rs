@@ -66,7 +66,7 @@ fn far_from_data(domain: &Domain, inputs: &[Input]) -> Option<Vec<f64>> {
     (domain.distance(&farthest, 0) > 1e-6).then_some(farthest)
 }
 
-/// Points among which one far from the data is looked for.
+/// Number of points that are searched for one far from the data.
 const POINTS: usize = 4096;
 
 fn without_data(fmu: &Fmu, surrogate: &Surrogate, point: &[f64]) -> Result<Option<String>> {

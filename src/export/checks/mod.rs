@@ -1,5 +1,5 @@
-//! What of our own FMUs can be checked beyond the standard: whether they compute what the surrogate and the reference result
-//! inside say.
+//! Checks of metafmu's own FMUs beyond the standard: their outputs must match the surrogate and the reference result
+//! inside.
 
 mod domain;
 mod prediction;
@@ -25,7 +25,7 @@ pub fn validate(path: impl AsRef<Path>) -> Result<Report> {
     fmi::validate(path, &SurrogateChecks)
 }
 
-/// Checks an FMU as [`validate`] does, but runs it in processes of its own: see [`fmi::validate_apart`].
+/// Checks an FMU as [`validate`] does, but runs it in separate processes: see [`fmi::validate_apart`].
 ///
 /// # Errors
 /// Those of [`fmi::validate_apart`].

@@ -96,7 +96,7 @@ const EXTERNAL_NAMES: &[&str] = &[
     "variable_wrong",
 ];
 
-/// Of a column that has a range.
+/// Number and array of nominal values of a column that has a range instead.
 const NO_VALUES: &str = "0, NULL";
 
 const NOTICE: &str = "/* Generated. */\n";
@@ -364,7 +364,7 @@ fn columns(text: &mut String, surrogate: &Surrogate) {
     text.push_str("};\n");
 }
 
-/// What distances from a range are relative to, as in [`metafmu_runtime::Domain`].
+/// Scale of distances from a range, as in [`metafmu_runtime::Domain`].
 fn range_width(min: f64, max: f64) -> f64 {
     [max - min, max.abs()].into_iter().find(|&width| width > 0.0).unwrap_or(1.0)
 }
@@ -400,7 +400,7 @@ fn list(text: &mut String, declaration: &str, values: &[f64], written: fn(f64) -
 /// Stands before numbers that single precision does not have.
 const BEYOND_SINGLE: &str = "/* beyond single precision */ ";
 
-/// A number of the type `Real` of the C code, which is single precision if the compiler is told so.
+/// Literal of the C type `Real`, which a definition for the preprocessor makes single precision.
 fn real(value: f64) -> String {
     if value.is_infinite() {
         return if value > 0.0 { "REAL_HUGE" } else { "-REAL_HUGE" }.into();
@@ -416,7 +416,7 @@ fn real(value: f64) -> String {
     format!("R({})", double(value))
 }
 
-/// The same for a number that others are divided by.
+/// Literal of a divisor of the C type `Real`; one that is not normal in single precision is marked.
 fn divisor(value: f64) -> String {
     let mark = if (value as f32).is_normal() { "" } else { BEYOND_SINGLE };
     format!("{mark}{}", real(value))

@@ -40,8 +40,8 @@ use models::*;
 const FLAGS: [&str; 8] =
     ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror"];
 
-/// Undefined behaviour and wrong memory accesses end the program. Not optimised, which takes a third of the time to compile: what the compiler
-/// would remove is looked at as well.
+/// Undefined behavior and wrong memory accesses end the program. Without optimization, compilation takes a third of the
+/// time, and code that the compiler would remove is checked as well.
 const SANITIZERS: [&str; 4] = ["-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
 
 const SINGLE: &str = "-DMETAFMU_SINGLE";
@@ -198,7 +198,7 @@ fn compare(surrogate: &Surrogate, scales: [f64; 2], flags: &[&str]) {
     compare_at(points(surrogate), 1e-12, surrogate, scales, flags);
 }
 
-/// The same of the code in single precision, at points that are not far away, where digits get lost.
+/// Compares the C code in single precision with the evaluator, except at the far point, where digits get lost.
 fn compare_single(surrogate: &Surrogate, scales: [f64; 2], tolerance: f64) {
     let mut points = points(surrogate);
     points.pop();
@@ -335,7 +335,7 @@ impl<'a> Steps<'a> {
         self.expected.push([&[result, after], &point[self.surrogate.inputs().len()..]].concat());
     }
 
-    /// Whether the C code does the same: how steps ended, in order.
+    /// Compares the C code with the evaluator. Returns how the steps ended, in order.
     fn compare(self, flags: &[&str]) -> Vec<f64> {
         self.compare_within(1e-12, flags)
     }

@@ -1,4 +1,4 @@
-//! What the C interfaces of both versions share, and finding functions in a library.
+//! Types that the C interfaces of both versions share, and the search for functions in a library.
 
 use crate::{Error, Result};
 use libloading::Library;

@@ -17,7 +17,7 @@ pub struct Grid {
     stop: f64,
     step: f64,
     full_steps: usize,
-    /// Whether a shorter step follows the full ones.
+    /// `true` if a shorter step follows the full ones.
     partial: bool,
 }
 

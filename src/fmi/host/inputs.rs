@@ -30,7 +30,8 @@ impl Inputs {
         Self::read_csv_with(path, |_, _| None)
     }
 
-    /// The same with a check of the time of each row, given the inputs of the rows before it: what is wrong with it, or none.
+    /// Reads a file as [`Inputs::read_csv`] does and checks the time of each row. `problem` receives the inputs of the
+    /// rows before it and returns a message if the time is wrong.
     ///
     /// # Errors
     /// Those of [`Inputs::read_csv`].
@@ -158,7 +159,7 @@ impl InputDriver<'_> {
         Ok(())
     }
 
-    /// Whether a continuous variable changes from the last of `rows` rows to the next.
+    /// Returns true if a continuous variable changes from the last of `rows` rows to the next.
     pub fn vary(&self, rows: usize) -> bool {
         let of = &self.inputs.rows;
         let changes = |(column, variable): (usize, &&ScalarVariable)| {
@@ -167,7 +168,7 @@ impl InputDriver<'_> {
         (1..of.len()).contains(&rows) && self.variables.iter().enumerate().any(changes)
     }
 
-    /// Whether a variable has one value before the rows from `before` up to `after`, which have one time, and another after.
+    /// Returns true if a variable jumps at the rows from `before` up to `after`, which have one time.
     pub fn jump(&self, before: usize, after: usize) -> bool {
         let of = &self.inputs.rows;
         let jumps = |(column, variable): (usize, &&ScalarVariable)| {

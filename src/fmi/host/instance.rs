@@ -119,7 +119,7 @@ impl<'fmu> FmuInstance<'fmu> {
         self.fmu
     }
 
-    /// What the FMU has logged since the last call of this, but for what an error carries along.
+    /// Takes the messages that the FMU logged since the last call, except those that an error carries.
     pub fn take_messages(&self) -> Vec<LogMessage> {
         self.journal.take_after(0)
     }

@@ -42,7 +42,7 @@ struct IntegratedModel<'a> {
     inputs: &'a InputDriver<'a>,
     /// Relative to the states and to their nominal values.
     tolerance: f64,
-    /// Whether the FMU needs to be told of completed steps.
+    /// `true` if the FMU requires a report of each completed step.
     completes_steps: bool,
 }
 
@@ -116,12 +116,12 @@ impl<'a> Exchange<'a> {
         &self.position
     }
 
-    /// Goes on from another position, to whose state the FMU was put back.
+    /// Moves to another position; the state of the FMU was already set to it.
     pub fn rewind(&mut self, position: RunPosition) {
         self.position = position;
     }
 
-    /// Goes on to a time, through the events before it and those at it.
+    /// Advances to a time, through the events before it and those at it.
     ///
     /// # Errors
     /// [`Error::Fmi`]; [`Error::Integration`] if the method fails or events do not end.
@@ -281,7 +281,7 @@ struct ContinuousStretch<'a> {
     nominals: &'a [f64],
     /// The FMU's states: a position to compute them.
     unscaled: RefCell<Vec<f64>>,
-    /// What ended the integration.
+    /// Error that ended the integration.
     failure: RefCell<Option<Error>>,
     /// The last state that the FMU found impossible.
     discarded: RefCell<Option<Error>>,
@@ -304,7 +304,8 @@ struct AcceptedSteps {
 }
 
 impl ContinuousStretch<'_> {
-    /// The state a while later. With `steps`, every step is looked at, and an event ends the integration.
+    /// Returns the state after `duration`. With `steps`, every accepted step is checked, and an event ends the
+    /// integration.
     fn solve(
         &self,
         from: &DVector<f64>,
@@ -438,7 +439,7 @@ impl ContinuousStretch<'_> {
     }
 }
 
-/// Whether an indicator has changed between positive and not positive, which is a state event.
+/// Returns true if an indicator changed between positive and not positive, which is a state event.
 fn crossed(before: &[f64], after: &[f64]) -> bool {
     before.iter().zip(after).any(|(before, after)| (*before > 0.0) != (*after > 0.0))
 }
@@ -479,7 +480,7 @@ impl System<f64, DVector<f64>> for OdeProblem<'_> {
         derivative.fill(f64::NAN);
     }
 
-    /// Whether the integration must stop.
+    /// Returns true if the integration must stop.
     fn solout(&mut self, elapsed: f64, state: &DVector<f64>, _: &DVector<f64>) -> bool {
         let Some(steps) = self.steps else { return false };
         match self.stretch.follow(&mut steps.borrow_mut(), elapsed, state) {

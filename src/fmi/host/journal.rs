@@ -1,4 +1,4 @@
-//! What an FMU logs.
+//! Log messages of an FMU.
 
 use super::ffi::{FmiStatus, status_name};
 use std::{
@@ -21,7 +21,7 @@ pub struct LogMessage {
     pub text: String,
 }
 
-/// Messages not yet taken. An FMU may log from threads of its own.
+/// Messages not yet taken. An FMU may log from several threads.
 #[derive(Debug, Default)]
 pub struct MessageLog {
     log: Mutex<MessageQueue>,

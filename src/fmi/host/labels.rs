@@ -1,4 +1,4 @@
-//! What the equations of an FMU for model exchange are in a state.
+//! Equations of an FMU for model exchange, evaluated in a state.
 
 use super::{FmuInstance, Recorder, SimulationOptions, recorder::RecordedColumn, simulate::set_start};
 use crate::{Error, Result};
@@ -8,7 +8,7 @@ use crate::{Error, Result};
 pub struct StateEvaluation {
     /// Derivatives of the continuous states, in the order of the state vector.
     pub derivatives: Vec<f64>,
-    /// What the outputs are.
+    /// Names and units of the outputs.
     pub columns: Vec<RecordedColumn>,
     /// Their values.
     pub outputs: Vec<f64>,

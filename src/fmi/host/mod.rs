@@ -1,8 +1,8 @@
 //! Loads and runs FMI 2.0 and 3.0 FMUs of any tool, for co-simulation and model exchange. All unsafe code of this crate
 //! is in this folder.
 //!
-//! An FMU is other people's machine code: running one means trusting it. What is ensured here is that calls, lifetimes
-//! and pointers are right on this side.
+//! An FMU is third-party machine code: running one requires trust. This module ensures that calls, lifetimes and
+//! pointers are correct on the host's side.
 
 mod elf;
 mod exchange;
@@ -174,7 +174,7 @@ impl Fmu {
         Self::of_folder(path, &folder, description, interface, true)
     }
 
-    /// Loads the FMU in a folder, possibly in a process of its own.
+    /// Loads the FMU in a folder. `alone`: the process is for this FMU only.
     fn of_folder(
         path: &Path,
         folder: &Path,
@@ -214,7 +214,7 @@ impl Fmu {
         &self.description
     }
 
-    /// What it was loaded for.
+    /// Interface that it was loaded for.
     pub fn interface(&self) -> InterfaceKind {
         self.interface
     }
@@ -229,7 +229,7 @@ impl Fmu {
         self.description.co_simulation.as_ref().filter(|_| self.interface == InterfaceKind::CoSimulation)
     }
 
-    /// What `fmi2GetVersion` or `fmi3GetVersion` returns.
+    /// Result of `fmi2GetVersion` or `fmi3GetVersion`.
     pub fn version(&self) -> String {
         let function = match &self.functions {
             FmiFunctions::V2(functions) => functions.get_version,
@@ -239,7 +239,7 @@ impl Fmu {
         text(unsafe { function() })
     }
 
-    /// What `fmi2GetTypesPlatform` returns; FMI 3.0 has no such function.
+    /// Result of `fmi2GetTypesPlatform`; FMI 3.0 has no such function.
     pub fn types_platform(&self) -> Option<String> {
         match &self.functions {
             // SAFETY: the function takes nothing

@@ -1,9 +1,9 @@
-//! What a run of an FMU is.
+//! Options of a run of an FMU.
 
 use super::Inputs;
 use serde::{Deserialize, Serialize};
 
-/// What to run. Whatever is not given comes from the FMU's default experiment.
+/// Options of a run. Missing ones come from the FMU's default experiment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SimulationOptions {
     /// Start time; else the FMU's, else 0.
@@ -26,6 +26,6 @@ pub struct SimulationOptions {
     pub inputs_first: bool,
     /// Names of further variables to record.
     pub record: Vec<String>,
-    /// Whether they are all that is recorded, without the outputs.
+    /// `true` if only these variables are recorded, without the outputs.
     pub record_only: bool,
 }

@@ -1,5 +1,5 @@
-//! The Python interpreter that the binaries of some FMUs expect around them, those of PythonFMU among them: they refer to its
-//! symbols, but to no library that has them, for they were made to be loaded by a Python program.
+//! Python interpreter for FMUs whose binaries expect one around them, such as those of PythonFMU. A Python program is
+//! meant to load these binaries: they refer to its symbols, but to no library that has them.
 
 use serde::Deserialize;
 use std::{
@@ -37,7 +37,7 @@ struct Interpreter {
     paths: Vec<String>,
 }
 
-/// Whether that is why a binary cannot be loaded.
+/// Returns true if a binary cannot be loaded because no Python interpreter surrounds it.
 pub fn is_missing(error: &libloading::Error) -> bool {
     let text = std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string);
     text.contains("symbol") && (text.contains("_Py") || text.contains(": Py"))

@@ -280,7 +280,7 @@ impl FmuInstance<'_> {
     /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that has no derivatives to offer.
     ///
     /// # Panics
-    /// If there are not as many seeds as knowns.
+    /// If the number of seeds differs from that of knowns.
     pub fn directional_derivative(&self, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<Vec<f64>> {
         assert_eq!(knowns.len(), seed.len(), "one seed per known");
         let mut sensitivity = vec![0.0; unknowns.len()];
@@ -317,7 +317,7 @@ impl FmuInstance<'_> {
     /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that has no adjoint derivatives to offer.
     ///
     /// # Panics
-    /// If there are not as many seeds as unknowns.
+    /// If the number of seeds differs from that of unknowns.
     pub fn adjoint_derivative(&self, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<Vec<f64>> {
         assert_eq!(unknowns.len(), seed.len(), "one seed per unknown");
         let mut sensitivity = vec![0.0; knowns.len()];
@@ -336,7 +336,7 @@ impl FmuInstance<'_> {
     /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU without it.
     ///
     /// # Panics
-    /// If there are not as many orders as value references.
+    /// If the number of orders differs from that of value references.
     pub fn output_derivatives(&self, references: &[u32], orders: &[i32]) -> Result<Vec<f64>> {
         assert_eq!(references.len(), orders.len(), "one order per value reference");
         let mut values = vec![0.0; references.len()];

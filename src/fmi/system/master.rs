@@ -14,7 +14,8 @@ use crate::{
 };
 use std::{mem::ManuallyDrop, path::Path, time::Instant};
 
-/// How often outputs are handed on at the start at the most: where components depend on each other without delay, there need be no end.
+/// Largest number of passes that hand on outputs at the start. Components that depend on each other without delay might
+/// never settle.
 const PASSES: usize = 100;
 
 /// A component that is loaded.
@@ -160,7 +161,7 @@ impl SystemRun {
         Ok(terminated)
     }
 
-    /// What the rows consist of.
+    /// Columns of the rows.
     fn columns(&self) -> Vec<RecordedColumn> {
         let variable = |Port { component, variable }: &Port| format!("{}.{variable}", self.components[*component].name);
         let names = self.recorded.iter().chain(&self.watched).map(variable).chain(TIMES.map(str::to_owned));
@@ -188,7 +189,7 @@ struct CoupledComponent<'a> {
     sources: Vec<(usize, usize)>,
     /// Values that the inputs have.
     given: Vec<f64>,
-    /// Of the outputs, at the last communication point.
+    /// Values of the outputs at the last communication point.
     values: Vec<f64>,
 }
 
@@ -236,7 +237,7 @@ impl<'a> CoupledComponent<'a> {
     }
 }
 
-/// Whether values are the same to the last bit.
+/// Returns true if values are equal to the last bit.
 fn same(one: &[f64], other: &[f64]) -> bool {
     one.len() == other.len() && one.iter().zip(other).all(|(one, other)| one.to_bits() == other.to_bits())
 }

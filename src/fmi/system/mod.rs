@@ -53,7 +53,7 @@ pub struct SystemComponent {
     pub line: usize,
     /// Where its file is: a path in the archive or folder.
     pub source: String,
-    /// Whether that is a mechanism, and no FMU.
+    /// `true` if that file is a mechanism instead of an FMU.
     pub is_mechanism: bool,
     /// Interface by which it is to be run; any if none.
     pub interface: Option<InterfaceKind>,
@@ -170,7 +170,7 @@ impl FmuSystem {
         fmu.map(Box::new).map(ComponentSource::Fmu)
     }
 
-    /// Whether a connector of a component is part of a connection.
+    /// Returns true if a connector of a component is part of a connection.
     pub fn is_connected(&self, component: usize, connector: &str) -> bool {
         let ends = self.connections.iter().flat_map(|Connection { from, to }| [from, to]);
         ends.chain(self.outputs.iter().map(|(_, end)| end))

@@ -91,7 +91,7 @@ impl FmuSystem {
         if problems.is_empty() { Ok(()) } else { Err(Error::System { path: self.path.clone(), problems }) }
     }
 
-    /// What the system says of a component that it does not have, with lines.
+    /// Mismatches between the system and the description of a component, with lines.
     fn misfits(&self, position: usize, description: &ModelDescription) -> Vec<(usize, String)> {
         let component = &self.components[position];
         let named = |name: &str| format!("component `{}`: it has no variable `{name}`", component.name);
@@ -144,7 +144,7 @@ pub(crate) fn port(component: usize, source: &ComponentSource, name: &str) -> Po
     Port { component, variable: variable.to_owned() }
 }
 
-/// Whether a variable is a scalar real number, integer or boolean.
+/// Returns true if a variable is a scalar real number, integer or boolean.
 pub(crate) fn is_number(variable: &ScalarVariable) -> bool {
     variable.kind.is_number() && variable.dimensions.is_empty()
 }
@@ -155,7 +155,7 @@ fn meant(description: &ModelDescription, name: &str) -> String {
 
 const REAL: &str = "a real number";
 
-/// What may be connected with each other.
+/// Kind of a variable; only variables of one kind may be connected.
 fn group(variable: &ScalarVariable) -> &'static str {
     match variable.kind {
         VariableType::Real(_) => REAL,

@@ -1,4 +1,4 @@
-//! What steps in a system: instances of FMUs, and mechanisms.
+//! Simulators of a system's components: instances of FMUs, and mechanisms.
 
 use super::run::SystemRun;
 use crate::{

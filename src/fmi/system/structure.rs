@@ -313,7 +313,7 @@ impl StructureReader {
         Some(StartValue { name: format!("{prefix}{name}"), line: parameter.line, value, unit })
     }
 
-    /// Gives the values that are bound to the system to its components; those of its own connectors are returned.
+    /// Gives the values that are bound to the system to its components; returns those of the system's connectors.
     fn assign(&mut self, values: Vec<StartValue>, components: &mut [SystemComponent]) -> Vec<StartValue> {
         let mut own = Vec::new();
         for value in values {

@@ -117,12 +117,13 @@ struct FiniteDifference {
     error: f64,
     /// Slope that the last digit of the output hides, plus half the difference of the slopes above and below at this and shorter steps.
     unseen: f64,
-    /// Of the known variable.
+    /// Magnitude of the known variable.
     magnitude: f64,
 }
 
-/// The central difference of which most is known: it is unsure by what it differs from those of the next shorter and the
-/// next longer step, where curvature shows, and by the rounding of the outputs, where they might agree by chance.
+/// Central difference with the smallest error estimate. The estimate is the difference from the slopes at the next
+/// shorter and the next longer step, where curvature shows. It is at least the rounding error of the outputs, because
+/// slopes might agree by chance.
 fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<FiniteDifference> {
     let reference = [known.value_reference];
     let mut center = [0.0];

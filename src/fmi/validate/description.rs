@@ -37,7 +37,7 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    /// The root element has no line of its own in a [`Document`]; messages name the attribute instead.
+    /// Checks the interfaces. The root element has no line in a [`Document`]: messages name the attribute instead.
     fn interfaces(&mut self) {
         let ModelDescription { co_simulation, model_exchange, scheduled_execution, .. } = self.description;
         let co_simulation = co_simulation.as_ref().map(|co_simulation| &co_simulation.interface);
@@ -476,7 +476,7 @@ fn is_identifier(text: &str) -> bool {
     }
 }
 
-/// What follows a letter-digit name or a name in single quotes.
+/// Remainder of a text after a letter-digit name or a name in single quotes.
 fn after_name(text: &str) -> Option<&str> {
     if let Some(quoted) = text.strip_prefix('\'') {
         let mut escaped = false;

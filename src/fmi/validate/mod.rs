@@ -12,12 +12,12 @@ use crate::Error;
 use serde::{Deserialize, Serialize};
 use std::{collections::HashSet, fmt, path::Path};
 
-/// What validation found.
+/// Result of a validation.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Report {
     /// Everything that is wrong.
     pub problems: Vec<Finding>,
-    /// What could not be checked, and why.
+    /// Checks that could not be made, with the reason.
     pub not_checked: Vec<String>,
 }
 
@@ -28,7 +28,7 @@ pub struct Finding {
     pub area: Area,
     /// Line in modelDescription.xml, counted from 1, if there is one to point at.
     pub line: Option<usize>,
-    /// What is wrong.
+    /// Description of the problem.
     pub message: String,
 }
 
@@ -42,13 +42,13 @@ pub enum Area {
     Description,
     /// The shared library.
     Binary,
-    /// What the FMU does when it is run.
+    /// Behavior of the FMU in a run.
     Behaviour,
     /// The model file of a metafmu surrogate.
     Surrogate,
 }
 
-/// What comes up while the binary is run.
+/// Note on a run of the binary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Note {
     /// This is what is done from here on.
@@ -136,7 +136,7 @@ impl Report {
         self.not_checked.push(what.into());
     }
 
-    /// What was found by way of both interfaces is said once.
+    /// Removes findings that both interfaces repeat.
     fn forget_repetitions(&mut self) {
         let mut known = HashSet::new();
         self.problems.retain(|finding| known.insert(finding.to_string()));

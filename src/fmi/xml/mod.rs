@@ -53,9 +53,9 @@ pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
 pub struct XmlProblem {
     /// Line in the file, counted from 1.
     pub line: usize,
-    /// What is wrong.
+    /// Description of the problem.
     pub message: String,
-    /// Whether it keeps a host from using the FMU, as against an offence that can be read past.
+    /// `true` if it keeps a host from using the FMU, `false` for an offence that can be read past.
     pub unusable: bool,
 }
 

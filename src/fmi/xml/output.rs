@@ -1,4 +1,4 @@
-//! What the writers of both versions share: elements, attributes, numbers, and parts that look the same in both.
+//! Output that the writers of both versions share: elements, attributes, numbers, and parts that look the same in both.
 
 use crate::fmi::{
     model_description::{DefaultExperiment, DisplayUnit, ModelDescription, Named, UnitDefinition, Unknown},

@@ -50,7 +50,7 @@ pub enum Occurs {
     Any,
 }
 
-/// What else holds for the content of an element.
+/// Further rule for the content of an element.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Content {
     /// Nothing.
@@ -156,7 +156,7 @@ fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<XmlProblem>
     }
 }
 
-/// What was expected, if the value is not of the type.
+/// Description of the expected type, if the value is not of that type.
 fn mismatch(expected_type: ValueType, value: &str) -> Option<String> {
     let whole = |text: &str, (min, max): (i128, i128)| {
         text.trim().parse::<i128>().is_ok_and(|number| (min..=max).contains(&number))

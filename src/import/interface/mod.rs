@@ -51,7 +51,8 @@ pub struct ModelInterface {
     /// States of the FMU by name: columns of the model's inputs whose next values, or whose derivatives, are columns of its outputs.
     #[serde(default)]
     pub states: IndexMap<String, InterfaceState>,
-    /// Outputs of the FMU by name, likewise. Columns of the model that are not named are left out.
+    /// Outputs of the FMU by name. Each is a column of the model: in the order of the model's unless they say which.
+    /// Columns of the model that are not named are ignored.
     pub outputs: IndexMap<String, InterfaceOutput>,
     #[serde(skip)]
     origin: Origin,
@@ -233,7 +234,7 @@ pub fn json_schema() -> &'static serde_json::Value {
 /// Where each column of a model comes from and goes to.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapping {
-    /// Of each column that the model takes.
+    /// Source of each column that the model takes.
     pub inputs: Vec<ColumnSource>,
     /// Where each output of the FMU comes from.
     pub outputs: Vec<OutputSource>,

@@ -30,7 +30,7 @@ impl ModelInterface {
         Ok(interface)
     }
 
-    /// The same of JSON, which another program wrote: what is wrong with it has keys, but no lines.
+    /// Reads an interface from JSON, which another program wrote: problems have keys, but no lines.
     ///
     /// # Errors
     /// [`Error::Study`] with every mistake.
@@ -74,10 +74,10 @@ impl ModelInterface {
         Some(if state.next.is_some() { Evolution::Discrete } else { Evolution::Continuous })
     }
 
-    /// Which column is which variable, of a model with columns of these names.
+    /// Assigns the variables to the columns of a model, which have these names.
     ///
     /// # Errors
-    /// [`Error::Study`] for columns that there are not, too few or too many of them, or one that is named twice.
+    /// [`Error::Study`] for unknown columns, too few or too many of them, or one that is named twice.
     pub fn mapping(&self, inputs: &[String], outputs: &[String]) -> Result<Mapping> {
         let mut problems = Problems::default();
         self.refuse(self.ambiguous([("inputs", inputs), ("outputs", outputs)]))?;
@@ -211,7 +211,7 @@ impl ModelInterface {
         states
     }
 
-    /// What is wrong with it by itself.
+    /// Problems of the interface that do not depend on the model.
     fn problems(&self) -> Problems {
         let mut problems = Problems::default();
         let is_good = |name: &str| {
@@ -340,7 +340,7 @@ impl ModelInterface {
     }
 }
 
-/// What is said of discrete states without a sample time.
+/// Message for discrete states without a sample time.
 pub const NO_SAMPLE_TIME: &str = "is missing: expected the time between a state and its next value, in seconds";
 
 fn counted(columns: usize) -> String {

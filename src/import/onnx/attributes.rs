@@ -94,9 +94,9 @@ pub struct AttributeNumbers {
     pub is_single: bool,
 }
 
-/// The double that is meant by a single. Attributes are singles, but frameworks that compute in double precision mean 0.01 by the single next
-/// to it: the number with the fewest decimal digits if there are few, a fraction such as 1/6, or the single itself if its last
-/// bits are zero, as of 0.25.
+/// Double that a single-precision attribute stands for. Frameworks that compute in double precision store 0.01 as the
+/// nearest single. The result is the shortest decimal number if it has few digits, or a fraction such as 1/6. It is the
+/// single itself if its last bits are zero, as in 0.25.
 fn shortest(value: f32) -> f64 {
     const ROUND_BITS: u32 = 10;
     const MANY_DIGITS: usize = 7;

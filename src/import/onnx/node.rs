@@ -12,10 +12,10 @@ use metafmu_runtime::{
     graph::{Elementwise, Step},
 };
 
-/// What a name stands for.
+/// Value of a name.
 #[derive(Clone, Debug)]
 pub enum Value {
-    /// The same for all rows.
+    /// Equal for all rows.
     Constant(ConstantTensor),
     /// Follows from the inputs.
     Row(RowTensor),
@@ -46,7 +46,7 @@ impl Value {
     }
 }
 
-/// Whether a domain is that of the standard operators.
+/// Returns true if a domain is that of the standard operators.
 pub fn is_standard(domain: &str) -> bool {
     matches!(domain, "" | "ai.onnx")
 }
@@ -120,7 +120,7 @@ impl GraphReader {
         value
     }
 
-    /// Whether a row is nothing but inputs of the graph.
+    /// Returns true if a row consists of inputs of the graph only.
     pub fn is_input(&self, row: &RowTensor) -> bool {
         self.chosen_from(row) == 0
     }
@@ -202,7 +202,7 @@ impl GraphReader {
         Ok(RowTensor { shape, value, is_single: row.is_single })
     }
 
-    /// The same elements in another shape.
+    /// Value with its elements in another shape.
     pub fn reshaped(&self, value: &Value, shape: Vec<usize>) -> Result<Value, String> {
         let count = |shape: &[usize]| shape.iter().product::<usize>();
         if count(&shape) != count(value.shape()) {

@@ -1,4 +1,4 @@
-//! What each operator makes of its inputs.
+//! Operators: steps of the graph for each of them.
 
 mod constants;
 mod machine_learning;
@@ -138,7 +138,7 @@ pub const MACHINE_LEARNING: [&str; 8] = [
 
 pub const ML: &str = "ai.onnx.ml";
 
-/// Whether an operator is known here.
+/// Returns true if an operator is supported.
 pub fn is_known(node: &NodeProto) -> bool {
     match node.domain.as_str() {
         ML => MACHINE_LEARNING.contains(&node.op_type.as_str()),
@@ -149,7 +149,7 @@ pub fn is_known(node: &NodeProto) -> bool {
     }
 }
 
-/// What to do about an operator that is not known.
+/// Advice on an operator that is not supported.
 pub fn instead(operator: &str) -> String {
     let name = operator.trim_matches('`').rsplit('.').next().unwrap_or_default();
     match name {

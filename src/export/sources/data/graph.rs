@@ -38,7 +38,7 @@ pub(super) struct GraphSources {
     pub names: Vec<&'static str>,
     pub sizes: Vec<(&'static str, usize, &'static str)>,
     pub data: String,
-    /// Of an evaluation.
+    /// Operations of an evaluation.
     pub operations: Operations,
     rows: Vec<String>,
     nodes: Vec<Node>,

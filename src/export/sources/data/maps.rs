@@ -3,7 +3,7 @@
 use super::{ModelSources, array, double, operations::Operations, push};
 use metafmu_runtime::{Encoder, Encoding, Input, Surrogate};
 
-/// What is generated of a network or a regression, or of several networks.
+/// Generated part of a network or a regression, or of several networks.
 pub(super) struct MapPart {
     /// Its header.
     pub header: &'static str,
@@ -15,9 +15,9 @@ pub(super) struct MapPart {
     pub sizes: Vec<(&'static str, usize, &'static str)>,
     /// Definitions.
     pub data: String,
-    /// Of an evaluation of one.
+    /// Operations of an evaluation of one map.
     pub operations: Operations,
-    /// What has the formula, with its verb.
+    /// Files with the formula, followed by the verb.
     pub formula: &'static str,
 }
 
@@ -61,7 +61,7 @@ pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> ModelSourc
     }
 }
 
-/// Of all outputs at a point; the formula is in `maps.c`.
+/// Operations for all outputs at a point; the formula is in `maps.c`.
 fn operations(inputs: &[Input], outputs: usize, instants: usize, of_map: Operations) -> Operations {
     let of_input = |input: &Input| match &input.encoding {
         Encoding::Plain => Operations::default(),

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// The same with an activation after the last layers.
+/// The surrogate with an activation after the last layer of each network.
 pub(super) fn bent(surrogate: &Surrogate, activation: Activation) -> Surrogate {
     let mut networks = networks(surrogate);
     networks.iter_mut().for_each(|network| network.layers.last_mut().unwrap().activation = activation);
@@ -72,7 +72,8 @@ pub(super) fn regressions(example: &Surrogate) -> [Surrogate; 3] {
     .map(|graph| Surrogate::new(example.metadata().clone(), graph).unwrap())
 }
 
-/// A Gaussian process of the example's columns with its predicted standard deviation; of so many centres that rows are in several blocks.
+/// Gaussian process of the example's columns with its predicted standard deviation. Its number of centers requires
+/// several blocks of rows.
 pub(super) fn process(example: &Surrogate) -> Surrogate {
     let (n, count) = (Encoder::of(example.inputs()).width(), 70);
     let whitening = (0..count).flat_map(|row| (0..=row).map(move |column| (row, column)));

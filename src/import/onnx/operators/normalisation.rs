@@ -58,7 +58,7 @@ impl GraphReader {
         self.scaled(node, normal)
     }
 
-    /// Of each channel, or of as many groups of them as are given.
+    /// Normalization of each channel, or of as many groups of channels as are given.
     pub(super) fn group_normalization(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         let epsilon = attributes.float("epsilon", 1e-5)?;
@@ -172,7 +172,7 @@ impl GraphReader {
         self.transposed(&turned, &order)
     }
 
-    /// What is subtracted is a logarithm of a sum that is at least 1, so nothing underflows to -inf.
+    /// Subtracts the logarithm of a sum that is at least 1, so nothing underflows to -inf.
     pub(super) fn log_softmax(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         let (at, whole) = self.normalised_axis(node, value.shape().len())?;

@@ -1,4 +1,4 @@
-//! What moves a window over a tensor: convolutions, pooling, and what is put around it.
+//! Operators that move a window over a tensor: convolutions and pooling, with their padding.
 
 use super::{products::of_data, *};
 
@@ -151,7 +151,7 @@ impl GraphReader {
         Ok(value)
     }
 
-    /// What is pooled, and the window.
+    /// Pooled value, and the window.
     fn pooled(&self, node: &NodeProto) -> Result<(Value, Window), String> {
         let value = self.maps(node)?;
         let kernel = Attributes::of(node).integers("kernel_shape").ok_or("attribute `kernel_shape` is missing")?;
