@@ -156,7 +156,7 @@ pub fn studies(study: &Study) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
     Ok(trials(options, study.seed).into_iter().map(with_study).collect())
 }
 
-/// What is wrong with a study, without the lines of its text, which nobody has written.
+/// Problems of a study, without the lines of its generated text.
 fn reasons(error: &Error) -> String {
     match error {
         Error::Study { problems } => {

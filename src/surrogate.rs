@@ -26,7 +26,7 @@ pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, graph: Grap
     finish(metadata(study, dataset, train_rows), graph.into())
 }
 
-/// The same of a fitted baseline, which has a name, a description and a digest of its own.
+/// Puts a fitted baseline together, with a separate name, description and digest.
 ///
 /// # Errors
 /// As [`assemble`].

@@ -25,7 +25,7 @@ use std::{
 /// Behind the name of a state: the parameter of a surrogate that has its value at the start.
 const AT_START: &str = "_start";
 
-/// What to compare; whatever is not given comes from the system or from the surrogate's default experiment.
+/// Options of a comparison; missing ones come from the system or from the surrogate's default experiment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SwapOptions {
     /// The system: an SSP archive or a SystemStructure.ssd.
@@ -63,7 +63,7 @@ pub struct Swap {
 /// The recorded rows of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordedRows {
-    /// What the columns are.
+    /// Names and units of the columns.
     pub columns: Vec<RecordedColumn>,
     /// Time of each row.
     pub times: Vec<f64>,
@@ -98,7 +98,7 @@ pub struct SwapComparison {
     pub system_step: StepSpeed,
     /// Where the surrogate was outside the ranges that it is made for; none if it never was, or does not say.
     pub outside_domain: Option<Outside>,
-    /// What limits the comparison.
+    /// Limits of the comparison.
     pub warnings: Vec<String>,
     /// The run with the source.
     #[serde(skip)]
@@ -159,9 +159,9 @@ pub struct Outside {
 }
 
 impl Swap {
-    /// Reads the system and the FMUs, and finds out what the surrogate takes over from the source: connectors by their names;
-    /// parameters by their names with the values that the system sets, else the source's own start values; `NAME_start` with that of
-    /// the source's variable `NAME`.
+    /// Reads the system and the FMUs, and determines what the surrogate takes over from the source. Connectors and
+    /// parameters match by their names. Parameters have the values that the system sets, else the source's own start
+    /// values; `NAME_start` has that of the source's variable `NAME`.
     ///
     /// # Errors
     /// - as [`FmuSystem::open`], [`FmuSystem::load`] and [`Unpacked::open`];
@@ -214,7 +214,7 @@ impl Swap {
         })
     }
 
-    /// Makes both runs, each in a process of its own, and compares them; `begins` is told which one is made.
+    /// Makes both runs, each in a separate process, and compares them; `begins` is called with the FMU of each run.
     ///
     /// # Errors
     /// As [`run_system_apart`]; [`Error::Worker`] also if an output is not finite, or if there are no steps to compare.
@@ -285,7 +285,7 @@ fn in_domain(component: usize, surrogate: &ComponentSource) -> Option<Port> {
     tells.then(|| port(component, surrogate, name))
 }
 
-/// What is compared.
+/// Signals that are compared.
 struct Compared {
     /// Name, component and connector of each output.
     outputs: Vec<(String, usize, String)>,

@@ -19,12 +19,12 @@ use crate::{
 };
 use metafmu_runtime::Surrogate;
 
-/// What a build has made; the files are in the project's folder.
+/// Result of a build; the files are in the project's folder.
 #[derive(Debug)]
 pub struct Built {
-    /// What `metrics.json` holds.
+    /// Content of `metrics.json`.
     pub metrics: Metrics,
-    /// Whether the surrogate is good enough, and if not, why.
+    /// Verdict on the surrogate, with the reasons if it is not good enough.
     pub verdict: Verdict,
     /// The network beside the baselines that the study wants in a build.
     pub comparison: Option<Comparison>,

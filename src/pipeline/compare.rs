@@ -35,7 +35,7 @@ pub const FIT_BASELINE: &str = "fit-baseline";
 /// Test rows on which a baseline that is slow to evaluate is measured, about: R² changes little with more, and the slowest take 0.1 ms for each.
 const TEST_ROWS: usize = 10_000;
 
-/// Runs over which the prediction of a row is timed, at the most.
+/// Largest number of runs over which the prediction of a row is timed.
 const TIMED_RUNS: usize = 50;
 
 /// The network beside the baselines `kinds`, if there is a network: without one its row says why.
@@ -118,7 +118,7 @@ pub(super) fn stage(
     Ok(comparison)
 }
 
-/// Whether a prediction takes much longer than one of the network.
+/// Returns true if a prediction takes much longer than one of the network.
 fn is_slow(kind: BaselineKind) -> bool {
     use BaselineKind::{ExtraTrees, GaussianProcess, GradientBoosting, Knn, RandomForest, Svr};
     matches!(kind, Svr | Knn | RandomForest | ExtraTrees | GradientBoosting | GaussianProcess)
@@ -281,7 +281,7 @@ enum Ended {
     Died(ExitStatus),
 }
 
-/// Has a process of its own do a task. It ends itself after the time budget; a Ctrl-C ends it here.
+/// Executes a task in a separate process. The process ends after the time budget, or at a Ctrl-C.
 fn fit(project: &Project, task: &FitTask) -> Result<Ended> {
     let program = project.control().program;
     let failed = |source| Error::io(program, "run")(source);

@@ -9,13 +9,13 @@ use nalgebra::{DMatrix, Schur};
 pub(super) struct IntegrationTrial {
     /// Its outputs are not used.
     pub run: Run,
-    /// What is special about it.
+    /// Description of the run, such as its corner.
     pub name: String,
 }
 
 /// Runs at corners at most.
 const MOST_CORNERS: usize = 48;
-/// Of more parameters than these not all combinations of ends are tried.
+/// Largest number of parameters of which all combinations of ends are tried.
 const ALL_COMBINATIONS: usize = 4;
 const COMBINATIONS: usize = 16;
 /// Maximum number of iterations of the eigenvalue search.
@@ -149,8 +149,9 @@ fn stiffest(
     combinations.map(climb).max_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(Vec::new, |(_, upper)| upper)
 }
 
-/// Whether a parameter is at its upper end in a combination: all combinations of few parameters, of many the rows of a Hadamard matrix, in
-/// which each pair of parameters has all four combinations, and each row has its opposite.
+/// Returns true if a parameter is at its upper end in a combination. Few parameters have all combinations, many have
+/// the rows of a Hadamard matrix. In these rows each pair of parameters has all four combinations, and each row has its
+/// opposite.
 fn is_upper(combination: usize, parameter: usize, parameters: usize) -> bool {
     if parameters <= ALL_COMBINATIONS {
         return combination >> parameter & 1 == 1;

@@ -20,7 +20,7 @@ use metafmu_runtime::{Output, Surrogate};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// What `metrics.json` holds.
+/// Content of `metrics.json`.
 #[derive(Debug, Serialize)]
 pub struct Metrics {
     name: String,

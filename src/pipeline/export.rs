@@ -27,7 +27,7 @@ pub struct ExportRequest {
     pub platforms: Vec<String>,
     /// Further libraries, by platform tuple.
     pub binaries: Vec<(String, PathBuf)>,
-    /// Whether the FMU has C sources.
+    /// `true` if the FMU contains C sources.
     pub sources: bool,
 }
 
@@ -251,7 +251,7 @@ fn write_of_project(
 struct ExportTarget<'a> {
     folder: &'a Path,
     name: &'a str,
-    /// Whether there is an FMU of one version only, whose name does not say which.
+    /// `true` if one version of FMI only is exported: the name of the FMU does not contain it.
     alone: bool,
     about: &'a study::ExportOptions,
 }
@@ -280,7 +280,7 @@ fn write(
     plan.wanted().map(write).collect()
 }
 
-/// Whether an FMU was made of this surrogate.
+/// Returns true if an FMU was made from this surrogate.
 fn is_of(surrogate: &Surrogate, fmu: &Path) -> bool {
     let document = Archive::open(fmu).and_then(|mut archive| archive.document());
     document.is_ok_and(|document| document.description.token == surrogate.instantiation_token())

@@ -37,7 +37,8 @@ pub struct FitOptions {
     pub small_networks: SmallNetworks,
     /// Decides which rows are held out, how the network begins, the order of the rows, and what is random in a baseline.
     pub seed: u64,
-    /// Whether the accuracy on unseen rows is measured: on half of the rows that are held out, or, of few rows, by cross-validation.
+    /// `true` if the accuracy on unseen rows is measured: on half of the held-out rows, or by cross-validation if there
+    /// are few rows.
     pub measure: bool,
 }
 
@@ -68,10 +69,11 @@ pub struct Fit {
     pub stopped: Option<StopReason>,
     /// Loss of each epoch on the rows that a network was trained on: the mean over rows and outputs, of outputs with a standard deviation of 1.
     pub train_loss: Vec<f64>,
-    /// The same on the rows that choose the best epoch.
+    /// Loss of each epoch on the rows that choose the best epoch.
     pub validation_loss: Vec<f64>,
-    /// Accuracy on rows that took part neither in the fit nor in the choice of the kind of model and of the best epoch; None unless it is measured, of a single
-    /// row, and if the training was stopped. In a cross-validation each fold is predicted by the candidate that the other folds choose.
+    /// Accuracy on rows that took part neither in the fit nor in the choice of the kind of model and of the best epoch.
+    /// None if it is not measured, with a single row, and if the training was stopped. In a cross-validation each fold
+    /// is predicted by the candidate that the other folds choose.
     pub accuracy: Option<Accuracy>,
     /// The rows that the accuracy was measured on; None without it.
     #[serde(skip)]
@@ -95,10 +97,11 @@ pub struct UnseenRows {
     pub predictions: Vec<Vec<f64>>,
 }
 
-/// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a network, or those of them with the
-/// predicted standard deviations of [`FitOptions::std`], on unseen rows: fewer than
-/// 1000 by five-fold cross-validation, of more on those that choose the best epoch. Networks of few rows are small and trained by Levenberg-Marquardt steps, if
-/// [`FitOptions::small_networks`] has it so. A single row makes a network, which it both trains and chooses. A training that is stopped keeps its best epoch.
+/// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a
+/// network on unseen rows. With [`FitOptions::std`] it compares only those with predicted standard deviations. Fewer
+/// than 1000 rows are compared by five-fold cross-validation, more on the rows that choose the best epoch. Networks of
+/// few rows are small and trained by Levenberg-Marquardt steps, if [`FitOptions::small_networks`] requests it. A single
+/// row makes a network, which it both trains and chooses. A stopped training keeps its best epoch.
 ///
 /// # Errors
 /// [`Error::Interrupted`] if no epoch is complete, and during a comparison; [`Error::Training`], those of the interface; [`Error::Import`] for rows without
@@ -185,7 +188,7 @@ pub fn fit(
     Ok((surrogate, fit))
 }
 
-/// Number of rows that measure the accuracy of a fit to so many rows.
+/// Number of rows that measure the accuracy of a fit to `rows` rows.
 pub fn unseen_rows(rows: usize, training: &TrainingOptions) -> usize {
     let order: Vec<usize> = (0..rows).collect();
     match RowSplit::of(&order, training, true).judging.len() {
@@ -206,7 +209,7 @@ struct RowSplit<'a> {
 }
 
 impl<'a> RowSplit<'a> {
-    /// Of rows in a random order; of a few none judges.
+    /// Splits rows that have a random order; if there are few, none judges.
     fn of(order: &'a [usize], training: &TrainingOptions, measure: bool) -> Self {
         if order.len() < 2 {
             return Self { judging: &[], choosing: order, seen: order };
@@ -259,7 +262,7 @@ pub fn std_problem(FitOptions { std, model, .. }: &FitOptions, rows: usize) -> O
     std.then(|| of_model().or_else(|| candidates::std_rows_problem(rows))).flatten()
 }
 
-/// What a study would say of its `[network]` and `[training]`, of networks between so many columns.
+/// Problems of `[network]` and `[training]`, as in a study, for networks with these numbers of columns.
 fn problems(FitOptions { network, training, .. }: &FitOptions, columns: [usize; 2]) -> Vec<String> {
     let mut problems = Problems::default();
     if network.structure != TimeStructure::Full {

@@ -130,7 +130,7 @@ impl<'a> Follower<'a> {
         Self { checkpoints: None, ..self }
     }
 
-    /// For a network that is one of several, and whose checkpoints go to a file of its own.
+    /// For a network that is one of several, and whose checkpoints go to a separate file.
     pub(super) fn with_checkpoint(self, path: PathBuf) -> Self {
         Self { checkpoints: Some((path, true)), ..self }
     }

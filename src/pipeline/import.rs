@@ -26,12 +26,12 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What is imported, and how.
+/// Options of an import.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
     /// File of the trained model.
     pub model: PathBuf,
-    /// What its columns are.
+    /// File of the interface, which describes its columns.
     pub interface: PathBuf,
     /// Table of training data, for the ranges that the interface does not have.
     pub data: Option<PathBuf>,
@@ -61,11 +61,11 @@ pub struct OutputDifference {
     pub output: String,
     /// Its largest difference.
     pub largest: f64,
-    /// The same relative to the range of what was expected.
+    /// Largest difference relative to the range of the expected values.
     pub relative: f64,
     /// Row of the table, counted from 1.
     pub row: u64,
-    /// Whether that is within the tolerance.
+    /// `true` if the difference is within the tolerance.
     pub fits: bool,
 }
 
@@ -215,16 +215,16 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
 /// A column of a model.
 struct ModelColumn<'a> {
     column: &'a str,
-    /// Whether it is that of a state, or what a state follows from.
+    /// `true` if it is a state, its next value or its derivative.
     is_state: bool,
     /// The column of the training data that it is, if that is known.
     found: Option<TableColumn>,
-    /// What the model itself says of it.
+    /// Description of it in the model file.
     described: Option<Described>,
 }
 
 impl ModelColumn<'_> {
-    /// What it is called, unless that name is taken.
+    /// Its preferred name, which may be taken.
     fn wanted(&self) -> String {
         let found = self.found.as_ref().map(|found| found.name.clone());
         let described = || self.described.as_ref().map(|described| described.name.clone());
@@ -264,8 +264,8 @@ fn ports<'a>(columns: &'a [String], states: impl Iterator<Item = &'a String>) ->
         .collect()
 }
 
-/// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if it has as many
-/// columns as there are.
+/// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if
+/// the numbers of columns agree.
 fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], has_memory: bool) -> Result<()> {
     let columns = Table::open(path)?.columns().to_vec();
     let mut open: HashMap<&str, usize> =
@@ -345,7 +345,7 @@ struct Fed {
     follows: Follows,
 }
 
-/// What an output is of a state.
+/// Relation of an output to a state.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Follows {
     Next,
@@ -384,7 +384,7 @@ fn feedback(imported: &Imported) -> Vec<Fed> {
     if states.is_empty() { found(Follows::Derivative, derivative_names) } else { states }
 }
 
-/// What the derivative of an input may be called.
+/// Names that the derivative of an input may have.
 fn derivative_names(input: &str) -> Vec<String> {
     let before = ["d", "d_", "der_"].iter().map(|prefix| format!("{prefix}{input}"));
     let behind = ["_dot", "dot", "_derivative", "_der"].iter().map(|suffix| format!("{input}{suffix}"));
@@ -392,7 +392,7 @@ fn derivative_names(input: &str) -> Vec<String> {
     before.chain(behind).chain(around).collect()
 }
 
-/// What the next value of an input may be called.
+/// Names that the next value of an input may have.
 fn later_names(input: &str) -> Vec<String> {
     let named = |stem: &str, before: &[&str], behind: &[&str]| -> Vec<String> {
         let behind = behind.iter().map(|suffix| format!("{stem}{suffix}"));

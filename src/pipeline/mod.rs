@@ -1,4 +1,4 @@
-//! What the verbs of the command do, without a terminal: from a study file to validated FMUs, for every program.
+//! Stages of the commands, without a terminal: from a study file to validated FMUs, for every program.
 //!
 //! A [`Project`] is a study with its source and its folder of results. Each stage takes what the one before has left in that
 //! folder, reports its progress to a [`PipelineObserver`], and ends when a token says so. Nothing here prints, reads the

@@ -1,7 +1,7 @@
 //! Predictions in bulk: the outputs of a surrogate for all rows of a table.
 //!
-//! Without states every row is a point of its own. With states the rows of a run are rolled out together, from the start that its
-//! first row has, by inputs that are linear between two rows.
+//! Without states every row is a separate point. With states the rows of a run are rolled out together, from the start
+//! in its first row, with inputs that are linear between two rows.
 //!
 //! One thread reads while the others evaluate, and nothing is kept that has been written.
 
@@ -38,7 +38,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// What is predicted, and how it is written.
+/// Options of a prediction.
 #[derive(Clone, Debug)]
 pub struct PredictOptions {
     /// Names of the outputs; all if there are none.
@@ -47,7 +47,7 @@ pub struct PredictOptions {
     pub format: Format,
 }
 
-/// What was predicted.
+/// Result of a prediction.
 #[derive(Clone, Debug, Serialize)]
 pub struct Predicted {
     /// Name of the surrogate.
@@ -93,7 +93,7 @@ impl Found {
         self.first = self.first.or(Some(row as u64 + 1));
     }
 
-    /// Adds those of a block that begins after so many rows.
+    /// Adds those of a block that begins after `after` rows.
     fn extend(&mut self, after: u64, block: Self) {
         self.rows += block.rows;
         self.first = self.first.or(block.first.map(|row| after + row));
@@ -127,7 +127,7 @@ pub fn load_file(path: &Path) -> Result<Surrogate> {
     }
 }
 
-/// Whether a file is a surrogate by its name.
+/// Returns true if a file is a surrogate by its name.
 pub fn is_surrogate(path: &Path) -> bool {
     matches!(extension(path).as_deref(), Some("fmu" | "safetensors"))
 }
@@ -140,7 +140,7 @@ fn extension(path: &Path) -> Option<String> {
 /// outputs, `in_domain` and `domain_distance`. `path`: the name of `to` in errors.
 ///
 /// # Errors
-/// [`Error::Variable`] for an output that there is not, [`Error::Table`] with file and line of a mistake, [`Error::Io`],
+/// [`Error::Variable`] for an unknown output, [`Error::Table`] with file and line of a mistake, [`Error::Io`],
 /// [`Error::Interrupted`].
 pub fn predict(
     surrogate: &Surrogate,
@@ -271,7 +271,7 @@ impl<'a> Predictor<'a> {
         of_row.chain(self.outputs().map(|output| output.name.as_str())).chain(of_domain).collect()
     }
 
-    /// What is known before the first row.
+    /// Result, as far as it is known before the first row.
     fn predicted(&self) -> Predicted {
         let bounds = self.surrogate.bounds();
         let predictions = self.surrogate.predictions().len();
@@ -352,7 +352,7 @@ struct Answers {
 }
 
 impl Answers {
-    /// None yet, with room for so many rows.
+    /// No results yet, with room for `rows` rows.
     fn new(predictor: &Predictor, labels: Option<Labels>, times: Option<Vec<f64>>, rows: usize) -> Self {
         Self {
             labels,

@@ -33,13 +33,13 @@ use std::{
 pub struct Project<'a> {
     /// The study.
     pub study: Study,
-    /// What gives its runs.
+    /// Source of its runs.
     pub source: Source,
     folder: PathBuf,
     control: Control<'a>,
 }
 
-/// Of which study the tables are, and what making them took: `samples.json`.
+/// Record of a sampling, `samples.json`: the study of the tables, and their cost.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct SamplesRecord {
     /// [`Study::sampling_digest`] of the study they were sampled from.
@@ -102,22 +102,22 @@ impl<'a> Project<'a> {
         Ok(Self { study, source, folder, control })
     }
 
-    /// What the program around it gave.
+    /// Control by the program around it.
     pub fn control(&self) -> Control<'a> {
         self.control
     }
 
-    /// Whether the work must end.
+    /// Returns true if the work must end.
     pub(super) fn is_stopped(&self) -> bool {
         self.control.stop.load(Ordering::Relaxed)
     }
 
-    /// What worker processes need.
+    /// Settings of worker processes.
     pub(super) fn workers(&self) -> Workers<'a> {
         Workers { program: self.control.program, stop: self.control.stop }
     }
 
-    /// How an FMU is watched over that runs in a process of its own.
+    /// Watch over an FMU that runs in a separate process.
     pub(super) fn watch(&self) -> Watch<'a> {
         Watch { workers: self.workers(), limit: None, heard: self.control.heard }
     }
@@ -182,7 +182,7 @@ impl<'a> Project<'a> {
         self.folder.join("unfinished-runs.bin")
     }
 
-    /// The same of one shard of it.
+    /// Runs of a shard that is not finished.
     pub(super) fn shard_journal(&self, Shard { number, of }: Shard) -> PathBuf {
         self.folder.join(format!("unfinished-runs-{number}-of-{of}.bin"))
     }
@@ -225,12 +225,12 @@ impl<'a> Project<'a> {
         self.folder.join("checkpoint.safetensors")
     }
 
-    /// The same of a training that is one of several, counted from 1.
+    /// Checkpoint of one of several trainings, counted from 1.
     pub(super) fn checkpoint_of(&self, number: usize) -> PathBuf {
         self.folder.join(format!("checkpoint-{number}.safetensors"))
     }
 
-    /// Whether a training is under way or was stopped.
+    /// Returns true if a training is under way or was stopped.
     pub(super) fn is_unfinished(&self) -> bool {
         [self.checkpoint(), self.checkpoint_of(1), self.unfinished_networks()].iter().any(|path| path.exists())
     }
@@ -254,12 +254,12 @@ impl<'a> Project<'a> {
         self.folder.join("rounds")
     }
 
-    /// The same project, with the folder of a round for its results.
+    /// This project, with the folder of a round for its results.
     pub(super) fn round(&self, number: usize) -> Self {
         self.with_folder(self.rounds().join(number.to_string()))
     }
 
-    /// The same project, with another folder for its results.
+    /// This project, with another folder for its results.
     pub(super) fn with_folder(&self, folder: PathBuf) -> Self {
         Self { study: self.study.clone(), source: self.source.clone(), folder, control: self.control }
     }
@@ -282,7 +282,7 @@ impl<'a> Project<'a> {
         self.folder.join("comparison.json")
     }
 
-    /// The same as a table.
+    /// The comparison as a table.
     pub fn comparison_table(&self) -> PathBuf {
         self.folder.join("comparison.csv")
     }

@@ -48,9 +48,9 @@ impl Round {
     }
 }
 
-/// Trains in rounds, each from the network of the one before, and writes what a single training writes, `rounds.csv` with a row
-/// for each round, and `added.csv` with the runs that were added. Every round has a folder of its own, from which `resume` goes
-/// on; they are removed at the end.
+/// Trains in rounds, each from the network of the one before. Writes the files of a single training, `rounds.csv` with
+/// a row for each round, and `added.csv` with the added runs. Every round has a separate folder, from which `resume`
+/// continues; the folders are removed at the end.
 fn in_rounds(
     project: &Project,
     target: &TargetOptions,

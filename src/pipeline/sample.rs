@@ -26,7 +26,7 @@ use std::{fmt::Write, path::PathBuf, time::Instant};
 pub struct Samples {
     /// The runs of each set.
     pub sets: Sets<Dataset>,
-    /// What is known about them.
+    /// Record of the sampling.
     pub record: SamplesRecord,
 }
 
@@ -135,7 +135,7 @@ pub fn stage(project: &Project) -> Result<Samples> {
     }
 }
 
-/// What came of a part of a sampling.
+/// Result of a shard.
 #[derive(Debug, Serialize)]
 pub struct ShardRecord {
     /// Its file.
@@ -224,7 +224,7 @@ fn run_points(
     outcomes.inspect_err(|_| project.event(Event::End))
 }
 
-/// What came of the points of a plan, by set, and what failed.
+/// Results of the points of a plan, by set, and the failed runs.
 fn sort(
     project: &Project,
     simulation: &Simulation,

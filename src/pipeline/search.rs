@@ -52,8 +52,8 @@ pub struct TrialRecord {
     seconds: f64,
     /// Why it failed.
     message: String,
-    /// Whether it ended with an error, which says nothing about its values. A training that diverges or a baseline that cannot be
-    /// fitted is a result.
+    /// `true` if it ended with an error, which says nothing about its values. A training that diverges or a baseline
+    /// that cannot be fitted is a result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     broke: bool,
     /// SHA-256 of the rest, so that a score that was changed decides nothing.
@@ -95,7 +95,7 @@ struct SearchTrial {
     runs: PathBuf,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Serialize)]
 pub struct Searched {
     /// `search.csv`, a row for each trial.
@@ -107,7 +107,7 @@ pub struct Searched {
     /// The best trials as a table for people.
     #[serde(skip)]
     pub summary: String,
-    /// Whether a trial ended with an error.
+    /// `true` if a trial ended with an error.
     #[serde(skip)]
     pub has_errors: bool,
 }
@@ -376,7 +376,7 @@ fn train(
     })
 }
 
-/// The same for a network for each instant. They are trained quickly: each rung starts from scratch.
+/// Trains a trial with a network for each instant. These train quickly: each rung starts from scratch.
 fn train_instants(
     project: &Project,
     study: &Study,
@@ -450,7 +450,7 @@ fn score(network: &Network, rows: &TrainingRows) -> f64 {
     mean_unexplained(&columns(network, rows, &vec![0.0; rows.n_outputs()], &vec![1.0; rows.n_outputs()]))
 }
 
-/// What the network predicts and what it should, of each output, not standardised any more.
+/// Predicted and expected values of each output, no longer standardized.
 fn columns(network: &Network, rows: &TrainingRows, mean: &[f64], scale: &[f64]) -> Vec<[Vec<f64>; 2]> {
     let mut found = vec![0.0; rows.outputs().len()];
     network.predict(rows.inputs(), &mut found);

@@ -44,7 +44,7 @@ const RESERVE: f64 = 3.0;
 /// How much farther than in the training runs velocities may go.
 const MARGIN: f64 = 1.5;
 
-/// Of equations that are so poor that no solver helps.
+/// Record for equations so poor that no solver helps.
 pub(super) fn unmeasured(step: f64) -> SolverRecord {
     SolverRecord {
         tolerance: Some(FIRST),
@@ -73,7 +73,7 @@ struct Path {
 /// Reference that solvers are compared with.
 struct SolverReference {
     path: Path,
-    /// Largest change up to each row by a start that is off by [`OFF`], at least that.
+    /// Largest change up to each row by an initial state perturbed by [`OFF`], at least [`OFF`].
     by_start: Vec<f64>,
 }
 
@@ -113,9 +113,9 @@ pub(super) fn velocity_ranges(
     options.enumerate().map(range).collect()
 }
 
-/// The surrogate with the integration that the study wants: fixed steps, or the largest tolerance whose error, in the training runs and at
-/// the corners, is below a tenth of what the equations are off by. `assemble` makes the surrogate with an integration; `velocities`: of each
-/// state its range, if it is a velocity with one.
+/// The surrogate with the integration that the study wants. It is fixed steps, or the largest tolerance whose error, in
+/// the training runs and at the corners, is below a tenth of the error of the equations. `assemble` makes the surrogate
+/// with an integration. `velocities` has the range of each state that is a velocity with one.
 pub(super) fn choose(
     project: &Project,
     dataset: &Dataset,
@@ -223,8 +223,9 @@ impl<'a> IntegrationComparison<'a> {
             .collect()
     }
 
-    /// The error of a start that changes the outputs of a run as much as this integration does: the largest, over the rows, of their change
-    /// over the largest one so far by a start that is off by [`OFF`], times that. Changes are relative to the outputs' ranges.
+    /// Perturbation of the initial state that changes the outputs of a run as much as this integration does. It is
+    /// [`OFF`] times the largest ratio, over the rows, of two changes: that by the integration, and the largest so far
+    /// by an initial state perturbed by [`OFF`]. Changes are relative to the outputs' ranges.
     fn error(&self, trial: usize, path: &Path) -> f64 {
         let SolverReference { path: reference, by_start } = &self.references[trial];
         let width = self.surrogate.outputs().len();
@@ -327,7 +328,7 @@ impl<'a> IntegrationComparison<'a> {
         }
     }
 
-    /// What is wrong with fixed steps.
+    /// Problem of fixed steps, if there is one.
     fn problem_of_steps(&self, step: f64, record: &SolverRecord) -> Option<String> {
         if record.error <= POOR {
             return None;

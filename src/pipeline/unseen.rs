@@ -91,7 +91,7 @@ impl Unseen {
     }
 }
 
-/// What is known of the fit of a static map.
+/// Record of the fit of a static map.
 fn record(training: &TrainingRecord) -> Option<&StaticRecord> {
     match &training.method {
         Some(MethodRecord::StaticMap(record)) => Some(record),

@@ -27,9 +27,9 @@ pub enum AxisScale {
     Log,
 }
 
-/// Decades below the largest value that a logarithmic axis shows at the most.
+/// Largest number of decades below the largest value that a logarithmic axis shows.
 const DECADES: i32 = 12;
-/// Ticks of an axis at the most.
+/// Largest number of ticks of an axis.
 pub const TICKS: usize = 6;
 
 impl Axis {

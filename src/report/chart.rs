@@ -23,7 +23,7 @@ pub struct Chart {
     pub x: Axis,
     /// The vertical axis.
     pub y: Axis,
-    /// What is drawn, the last above the others.
+    /// Series, each drawn above those before it.
     pub series: Vec<ChartSeries>,
 }
 
@@ -34,7 +34,7 @@ pub struct ChartSeries {
     pub name: Option<String>,
     /// Colour and dashes.
     pub ink: Ink,
-    /// What is drawn.
+    /// Shape of the series.
     pub shape: Shape,
 }
 
@@ -59,7 +59,7 @@ pub enum Shape {
     Numbered(Vec<(usize, [f64; 2])>),
 }
 
-/// Colours of Okabe and Ito, which colour-blind readers tell apart, each with dashes of its own for prints without colour.
+/// Colors of Okabe and Ito, which color-blind readers tell apart, each with different dashes for prints without color.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "colours")]
 pub enum Ink {
@@ -85,11 +85,11 @@ const HEIGHT: u32 = 320;
 const LEGEND_LINE: u32 = 20;
 /// Room left of the vertical axis, below the horizontal one, right of the plot and above it.
 const MARGINS: [u32; 4] = [84, 48, 26, 10];
-/// Of the room left of the vertical axis: letters are higher than plotters thinks.
+/// Part of the room left of the vertical axis, because letters are higher than plotters assumes.
 const EDGE: u32 = 4;
 const TICK_TEXT: f64 = 14.0;
 const NAME_TEXT: f64 = 15.0;
-/// Points of a line at the most: more than there are pixels.
+/// Largest number of points of a line: more than there are pixels.
 const LINE_POINTS: usize = 600;
 /// How wide an average letter is, in its height.
 const LETTER: f64 = 0.6;
@@ -177,7 +177,7 @@ impl Chart {
         stack(title, std::slice::from_ref(self), HEIGHT)
     }
 
-    /// Whether lines have so many points that some are left out.
+    /// Returns true if a line has too many points to draw all of them.
     pub fn is_thinned(&self) -> bool {
         self.series.iter().any(
             |series| matches!(&series.shape, Shape::Line(points) | Shape::Broad(points) if points.len() > LINE_POINTS),
@@ -340,8 +340,8 @@ pub fn stack(title: &str, charts: &[Chart], height: u32) -> Result<String, Strin
     Ok(finish(&svg, title, total))
 }
 
-/// What plotters' SVG has not: a size to be shown at, a name for screen readers, and dashes, which go by the colour. It is made
-/// shorter by what goes without saying.
+/// Adds what plotters' SVG lacks: a display size, a name for screen readers, and dashes, which depend on the color.
+/// Removes redundant attributes.
 fn finish(svg: &str, title: &str, height: u32) -> String {
     let drawn = format!("width=\"{}\" height=\"{}\"", SCALE * WIDTH, SCALE * height);
     let title = html::escape(title);

@@ -19,7 +19,7 @@ pub use numbers::Evaluated;
 pub use page::page;
 pub use plot::{Curve, time_series_svg, two_runs_svg};
 
-/// What a report is made from.
+/// Data that a report is made from.
 #[derive(Debug)]
 pub struct Material<'a> {
     /// The study.
@@ -62,7 +62,7 @@ enum ReportBlock {
 pub struct Figure {
     /// Unique in a report: letters, digits, `-` and `_`.
     pub id: String,
-    /// What the chart shows.
+    /// Text on the content of the chart.
     pub caption: String,
     /// The chart.
     pub chart: Chart,

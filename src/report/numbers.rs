@@ -18,11 +18,11 @@ pub struct Evaluated<'a> {
     pub surrogate: &'a Surrogate,
     /// The runs, unseen in training.
     pub test: &'a Dataset,
-    /// Of each run, shape `[times, columns]`: those of all outputs of the surrogate.
+    /// Predictions of all outputs of the surrogate for each run, shape `[times, columns]`.
     predictions: Vec<Vec<f64>>,
     /// Accuracy of each output.
     pub accuracy: Accuracy,
-    /// Of each run, see [`Evaluated::runs_by_error`].
+    /// Error of each run, see [`Evaluated::runs_by_error`].
     errors: Vec<f64>,
 }
 
@@ -75,21 +75,21 @@ pub struct Histogram {
 pub struct Sensitivity {
     /// Instants.
     pub times: Vec<f64>,
-    /// Of each parameter: mean magnitude of the derivative at each instant, times the parameter's range.
+    /// Mean magnitude of the derivative at each instant, times the parameter's range, for each parameter.
     pub over_time: Vec<Vec<f64>>,
-    /// Of each parameter: the mean over all instants.
+    /// Mean over all instants, for each parameter.
     pub mean: Vec<f64>,
 }
 
 /// Cells of a [`Density`] in each direction.
 pub const CELLS: usize = 60;
-/// Bins over the time at the most.
+/// Largest number of bins over the time.
 const TIME_BINS: usize = 200;
 /// Bins over a parameter.
 const PARAMETER_BINS: usize = 16;
 /// Bins of a [`Histogram`].
 const ERROR_BINS: usize = 61;
-/// Runs and instants of each at which derivatives are taken, at the most.
+/// Largest number of runs, and of instants of each, at which derivatives are taken.
 pub const SENSITIVITY_RUNS: usize = 100;
 const SENSITIVITY_TIMES: usize = 60;
 
@@ -186,7 +186,7 @@ impl<'a> Evaluated<'a> {
         self.surrogate.bounds().map(|bounds| bounds.at(output, time))
     }
 
-    /// Whether the truth of a row is in that band; none if there is no such band.
+    /// Returns true if the truth of a row is in that band; none if there is no such band.
     pub fn is_within(&self, output: usize, row: &TestRow) -> Option<bool> {
         self.bound(output, row.time).map(|bound| row.error().abs() <= bound)
     }

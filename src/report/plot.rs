@@ -39,7 +39,7 @@ pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<S
     stack(title, &charts, HEIGHT)
 }
 
-/// The same of two runs, each with its times and as many curves: both in one chart, under the names of the runs.
+/// SVG chart of two runs with the same number of curves, under the names of the runs. Each run has its own times.
 ///
 /// # Errors
 /// As [`time_series_svg`].

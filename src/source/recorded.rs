@@ -40,7 +40,7 @@ pub struct Recorded {
     path: PathBuf,
     is_index: bool,
     names: ColumnNames,
-    /// Of runs with inputs, values of outputs and inputs before the start are such, too.
+    /// Parameters. For runs with inputs they include the values of outputs and inputs before the start.
     parameters: Vec<SourceVariable>,
     inputs: Vec<RecordedInput>,
     input_variables: Vec<SourceVariable>,
@@ -49,16 +49,17 @@ pub struct Recorded {
     options: Vec<ParameterOptions>,
     stop: f64,
     step: f64,
-    /// Of runs with inputs, the time between two rows, and how many of them before the start a run has unless it has none.
+    /// Time between two rows, and number of rows before the start, which a run has all of or none; for runs with
+    /// inputs.
     samples: Option<(f64, usize)>,
     test_runs: usize,
-    /// The table of the test runs, or their index, if they have one of their own.
+    /// Separate table of the test runs, or their index, if there is one.
     test: Option<PathBuf>,
     calibration_runs: usize,
     seed: u64,
-    /// Whether outliers are what the component does.
+    /// `true` if outliers are behavior of the component.
     keeps_outliers: bool,
-    /// Whether its rows must be equally far apart in time, and runs may have the same parameters.
+    /// `true` if its rows must be equally spaced in time, and runs may have the same parameters.
     is_motion: bool,
     motions: Option<Box<Motions>>,
 }
@@ -152,7 +153,7 @@ impl Recorded {
         Ok(recorded)
     }
 
-    /// What outputs and inputs were before the start are parameters of runs with inputs.
+    /// Adds the values of outputs and inputs before the start to the parameters of runs with inputs.
     fn add_starts(&mut self) {
         if self.inputs.is_empty() {
             return;
@@ -180,7 +181,7 @@ impl Recorded {
         self.motions.as_deref()
     }
 
-    /// What drives the runs.
+    /// Inputs that drive the runs.
     pub fn inputs(&self) -> &[SourceVariable] {
         self.motions().map_or(&self.input_variables, Motions::inputs)
     }

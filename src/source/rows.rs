@@ -32,13 +32,13 @@ pub struct StaticRows {
 /// Rows that were read.
 #[derive(Clone, Debug)]
 pub struct ReadRows {
-    /// Of each row a number for each input.
+    /// Inputs of each row.
     pub inputs: Vec<Vec<f64>>,
-    /// Of each row a number for each output.
+    /// Outputs of each row.
     pub outputs: Vec<Vec<f64>>,
     /// Where each row is: its line, or in Parquet its row.
     pub places: Vec<u64>,
-    /// What was dropped, and what is odd.
+    /// Notes on dropped rows and on odd ones.
     pub notes: Vec<String>,
 }
 
@@ -49,9 +49,9 @@ pub struct DesignRows {
     pub columns: Vec<TableColumn>,
     /// Position of each input among the columns.
     pub positions: Vec<usize>,
-    /// Of each row a number for each input.
+    /// Inputs of each row.
     pub points: Vec<Vec<f64>>,
-    /// Of each row a number for each output; None if these cells are empty.
+    /// Outputs of each row; None if these cells are empty.
     pub outputs: Vec<Option<Vec<f64>>>,
 }
 
@@ -211,7 +211,7 @@ impl StaticRows {
         Ok(rows)
     }
 
-    /// What cannot be learned of the rows.
+    /// Checks that the study can be learned from the rows.
     fn check(&self, study: &Study, read: &ReadRows) -> Result<()> {
         let mut problems = Problems::default();
         for (column, variable) in self.inputs.iter().enumerate() {

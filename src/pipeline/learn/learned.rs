@@ -18,7 +18,7 @@ use std::sync::atomic::Ordering;
 
 /// `sampling.states` of an FMU, and of a mechanism, unless given.
 const STATES: [usize; 2] = [5000, 20_000];
-/// Of how many states one is held out, and how many are at the least, unless that is more than half of them.
+/// Number of states per held-out state, and minimum number of held-out states, unless that is more than half of all.
 const HELD_OUT: (usize, usize) = (10, 200);
 /// Error of a dictionary at which a network cannot add anything: it is trained in single precision.
 pub(super) const EXACT: f64 = 1e-9;
@@ -41,12 +41,12 @@ pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usi
     named.or(best.map(|(index, _)| index)).unwrap_or(0)
 }
 
-/// What a network is trained on.
+/// Training data of a network.
 #[derive(Default)]
 pub(super) struct Examples {
     /// Its columns, row by row.
     pub inputs: Vec<Vec<f64>>,
-    /// What it has to give.
+    /// Its expected outputs, row by row.
     pub outputs: Vec<Vec<f64>>,
     /// Derivatives of both along some directions, if they are known; a training does not look at those of examples that are held out.
     pub tangents: Option<Directions>,
@@ -54,11 +54,11 @@ pub(super) struct Examples {
 
 /// Derivatives along some directions, row by row and, in a row, direction by direction.
 pub(super) struct Directions {
-    /// Of the columns.
+    /// Derivatives of the columns.
     pub inputs: Vec<Vec<f64>>,
-    /// Of what the network has to give.
+    /// Derivatives of the expected outputs.
     pub outputs: Vec<Vec<f64>>,
-    /// Whether those of each output are known.
+    /// `true` for each output whose derivatives are known.
     pub known: Vec<bool>,
 }
 
@@ -120,7 +120,7 @@ pub(super) fn error(network: &ScaledNetwork, examples: &Examples) -> f64 {
     errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
 }
 
-/// What standardises examples.
+/// Scaling that standardizes examples.
 fn scaling_of(examples: &Examples) -> Scaling {
     let ((input_mean, input_scale), (output_mean, output_scale)) =
         (scaling::of_columns(&examples.inputs), scaling::of_columns(&examples.outputs));

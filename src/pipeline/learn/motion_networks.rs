@@ -25,7 +25,8 @@ use std::{ops::Range, time::Instant};
 /// Change of a function, relative to its largest value, that is rounding.
 const UNCHANGED: f64 = 1e-9;
 
-/// Error of drawn nodes, relative to the standard deviation of the worst function, from which on a training may be better.
+/// Error of random features, relative to the standard deviation of the worst function, above which a training may be
+/// better.
 const POOR_NODES: f64 = 1e-4;
 
 /// Equations that were learned in the way that is exported, and how.
@@ -34,7 +35,7 @@ pub(super) struct Learned {
     pub fitted: FittedEquations,
     /// The equations that are exported.
     pub dynamics: Dynamics,
-    /// The positions likewise.
+    /// The positions that are exported.
     pub positions: Law,
     /// Ranges of the velocities, then of actuator states, if accelerations were learned in them.
     pub velocities: Option<Vec<[f64; 2]>>,
@@ -42,7 +43,7 @@ pub(super) struct Learned {
     pub candidates: Vec<Candidate>,
     /// Which of them is exported.
     pub exported: String,
-    /// Of the network that is exported.
+    /// Epochs of the network that is exported.
     pub history: Vec<EpochRecord>,
     /// Its best epoch.
     pub best_epoch: usize,
@@ -155,7 +156,7 @@ struct Asked<'a> {
     accelerations: EquationSamples,
     /// Largest value of each function.
     scales: Vec<f64>,
-    /// Whether each coordinate and parameter changes each function: shape `[columns, functions]`.
+    /// `true` if a coordinate or parameter changes a function: shape `[columns, functions]`.
     changes: Vec<Vec<bool>>,
 }
 
@@ -190,13 +191,13 @@ impl<'a> Asked<'a> {
         })
     }
 
-    /// Of the equations and of the positions, which of all functions are theirs.
+    /// Ranges of the functions of the equations and of the positions.
     fn ranges(&self) -> [Range<usize>; 2] {
         let [of_equations, of_positions] = self.equations.counts();
         [0..of_equations, of_equations..of_equations + of_positions]
     }
 
-    /// Whether each coordinate and parameter changes some of these functions.
+    /// Returns true for each coordinate and parameter that changes some of these functions.
     fn depends(&self, range: &Range<usize>) -> Vec<bool> {
         self.changes.iter().map(|changed| changed[range.clone()].contains(&true)).collect()
     }
@@ -394,7 +395,7 @@ fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
     Dictionary::new(&factors, known.outputs(), &terms).map_err(invalid)
 }
 
-/// What a dictionary leaves over of some functions.
+/// Residuals of a dictionary in some functions.
 struct Rest {
     /// Row by row.
     values: Vec<Vec<f64>>,

@@ -118,7 +118,7 @@ struct LearnedStateSpace {
     candidates: Vec<(Candidate, Dictionary, Option<ScaledNetwork>)>,
     records: Vec<Candidate>,
     order: [usize; 2],
-    /// Of the networks, one after the other.
+    /// Epochs of the networks, one network after the other.
     history: Vec<EpochRecord>,
     best_epoch: usize,
     stopped: StopReason,
@@ -264,7 +264,8 @@ impl StateSpaceColumns {
     }
 }
 
-/// What outputs and derivatives are, outputs first, and the samples of the functions that are left.
+/// Recognizes outputs and derivatives that are states or equal functions. Returns them, outputs first, and the samples
+/// of the remaining functions.
 fn recognise(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, EquationSamples) {
     let width = samples.labels.first().map_or(0, Vec::len);
     let EquationSamples { points, labels } = samples;
@@ -291,7 +292,7 @@ fn recognise(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Giv
     (given, EquationSamples { points, labels })
 }
 
-/// What a dictionary leaves over.
+/// Residuals of a dictionary.
 fn residuals(dictionary: &Dictionary, samples: &EquationSamples) -> Vec<Vec<f64>> {
     let mut found = vec![0.0; dictionary.outputs()];
     let rest = |(point, labels): (&Vec<f64>, &Vec<f64>)| {

@@ -254,7 +254,7 @@ impl ColumnFactors {
         [self.parameters.as_slice(), &self.inputs, &self.coordinates, &self.rates].concat()
     }
 
-    /// Of coordinates, then rates: whether functions depend on them.
+    /// Returns true for each coordinate, then for each rate, that functions depend on.
     fn is_limited(&self, law: &AccelerationModel) -> Vec<bool> {
         let (first, functions, count) = match law {
             AccelerationModel::Motion(dynamics) => (0, dynamics.law().dictionary(), self.coordinates.len()),

@@ -1,9 +1,9 @@
-//! What is known of the training of equations of motion.
+//! Record of the training of equations of motion.
 
 use super::{Candidate, DICTIONARY, SolverRecord, list};
 use serde::{Deserialize, Serialize};
 
-/// What was learned of the equations of motion of a mechanism.
+/// Result of a training on the equations of motion of a mechanism.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MotionRecord {
     /// Highest harmonic of the angles in the dictionary, which is found by least squares.
@@ -14,7 +14,7 @@ pub struct MotionRecord {
     pub products: [usize; 2],
     /// Largest error of any function of the dictionary at unseen configurations, relative to the largest value of the function.
     pub error: f64,
-    /// Of the forces of joints and springs among the outputs, which have a dictionary of their own.
+    /// Forces of joints and springs among the outputs, which have a separate dictionary.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reactions: Option<ReactionRecord>,
     /// The ways to learn the equations that were compared, the best first; none if the dictionary is exact.
@@ -27,7 +27,7 @@ pub struct MotionRecord {
     pub solver: SolverRecord,
 }
 
-/// What was learned of forces of joints and springs.
+/// Result of a training on forces of joints and springs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ReactionRecord {
     /// Highest harmonic of the angles.
@@ -49,7 +49,7 @@ fn dictionary() -> String {
 }
 
 impl MotionRecord {
-    /// What is wrong with the equations.
+    /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
         self.problem_of_equations().or_else(|| self.problem_of_reactions())
     }
@@ -88,7 +88,7 @@ impl MotionRecord {
         })
     }
 
-    /// How it went, in words.
+    /// Description of the training as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { harmonics, powers, products: [equations, positions], error, solver, .. } = self;
         let Self { candidates, exported, reactions, .. } = self;

@@ -17,7 +17,7 @@ pub struct SolverRecord {
     /// Error of a start, in all states, that changes the outputs of a run as much as the solver does: the largest of all runs, up to where
     /// they leave the domain.
     pub error: f64,
-    /// What it was to be: a tenth of the error of the equations, within limits.
+    /// Wanted error: a tenth of the error of the equations, within limits.
     pub wanted: f64,
     /// Number of training runs and of corners that it was measured in.
     pub runs: [usize; 2],
@@ -34,7 +34,7 @@ pub struct SolverRecord {
 pub struct ImplicitCost {
     /// Evaluations of the equations in a second of simulated time, the solution of linear equations among them: in all runs, by the implicit method.
     pub evaluations: f64,
-    /// The same by the explicit method at a tolerance of 1e-6.
+    /// Evaluations by the explicit method at a tolerance of 1e-6.
     pub explicit: f64,
 }
 

@@ -1,10 +1,10 @@
-//! What is known of the fit of a static map.
+//! Record of the fit of a static map.
 
 use super::{Candidate, list};
 use crate::evaluation::TestRows;
 use serde::{Deserialize, Serialize};
 
-/// What was learned of the rows of a table.
+/// Result of a fit to the rows of a table.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct StaticRecord {
     /// The kinds of model that were measured on unseen rows, each with the square root of the mean over outputs of `1 - R²`.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 /// Runs that are drawn where they lie.
 const RUNS: usize = 800;
-/// Pairs of parameters that are drawn at the most.
+/// Largest number of pairs of parameters that are drawn.
 const PAIRS: usize = 6;
 /// Outputs in one chart.
 const LINES: usize = 6;

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::source::MovingPoint;
 
-/// Charts of one kind at the most.
+/// Largest number of charts of one kind.
 const CHARTS: usize = 8;
 
 pub fn section(material: &Material) -> Option<Section> {

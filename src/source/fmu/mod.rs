@@ -1,9 +1,9 @@
 //! Runs of an FMU of any tool: FMI 2.0 or 3.0, co-simulation, or model exchange.
 //!
-//! Other people's machine code may crash or hang, so it is run by worker processes, one for each thread: `metafmu` itself,
-//! started again. Each run has an instance of its own. A run that fails, ends its process or takes longer than
-//! `source.time_limit` is tried again `source.retries` times, in a fresh process; then it is left out and reported. Which
-//! process makes which run does not matter to the results, unless the FMU keeps something from instance to instance.
+//! Third-party machine code may crash or hang, so worker processes run it, one for each thread: `metafmu` itself,
+//! started again. Each run has a separate instance. A run that fails, ends its process or takes longer than
+//! `source.time_limit` is repeated `source.retries` times, in a fresh process. After that it is dropped and reported.
+//! The results do not depend on which process makes which run, unless the FMU keeps data from instance to instance.
 
 pub mod variables;
 
@@ -35,7 +35,7 @@ use variables::{Resolved, resolve};
 
 /// Time limit of a run unless `source.time_limit` sets it.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
-/// Points whose derivatives a process is asked for at a time, if it may make several instances.
+/// Points of one request for derivatives, if a process may make several instances.
 const BATCH: usize = 64;
 /// `source.retries` unless given.
 const RETRIES: usize = 1;
@@ -49,7 +49,7 @@ pub struct FmuModel {
     task: Arc<SamplingTask>,
     /// Numbers of a run.
     values: usize,
-    /// Whether a process may make one run only.
+    /// `true` if a process may make one run only.
     one_run_per_process: bool,
     time_limit: Duration,
     retries: usize,
@@ -103,12 +103,12 @@ impl FmuModel {
         self.driven.as_ref()
     }
 
-    /// The same, to change it.
+    /// Mutable access to [`FmuModel::driven`].
     pub(super) fn driven_mut(&mut self) -> Option<&mut Driven> {
         self.driven.as_mut()
     }
 
-    /// What a process is asked for a point.
+    /// Request to a process for a point.
     fn request<'p>(&self, point: &'p [f64]) -> Cow<'p, [f64]> {
         match (&self.driven, &self.task.driven) {
             (Some(driven), Some(asked)) if !asked.derivatives => {
@@ -123,12 +123,12 @@ impl FmuModel {
         }
     }
 
-    /// Number of times that `done` is called for so many points by [`FmuModel::derivatives`].
+    /// Number of times that [`FmuModel::derivatives`] calls `done` for `points` points.
     pub fn batches(&self, points: usize) -> usize {
         points.div_ceil(self.batch())
     }
 
-    /// Points that a process is asked for at a time: each takes an instance of its own.
+    /// Points of one request to a process: each takes a separate instance.
     fn batch(&self) -> usize {
         if self.one_run_per_process { 1 } else { BATCH }
     }
@@ -164,9 +164,9 @@ impl FmuModel {
         Ok(rows.take(points.len()).collect())
     }
 
-    /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
-    /// there. `done` is called after each run; when the token of `workers` turns true, runs that have begun are abandoned. `failure` is called with
-    /// the point and the reason of each run that failed; its error ends everything.
+    /// Runs the FMU at each point, with one process for each thread; runs in the journal are taken from the journal.
+    /// `done` is called after each run. When the token of `workers` turns true, runs that have begun are abandoned.
+    /// `failure` is called with the point and the reason of each failed run; its error ends everything.
     ///
     /// # Errors
     /// Those of `failure`, [`Error::Worker`] if the FMU cannot be loaded,
@@ -240,7 +240,7 @@ impl Campaign<'_> {
         Ok(outcomes)
     }
 
-    /// Makes one run after the other with a process of its own.
+    /// Makes one run after the other with a separate process.
     fn work(&self) -> Result<Vec<(usize, FmuOutcome)>> {
         let (mut outcomes, mut worker) = (Vec::new(), None);
         while !self.workers.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {

@@ -44,7 +44,7 @@ pub(super) struct Runs<'a> {
     recordings: HashMap<u64, String>,
     /// Runs mostly share their times: the previous run's are kept to share them.
     shared_times: Arc<[f64]>,
-    /// Of the stamps so far.
+    /// Unit of the stamps so far.
     unit: StampUnit,
     /// Where the rows of finished runs with samples are.
     origins: Vec<(PathBuf, Vec<Place>)>,
@@ -289,8 +289,9 @@ impl<'a> Runs<'a> {
         })
     }
 
-    /// Returns true if the first rows of a record contradict rest before them. A linear function of past samples gives the next outputs, by least
-    /// squares on the rows whose past is known; with outputs and inputs at rest before the first row its errors in the first rows are much larger.
+    /// Returns true if the first rows of a record contradict rest before them. A linear function of past samples gives
+    /// the next outputs, by least squares on the rows whose past is known. If outputs and inputs are assumed at rest
+    /// before the first row, its errors in the first rows are then much larger.
     fn moves(&self, run: &Run, longest: usize) -> bool {
         let [inputs, outputs] = [self.recorded.inputs.len(), self.recorded.outputs.len()];
         let (rows, signals) = (run.times.len() - 1, outputs + inputs);

@@ -20,11 +20,11 @@ pub(super) fn learn(samples: &DiscreteSamples, study: &Study) -> Result<LearnedD
 pub(super) struct LinearPart {
     /// Number of past samples of the outputs and of the inputs that count.
     pub(super) history: [usize; 2],
-    /// Of the training runs.
+    /// Regressors of the training runs.
     pub(super) seen: Regressors,
     /// Coefficients, and constants below them, shape `[columns + 1, outputs]`.
     pub(super) linear: DMatrix<f64>,
-    /// Standard deviation of each output's rest.
+    /// Standard deviation of each output's residual.
     pub(super) gains: Vec<f64>,
 }
 
@@ -63,7 +63,7 @@ impl LinearPart {
         Graph::of_samples(columns, weights, constants, network)
     }
 
-    /// What the linear part leaves over of the outputs that follow from some regressors, in standard deviations.
+    /// Residuals of the linear part for some regressors, in standard deviations.
     pub(super) fn rest(&self, regressors: &Regressors) -> Vec<Vec<f64>> {
         let rows = rest(regressors, &self.linear);
         rows.map(|rest| rest.zip(&self.gains).map(|(rest, gain)| rest / gain).collect()).collect()
@@ -90,7 +90,7 @@ pub(super) fn solve(regressors: &Regressors) -> Option<DMatrix<f64>> {
     Some(solution).filter(|solution| solution.iter().all(|value| value.is_finite()))
 }
 
-/// What the linear part leaves over, row by row.
+/// Residuals of the linear part, row by row.
 fn rest<'a>(
     regressors: &'a Regressors,
     linear: &'a DMatrix<f64>,

@@ -19,11 +19,12 @@ use std::sync::atomic::Ordering;
 const TRAINING_BUDGET: f64 = 1.0 / 3.0;
 /// Multiplications of trainings in a second of two cores.
 const RATE: f64 = 2.5e10;
-/// A single past sample is tried if its linear part leaves over at most so many times what all past samples leave over.
+/// A single past sample is tried if the residual of its linear part is at most this factor times that of all past
+/// samples.
 const NEAR: f64 = 10.0;
 /// Stretches of a batch at least.
 const LEAST_BATCH: usize = 32;
-/// Stretches that overlap at a sample, at the least; more if that does not make more stretches than the number below.
+/// Minimum number of stretches that overlap at a sample; more unless that makes more stretches than the number below.
 const OVERLAP: usize = 4;
 const STRETCHES: usize = 2000;
 /// First stretches are as much shorter.
@@ -163,7 +164,7 @@ fn single(rows: &[Vec<f64>]) -> Vec<f32> {
     rows.iter().flatten().map(|value| *value as f32).collect()
 }
 
-/// Rows of stretches of a length, which begin so many samples after each other.
+/// Rows of stretches of the length `stretch`, which begin `apart` samples after each other.
 fn recurrent(
     LinearPart { history, linear, gains, .. }: &LinearPart,
     regressors: &Regressors,

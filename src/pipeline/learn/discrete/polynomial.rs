@@ -46,7 +46,7 @@ fn changes(samples: &DiscreteSamples, history: [usize; 2]) -> StandardizedRows {
     StandardizedRows { inputs, outputs, x: found.inputs.concat(), y: y.concat(), scaling }
 }
 
-/// Number of products of powers of so many columns with a sum of at most `degree`.
+/// Number of products of powers of `columns` columns with a sum of at most `degree`.
 fn terms(columns: usize, degree: u8) -> usize {
     (1..=usize::from(degree)).fold(1, |terms, k| terms * (columns + k) / k)
 }

@@ -59,7 +59,7 @@ const LAST_ITERATIONS: usize = 60;
 const STRETCHES: [usize; 3] = [8, 64, usize::MAX];
 /// Rows that choose; of more, each run has its first ones. The model that is chosen is fitted to all.
 const ROWS: usize = 5000;
-/// Rows of a run, at the least, where it is cut.
+/// Minimum number of rows of a run where it is cut.
 const SHORTEST: usize = 500;
 /// Parts of the cross-validation, and runs up to which each is a part.
 const FOLDS: usize = 5;
@@ -78,11 +78,11 @@ enum Nonlinearity {
     OutputProducts(u8),
     /// Products of all columns up to a degree.
     Products(u8),
-    /// Nodes, so many.
+    /// Number of nodes.
     Nodes(usize),
 }
 
-/// What is chosen.
+/// Setting that the cross-validation chooses.
 #[derive(Clone, Debug)]
 struct Setting {
     saturation: Saturation,
@@ -142,7 +142,7 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
 struct SearchRuns {
     /// The rows that choose: all, or, of many, the first ones of each run.
     pieces: Vec<Signals>,
-    /// The same, runs that follow each other as one.
+    /// These rows, with runs that follow each other as one.
     few: Vec<Signals>,
     /// All rows, unless they are few.
     all: Option<Vec<Signals>>,
@@ -249,7 +249,7 @@ impl FittedStates {
         }
     }
 
-    /// The same with hidden states that stay near their ranges in these runs; none if the simulations diverge.
+    /// State space whose hidden states stay near their ranges in these runs; none if the simulations diverge.
     fn bounded(&self, shape: &StateShape, data: &CountedRuns) -> Option<Self> {
         let mut bounded = self.clone();
         let ranges = data.ranges(shape, self.simulated())?;
@@ -262,12 +262,12 @@ impl FittedStates {
     }
 }
 
-/// What a search finds.
+/// Result of a search.
 struct BestSetting {
     /// Root mean square error in the cross-validation.
     error: f64,
     choice: Setting,
-    /// Of the training runs.
+    /// State space fitted to the training runs.
     fitted: FittedStates,
 }
 
@@ -295,7 +295,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// What has the smallest error in a cross-validation of all runs.
+    /// Setting with the smallest error in a cross-validation of all runs.
     fn best(&self, runs: &SearchRuns) -> Option<BestSetting> {
         let is_cross_validated = runs.all.is_none() || runs.training == runs.count;
         let folds = match is_cross_validated {
@@ -416,7 +416,8 @@ impl Search<'_> {
         errors.sum::<f64>() / unseen.len() as f64
     }
 
-    /// Whether it stays finite from the ends of the outputs' ranges with inputs at the ends and in the middle of theirs.
+    /// Returns true if simulations stay finite. They begin at the ends of the outputs' ranges, with inputs at the ends
+    /// and in the middle of theirs.
     fn is_stable(&self, shape: &StateShape, fitted: &FittedStates) -> bool {
         let gain = overwriting(shape);
         CountedRuns::new(&self.corners, |_| true).is_stable(shape, Simulated { gain: &gain, ..fitted.simulated() })

@@ -10,7 +10,7 @@ use metafmu_runtime::{Evaluator, Sampling, Support, Surrogate};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-/// Run length over the time in which inputs are averaged, and a distance fades at the least.
+/// Run length over the time in which inputs are averaged, which is also the shortest time in which a distance fades.
 const PARTS: f64 = 20.0;
 /// Share of the rows of runs like those of the training that are to be inside.
 const INSIDE: f64 = 0.995;

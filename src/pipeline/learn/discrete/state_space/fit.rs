@@ -12,8 +12,8 @@ const DAMPING: f64 = 1e-3;
 const GAIN_DAMPING: f64 = 1e-6;
 /// Relative decrease of the sum of squares and penalties below which a training ends.
 const DECREASE: f64 = 1e-4;
-/// Rows that are given when the correction by measured outputs is found, and number of parts of runs that it is found from; its iterations, difference
-/// for its slopes, and relative decrease below which it is found.
+/// Search for the correction by measured outputs: given rows, parts of runs, iterations, difference for slopes, and
+/// relative decrease below which it ends.
 const GIVEN: usize = 50;
 const MOST_PARTS: usize = 30;
 const GAIN_ITERATIONS: usize = 10;
@@ -33,7 +33,7 @@ pub struct CountedRuns<'a> {
     runs: Vec<(&'a Signals, Vec<bool>)>,
 }
 
-/// What a training looks for.
+/// Goal of a training.
 pub struct Goal<'a> {
     /// Coefficients from which the distance counts.
     pub center: &'a [f64],
@@ -105,7 +105,7 @@ impl<'a> CountedRuns<'a> {
         self.runs.par_iter().map(of_run).collect::<Vec<_>>().into_iter().sum()
     }
 
-    /// Whether all simulations stay finite.
+    /// Returns true if all simulations stay finite.
     pub fn is_stable(&self, shape: &StateShape, model: Simulated) -> bool {
         let is_stable = |(run, rows): &(&Signals, Vec<bool>)| {
             simulate(shape, model, run, [rows.len(), run.given], |_, _| {}).is_some()
@@ -166,9 +166,9 @@ impl<'a> CountedRuns<'a> {
         })
     }
 
-    /// The correction after which simulations have the smallest errors, if so many rows are given first: by the method of Levenberg and Marquardt, with
-    /// differences for slopes. It begins with the best of a known one, that which makes outputs what is measured, and Kalman filters of the
-    /// linear part.
+    /// Correction with the smallest errors of simulations whose first rows are given. The method of Levenberg and
+    /// Marquardt finds it, with differences for slopes. It begins with the best of the known correction, the one that
+    /// sets outputs to measured values, and Kalman filters of the linear part.
     pub fn gain(&self, shape: &StateShape, model: Simulated) -> Vec<f64> {
         let parts = self.parts();
         let Simulated { coefficients, gain: known, limits } = model;

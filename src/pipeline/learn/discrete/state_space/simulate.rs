@@ -16,9 +16,9 @@ pub struct StateShape {
     /// Number of columns: states, inputs, parameters.
     pub columns: usize,
     pub features: Features,
-    /// Outputs at the start of runs from rest, if they differ by no more than noise: all states at the start are then coefficients, and the first
-    /// outputs correct them as those of later rows do. Otherwise a run begins with its first outputs, and hidden states are a linear function of these,
-    /// `h = h0 + H y`, whose coefficients are `h0` and `H`.
+    /// Outputs at the start of runs from rest, if they differ by no more than noise. All states at the start are then
+    /// coefficients, which the first outputs correct as those of later rows do. Otherwise a run begins with its first
+    /// outputs, and hidden states are a linear function of them, `h = h0 + H y`, with the coefficients `h0` and `H`.
     pub common_start: Option<Vec<f64>>,
 }
 
@@ -155,7 +155,7 @@ impl Signals {
         Self { given, ..self.part(0, rows.min(self.rows())) }
     }
 
-    /// So many rows, the first half of them given.
+    /// Part of `rows` rows, the first half of them given.
     pub fn part(&self, start: usize, rows: usize) -> Self {
         let [outputs, inputs] = [&self.outputs, &self.inputs].map(|of| {
             let width = of.len() / self.rows().max(1);
@@ -164,7 +164,7 @@ impl Signals {
         Self { outputs, inputs, given: rows / 2, runs: self.runs[start..start + rows].to_vec() }
     }
 
-    /// Whether another run begins with the last rows of this one: those that are given there, and one more.
+    /// Returns true if another run begins with the last rows of this one: the rows given there, and one more.
     pub fn is_followed_by(&self, next: &Self) -> bool {
         let shared = next.given + 1;
         let is_same = |one: &[f64], next: &[f64], width: usize| {
@@ -316,7 +316,8 @@ pub fn correct(states: &mut [f64], gain: &[f64], limits: &Limits, measured: &[f6
     states.iter_mut().zip(gain.chunks_exact(outputs)).for_each(|(state, gain)| *state -= dot(gain, &errors));
 }
 
-/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none, and outputs beyond its range have no effect.
+/// Corrects the sensitivities, shape `[states, coefficients]`: measured values have none, and outputs beyond their
+/// range have no effect.
 fn correct_sensitivities(sensitivities: &mut [f64], gain: &[f64], seen: &[bool], states: usize) {
     let count = sensitivities.len() / states;
     let of_outputs = sensitivities[..seen.len() * count].to_vec();

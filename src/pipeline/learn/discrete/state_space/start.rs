@@ -12,10 +12,10 @@ use super::{
 use crate::{dataset::Run, scaling, study::Study};
 use nalgebra::{DMatrix, DVector};
 
-/// Past samples of the ARX model whose responses to impulses are realized, and its columns, at the most.
+/// Largest number of past samples of the ARX model whose impulse responses are realized, and of its columns.
 const LONGEST: usize = 20;
 const COLUMNS: usize = 200;
-/// Samples for each of its coefficients, at the least.
+/// Minimum number of samples for each of its coefficients.
 const SAMPLES: usize = 10;
 /// Smallest standard deviation that a hidden state is divided by.
 const LEAST_DEVIATION: f64 = 1e-9;
@@ -193,7 +193,7 @@ fn with_known_pasts(samples: &DiscreteSamples, regressors: Regressors, order: us
     Regressors { inputs: known(inputs), outputs: known(outputs), lengths }
 }
 
-/// The ARX model with so many lags, by least squares.
+/// ARX model with `order` lags, by least squares.
 fn arx(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>> {
     let [parameters, inputs, outputs] = samples.counts;
     let regressors = samples.regressors(&samples.training, [order; 2]);
@@ -217,8 +217,8 @@ fn arx(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>
     Some((0..order).map(lag).collect())
 }
 
-/// A model with so many lags from the responses of a long ARX model to impulses: the lags of the outputs are those of the balanced realization
-/// (Ho, Kalman (1966)), those of the inputs give its first responses.
+/// Model with `order` lags from the impulse responses of a long ARX model. The lags of the outputs are those of the
+/// balanced realization (Ho, Kalman (1966)). Its first responses give the lags of the inputs.
 fn realization(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>> {
     let [parameters, inputs, outputs] = samples.counts;
     let states = order * outputs;
