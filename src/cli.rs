@@ -255,8 +255,8 @@ pub struct NewArgs {
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub run: Option<String>,
-    /// Columns of the table that drive the runs, with --structure discrete [default: those that are called `u`, `input`, `force` or the like];
-    /// of a table without a time those that the others follow from
+    /// Input columns of the table, which drive the runs, with --structure discrete [default: those called `u`, `input`,
+    /// `force` or similar]; in a table without a time, those that determine the others
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub inputs: Vec<String>,
     /// Columns of a table without a time that follow from the others [default: those that are called `y`, `output`, `result` or the like, else the
@@ -283,14 +283,14 @@ pub struct ImportArgs {
     /// Trained model: an ONNX file, or tensors by name in an .npz or .safetensors file
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,
-    /// Interface file: what the model's columns are
+    /// Interface file, which describes the model's columns
     #[arg(long, value_name = "FILE.toml", group = "what")]
     pub interface: Option<PathBuf>,
     /// Write an interface file to begin with, and nothing else
     #[arg(long, value_name = "FILE.toml", group = "what", conflicts_with_all = ["check", "tolerance", "out", "json"])]
     pub new: Option<PathBuf>,
-    /// Table of training data, CSV or Parquet, with a column for each input: its ranges count where the interface has none, and the domain of validity
-    /// is near its rows
+    /// Table of training data, CSV or Parquet, with a column for each input: its ranges count where the interface has
+    /// none, and limit the domain of validity
     #[arg(long, value_name = "TABLE")]
     pub data: Option<PathBuf>,
     /// Table of inputs and of the outputs that the model gave for them
@@ -317,7 +317,7 @@ pub struct SchemaArgs {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum SchemaOf {
-    /// A study: what is sampled, how, and what is made of it
+    /// A study: the source of the runs, their sampling, and the surrogate
     Study,
     /// A mechanism: bodies, joints, springs, forces and drivers
     Mechanism,

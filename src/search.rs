@@ -1,7 +1,7 @@
-//! A search over the keys of a study file: which trials there are, how far each goes, which go on.
+//! A search over the keys of a study file: its trials, their rungs, and their selection.
 //!
-//! Everything follows from the study: the same study has the same trials, and which of them go on depends on their
-//! scores alone, not on the order in which they end.
+//! Everything follows from the study: the same study has the same trials. Their selection depends on their scores
+//! alone, not on the order in which they end.
 
 use crate::{
     Error, Result,
@@ -53,8 +53,8 @@ pub fn rungs(options: &SearchOptions) -> Vec<f64> {
     (0..rungs).rev().map(|left| (options.reduction as f64).powi(-(left as i32))).collect()
 }
 
-/// Which trials go on after a rung: of the scores, the smaller the better, the best one in `reduction`, and at least one.
-/// Trials without a score do not. In ascending order.
+/// Trials that continue after a rung: the best one in `reduction` of the scores, the smaller the better, and at least
+/// one. Trials without a score do not. In ascending order.
 pub fn survivors(scores: &[(usize, Option<f64>)], reduction: usize) -> Vec<usize> {
     let mut scored: Vec<(usize, f64)> = scores.iter().filter_map(|&(trial, score)| Some((trial, score?))).collect();
     scored.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
@@ -64,8 +64,8 @@ pub fn survivors(scores: &[(usize, Option<f64>)], reduction: usize) -> Vec<usize
     trials
 }
 
-/// The text of a study with other values: `[search]` is left out, and what the study names by relative paths is named by
-/// absolute ones, so that the text may lie anywhere.
+/// Text of a study with other values. `[search]` is removed, and relative paths become absolute ones, so that the text
+/// may lie anywhere.
 ///
 /// # Errors
 /// [`Error::Study`] if a key leads through something that is not a table.

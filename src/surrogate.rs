@@ -1,4 +1,4 @@
-//! Where training and FMI meet: a trained model becomes a surrogate, which is saved, loaded and named by its digest.
+//! Link between training and FMI: a trained model becomes a surrogate, which is saved, loaded and named by its digest.
 
 use crate::{
     Error, Result,
@@ -16,7 +16,7 @@ use metafmu_runtime::{
 };
 use std::path::Path;
 
-/// Puts a trained model and what is known about its columns together.
+/// Puts a trained model and the metadata of its columns together.
 ///
 /// The graph's columns are encoded parameters then time in, outputs out.
 ///

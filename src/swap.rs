@@ -96,7 +96,7 @@ pub struct SwapComparison {
     pub component_step: StepSpeed,
     /// Wall time of a step of all components.
     pub system_step: StepSpeed,
-    /// Where the surrogate was outside the ranges that it is made for; none if it never was, or does not say.
+    /// Rows where the surrogate was outside its domain; none if it never was, or does not report it.
     pub outside_domain: Option<Outside>,
     /// Limits of the comparison.
     pub warnings: Vec<String>,
@@ -132,9 +132,9 @@ pub struct Difference {
 /// Wall times of a step, in s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepSpeed {
-    /// With the source.
+    /// Step time with the source.
     pub source: StepTime,
-    /// With the surrogate.
+    /// Step time with the surrogate.
     pub surrogate: StepTime,
     /// Median with the source by median with the surrogate.
     pub speed_up: f64,
@@ -354,7 +354,8 @@ fn experiment(
     Err(Error::Experiment { start, stop: stop.unwrap_or(f64::NAN), step: step.unwrap_or(f64::NAN), expected })
 }
 
-/// Start values of a surrogate that replaces a source, and what the system sets that the surrogate has no parameter for.
+/// Start values of a surrogate that replaces a source, and values of the system for which the surrogate has no
+/// parameter.
 fn taken_over(source: &ModelDescription, set: &[(&str, f64)], surrogate: &ModelDescription) -> [Vec<(String, f64)>; 2] {
     let takes =
         |name: &str| surrogate.variable(name).is_some_and(|variable| is_settable(variable) && is_number(variable));

@@ -33,8 +33,8 @@ use std::{
     path::Path,
 };
 
-/// The `metafmu` command: parses the arguments, the first of which is the program's name, does what they say, and gives the exit
-/// code. Errors are on stderr. `program` is what its worker processes run, with other arguments; unless given this
+/// The `metafmu` command: parses and executes the arguments, the first of which is the program's name, and returns the
+/// exit code. Errors are on stderr. Worker processes run `program`, with other arguments; by default it is this
 /// process's executable.
 pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&Path>) -> u8 {
     if let Some(program) = program {
@@ -72,7 +72,7 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
     }
 }
 
-/// Prints what is on stderr to stdout as well, where a reader of JSON expects an object.
+/// Prints the problems on stderr to stdout as well, where a reader of JSON expects an object.
 fn print_problems(text: &str, exit_code: u8) {
     let problems: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     // the exit code says that something is wrong, also if nothing can be printed
@@ -107,11 +107,11 @@ fn run(command: Command) -> Result<CommandOutcome> {
 /// Outcome of a command that did its work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandOutcome {
-    /// Nothing to complain about.
+    /// No problem.
     Fine,
     /// The command worked and found problems.
     ProblemsFound,
-    /// Ctrl-C shortened the training; everything was made of the best network so far.
+    /// Ctrl-C shortened the training; the results are those of the best network so far.
     Interrupted,
 }
 
@@ -158,8 +158,8 @@ fn heard(line: &str) {
     say(line);
 }
 
-/// A text of others' names and messages with its control characters as they are written in JSON, so that they do nothing to
-/// a terminal; line breaks and tabs stay.
+/// Text of third-party names and messages that is safe for a terminal: control characters are escaped as in JSON,
+/// except line breaks and tabs.
 fn visible(text: &str) -> Cow<'_, str> {
     let hidden = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
     if !text.contains(hidden) {

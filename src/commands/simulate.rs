@@ -73,7 +73,7 @@ fn read_inputs(fmu: &Path, description: &ModelDescription, path: &Path) -> Resul
 struct RowOutput<'a, 'b> {
     csv: Option<&'a mut dyn Write>,
     path: &'b Path,
-    /// For the plot.
+    /// Rows for the plot.
     table: Option<&'b mut SimulationTable>,
     domain: &'b mut DomainWarning,
 }

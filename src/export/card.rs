@@ -1,5 +1,5 @@
-//! The model card in every FMU, `documentation/index.html`: what it is, over which ranges it may be trusted, how accurate
-//! it is, and where it comes from. One small page without anything to load.
+//! The model card in every FMU, `documentation/index.html`: its function, its ranges of validity, its accuracy, and its
+//! origin. One small page without anything to load.
 
 use super::{
     describe::known,
@@ -239,7 +239,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     }
 }
 
-/// How the bounds hold for each kind of signal.
+/// Coverage of the bounds for each kind of signal.
 fn kinds(page: &mut String, calibration: &[KindCoverage]) {
     let Some(first) = calibration.first() else { return };
     let names: String = first.within.keys().map(|name| format!("<th>{}</th>", code(name))).collect();
@@ -258,7 +258,7 @@ fn kinds(page: &mut String, calibration: &[KindCoverage]) {
     line(page, "</table>");
 }
 
-/// How errors grow along roll-outs.
+/// Growth of errors along roll-outs.
 fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
     let Some(RollOuts { horizons, .. }) = roll_outs else { return };
     line(
@@ -426,7 +426,7 @@ fn of_function(function: &Graph) -> String {
     }
 }
 
-/// How large the functions in equations of motion are, and how they are integrated.
+/// Size of the functions in equations of motion, and their integration.
 fn size_of_motion(motion: &Motion, integration: Integration) -> String {
     let Motion { dynamics, positions, reactions, .. } = motion;
     let network = |what: &str, term: Option<&NetworkTerm>| {
@@ -460,7 +460,7 @@ fn accuracy_of_solver(error: Option<f64>) -> String {
     error.map_or(String::new(), text)
 }
 
-/// How states are integrated, as text.
+/// Integration of the states as text.
 fn integrated(integration: Integration) -> String {
     match integration {
         Integration::ErrorControlled { tolerance, longest } => format!(

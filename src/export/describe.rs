@@ -65,7 +65,7 @@ impl ModelDescription {
                 ..CoSimulation::default()
             }),
             units: units(surrogate.metadata()),
-            // the names of mechanisms and `der(NAME)` are such; those of a study may be any text
+            // names of mechanisms and `der(NAME)` are hierarchical; those of a study may be any text
             naming: if surrogate.states().is_empty() { NamingConvention::Flat } else { naming(&table) },
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
@@ -158,7 +158,7 @@ fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Descri
         Role::Input => (Causality::Input, Variability::Continuous, initial_of_input(fmi_version)),
         Role::Time => (Causality::Independent, Variability::Continuous, None),
     };
-    // every number is a good value of a periodic input, and a state has limits of its own; hosts may refuse or warn at limits
+    // every number is valid for a periodic input, and a state has separate limits; hosts may refuse or warn at limits
     let is_limited = input.encoding != Encoding::Periodic && input.role != Role::Start;
     let limit = |limit: f64| is_limited.then_some(limit);
     let real = RealAttributes {
@@ -236,7 +236,7 @@ fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }
 
-/// No limits: what is measured may be anything, and is not clamped.
+/// Input without limits: measured values may be anything, and are not clamped.
 fn measured(output: &Output, fmi_version: FmiVersion) -> DescribedVariable {
     let real = RealAttributes {
         unit: text(&output.unit),
@@ -381,7 +381,7 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             (Clock::Continuous(_), None) => {
                 return known_of_rates(table[position].1.quantity, surrogate, &states, &later);
             }
-            // what is remembered is no variable, and an input that does not act directly counts from the next sample on
+            // past samples are no variables, and an input without direct effect acts from the next sample on
             (Clock::Sampled(sampling), _) => match table[position].1.quantity {
                 Quantity::Output(output) => return direct_inputs(sampling, &driven, &[output]),
                 Quantity::Array(array) => return direct_inputs(sampling, &driven, surrogate.array_elements(array).1),

@@ -43,7 +43,7 @@ pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
     Ok(writer.model(surrogate).encode_to_vec())
 }
 
-/// Nodes and constants of a graph that is being written; what they make is named by its number.
+/// Nodes and constants of a graph that is being written; their results are named by numbers.
 struct OnnxWriter {
     is_single: bool,
     nodes: Vec<NodeProto>,

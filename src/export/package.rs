@@ -21,14 +21,14 @@ use std::{
 };
 use zip::{CompressionMethod, DateTime, ZipWriter, result::ZipResult, write::SimpleFileOptions};
 
-/// Archive entry with the model file, byte for byte what was trained.
+/// Archive entry with the model file, byte for byte as trained.
 pub const MODEL_FILE: &str = "resources/model.safetensors";
 
 /// Largest model file that is read.
 const MAX_MODEL: u64 = 1 << 30;
 
 const ICON: &[u8] = include_bytes!("assets/icon.png");
-/// Those of the runtime library; that of the model is the author's business.
+/// Licenses of the runtime library; that of the model is the author's business.
 const LICENSES: [(&str, &[u8]); 3] = [
     ("license.txt", include_bytes!("assets/license.txt")),
     ("MIT.txt", include_bytes!("../../LICENSE-MIT")),
@@ -42,9 +42,9 @@ pub struct Contents<'a> {
     pub version: FmiVersion,
     /// Metadata of the FMU.
     pub about: &'a ExportOptions,
-    /// The library for each platform; [`Binary::embedded`] has those that came with this program.
+    /// The library for each platform; [`Binary::embedded`] returns those that are part of this program.
     pub binaries: &'a [Binary],
-    /// How good the surrogate is, if that was measured.
+    /// Accuracy of the surrogate, if it was measured.
     pub accuracy: Option<&'a Accuracy>,
     /// Pictures of how good it is, for the model card.
     pub figures: &'a [Drawn],

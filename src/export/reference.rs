@@ -1,5 +1,5 @@
-//! The reference result in every FMU: a run that a receiver can repeat to see that the FMU arrived whole and computes
-//! what it should.
+//! The reference result in every FMU: a receiver can repeat its run to check that the FMU is complete and computes
+//! correctly.
 //!
 //! Two files in `extra/org.metafmu/`, the place both versions of the standard give to additional data:
 //! `reference_options.json` says what to run, `reference_result.csv` holds the outputs.

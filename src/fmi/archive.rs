@@ -37,7 +37,7 @@ pub struct Entry {
     pub allowed_method: bool,
     /// Bytes of its content.
     pub size: u64,
-    /// Why it cannot be unpacked safely, if so.
+    /// Reason why it cannot be unpacked safely, if there is one.
     pub unsafe_name: Option<&'static str>,
 }
 
@@ -234,7 +234,7 @@ pub(super) fn description_error(path: &Path, problem: &xml::XmlProblem) -> Error
     Error::Description { path: path.to_owned(), line: problem.line, problem: problem.message.clone() }
 }
 
-/// Why an entry of that name may not be unpacked.
+/// Reason why an entry of that name must not be unpacked, if there is one.
 fn unsafe_name(name: &str) -> Option<&'static str> {
     let mut parts = name.split(['/', '\\']);
     if name.starts_with(['/', '\\']) {

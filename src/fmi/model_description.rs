@@ -32,7 +32,7 @@ pub struct ModelDescription {
     pub generation_tool: Option<String>,
     /// When that was, as written in the file.
     pub generation_date_and_time: Option<String>,
-    /// How variable names are built.
+    /// Convention of variable names.
     pub naming: NamingConvention,
     /// The co-simulation interface, if it is offered.
     pub co_simulation: Option<CoSimulation>,
@@ -71,7 +71,7 @@ impl FmiVersion {
     pub const ALL: [Self; 2] = [Self::V2, Self::V3];
 }
 
-/// How variable names are built.
+/// Convention of variable names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NamingConvention {
     /// Any text without line breaks and tabs.
@@ -138,7 +138,7 @@ pub struct CoSimulation {
     pub return_early_after_intermediate_update: bool,
 }
 
-/// A unit and what it is in SI.
+/// A unit and its definition in SI.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnitDefinition {
     /// Name, to which variables refer.
@@ -197,8 +197,8 @@ pub struct ScalarVariable {
     pub causality: Causality,
     /// When it changes.
     pub variability: Variability,
-    /// How it is initialized; `None` for the independent variable, clocks and inputs of FMI 2.0, where the standard has
-    /// no such attribute, and for combinations of causality and variability that the standard does not have.
+    /// Its initialization. `None` for the independent variable, for clocks and inputs of FMI 2.0, where the standard
+    /// has no such attribute, and for combinations of causality and variability outside the standard.
     pub initial: Option<Initial>,
     /// Name of the [`TypeDefinition`] that gives defaults.
     pub declared_type: Option<String>,
@@ -269,10 +269,10 @@ pub enum Variability {
     Continuous,
 }
 
-/// How a variable is initialized.
+/// Initialization of a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Initial {
-    /// With its start value.
+    /// By its start value.
     Exact,
     /// By an iteration that begins at the start value.
     Approx,
@@ -306,12 +306,12 @@ pub enum VariableType {
     },
     /// A clock, which has no value but ticks; FMI 3.0 only.
     Clock {
-        /// How its interval changes.
+        /// Variability of its interval.
         interval: Option<IntervalVariability>,
     },
 }
 
-/// How the interval of a clock changes.
+/// Variability of a clock's interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum IntervalVariability {
     /// Never.
@@ -324,7 +324,7 @@ pub enum IntervalVariability {
     Changing,
     /// The FMU tells when to tick next, at any event.
     Countdown,
-    /// It ticks on demand.
+    /// Ticks on demand.
     Triggered,
 }
 
@@ -352,7 +352,7 @@ pub struct RealAttributes {
 /// Attributes of an integer or enumeration variable; the start value of an array is that of its first element.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Integer {
-    /// How it is stored.
+    /// Its number of bits, and its sign.
     pub width: Width,
     /// Smallest value.
     pub min: Option<i128>,
@@ -362,7 +362,7 @@ pub struct Integer {
     pub start: Option<i128>,
 }
 
-/// How an integer is stored. FMI 2.0 has 32 bits only, also for enumerations; those of FMI 3.0 have 64.
+/// Storage of an integer. FMI 2.0 has 32 bits only, also for enumerations; those of FMI 3.0 have 64.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Width {
     /// 8 bits, signed.
@@ -406,11 +406,11 @@ pub struct Unknown {
     pub variable: usize,
     /// Positions of the variables it depends on; `None`: all that are known, empty: none.
     pub dependencies: Option<Vec<usize>>,
-    /// How it depends on each of them; `None`: in no particular way.
+    /// Kind of its dependency on each of them; `None`: no particular one.
     pub kinds: Option<Vec<DependencyKind>>,
 }
 
-/// How an unknown depends on a variable.
+/// Kind of an unknown's dependency on a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DependencyKind {
     /// In no particular way.
@@ -672,7 +672,7 @@ impl ModelDescription {
     }
 }
 
-/// A C identifier made of a name: other characters become `_`.
+/// A C identifier from a name: other characters become `_`.
 pub fn model_identifier(name: &str) -> String {
     let mut identifier: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if !identifier.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {

@@ -1,11 +1,12 @@
-//! Steps of a graph put together, and made fewer: what is a feed-forward network becomes one, which the FMU evaluates faster.
+//! Builds a graph of steps and simplifies it: a graph that is a feed-forward network becomes one, which the FMU
+//! evaluates faster.
 
 use metafmu_runtime::{
     Activation, Layer, Numbers, ScaledNetwork, Scaling,
     graph::{Elementwise, Graph, MAX_VALUES, Step},
 };
 
-/// How many weights a step may have: what a file of a few kilobytes asks for must not take gigabytes.
+/// Largest number of weights of a step: a file of a few kilobytes must not request gigabytes.
 pub const MAX_WEIGHTS: usize = 1 << 25;
 
 /// A graph that is being made: every step is added behind those whose values it takes.
@@ -268,8 +269,8 @@ fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize
     }
 }
 
-/// The steps with a linear function of chosen input columns before the choice, so that it may become the scaling of a network's inputs; none
-/// if a column would have two of them.
+/// The steps with a linear function of chosen input columns moved before the choice, so that it may become the scaling
+/// of a network's inputs. None if a column would have two of them.
 fn linear_first(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
     let Step::Elementwise { of, function: Elementwise::Linear, parameters } = &steps[number] else { return None };
     let Step::Columns { columns } = &steps[of.checked_sub(1)?] else { return None };
@@ -298,8 +299,8 @@ fn linear_first(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, 
     Some(turned)
 }
 
-/// The steps with input columns put together before linear functions of some of them, so that inputs that are normalised one by one are as good
-/// as those that are normalised at once.
+/// The steps with input columns joined before linear functions of some of them, so that inputs normalized separately
+/// are as good as inputs normalized together.
 fn together(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
     let Step::Columns { columns } = &steps[number] else { return None };
     if columns.iter().all(|[value, _]| *value == columns[0][0])

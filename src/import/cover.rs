@@ -1,11 +1,11 @@
-//! Where the rows of a table are, within the ranges of its columns.
+//! Region of a table's rows within the ranges of its columns.
 
 use metafmu_runtime::{Cover, Domain, Input};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use rayon::prelude::*;
 use std::collections::HashSet;
 
-/// Cubes of a cover at most: what a step of an FMU may have to look through.
+/// Largest number of cubes of a cover, all of which a step of an FMU may check.
 const CUBES: usize = 512;
 /// Rows among which centres are looked for, and those whose distances from others are taken, at most.
 const CANDIDATES: usize = 1 << 16;

@@ -32,7 +32,7 @@ pub struct Imported {
     pub outputs: Vec<String>,
     /// The graph.
     pub builder: Builder,
-    /// Which number of which value each column that it gives is.
+    /// Value, and number in it, of each column that it gives.
     pub columns: Vec<[u32; 2]>,
     /// States that the model itself has.
     pub recurrences: Vec<RecurrentState>,
@@ -123,7 +123,7 @@ const POINTS: usize = 4096;
 /// Origin of a map.
 #[derive(Clone, Copy, Debug)]
 pub struct About<'a> {
-    /// Its file, or what it is called in messages.
+    /// Path of its file, or its name in messages.
     pub path: &'a Path,
     /// Its content, which identifies it: the bytes of its file, for instance.
     pub content: &'a [u8],
@@ -133,8 +133,8 @@ pub struct About<'a> {
     pub producer: &'a str,
 }
 
-/// The surrogate of a model: `bytes` are those of its file, `rows` training data with a column for each input that is a variable, whose
-/// ranges count where the interface has none.
+/// The surrogate of a model. `bytes` is the content of its file, `rows` are training data with a column for each input
+/// that is a variable. Their ranges count where the interface has none.
 ///
 /// # Errors
 /// [`Error::Study`] with the keys of the interface that do not fit, [`Error::Import`] if the model has no finite outputs.

@@ -56,7 +56,7 @@ pub fn made_already(bytes: &[u8]) -> Option<String> {
 /// The tensors of an archive of numpy.
 ///
 /// # Errors
-/// Sentences about what is no array of numbers.
+/// Sentences about files that are no arrays of numbers.
 pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
     let broken = |error: zip::result::ZipError| vec![format!("not an archive of numpy (.npz): {error}")];
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
@@ -243,7 +243,7 @@ fn layer(
         None => None,
     };
     let (rows, columns) = (weight.shape[0], weight.shape[1]);
-    // what is known tells whether rows are outputs
+    // the known sizes decide whether rows are outputs
     let fits = |outputs: usize, inputs: usize| {
         bias.is_none_or(|bias| bias.numbers.len() == outputs) && before.is_none_or(|before| before == inputs)
     };

@@ -126,7 +126,7 @@ fn fewer_steps_give_the_same() {
     check("nothing but columns", inputs_alone, false);
 }
 
-/// With weights of 1 behind it, the difference itself is seen.
+/// With weights of 1 behind it, the difference alone is visible.
 #[test]
 fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
     let (mean, factor) = (1e4, 5.0);

@@ -64,7 +64,7 @@ fn build_of_rows(project: &Project, plan: &ExportPlan, resume: bool) -> Result<B
     finish(project, plan, (&evaluated, None), comparison, (&unseen::samples(project, &training), &training))
 }
 
-/// Writes and validates what follows from a surrogate and its accuracy.
+/// Writes and validates the results of a surrogate and its accuracy.
 fn finish(
     project: &Project,
     plan: &ExportPlan,

@@ -273,7 +273,7 @@ fn by_run(test: &Dataset, predictions: &[f64]) -> Vec<Vec<f64>> {
     test.runs.iter().map(|run| take(run.outputs.len())).collect()
 }
 
-/// How a worker ended.
+/// End of a worker.
 enum Ended {
     Answered(FitResult),
     TooSlow,

@@ -27,9 +27,10 @@ const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at thei
 /// Velocities at the start of a run: as drawn, at one end of their ranges, at the other, and at alternating ones.
 const SPEEDS: usize = 4;
 
-/// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and starts as those of the
-/// training runs or at the ends of the velocities' ranges. `velocities`: range of each state that is a velocity with one. With more than
-/// [`ALL_COMBINATIONS`] parameters, the combination in which `surrogate` is stiffest is added.
+/// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and
+/// initial states. These are those of the training runs, or at the ends of the velocities' ranges. `velocities`: range
+/// of each state that is a velocity with one. With more than [`ALL_COMBINATIONS`] parameters, the combination in which
+/// `surrogate` is stiffest is added.
 pub(super) fn corners(
     study: &Study,
     driven: &Driven,
@@ -50,7 +51,7 @@ pub(super) fn corners(
     };
     let total = combinations * inputs * speeds;
     let count = total.min(MOST_CORNERS);
-    // every part of the whole has its share, whatever is left out
+    // evenly spread: every part of all combinations has its share
     let index = |corner: usize| corner * total / count;
     let trial = |base: &Run, upper: &[bool], input: usize, speed: usize| {
         let mut names = Vec::new();

@@ -156,8 +156,8 @@ pub fn export_onnx(surrogate: &Surrogate, path: &Path) -> Result<usize> {
     Ok(bytes.len())
 }
 
-/// The FMUs of a surrogate, with these names: of a single version it is `fmu`; of both, that of FMI 3.0 is beside it, with `-fmi3` in its
-/// name. `accuracy`: what was measured of it, for the model card.
+/// FMUs of a surrogate with these names. A single version is `fmu`; of both, that of FMI 3.0 is beside it, with `-fmi3`
+/// in its name. `accuracy`: measured accuracy, for the model card.
 ///
 /// # Errors
 /// [`Error::Io`], the error of an unknown platform.
@@ -247,7 +247,7 @@ fn write_of_project(
     Ok(written)
 }
 
-/// Target of an export: the folder, and what the FMUs say about themselves.
+/// Target of an export: the folder, and the metadata of the FMUs.
 struct ExportTarget<'a> {
     folder: &'a Path,
     name: &'a str,

@@ -35,14 +35,15 @@ pub struct FitOptions {
     pub training: TrainingOptions,
     /// Which networks of few rows are trained by Levenberg-Marquardt steps instead: without rows that are held out, and without epochs.
     pub small_networks: SmallNetworks,
-    /// Decides which rows are held out, how the network begins, the order of the rows, and what is random in a baseline.
+    /// Seed of the choice of held-out rows, the initial network, the order of the rows, and the random parts of a
+    /// baseline.
     pub seed: u64,
     /// `true` if the accuracy on unseen rows is measured: on half of the held-out rows, or by cross-validation if there
     /// are few rows.
     pub measure: bool,
 }
 
-/// With fewer rows the accuracy is that of a cross-validation: a share of them is too few to judge by.
+/// Fewest rows without cross-validation: a share of fewer rows is too few to measure the accuracy.
 const FEW_ROWS: usize = 1000;
 /// Parts of a cross-validation.
 const FOLDS: usize = 5;
@@ -60,12 +61,12 @@ pub struct Fit {
     pub train_rows: usize,
     /// Rows that were held out of the training of a network to choose the best epoch; 0 of another model.
     pub validation_rows: usize,
-    /// Epochs of a network that were done; 0 of another model, and of a network that was trained by Levenberg-Marquardt steps, to which all of the following
-    /// applies as well.
+    /// Completed epochs of a network. 0 for other models, and for a network trained by Levenberg-Marquardt steps, to
+    /// which the fields below apply as well.
     pub epochs: usize,
     /// The epoch that is kept, the best on the rows that choose it; None of another model than a network.
     pub best_epoch: Option<usize>,
-    /// Why the training of a network ended; None of another model.
+    /// Reason why the training of a network ended; None for other models.
     pub stopped: Option<StopReason>,
     /// Loss of each epoch on the rows that a network was trained on: the mean over rows and outputs, of outputs with a standard deviation of 1.
     pub train_loss: Vec<f64>,
@@ -86,10 +87,10 @@ pub struct Fit {
     pub history: Vec<EpochRecord>,
 }
 
-/// Rows that took part neither in a fit nor in its choices, and what was predicted for them.
+/// Rows that took part neither in a fit nor in its choices, and their predictions.
 #[derive(Clone, Debug)]
 pub struct UnseenRows {
-    /// How they were chosen.
+    /// Method of their choice.
     pub kind: TestRows,
     /// Their numbers, counted from 0.
     pub rows: Vec<usize>,
@@ -104,8 +105,9 @@ pub struct UnseenRows {
 /// row makes a network, which it both trains and chooses. A stopped training keeps its best epoch.
 ///
 /// # Errors
-/// [`Error::Interrupted`] if no epoch is complete, and during a comparison; [`Error::Training`], those of the interface; [`Error::Import`] for rows without
-/// values, for options beyond their limits, and if no model can be fitted.
+/// [`Error::Interrupted`] if no epoch is complete, and during a comparison; [`Error::Training`], those of the
+/// interface. [`Error::Import`] for rows without values, for options beyond their limits, and if no model can be
+/// fitted.
 pub fn fit(
     (inputs, outputs): (Vec<Vec<f64>>, &[Vec<f64>]),
     interface: &ModelInterface,
@@ -134,7 +136,7 @@ pub fn fit(
     }
     let with_std = if options.std { Some(interface.with_std()?) } else { None };
     let interface = with_std.as_ref().unwrap_or(interface);
-    // what is wrong with ranges, before anything is trained
+    // refuses wrong ranges before anything is trained
     import::inputs(interface, Some(&inputs))?;
     let task = FitContext { path, inputs: &inputs, outputs, options, control };
     let order = sampling::permutation(inputs.len(), sampling::random(options.seed, Stream::Validation));
@@ -200,11 +202,11 @@ pub fn unseen_rows(rows: usize, training: &TrainingOptions) -> usize {
 /// Split of the rows by their use.
 #[derive(Clone, Copy)]
 struct RowSplit<'a> {
-    /// They measure the accuracy.
+    /// Rows that measure the accuracy.
     judging: &'a [usize],
-    /// They choose the best epoch, and of many rows the kind of model.
+    /// Rows that choose the best epoch, and with many rows the kind of model.
     choosing: &'a [usize],
-    /// They are trained on.
+    /// Rows of the training.
     seen: &'a [usize],
 }
 
@@ -234,7 +236,7 @@ fn chosen(rows: &[Vec<f64>], which: &[usize]) -> Vec<Vec<f64>> {
     which.iter().map(|row| rows[*row].clone()).collect()
 }
 
-/// Rows, and what is fitted to them.
+/// Rows, and the models fitted to them.
 struct FitContext<'a> {
     path: &'a Path,
     inputs: &'a [Vec<f64>],

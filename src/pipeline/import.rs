@@ -50,11 +50,11 @@ pub struct ImportedSurrogate {
     pub model: Option<PathBuf>,
     /// Its content digest.
     pub content_digest: String,
-    /// How each output compares with the check.
+    /// Comparison of each output with the check.
     pub check: Vec<OutputDifference>,
 }
 
-/// The difference of an output from what was expected.
+/// Difference of an output from the expected values.
 #[derive(Clone, Debug, Serialize)]
 pub struct OutputDifference {
     /// The output.
@@ -79,8 +79,8 @@ const TOLERANCES: [f64; 2] = [1e-5, 1e-9];
 /// Reads a trained model of another tool and writes it as a model file.
 ///
 /// # Errors
-/// [`Error::Import`] with what cannot be imported, [`Error::Study`] with the keys of the interface that do not fit, [`Error::Table`],
-/// [`Error::Io`], [`Error::SameFile`] if the model file would take the place of the model.
+/// [`Error::Import`] with the problems of the model, [`Error::Study`] with the keys of the interface that do not fit,
+/// [`Error::Table`], [`Error::Io`], [`Error::SameFile`] if the model file would overwrite the model.
 pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
     let interface = ModelInterface::load(&options.interface)?;
     let out = options.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.safetensors", interface.name)));
@@ -311,7 +311,7 @@ fn find_by_name(
     for port in ports.iter_mut().filter(|port| !port.is_state) {
         port.found = open.remove(port.column).map(|place| columns[place].clone());
     }
-    // what is left over of other letters does not tell, nor what is left over of two names
+    // names of other alphabets identify nothing without their letters, nor do names that two columns share
     let mut cleaned: HashMap<String, Vec<&str>> = HashMap::new();
     for name in open.keys().filter(|name| name.is_ascii()) {
         cleaned.entry(identifier(name)).or_default().push(name);
@@ -352,8 +352,8 @@ enum Follows {
     Derivative,
 }
 
-/// Inputs that are states by their names, with the outputs that are their next values, as the exports of recurrent cells call them, or, if
-/// there are none, their derivatives.
+/// Inputs that are states by their names, with the outputs that are their next values, as in exports of recurrent
+/// cells. If there are none, the outputs are their derivatives.
 fn feedback(imported: &Imported) -> Vec<Fed> {
     let tensors = |columns: &[String]| {
         let mut found: Vec<(String, usize)> = Vec::new();
@@ -409,7 +409,7 @@ fn later_names(input: &str) -> Vec<String> {
     of_states.into_iter().flatten().chain(any).filter(|name| name != input).collect()
 }
 
-/// The content of a model's file, and what it says; what is only tensors needs the layers of an interface.
+/// Columns and content of a model's file; a file of tensors needs the layers of an interface.
 fn read(path: &Path, interface: Option<&ModelInterface>) -> Result<(Vec<u8>, Imported)> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     let refused = |problems| Error::Import { path: path.to_owned(), problems };
@@ -488,7 +488,7 @@ fn check(
             let difference = (found[output] - expected).abs();
             let [min, max] = ranges[output];
             ranges[output] = [min.min(expected), max.max(expected)];
-            // what is not a number counts as the largest difference
+            // NaN counts as the largest difference
             if difference.is_nan() || difference > largest[output].0 {
                 largest[output] = (difference, row);
             }

@@ -1,8 +1,8 @@
 //! Stages of the commands, without a terminal: from a study file to validated FMUs, for every program.
 //!
-//! A [`Project`] is a study with its source and its folder of results. Each stage takes what the one before has left in that
-//! folder, reports its progress to a [`PipelineObserver`], and ends when a token says so. Nothing here prints, reads the
-//! command line, or depends on which program runs.
+//! A [`Project`] is a study with its source and its folder of results. Each stage reads the results of the one before
+//! from that folder, reports its progress to a [`PipelineObserver`], and ends when its stop token is set. Nothing here
+//! prints, reads the command line, or depends on the program that runs it.
 
 pub mod build;
 pub mod compare;

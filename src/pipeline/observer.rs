@@ -56,7 +56,7 @@ pub enum Event<'a> {
     Note(Arguments<'a>),
     /// A result or a decision.
     Message(Arguments<'a>),
-    /// Something that the user should look at.
+    /// Problem that the user should check.
     Warning(Arguments<'a>),
 }
 
@@ -82,9 +82,9 @@ pub struct Control<'a> {
     /// Ends the work when it turns true: a training keeps its best network and clears it, everything else is an
     /// [`Error::Interrupted`](crate::Error::Interrupted).
     pub stop: &'a AtomicBool,
-    /// The program that is started for each worker process: `metafmu`, or one that does what it does when its argument is
-    /// [`worker::ARGUMENT`](crate::fmi::worker::ARGUMENT) or [`FIT_BASELINE`](super::compare::FIT_BASELINE). FMUs as sources,
-    /// the validation of FMUs and baselines need it.
+    /// The program that is started for each worker process: `metafmu`, or one that behaves like it when its argument is
+    /// [`worker::ARGUMENT`](crate::fmi::worker::ARGUMENT) or [`FIT_BASELINE`](super::compare::FIT_BASELINE). FMUs as
+    /// sources, the validation of FMUs and baselines need it.
     pub program: &'a Path,
     /// Takes each line that an FMU prints.
     pub heard: fn(&str),

@@ -43,8 +43,8 @@ struct Design {
 /// before. The same study and table give the same points.
 ///
 /// # Errors
-/// [`Error::Study`] with what is wrong with the study and with ranges that neither it nor the table has, [`Error::Rows`] and [`Error::Table`] of the table,
-/// [`Error::Interrupted`], [`Error::Io`].
+/// [`Error::Study`] with problems of the study and with ranges that neither it nor the table has, [`Error::Rows`] and
+/// [`Error::Table`] of the table, [`Error::Interrupted`], [`Error::Io`].
 pub fn plan(study: &Path, points: usize, control: Control, to: (&mut dyn Write, &Path)) -> Result<()> {
     let study = Draft::load_without_table(study)?.finish()?;
     if !study.is_static() {

@@ -100,8 +100,8 @@ impl Found {
     }
 }
 
-/// Reads a surrogate: that of an FMU made by metafmu (`.fmu`), of a model file (`.safetensors`), or the one that a study (`.toml`)
-/// has in its folder of results, `out/NAME`.
+/// Reads the surrogate of an FMU made by metafmu (`.fmu`), of a model file (`.safetensors`), or of a study (`.toml`),
+/// from its folder of results `out/NAME`.
 ///
 /// # Errors
 /// Those of [`read_surrogate`], [`surrogate::load`] and [`Project::load_model`]; [`Error::OtherFile`] for other files.
@@ -136,8 +136,8 @@ fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_string_lossy().to_lowercase())
 }
 
-/// Predicts all rows of a table and writes them in the same order, with the columns `run` and `time` if the table has them, the
-/// outputs, `in_domain` and `domain_distance`. `path`: the name of `to` in errors.
+/// Predicts all rows of a table and writes them in the same order. The columns are `run` and `time` if the table has
+/// them, the outputs, `in_domain` and `domain_distance`. `path`: the name of `to` in errors.
 ///
 /// # Errors
 /// [`Error::Variable`] for an unknown output, [`Error::Table`] with file and line of a mistake, [`Error::Io`],
@@ -186,11 +186,11 @@ pub fn predict(
     Ok(predicted)
 }
 
-/// The outputs of a surrogate with a state along the runs of a table, row by row, and whether a row is the first of its run; what cannot be
-/// computed is not a number.
+/// Outputs of a surrogate with a state along the runs of a table, row by row, and `true` for the first row of a run.
+/// Values that cannot be computed are NaN.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Table`] with what is wrong with the table.
+/// [`Error::Io`], [`Error::Table`] with the problems of the table.
 pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool, Vec<f64>)>> {
     let stop = AtomicBool::new(false);
     let mut reader = Reader::open(surrogate, table, &stop, |_| {})?;

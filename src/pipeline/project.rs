@@ -77,11 +77,11 @@ pub struct FailedRun {
     pub run: usize,
     /// Its parameters.
     pub parameters: IndexMap<String, f64>,
-    /// Why it failed.
+    /// Reason of the failure.
     pub reason: String,
 }
 
-/// Tells what a mechanism consists of and what is odd about it.
+/// Reports the parts of a mechanism and its oddities.
 pub fn describe(mechanism: &Mechanism, control: Control<'_>) {
     for warning in mechanism.warnings() {
         control.observer.event(Event::Warning(format_args!("{warning}")));
@@ -132,7 +132,7 @@ impl<'a> Project<'a> {
         self.event(Event::Message(format_args!("{line}")));
     }
 
-    /// Tells the observer what the user should look at.
+    /// Reports a problem that the user should check.
     pub(super) fn warn(&self, line: impl Display) {
         self.event(Event::Warning(format_args!("{line}")));
     }
@@ -153,7 +153,7 @@ impl<'a> Project<'a> {
         self.say(line);
     }
 
-    /// Tells what the study's mechanism consists of and what is odd about it.
+    /// Reports the parts of the study's mechanism and its oddities.
     pub fn describe_mechanism(&self) {
         if let Some(mechanism) = self.study.mechanism() {
             describe(mechanism, self.control);
@@ -187,7 +187,7 @@ impl<'a> Project<'a> {
         self.folder.join(format!("unfinished-runs-{number}-of-{of}.bin"))
     }
 
-    /// Where results go.
+    /// Folder of the results.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -202,7 +202,7 @@ impl<'a> Project<'a> {
         self.folder.join(format!("{}.safetensors", self.study.name))
     }
 
-    /// Where the trials of a search keep what they have.
+    /// Folder of the trials of a search.
     pub(super) fn search_folder(&self) -> PathBuf {
         self.folder.join("search")
     }
@@ -220,7 +220,7 @@ impl<'a> Project<'a> {
         self.folder.join("history.csv")
     }
 
-    /// Where a training that was stopped continues from.
+    /// Checkpoint from which a stopped training continues.
     pub(super) fn checkpoint(&self) -> PathBuf {
         self.folder.join("checkpoint.safetensors")
     }
@@ -249,7 +249,7 @@ impl<'a> Project<'a> {
         self.folder.join("unfinished-networks.bin")
     }
 
-    /// Where the rounds of a training with a target keep what they have.
+    /// Folder of the rounds of a training with a target.
     pub(super) fn rounds(&self) -> PathBuf {
         self.folder.join("rounds")
     }

@@ -117,7 +117,7 @@ pub(super) fn stage(
     Ok(WrittenReport { report: project.report(), bytes: page.len(), figures: figures.len() })
 }
 
-/// How data and network were made.
+/// Origin of the data and the network.
 fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) -> Vec<(String, String)> {
     let study = &project.study;
     let source = match (&study.source.system, study.mechanism()) {

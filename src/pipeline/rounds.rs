@@ -32,7 +32,7 @@ pub fn stage(
     }
 }
 
-/// How good the surrogate was after a round.
+/// Accuracy of the surrogate after a round.
 struct Round {
     runs: usize,
     /// R² of each output on the held-out runs; none of a constant one.

@@ -60,8 +60,8 @@ pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
     Ok(text)
 }
 
-/// The runs that an earlier command has sampled from this study, if it came so far. Tables that were changed since are an
-/// error: to sample again would replace them.
+/// Runs that an earlier command sampled from this study, if it completed. Tables changed since then are an error:
+/// sampling again would replace them.
 pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
     let Ok(record) = project.load_samples_record() else { return Ok(None) };
     if record.tables.keys().any(|set| !project.table(set).exists()) {

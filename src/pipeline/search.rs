@@ -50,7 +50,7 @@ pub struct TrialRecord {
     /// Mean over the outputs of 1 - R² on the held-out runs.
     score: Option<f64>,
     seconds: f64,
-    /// Why it failed.
+    /// Reason of the failure.
     message: String,
     /// `true` if it ended with an error, which says nothing about its values. A training that diverges or a baseline
     /// that cannot be fitted is a result.
@@ -73,7 +73,7 @@ impl TrialRecord {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrialStatus {
-    /// Nothing is known about it yet.
+    /// Not begun.
     Waiting,
     /// Trained up to a rung.
     Paused,
@@ -102,7 +102,7 @@ pub struct Searched {
     pub table: PathBuf,
     /// The study file of the best trial.
     pub best_study: PathBuf,
-    /// How far the best trial came.
+    /// Record of the best trial.
     pub best: TrialRecord,
     /// The best trials as a table for people.
     #[serde(skip)]

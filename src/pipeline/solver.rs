@@ -15,8 +15,8 @@ use crate::{
 use metafmu_runtime::{Domain, Evaluator, Integration, Metadata, Output, StepError, Surrogate};
 use rayon::prelude::*;
 
-/// Error of a start, in rad or m, rad/s or m/s, that may change the outputs of a run as much as the solver does, where the equations are
-/// exact, and at most.
+/// Smallest and largest wanted error: a perturbation of the initial state in rad or m, rad/s or m/s. The smallest
+/// applies if the equations are exact.
 const LEAST_ERROR: f64 = 3e-8;
 const LARGEST_ERROR: f64 = 1e-5;
 /// Part of the error of the equations that the solver may add.
@@ -77,8 +77,8 @@ struct SolverReference {
     by_start: Vec<f64>,
 }
 
-/// Ranges of velocities and actuator states, the columns `velocities` of the states: what they reach in the training runs, in either
-/// direction, and half as much more, and all that starts are drawn from.
+/// Ranges of velocities and actuator states, the columns `velocities` of the states. They are [`MARGIN`] times the
+/// largest magnitudes in the training runs, in both directions, and contain the ranges of all initial values.
 pub(super) fn velocity_ranges(
     project: &Project,
     surrogate: &Surrogate,
@@ -235,7 +235,7 @@ impl<'a> IntegrationComparison<'a> {
         }
         let changes = changes(self.surrogate, &reference.outputs[..rows * width], &path.outputs[..rows * width]);
         let errors = changes.iter().zip(by_start).map(|(change, by_start)| OFF * change / by_start);
-        // a maximum would leave out what is not a number
+        // NaN counts, which a maximum would ignore
         errors.fold(0.0, |largest, error| if error.is_nan() { f64::INFINITY } else { error.max(largest) })
     }
 
@@ -357,7 +357,7 @@ fn rounded(tolerance: f64) -> f64 {
     if three <= tolerance * (1.0 + 1e-9) { three } else { parsed(1) }
 }
 
-/// Largest difference of any output at each row, relative to its range; infinite if it is not a number.
+/// Largest difference of any output at each row, relative to its range; infinite for NaN.
 fn changes(surrogate: &Surrogate, one: &[f64], other: &[f64]) -> Vec<f64> {
     let range = |output: &Output| (output.max - output.min).max(f64::MIN_POSITIVE);
     let ranges: Vec<f64> = surrogate.outputs().iter().map(range).collect();

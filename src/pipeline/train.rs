@@ -66,7 +66,7 @@ pub(super) fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, s
     }
 }
 
-/// The surrogate of a training of this study that came to its end.
+/// Surrogate of a completed training of this study.
 pub(super) fn finished(project: &Project) -> Result<Option<(Surrogate, TrainingRecord)>> {
     if project.is_unfinished() || !project.training_record().exists() {
         return Ok(None);

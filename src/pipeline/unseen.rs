@@ -1,4 +1,4 @@
-//! The rows that a static map is measured on, and what was predicted for them: `unseen.csv`.
+//! Rows that a static map is measured on, and their predictions: `unseen.csv`.
 
 use super::{
     project::{Project, SamplesRecord},

@@ -43,7 +43,7 @@ pub struct ChartSeries {
 pub enum Shape {
     /// A line through points; a point that is not finite is a gap.
     Line(Vec<[f64; 2]>),
-    /// As [`Shape::Line`], broad: something else is drawn on it.
+    /// A broad [`Shape::Line`], with others drawn on it.
     Broad(Vec<[f64; 2]>),
     /// The area between two lines: x, lower and upper y.
     Band(Vec<[f64; 3]>),
@@ -91,7 +91,7 @@ const TICK_TEXT: f64 = 14.0;
 const NAME_TEXT: f64 = 15.0;
 /// Largest number of points of a line: more than there are pixels.
 const LINE_POINTS: usize = 600;
-/// How wide an average letter is, in its height.
+/// Width of an average letter, relative to its height.
 const LETTER: f64 = 0.6;
 
 type ChartArea<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -139,7 +139,7 @@ impl Ink {
 }
 
 impl ChartSeries {
-    /// With a place in the legend.
+    /// Series with an entry in the legend.
     pub fn named(name: impl Into<String>, ink: Ink, shape: Shape) -> Self {
         Self { name: Some(name.into()), ink, shape }
     }

@@ -32,7 +32,7 @@ pub struct Material<'a> {
     pub points: &'a [MovingPoint],
     /// The training, epoch by epoch.
     pub history: &'a [EpochRecord],
-    /// Where all this comes from: names and values.
+    /// Origin of the surrogate: names and values.
     pub facts: &'a [(String, String)],
     /// Other models of the same rows.
     pub comparison: Option<&'a Comparison>,
@@ -71,9 +71,9 @@ pub struct Figure {
 /// A figure as it is shown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drawn {
-    /// As [`Figure::id`].
+    /// See [`Figure::id`].
     pub id: String,
-    /// As [`Figure::caption`], and what was left out.
+    /// [`Figure::caption`], and a note on omitted points.
     pub caption: String,
     /// The picture.
     pub svg: String,

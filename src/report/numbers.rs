@@ -181,7 +181,7 @@ impl<'a> Evaluated<'a> {
         runs
     }
 
-    /// Half the width of the band around the prediction in which the truth is said to be, at some time of a run.
+    /// Half the width of the error band around the prediction at some time of a run.
     pub fn bound(&self, output: usize, time: f64) -> Option<f64> {
         self.surrogate.bounds().map(|bounds| bounds.at(output, time))
     }
@@ -273,7 +273,7 @@ impl TestRow {
 }
 
 impl Binned {
-    /// With the middles of the first and last bin moved into a range.
+    /// Bins with the middles of the first and last one moved into a range.
     fn limited(mut self, low: f64, high: f64) -> Self {
         self.at.iter_mut().for_each(|at| *at = at.clamp(low, high));
         self

@@ -5,12 +5,12 @@
 //! row for each run, `file,<parameters>`, and a file `time,<outputs>` for each run. `source.columns` gives the names that
 //! columns have there, where they are not the study's. How tables are written: see [`crate::table`].
 //!
-//! Every run must begin at time zero and reach the study's `time.stop`; what comes after it is left out.
+//! Every run must begin at time zero and reach the study's `time.stop`; later rows are dropped.
 //!
-//! Tables of a study with states have columns of coordinates, of their rates and of inputs (module `motions`).
-//! Of the structure "discrete" rows also have inputs, `run,time,<parameters>,<inputs>,<outputs>`, and are `time.step` apart. The
-//! parameters of such a run are those of the study and, after them, what outputs and inputs were before it: the outputs of the first row,
-//! and the start values of the inputs. Rows before time zero are what was before the run. A table of a single run is cut into runs that
+//! Tables of a study with states have columns of coordinates, of their rates and of inputs (module `motions`). With the
+//! structure "discrete", rows also have inputs, `run,time,<parameters>,<inputs>,<outputs>`, and are `time.step` apart.
+//! The parameters of such a run are those of the study and, after them, the outputs of its first row and the start
+//! values of its inputs. Rows before time zero are the past of the run. A table of a single run is cut into runs that
 //! follow each other, each with the samples before it.
 
 mod motions;
@@ -88,8 +88,8 @@ impl Recorded {
     /// Finds the study's parameters and outputs in the header of its table, or of its index and the first file there.
     ///
     /// # Errors
-    /// [`Error::Study`] with names in `source.columns` that the study has not, [`Error::Table`] or [`Error::Io`] if a table
-    /// has not what it must have.
+    /// [`Error::Study`] with names in `source.columns` that the study does not have, [`Error::Table`] or [`Error::Io`]
+    /// if a table lacks a required part.
     pub fn new(study: &Study) -> Result<Self> {
         study.refuse(column_problems(study, &["run", "time", "file"]))?;
         let columns = &study.source.columns;

@@ -36,7 +36,7 @@ pub struct ReadRows {
     pub inputs: Vec<Vec<f64>>,
     /// Outputs of each row.
     pub outputs: Vec<Vec<f64>>,
-    /// Where each row is: its line, or in Parquet its row.
+    /// Line of each row, or in Parquet its number.
     pub places: Vec<u64>,
     /// Notes on dropped rows and on odd ones.
     pub notes: Vec<String>,
@@ -119,8 +119,9 @@ impl StaticRows {
     /// Reads all rows.
     ///
     /// # Errors
-    /// [`Error::Rows`] with every cell that is no finite number, [`Error::Study`] with inputs that do not vary, bounds of too few rows and numbers that
-    /// are too large, [`Error::Table`], [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
+    /// [`Error::Rows`] with every cell that is not a finite number. [`Error::Study`] with inputs that do not vary,
+    /// bounds of too few rows and numbers that are too large. [`Error::Table`], [`Error::Io`], [`Error::Interrupted`]
+    /// when `stop` turns true.
     pub fn read(&self, study: &Study, stop: &AtomicBool) -> Result<ReadRows> {
         let mut table = Table::open(&self.path)?;
         let mut read = ReadRows { inputs: Vec::new(), outputs: Vec::new(), places: Vec::new(), notes: Vec::new() };
@@ -178,7 +179,8 @@ impl StaticRows {
     /// Reads the rows of a design, those without outputs too.
     ///
     /// # Errors
-    /// [`Error::Rows`] with every other cell that is no finite number, [`Error::Table`], [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
+    /// [`Error::Rows`] with every other cell that is not a finite number, [`Error::Table`], [`Error::Io`],
+    /// [`Error::Interrupted`] when `stop` turns true.
     pub fn design(&self, stop: &AtomicBool) -> Result<DesignRows> {
         let mut table = Table::open(&self.path)?;
         let (inputs, outputs) = self.positions.split_at(self.inputs.len());
@@ -234,7 +236,7 @@ impl StaticRows {
     }
 }
 
-/// Cells that are no finite numbers.
+/// Cells that are not finite numbers.
 #[derive(Default)]
 struct WrongCells {
     problems: Vec<(Place, String)>,
@@ -260,7 +262,7 @@ impl WrongCells {
 mod tests {
     use super::*;
 
-    /// Rows of a table with the columns `a`, `b` and `y`, or what they are refused with.
+    /// Rows of a table with the columns `a`, `b` and `y`, or the error that refuses them.
     fn read(rows: &str) -> Result<ReadRows> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("t.csv"), format!("a,b,y\n{rows}")).unwrap();

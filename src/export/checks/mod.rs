@@ -33,7 +33,7 @@ pub fn validate_apart(path: impl AsRef<Path>, watch: Watch) -> Result<Report> {
     fmi::validate_apart(path, watch, &SurrogateChecks)
 }
 
-/// Does for the process that started this one what it asks for: see [`worker::serve`].
+/// Serves the process that started this one: see [`worker::serve`].
 ///
 /// # Errors
 /// Those of [`worker::serve`].
@@ -64,7 +64,7 @@ impl Checks for SurrogateChecks {
 
     fn no_derivatives_by(&self, archive: &mut Archive) -> Vec<(String, String)> {
         let Ok(Some(surrogate)) = surrogate(archive) else { return Vec::new() };
-        // what is between the values is as at the nearest of them, and outside of the domain
+        // a value between the nominal ones acts as the nearest of them, and is outside of the domain
         let nominal = surrogate.inputs().iter().filter(|input| input.nominal_values().is_some());
         nominal.map(|input| (input.name.clone(), format!("it has {} only, and no range", input.valid()))).collect()
     }

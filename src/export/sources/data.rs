@@ -243,7 +243,7 @@ pub fn source(surrogate: &Surrogate) -> String {
     text + &data
 }
 
-/// Why the model cannot be computed in single precision, if that is so; `data` are its definitions.
+/// Reason why the model cannot be computed in single precision, if there is one; `data` has its definitions.
 fn refusal_of_single(surrogate: &Surrogate, data: &str) -> Option<String> {
     let is_beyond = |value: f64| value.is_finite() && (value as f32).is_infinite();
     let of_inputs = surrogate.inputs().iter().flat_map(|input| [input.start, input.min, input.max]);

@@ -9,8 +9,8 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Values of input variables over time: linear between two rows for continuous variables, that of the row before for the
-/// others, and the first and last row go on for ever.
+/// Values of input variables over time. Continuous variables are linear between two rows; the others have the value of
+/// the row before. The first and the last row extend without limit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inputs {
     /// Names of the variables.

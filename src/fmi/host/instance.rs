@@ -168,7 +168,7 @@ impl<'fmu> FmuInstance<'fmu> {
     /// Computes from time `time` to `time + step`.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; also when the FMU computes the step asynchronously, or discards it and would go on.
+    /// [`Error::Fmi`]; also if the FMU computes the step asynchronously, or discards it without ending the simulation.
     pub fn do_step(&self, time: f64, step: f64) -> Result<StepResult> {
         match &self.fmu.functions {
             FmiFunctions::V2(fmi2::Fmi2Functions { co_simulation: Some(functions), .. }) => {
@@ -191,7 +191,7 @@ impl<'fmu> FmuInstance<'fmu> {
         if status != DISCARD {
             return result.map(|()| StepResult::Done);
         }
-        // an FMU that wants to end the simulation discards the step and says so when asked
+        // an FMU that ends the simulation discards the step and reports that in its status
         let (mut terminated, mut last) = (fmi2::FALSE, time);
         if let (Some(boolean), Some(real)) = (functions.get_boolean_status, functions.get_real_status) {
             let status = self.call("fmi2GetBooleanStatus", |component| {

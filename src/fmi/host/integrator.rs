@@ -35,7 +35,7 @@ pub struct Exchange<'a> {
     position: RunPosition,
 }
 
-/// Model of a run: what is constant over it.
+/// Constant part of a run.
 #[derive(Clone, Copy, Debug)]
 struct IntegratedModel<'a> {
     instance: &'a FmuInstance<'a>,
@@ -111,7 +111,7 @@ impl<'a> Exchange<'a> {
         self.model.read_indicators(&mut position.indicators)
     }
 
-    /// Where the run is.
+    /// Position of the run.
     pub fn position(&self) -> &RunPosition {
         &self.position
     }
@@ -260,7 +260,7 @@ impl IntegratedModel<'_> {
     }
 }
 
-/// Why a stretch ended before its time.
+/// Reason why a stretch ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stop {
     Event,
@@ -444,7 +444,8 @@ fn crossed(before: &[f64], after: &[f64]) -> bool {
     before.iter().zip(after).any(|(before, after)| (*before > 0.0) != (*after > 0.0))
 }
 
-/// Where the first indicator becomes zero between two points, by the straight lines between their weighted values.
+/// Time at which the first indicator becomes zero between two points, by the straight lines between their weighted
+/// values.
 fn root(low: &[f64], high: &[f64], weights: (f64, f64)) -> f64 {
     let share = |(low, high): (&f64, &f64)| {
         let (low, high) = (weights.0 * low, weights.1 * high);

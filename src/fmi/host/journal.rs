@@ -40,7 +40,7 @@ impl MessageLog {
         self.log().count
     }
 
-    /// Takes the messages that came after the first `count`.
+    /// Takes the messages after the first `count`.
     pub fn take_after(&self, count: usize) -> Vec<LogMessage> {
         let mut log = self.log();
         let new = log.count.saturating_sub(count).min(log.messages.len());

@@ -14,7 +14,7 @@ pub struct StateEvaluation {
     pub outputs: Vec<f64>,
 }
 
-/// A second time at which derivatives are asked for, as a share of the run: equations that depend on the time differ there.
+/// Second time at which derivatives are evaluated, as a share of the run, to detect equations that depend on the time.
 const LATER: f64 = 0.377;
 
 impl StateEvaluation {
@@ -23,7 +23,8 @@ impl StateEvaluation {
     ///
     /// # Errors
     /// [`Error::Integration`] if the FMU has a time event, ends the simulation, or its derivatives depend on the time;
-    /// [`Error::UnknownVariable`], [`Error::Variable`]: a start value, input or recorded variable that cannot be; [`Error::Fmi`].
+    /// [`Error::UnknownVariable`], [`Error::Variable`] for an invalid start value, input or recorded variable;
+    /// [`Error::Fmi`].
     pub fn of(instance: &FmuInstance, options: &SimulationOptions) -> Result<Self> {
         let (start, stop) = (options.start.unwrap_or(0.0), options.stop.unwrap_or(1.0));
         let inputs = options.inputs.drive(instance.fmu().description())?;

@@ -262,7 +262,7 @@ impl Fmu {
     /// Makes an instance, in the state before Initialization Mode.
     ///
     /// # Errors
-    /// [`Error::Fmi`] with what the FMU logged if it returns no instance.
+    /// [`Error::Fmi`] with the messages of the FMU if it returns no instance.
     pub fn instantiate(&self, name: &str, logging: bool) -> Result<FmuInstance<'_>> {
         self.instantiate_as(name, &self.description.token, logging)
     }
@@ -283,7 +283,7 @@ impl ModelDescription {
     }
 }
 
-/// The interface to use, or what there is and what was expected.
+/// The interface to use, or the FMU's interfaces and the expected one.
 fn choose(
     description: &ModelDescription,
     wanted: Option<InterfaceKind>,
@@ -331,7 +331,7 @@ fn platforms(archive: &Archive) -> Result<Vec<String>> {
     Ok(found)
 }
 
-/// Text for C; what follows a zero byte is lost.
+/// Text for C, up to the first zero byte.
 fn c_text(text: &str) -> CString {
     CString::new(text.split('\0').next().unwrap_or_default()).unwrap_or_default()
 }

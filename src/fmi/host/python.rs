@@ -29,11 +29,11 @@ print(json.dumps({
 struct Interpreter {
     program: PathBuf,
     version: String,
-    /// Where its shared library may be.
+    /// Possible paths of its shared library.
     libraries: Vec<PathBuf>,
-    /// Where the standard library is.
+    /// Path of the standard library.
     home: String,
-    /// Where packages are found, those of a virtual environment included.
+    /// Paths of packages, those of a virtual environment included.
     paths: Vec<String>,
 }
 
@@ -43,8 +43,8 @@ pub fn is_missing(error: &libloading::Error) -> bool {
     text.contains("symbol") && (text.contains("_Py") || text.contains(": Py"))
 }
 
-/// Loads the library of the interpreter that `python3` starts, so that binaries which are loaded from here on find its symbols.
-/// In a process for one FMU only, the interpreter is also told where its modules are.
+/// Loads the library of the interpreter that `python3` starts, so that binaries loaded later find its symbols. In a
+/// process for one FMU only, the interpreter also receives the paths of its modules.
 pub fn provide(alone: bool) -> Result<(), String> {
     let interpreter = ask().map_err(|problem| format!("it needs Python, but {problem}"))?;
     if !interpreter.libraries.iter().any(|file| load(file)) {
@@ -78,12 +78,12 @@ fn ask() -> Result<Interpreter, String> {
 #[cfg(unix)]
 fn load(file: &Path) -> bool {
     use libloading::os::unix::{Library as Global, RTLD_GLOBAL, RTLD_NOW};
-    // SAFETY: the initializers of the interpreter's library run, which is asked for
+    // SAFETY: only the initializers of the interpreter's library run, which is intended
     let library = unsafe { Global::open(Some(file), RTLD_NOW | RTLD_GLOBAL) };
     library.map(std::mem::forget).is_ok()
 }
 
-/// Where binaries name the libraries of their symbols, no other helps.
+/// No effect: on this platform binaries name the libraries of their symbols.
 #[cfg(not(unix))]
 fn load(_: &Path) -> bool {
     false

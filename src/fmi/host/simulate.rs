@@ -11,7 +11,7 @@ use crate::{
 
 /// Takes a run's rows as they come: one for each communication point, the start included.
 pub trait RowSink {
-    /// Takes what the columns are, before the initialization; time is not among them.
+    /// Receives names and units of the columns before the initialization; time is not among them.
     ///
     /// # Errors
     /// Whatever ends the run.

@@ -116,7 +116,7 @@ impl TemporaryFolder {
     }
 }
 
-/// Where the FMU's files are in a temporary folder.
+/// Path of the FMU's files in a temporary folder.
 pub(super) fn files(folder: &Path) -> PathBuf {
     folder.join(FILES)
 }

@@ -114,11 +114,11 @@ impl FmuInstance<'_> {
         }
     }
 
-    /// The value of a variable of any type but texts, bytes and clocks, as numbers: one for a scalar, all elements of an
-    /// array, 0 and 1 for a boolean. Integers beyond 2^53 are rounded.
+    /// Value of a variable as numbers; not for texts, bytes and clocks. There is one number for a scalar, and all
+    /// elements of an array; booleans are 0 and 1. Integers beyond 2^53 are rounded.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; [`Error::Variable`] for a variable that is not a number.
+    /// [`Error::Fmi`]; [`Error::Variable`] for a variable that is neither number nor boolean.
     pub fn get_numbers(&self, variable: &ScalarVariable) -> Result<Vec<f64>> {
         let references = [variable.value_reference];
         let count = self.element_count(variable)?;
@@ -177,8 +177,8 @@ impl FmuInstance<'_> {
     /// Sets a variable of any type but texts, bytes and clocks from numbers, one for each element of an array.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; [`Error::Variable`] if there are too many or too few numbers, if one does not fit the type, or for
-    /// a variable that is not a number.
+    /// [`Error::Fmi`]; [`Error::Variable`] for the wrong number of values, a value that does not fit the type, or a
+    /// variable that is neither number nor boolean.
     pub fn set_numbers(&self, variable: &ScalarVariable, values: &[f64]) -> Result<()> {
         let references = [variable.value_reference];
         let wrong = |problem: String| Err(Error::Variable { name: variable.name.clone(), problem });

@@ -37,8 +37,9 @@ pub enum Instantiated<'a> {
     Mechanism(&'a Mechanism),
 }
 
-/// Names of the columns behind those of variables: wall time in s of the step that leads to the row, of the measured component with
-/// its inputs and outputs, and of all components. Both are 0 in the first row.
+/// Names of the columns behind those of variables: wall time in s of the step that leads to the row. The first is that
+/// of the measured component with its inputs and outputs, the second that of all components. Both are 0 in the first
+/// row.
 pub const TIMES: [&str; 2] = ["component_seconds", "step_seconds"];
 
 impl SystemRun {
@@ -242,7 +243,7 @@ fn same(one: &[f64], other: &[f64]) -> bool {
     one.len() == other.len() && one.iter().zip(other).all(|(one, other)| one.to_bits() == other.to_bits())
 }
 
-/// For `map_err`: says which component failed.
+/// For `map_err`: adds the name of the component that failed.
 fn of_component(name: &str) -> impl FnOnce(Error) -> Error {
     move |source| Error::Component { name: name.to_owned(), source: Box::new(source) }
 }

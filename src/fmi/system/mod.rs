@@ -51,7 +51,7 @@ pub struct SystemComponent {
     pub name: String,
     /// Line in the description.
     pub line: usize,
-    /// Where its file is: a path in the archive or folder.
+    /// Path of its file in the archive or folder.
     pub source: String,
     /// `true` if that file is a mechanism instead of an FMU.
     pub is_mechanism: bool,
@@ -148,7 +148,7 @@ impl FmuSystem {
         self.components.iter().position(|component| component.name == name)
     }
 
-    /// Reads what a component is made of; an FMU is unpacked.
+    /// Reads the source of a component; an FMU is unpacked.
     ///
     /// # Errors
     /// As [`Unpacked::open`] and [`ComponentSource::mechanism`]; [`Error::ArchiveEntry`] if it is not in the archive.

@@ -1,4 +1,4 @@
-//! Fits a system to its components: what is connected, set and recorded has to be in their descriptions.
+//! Fits a system to its components: connected, set and recorded variables must be in their descriptions.
 
 use super::{
     ComponentSource, Connection, End, FmuSystem,
@@ -28,8 +28,8 @@ pub struct Experiment {
 }
 
 impl FmuSystem {
-    /// The run of a system with a source for each component: what it sets and connects, and nothing recorded yet; the steps of one
-    /// component are measured.
+    /// Run of the system with a source for each component. It has the system's values and connections, but records
+    /// nothing yet; the steps of component `measured` are measured.
     ///
     /// # Errors
     /// [`Error::System`] with every connector and value that does not fit the sources.
@@ -127,7 +127,7 @@ impl FmuSystem {
     }
 }
 
-/// Why a variable cannot be a connector: there is none, or it is of another causality or type.
+/// Reason why a variable cannot be a connector: it is missing, or has another causality or type.
 pub(crate) fn misfit(description: &ModelDescription, name: &str, is_input: bool) -> Option<String> {
     let Some(variable) = description.variable(name) else {
         return Some(format!("it has no variable `{name}`{}", meant(description, name)));

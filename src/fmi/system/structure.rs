@@ -1,4 +1,4 @@
-//! Reads a SystemStructure.ssd: what of SSP 1.0 is supported, and what is not with its line.
+//! Reads a SystemStructure.ssd: the supported part of SSP 1.0. Unsupported parts are reported with their lines.
 
 use super::{Connection, Connector, ConnectorKind, End, FmuSystem, StartValue, SystemComponent};
 use crate::{

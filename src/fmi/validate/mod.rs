@@ -1,5 +1,5 @@
-//! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves by each of its
-//! interfaces, and what [`Checks`] of those who made it find.
+//! Every problem of an FMU, not only the first. The archive, modelDescription.xml, the binary, and its behavior by each
+//! interface are checked, and the [`Checks`] of the FMU's maker are made.
 
 mod archive;
 mod behaviour;
@@ -51,7 +51,7 @@ pub enum Area {
 /// Note on a run of the binary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Note {
-    /// This is what is done from here on.
+    /// Activity from here on.
     Doing(String),
     /// This is wrong.
     Problem(Finding),
@@ -73,7 +73,7 @@ pub trait Checks: Sync {
     /// Before anything is run.
     fn archive(&self, _archive: &mut Archive, _report: &mut Report) {}
 
-    /// Why derivatives cannot be compared with differences, if they cannot.
+    /// Reason why derivatives cannot be compared with differences, if there is one.
     fn no_derivatives(&self, _archive: &mut Archive) -> Option<&'static str> {
         None
     }
@@ -83,7 +83,7 @@ pub trait Checks: Sync {
         Vec::new()
     }
 
-    /// With the binary loaded, after the standard's checks.
+    /// Checks with the binary loaded, after those of the standard.
     fn run(&self, _fmu: &Fmu, _archive: &mut Archive, _notes: &mut Notes) {}
 
     /// After everything was run.
@@ -97,7 +97,7 @@ pub struct StandardOnly;
 impl Checks for StandardOnly {}
 
 impl Notes<'_> {
-    /// This is what is done from here on.
+    /// Sets the activity from here on.
     pub fn doing(&mut self, what: impl Into<String>) {
         self.0(Note::Doing(what.into()));
     }

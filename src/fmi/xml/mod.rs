@@ -15,8 +15,9 @@ use tree::{Element, decode};
 /// The text of a modelDescription.xml in the version of the description; the same description always gives the same
 /// bytes.
 ///
-/// Elements are in the order that the standard requires. What a version cannot express is not written, nor is what a
-/// description does not hold: items of enumerations, intervals of clocks, all but the first start value of an array.
+/// Elements are in the order that the standard requires. Data that a version cannot express are omitted, and so are
+/// those missing from a description: items of enumerations, intervals of clocks, all but the first start value of an
+/// array.
 pub fn write(description: &ModelDescription) -> String {
     match description.fmi_version {
         FmiVersion::V2 => fmi2::write(description),

@@ -31,7 +31,7 @@ pub fn log_category(out: &mut XmlWriter, (name, description): &(String, Option<S
     out.empty("Category", XmlAttributes::default().add("name", name).add_some("description", description.as_deref()));
 }
 
-/// Dependencies of an unknown, `handle` being what the version calls a variable by.
+/// Adds the dependencies of an unknown; `handle` is the version's reference to a variable.
 pub fn add_dependencies(attributes: &mut XmlAttributes, unknown: &Unknown, handle: impl Fn(usize) -> String) {
     let dependencies = unknown.dependencies.as_ref().map(|list| {
         let handles: Vec<String> = list.iter().map(|&position| handle(position)).collect();

@@ -53,7 +53,7 @@ pub enum Occurs {
 /// Further rule for the content of an element.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Content {
-    /// Nothing.
+    /// No further rule.
     Closed,
     /// Attributes that are not in the rule are allowed.
     OpenAttributes,

@@ -38,7 +38,7 @@ pub struct ModelInterface {
     /// When the FMU is stepped, unless the host says otherwise.
     #[serde(default)]
     pub time: InterfaceTime,
-    /// Where the FMU says that it can be trusted, if there is a table of training data.
+    /// Domain of validity that the FMU reports, if there is a table of training data.
     #[serde(default)]
     pub domain: InterfaceDomain,
     /// The layers, of a model that is only tensors by name (`.npz`, `.safetensors`); ONNX files have them.
@@ -79,8 +79,8 @@ pub struct InterfaceTime {
     /// Sample time: how far apart a state and its `next` value are.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub sample: Option<f64>,
-    /// Fixed step of the solver inside the FMU (Runge-Kutta, order 4), of states that have a `derivative`, for real time; unless given the
-    /// solver controls its error, with a tolerance that is found from simulations.
+    /// Fixed step of the solver inside the FMU (Runge-Kutta, order 4), for real time and states that have a
+    /// `derivative`. By default the solver controls its error, with a tolerance from simulations.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub solver_step: Option<f64>,
     /// End of a simulation.
@@ -105,8 +105,8 @@ impl InterfaceTime {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LayerOptions {
-    /// Name of the tensor `W`: a row for each output, as PyTorch has it, or a column for each, as Keras, JAX and scikit-learn have it; the
-    /// bias tells which. Of a square one `transposed` does.
+    /// Name of the tensor `W`: a row for each output, as in PyTorch, or a column for each, as in Keras, JAX and
+    /// scikit-learn. The bias decides between the two, or `transposed` if `W` is square.
     pub weight: String,
     /// Name of the tensor `b`; zero unless given.
     pub bias: Option<String>,
@@ -158,7 +158,7 @@ pub enum InterfaceCausality {
     /// Another component drives it while the simulation runs.
     #[default]
     Input,
-    /// It is set before the simulation, or between two steps.
+    /// Set before the simulation, or between two steps.
     Parameter,
     /// The simulation time, in seconds.
     Time,
@@ -180,9 +180,9 @@ pub enum InterfaceVariability {
 pub struct InterfaceState {
     /// Which column of the model's inputs it is, for instance `x[0]`; or an input's name, for instance `h0`: all columns of it.
     pub column: String,
-    /// Which column of the model's outputs, or all columns of which output, it is one sample time later.
+    /// Column of the model's outputs, or output with all its columns, that is the state one sample time later.
     pub next: Option<String>,
-    /// Which column of the model's outputs, or all columns of which output, is its derivative with respect to time.
+    /// Column of the model's outputs, or output with all its columns, that is its derivative with respect to time.
     pub derivative: Option<String>,
     /// Value at the start; of all columns.
     #[schemars(extend("x-unit" = "the state's"))]
@@ -199,7 +199,7 @@ pub struct InterfaceState {
     pub description: String,
 }
 
-/// How the states of an interface go on.
+/// Evolution of the states of an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Evolution {
     /// From sample to sample.
@@ -231,12 +231,12 @@ pub fn json_schema() -> &'static serde_json::Value {
     &SCHEMA
 }
 
-/// Where each column of a model comes from and goes to.
+/// Assignment of a model's columns to variables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapping {
     /// Source of each column that the model takes.
     pub inputs: Vec<ColumnSource>,
-    /// Where each output of the FMU comes from.
+    /// Source of each output of the FMU.
     pub outputs: Vec<OutputSource>,
     /// Each column that is a state.
     pub states: Vec<Followed>,

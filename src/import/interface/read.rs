@@ -68,7 +68,7 @@ impl ModelInterface {
         self.origin.refuse(problems)
     }
 
-    /// How the states go on, if there are any.
+    /// Evolution of the states, if there are any.
     pub fn evolution(&self) -> Option<Evolution> {
         let state = self.states.values().next()?;
         Some(if state.next.is_some() { Evolution::Discrete } else { Evolution::Continuous })
@@ -83,7 +83,7 @@ impl ModelInterface {
         self.refuse(self.ambiguous([("inputs", inputs), ("outputs", outputs)]))?;
         let mut sources = vec![ColumnSource::Value(0.0); inputs.len()];
         let states = self.followed((inputs, outputs), &mut sources, &mut problems);
-        // what is left over for inputs, and for outputs that do not say which column they are
+        // remaining columns, for inputs and outputs that do not name their column
         let rest = |names: &[String], is_taken: &dyn Fn(usize) -> bool| -> Vec<usize> {
             (0..names.len()).filter(|column| !is_taken(*column)).collect()
         };
@@ -129,7 +129,7 @@ impl ModelInterface {
         Ok(Mapping { inputs: sources, outputs: shown, states })
     }
 
-    /// Columns of the model that have the same name, where columns are meant by their names.
+    /// Problems of equal column names in the model, if the interface names columns.
     fn ambiguous(&self, ends: [(&str, &[String]); 2]) -> Problems {
         let of_inputs = self.inputs.values().any(|input| input.column.is_some());
         let of_outputs = self.outputs.values().any(|output| output.column.is_some());

@@ -5,8 +5,8 @@ use super::{
     tensor::ConstantTensor,
 };
 
-// Kinds of attributes, `AttributeProto.AttributeType`. Writers may leave out a number that is 0 and a text that is empty, of which the kind is
-// left; older files have no kinds.
+// Kinds of attributes, `AttributeProto.AttributeType`. Writers may omit a number that is 0 and an empty text, so that
+// only the kind remains; older files have no kinds.
 const FLOAT: i32 = 1;
 const INT: i32 = 2;
 const STRING: i32 = 3;
@@ -33,7 +33,7 @@ impl<'a> Attributes<'a> {
         }
     }
 
-    /// As it stands, be it finite or not.
+    /// Value of the attribute, be it finite or not.
     pub fn number(self, name: &str) -> Option<f32> {
         self.find(name).and_then(|attribute| attribute.f.or((attribute.kind == FLOAT).then_some(0.0)))
     }
@@ -64,7 +64,7 @@ impl<'a> Attributes<'a> {
         Some(ConstantTensor::read(tensor, None).map_err(|problem| format!("attribute `{name}`: {problem}")))
     }
 
-    /// The doubles that are meant by numbers; none unless given.
+    /// Doubles that the numbers stand for; none unless given.
     pub fn floats(self, name: &str) -> Result<Vec<f64>, String> {
         let floats = self.find(name).map(|attribute| attribute.floats.as_slice()).unwrap_or_default();
         match floats.iter().find(|value| !value.is_finite()) {

@@ -51,7 +51,7 @@ pub struct TwoRows {
 }
 
 impl TwoRows {
-    /// None if inputs have no free first dimension; nor for recurrent cells, of which any dimension may be the batch.
+    /// None if inputs have no free first dimension, and for recurrent cells, where any dimension may be the batch.
     pub fn of(graph: &GraphProto, opset: i64, folder: Option<&Path>) -> Option<Self> {
         if graph.node.iter().any(|node| RECURRENT.contains(&node.op_type.as_str())) {
             return None;

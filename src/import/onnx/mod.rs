@@ -62,7 +62,7 @@ pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported
     reader.finish(graph, producer)
 }
 
-/// A column of a model that says what it is.
+/// A column of a model with its description.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Described {
     /// The variable.
@@ -144,7 +144,7 @@ struct GraphReader {
     recurrences: Vec<RecurrentState>,
     /// `true` if the graph has trees: inputs of comparisons with thresholds are rounded as in the model.
     has_trees: bool,
-    /// Outputs that operators have beside those that are read here, with what they are.
+    /// Further outputs of operators, which are not read here, with their meaning.
     beside: HashMap<String, String>,
 }
 

@@ -21,7 +21,7 @@ pub enum Value {
     Row(RowTensor),
 }
 
-/// A tensor of which each row of the inputs has its own; the batch has the size 1.
+/// A tensor with elements for each row of the inputs; the batch has the size 1.
 #[derive(Clone, Debug)]
 pub struct RowTensor {
     pub shape: Vec<usize>,
@@ -109,7 +109,7 @@ impl GraphReader {
         }
     }
 
-    /// The value of which a row's numbers are chosen.
+    /// The value from which a row's numbers are chosen.
     fn chosen_from(&self, row: &RowTensor) -> usize {
         let mut value = row.value;
         while let Some(Step::Columns { columns }) = value.checked_sub(1).map(|step| &self.builder.steps()[step])
@@ -191,7 +191,7 @@ impl GraphReader {
         }
     }
 
-    /// Elements of what follows from the inputs.
+    /// Elements of a row at some places.
     pub fn picked(&mut self, row: &RowTensor, places: &[usize], shape: Vec<usize>) -> Result<RowTensor, String> {
         let is_whole = places.len() == self.builder.width(row.value)
             && places.iter().enumerate().all(|(index, place)| index == *place);

@@ -124,7 +124,7 @@ pub const STANDARD: [&str; 97] = [
     "ReduceLogSum",
 ];
 
-/// Those of `ai.onnx.ml`.
+/// Operators of `ai.onnx.ml` that are known here.
 pub const MACHINE_LEARNING: [&str; 8] = [
     "ArrayFeatureExtractor",
     "FeatureVectorizer",

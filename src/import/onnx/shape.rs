@@ -21,7 +21,7 @@ pub fn broadcast(a: &[usize], b: &[usize]) -> Result<Vec<usize>, String> {
     Ok(shape)
 }
 
-/// For each element of a tensor of the shape `to` the one of `from` that it is, `from` being broadcast.
+/// For each element of a tensor of the shape `to`, the element of `from` that it is after broadcasting.
 pub fn broadcast_places(from: &[usize], to: &[usize]) -> Vec<usize> {
     let strides = strides(from);
     let missing = to.len() - from.len();
@@ -31,7 +31,7 @@ pub fn broadcast_places(from: &[usize], to: &[usize]) -> Vec<usize> {
     })
 }
 
-/// For each element of a tensor of a shape something of its index.
+/// A function of the index for each element of a tensor of a shape.
 pub fn places<T>(shape: &[usize], place: impl Fn(&[usize]) -> T) -> Vec<T> {
     let count = shape.iter().product();
     let mut index = vec![0; shape.len()];

@@ -71,7 +71,7 @@ impl GraphReader {
             ));
         }
         self.each_row(node, outputs, |reader, row| {
-            // thresholds lie between two singles: what is compared with them is one
+            // thresholds lie between two singles, so the compared values must be singles
             let row = if row.is_single { reader.rounded(row.clone())? } else { row.clone() };
             let step = Step::Forest { of: row.value, forest: forest.clone(), outputs };
             let value = reader.builder.add(step, outputs)?;

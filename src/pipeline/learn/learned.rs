@@ -23,7 +23,7 @@ const HELD_OUT: (usize, usize) = (10, 200);
 /// Error of a dictionary at which a network cannot add anything: it is trained in single precision.
 pub(super) const EXACT: f64 = 1e-9;
 
-/// Number of states at which equations are asked for.
+/// Number of states at which equations are evaluated.
 pub(super) fn states(study: &Study) -> usize {
     study.sampling.states.unwrap_or(STATES[usize::from(study.mechanism().is_some())])
 }
@@ -48,7 +48,7 @@ pub(super) struct Examples {
     pub inputs: Vec<Vec<f64>>,
     /// Its expected outputs, row by row.
     pub outputs: Vec<Vec<f64>>,
-    /// Derivatives of both along some directions, if they are known; a training does not look at those of examples that are held out.
+    /// Derivatives of both along some directions, if they are known; a training ignores those of held-out examples.
     pub tangents: Option<Directions>,
 }
 
@@ -62,8 +62,9 @@ pub(super) struct Directions {
     pub known: Vec<bool>,
 }
 
-/// A network with one hidden layer of random weights, whose last layer is the solution of a least-squares problem, and its error, that of
-/// [`error`]; `depends[output][column]`: what changes each output. None if there is no such solution.
+/// Network with one hidden layer of random features, whose last layer is the solution of a least-squares problem, and
+/// its error, that of [`error`]. `depends[output][column]` is `true` if a column changes an output. None if there is no
+/// such solution.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -116,7 +117,7 @@ pub(super) fn error(network: &ScaledNetwork, examples: &Examples) -> f64 {
         (squares / found.len().max(1) as f64).sqrt() / scale
     };
     let errors = network.scaling.output_scale.iter().enumerate().map(of);
-    // a maximum would leave out what is not a number
+    // NaN counts, which a maximum would ignore
     errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
 }
 

@@ -1,4 +1,4 @@
-//! Networks in equations of motion: instead of the dictionary, for what it leaves over, and instead of the equations.
+//! Networks in equations of motion: instead of the dictionary, for its residual, and instead of the equations.
 
 use super::learned::{self, Directions, EXACT, Examples, held_out};
 use crate::{
@@ -47,7 +47,7 @@ pub(super) struct Learned {
     pub history: Vec<EpochRecord>,
     /// Its best epoch.
     pub best_epoch: usize,
-    /// Why the training ended.
+    /// Reason why the training ended.
     pub stopped: StopReason,
     /// Configurations that it was learned from.
     pub rows: usize,
@@ -209,7 +209,7 @@ impl<'a> Asked<'a> {
         let constant = |function: usize| {
             let limit = UNCHANGED * self.scales[function];
             let is_constant = labels.iter().all(|label| (label[function] - first[function]).abs() <= limit);
-            // what is left of differences is no constant
+            // a small residual of differences is no constant
             if is_constant && first[function].abs() > limit { first[function] } else { 0.0 }
         };
         let constants: Vec<f64> = (0..first.len()).map(constant).collect();
@@ -374,12 +374,12 @@ impl<'a> Asked<'a> {
         }
         let rows = self.unseen.samples.points.len().max(1) as f64;
         let errors = squares.iter().zip(&self.scales[first..]).map(|(sum, scale)| (sum / rows).sqrt() / scale);
-        // a maximum would leave out what is not a number
+        // NaN counts, which a maximum would ignore
         errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
 }
 
-/// A mass matrix that is one, the positions in the efforts, and nothing else in the equations.
+/// An identity mass matrix, the positions in the efforts, and nothing else in the equations.
 fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
     let (n, known) = (dynamics.coordinates(), dynamics.law().dictionary());
     let positions = n * (n + 1) / 2 + 1..n * (n + 1) / 2 + 1 + dynamics.efforts().positions();

@@ -187,7 +187,7 @@ pub fn reason(outcomes: &[Outcome]) -> StopReason {
     worst_first.into_iter().find(|&reason| any(reason)).unwrap_or(StopReason::Patience)
 }
 
-/// For each epoch the means over the networks that came so far, and the seconds of all of them together.
+/// Means over the networks that reached each epoch, and the seconds of all of them together.
 fn mean_history(outcomes: &[Outcome]) -> Vec<EpochRecord> {
     let mut history: Vec<EpochRecord> = Vec::new();
     for index in 0..epochs(outcomes) {
@@ -259,7 +259,7 @@ impl<'a> Finished<'a> {
     }
 }
 
-/// Those of trainings that came to their end, by the numbers they have in the journal.
+/// Stop reasons of completed trainings, by their numbers in the journal.
 const REASONS: [StopReason; 6] = [
     StopReason::Finished,
     StopReason::Patience,

@@ -72,7 +72,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         let program = Program { graph, clock };
         surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), program)
     };
-    // what is a velocity is not known
+    // the states that are velocities are not known
     let of_states: Vec<_> = study.states.values().map(|state| Some([state.min, state.max])).collect();
     let (surrogate, solver) = solver::choose(project, dataset, (driven, &of_states), error, assemble)?;
     let mut candidates = learned.records;
@@ -259,7 +259,7 @@ impl StateSpaceColumns {
             let squares: f64 = rest.iter().map(|rest| rest[function] * rest[function]).sum();
             (squares / rest.len().max(1) as f64).sqrt() / scales[function]
         };
-        // a maximum would leave out what is not a number
+        // NaN counts, which a maximum would ignore
         (0..dictionary.outputs()).map(of).fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
 }

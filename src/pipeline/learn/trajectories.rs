@@ -244,12 +244,12 @@ impl ColumnFactors {
         }
     }
 
-    /// Those of the functions in equations of motion.
+    /// Factors of the functions in equations of motion.
     fn of_motion(&self) -> Vec<Factor> {
         [self.coordinates.as_slice(), &self.parameters].concat()
     }
 
-    /// Those of accelerations.
+    /// Factors of accelerations.
     fn of_accelerations(&self) -> Vec<Factor> {
         [self.parameters.as_slice(), &self.inputs, &self.coordinates, &self.rates].concat()
     }

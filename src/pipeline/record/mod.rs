@@ -23,7 +23,7 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 
-/// How the training went.
+/// Record of a training.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TrainingRecord {
     /// Rows that the network was trained on.
@@ -34,7 +34,7 @@ pub struct TrainingRecord {
     pub epochs: usize,
     /// The epoch that is kept, the best on the held-out runs.
     pub best_epoch: usize,
-    /// Why it ended.
+    /// Reason why it ended.
     pub stopped: StopReason,
     /// Wall time of the training.
     pub train_seconds: f64,

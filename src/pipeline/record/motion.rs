@@ -23,7 +23,7 @@ pub struct MotionRecord {
     /// The one that is exported: `dictionary`, `network` or `dictionary and network`.
     #[serde(default = "dictionary")]
     pub exported: String,
-    /// How the solver integrates.
+    /// Integration by the solver.
     pub solver: SolverRecord,
 }
 
@@ -40,8 +40,8 @@ pub struct ReactionRecord {
     pub error: f64,
 }
 
-/// Error of a function, relative to its largest value, from which on the equations are not those of the mechanism; with networks that of
-/// the accelerations, relative to their standard deviation.
+/// Error of a function, relative to its largest value, above which the equations are not those of the mechanism. With
+/// networks it is the error of the accelerations, relative to their standard deviation.
 const POOR: f64 = 0.01;
 
 fn dictionary() -> String {
@@ -56,7 +56,7 @@ impl MotionRecord {
 
     fn problem_of_reactions(&self) -> Option<String> {
         let reactions = self.reactions.as_ref()?;
-        // also of what is not a number
+        // false for NaN as well
         let is_good = reactions.error <= POOR;
         (!is_good).then(|| {
             format!(
@@ -69,7 +69,7 @@ impl MotionRecord {
 
     fn problem_of_equations(&self) -> Option<String> {
         if let Some(exported) = self.candidates.iter().find(|candidate| candidate.name == self.exported) {
-            // also of what is not a number
+            // false for NaN as well
             let is_good = exported.error <= POOR;
             return (!is_good).then(|| {
                 format!(

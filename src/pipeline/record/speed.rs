@@ -16,7 +16,7 @@ pub struct Speed {
 }
 
 impl Speed {
-    /// As text.
+    /// Speed as text.
     pub fn describe(&self) -> String {
         let Self { source, surrogate, speed_up } = self;
         let [source, surrogate] = [source, surrogate].map(|seconds| number(1e3 * seconds));

@@ -18,7 +18,7 @@ pub struct StateSpaceRecord {
     pub candidates: Vec<Candidate>,
     /// The name of the best.
     pub exported: String,
-    /// How the solver integrates.
+    /// Integration by the solver.
     pub solver: SolverRecord,
 }
 
@@ -34,7 +34,7 @@ impl StateSpaceRecord {
     /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
         let error = self.error();
-        // also of what is not a number
+        // false for NaN as well
         let is_good = error <= POOR;
         (!is_good).then(|| {
             format!(

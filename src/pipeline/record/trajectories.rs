@@ -24,7 +24,7 @@ pub struct TrajectoriesRecord {
     pub coefficients: usize,
     /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
     pub solutions: usize,
-    /// How the solver integrates.
+    /// Integration by the solver.
     pub solver: SolverRecord,
 }
 
@@ -42,7 +42,7 @@ impl TrajectoriesRecord {
     /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
         let error = self.error();
-        // also of what is not a number
+        // false for NaN as well
         let is_good = error <= POOR;
         (!is_good).then(|| {
             format!(

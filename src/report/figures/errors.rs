@@ -1,4 +1,4 @@
-//! Where errors are: over time, over each parameter, and in the parameters' ranges.
+//! Errors over time, over each parameter, and in the parameters' ranges.
 
 use super::{
     Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, left_out, lines, output, paragraph,

@@ -43,8 +43,8 @@ pub fn sections(material: &Material) -> Vec<Section> {
     all.into_iter().flatten().collect()
 }
 
-/// The figures of a model card: errors over time, and the worst test run of the output that is predicted worst; of a static map the
-/// predictions of that output.
+/// Figures of a model card: errors over time, and the worst test run of the output with the largest error. For a static
+/// map they are the predictions of that output.
 pub fn card_figures(evaluated: &Evaluated) -> Vec<Figure> {
     let r2 = |(output, metrics): (usize, &crate::evaluation::OutputMetrics)| (output, metrics.r2.unwrap_or(1.0));
     let worst = evaluated.accuracy.outputs.values().enumerate().map(r2).min_by(|a, b| a.1.total_cmp(&b.1));

@@ -124,7 +124,7 @@ fn both(error: f64, share: Option<f64>) -> String {
     number(error) + &share.map_or(String::new(), |share| format!("<br>{}", percent(share)))
 }
 
-/// How errors grow along roll-outs.
+/// Growth of errors along roll-outs.
 fn roll_outs(
     found @ RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite], .. }: &RollOuts,
     test_runs: usize,

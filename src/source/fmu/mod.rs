@@ -53,7 +53,7 @@ pub struct FmuModel {
     one_run_per_process: bool,
     time_limit: Duration,
     retries: usize,
-    /// How runs start and what drives them, if inputs do.
+    /// Initial states of the runs, and inputs that drive them, if there are any.
     driven: Option<Driven>,
 }
 
@@ -62,8 +62,8 @@ impl FmuModel {
     /// parameters and outputs, in the study's order.
     ///
     /// # Errors
-    /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
-    /// errors of an FMU that cannot be read.
+    /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that
+    /// differs from the FMU's; the errors of an FMU that cannot be read.
     pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<SourceVariable>, Vec<SourceVariable>)> {
         let wanted = match (study.has_states(), study.is_discrete()) {
             (true, _) => Some(InterfaceKind::ModelExchange),
@@ -98,7 +98,7 @@ impl FmuModel {
         Ok((model, parameters, outputs))
     }
 
-    /// How runs start and what drives them, if inputs do.
+    /// Initial states of the runs, and inputs that drive them, if there are any.
     pub fn driven(&self) -> Option<&Driven> {
         self.driven.as_ref()
     }
@@ -208,7 +208,7 @@ impl FmuModel {
 /// Runs on their way.
 struct Campaign<'a> {
     model: &'a FmuModel,
-    /// Where the FMU is unpacked.
+    /// Folder in which the FMU is unpacked.
     folder: &'a Path,
     points: &'a [Vec<f64>],
     /// Positions of the points to run, and which of these is next.

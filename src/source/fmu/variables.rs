@@ -28,7 +28,7 @@ pub struct Resolved {
     pub outputs: Vec<SourceVariable>,
     /// Variables that are set and recorded; the rest is not filled in.
     pub task: SamplingTask,
-    /// How runs start and what drives them, if inputs do.
+    /// Initial states of the runs, and inputs that drive them, if there are any.
     pub driven: Option<Driven>,
 }
 

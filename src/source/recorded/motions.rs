@@ -31,7 +31,7 @@ pub struct Motions {
     inputs: Vec<SourceVariable>,
     /// The numbers of the runs of each set.
     chosen: Sets<Vec<usize>>,
-    /// End of what is learned from.
+    /// End of the rows to learn from.
     stop: f64,
 }
 

@@ -15,7 +15,7 @@ use metafmu_runtime::{
     listing::Listing,
 };
 
-/// A step as `graph.h` has it; what it does not need is zero.
+/// A step in the form of `graph.h`; unused numbers are zero.
 struct StepRow {
     kind: &'static str,
     function: String,

@@ -83,7 +83,7 @@ fn operations(inputs: &[Input], outputs: usize, instants: usize, of_map: Operati
     of_map.times(2.0, between.times(1.0, encoding))
 }
 
-/// Where periodic inputs begin, and how long a period is.
+/// Start and length of the period of each periodic input.
 fn turns(inputs: &[Input]) -> String {
     let mut text = String::from("\nconst Turn model_turns[COLUMN_COUNT] = {\n");
     for Input { min, max, encoding, .. } in inputs {

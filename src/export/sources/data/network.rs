@@ -135,7 +135,7 @@ pub(super) fn padded_to_block(numbers: &Numbers) -> Vec<f64> {
     padded_values
 }
 
-/// As the evaluator has it: without weights so small that products with them would be denormal.
+/// Weight as the evaluator uses it: zero if products with it would be denormal.
 fn flushed(value: f64) -> f64 {
     if value.abs() < 1e-100 { 0.0 } else { value }
 }

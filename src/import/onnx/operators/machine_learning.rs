@@ -146,7 +146,7 @@ impl GraphReader {
     }
 }
 
-/// As singles if all of them are.
+/// Numbers in single precision, if all of them fit.
 fn single(values: Vec<f64>) -> Numbers {
     match values.iter().all(|value| f64::from(*value as f32) == *value) {
         true => values.into_iter().map(|value| value as f32).collect::<Vec<f32>>().into(),

@@ -199,7 +199,7 @@ impl GraphReader {
         let axes = self.integers(node, 1, "axes")?.filter(|axes| !axes.is_empty());
         let axes: Vec<usize> = match axes {
             Some(axes) => axes.iter().map(|at| axis(*at, shape.len())).collect::<Result<_, _>>()?,
-            // what is done to each element is done all the same
+            // operations on each element still apply
             None if attributes.integer("noop_with_empty_axes").unwrap_or(0) != 0 => Vec::new(),
             None => (0..shape.len()).collect(),
         };

@@ -118,7 +118,7 @@ impl GraphReader {
         }
     }
 
-    /// 1 where it is so, else 0.
+    /// 1 where the comparison is true, else 0.
     pub(super) fn compare(&mut self, node: &NodeProto) -> Made {
         let (a, b) = (self.compared(node, 0)?, self.compared(node, 1)?);
         let (more, less) = if node.op_type.starts_with("Greater") { (a, b) } else { (b, a) };
@@ -227,7 +227,7 @@ impl GraphReader {
         self.mapped(&line, Elementwise::Clip, vec![0.0, 1.0])
     }
 
-    /// Functions made of two others.
+    /// Functions of two others.
     pub(super) fn of_two(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         if node.op_type == "Tan" {

@@ -1,7 +1,7 @@
 //! Recurrent cells: one step of an LSTM, GRU or RNN.
 //!
-//! A sequence is one sample at a time, so that a cell is a function of the sample and of what it was before. If that is no input of the
-//! graph, it is a state of the model, which begins with the constant that the graph has for it.
+//! A sequence is one sample at a time, so that a cell is a function of the sample and of its previous state. If that is
+//! no input of the graph, it is a state of the model, which begins with the constant that the graph has for it.
 
 use super::*;
 use crate::import::RecurrentState;
@@ -277,7 +277,7 @@ impl GraphReader {
 struct Before {
     /// The value that has its numbers.
     value: usize,
-    /// If it is no input of the graph; what it becomes is not known yet.
+    /// State of the model, if it is no input of the graph; its next value is not known yet.
     state: Option<RecurrentState>,
 }
 

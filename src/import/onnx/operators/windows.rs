@@ -7,9 +7,9 @@ const PARTS: usize = 4096;
 
 /// A window that moves over the dimensions behind the batch and the channels.
 struct Window {
-    /// Where it can be along each dimension.
+    /// Its positions along each dimension.
     positions: Vec<usize>,
-    /// For each position the elements that it has there, none where it reaches over the edge.
+    /// Elements under the window for each position, none where it reaches over the edge.
     elements: Vec<Vec<Option<usize>>>,
 }
 

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 
 /// Share of the sum of squares that keeps the coefficients of columns apart that are nearly the same, as those of fast sampling are.
 const RIDGE: f64 = 1e-10;
-/// Smallest weight of a network beside what is linear.
+/// Smallest weight of a network beside the linear part.
 const LEAST_GAIN: f64 = 1e-6;
 
 /// The model of `discrete.history` past samples.
@@ -29,7 +29,7 @@ pub(super) struct LinearPart {
 }
 
 impl LinearPart {
-    /// With this number of past samples.
+    /// Linear part with this number of past samples.
     pub(super) fn of(samples: &DiscreteSamples, study: &Study, history: [usize; 2]) -> Result<Self> {
         let seen = samples.regressors(&samples.training, history);
         let linear = solve(&seen).ok_or_else(|| {
@@ -39,7 +39,8 @@ impl LinearPart {
         Ok(Self { history, seen, linear, gains })
     }
 
-    /// The next sample from those before, in the units of the table; the sum of the linear part and of the layers of a network, if there are any.
+    /// Next sample from those before, in the units of the table: the sum of the linear part and of the layers of a
+    /// network, if there are any.
     pub(super) fn graph(&self, samples: &DiscreteSamples, network: Option<Vec<Layer>>) -> Graph {
         let Self { linear, gains, .. } = self;
         let scaling = samples.scaling(self.history);
@@ -104,7 +105,7 @@ fn rest<'a>(
     })
 }
 
-/// Standard deviation of what the linear part leaves over, of each output.
+/// Standard deviation of the residual of each output.
 pub(super) fn gains(regressors: &Regressors, linear: &DMatrix<f64>) -> Vec<f64> {
     let mut squares = vec![0.0; linear.ncols()];
     for rest in rest(regressors, linear) {

@@ -46,8 +46,9 @@ pub(super) fn window(project: &Project, samples: &DiscreteSamples) -> Result<Lea
     })
 }
 
-/// The next outputs from past outputs and inputs, trained on stretches of predictions, first on short ones. A network of one past sample is simpler where
-/// the outputs of a sample tell the whole state: the one with the smaller error after short stretches is trained on long ones.
+/// The next outputs from past outputs and inputs, trained on stretches of predictions, first on short ones. A network
+/// of one past sample is simpler if the outputs of a sample determine the whole state. The one with the smaller error
+/// after short stretches is trained on long ones.
 pub(super) fn feedback(project: &Project, samples: &DiscreteSamples) -> Result<LearnedDiscrete> {
     let mut best: Option<Feedback> = None;
     let networks = networks(project, samples)?;
@@ -141,7 +142,7 @@ impl<'a> Feedback<'a> {
         Ok(())
     }
 
-    /// As it is, because Ctrl-C ended what would have come next.
+    /// The model as it is, because Ctrl-C ended the next stage.
     fn interrupted(mut self) -> Self {
         self.learned.stopped = StopReason::Interrupted;
         self
@@ -154,7 +155,7 @@ fn beside(project: &Project, samples: &DiscreteSamples, part: &LinearPart) -> Re
     Ok(Network::new(part.linear.nrows() - 1, samples.counts[2], &study.network, study.seed)?)
 }
 
-/// Rows of what the linear part leaves over.
+/// Rows of the residuals of the linear part.
 fn plain(part: &LinearPart, regressors: &Regressors) -> Result<TrainingRows> {
     let [inputs, rest] = [&regressors.inputs, &part.rest(regressors)].map(|rows| single(rows));
     Ok(TrainingRows::new(part.linear.nrows() - 1, part.linear.ncols(), inputs, rest)?)

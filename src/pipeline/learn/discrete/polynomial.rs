@@ -14,8 +14,8 @@ const MOST_TERMS: usize = 300;
 /// Penalty of the coefficients, which keeps those of columns apart that are nearly the same.
 const PENALTY: f64 = 1e-12;
 
-/// Models of each length of the history and each degree with few enough terms. They give the change from sample to sample. Those that the
-/// samples do not determine are left out.
+/// Models of each length of the history and each degree with few enough terms. They give the change from sample to
+/// sample. Models that the samples do not determine are dropped.
 pub(super) fn learn(samples: &DiscreteSamples, history: usize) -> Vec<LearnedDiscrete> {
     let all = (1..=history.min(LONGEST)).flat_map(|length| DEGREES.map(|degree| (length, degree)));
     all.filter_map(|(length, degree)| of_degree(samples, [length; 2], degree)).collect()

@@ -35,7 +35,7 @@ use std::{ops::Range, sync::atomic::Ordering};
 
 /// States for each output.
 const ORDERS: [usize; 6] = [1, 2, 3, 4, 5, 6];
-/// In this order: what is cheap first.
+/// Functions in the order of their cost.
 const KINDS: [Nonlinearity; 4] =
     [Nonlinearity::OutputProducts(3), Nonlinearity::Products(2), Nonlinearity::Products(3), Nonlinearity::Nodes(6)];
 /// Penalties of the square of the distance from the linear state space, for each error.
@@ -48,7 +48,7 @@ const FARTHEST: f64 = 1.0;
 const CONTINUED: usize = 2;
 /// Penalty of the linear state space.
 const LEAST: f64 = 1e-8;
-/// Penalties without a better cross-validation, after which the others are left out.
+/// Number of penalties without a better cross-validation after which the others are skipped.
 const PATIENCE: usize = 4;
 /// Share of the error of a simpler state space, below which another one is better.
 const BETTER: f64 = 0.98;
@@ -91,8 +91,8 @@ struct Setting {
     penalty: f64,
 }
 
-/// The best state space of a cross-validation of the training runs and those held out, fitted to the training runs, and of few rows to all of
-/// them as well. None if no linear one can be simulated.
+/// State space with the smallest error in a cross-validation of the training runs and those held out. It is fitted to
+/// the training runs, and with few rows to all of them as well. None if no linear one can be simulated.
 ///
 /// # Errors
 /// [`Error::Interrupted`] before the first is fitted.
@@ -290,7 +290,7 @@ struct Search<'a> {
     is_stopped: &'a (dyn Fn() -> bool + Sync),
     /// Runs with constant inputs.
     corners: Vec<Signals>,
-    /// As in [`StateShape`].
+    /// Common start as in [`StateShape`].
     common_start: Option<Vec<f64>>,
 }
 
@@ -309,7 +309,7 @@ impl Search<'_> {
             false => run >= runs.training,
         };
         let few = &runs.few;
-        // from what is given, and within simulations of a record that is one run here
+        // from given rows, and within simulations of a record that is one run here
         let ways = if runs.pieces.len() == few.len() { vec![few] } else { vec![&runs.pieces, few] };
         let unseen = |fold: usize| ways.iter().map(|runs| CountedRuns::new(runs, |run| is_unseen(run, fold))).collect();
         let unseen: Vec<Vec<CountedRuns>> = (0..folds).map(unseen).collect();
@@ -513,7 +513,7 @@ impl Nonlinearity {
             }
             Self::Products(degree) => Features::products(columns, degree, |_| true, MOST),
         };
-        // of too many there are enough to be left out
+        // a setting with too many products counts as too large
         products.unwrap_or(Features::Nodes(MOST))
     }
 }

@@ -42,7 +42,7 @@ pub struct Goal<'a> {
     pub limits: &'a Limits,
     /// Penalty of the square of that distance.
     pub penalty: f64,
-    /// Rows after which the outputs of a simulation are made what was measured; `usize::MAX` of whole simulations.
+    /// Rows after which the outputs of a simulation are set to the measured ones; `usize::MAX` for whole simulations.
     pub stretch: usize,
     /// Iterations at most.
     pub iterations: usize,
@@ -69,7 +69,7 @@ struct NormalEquations {
 }
 
 impl<'a> CountedRuns<'a> {
-    /// Rows of the runs with some numbers count; what is before them is simulated.
+    /// Runs to fit to. Rows count if `counts` accepts the number of their run; rows before them are only simulated.
     pub fn new(runs: &'a [Signals], counts: impl Fn(usize) -> bool) -> Self {
         let rows = |signals: &'a Signals| {
             let of_row = signals.runs.iter().enumerate().map(|(row, run)| row >= signals.given && counts(*run));
@@ -320,8 +320,8 @@ impl NormalEquations {
     }
 }
 
-/// The gain of the Kalman filter of the linear part, `K = P C' (C P C' + I)^-1` with the variance `P` of the states after many samples (Kalman
-/// (1960)), where each sample adds a variance of `ratio` to each state.
+/// Gain of the Kalman filter of the linear part (Kalman (1960)): `K = P C' (C P C' + I)^-1`. `P` is the variance of the
+/// states after many samples, each of which adds a variance of `ratio` to each state.
 fn kalman(shape: &StateShape, coefficients: &[f64], ratio: f64) -> Option<Vec<f64>> {
     let StateShape { states, outputs, columns, .. } = *shape;
     let linear = &coefficients[shape.places()[0].clone()];

@@ -138,7 +138,7 @@ pub struct Signals {
     pub outputs: Vec<f64>,
     /// Inputs and parameters, shape `[rows, columns - states]`.
     pub inputs: Vec<f64>,
-    /// Number of rows that are given: outputs of the simulation are what was measured.
+    /// Number of given rows, in which outputs of the simulation are set to the measured ones.
     pub given: usize,
     /// Number of the run of each row.
     pub runs: Vec<usize>,
@@ -185,7 +185,7 @@ impl Signals {
     }
 }
 
-/// The correction that makes outputs what is given.
+/// Correction that sets outputs to the measured ones.
 pub fn overwriting(shape: &StateShape) -> Vec<f64> {
     let outputs = shape.outputs;
     let element = |place: usize| f64::from(u8::from(place / outputs == place % outputs));
@@ -229,8 +229,8 @@ pub fn simulate(
     Some(())
 }
 
-/// As [`simulate`], with the sensitivities to the coefficients, shape `[states, coefficients]`. Outputs are made what was measured after each
-/// `stretch` of rows.
+/// As [`simulate`], with the sensitivities to the coefficients, shape `[states, coefficients]`. Outputs are set to the
+/// measured ones after each `stretch` of rows.
 pub fn simulate_with_sensitivities(
     shape: &StateShape,
     Simulated { coefficients, gain, limits }: Simulated,
@@ -303,7 +303,7 @@ pub fn simulate_with_sensitivities(
     Some(())
 }
 
-/// Errors of what is measured of simulated outputs.
+/// Errors of simulated outputs, as far as they are measured.
 pub fn errors(limits: &Limits, states: &[f64], measured: &[f64]) -> impl Iterator<Item = f64> {
     let error = |(output, measured): (usize, &f64)| limits.measured(output, states[output]) - measured;
     measured.iter().enumerate().map(error)
