@@ -96,7 +96,8 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     Ok(root.to_string())
 }
 
-/// Fails if no study can have a value of the space, or an end of one of its ranges: neither alone nor beside values of other keys.
+/// Fails if a value of the space, or an end of one of its ranges, is invalid in every study, alone and with values of
+/// other keys.
 ///
 /// # Errors
 /// [`Error::Study`] with every such value.
@@ -140,7 +141,7 @@ fn trial(study: &Study, keys: &[&str], values: &[Value]) -> Result<Study> {
     Ok(trial)
 }
 
-/// The values and the studies of all trials, or for each why it is none: values may be good and not go together.
+/// Values and studies of all trials, or the reason why a trial is invalid: values may be valid but not fit together.
 ///
 /// # Errors
 /// [`Error::Study`] if the study has no search.

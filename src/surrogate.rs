@@ -247,7 +247,8 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     }
 }
 
-/// In every run a parameter was constant, also one that was an input of an FMU: unless the study says otherwise, it is fixed.
+/// A parameter was constant in every run, even if it was an input of an FMU. It is fixed unless the study states
+/// otherwise.
 fn role(options: &ParameterOptions) -> Role {
     match options.variability.unwrap_or_default() {
         study::ParameterVariability::Fixed => Role::Parameter(Tunability::Fixed),
@@ -296,7 +297,7 @@ pub fn save(surrogate: &Surrogate, path: &Path) -> Result<()> {
     write_whole(path, &bytes)
 }
 
-/// The text about an input, with what its limits and its variability do not tell.
+/// Text about an input beyond its limits and its variability.
 pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
     let Input { description, role, min, max, encoding, .. } = input;
     let values = match encoding {

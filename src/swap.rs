@@ -1,4 +1,4 @@
-//! A surrogate in the place of its source: one system, simulated with each of them, and what differs.
+//! A surrogate in the place of its source: one system, simulated with each of them, and the differences.
 
 use crate::{
     Error, Result,
@@ -277,7 +277,7 @@ fn refuse_misfits(system: &FmuSystem, replaced: usize, surrogate: &ComponentSour
     if problems.is_empty() { Ok(()) } else { Err(Error::Replacement { path, problems }) }
 }
 
-/// The variable that tells whether a surrogate is within its domain.
+/// Variable that indicates whether a surrogate is within its domain.
 fn in_domain(component: usize, surrogate: &ComponentSource) -> Option<Port> {
     let name = BuiltIn::InDomain.name();
     let variable = surrogate.description().variable(name)?;
@@ -328,7 +328,7 @@ impl Compared {
     }
 }
 
-/// When and how both runs are made.
+/// Experiment and settings of both runs.
 fn experiment(
     options: &SwapOptions,
     system: &FmuSystem,

@@ -120,7 +120,7 @@ fn project(args: &StudyArgs) -> Result<Project<'static>> {
     Project::open(&args.study, args.out.as_deref(), terminal::control()?)
 }
 
-/// The last lines of a command that has made or measured a surrogate, and how it ends.
+/// Last lines and exit code of a command that has made or measured a surrogate.
 fn conclude(verdict: &Verdict, json: bool) -> Result<CommandOutcome> {
     if json {
         verdict.text().lines().for_each(say);

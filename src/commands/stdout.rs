@@ -1,4 +1,4 @@
-//! Results that are written as they come, and whether stdout was open when the program began.
+//! Writes results as they come, and records whether stdout was open when the program began.
 //!
 //! Before `main` the standard library puts `/dev/null` in the place of closed standard streams: results would vanish there
 //! without an error. On Windows writing to a missing stdout is not an error either, and is ignored.

@@ -26,7 +26,7 @@ const LOG_CATEGORIES: [(&str, &str); 3] = [
 impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
-    /// The variables are those of [`Surrogate::variables`]. Nothing of it depends on when or where it is called.
+    /// The variables are those of [`Surrogate::variables`]. It does not depend on the time or the path of the call.
     pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
         let Metadata { name, description, .. } = surrogate.metadata();
         let table: Vec<(u32, &Variable)> = table(surrogate, fmi_version).collect();
@@ -196,7 +196,7 @@ fn rate(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Describ
     DescribedVariable::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
 }
 
-/// Several outputs under one name, beside their own.
+/// Outputs under one name, in addition to their own.
 fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let OutputArray { description, .. } = &surrogate.arrays()[index];
     let (unit, columns) = surrogate.array_elements(index);
@@ -208,7 +208,8 @@ fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     DescribedVariable { dimensions, ..DescribedVariable::scalar(description, what, VariableType::Real(real)) }
 }
 
-/// A constant: hosts can show it beside the output without asking the FMU. Of a model with a state it grows with the time.
+/// A constant, which hosts can show with the output without a call of the FMU. Of a model with a state it grows with
+/// the time.
 fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let output = &surrogate.outputs()[index];
     let bounds = surrogate.bounds();
@@ -288,8 +289,8 @@ pub(super) fn known(surrogate: &Surrogate) -> Known {
     Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some(), fed_back }
 }
 
-/// An output has no limits: FMI lets an FMU leave declared ones by rounding only, and those of the training data are no limits of the
-/// predictions. The model card has them.
+/// An output has no limits: FMI lets an FMU exceed declared ones by rounding only, and predictions may exceed the
+/// training data. The model card has them.
 fn output(output: &Output) -> DescribedVariable {
     let real = RealAttributes {
         unit: text(&output.unit),

@@ -65,7 +65,7 @@ impl Archive {
         }
     }
 
-    /// Opens an archive that is an entry of this one; its path is that of this one with the entry's name behind it.
+    /// Opens an archive that is an entry of this one; its path is that of this one followed by the entry's name.
     ///
     /// # Errors
     /// [`Error::ArchiveEntry`] if it is missing, damaged or too large, [`Error::Archive`] if it is not a zip archive.

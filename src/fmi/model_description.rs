@@ -184,7 +184,7 @@ pub struct DefaultExperiment {
     pub step_size: Option<f64>,
 }
 
-/// One variable; of FMI 3.0 it may be an array.
+/// A variable; in FMI 3.0 it may be an array.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScalarVariable {
     /// Name, unique in the FMU.
@@ -644,8 +644,8 @@ impl ModelDescription {
         self.elements(&self.structure.derivatives)
     }
 
-    /// The continuous states in the order of the state vector; none if it has elements of arrays, or the description does not say which
-    /// variable has which derivative.
+    /// The continuous states in the order of the state vector. None if it has elements of arrays, or the description
+    /// does not assign derivatives to variables.
     pub fn states(&self) -> Option<Vec<&ScalarVariable>> {
         let state = |unknown: &Unknown| {
             let derivative = self.variables.get(unknown.variable)?;

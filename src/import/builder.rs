@@ -9,7 +9,7 @@ use metafmu_runtime::{
 /// Largest number of weights of a step: a file of a few kilobytes must not request gigabytes.
 pub const MAX_WEIGHTS: usize = 1 << 25;
 
-/// A graph that is being made: every step is added behind those whose values it takes.
+/// A graph under construction: every step is added behind those whose values it uses.
 #[derive(Clone, Debug)]
 pub struct Builder {
     widths: Vec<usize>,
@@ -159,7 +159,7 @@ impl Builder {
     }
 }
 
-/// The steps with something left out or two of them as one; none if there is nothing.
+/// The steps with one removed or two of them merged; none if that is impossible.
 fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
     let uses = uses(steps);
     let widths = Graph { inputs, steps: steps.to_vec() }.widths().ok()?;
@@ -341,7 +341,7 @@ fn together(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, numb
     Some(turned)
 }
 
-/// How many steps take each value; the last one is taken by whoever evaluates the graph.
+/// Number of steps that use each value; the result of the graph uses the last one.
 fn uses(steps: &[Step]) -> Vec<usize> {
     let mut uses = vec![0; steps.len() + 1];
     uses[steps.len()] = 1;
@@ -354,7 +354,7 @@ fn uses(steps: &[Step]) -> Vec<usize> {
     uses
 }
 
-/// The steps without one; what takes its value takes `instead`.
+/// The steps without one; steps that use its value use `instead`.
 fn without(steps: &[Step], removed: usize, instead: usize) -> Vec<Step> {
     let renamed = |of: usize| match of {
         _ if of == removed + 1 => instead,
@@ -381,7 +381,7 @@ fn alias(step: &Step, widths: &[usize]) -> Option<usize> {
     }
 }
 
-/// A step and the one before it as one; with the number of the value that is not needed any more.
+/// A step merged with the one before it, and the number of the value that is no longer needed.
 fn merged<'a>(step: &Step, widths: &[usize], inner: impl Fn(usize) -> Option<&'a Step>) -> Option<(Step, usize)> {
     let linear = Elementwise::Linear;
     match step {
@@ -558,7 +558,7 @@ impl ColumnTransform {
         }
     }
 
-    /// Positive, as that of every network; one for a column that counts nothing.
+    /// Positive scale, as in every network; 1 for a column without effect.
     fn scale(&self) -> f64 {
         if self.factor == 0.0 { 1.0 } else { 1.0 / self.factor.abs() }
     }

@@ -86,7 +86,7 @@ pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_fr
     }
 }
 
-/// Rows by columns, so that the distances of all from a row are taken in one go.
+/// Rows by columns, so that the distances of all of them from a row are computed at once.
 struct RowMatrix {
     columns: Vec<Vec<f32>>,
 }

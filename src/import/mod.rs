@@ -1,4 +1,4 @@
-//! Models of other tools: a file with a trained network, and an interface that says what its columns are, become a surrogate.
+//! Third-party models: a file with a trained network, and an interface that describes its columns, become a surrogate.
 
 pub mod builder;
 mod cover;
@@ -26,7 +26,7 @@ use std::path::Path;
 pub struct Imported {
     /// Names of the columns that it takes, in the order of the graph's.
     pub inputs: Vec<String>,
-    /// Inputs of several rows, which may be a batch: the name, how many rows, and how many numbers a row has.
+    /// Inputs of several rows, which may be a batch: the name, the number of rows, and the numbers in a row.
     pub stacked: Vec<(String, usize, usize)>,
     /// Names of the columns that it gives.
     pub outputs: Vec<String>,
@@ -329,7 +329,7 @@ fn role(options: &InterfaceInput) -> Role {
 /// The time of the FMU, and of tables.
 const TIME: &str = "time";
 
-/// The unit of an input; that of the time needs not be given.
+/// The unit of an input; that of the time is optional.
 fn unit(options: &InterfaceInput) -> &str {
     if options.causality == InterfaceCausality::Time { "s" } else { &options.unit }
 }
@@ -377,7 +377,7 @@ pub fn rows(path: &Path, interface: &ModelInterface) -> Result<Vec<Vec<f64>>> {
     Ok(rows)
 }
 
-/// Random points in the ranges, and the one before a host sets anything; one at a time, since there may be many inputs.
+/// Random points in the ranges, and the start values; one at a time, because there may be many inputs.
 fn points(inputs: &[Input]) -> impl Iterator<Item = Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let point = move |_| {

@@ -22,7 +22,8 @@ const MUCH_TIGHTER: f64 = 1e-2;
 /// Difference of outputs, relative to their ranges, beyond which steps are unstable. Differences of chaotic motions
 /// stay within the ranges; an output that should be constant differs by rounding.
 const UNSTABLE: f64 = 1e6;
-/// How far off a state is at the start of a simulation that shows whether steps are stable, of its nominal value.
+/// Perturbation of the initial state in a simulation that tests whether steps are stable, relative to the nominal
+/// value.
 const DISTURBANCE: f64 = 1e-3;
 
 /// The surrogate of a model with states; see [`super::surrogate()`].

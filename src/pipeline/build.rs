@@ -32,8 +32,8 @@ pub struct Built {
     pub fmus: Vec<(WrittenFmu, Report)>,
 }
 
-/// Samples, trains, compares, evaluates, exports, validates and reports. To `resume` is to keep what a stopped build of the
-/// same study has finished.
+/// Samples, trains, compares, evaluates, exports, validates and reports. To `resume` is to keep the completed stages of
+/// a stopped build of the same study.
 ///
 /// # Errors
 /// Those of the stages. A poor surrogate and the problems of an FMU are none: see [`Built`].

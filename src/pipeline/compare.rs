@@ -29,16 +29,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// The argument that makes `metafmu` a process which fits one baseline: it calls [`work`].
+/// Argument by which `metafmu` becomes a process that fits one baseline: it calls [`work`].
 pub const FIT_BASELINE: &str = "fit-baseline";
 
-/// Test rows on which a baseline that is slow to evaluate is measured, about: R² changes little with more, and the slowest take 0.1 ms for each.
+/// Approximate number of test rows on which a slow baseline is measured: R² changes little with more, and the slowest
+/// take 0.1 ms for each.
 const TEST_ROWS: usize = 10_000;
 
 /// Largest number of runs over which the prediction of a row is timed.
 const TIMED_RUNS: usize = 50;
 
-/// The network beside the baselines `kinds`, if there is a network: without one its row says why.
+/// The network and the baselines `kinds`; without a network its row has the reason.
 ///
 /// # Errors
 /// [`Error::Study`] of another structure than "response", [`Error::Io`]; a model that fails has a row that says so.
@@ -124,7 +125,8 @@ fn is_slow(kind: BaselineKind) -> bool {
     matches!(kind, Svr | Knn | RandomForest | ExtraTrees | GradientBoosting | GaussianProcess)
 }
 
-/// Rows of all runs at a constant distance, which is 1 if there are few rows; it divides no run, so that all times are among them.
+/// Rows of all runs at a constant distance, which is 1 if there are few rows. It does not divide the length of a run,
+/// so that all times occur.
 fn thinned(test: &Dataset) -> (Dataset, usize) {
     let length = test.runs.first().map_or(1, |run| run.times.len()).max(1);
     let is_coprime =
@@ -308,7 +310,7 @@ fn fit(project: &Project, task: &FitTask) -> Result<Ended> {
     })
 }
 
-/// Waits for a process; ends it and gives nothing at a Ctrl-C.
+/// Waits for a process; ends it and returns nothing at a Ctrl-C.
 fn wait(project: &Project, child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
     loop {
         if let Some(status) = child.try_wait()? {

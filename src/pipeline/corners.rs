@@ -24,7 +24,7 @@ const ITERATIONS: usize = 1000;
 /// Values of the inputs all along a run.
 const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at their upper ends", "inputs zero"];
 
-/// Velocities at the start of a run: as drawn, at one end of their ranges, at the other, and at alternating ones.
+/// Velocities at the start of a run: as sampled, at one end of their ranges, at the other, and at alternating ends.
 const SPEEDS: usize = 4;
 
 /// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and

@@ -52,7 +52,7 @@ pub struct WrittenFmu {
 }
 
 impl ExportPlan {
-    /// Finds the libraries, so that one that is missing is found before the work and not after it.
+    /// Finds the libraries, so that a missing one is reported before the work instead of after it.
     ///
     /// # Errors
     /// [`Error::Io`] of a library, the error of an unknown platform.
@@ -60,7 +60,7 @@ impl ExportPlan {
         Self::of(options, project.study.export.fmi)
     }
 
-    /// `choice`: the versions unless the options say otherwise.
+    /// `choice`: the default versions.
     fn of(options: &ExportRequest, choice: FmiChoice) -> Result<Self> {
         let choice = options.fmi.unwrap_or(choice);
         let added = options.binaries.iter().map(|(tuple, path)| Binary::from_file(tuple, path));
@@ -117,8 +117,8 @@ pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<Writte
     stage(project, plan, &surrogate, accuracy.as_ref(), &figures)
 }
 
-/// The FMUs of a surrogate that is a file, of metafmu's model files or FMUs, in a folder: NAME.fmu and NAME-fmi3.fmu, NAME being the
-/// surrogate's. What was measured of it is not known here, so their model cards do not say it.
+/// The FMUs of a surrogate that is a file, of metafmu's model files or FMUs, in a folder: NAME.fmu and NAME-fmi3.fmu,
+/// NAME being the surrogate's. Their accuracy is not known here, so their model cards do not contain it.
 ///
 /// # Errors
 /// Those of [`load_file`], [`Error::Io`], the error of an unknown platform; [`Error::SameFile`] if an FMU would take

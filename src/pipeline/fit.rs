@@ -25,7 +25,7 @@ use std::{path::Path, sync::atomic::Ordering};
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FitOptions {
-    /// Kind of model; chosen among several unless given.
+    /// Kind of model; by default the best of several.
     pub model: ModelChoice,
     /// `true` if predicted standard deviations `NAME_std` follow the outputs. Only kinds of model with predicted standard deviations are then candidates.
     pub std: bool,
@@ -33,7 +33,8 @@ pub struct FitOptions {
     pub network: NetworkOptions,
     /// Its training; `validation` is a share of the rows.
     pub training: TrainingOptions,
-    /// Which networks of few rows are trained by Levenberg-Marquardt steps instead: without rows that are held out, and without epochs.
+    /// Networks of few rows that are trained by Levenberg-Marquardt steps instead: without held-out rows and without
+    /// epochs.
     pub small_networks: SmallNetworks,
     /// Seed of the choice of held-out rows, the initial network, the order of the rows, and the random parts of a
     /// baseline.
@@ -55,7 +56,7 @@ const JUDGES: usize = 50;
 pub struct Fit {
     /// Kind of the model: `network`, or the name of a baseline.
     pub model: &'static str,
-    /// The kinds that were compared, or the given one.
+    /// Kinds that were compared, or the one that was requested.
     pub candidates: Vec<CandidateScore>,
     /// Rows that the model was fitted to.
     pub train_rows: usize,
@@ -226,7 +227,7 @@ impl<'a> RowSplit<'a> {
         Self { judging, choosing, seen }
     }
 
-    /// All that do not judge: what a model without epochs is fitted to.
+    /// All rows that do not judge, to which a model without epochs is fitted.
     fn usable(&self) -> Vec<usize> {
         if self.choosing == self.seen { self.seen.to_vec() } else { [self.choosing, self.seen].concat() }
     }

@@ -37,9 +37,9 @@ pub struct ImportOptions {
     pub data: Option<PathBuf>,
     /// Table with rows of inputs and of the outputs that the model gave for them.
     pub check: Option<PathBuf>,
-    /// How far outputs may be from those of the check, relative to the range that they have there.
+    /// Largest difference of outputs from those of the check, relative to their range in it.
     pub tolerance: Option<f64>,
-    /// The model file; NAME.safetensors in the working directory unless given.
+    /// The model file; by default NAME.safetensors in the working directory.
     pub out: Option<PathBuf>,
 }
 
@@ -518,7 +518,7 @@ fn check(
     Ok(outputs.iter().zip(largest).zip(ranges).map(difference).collect())
 }
 
-/// A name that nothing else has, neither of those that are taken nor what every FMU has; it is taken then.
+/// A unique name, neither among those that are taken nor among those of every FMU; it is taken then.
 fn free(wanted: &str, taken: &mut HashSet<String>) -> String {
     let is_reserved = wanted == TIME || BuiltIn::ALWAYS.iter().any(|variable| variable.name() == wanted);
     let numbered = (if is_reserved { 1 } else { 2 }..).map(|number| format!("{wanted}_{number}"));

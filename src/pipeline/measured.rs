@@ -39,8 +39,8 @@ pub fn read_inputs(surrogate: &Surrogate, path: &Path, tell: impl Fn(&str)) -> R
     Ok((inputs, None))
 }
 
-/// Uses measured outputs in rows with negative times. A further row between the last of them and the next one ends it: a communication point
-/// that rounding puts before a row belongs to that row.
+/// Uses measured outputs in rows with negative times. A further row between the last of them and the next one ends it:
+/// a communication point before a row by rounding belongs to that row.
 fn switch(inputs: &mut Inputs, step: f64) {
     let count = inputs.times.partition_point(|time| *time < 0.0);
     let last = inputs.times[count - 1];

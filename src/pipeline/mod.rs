@@ -44,8 +44,8 @@ pub use search::search;
 
 use crate::{Result, export::serve_worker, fmi::worker};
 
-/// Does the work of a worker process if this process was started as one; then the program must end. Programs that name
-/// themselves in [`Control::program`] call it first thing.
+/// Does the work of a worker process if this process was started as one; after that the program must end. Programs that
+/// name themselves in [`Control::program`] call it first thing.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) of the streams, [`Error::Worker`](crate::Error::Worker) if it was not started by a program as a worker.

@@ -1,4 +1,4 @@
-//! Trainings side by side: many small ones use the cores better than one after the other on all of them.
+//! Trainings in parallel: many small ones use the cores better than one after the other on all of them.
 
 use std::sync::{
     Mutex, PoisonError,

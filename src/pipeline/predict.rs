@@ -3,7 +3,7 @@
 //! Without states every row is a separate point. With states the rows of a run are rolled out together, from the start
 //! in its first row, with inputs that are linear between two rows.
 //!
-//! One thread reads while the others evaluate, and nothing is kept that has been written.
+//! One thread reads while the others evaluate, and written rows are not kept.
 
 mod rows;
 
@@ -54,7 +54,8 @@ pub struct Predicted {
     pub name: String,
     /// Its content digest.
     pub content_digest: String,
-    /// Error bound of each output that was predicted, if they were measured; of a model with a state the one at the end of its runs.
+    /// Error bound of each predicted output, if it was measured; for a model with a state, the bound at the end of its
+    /// runs.
     #[serde(skip_serializing_if = "IndexMap::is_empty")]
     pub bounds: IndexMap<String, f64>,
     /// Rows of the table, and of the result.
@@ -213,7 +214,7 @@ pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool
 /// Parts of a table in which progress is counted.
 const SHARES: usize = 1000;
 
-/// Reads a table, batch by batch, and tells each time how much of it has been read; the time that took.
+/// Reads a table, batch by batch, and reports each time the share that has been read. Returns the time that it took.
 fn read<'a>(mut reader: Reader<'a>, give: &SyncSender<(Result<Batch>, f64)>) -> (Reader<'a>, Duration) {
     let mut busy = Duration::ZERO;
     loop {

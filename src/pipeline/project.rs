@@ -90,8 +90,8 @@ pub fn describe(mechanism: &Mechanism, control: Control<'_>) {
 }
 
 impl<'a> Project<'a> {
-    /// Reads the study file and finds its source; writes nothing. Results go to `folder`, unless given to `out/NAME` with the
-    /// study's name.
+    /// Reads the study file and finds its source; writes nothing. Results go to `folder`, by default to `out/NAME` with
+    /// the study's name.
     ///
     /// # Errors
     /// [`Error::Study`] with every mistake in the file, the errors of the source.
@@ -122,7 +122,7 @@ impl<'a> Project<'a> {
         Watch { workers: self.workers(), limit: None, heard: self.control.heard }
     }
 
-    /// Tells the observer what happens.
+    /// Reports an event to the observer.
     pub(super) fn event(&self, event: Event<'_>) {
         self.control.observer.event(event);
     }
@@ -137,7 +137,7 @@ impl<'a> Project<'a> {
         self.event(Event::Warning(format_args!("{line}")));
     }
 
-    /// Tells the observer how the work goes.
+    /// Reports the progress of the work to the observer.
     pub(super) fn note(&self, line: impl Display) {
         self.event(Event::Note(format_args!("{line}")));
     }
@@ -147,7 +147,7 @@ impl<'a> Project<'a> {
         self.event(Event::Begin { work, total });
     }
 
-    /// Tells the observer that the work has ended, and how.
+    /// Reports the end of the work, and its result, to the observer.
     pub(super) fn finish(&self, line: impl Display) {
         self.event(Event::End);
         self.say(line);
@@ -160,7 +160,7 @@ impl<'a> Project<'a> {
         }
     }
 
-    /// Makes the folder of results, so that one that cannot be written is found before the work and not after it.
+    /// Creates the folder of results, so that a write error is detected before the work instead of after it.
     ///
     /// # Errors
     /// [`Error::Io`] with the system's reason.

@@ -18,8 +18,8 @@ use crate::{
 };
 use metafmu_runtime::Surrogate;
 
-/// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
-/// continue from its checkpoint, if there is one.
+/// Trains, in several rounds if the study has a target. To `resume` is to use the results of an earlier training, or
+/// else to continue from its checkpoint, if there is one.
 pub fn stage(
     project: &Project,
     dataset: &Dataset,

@@ -84,7 +84,7 @@ fn failures(project: &Project, plan: &Plan, outcomes: &[RunOutcome]) -> Vec<Fail
     runs.zip(outcomes).filter_map(failure).collect()
 }
 
-/// Says how many runs failed and why the first few did.
+/// Reports the number of failed runs, and the reasons of the first few.
 fn tell(project: &Project, failed: &[FailedRun], total: usize) {
     const SHOWN: usize = 3;
     if failed.is_empty() {
@@ -287,7 +287,7 @@ fn write(project: &Project, mut sets: Sets<Dataset>, failed: Vec<FailedRun>, sam
     Ok(Samples { sets, record })
 }
 
-/// Gives outputs that vary by rounding only the constant that they are, and says which they are.
+/// Sets outputs that vary by rounding only to constants, and reports them.
 fn settle_constants(project: &Project, sets: &mut Sets<Dataset>) -> Vec<String> {
     let is_simulated = project.study.source.is_of_equations();
     let rounding = if is_simulated { Rounding::OF_SIMULATIONS } else { Rounding::OF_DOUBLES };

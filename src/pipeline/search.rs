@@ -56,7 +56,7 @@ pub struct TrialRecord {
     /// that cannot be fitted is a result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     broke: bool,
-    /// SHA-256 of the rest, so that a score that was changed decides nothing.
+    /// SHA-256 of the rest, so that a changed score has no effect.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     digest: String,
 }
@@ -112,8 +112,8 @@ pub struct Searched {
     pub has_errors: bool,
 }
 
-/// Trains the trials of the study in the file `path` and writes the table and the best study. To `resume` is to continue from
-/// what an earlier search has finished.
+/// Trains the trials of the study in the file `path` and writes the table and the best study. To `resume` is to
+/// continue from the results of an earlier search.
 ///
 /// # Errors
 /// [`Error::Study`] if the search itself makes no sense, [`Error::Stale`] if no trial finished, [`Error::Interrupted`],
@@ -160,7 +160,7 @@ pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> 
     Ok(Searched { table, best_study, best, summary, has_errors: trials.iter().zip(&records).any(went_wrong) })
 }
 
-/// Says before the first trial which ones have values that do not go together.
+/// Reports, before the first trial, trials whose values do not fit together.
 fn tell_unfit(project: &Project, trials: &[SearchTrial]) {
     let unfit: Vec<&Error> = trials.iter().filter_map(|trial| trial.study.as_ref().err()).collect();
     if let Some(first) = unfit.first() {
@@ -263,7 +263,7 @@ fn waiting(trial: usize, of: &SearchTrial) -> TrialRecord {
     }
 }
 
-/// Trains a trial up to a share of its epochs, unless it has come so far already. Its failure is a record, too; an error
+/// Trains a trial up to a share of its epochs, unless it is that far already. Its failure is a record, too; an error
 /// ends the search.
 fn attempt(
     project: &Project,

@@ -23,13 +23,13 @@ const LARGEST_ERROR: f64 = 1e-5;
 const PART: f64 = 0.1;
 /// Such an error of fixed steps that is refused.
 const POOR: f64 = 1e-3;
-/// Tolerances that are tried: the first one, the last one, and the one that the others are compared with.
+/// Tolerances that are tried: the first one, the last one, and the reference of the others.
 const FIRST: f64 = 1e-6;
 const LAST: f64 = 1e-12;
 const REFERENCE: f64 = 1e-13;
 /// By how much a tolerance is reduced at once, at most.
 const BY_ONE_ROUND: f64 = 1e-3;
-/// Steps of the solver in a run at most; what comes later is not compared.
+/// Largest number of steps of the solver in a run; later steps are not compared.
 const MOST_STEPS: u64 = 100_000;
 /// How often the longest step is halved, at most, for fewer steps that are repeated.
 const HALVINGS: i32 = 6;
@@ -41,7 +41,7 @@ const CHEAPER: f64 = 0.5;
 const SLOWEST: f64 = 1e-3;
 /// Safety factor on the wanted error, for motions between the corners, such as one that nearly comes to rest upright.
 const RESERVE: f64 = 3.0;
-/// How much farther than in the training runs velocities may go.
+/// Factor by which velocities may exceed those of the training runs.
 const MARGIN: f64 = 1.5;
 
 /// Record for equations so poor that no solver helps.
@@ -78,7 +78,8 @@ struct SolverReference {
 }
 
 /// Ranges of velocities and actuator states, the columns `velocities` of the states. They are [`MARGIN`] times the
-/// largest magnitudes in the training runs, in both directions, and contain the ranges of all initial values.
+/// largest magnitudes in the training runs, in both directions, unless the study gives them, and contain the ranges of
+/// all initial values.
 pub(super) fn velocity_ranges(
     project: &Project,
     surrogate: &Surrogate,

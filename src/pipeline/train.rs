@@ -22,9 +22,9 @@ pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: 
     acceptance::judge(study, surrogate, (&accuracy, "held-out runs"), None, record.findings(study))
 }
 
-/// Trains, keeps the epoch that is best on held-out runs, measures error bounds on the calibration runs if the study wants
-/// them, writes the surrogate and the history. The last `added` runs are for training only. The network begins as the one of
-/// `start`, if there is one.
+/// Trains, keeps the epoch that is best on held-out runs, measures error bounds on the calibration runs if the study
+/// wants them, writes the surrogate and the history. The last `added` runs are for training only. The network begins as
+/// that of `start`, if there is one.
 pub(super) fn once(
     project: &Project,
     dataset: &Dataset,

@@ -51,7 +51,7 @@ pub enum Shape {
     Circles(Vec<[f64; 2]>),
     /// Triangles, which stand out among circles.
     Triangles(Vec<[f64; 2]>),
-    /// Rectangles from one corner to the opposite one.
+    /// Rectangles, each by two opposite corners.
     Bars(Vec<[[f64; 2]; 2]>),
     /// Rectangles with a shade between 0, nearly white, and 1.
     Cells(Vec<([[f64; 2]; 2], f64)>),
@@ -144,14 +144,14 @@ impl ChartSeries {
         Self { name: Some(name.into()), ink, shape }
     }
 
-    /// Without one.
+    /// Series without an entry in the legend.
     pub fn silent(ink: Ink, shape: Shape) -> Self {
         Self { name: None, ink, shape }
     }
 }
 
 impl Chart {
-    /// Makes one unit as long on both axes, which must be linear, by lengthening the range of one of them.
+    /// Makes one unit equally long on both axes, which must be linear, by lengthening the range of one of them.
     pub fn equal_scales(mut self) -> Self {
         let [left, below, right, above] = MARGINS.map(f64::from);
         let per_unit = |axis: &Axis, length: f64| length / (axis.high - axis.low);
@@ -318,7 +318,7 @@ impl Chart {
     }
 }
 
-/// Charts one below the other, each so high without its legend.
+/// Charts one below the other, each of this height without its legend.
 ///
 /// # Errors
 /// plotters' message.
@@ -376,7 +376,7 @@ fn shaded(ink: Ink, shade: f64) -> RGBColor {
     RGBColor(mix(red), mix(green), mix(blue))
 }
 
-/// At most [`LINE_POINTS`] points: of each group of points the lowest and the highest, so that no peak is lost.
+/// At most [`LINE_POINTS`] points: the lowest and the highest of each group, so that no peak is lost.
 fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     if points.len() <= LINE_POINTS {
         return points.to_vec();

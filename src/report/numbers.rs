@@ -1,6 +1,6 @@
 //! The numbers behind the figures: errors of a surrogate on test runs, gathered over time, over parameters and by size.
 //!
-//! Every function goes through all test rows, however many there are, and gives back a few numbers.
+//! Every function processes all test rows, however many there are, and returns a few numbers.
 
 use super::axis::extent;
 use crate::{
@@ -294,7 +294,7 @@ fn bin(value: f64, low: f64, high: f64, bins: usize) -> usize {
     (place as usize).min(bins - 1)
 }
 
-/// Errors of rows in bins, and how many are within a bound, if there is one.
+/// Errors of rows in bins, and the number within a bound, if there is one.
 fn gather(
     rows: impl Iterator<Item = (f64, TestRow)>,
     low: f64,

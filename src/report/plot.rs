@@ -19,7 +19,7 @@ pub struct Curve {
 /// Height of a chart.
 const HEIGHT: u32 = 200;
 
-/// One chart a curve, one below the other, over a common time axis in seconds.
+/// One chart per curve, one below the other, over a common time axis in seconds.
 ///
 /// # Errors
 /// A sentence if there is nothing to draw or plotters fails.

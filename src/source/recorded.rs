@@ -348,8 +348,8 @@ impl RecordedInput {
     }
 }
 
-/// A variable of the study in a column of a table; the study's unit must be the table's.
-/// What to do about a missing value among samples, beside the error that says where it is.
+/// A variable of the study in a column of a table; the study's unit must be the table's. Advice on a missing value
+/// among samples, in addition to its error.
 pub fn at_gap(error: Error) -> Error {
     let advice = "divide the record at the gap into runs, numbered in a column `run`, each with times from 0";
     match error {

@@ -80,7 +80,7 @@ fn without_data(fmu: &Fmu, surrogate: &Surrogate, point: &[f64]) -> Result<Optio
     holds(&instance, surrogate, DomainPolicy::Warn, point)
 }
 
-/// Half a range beyond the largest value of one column; of a nominal one a quarter of the way between two values.
+/// Half a range beyond the largest value of a column; for a nominal one, a quarter of the way between two values.
 fn outside_value(input: &Input) -> f64 {
     let Some(values) = input.nominal_values() else {
         return input.max + 0.5 * (input.max - input.min).max(1.0);

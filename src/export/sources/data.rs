@@ -109,7 +109,7 @@ struct ModelSources {
     defines: Vec<(&'static str, String)>,
     /// External names.
     names: Vec<&'static str>,
-    /// Sizes, with a comment each where it takes one.
+    /// Sizes, with a comment where one is needed.
     sizes: Vec<(&'static str, usize, &'static str)>,
     /// A comment at the end of the sizes.
     remark: String,

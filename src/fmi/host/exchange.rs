@@ -160,8 +160,8 @@ impl FmuInstance<'_> {
         }
     }
 
-    /// Updates the discrete states until nothing changes any more, then enters Continuous-Time Mode unless the simulation
-    /// is to end. To be called in Event Mode.
+    /// Updates the discrete states until they no longer change, then enters Continuous-Time Mode unless the simulation
+    /// must end. To be called in Event Mode.
     ///
     /// # Errors
     /// [`Error::Fmi`](crate::Error::Fmi), also if it does not end.

@@ -141,7 +141,7 @@ impl InputDriver<'_> {
         self.set_some(instance, time, rows, |_| true)
     }
 
-    /// Sets the continuous ones, which is all that may be set between events.
+    /// Sets the continuous variables, the only ones that may be set between events.
     pub fn set_continuous(&self, instance: &FmuInstance, time: f64, rows: usize) -> Result<()> {
         self.set_some(instance, time, rows, is_continuous)
     }

@@ -13,7 +13,7 @@ use std::{
     ptr,
 };
 
-/// One instance of an FMU, freed when dropped. It stays in the thread that made it; other threads make their own.
+/// One instance of an FMU, freed when dropped. It stays in the thread that created it; other threads create their own.
 ///
 /// Which call is legal in which state is for the FMU to judge: it returns an error from an illegal one. Calls that the
 /// interface of the instance does not have fail with [`Error::MissingFunction`].
@@ -264,8 +264,8 @@ impl<'fmu> FmuInstance<'fmu> {
         Error::MissingFunction { path: self.fmu.path.clone(), function }
     }
 
-    /// Calls a function with the component, which is valid for as long as `self` lives and nothing fatal has happened;
-    /// the library is loaded for longer than that.
+    /// Calls a function with the component, which is valid while `self` lives and no fatal error has occurred; the
+    /// library outlives it.
     pub(super) fn call(&self, function: &'static str, call: impl FnOnce(FmiComponent) -> FmiStatus) -> Result<()> {
         if self.fatal.get() {
             return Err(Error::Fmi { function, status: "nothing: an earlier call was fatal", messages: Vec::new() });

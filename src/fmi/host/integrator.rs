@@ -13,13 +13,13 @@ use ode_solvers::{
 };
 use std::cell::RefCell;
 
-/// Tolerance of a step if neither the caller nor the FMU's default experiment gives one.
+/// Default tolerance of a step, if neither the caller nor the FMU's default experiment has one.
 const TOLERANCE: f64 = 1e-8;
-/// Tighter ones gain nothing: rounding takes over.
+/// Smallest useful tolerance: below it rounding dominates.
 const TIGHTEST: f64 = 1e-13;
 /// An event is located to this share of its time and of the step that it is found in.
 const LOCATED: f64 = 100.0 * f64::EPSILON;
-/// More events than this from one output instant to the next are taken for a sequence without end.
+/// Largest number of events between two output instants; more are taken for an endless sequence.
 const MAX_EVENTS: usize = 10_000;
 /// Trials to locate an event; every fourth halves the interval that it lies in.
 const MAX_TRIALS: usize = 400;
@@ -167,7 +167,8 @@ impl<'a> Exchange<'a> {
         self.settle()
     }
 
-    /// Lets the FMU handle an event, then reads again everything that may have changed, whether or not the FMU says so.
+    /// Lets the FMU handle an event, then reads all values that may have changed, whether or not the FMU reports
+    /// changes.
     fn settle(&mut self) -> Result<StepResult> {
         let (instance, position) = (self.model.instance, &mut self.position);
         let found = instance.settle_events()?;
@@ -269,8 +270,8 @@ enum Stop {
 
 /// A part of a run without discontinuities, in the form that `ode_solvers` needs.
 ///
-/// Its state is the FMU's in units of the nominal values, which makes the tolerance absolute, followed by the time since
-/// the start: [`crate::integrate`] explains why.
+/// Its state is the FMU's in units of the nominal values, which makes the tolerance absolute, followed by the time
+/// since the start; see [`crate::integrate`].
 struct ContinuousStretch<'a> {
     model: IntegratedModel<'a>,
     start: f64,

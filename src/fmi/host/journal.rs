@@ -62,7 +62,7 @@ impl MessageLog {
     }
 }
 
-/// Called by the shim in logger.c with the environment that the FMU was given.
+/// Called by the shim in logger.c with the environment that the FMU received.
 ///
 /// # Safety
 /// `journal` must be that of a living instance, the texts must end with a zero byte.

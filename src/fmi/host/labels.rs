@@ -18,7 +18,7 @@ pub struct StateEvaluation {
 const LATER: f64 = 0.377;
 
 impl StateEvaluation {
-    /// Asks an instance that was just made: its initialization, with start values, parameters and the first row of the inputs, is
+    /// Evaluates a new instance: its initialization, with start values, parameters and the first row of the inputs, is
     /// followed by the states of the options.
     ///
     /// # Errors

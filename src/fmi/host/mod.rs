@@ -267,7 +267,7 @@ impl Fmu {
         self.instantiate_as(name, &self.description.token, logging)
     }
 
-    /// Makes an instance with a token that need not be the FMU's.
+    /// Creates an instance with a token that may differ from the FMU's.
     pub(super) fn instantiate_as(&self, name: &str, token: &str, logging: bool) -> Result<FmuInstance<'_>> {
         FmuInstance::new(self, &c_text(name), &c_text(token), logging)
     }
@@ -302,7 +302,7 @@ fn choose(
     })
 }
 
-/// Loads a binary; an error says why that failed and what to do about it.
+/// Loads a binary; an error has the reason and the remedy.
 fn load_library(binary: &Path, alone: bool) -> std::result::Result<Library, (libloading::Error, Option<String>)> {
     // SAFETY: initializers of the library run; that is what loading an FMU means
     let load = || unsafe { Library::new(binary) };

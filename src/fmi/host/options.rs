@@ -21,8 +21,9 @@ pub struct SimulationOptions {
     pub start_values: Vec<(String, f64)>,
     /// Inputs that change over time.
     pub inputs: Inputs,
-    /// Co-simulation: whether the inputs of a communication point are set before its outputs are read, so that the inputs and outputs
-    /// of a row have one time. Else the outputs at the end of a step belong to the inputs at its beginning, as in other hosts.
+    /// Co-simulation: `true` if the inputs of a communication point are set before its outputs are read, so that the
+    /// inputs and outputs of a row have one time. Else the outputs at the end of a step belong to the inputs at its
+    /// beginning, as in other hosts.
     pub inputs_first: bool,
     /// Names of further variables to record.
     pub record: Vec<String>,

@@ -7,7 +7,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-/// Prints what [`Interpreter`] is. Some builds name the static library and have a shared one as well.
+/// Prints what [`Interpreter`] is. Some builds name the static library but have a shared one as well.
 const QUESTION: &str = r#"
 import json, os, sys, sysconfig
 get = lambda name: sysconfig.get_config_var(name) or ""

@@ -9,7 +9,7 @@ use crate::{
     fmi::model_description::{Causality, ScalarVariable, Variability, VariableType},
 };
 
-/// Takes a run's rows as they come: one for each communication point, the start included.
+/// Receives the rows of a run as they come: one for each communication point, the start included.
 pub trait RowSink {
     /// Receives names and units of the columns before the initialization; time is not among them.
     ///
@@ -17,7 +17,7 @@ pub trait RowSink {
     /// Whatever ends the run.
     fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()>;
 
-    /// Takes the values at a time, one for each column.
+    /// Receives the values at a time, one for each column.
     ///
     /// # Errors
     /// Whatever ends the run.

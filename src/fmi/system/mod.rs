@@ -1,6 +1,6 @@
 //! Systems of FMUs and mechanisms that exchange values: System Structure and Parameterization (SSP) 1.0, and runs of them.
 //!
-//! [`FmuSystem`] is what a SystemStructure.ssd says; [`FmuSystem::plan`] fits it to FMUs, and
+//! [`FmuSystem`] is the content of a SystemStructure.ssd; [`FmuSystem::plan`] fits it to FMUs, and
 //! [`run_system_apart`](super::worker::run_system_apart) runs the plan.
 
 pub mod master;

@@ -18,7 +18,7 @@ const FMU: &str = "application/x-fmu-sharedlibrary";
 /// A mechanism file.
 const MECHANISM: &str = "application/toml";
 const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
-/// Elements that say nothing about a run: how a system is drawn, and what tools note.
+/// Elements without effect on a run: drawings of a system, and notes of tools.
 const IGNORED: [&str; 9] = [
     "Annotations",
     "ConnectionGeometry",
@@ -337,8 +337,8 @@ impl StructureReader {
         own
     }
 
-    /// A connection between components, from one to an output of the system, or of an input or parameter of the system, which has one
-    /// value all along.
+    /// A connection between components, from one to an output of the system, or from an input or parameter of the
+    /// system, which is constant.
     fn connection(&mut self, element: &Element, own: &[StartValue], system: &mut FmuSystem) {
         if local(element) != "Connection" {
             return self.refuse(element, "<Connection>");

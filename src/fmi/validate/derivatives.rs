@@ -9,8 +9,8 @@ use crate::{
     },
 };
 
-/// Steps of central differences relative to the magnitude of a variable. Where outputs have all digits of a double the
-/// shortest are exact to 1e-9; where they have fewer, for instance those of single precision, longer ones are better.
+/// Steps of central differences relative to the magnitude of a variable. If outputs have all digits of a double, the
+/// shortest are exact to 1e-9; if they have fewer, for instance those of single precision, longer ones are better.
 const STEPS: [f64; 8] = [1e-5, 4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2, 1.6384e-1];
 /// Step at which outputs of twelve digits are a straight line, so that deviations from it are rounding.
 const STRAIGHT: f64 = 1e-6;

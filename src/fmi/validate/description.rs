@@ -302,7 +302,7 @@ impl Checker<'_> {
         }
     }
 
-    /// FMI 2.0: variables that share a value reference have one value; the host may set it through one of them only.
+    /// FMI 2.0: variables with equal value references have one value, and the host may set it through one of them only.
     /// FMI 3.0: value references are unique, other names are aliases.
     fn aliases(&mut self) {
         let mut known: HashMap<u32, &str> = HashMap::new();

@@ -199,7 +199,7 @@ pub fn validate(path: impl AsRef<Path>, checks: &dyn Checks) -> crate::Result<Re
     })
 }
 
-/// Checks what can be checked without the binary, and has it run by each interface.
+/// Makes the checks that need no binary, and runs the binary by each interface.
 pub(super) fn examine(
     path: &Path,
     checks: &dyn Checks,

@@ -27,11 +27,11 @@ pub fn write(description: &ModelDescription) -> String {
 
 /// Reads a modelDescription.xml.
 ///
-/// Offences against the schema are collected in [`Document::problems`] and read past as well as possible; defaults that
-/// the standard gives to absent attributes are filled in.
+/// [`Document::problems`] collects violations of the schema, and reading continues as well as possible; absent
+/// attributes get the defaults of the standard.
 ///
 /// # Errors
-/// The one [`XmlProblem`] that makes reading impossible: it is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
+/// The one [`XmlProblem`] that makes reading impossible: the file is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
 pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
     let text = decode(bytes)?;
     let root = Element::parse(&text)?;

@@ -108,7 +108,7 @@ impl XmlWriter {
         self.line(&format!("<{name}{}/>", attributes.text));
     }
 
-    /// An element with one child per item; nothing if there is none, for the standard has no empty lists.
+    /// An element with one child per item; nothing for an empty list, which the standard does not allow.
     pub fn list<T>(&mut self, name: &str, items: &[T], item: impl Fn(&mut Self, &T)) {
         if !items.is_empty() {
             self.element(name, &XmlAttributes::default(), |out| items.iter().for_each(|value| item(out, value)));

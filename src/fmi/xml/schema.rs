@@ -1,5 +1,5 @@
-//! Compares a modelDescription.xml with the rules of a version: which elements and attributes there are, in what order
-//! and of what type.
+//! Compares a modelDescription.xml with the rules of a version: its elements and attributes, their order and their
+//! types.
 
 use super::{XmlProblem, tree::Element};
 

@@ -25,7 +25,7 @@ use std::{
     sync::LazyLock,
 };
 
-/// An interface file: names, units and ranges of what a model of another tool takes and gives.
+/// An interface file: names, units and ranges of the inputs and outputs of a third-party model.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Interface")]
@@ -35,7 +35,7 @@ pub struct ModelInterface {
     /// One sentence for people.
     #[serde(default)]
     pub description: String,
-    /// When the FMU is stepped, unless the host says otherwise.
+    /// Default experiment of the FMU.
     #[serde(default)]
     pub time: InterfaceTime,
     /// Domain of validity that the FMU reports, if there is a table of training data.
@@ -76,7 +76,7 @@ pub struct InterfaceTime {
     /// The natural communication step size; the sample time if there is one, else 0.01 s, unless given.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub step: Option<f64>,
-    /// Sample time: how far apart a state and its `next` value are.
+    /// Sample time: the time between a state and its `next` value.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub sample: Option<f64>,
     /// Fixed step of the solver inside the FMU (Runge-Kutta, order 4), for real time and states that have a
@@ -108,7 +108,7 @@ pub struct LayerOptions {
     /// Name of the tensor `W`: a row for each output, as in PyTorch, or a column for each, as in Keras, JAX and
     /// scikit-learn. The bias decides between the two, or `transposed` if `W` is square.
     pub weight: String,
-    /// Name of the tensor `b`; zero unless given.
+    /// Name of the tensor `b`; zero by default.
     pub bias: Option<String>,
     /// `f`: tanh, sigmoid, relu, gelu, gelu-exact, silu, sine, identity, leaky-relu (0.01), elu, softplus, softsign.
     #[serde(default = "identity")]
@@ -125,7 +125,7 @@ fn identity() -> String {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterfaceInput {
-    /// Which column of the model, for instance `x[0]`; the next one unless given. Either all inputs say so or none.
+    /// Column of the model, for instance `x[0]`; by default the next one. Either all inputs say so or none.
     pub column: Option<String>,
     /// Causality, as a host sees it.
     pub causality: InterfaceCausality,
@@ -137,7 +137,8 @@ pub struct InterfaceInput {
     /// Largest value for which the model was made.
     #[schemars(extend("x-unit" = "the input's"))]
     pub max: Option<f64>,
-    /// Value before a host sets one; unless given the middle of the range, or where there are no data there, of the nearest row.
+    /// Value before a host sets one. By default it is the middle of the range, or if there are no data there, that of
+    /// the nearest row.
     #[schemars(extend("x-unit" = "the input's"))]
     pub start: Option<f64>,
     /// The column has always this value: it is no variable of the FMU.
@@ -212,8 +213,8 @@ pub enum Evolution {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterfaceOutput {
-    /// Which column of the model, for instance `y[0]`; the next one unless given. Either all outputs say so or none. Of a model with states
-    /// it may be that of a state.
+    /// Column of the model, for instance `y[0]`; by default the next one. Either all outputs say so or none. Of a model
+    /// with states it may be that of a state.
     pub column: Option<String>,
     /// Unit, for instance `rad/s`.
     pub unit: String,

@@ -39,7 +39,7 @@ pub fn load(path: &Path) -> Result<Imported> {
 /// Reads the bytes of an ONNX file; `folder` is where external data may be.
 ///
 /// # Errors
-/// Sentences that say what does not fit.
+/// Sentences about the parts that are not supported.
 pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported, Vec<String>> {
     let one = |problem: String| vec![problem];
     let model = ModelProto::decode(bytes).map_err(|error| one(format!("not an ONNX model, or cut short: {error}")))?;
@@ -252,8 +252,8 @@ fn is_batch(input: &ValueInfoProto) -> bool {
     tensor.and_then(|tensor| tensor.shape.as_ref()?.dim.first()).is_some_and(|dim| known(dim).is_none())
 }
 
-/// The shape of one row of an input, the batch included, and whether it is in single precision. Of recurrent cells there is one sample, and
-/// the batch may be any dimension.
+/// Shape of one row of an input, the batch included, and `true` if it has single precision. Of recurrent cells there is
+/// one sample, and the batch may be any dimension.
 fn input_shape(
     input: &ValueInfoProto,
     is_recurrent: bool,

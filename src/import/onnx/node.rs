@@ -1,4 +1,4 @@
-//! Nodes and what goes between them.
+//! Nodes and the values between them.
 
 use super::{
     GraphReader,

@@ -172,7 +172,7 @@ pub use recurrent::RECURRENT;
 type Made = Result<Value, String>;
 
 impl GraphReader {
-    /// Computes what a node gives.
+    /// Computes the output of a node.
     pub fn node(&mut self, node: &NodeProto) -> Result<(), String> {
         let made = match node.domain.as_str() {
             ML => vec![self.machine_learning(node)?],

@@ -1,4 +1,4 @@
-//! Rows of numbers as tensors: which elements of one tensor another one has.
+//! Rows of numbers as tensors: the elements that one tensor takes from another.
 
 use super::tensor::within_limits;
 
@@ -49,7 +49,7 @@ pub fn places<T>(shape: &[usize], place: impl Fn(&[usize]) -> T) -> Vec<T> {
     found
 }
 
-/// How far apart elements are whose index differs by one.
+/// Distances of elements whose index differs by one along each axis.
 pub fn strides(shape: &[usize]) -> Vec<usize> {
     let mut strides = vec![1; shape.len()];
     for place in (1..shape.len()).rev() {
@@ -58,7 +58,7 @@ pub fn strides(shape: &[usize]) -> Vec<usize> {
     strides
 }
 
-/// The place of an axis that may be counted from the end.
+/// Position of an axis that may be counted from the end.
 ///
 /// # Errors
 /// A sentence if there is no such axis.

@@ -147,7 +147,7 @@ fn shape(dims: &[i64]) -> Result<Vec<usize>, String> {
     Ok(shape)
 }
 
-/// Makes sure that a tensor of this shape is not too large; the result is how many elements it has.
+/// Number of elements of a tensor of this shape; an error if it is too large.
 pub fn within_limits(shape: &[usize]) -> Result<usize, String> {
     // where one dimension is 0, the others still have indices
     let indices = shape.iter().try_fold(1usize, |product, dim| product.checked_mul((*dim).max(1)));

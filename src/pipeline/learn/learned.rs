@@ -16,7 +16,7 @@ use crate::{
 use metafmu_runtime::{Graph, ScaledNetwork, Scaling};
 use std::sync::atomic::Ordering;
 
-/// `sampling.states` of an FMU, and of a mechanism, unless given.
+/// Default `sampling.states` of an FMU, and of a mechanism.
 const STATES: [usize; 2] = [5000, 20_000];
 /// Number of states per held-out state, and minimum number of held-out states, unless that is more than half of all.
 const HELD_OUT: (usize, usize) = (10, 200);
@@ -33,7 +33,7 @@ pub(super) fn held_out(states: usize) -> usize {
     (states / HELD_OUT.0).max(HELD_OUT.1).min(states / 2)
 }
 
-/// Position of the one that is exported: the one that the study names, or the best.
+/// Position of the exported candidate: the one that the study names, or the best.
 pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usize {
     let named = candidates.iter().position(|candidate| Some(candidate.name.as_str()) == options.model.name());
     let is_structured = |(_, candidate): &(usize, &Candidate)| candidate.name != ACCELERATIONS;

@@ -231,7 +231,7 @@ impl<'a> Asked<'a> {
         found.map_err(|message| self.project.study.refusal("states", message))
     }
 
-    /// Networks for what dictionaries leave over of the equations and of the positions; none where that is nothing.
+    /// Networks for the residuals of dictionaries in the equations and the positions; none for a residual of zero.
     fn networks(&self, [equations, positions]: &[Dictionary; 2], last: &mut Last) -> Result<[Option<NetworkTerm>; 2]> {
         Ok([self.network(equations, 0, last)?, self.network(positions, 1, last)?])
     }
@@ -272,8 +272,8 @@ impl<'a> Asked<'a> {
         self.learn(columns, outputs, [&seen, &unseen], &depends, last).map(Some)
     }
 
-    /// A network whose nodes are drawn, unless the study says how networks are trained. Where that is not exact enough, one is trained
-    /// as well, and the better of both is taken. `depends[output][column]`: what changes each output.
+    /// A network with random features, unless the study states how networks are trained. If that is not exact enough, a
+    /// network is trained as well, and the better of both is used. `depends[output][column]`: what changes each output.
     fn learn(
         &self,
         columns: Vec<NetworkColumn>,

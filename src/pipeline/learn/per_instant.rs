@@ -101,7 +101,7 @@ fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> 
     Ok(Trained { surrogate, history, record })
 }
 
-/// Tells how many of all networks are finished; this one is the last.
+/// Reports the number of finished networks; this one is the last.
 fn tell(project: &Project, outcome: &Outcome, done: usize, total: usize, began: Instant) {
     let loss = outcome.history.iter().map(|epoch| epoch.validation_loss).fold(f64::INFINITY, f64::min);
     let about = format_args!("the last one's loss on held-out runs {loss:.2e}");
@@ -112,8 +112,8 @@ fn tell(project: &Project, outcome: &Outcome, done: usize, total: usize, began: 
     }
 }
 
-/// The trainings of all networks up to epoch `goal`, side by side; each on one thread, so that the number of threads
-/// changes nothing. `each` is called for every instant with the function that trains its network.
+/// Trains all networks up to epoch `goal`, in parallel. Each uses one thread, so that the number of threads does not
+/// change the results. `each` is called for every instant with the function that trains its network.
 pub fn train_all(
     project: &Project,
     study: &Study,

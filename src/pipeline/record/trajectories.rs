@@ -22,7 +22,8 @@ pub struct TrajectoriesRecord {
     pub rate_errors: Vec<(String, f64)>,
     /// Coefficients other than zero.
     pub coefficients: usize,
-    /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
+    /// Number of independent solutions of the equations of motion that the rows do not distinguish; one for
+    /// accelerations.
     pub solutions: usize,
     /// Integration by the solver.
     pub solver: SolverRecord,

@@ -37,7 +37,7 @@ use variables::{Resolved, resolve};
 const TIME_LIMIT: Duration = Duration::from_secs(60);
 /// Points of one request for derivatives, if a process may make several instances.
 const BATCH: usize = 64;
-/// `source.retries` unless given.
+/// Default `source.retries`.
 const RETRIES: usize = 1;
 
 /// Outputs of a run of an FMU, row by row, or the reason of its failure.
@@ -258,7 +258,7 @@ impl Campaign<'_> {
         Ok(outcomes)
     }
 
-    /// One run, with retries; none if the program is to stop.
+    /// One run, with retries; none if the program must stop.
     fn attempt(&self, point: &[f64], worker: &mut Option<Worker<SamplingReply>>) -> Result<Option<FmuOutcome>> {
         let mut reason = String::new();
         for _ in 0..=self.model.retries {

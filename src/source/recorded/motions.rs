@@ -1,5 +1,5 @@
-//! Motions in a table, from which equations are learned: columns of coordinates, of their rates and of inputs, in rows that are equally far
-//! apart in time.
+//! Motions in a table, from which equations are learned: columns of coordinates, of their rates and of inputs, in rows
+//! that are equally spaced in time.
 
 use super::{Recorded, resolve, runs::Runs};
 use crate::{

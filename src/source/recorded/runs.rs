@@ -347,7 +347,7 @@ impl<'a> Runs<'a> {
     }
 }
 
-/// Makes the times of a motion's rows those of rows that are equally far apart, which they are but for rounding.
+/// Sets the times of a motion's rows to equally spaced ones, from which they differ by rounding only.
 fn even_out(table: &Table, run: &str, times: &mut [f64], places: &[Place]) -> Result<()> {
     if times.len() < 3 {
         return Ok(());

@@ -1,4 +1,4 @@
-//! Models without states: what makes columns of the inputs, and instants.
+//! Models without states: inputs, their encoding, and instants.
 
 use super::{ModelSources, array, double, operations::Operations, push};
 use metafmu_runtime::{Encoder, Encoding, Input, Surrogate};
@@ -11,7 +11,7 @@ pub(super) struct MapPart {
     pub defines: Vec<(&'static str, String)>,
     /// External names.
     pub names: Vec<&'static str>,
-    /// Sizes, with a comment each where it takes one.
+    /// Sizes, with a comment where one is needed.
     pub sizes: Vec<(&'static str, usize, &'static str)>,
     /// Definitions.
     pub data: String,
@@ -23,7 +23,7 @@ pub(super) struct MapPart {
 
 const NAMES: [&str; 4] = ["map_adjoint", "map_along_curve", "map_evaluate", "model_turns"];
 
-/// The model of one map, or of a network for each of some instants.
+/// Model of one map, or of a network for each of several instants.
 pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> ModelSources {
     let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs().len());
     let features = Encoder::of(inputs).width();

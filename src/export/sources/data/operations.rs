@@ -32,7 +32,7 @@ impl Operations {
         }
     }
 
-    /// A comment that says what takes them, and which files have the formula.
+    /// Comment that names the origin of the operations, and the files with the formula.
     pub fn remark(&self, what: &str, formula: &str) -> String {
         let mut text = format!("\n/*\n * {what} at worst\n *\n");
         for (count, what) in [

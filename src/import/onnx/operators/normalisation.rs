@@ -42,7 +42,8 @@ impl GraphReader {
         self.standardised(&value, &of(&mean), &of(&factors), &of(&bias))
     }
 
-    /// `(x - mean) factor + offset`, in this order: of inputs that are far from zero few digits would be left of a difference of products.
+    /// `(x - mean) factor + offset`, in this order: with inputs far from zero, a difference of products would have few
+    /// digits.
     pub(super) fn standardised(&mut self, value: &Value, mean: &[f64], factors: &[f64], offsets: &[f64]) -> Made {
         let difference = self.with_constant(Operation::Subtract, value, mean, false)?;
         self.mapped(&difference, Elementwise::Linear, [factors, offsets].concat())
@@ -147,7 +148,7 @@ impl GraphReader {
         Ok(Value::Row(RowTensor { value: self.builder.columns(columns)?, ..row.clone() }))
     }
 
-    /// The axis of a softmax, and whether those after it belong to it as well.
+    /// The axis of a softmax, and `true` if those after it belong to it as well.
     fn normalised_axis(&self, node: &NodeProto, rank: usize) -> Result<(usize, bool), String> {
         // before version 13 all axes from this one on are one
         let (default, whole) = if self.opset < 13 { (1, true) } else { (-1, false) };
@@ -270,7 +271,7 @@ impl GraphReader {
         }
     }
 
-    /// The product of elements, or the largest or smallest: one half with the other, until one is left.
+    /// Product of elements, or the largest or smallest: combines one half with the other until one element remains.
     pub(super) fn folded(&mut self, operation: Operation, value: &Value, kept: Vec<usize>) -> Made {
         let mut of: Vec<Vec<usize>> = vec![Vec::new(); kept.iter().product()];
         let into = broadcast_places(&kept, value.shape());

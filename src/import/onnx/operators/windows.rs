@@ -2,7 +2,7 @@
 
 use super::{products::of_data, *};
 
-/// Places of a window that may be computed one by one.
+/// Largest number of places of a window that are computed one by one.
 const PARTS: usize = 4096;
 
 /// A window that moves over the dimensions behind the batch and the channels.
@@ -173,7 +173,7 @@ impl GraphReader {
         }
     }
 
-    /// Sums of what a window has, times weights: of an output, of a channel of its group, of a position, and of an element of the window.
+    /// Weighted sums of the elements in a window: by output, channel of its group, position, and element of the window.
     fn moved(
         &mut self,
         value: &Value,

@@ -1,4 +1,5 @@
-//! Networks that give the next sample: on a window of past inputs, or on past outputs and inputs beside a linear part.
+//! Networks that predict the next sample from a window of past inputs, or from past outputs and inputs beside a linear
+//! part.
 
 use super::{DiscreteSamples, LearnedDiscrete, Regressors, linear::LinearPart};
 use crate::{
@@ -76,7 +77,8 @@ pub(super) fn feedback(project: &Project, samples: &DiscreteSamples) -> Result<L
     Ok(best.learned)
 }
 
-/// Networks of `discrete.history` past samples and, unless its linear part leaves over much more, of a single one.
+/// Networks of `discrete.history` past samples and, unless the residual of its linear part is much larger, of a single
+/// one.
 fn networks<'a>(project: &'a Project<'a>, samples: &'a DiscreteSamples<'a>) -> Result<Vec<Feedback<'a>>> {
     let history = samples.past(project.study.discrete.history);
     let first = Feedback::new(project, samples, history)?;
@@ -89,7 +91,7 @@ fn networks<'a>(project: &'a Project<'a>, samples: &'a DiscreteSamples<'a>) -> R
     Ok(if is_near { vec![first, simple] } else { vec![first] })
 }
 
-/// A network with feedback, and how far its training is.
+/// A network with feedback, and the state of its training.
 struct Feedback<'a> {
     project: &'a Project<'a>,
     samples: &'a DiscreteSamples<'a>,

@@ -35,7 +35,7 @@ fn of_degree(samples: &DiscreteSamples, history: [usize; 2], degree: u8) -> Opti
     Some(LearnedDiscrete::solved(graph, history))
 }
 
-/// The columns of each sample, and how far the next outputs are from those of the sample.
+/// Columns of each sample, and the change of the outputs to the next one.
 fn changes(samples: &DiscreteSamples, history: [usize; 2]) -> StandardizedRows {
     let found = samples.regressors(&samples.training, history);
     let change = |(row, next): (&Vec<f64>, &Vec<f64>)| next.iter().zip(row).map(|(next, now)| next - now).collect();

@@ -329,7 +329,7 @@ impl Search<'_> {
         best
     }
 
-    /// Replaces the best one by a better one with some saturation.
+    /// Replaces the best setting by a better one with some saturation.
     fn with(&self, saturation: &Saturation, folds: Folds, budget: f64, best: &mut Option<BestSetting>) {
         let Folds { sets, own, unseen } = folds;
         let count = (sets[..unseen.len()].iter().map(CountedRuns::rows).sum::<usize>() / unseen.len().max(1)) as f64;
@@ -423,7 +423,7 @@ impl Search<'_> {
         CountedRuns::new(&self.corners, |_| true).is_stable(shape, Simulated { gain: &gain, ..fitted.simulated() })
     }
 
-    /// One step of the path; gives the number of multiplications.
+    /// One step of the path; returns the number of multiplications.
     fn advance(
         &self,
         data: &CountedRuns,

@@ -89,7 +89,7 @@ struct Counts {
 /// Smallest and largest value of each measure.
 type Ranges = Vec<[f64; 2]>;
 
-/// Row, and how far a measure is from its range there, relative to the width.
+/// Row, and relative distance of a measure from its range there.
 type Stray = (usize, f64);
 
 /// A run, and the model's simulation of it.

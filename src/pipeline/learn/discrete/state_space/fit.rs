@@ -22,7 +22,8 @@ const GAIN_DECREASE: f64 = 1e-3;
 /// Variances of the states' errors over those of the outputs.
 const RATIOS: [f64; 6] = [1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4];
 const KALMAN_ITERATIONS: usize = 300;
-/// Sums of runs that are computed side by side: always the same ones, so that their order does not depend on the number of threads.
+/// Number of sums of runs that are computed in parallel: it is fixed, so that their order does not depend on the number
+/// of threads.
 const PARTS: usize = 16;
 /// Errors whose sensitivities are multiplied at once.
 const BLOCK: usize = 64;

@@ -6,8 +6,8 @@ use std::ops::Range;
 /// Standardized magnitude from which on a simulation has diverged.
 const DIVERGED: f64 = 1e3;
 
-/// Sizes of a state space, and the places of its coefficients: `L`, `c`, `G`, `W`, `b`, then the states at the start, matrices row by row. `W` and
-/// `b` are those of nodes.
+/// Sizes of a state space, and the positions of its coefficients: `L`, `c`, `G`, `W`, `b`, then the initial states,
+/// matrices row by row. `W` and `b` are those of nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateShape {
     /// Number of states, the outputs first.
@@ -175,7 +175,7 @@ impl Signals {
         next.given > 1 && is_same(&self.outputs, &next.outputs, outputs) && is_same(&self.inputs, &next.inputs, inputs)
     }
 
-    /// Adds what comes after the shared rows of a run that follows.
+    /// Adds the rows of a following run after those that both share.
     pub fn extend(&mut self, next: &Self) {
         let shared = next.given + 1;
         let [outputs, inputs] = [&next.outputs, &next.inputs].map(|of| shared * (of.len() / next.rows().max(1)));

@@ -154,8 +154,8 @@ fn scale_hidden(data: &CountedRuns, shape: &StateShape, limits: &Limits, coeffic
     Some(())
 }
 
-/// A linear function of past samples, one lag after the other: that of the outputs, shape `[outputs, outputs]`; that of inputs and parameters,
-/// shape `[outputs, inputs + parameters]`, and the constants.
+/// One lag of a linear function of past samples: that of the outputs, shape `[outputs, outputs]`, that of inputs and
+/// parameters, shape `[outputs, inputs + parameters]`, and the constants.
 #[derive(Clone)]
 struct Lag {
     outputs: DMatrix<f64>,
