@@ -255,8 +255,8 @@ pub struct NewArgs {
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub run: Option<String>,
-    /// Input columns of the table, which drive the runs, with --structure discrete [default: those called `u`, `input`,
-    /// `force` or similar]; in a table without a time, those that determine the others
+    /// Columns of the table that drive the runs, with --structure discrete [default: those that are called `u`, `input`, `force` or the like];
+    /// of a table without a time those that the others follow from
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu"])]
     pub inputs: Vec<String>,
     /// Columns of a table without a time that follow from the others [default: those that are called `y`, `output`, `result` or the like, else the

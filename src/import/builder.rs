@@ -564,7 +564,7 @@ impl ColumnTransform {
     }
 }
 
-/// Weights and biases of a layer of the standardised columns: with the signs of the factors, and the offsets.
+/// Weights and biases of a layer of the standardized columns: with the signs of the factors, and the offsets.
 fn behind_scaling(columns: &[ColumnTransform], weight: &Numbers, bias: &Numbers) -> (Numbers, Numbers) {
     let sign = |index: usize| match columns[index % columns.len()].factor {
         0.0 => 0.0,

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 
 /// Largest number of cubes of a cover, all of which a step of an FMU may check.
 const CUBES: usize = 512;
-/// Rows among which centres are looked for, and those whose distances from others are taken, at most.
+/// Largest number of rows among which centers are chosen, and of those whose distances from others are computed.
 const CANDIDATES: usize = 1 << 16;
 const DISTANCES: usize = 1 << 11;
 /// Share of further rows, drawn like those of the table, that is to be inside.

@@ -23,7 +23,7 @@ pub struct PreparedTraining {
     pub validation_runs: usize,
 }
 
-/// Holds out the validation runs, standardises the rows by the others, and makes the network. The last `added` runs are all for
+/// Holds out the validation runs, standardizes the rows by the others, and makes the network. The last `added` runs are all for
 /// training. Scaling and network are those of `start`, if there is one.
 pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Surrogate>) -> Result<PreparedTraining> {
     let (planned, added) = dataset.runs.split_at(dataset.runs.len() - added);

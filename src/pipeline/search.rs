@@ -445,7 +445,7 @@ fn fit_baseline(
     })
 }
 
-/// Mean over the outputs of 1 - R², on standardised rows: comparable for any loss of the trials.
+/// Mean over the outputs of 1 - R², on standardized rows: comparable for any loss of the trials.
 fn score(network: &Network, rows: &TrainingRows) -> f64 {
     mean_unexplained(&columns(network, rows, &vec![0.0; rows.n_outputs()], &vec![1.0; rows.n_outputs()]))
 }

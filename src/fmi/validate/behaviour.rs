@@ -1,4 +1,4 @@
-//! Runs an FMU by one of its interfaces and compares its behaviour with the standard.
+//! Runs an FMU by one of its interfaces and compares its behavior with the standard.
 
 use super::{
     Area, Notes,

@@ -10,7 +10,7 @@ use crate::fmi::{
 };
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-/// Reports every offence, with its line.
+/// Reports every violation, with its line.
 pub fn check(document: &Document, report: &mut Report) {
     for problem in &document.problems {
         report.at_line(problem.line, problem.message.clone());

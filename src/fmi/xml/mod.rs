@@ -56,7 +56,7 @@ pub struct XmlProblem {
     pub line: usize,
     /// Description of the problem.
     pub message: String,
-    /// `true` if it keeps a host from using the FMU, `false` for an offence that can be read past.
+    /// `true` if it keeps a host from using the FMU, `false` for a violation that can be ignored.
     pub unusable: bool,
 }
 

@@ -229,7 +229,7 @@ struct DiscreteSamples<'a> {
     known: usize,
 }
 
-/// Regressors of all samples of some runs, standardised: `[samples, columns]`, and the outputs that follow.
+/// Regressors of all samples of some runs, standardized: `[samples, columns]`, and the outputs that follow.
 struct Regressors {
     inputs: Vec<Vec<f64>>,
     outputs: Vec<Vec<f64>>,

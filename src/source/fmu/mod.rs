@@ -1,9 +1,9 @@
 //! Runs of an FMU of any tool: FMI 2.0 or 3.0, co-simulation, or model exchange.
 //!
-//! Third-party machine code may crash or hang, so worker processes run it, one for each thread: `metafmu` itself,
-//! started again. Each run has a separate instance. A run that fails, ends its process or takes longer than
-//! `source.time_limit` is repeated `source.retries` times, in a fresh process. After that it is dropped and reported.
-//! The results do not depend on which process makes which run, unless the FMU keeps data from instance to instance.
+//! Other people's machine code may crash or hang, so it is run by worker processes, one for each thread: `metafmu` itself,
+//! started again. Each run has an instance of its own. A run that fails, ends its process or takes longer than
+//! `source.time_limit` is tried again `source.retries` times, in a fresh process; then it is left out and reported. Which
+//! process makes which run does not matter to the results, unless the FMU keeps something from instance to instance.
 
 pub mod variables;
 
@@ -35,9 +35,9 @@ use variables::{Resolved, resolve};
 
 /// Time limit of a run unless `source.time_limit` sets it.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
-/// Points of one request for derivatives, if a process may make several instances.
+/// Points whose derivatives a process is asked for at a time, if it may make several instances.
 const BATCH: usize = 64;
-/// Default `source.retries`.
+/// `source.retries` unless given.
 const RETRIES: usize = 1;
 
 /// Outputs of a run of an FMU, row by row, or the reason of its failure.
@@ -49,11 +49,11 @@ pub struct FmuModel {
     task: Arc<SamplingTask>,
     /// Numbers of a run.
     values: usize,
-    /// `true` if a process may make one run only.
+    /// Whether a process may make one run only.
     one_run_per_process: bool,
     time_limit: Duration,
     retries: usize,
-    /// Initial states of the runs, and inputs that drive them, if there are any.
+    /// How runs start and what drives them, if inputs do.
     driven: Option<Driven>,
 }
 
@@ -62,8 +62,8 @@ impl FmuModel {
     /// parameters and outputs, in the study's order.
     ///
     /// # Errors
-    /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that
-    /// differs from the FMU's; the errors of an FMU that cannot be read.
+    /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
+    /// errors of an FMU that cannot be read.
     pub fn new(study: &Study, path: &Path) -> Result<(Self, Vec<SourceVariable>, Vec<SourceVariable>)> {
         let wanted = match (study.has_states(), study.is_discrete()) {
             (true, _) => Some(InterfaceKind::ModelExchange),
@@ -98,17 +98,17 @@ impl FmuModel {
         Ok((model, parameters, outputs))
     }
 
-    /// Initial states of the runs, and inputs that drive them, if there are any.
+    /// How runs start and what drives them, if inputs do.
     pub fn driven(&self) -> Option<&Driven> {
         self.driven.as_ref()
     }
 
-    /// Mutable access to [`FmuModel::driven`].
+    /// The same, to change it.
     pub(super) fn driven_mut(&mut self) -> Option<&mut Driven> {
         self.driven.as_mut()
     }
 
-    /// Request to a process for a point.
+    /// What a process is asked for a point.
     fn request<'p>(&self, point: &'p [f64]) -> Cow<'p, [f64]> {
         match (&self.driven, &self.task.driven) {
             (Some(driven), Some(asked)) if !asked.derivatives => {
@@ -123,12 +123,12 @@ impl FmuModel {
         }
     }
 
-    /// Number of times that [`FmuModel::derivatives`] calls `done` for `points` points.
+    /// Number of times that `done` is called for so many points by [`FmuModel::derivatives`].
     pub fn batches(&self, points: usize) -> usize {
         points.div_ceil(self.batch())
     }
 
-    /// Points of one request to a process: each takes a separate instance.
+    /// Points that a process is asked for at a time: each takes an instance of its own.
     fn batch(&self) -> usize {
         if self.one_run_per_process { 1 } else { BATCH }
     }
@@ -164,9 +164,9 @@ impl FmuModel {
         Ok(rows.take(points.len()).collect())
     }
 
-    /// Runs the FMU at each point, with one process for each thread; runs in the journal are taken from the journal.
-    /// `done` is called after each run. When the token of `workers` turns true, runs that have begun are abandoned.
-    /// `failure` is called with the point and the reason of each failed run; its error ends everything.
+    /// Runs the FMU at each point, by as many processes as there are threads; runs that are in the journal are taken from
+    /// there. `done` is called after each run; when the token of `workers` turns true, runs that have begun are abandoned. `failure` is called with
+    /// the point and the reason of each run that failed; its error ends everything.
     ///
     /// # Errors
     /// Those of `failure`, [`Error::Worker`] if the FMU cannot be loaded,
@@ -208,7 +208,7 @@ impl FmuModel {
 /// Runs on their way.
 struct Campaign<'a> {
     model: &'a FmuModel,
-    /// Folder in which the FMU is unpacked.
+    /// Where the FMU is unpacked.
     folder: &'a Path,
     points: &'a [Vec<f64>],
     /// Positions of the points to run, and which of these is next.
@@ -240,7 +240,7 @@ impl Campaign<'_> {
         Ok(outcomes)
     }
 
-    /// Makes one run after the other with a separate process.
+    /// Makes one run after the other with a process of its own.
     fn work(&self) -> Result<Vec<(usize, FmuOutcome)>> {
         let (mut outcomes, mut worker) = (Vec::new(), None);
         while !self.workers.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {
@@ -258,7 +258,7 @@ impl Campaign<'_> {
         Ok(outcomes)
     }
 
-    /// One run, with retries; none if the program must stop.
+    /// One run, with retries; none if the program is to stop.
     fn attempt(&self, point: &[f64], worker: &mut Option<Worker<SamplingReply>>) -> Result<Option<FmuOutcome>> {
         let mut reason = String::new();
         for _ in 0..=self.model.retries {
