@@ -34,20 +34,21 @@ const WAITING: usize = 16;
 /// What worker processes need.
 #[derive(Clone, Copy, Debug)]
 pub struct Workers<'a> {
-    /// The program that is started, with [`ARGUMENT`]: `metafmu`, or another one that calls [`serve`](super::serve) then.
+    /// The program that is started with [`ARGUMENT`]: `metafmu`, or another one that calls [`serve`](super::serve) in
+    /// that case.
     pub program: &'a Path,
     /// Ends them when it turns true.
     pub stop: &'a AtomicBool,
 }
 
-/// How an FMU is watched over while it runs in a process of its own.
+/// Watch over an FMU that runs in a separate process.
 #[derive(Clone, Copy, Debug)]
 pub struct Watch<'a> {
     /// What its process needs.
     pub workers: Workers<'a>,
-    /// How long it may take.
+    /// Time limit.
     pub limit: Option<Duration>,
-    /// Takes each line that it prints.
+    /// Receives each line that it prints.
     pub heard: fn(&str),
 }
 
@@ -106,7 +107,7 @@ impl<R: DeserializeOwned + Send + 'static> Worker<R> {
         Ok(worker)
     }
 
-    /// Asks for something.
+    /// Sends a request.
     pub fn ask(&mut self, request: &impl Serialize) {
         // a process that has ended is found when its reply is awaited
         if let Ok(line) = serde_json::to_string(request) {
