@@ -202,8 +202,8 @@ fn hexadecimal(bytes: impl AsRef<[u8]>) -> String {
     })
 }
 
-/// Positions by name: one type for all, since each type of table is a kilobyte and a half of every FMU.
-type Positions<'a> = HashMap<&'a str, usize>;
+/// PositionByName by name: one type for all, since each type of table is a kilobyte and a half of every FMU.
+type PositionByName<'a> = HashMap<&'a str, usize>;
 
 fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), FormatError> {
     if metadata.inputs.is_empty() {
@@ -213,7 +213,7 @@ fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), F
         return Err(FormatError::NoVariables { what: "outputs" });
     }
     let (built_in, own): (Vec<_>, Vec<_>) = variables.iter().partition(|(_, variable)| variable.is_built_in());
-    let mut names: Positions = built_in.iter().map(|(_, variable)| (variable.name.as_str(), 0)).collect();
+    let mut names: PositionByName = built_in.iter().map(|(_, variable)| (variable.name.as_str(), 0)).collect();
     for (position, (_, Variable { name, .. })) in (1..).zip(&own) {
         match names.insert(name, position) {
             None => {}
@@ -276,12 +276,12 @@ fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), F
 
 /// The output columns of each array.
 fn array_columns(metadata: &Metadata) -> Result<Vec<Vec<usize>>, FormatError> {
-    let positions: Positions =
+    let positions: PositionByName =
         metadata.outputs.iter().enumerate().map(|(column, output)| (output.name.as_str(), column)).collect();
     metadata.arrays.iter().map(|array| columns_of(array, &metadata.outputs, &positions)).collect()
 }
 
-fn columns_of(array: &OutputArray, outputs: &[Output], positions: &Positions) -> Result<Vec<usize>, FormatError> {
+fn columns_of(array: &OutputArray, outputs: &[Output], positions: &PositionByName) -> Result<Vec<usize>, FormatError> {
     let name = || array.name.clone();
     if array.outputs.len() < 2 {
         return Err(FormatError::ShortArray { array: name(), count: array.outputs.len() });
