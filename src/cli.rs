@@ -313,7 +313,7 @@ pub struct ImportArgs {
     #[arg(long, value_name = "FILE.toml", group = "what", conflicts_with_all = ["check", "tolerance", "out", "json"])]
     pub new: Option<PathBuf>,
     /// Table of training data, CSV or Parquet, with a column for each input: its ranges count where the interface has
-    /// none, and limit the domain of validity
+    /// none, and the domain of validity is the region of its rows
     #[arg(long, value_name = "TABLE")]
     pub data: Option<PathBuf>,
     /// Table of inputs and of the outputs that the model gave for them
