@@ -12,8 +12,8 @@ use std::{path::PathBuf, time::Duration};
 
 /// Makes FMUs of multibody models, recorded runs, other FMUs and trained networks
 ///
-/// A surrogate is sampled and trained, measured on runs that it has not seen, and packaged as a Functional Mock-up Unit, which runs
-/// in every tool that knows FMI 2.0 or 3.0 and needs nothing else there.
+/// A surrogate is sampled and trained, measured on unseen runs, and packaged as a Functional Mock-up Unit. It runs in
+/// every tool that supports FMI 2.0 or 3.0, without further software.
 #[derive(Debug, Parser)]
 #[command(
     version,
@@ -259,7 +259,7 @@ pub struct NewArgs {
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
-    /// What the surrogate is [default: response, of a table without a time static]
+    /// Structure of the surrogate [default: response; static for a table without a time]
     #[arg(long, value_name = "STRUCTURE", requires_if("discrete", "samples"), requires_if("static", "table"))]
     #[arg(value_parser = PossibleValuesParser::new(structures()))]
     pub structure: Option<String>,
@@ -306,14 +306,14 @@ pub struct ImportArgs {
     /// Trained model: an ONNX file, or tensors by name in an .npz or .safetensors file
     #[arg(value_name = "MODEL")]
     pub model: PathBuf,
-    /// Interface file: what the model's columns are
+    /// Interface file, which describes the model's columns
     #[arg(long, value_name = "FILE.toml", group = "what")]
     pub interface: Option<PathBuf>,
     /// Write an interface file to begin with, and nothing else
     #[arg(long, value_name = "FILE.toml", group = "what", conflicts_with_all = ["check", "tolerance", "out", "json"])]
     pub new: Option<PathBuf>,
-    /// Table of training data, CSV or Parquet, with a column for each input: its ranges count where the interface has none, and the domain of validity
-    /// is near its rows
+    /// Table of training data, CSV or Parquet, with a column for each input: its ranges count where the interface has
+    /// none, and the domain of validity is the region of its rows
     #[arg(long, value_name = "TABLE")]
     pub data: Option<PathBuf>,
     /// Table of inputs and of the outputs that the model gave for them
@@ -340,7 +340,7 @@ pub struct SchemaArgs {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum SchemaOf {
-    /// A study: what is sampled, how, and what is made of it
+    /// A study: the source of the runs, their sampling, and the surrogate
     Study,
     /// A mechanism: bodies, joints, springs, forces and drivers
     Mechanism,

@@ -49,7 +49,7 @@
 //! }
 //! ```
 //!
-//! [`pipeline`] has the stages one by one.
+//! [`pipeline`] has the single stages.
 
 // only commands print
 #![warn(clippy::print_stdout, clippy::print_stderr)]
@@ -68,7 +68,7 @@ pub mod source;
 pub mod surrogate;
 pub mod swap;
 
-// the commands use what is public here, like every other program
+// the commands use the public items here, like every other program
 extern crate self as metafmu;
 
 pub use commands::command;

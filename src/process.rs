@@ -21,10 +21,10 @@ const PAUSE: Duration = Duration::from_millis(1);
 /// Time that a process which ended has for its remaining output.
 const LAST_WORDS: Duration = Duration::from_millis(500);
 
-/// Length of a line on standard error after which it is broken.
+/// Longest line on standard error; longer ones are broken.
 const LONGEST_LINE: u64 = 4096;
 
-/// Replies that wait to be taken; a process that has more has to wait.
+/// Largest number of replies that are not yet taken; a process with more must wait.
 const WAITING: usize = 16;
 
 /// Standard output of a process.
@@ -43,16 +43,16 @@ pub struct ChildProcess<M> {
     last_words: Receiver<String>,
 }
 
-/// How a request ended.
+/// End of a request.
 #[derive(Debug)]
 pub enum ReplyStatus<M> {
-    /// With a reply.
+    /// A reply arrived.
     Reply(M),
-    /// With the end of the process.
+    /// The process ended.
     Died(Obituary),
-    /// Not within the time limit.
+    /// The time limit passed.
     TimedOut,
-    /// Not awaited, because the program is to stop.
+    /// The program must stop, so the reply is not awaited.
     Stopped,
 }
 
@@ -61,7 +61,7 @@ pub enum ReplyStatus<M> {
 pub struct Obituary {
     /// `true` with exit code 0.
     pub is_success: bool,
-    /// How the process ended, and the last line on its standard error.
+    /// Reason of the end of the process, and the last line on its standard error.
     pub message: String,
 }
 
@@ -215,8 +215,8 @@ fn listen(errors: ChildStderr, heard: fn(&str)) -> String {
     last
 }
 
-/// Makes a command start a separate group of processes: Ctrl-C in a terminal does not reach it, and [`kill`] ends what it
-/// starts in turn, such as the simulation tool behind an FMU.
+/// Makes a command start a separate group of processes: Ctrl-C in a terminal does not reach it, and [`kill`] ends its
+/// children, such as the simulation tool behind an FMU.
 fn in_own_group(command: &mut Command) {
     #[cfg(unix)]
     std::os::unix::process::CommandExt::process_group(command, 0);

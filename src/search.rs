@@ -1,7 +1,7 @@
-//! A search over the keys of a study file: which trials there are, how far each goes, which go on.
+//! A search over the keys of a study file: its trials, their rungs, and their selection.
 //!
-//! Everything follows from the study: the same study has the same trials, and which of them go on depends on their
-//! scores alone, not on the order in which they end.
+//! Everything follows from the study: the same study has the same trials. Their selection depends on their scores
+//! alone, not on the order in which they end.
 
 use crate::{
     Error, Result,
@@ -53,8 +53,8 @@ pub fn rungs(options: &SearchOptions) -> Vec<f64> {
     (0..rungs).rev().map(|left| (options.reduction as f64).powi(-(left as i32))).collect()
 }
 
-/// Which trials go on after a rung: of the scores, the smaller the better, the best one in `reduction`, and at least one.
-/// Trials without a score do not. In ascending order.
+/// Trials that continue after a rung: the best one in `reduction` of the scores, the smaller the better, and at least
+/// one. Trials without a score do not. In ascending order.
 pub fn survivors(scores: &[(usize, Option<f64>)], reduction: usize) -> Vec<usize> {
     let mut scored: Vec<(usize, f64)> = scores.iter().filter_map(|&(trial, score)| Some((trial, score?))).collect();
     scored.sort_by(|a, b| a.1.total_cmp(&b.1).then(a.0.cmp(&b.0)));
@@ -64,8 +64,8 @@ pub fn survivors(scores: &[(usize, Option<f64>)], reduction: usize) -> Vec<usize
     trials
 }
 
-/// The text of a study with other values: `[search]` is left out, and what the study names by relative paths is named by
-/// absolute ones, so that the text may lie anywhere.
+/// Text of a study with other values. `[search]` is removed, and relative paths become absolute ones, so that the text
+/// may lie anywhere.
 ///
 /// # Errors
 /// [`Error::Study`] if a key leads through something that is not a table.
@@ -96,7 +96,8 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     Ok(root.to_string())
 }
 
-/// Fails if no study can have a value of the space, or an end of one of its ranges: neither alone nor beside values of other keys.
+/// Fails if a value of the space, or an end of one of its ranges, is invalid in every study, alone and with values of
+/// other keys.
 ///
 /// # Errors
 /// [`Error::Study`] with every such value.
@@ -140,7 +141,7 @@ fn trial(study: &Study, keys: &[&str], values: &[Value]) -> Result<Study> {
     Ok(trial)
 }
 
-/// The values and the studies of all trials, or for each why it is none: values may be good and not go together.
+/// Values and studies of all trials, or the reason why a trial is invalid: values may be valid but not fit together.
 ///
 /// # Errors
 /// [`Error::Study`] if the study has no search.
@@ -156,7 +157,7 @@ pub fn studies(study: &Study) -> Result<Vec<(Vec<Value>, Result<Study>)>> {
     Ok(trials(options, study.seed).into_iter().map(with_study).collect())
 }
 
-/// What is wrong with a study, without the lines of its text, which nobody has written.
+/// Problems of a study, without the lines of its generated text.
 fn reasons(error: &Error) -> String {
     match error {
         Error::Study { problems } => {

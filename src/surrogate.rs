@@ -1,4 +1,4 @@
-//! Where training and FMI meet: a trained model becomes a surrogate, which is saved, loaded and named by its digest.
+//! Link between training and FMI: a trained model becomes a surrogate, which is saved, loaded and named by its digest.
 
 use crate::{
     Error, Result,
@@ -16,7 +16,7 @@ use metafmu_runtime::{
 };
 use std::path::Path;
 
-/// Puts a trained model and what is known about its columns together.
+/// Puts a trained model and the metadata of its columns together.
 ///
 /// The graph's columns are encoded parameters then time in, outputs out.
 ///
@@ -26,7 +26,7 @@ pub fn assemble(study: &Study, dataset: &Dataset, train_rows: usize, graph: Grap
     finish(metadata(study, dataset, train_rows), graph.into())
 }
 
-/// The same of a fitted baseline, which has a name, a description and a digest of its own.
+/// Puts a fitted baseline together, with a separate name, description and digest.
 ///
 /// # Errors
 /// As [`assemble`].
@@ -247,7 +247,8 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     }
 }
 
-/// In every run a parameter was constant, also one that was an input of an FMU: unless the study says otherwise, it is fixed.
+/// A parameter was constant in every run, even if it was an input of an FMU. It is fixed unless the study states
+/// otherwise.
 fn role(options: &ParameterOptions) -> Role {
     match options.variability.unwrap_or_default() {
         study::ParameterVariability::Fixed => Role::Parameter(Tunability::Fixed),
@@ -296,7 +297,7 @@ pub fn save(surrogate: &Surrogate, path: &Path) -> Result<()> {
     write_whole(path, &bytes)
 }
 
-/// The text about an input, with what its limits and its variability do not tell.
+/// Text about an input beyond its limits and its variability.
 pub fn input_description(input: &Input, surrogate: &Surrogate) -> String {
     let Input { description, role, min, max, encoding, .. } = input;
     let values = match encoding {

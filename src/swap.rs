@@ -1,4 +1,4 @@
-//! A surrogate in the place of its source: one system, simulated with each of them, and what differs.
+//! A surrogate in the place of its source: one system, simulated with each of them, and the differences.
 
 use crate::{
     Error, Result,
@@ -25,7 +25,7 @@ use std::{
 /// Behind the name of a state: the parameter of a surrogate that has its value at the start.
 const AT_START: &str = "_start";
 
-/// What to compare; whatever is not given comes from the system or from the surrogate's default experiment.
+/// Options of a comparison; missing ones come from the system or from the surrogate's default experiment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SwapOptions {
     /// The system: an SSP archive or a SystemStructure.ssd.
@@ -63,7 +63,7 @@ pub struct Swap {
 /// The recorded rows of a run.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RecordedRows {
-    /// What the columns are.
+    /// Names and units of the columns.
     pub columns: Vec<RecordedColumn>,
     /// Time of each row.
     pub times: Vec<f64>,
@@ -96,9 +96,9 @@ pub struct SwapComparison {
     pub component_step: StepSpeed,
     /// Wall time of a step of all components.
     pub system_step: StepSpeed,
-    /// Where the surrogate was outside the ranges that it is made for; none if it never was, or does not say.
+    /// Rows where the surrogate was outside its domain; none if it never was, or does not report it.
     pub outside_domain: Option<Outside>,
-    /// What limits the comparison.
+    /// Limits of the comparison.
     pub warnings: Vec<String>,
     /// The run with the source.
     #[serde(skip)]
@@ -132,9 +132,9 @@ pub struct Difference {
 /// Wall times of a step, in s.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct StepSpeed {
-    /// With the source.
+    /// Step time with the source.
     pub source: StepTime,
-    /// With the surrogate.
+    /// Step time with the surrogate.
     pub surrogate: StepTime,
     /// Median with the source by median with the surrogate.
     pub speed_up: f64,
@@ -159,9 +159,9 @@ pub struct Outside {
 }
 
 impl Swap {
-    /// Reads the system and the FMUs, and finds out what the surrogate takes over from the source: connectors by their names;
-    /// parameters by their names with the values that the system sets, else the source's own start values; `NAME_start` with that of
-    /// the source's variable `NAME`.
+    /// Reads the system and the FMUs, and determines what the surrogate takes over from the source. Connectors and
+    /// parameters match by their names. Parameters have the values that the system sets, else the source's own start
+    /// values; `NAME_start` has that of the source's variable `NAME`.
     ///
     /// # Errors
     /// - as [`FmuSystem::open`], [`FmuSystem::load`] and [`Unpacked::open`];
@@ -214,7 +214,7 @@ impl Swap {
         })
     }
 
-    /// Makes both runs, each in a process of its own, and compares them; `begins` is told which one is made.
+    /// Makes both runs, each in a separate process, and compares them; `begins` is called with the FMU of each run.
     ///
     /// # Errors
     /// As [`run_system_apart`]; [`Error::Worker`] also if an output is not finite, or if there are no steps to compare.
@@ -277,7 +277,7 @@ fn refuse_misfits(system: &FmuSystem, replaced: usize, surrogate: &ComponentSour
     if problems.is_empty() { Ok(()) } else { Err(Error::Replacement { path, problems }) }
 }
 
-/// The variable that tells whether a surrogate is within its domain.
+/// Variable that indicates whether a surrogate is within its domain.
 fn in_domain(component: usize, surrogate: &ComponentSource) -> Option<Port> {
     let name = BuiltIn::InDomain.name();
     let variable = surrogate.description().variable(name)?;
@@ -285,7 +285,7 @@ fn in_domain(component: usize, surrogate: &ComponentSource) -> Option<Port> {
     tells.then(|| port(component, surrogate, name))
 }
 
-/// What is compared.
+/// Signals that are compared.
 struct Compared {
     /// Name, component and connector of each output.
     outputs: Vec<(String, usize, String)>,
@@ -328,7 +328,7 @@ impl Compared {
     }
 }
 
-/// When and how both runs are made.
+/// Experiment and settings of both runs.
 fn experiment(
     options: &SwapOptions,
     system: &FmuSystem,
@@ -354,7 +354,8 @@ fn experiment(
     Err(Error::Experiment { start, stop: stop.unwrap_or(f64::NAN), step: step.unwrap_or(f64::NAN), expected })
 }
 
-/// Start values of a surrogate that replaces a source, and what the system sets that the surrogate has no parameter for.
+/// Start values of a surrogate that replaces a source, and values of the system for which the surrogate has no
+/// parameter.
 fn taken_over(source: &ModelDescription, set: &[(&str, f64)], surrogate: &ModelDescription) -> [Vec<(String, f64)>; 2] {
     let takes =
         |name: &str| surrogate.variable(name).is_some_and(|variable| is_settable(variable) && is_number(variable));

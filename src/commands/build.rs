@@ -38,7 +38,7 @@ pub fn run(args: &BuildArgs) -> Result<CommandOutcome> {
     })
 }
 
-/// Where the results are, the FMU first.
+/// Paths of the results, the FMU first.
 fn files(project: &Project, built: &Built) -> String {
     let fmu = |(WrittenFmu { fmu, bytes, version }, _): &(WrittenFmu, _)| {
         let interfaces = if project.study.is_discrete() { "co-simulation" } else { "co-simulation and model exchange" };

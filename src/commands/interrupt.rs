@@ -1,4 +1,4 @@
-//! Ctrl-C: once asks the running stage to stop, twice ends the program.
+//! Ctrl-C: the first one stops the running stage, the second one ends the program.
 
 use std::sync::{
     OnceLock,

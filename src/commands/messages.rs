@@ -1,4 +1,4 @@
-//! What the command writes to standard error: progress, notes, warnings, errors; how much of it, and in which color.
+//! Messages of the command on standard error: progress, notes, warnings and errors, with their verbosity and color.
 
 use crate::cli::GlobalArgs;
 use anstream::AutoStream;
@@ -12,14 +12,14 @@ use std::{
     sync::atomic::{AtomicU8, Ordering},
 };
 
-/// How much is written.
+/// Verbosity of the messages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Verbosity {
     /// Warnings and errors.
     Quiet,
     /// Progress and notes as well.
     Normal,
-    /// On a terminal also the notes that others read in place of a progress bar.
+    /// On a terminal also the notes that replace a progress bar elsewhere.
     Verbose,
 }
 
@@ -95,8 +95,8 @@ pub fn graded(verdict: &Verdict) -> String {
     visible(&text).replacen(grade, &format!("{style}{grade}{style:#}"), 1)
 }
 
-/// A text of others' names and messages with its control characters as they are written in JSON, so that they do nothing to
-/// a terminal; line breaks and tabs stay.
+/// Text of third-party names and messages that is safe for a terminal: control characters are escaped as in JSON,
+/// except line breaks and tabs.
 pub fn visible(text: &str) -> Cow<'_, str> {
     let hidden = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
     if !text.contains(hidden) {

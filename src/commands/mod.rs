@@ -40,8 +40,8 @@ use std::{
     path::Path,
 };
 
-/// The `metafmu` command: parses the arguments, the first of which is the program's name, does what they say, and gives the exit
-/// code. Errors are on stderr. `program` is what its worker processes run, with other arguments; unless given this
+/// The `metafmu` command: parses and executes the arguments, the first of which is the program's name, and returns the
+/// exit code. Errors are on stderr. Worker processes run `program`, with other arguments; by default it is this
 /// process's executable.
 pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&Path>) -> u8 {
     if let Some(program) = program {
@@ -112,7 +112,7 @@ fn version() -> String {
     )
 }
 
-/// Prints what is on stderr to stdout as well, where a reader of JSON expects an object.
+/// Prints the problems on stderr to stdout as well, where a reader of JSON expects an object.
 fn print_problems(text: &str, exit_code: u8) {
     let problems: Vec<&str> = text.lines().filter(|line| !line.trim().is_empty()).collect();
     // the exit code says that something is wrong, also if nothing can be printed
@@ -147,11 +147,11 @@ fn run(command: Command) -> Result<CommandOutcome> {
 /// Outcome of a command that did its work.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CommandOutcome {
-    /// Nothing to complain about.
+    /// No problem.
     Fine,
     /// The command worked and found problems.
     ProblemsFound,
-    /// Ctrl-C shortened the training; everything was made of the best network so far.
+    /// Ctrl-C shortened the training; the results are those of the best network so far.
     Interrupted,
 }
 
@@ -160,7 +160,7 @@ fn project(args: &StudyArgs) -> Result<Project<'static>> {
     Project::open(&args.study, args.out.as_deref(), terminal::control()?)
 }
 
-/// The last lines of a command that has made or measured a surrogate, and how it ends.
+/// Last lines and exit code of a command that has made or measured a surrogate.
 fn conclude(verdict: &Verdict, json: bool) -> Result<CommandOutcome> {
     if json {
         verdict.text().lines().for_each(say);

@@ -66,7 +66,7 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     };
     let study = Study::parse(&text, &path)?;
     files::write_whole(&path, text.as_bytes())?;
-    // what is proposed is tried; a file that is refused is there to be changed
+    // the proposal is tried; a refused file is written all the same, to be changed
     let trial = trial.unwrap_or_else(|| trial::attempt(&study, control()?));
     let Trial { runs, failures } = trial.inspect_err(|_| {
         say(format_args!("{} is written, and has to be changed before it can be built", path.display()));
@@ -79,10 +79,10 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     Ok(CommandOutcome::Fine)
 }
 
-/// Structure of sources that have runs, unless given.
+/// Default structure of sources that have runs.
 const RESPONSE: &str = "response";
 
-/// A study to be written, and how it was tried, if it was.
+/// A study to be written, and the result of its trial, if it was tried.
 struct Proposal {
     text: String,
     trial: Option<Result<Trial>>,
@@ -106,7 +106,7 @@ impl StudyTarget<'_> {
         self.folder.join(format!("{}.toml", self.name))
     }
 
-    /// A file as the study names it: relative to the study's folder, unless its whole path was given.
+    /// Path of a file in the study: relative to the study's folder, unless an absolute path was given.
     fn path_from(&self, file: &Path) -> String {
         let is_here = self.folder.as_os_str().is_empty();
         let (false, Ok(folder), Ok(found)) =
@@ -204,7 +204,7 @@ test_runs = 200             # random runs that are never part of training
     )
 }
 
-/// The end of a study of the structure "discrete".
+/// End of a study of the structure "discrete".
 const DISCRETE: &str = "[discrete]
 history = 8                 # past samples of outputs and inputs that the next outputs follow from, at most
 stretch = 64                # samples that are predicted in a row in the training
@@ -216,17 +216,17 @@ hidden = [32, 32]           # beside what is linear
 epochs = 300
 ";
 
-/// Optimizer steps of a training, at the most: half a minute to a minute with the network of the examples.
+/// Largest number of optimizer steps of a training: half a minute to a minute with the network of the examples.
 const STEPS: f64 = 40_000.0;
 
 /// Rows of a batch in the examples.
 const BATCH: f64 = 1024.0;
 
-/// Runs held out for validation, at the least.
+/// Smallest number of runs held out for validation.
 const HELD_OUT: f64 = 10.0;
 
-/// From `[network]` on, as in the built-in systems' studies, with epochs and validation as they suit so many training runs of so many
-/// rows.
+/// The study from `[network]` on, as in the built-in systems' studies, with epochs and validation that suit `runs`
+/// training runs of `rows` rows.
 fn rest(runs: usize, rows: f64) -> String {
     let template = SYSTEMS[0].study;
     let text = template.find("[network]").map_or("", |start| &template[start..]);

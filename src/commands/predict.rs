@@ -37,7 +37,7 @@ fn summary(Predicted { rows, runs, seconds, .. }: &Predicted) -> String {
     format!("{rows} rows{runs} in {seconds:.2} s, {:.0} rows/s", *rows as f64 / seconds)
 }
 
-/// Says what would be overlooked in a long table.
+/// Prints warnings that would be overlooked in a long table.
 fn warn_of(Predicted { rows, outside, not_finite, .. }: &Predicted) {
     let first = |found: &Found| found.first.unwrap_or_default();
     if outside.rows > 0 {

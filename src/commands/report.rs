@@ -1,4 +1,4 @@
-//! `metafmu report`: the surrogate beside the truth, on one page.
+//! `metafmu report`: the surrogate and the truth on one page.
 
 use super::{CommandOutcome, print, print_json, project};
 use crate::cli::ReportArgs;

@@ -73,7 +73,7 @@ fn read_inputs(fmu: &Path, description: &ModelDescription, path: &Path) -> Resul
 struct RowOutput<'a, 'b> {
     csv: Option<&'a mut dyn Write>,
     path: &'b Path,
-    /// For the plot.
+    /// Rows for the plot.
     table: Option<&'b mut SimulationTable>,
     domain: &'b mut DomainWarning,
 }
@@ -137,7 +137,7 @@ impl DomainWarning {
     }
 }
 
-/// Plots what changes during the run, or everything if nothing does.
+/// Plots the variables that change during the run, or all of them if none does.
 fn plot(path: &Path, title: &str, table: &SimulationTable) -> Result<()> {
     let curve = |(index, column): (usize, &RecordedColumn)| Curve {
         name: column.name.clone(),

@@ -1,4 +1,4 @@
-//! Results that are written as they come, and whether stdout was open when the program began.
+//! Writes results as they come, and records whether stdout was open when the program began.
 //!
 //! Before `main` the standard library puts `/dev/null` in the place of closed standard streams: results would vanish there
 //! without an error. On Windows writing to a missing stdout is not an error either, and is ignored.
@@ -10,7 +10,7 @@ use std::{
     path::Path,
 };
 
-/// So many bytes are printed at once: of work that fails before, nothing.
+/// Number of bytes that are printed at once. Work that fails before prints nothing.
 const PIECE: usize = 1 << 20;
 
 /// Does work that writes to a file, whole or not at all, or to stdout. A reader that has seen enough (`| head`) ends it without

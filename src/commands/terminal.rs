@@ -1,4 +1,4 @@
-//! What a pipeline tells, on stderr: a bar on a terminal, a few lines elsewhere.
+//! Progress of a pipeline on stderr: a bar on a terminal, a few lines elsewhere.
 
 use super::{
     heard, interrupt,
@@ -30,13 +30,13 @@ pub fn end() {
     TERMINAL.event(Event::End);
 }
 
-/// What a pipeline gets from this command.
+/// Control of a pipeline by this command.
 pub fn control() -> Result<Control<'static>> {
     let observer = &TERMINAL;
     Ok(Control { observer, stop: interrupt::flag(), program: program()?, heard })
 }
 
-/// What worker processes get from this command.
+/// Settings of the worker processes of this command.
 pub fn workers() -> Result<Workers<'static>> {
     Ok(Workers { program: program()?, stop: interrupt::flag() })
 }
@@ -163,7 +163,8 @@ fn rounded(speed: f64) -> String {
     }
 }
 
-/// What is done in a second: of late, or from the beginning if that is less, so that it falls at once when nothing moves.
+/// Work done per second: the smaller of the recent rate and the mean rate, so that it falls at once when progress
+/// stops.
 fn speed(state: &ProgressState) -> f64 {
     state.per_sec().min(state.pos() as f64 / state.elapsed().as_secs_f64())
 }

@@ -9,7 +9,7 @@ use metafmu::{
 };
 use serde::Serialize;
 
-/// What is printed as JSON.
+/// Result of a training as printed in JSON.
 #[derive(Serialize)]
 struct Printed<'a> {
     #[serde(flatten)]

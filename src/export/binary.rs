@@ -7,7 +7,7 @@ use std::{borrow::Cow, path::Path};
 /// The library inside every FMU, for one platform.
 #[derive(Clone, Debug)]
 pub struct Binary {
-    /// Where it runs.
+    /// Platform that it runs on.
     pub platform: Platform,
     /// The shared library.
     pub bytes: Cow<'static, [u8]>,
@@ -25,7 +25,7 @@ impl Binary {
     /// The embedded library for a platform.
     ///
     /// # Errors
-    /// [`Error::NotEmbedded`] with what is embedded.
+    /// [`Error::NotEmbedded`] with the embedded platforms.
     pub fn of_platform(tuple: &str) -> Result<Self> {
         let embedded = Self::embedded();
         let known = embedded.iter().map(|binary| binary.platform.tuple.to_owned()).collect();

@@ -1,5 +1,5 @@
-//! The model card in every FMU, `documentation/index.html`: what it is, over which ranges it may be trusted, how accurate
-//! it is, and where it comes from. One small page without anything to load.
+//! The model card in every FMU, `documentation/index.html`: its function, its ranges of validity, its accuracy, and its
+//! origin. One small page without anything to load.
 
 use super::{
     describe::known,
@@ -82,7 +82,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     page
 }
 
-/// What holds of values that were constant in each run of the training.
+/// Clause on inputs and parameters that were constant in each training run.
 fn unchanged(surrogate: &Surrogate) -> &'static str {
     let may_change = |role: Role| matches!(role, Role::Input | Role::Parameter(Tunability::Tunable));
     if surrogate.time_column().is_some() && surrogate.inputs().iter().any(|input| may_change(input.role)) {
@@ -239,7 +239,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     }
 }
 
-/// How the bounds hold for each kind of signal.
+/// Coverage of the bounds for each kind of signal.
 fn kinds(page: &mut String, calibration: &[KindCoverage]) {
     let Some(first) = calibration.first() else { return };
     let names: String = first.within.keys().map(|name| format!("<th>{}</th>", code(name))).collect();
@@ -258,7 +258,7 @@ fn kinds(page: &mut String, calibration: &[KindCoverage]) {
     line(page, "</table>");
 }
 
-/// How errors grow along roll-outs.
+/// Growth of errors along roll-outs.
 fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
     let Some(RollOuts { horizons, .. }) = roll_outs else { return };
     line(
@@ -309,7 +309,7 @@ fn measured(surrogate: &Surrogate, page: &mut String) {
     line(page, "</table>");
 }
 
-/// What the outputs are computed with.
+/// Text on the model that computes the outputs.
 fn model(surrogate: &Surrogate) -> String {
     let metadata = surrogate.metadata();
     let Program { graph, clock } = surrogate.program();
@@ -370,7 +370,7 @@ fn of_baseline(graph: &Graph) -> Option<(&'static str, String)> {
     }
 }
 
-/// What a graph is made of.
+/// Size of a graph as text.
 fn size_of_graph(graph: &Graph) -> String {
     let weights: usize = (graph.steps.iter())
         .map(|step| match step {
@@ -400,7 +400,7 @@ fn outputs(graph: &Graph) -> usize {
     graph.widths().ok().and_then(|widths| widths.last().copied()).unwrap_or_default()
 }
 
-/// What the next outputs are computed from, and with what.
+/// Text on the function that computes the next outputs, and on its inputs.
 fn size_of_samples(graph: &Graph, sampling: &Sampling) -> String {
     let Sampling { hidden, direct, history: [outputs, inputs], step, .. } = sampling;
     let is_linear = graph.steps.iter().any(|step| matches!(step, Step::Affine { .. }));
@@ -426,7 +426,7 @@ fn of_function(function: &Graph) -> String {
     }
 }
 
-/// How large the functions in equations of motion are, and how they are integrated.
+/// Size of the functions in equations of motion, and their integration.
 fn size_of_motion(motion: &Motion, integration: Integration) -> String {
     let Motion { dynamics, positions, reactions, .. } = motion;
     let network = |what: &str, term: Option<&NetworkTerm>| {
@@ -450,7 +450,7 @@ fn size_of_motion(motion: &Motion, integration: Integration) -> String {
     )
 }
 
-/// What the solver adds to the errors of the equations, as text.
+/// Text on the error that the solver adds to that of the equations.
 fn accuracy_of_solver(error: Option<f64>) -> String {
     let text = |error| {
         format!(
@@ -460,7 +460,7 @@ fn accuracy_of_solver(error: Option<f64>) -> String {
     error.map_or(String::new(), text)
 }
 
-/// How states are integrated, as text.
+/// Integration of the states as text.
 fn integrated(integration: Integration) -> String {
     match integration {
         Integration::ErrorControlled { tolerance, longest } => format!(
@@ -478,7 +478,7 @@ fn integrated(integration: Integration) -> String {
     }
 }
 
-/// The hidden layers in words, for instance `64 + 64 tanh nodes`.
+/// Hidden layers as text, for instance `64 + 64 tanh nodes`.
 fn nodes(layers: &[Layer]) -> String {
     let hidden = &layers[..layers.len() - 1];
     let mut words: Vec<String> = Vec::new();

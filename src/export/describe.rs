@@ -26,7 +26,7 @@ const LOG_CATEGORIES: [(&str, &str); 3] = [
 impl ModelDescription {
     /// Describes the FMU of a surrogate.
     ///
-    /// The variables are those of [`Surrogate::variables`]. Nothing of it depends on when or where it is called.
+    /// The variables are those of [`Surrogate::variables`]. It does not depend on the time or the path of the call.
     pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
         let Metadata { name, description, .. } = surrogate.metadata();
         let table: Vec<(u32, &Variable)> = table(surrogate, fmi_version).collect();
@@ -65,7 +65,7 @@ impl ModelDescription {
                 ..CoSimulation::default()
             }),
             units: units(surrogate.metadata()),
-            // the names of mechanisms and `der(NAME)` are such; those of a study may be any text
+            // names of mechanisms and `der(NAME)` are hierarchical; those of a study may be any text
             naming: if surrogate.states().is_empty() { NamingConvention::Flat } else { naming(&table) },
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
@@ -76,7 +76,7 @@ impl ModelDescription {
     }
 }
 
-/// Whether all names have the form that hierarchical ones have.
+/// Naming convention of the variables: structured if all names have the hierarchical form.
 fn naming(table: &[(u32, &Variable)]) -> NamingConvention {
     let is_identifier = |part: &str| {
         part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
@@ -158,7 +158,7 @@ fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Descri
         Role::Input => (Causality::Input, Variability::Continuous, initial_of_input(fmi_version)),
         Role::Time => (Causality::Independent, Variability::Continuous, None),
     };
-    // every number is a good value of a periodic input, and a state has limits of its own; hosts may refuse or warn at limits
+    // every number is valid for a periodic input, and a state has separate limits; hosts may refuse or warn at limits
     let is_limited = input.encoding != Encoding::Periodic && input.role != Role::Start;
     let limit = |limit: f64| is_limited.then_some(limit);
     let real = RealAttributes {
@@ -196,7 +196,7 @@ fn rate(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Describ
     DescribedVariable::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
 }
 
-/// Several outputs under one name, beside their own.
+/// Outputs under one name, in addition to their own.
 fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let OutputArray { description, .. } = &surrogate.arrays()[index];
     let (unit, columns) = surrogate.array_elements(index);
@@ -208,7 +208,8 @@ fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     DescribedVariable { dimensions, ..DescribedVariable::scalar(description, what, VariableType::Real(real)) }
 }
 
-/// A constant: hosts can show it beside the output without asking the FMU. Of a model with a state it grows with the time.
+/// A constant, which hosts can show with the output without a call of the FMU. Of a model with a state it grows with
+/// the time.
 fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let output = &surrogate.outputs()[index];
     let bounds = surrogate.bounds();
@@ -236,7 +237,7 @@ fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }
 
-/// No limits: what is measured may be anything, and is not clamped.
+/// Input without limits: measured values may be anything, and are not clamped.
 fn measured(output: &Output, fmi_version: FmiVersion) -> DescribedVariable {
     let real = RealAttributes {
         unit: text(&output.unit),
@@ -282,14 +283,14 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate, fmi_version: FmiVersion) -
     DescribedVariable::scalar(variable.description(known(surrogate)), what, kind)
 }
 
-/// What descriptions of built-in variables depend on.
+/// Properties of a surrogate that the descriptions of built-in variables depend on.
 pub(super) fn known(surrogate: &Surrogate) -> Known {
     let fed_back = surrogate.program().sampling().is_some_and(|sampling| sampling.support.is_some());
     Known { time: surrogate.time_column().is_some(), data: surrogate.metadata().cover.is_some(), fed_back }
 }
 
-/// An output has no limits: FMI lets an FMU leave declared ones by rounding only, and those of the training data are no limits of the
-/// predictions. The model card has them.
+/// An output has no limits: FMI lets an FMU exceed declared ones by rounding only, and predictions may exceed the
+/// training data. The model card has them.
 fn output(output: &Output) -> DescribedVariable {
     let real = RealAttributes {
         unit: text(&output.unit),
@@ -331,7 +332,7 @@ fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
     names.into_iter().map(define).collect()
 }
 
-/// What is said of a solver that does not control its error.
+/// Text on a solver with fixed steps, which does not control its error.
 fn of_fixed_steps(surrogate: &Surrogate) -> String {
     match (surrogate.program().integration(), surrogate.metadata().solver_error) {
         (Some(Integration::Fixed { step }), Some(error)) => {
@@ -351,10 +352,12 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     }
 }
 
-/// Every output and every derivative of a state is computed from every input and every state, and those of the model from the domain
-/// policy as well, which may clamp them; a state at the start is its parameter. While the simulation runs the standard counts only inputs, states and the time as known, and parameters
-/// at initialization as well. No kinds are given: every dependency is nonlinear, which is what leaving them out means.
-/// Variables are given by their position in the table.
+/// Model structure: unknowns and their dependencies, as positions of the variables in the table.
+///
+/// Every output and every derivative of a state depends on every input and every state. Those of the model also depend
+/// on the domain policy, which may clamp inputs and states. The initial value of a state is its parameter. In the
+/// standard only inputs, states and the time are known during the simulation, and parameters at initialization as well.
+/// Dependency kinds are omitted, which means that every dependency is nonlinear.
 fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructure {
     let positions = |is_wanted: &dyn Fn(Quantity) -> bool| -> Vec<usize> {
         table.iter().enumerate().filter(|(_, (_, v))| is_wanted(v.quantity)).map(|(position, _)| position).collect()
@@ -379,7 +382,7 @@ fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructur
             (Clock::Continuous(_), None) => {
                 return known_of_rates(table[position].1.quantity, surrogate, &states, &later);
             }
-            // what is remembered is no variable, and an input that does not act directly counts from the next sample on
+            // past samples are no variables, and an input without direct effect acts from the next sample on
             (Clock::Sampled(sampling), _) => match table[position].1.quantity {
                 Quantity::Output(output) => return direct_inputs(sampling, &driven, &[output]),
                 Quantity::Array(array) => return direct_inputs(sampling, &driven, surrogate.array_elements(array).1),

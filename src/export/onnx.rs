@@ -1,8 +1,9 @@
 //! A surrogate without a state as an ONNX model: nobody is locked in.
 //!
-//! The model has one input, `inputs`, a row of all inputs of the surrogate for each point, and one output, `outputs`. Names, units and ranges
-//! are in the model's metadata. It computes in double precision unless the surrogate does so in single; where ONNX Runtime has an
-//! operator in single precision only, it is written with others. The operators are those of opset 17 and of `ai.onnx.ml` 3.
+//! The model has one input, `inputs`, a row of all inputs of the surrogate for each point, and one output, `outputs`.
+//! Names, units and ranges are in the model's metadata. It computes in double precision unless the surrogate uses
+//! single; operators that ONNX Runtime has in single precision only are composed of others. The operators are those of
+//! opset 17 and of `ai.onnx.ml` 3.
 
 use crate::{
     Error, Result,
@@ -43,7 +44,7 @@ pub fn onnx(surrogate: &Surrogate) -> Result<Vec<u8>> {
     Ok(writer.model(surrogate).encode_to_vec())
 }
 
-/// Nodes and constants of a graph that is being written; what they make is named by its number.
+/// Nodes and constants of a graph that is being written; their results are named by numbers.
 struct OnnxWriter {
     is_single: bool,
     nodes: Vec<NodeProto>,

@@ -21,34 +21,34 @@ use std::{
 };
 use zip::{CompressionMethod, DateTime, ZipWriter, result::ZipResult, write::SimpleFileOptions};
 
-/// Archive entry with the model file, byte for byte what was trained.
+/// Archive entry with the model file, byte for byte as trained.
 pub const MODEL_FILE: &str = "resources/model.safetensors";
 
 /// Largest model file that is read.
 const MAX_MODEL: u64 = 1 << 30;
 
 const ICON: &[u8] = include_bytes!("assets/icon.png");
-/// Those of the runtime library; that of the model is the author's business.
+/// Licenses of the runtime library; that of the model is the author's business.
 const LICENSES: [(&str, &[u8]); 3] = [
     ("license.txt", include_bytes!("assets/license.txt")),
     ("MIT.txt", include_bytes!("../../LICENSE-MIT")),
     ("Apache-2.0.txt", include_bytes!("../../LICENSE-APACHE")),
 ];
 
-/// What an FMU is made of, beside the surrogate.
+/// Contents of an FMU beside the surrogate.
 #[derive(Clone, Debug)]
 pub struct Contents<'a> {
     /// Version of the standard.
     pub version: FmiVersion,
-    /// What the FMU says about itself.
+    /// Metadata of the FMU.
     pub about: &'a ExportOptions,
-    /// The library for each platform; [`Binary::embedded`] has those that came with this program.
+    /// The library for each platform; [`Binary::embedded`] returns those that are part of this program.
     pub binaries: &'a [Binary],
-    /// How good the surrogate is, if that was measured.
+    /// Accuracy of the surrogate, if it was measured.
     pub accuracy: Option<&'a Accuracy>,
     /// Pictures of how good it is, for the model card.
     pub figures: &'a [Drawn],
-    /// Whether the surrogate as C source code comes along.
+    /// `true` if the FMU contains the surrogate as C source code.
     pub sources: bool,
 }
 

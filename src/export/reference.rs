@@ -1,8 +1,8 @@
-//! The reference result in every FMU: a run that a receiver can repeat to see that the FMU arrived whole and computes
-//! what it should.
+//! The reference result in every FMU: a receiver can repeat its run to check that the FMU is complete and computes
+//! correctly.
 //!
-//! Two files in `extra/org.metafmu/`, the place both versions of the standard give to additional data:
-//! `reference_options.json` says what to run, `reference_result.csv` holds the outputs.
+//! Two files in `extra/org.metafmu/`, the path that both versions of the standard reserve for additional data:
+//! `reference_options.json` has the options of the run, `reference_result.csv` the outputs.
 
 use super::describe::nominal;
 use crate::table::header_field;
@@ -11,7 +11,7 @@ use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Input, Integration, P
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
-/// Archive entry that says what to run.
+/// Archive entry with the options of the reference run.
 pub const OPTIONS_FILE: &str = "extra/org.metafmu/reference_options.json";
 /// Archive entry with time and outputs of that run.
 pub const RESULT_FILE: &str = "extra/org.metafmu/reference_result.csv";
@@ -20,12 +20,12 @@ pub const RESULT_FILE: &str = "extra/org.metafmu/reference_result.csv";
 const MAX_STEPS: f64 = 100.0;
 /// Processors round differently: largest difference relative to an output's nominal value.
 const DOUBLE_TOLERANCE: f64 = 1e-9;
-/// The same for networks that compute in single precision.
+/// Largest difference for networks that compute in single precision, relative to an output's nominal value.
 const SINGLE_TOLERANCE: f64 = 1e-4;
 /// Largest difference of two predicted standard deviations by rounding, relative to the smallest one: a variance is at least four times its rounding error.
 const STD_ROUNDING: f64 = 0.25;
 
-/// What to run. Inputs and parameters keep their start values throughout.
+/// Options of the reference run. Inputs and parameters keep their start values throughout.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ReferenceOptions {
     /// Start time, in seconds.

@@ -61,7 +61,7 @@ pub fn fmu_of_described_as(folder: &Path, version: FmiVersion, change: impl FnOn
     })
 }
 
-/// The same for FMI 2.0.
+/// Writes the example's FMU for FMI 2.0 after a change of its modelDescription.xml.
 pub fn fmu_described_as(folder: &Path, change: impl FnOnce(String) -> String) -> PathBuf {
     fmu_of_described_as(folder, FmiVersion::V2, change)
 }

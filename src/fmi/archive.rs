@@ -31,13 +31,13 @@ pub struct Archive {
 pub struct Entry {
     /// Name as it is in the archive.
     pub name: String,
-    /// Whether it can only be read with a password.
+    /// `true` if reading it requires a password.
     pub encrypted: bool,
-    /// Whether FMI allows how it is packed: stored or deflated.
+    /// `true` if FMI allows its compression method: stored or deflated.
     pub allowed_method: bool,
     /// Bytes of its content.
     pub size: u64,
-    /// Why it cannot be unpacked safely, if so.
+    /// Reason why it cannot be unpacked safely, if there is one.
     pub unsafe_name: Option<&'static str>,
 }
 
@@ -65,7 +65,7 @@ impl Archive {
         }
     }
 
-    /// Opens an archive that is an entry of this one; its path is that of this one with the entry's name behind it.
+    /// Opens an archive that is an entry of this one; its path is that of this one followed by the entry's name.
     ///
     /// # Errors
     /// [`Error::ArchiveEntry`] if it is missing, damaged or too large, [`Error::Archive`] if it is not a zip archive.
@@ -114,12 +114,12 @@ impl Archive {
             .collect()
     }
 
-    /// Whether two entries have the same name, so that it depends on the reader which one is seen.
+    /// Returns true if two entries have the same name, so that readers may disagree about the content.
     pub fn has_duplicates(&self) -> bool {
         self.zip.has_duplicate_names()
     }
 
-    /// Whether there is an entry of that name.
+    /// Returns true if an entry of that name exists.
     pub fn contains(&self, name: &str) -> bool {
         self.zip.index_for_name(name).is_some()
     }
@@ -234,7 +234,7 @@ pub(super) fn description_error(path: &Path, problem: &xml::XmlProblem) -> Error
     Error::Description { path: path.to_owned(), line: problem.line, problem: problem.message.clone() }
 }
 
-/// Why an entry of that name may not be unpacked.
+/// Reason why an entry of that name must not be unpacked, if there is one.
 fn unsafe_name(name: &str) -> Option<&'static str> {
     let mut parts = name.split(['/', '\\']);
     if name.starts_with(['/', '\\']) {

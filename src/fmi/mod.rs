@@ -3,8 +3,8 @@
 //! - [`ModelDescription`]: an FMU's description of itself; [`xml`] writes and reads it as FMI 2.0 and 3.0 do.
 //! - [`Fmu`] and [`FmuInstance`]: load anyone's FMU and run it; [`simulate`] does a whole run.
 //! - [`system`]: systems of FMUs that exchange values (SSP), and runs of them.
-//! - [`worker`]: FMUs run in processes of their own; [`simulate_apart`] does a whole run in one.
-//! - [`validate()`]: every problem of an FMU; [`validate_apart`] in processes of their own.
+//! - [`worker`]: FMUs in separate processes; [`simulate_apart`] does a whole run in one.
+//! - [`validate()`]: every problem of an FMU; [`validate_apart`] runs it in separate processes.
 
 mod archive;
 pub mod host;

@@ -32,7 +32,7 @@ pub struct ModelDescription {
     pub generation_tool: Option<String>,
     /// When that was, as written in the file.
     pub generation_date_and_time: Option<String>,
-    /// How variable names are built.
+    /// Convention of variable names.
     pub naming: NamingConvention,
     /// The co-simulation interface, if it is offered.
     pub co_simulation: Option<CoSimulation>,
@@ -71,7 +71,7 @@ impl FmiVersion {
     pub const ALL: [Self; 2] = [Self::V2, Self::V3];
 }
 
-/// How variable names are built.
+/// Convention of variable names.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NamingConvention {
     /// Any text without line breaks and tabs.
@@ -86,19 +86,19 @@ pub enum NamingConvention {
 pub struct InterfaceCapabilities {
     /// Name of the binary and prefix of its functions in source code: a C identifier.
     pub model_identifier: String,
-    /// Whether the FMU is only a connection to another program.
+    /// `true` if the FMU is only a connection to another program.
     pub needs_execution_tool: bool,
-    /// Whether a process may hold one instance only.
+    /// `true` if a process may hold one instance only.
     pub only_once_per_process: bool,
-    /// Whether the FMU allocates memory by itself instead of through the host; FMI 2.0 only, later FMUs always do.
+    /// `true` if the FMU allocates its memory without the host; FMI 2.0 only, later FMUs always do.
     pub own_memory_management: bool,
-    /// Whether the state can be taken and put back.
+    /// `true` if the host can save and restore the state.
     pub get_and_set_state: bool,
-    /// Whether a saved state can be serialized.
+    /// `true` if a saved state can be serialized.
     pub serialize_state: bool,
-    /// Whether directional derivatives are offered.
+    /// `true` if the FMU provides directional derivatives.
     pub directional_derivative: bool,
-    /// Whether adjoint derivatives are offered; FMI 3.0 only.
+    /// `true` if the FMU provides adjoint derivatives; FMI 3.0 only.
     pub adjoint_derivative: bool,
     /// Source files to compile, relative to `sources/`; FMI 2.0 only, later FMUs have a build description instead.
     pub source_files: Vec<String>,
@@ -109,7 +109,7 @@ pub struct InterfaceCapabilities {
 pub struct ModelExchange {
     /// Capabilities that every type of interface has.
     pub interface: InterfaceCapabilities,
-    /// Whether the host must report every completed integrator step.
+    /// `true` if the host must report every completed integrator step.
     pub needs_completed_integrator_step: bool,
 }
 
@@ -118,27 +118,27 @@ pub struct ModelExchange {
 pub struct CoSimulation {
     /// Capabilities that every type of interface has.
     pub interface: InterfaceCapabilities,
-    /// Whether communication steps may differ in size.
+    /// `true` if communication steps may differ in size.
     pub variable_step_size: bool,
-    /// Whether derivatives of inputs are used to interpolate them within a step; FMI 2.0 only.
+    /// `true` if the FMU interpolates inputs within a step by their derivatives; FMI 2.0 only.
     pub interpolate_inputs: bool,
     /// Highest order of output derivatives.
     pub max_output_derivative_order: u32,
-    /// Whether a step may go on while the host does something else; FMI 2.0 only.
+    /// `true` if a step may run while the host does something else; FMI 2.0 only.
     pub run_asynchronously: bool,
     /// Step size inside the FMU, if it has one; FMI 3.0 only.
     pub fixed_internal_step_size: Option<f64>,
-    /// Whether events can be handled between steps; FMI 3.0 only.
+    /// `true` if events can be handled between steps; FMI 3.0 only.
     pub event_mode: bool,
-    /// Whether the host can exchange values in the middle of a step; FMI 3.0 only.
+    /// `true` if the host can exchange values in the middle of a step; FMI 3.0 only.
     pub intermediate_update: bool,
-    /// Whether a step may end before the time it was asked for; FMI 3.0 only.
+    /// `true` if a step may end before the requested time; FMI 3.0 only.
     pub might_return_early: bool,
-    /// Whether the host may get them in the middle of a step; FMI 3.0 only.
+    /// `true` if the host may end a step early at an intermediate update; FMI 3.0 only.
     pub return_early_after_intermediate_update: bool,
 }
 
-/// A unit and what it is in SI.
+/// A unit and its definition in SI.
 #[derive(Clone, Debug, PartialEq)]
 pub struct UnitDefinition {
     /// Name, to which variables refer.
@@ -184,7 +184,7 @@ pub struct DefaultExperiment {
     pub step_size: Option<f64>,
 }
 
-/// One variable; of FMI 3.0 it may be an array.
+/// A variable; in FMI 3.0 it may be an array.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScalarVariable {
     /// Name, unique in the FMU.
@@ -197,8 +197,8 @@ pub struct ScalarVariable {
     pub causality: Causality,
     /// When it changes.
     pub variability: Variability,
-    /// How it is initialized; `None` for the independent variable, clocks and inputs of FMI 2.0, where the standard has
-    /// no such attribute, and for combinations of causality and variability that the standard does not have.
+    /// Its initialization. `None` for the independent variable, for clocks and inputs of FMI 2.0, where the standard
+    /// has no such attribute, and for combinations of causality and variability outside the standard.
     pub initial: Option<Initial>,
     /// Name of the [`TypeDefinition`] that gives defaults.
     pub declared_type: Option<String>,
@@ -208,7 +208,7 @@ pub struct ScalarVariable {
     pub dimensions: Vec<Dimension>,
     /// Value references of the clocks it is assigned to.
     pub clocks: Vec<u32>,
-    /// Whether the host may set or get it in the middle of a co-simulation step; FMI 3.0 only.
+    /// `true` if the host may set or get it in the middle of a co-simulation step; FMI 3.0 only.
     pub intermediate_update: bool,
     /// Other names it goes by.
     pub aliases: Vec<Alias>,
@@ -269,10 +269,10 @@ pub enum Variability {
     Continuous,
 }
 
-/// How a variable is initialized.
+/// Initialization of a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Initial {
-    /// With its start value.
+    /// By its start value.
     Exact,
     /// By an iteration that begins at the start value.
     Approx,
@@ -306,12 +306,12 @@ pub enum VariableType {
     },
     /// A clock, which has no value but ticks; FMI 3.0 only.
     Clock {
-        /// How its interval changes.
+        /// Variability of its interval.
         interval: Option<IntervalVariability>,
     },
 }
 
-/// How the interval of a clock changes.
+/// Variability of a clock's interval.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum IntervalVariability {
     /// Never.
@@ -324,14 +324,14 @@ pub enum IntervalVariability {
     Changing,
     /// The FMU tells when to tick next, at any event.
     Countdown,
-    /// It ticks on demand.
+    /// Ticks on demand.
     Triggered,
 }
 
 /// Attributes of a floating point variable; the start value of an array is that of its first element.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RealAttributes {
-    /// Whether it is of single precision.
+    /// `true` if it has single precision.
     pub single: bool,
     /// Unit.
     pub unit: Option<String>,
@@ -352,7 +352,7 @@ pub struct RealAttributes {
 /// Attributes of an integer or enumeration variable; the start value of an array is that of its first element.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Integer {
-    /// How it is stored.
+    /// Its number of bits, and its sign.
     pub width: Width,
     /// Smallest value.
     pub min: Option<i128>,
@@ -362,7 +362,7 @@ pub struct Integer {
     pub start: Option<i128>,
 }
 
-/// How an integer is stored. FMI 2.0 has 32 bits only, also for enumerations; those of FMI 3.0 have 64.
+/// Storage of an integer. FMI 2.0 has 32 bits only, also for enumerations; those of FMI 3.0 have 64.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Width {
     /// 8 bits, signed.
@@ -393,7 +393,7 @@ pub struct ModelStructure {
     pub derivatives: Vec<Unknown>,
     /// Discrete states of FMI 3.0 that change with a clock.
     pub clocked_states: Vec<Unknown>,
-    /// What is computed at initialization, with the variables known then that it depends on.
+    /// Variables computed at initialization, each with the variables known then that it depends on.
     pub initial_unknowns: Vec<Unknown>,
     /// Event indicators, which only FMI 3.0 lists.
     pub event_indicators: Vec<Unknown>,
@@ -406,11 +406,11 @@ pub struct Unknown {
     pub variable: usize,
     /// Positions of the variables it depends on; `None`: all that are known, empty: none.
     pub dependencies: Option<Vec<usize>>,
-    /// How it depends on each of them; `None`: in no particular way.
+    /// Kind of its dependency on each of them; `None`: no particular one.
     pub kinds: Option<Vec<DependencyKind>>,
 }
 
-/// How an unknown depends on a variable.
+/// Kind of an unknown's dependency on a variable.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DependencyKind {
     /// In no particular way.
@@ -569,7 +569,7 @@ impl VariableType {
         }
     }
 
-    /// Whether there is a start value.
+    /// Returns true if it has a start value.
     pub fn has_start(&self) -> bool {
         match self {
             Self::Real(real) => real.start.is_some(),
@@ -580,7 +580,7 @@ impl VariableType {
         }
     }
 
-    /// Whether its value is a number or can be counted as one: not a text, not bytes, not a clock.
+    /// Returns true if its value is a number or can be counted as one: not a text, not bytes, not a clock.
     pub fn is_number(&self) -> bool {
         !matches!(self, Self::String { .. } | Self::Binary { .. } | Self::Clock { .. })
     }
@@ -644,8 +644,8 @@ impl ModelDescription {
         self.elements(&self.structure.derivatives)
     }
 
-    /// The continuous states in the order of the state vector; none if it has elements of arrays, or the description does not say which
-    /// variable has which derivative.
+    /// The continuous states in the order of the state vector. None if it has elements of arrays, or the description
+    /// does not assign derivatives to variables.
     pub fn states(&self) -> Option<Vec<&ScalarVariable>> {
         let state = |unknown: &Unknown| {
             let derivative = self.variables.get(unknown.variable)?;
@@ -672,7 +672,7 @@ impl ModelDescription {
     }
 }
 
-/// A C identifier made of a name: other characters become `_`.
+/// A C identifier from a name: other characters become `_`.
 pub fn model_identifier(name: &str) -> String {
     let mut identifier: String = name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();
     if !identifier.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_') {

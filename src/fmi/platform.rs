@@ -7,7 +7,7 @@ use super::model_description::FmiVersion;
 pub struct Platform {
     /// Architecture and operating system, as FMI 3.0 names the folder within `binaries/`.
     pub tuple: &'static str,
-    /// Folder of FMI 2.0. It names some for x86 only; the others are called as in FMI 3.0, which is what other tools do.
+    /// Folder of FMI 2.0. It names some for x86 only; the others have the names of FMI 3.0, as in third-party tools.
     pub folder_2: &'static str,
     /// Extension of shared libraries.
     pub extension: &'static str,

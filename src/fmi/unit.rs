@@ -1,8 +1,9 @@
 //! Unit expressions such as `kg.m2/s` as powers of SI base units.
 //!
 //! A unit expression is a product of factors; `.`, `*` or a space multiply, `/` divides by the one factor after it.
-//! A factor is a unit symbol of the table below, with an SI prefix where that is usual, and an integer exponent written
-//! `m2`, `m^2`, `m-2` or `m^-2`; `1` is allowed as a numerator, as in `1/s`. Symbols and factors: the SI brochure, 9th edition.
+//! A factor is a unit symbol of the table below, with an SI prefix where that is usual, and an integer exponent.
+//! Exponents are written `m2`, `m^2`, `m-2` or `m^-2`; `1` is allowed as a numerator, as in `1/s`. Symbols and factors:
+//! the SI brochure, 9th edition.
 
 use std::f64::consts::PI;
 
@@ -82,7 +83,7 @@ struct Unit {
     symbol: &'static str,
     factor: f64,
     exponents: [i32; 8],
-    /// Whether SI prefixes are usual with it.
+    /// `true` if SI prefixes are usual with it.
     prefixed: bool,
 }
 

@@ -1,14 +1,15 @@
-//! Steps of a graph put together, and made fewer: what is a feed-forward network becomes one, which the FMU evaluates faster.
+//! Builds a graph of steps and simplifies it: a graph that is a feed-forward network becomes one, which the FMU
+//! evaluates faster.
 
 use metafmu_runtime::{
     Activation, Layer, Numbers, ScaledNetwork, Scaling,
     graph::{Elementwise, Graph, MAX_VALUES, Step},
 };
 
-/// How many weights a step may have: what a file of a few kilobytes asks for must not take gigabytes.
+/// Largest number of weights of a step: a file of a few kilobytes must not request gigabytes.
 pub const MAX_WEIGHTS: usize = 1 << 25;
 
-/// A graph that is being made: every step is added behind those whose values it takes.
+/// A graph under construction: every step is added behind those whose values it uses.
 #[derive(Clone, Debug)]
 pub struct Builder {
     widths: Vec<usize>,
@@ -18,7 +19,7 @@ pub struct Builder {
 }
 
 impl Builder {
-    /// A graph of so many input columns, which are value 0.
+    /// A graph with `inputs` input columns, which are value 0.
     pub fn new(inputs: usize) -> Self {
         Self { widths: vec![inputs], steps: Vec::new(), numbers: inputs, weights: 0 }
     }
@@ -119,7 +120,7 @@ impl Builder {
         Ok(last)
     }
 
-    /// The same graph of other columns: those that it had are what `first` makes of them.
+    /// The graph for other columns: `first` computes its previous columns from them.
     #[must_use]
     pub fn after(self, inputs: usize, first: Step) -> Self {
         let Self { widths, steps, numbers, weights } = self;
@@ -158,7 +159,7 @@ impl Builder {
     }
 }
 
-/// The steps with something left out or two of them as one; none if there is nothing.
+/// The steps with one removed or two of them merged; none if that is impossible.
 fn simplified(inputs: usize, steps: &[Step]) -> Option<Vec<Step>> {
     let uses = uses(steps);
     let widths = Graph { inputs, steps: steps.to_vec() }.widths().ok()?;
@@ -245,9 +246,9 @@ fn shifts(parameters: &[f64]) -> bool {
     parameters[parameters.len() / 2..].iter().any(|offset| *offset != 0.0)
 }
 
-/// Whether a step and the one before it must stay two: inputs may be far from zero, compared with how much they vary (a pressure in Pa, a
-/// temperature in K). What is subtracted from them must be before anything is multiplied or added up, or few digits are left: the
-/// difference is exact, that of two products is not.
+/// Returns true if a step and the one before it must not be merged. Inputs may be far from zero compared with their
+/// range (a pressure in Pa, a temperature in K). Their offset must be subtracted before products or sums, because this
+/// difference is exact and that of two products is not.
 fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize) -> Option<&'a Step>) -> bool {
     let linear = |of: usize| match inner(of) {
         Some(Step::Elementwise { of, function: Elementwise::Linear, parameters }) => Some((*of, parameters)),
@@ -268,8 +269,8 @@ fn keeps_difference<'a>(step: &Step, nearness: &[Nearness], inner: impl Fn(usize
     }
 }
 
-/// The steps with a linear function of chosen input columns before the choice, so that it may become the scaling of a network's inputs; none
-/// if a column would have two of them.
+/// The steps with a linear function of chosen input columns moved before the choice, so that it may become the scaling
+/// of a network's inputs. None if a column would have two of them.
 fn linear_first(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
     let Step::Elementwise { of, function: Elementwise::Linear, parameters } = &steps[number] else { return None };
     let Step::Columns { columns } = &steps[of.checked_sub(1)?] else { return None };
@@ -298,8 +299,8 @@ fn linear_first(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, 
     Some(turned)
 }
 
-/// The steps with input columns put together before linear functions of some of them, so that inputs that are normalised one by one are as good
-/// as those that are normalised at once.
+/// The steps with input columns joined before linear functions of some of them, so that inputs normalized separately
+/// are as good as inputs normalized together.
 fn together(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, number: usize) -> Option<Vec<Step>> {
     let Step::Columns { columns } = &steps[number] else { return None };
     if columns.iter().all(|[value, _]| *value == columns[0][0])
@@ -340,7 +341,7 @@ fn together(AnalyzedSteps { steps, widths, nearness, uses }: AnalyzedSteps, numb
     Some(turned)
 }
 
-/// How many steps take each value; the last one is taken by whoever evaluates the graph.
+/// Number of steps that use each value; the result of the graph uses the last one.
 fn uses(steps: &[Step]) -> Vec<usize> {
     let mut uses = vec![0; steps.len() + 1];
     uses[steps.len()] = 1;
@@ -353,7 +354,7 @@ fn uses(steps: &[Step]) -> Vec<usize> {
     uses
 }
 
-/// The steps without one; what takes its value takes `instead`.
+/// The steps without one; steps that use its value use `instead`.
 fn without(steps: &[Step], removed: usize, instead: usize) -> Vec<Step> {
     let renamed = |of: usize| match of {
         _ if of == removed + 1 => instead,
@@ -380,7 +381,7 @@ fn alias(step: &Step, widths: &[usize]) -> Option<usize> {
     }
 }
 
-/// A step and the one before it as one; with the number of the value that is not needed any more.
+/// A step merged with the one before it, and the number of the value that is no longer needed.
 fn merged<'a>(step: &Step, widths: &[usize], inner: impl Fn(usize) -> Option<&'a Step>) -> Option<(Step, usize)> {
     let linear = Elementwise::Linear;
     match step {
@@ -557,13 +558,13 @@ impl ColumnTransform {
         }
     }
 
-    /// Positive, as that of every network; one for a column that counts nothing.
+    /// Positive scale, as in every network; 1 for a column without effect.
     fn scale(&self) -> f64 {
         if self.factor == 0.0 { 1.0 } else { 1.0 / self.factor.abs() }
     }
 }
 
-/// Weights and biases of a layer of the standardised columns: with the signs of the factors, and the offsets.
+/// Weights and biases of a layer of the standardized columns: with the signs of the factors, and the offsets.
 fn behind_scaling(columns: &[ColumnTransform], weight: &Numbers, bias: &Numbers) -> (Numbers, Numbers) {
     let sign = |index: usize| match columns[index % columns.len()].factor {
         0.0 => 0.0,

@@ -1,13 +1,13 @@
-//! Where the rows of a table are, within the ranges of its columns.
+//! Region of a table's rows within the ranges of its columns.
 
 use metafmu_runtime::{Cover, Domain, Input};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use rayon::prelude::*;
 use std::collections::HashSet;
 
-/// Cubes of a cover at most: what a step of an FMU may have to look through.
+/// Largest number of cubes of a cover, all of which a step of an FMU may check.
 const CUBES: usize = 512;
-/// Rows among which centres are looked for, and those whose distances from others are taken, at most.
+/// Largest number of rows among which centers are chosen, and of those whose distances from others are computed.
 const CANDIDATES: usize = 1 << 16;
 const DISTANCES: usize = 1 << 11;
 /// Share of further rows, drawn like those of the table, that is to be inside.
@@ -15,13 +15,14 @@ const SHARE: f64 = 0.99;
 /// Random points by which a cover is compared with the ranges.
 const POINTS: usize = 4096;
 
-/// Cubes around some of the rows, so that all rows are inside, and a further row that is drawn like them is so with a probability of
-/// [`SHARE`], or of n / (n + 1) if half of the rows, n, are too few for that. None if they fill the ranges: then nothing more is known of the
-/// data.
+/// Cubes around some of the rows. All rows are inside, and so is a further row that is drawn like them, with a
+/// probability of [`SHARE`]. The probability is n / (n + 1) if half of the rows, n, are too few for that. None if the
+/// cubes fill the ranges and add no information.
 ///
-/// A further row is at most `gap` from one of these with that probability (a split-conformal bound: `gap` is the quantile of the distances
-/// of one half of the rows from the nearest row of the other half), and every row is at most a covering radius from a centre, where centres are
-/// chosen each as far as possible from those before (Gonzalez 1985). The half width of the cubes is the sum of the two.
+/// A further row is at most `gap` from one of the rows with that probability. It is a split-conformal bound: the
+/// quantile of the distances of one half of the rows from the nearest row of the other half. Every row is at most a
+/// covering radius from a center; each center is chosen as far as possible from those before (Gonzalez 1985). The half
+/// width of the cubes is the sum of `gap` and the covering radius.
 pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
     let columns: Vec<usize> = (0..inputs.len()).filter(|&column| Cover::counts(&inputs[column])).collect();
     let relative = |row: &Vec<f64>| -> Vec<f32> {
@@ -85,7 +86,7 @@ pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_fr
     }
 }
 
-/// Rows by columns, so that the distances of all from a row are taken in one go.
+/// Rows by columns, so that the distances of all of them from a row are computed at once.
 struct RowMatrix {
     columns: Vec<Vec<f32>>,
 }

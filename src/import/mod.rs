@@ -1,4 +1,4 @@
-//! Models of other tools: a file with a trained network, and an interface that says what its columns are, become a surrogate.
+//! Third-party models: a file with a trained network, and an interface that describes its columns, become a surrogate.
 
 pub mod builder;
 mod cover;
@@ -26,32 +26,32 @@ use std::path::Path;
 pub struct Imported {
     /// Names of the columns that it takes, in the order of the graph's.
     pub inputs: Vec<String>,
-    /// Inputs of several rows, which may be a batch: the name, how many rows, and how many numbers a row has.
+    /// Inputs of several rows, which may be a batch: the name, the number of rows, and the numbers in a row.
     pub stacked: Vec<(String, usize, usize)>,
     /// Names of the columns that it gives.
     pub outputs: Vec<String>,
     /// The graph.
     pub builder: Builder,
-    /// Which number of which value each column that it gives is.
+    /// Value, and number in it, of each column that it gives.
     pub columns: Vec<[u32; 2]>,
     /// States that the model itself has.
     pub recurrences: Vec<RecurrentState>,
-    /// Whether it was made to be computed in single precision.
+    /// `true` if the model computes in single precision.
     pub is_single: bool,
-    /// What wrote it.
+    /// Program that wrote the model.
     pub producer: String,
 }
 
 /// Hidden state: numbers that a model keeps from one sample to the next and that are not columns of it.
 #[derive(Clone, Debug)]
 pub struct RecurrentState {
-    /// What it is in the model.
+    /// Its name in the model.
     pub name: String,
     /// First input column of the graph, behind those of the model.
     pub first: usize,
     /// The value that has the next numbers.
     pub next: usize,
-    /// What they are at the start.
+    /// Their initial values.
     pub start: Vec<f64>,
 }
 
@@ -120,21 +120,21 @@ fn arranged(mut builder: Builder, sources: &[ColumnSource], variables: usize) ->
 /// Points at which the ranges of outputs are found, if there are no data.
 const POINTS: usize = 4096;
 
-/// What is known of a map beside its interface.
+/// Origin of a map.
 #[derive(Clone, Copy, Debug)]
 pub struct About<'a> {
-    /// Its file, or what it is called in messages.
+    /// Path of its file, or its name in messages.
     pub path: &'a Path,
-    /// What it was made of: the bytes of its file, for instance. Another model has others.
+    /// Its content, which identifies it: the bytes of its file, for instance.
     pub content: &'a [u8],
-    /// Whether it was made to be computed in single precision.
+    /// `true` if the model computes in single precision.
     pub is_single: bool,
-    /// What wrote it.
+    /// Program that wrote the model.
     pub producer: &'a str,
 }
 
-/// The surrogate of a model: `bytes` are those of its file, `rows` training data with a column for each input that is a variable, whose
-/// ranges count where the interface has none.
+/// The surrogate of a model. `bytes` is the content of its file, `rows` are training data with a column for each input
+/// that is a variable. Their ranges count where the interface has none.
 ///
 /// # Errors
 /// [`Error::Study`] with the keys of the interface that do not fit, [`Error::Import`] if the model has no finite outputs.
@@ -206,7 +206,7 @@ fn with_ranges(metadata: &Metadata, ranges: &[[f64; 2]]) -> Metadata {
     metadata
 }
 
-/// What an interface says of a model with these inputs; ranges of outputs are not known yet.
+/// Metadata of a model with these inputs, from its interface; ranges of outputs are not known yet.
 fn metadata(about: About, interface: &ModelInterface, inputs: Vec<Input>, rows: usize) -> Metadata {
     let About { content, producer, .. } = about;
     let outputs = interface.outputs.iter().map(|(name, output)| Output {
@@ -294,7 +294,7 @@ pub(crate) fn inputs(interface: &ModelInterface, rows: Option<&[Vec<f64>]>) -> R
     Ok(inputs)
 }
 
-/// What is wrong with a stated range that most of the training data are outside of: the data of another column, or of another unit.
+/// Problem of a stated range that excludes most of the training data, which may be those of another column or unit.
 fn mostly_outside([min, max]: [Option<f64>; 2], values: impl Iterator<Item = f64> + Clone) -> Option<String> {
     let (low, high) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
     // an end that was rounded is not outside
@@ -329,7 +329,7 @@ fn role(options: &InterfaceInput) -> Role {
 /// The time of the FMU, and of tables.
 const TIME: &str = "time";
 
-/// The unit of an input; that of the time needs not be given.
+/// The unit of an input; that of the time is optional.
 fn unit(options: &InterfaceInput) -> &str {
     if options.causality == InterfaceCausality::Time { "s" } else { &options.unit }
 }
@@ -377,7 +377,7 @@ pub fn rows(path: &Path, interface: &ModelInterface) -> Result<Vec<Vec<f64>>> {
     Ok(rows)
 }
 
-/// Random points in the ranges, and the one before a host sets anything; one at a time, since there may be many inputs.
+/// Random points in the ranges, and the start values; one at a time, because there may be many inputs.
 fn points(inputs: &[Input]) -> impl Iterator<Item = Vec<f64>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let point = move |_| {

@@ -11,18 +11,19 @@ use metafmu_runtime::{
 /// Simulations from which ranges of outputs and the step of the solver are found, and steps of each at most.
 const RUNS: usize = 8;
 const STEPS: usize = 400;
-/// Steps over which an input of these simulations stays what it is.
+/// Number of steps over which an input of these simulations is fixed.
 const HELD: usize = 10;
 
-/// What the solver may add to the outputs in these simulations, relative to their ranges.
+/// Largest error of the outputs by the solver in these simulations, relative to their ranges.
 const SOLVER_ERROR: f64 = 1e-9;
 /// Tolerances of the solver that are tried, ten times smaller each, and part of one with which it is compared.
 const TOLERANCES: [f64; 7] = [1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12];
 const MUCH_TIGHTER: f64 = 1e-2;
-/// Difference of outputs, relative to their ranges, beyond which steps are unstable; those of chaotic motions are in their ranges, and that of one
-/// that should not vary is rounding.
+/// Difference of outputs, relative to their ranges, beyond which steps are unstable. Differences of chaotic motions
+/// stay within the ranges; an output that should be constant differs by rounding.
 const UNSTABLE: f64 = 1e6;
-/// How far off a state is at the start of a simulation that shows whether steps are stable, of its nominal value.
+/// Perturbation of the initial state in a simulation that tests whether steps are stable, relative to the nominal
+/// value.
 const DISTURBANCE: f64 = 1e-3;
 
 /// The surrogate of a model with states; see [`super::surrogate()`].
@@ -52,7 +53,7 @@ fn made(metadata: Metadata, program: Program) -> Result<Surrogate> {
     Surrogate::new(metadata, program).map_err(|source| Error::Surrogate { source })
 }
 
-/// How the states go on; what does not go together is refused.
+/// Evolution of the states; mixed ones are refused.
 fn evolution(interface: &ModelInterface, recurrences: &[RecurrentState]) -> Result<Evolution> {
     let mut problems = Problems::default();
     let evolution = match (interface.evolution(), recurrences.first()) {
@@ -96,12 +97,12 @@ impl<'a> StatefulModel<'a> {
         Self { path, interface, mapping, variables, parameters, driven }
     }
 
-    /// What is wrong with the model.
+    /// Error for a problem of the model.
     fn refused(&self, problem: String) -> Error {
         Error::Import { path: self.path.to_owned(), problems: vec![problem] }
     }
 
-    /// The inputs of the surrogate: parameters, starts, what is driven.
+    /// Inputs of the surrogate: parameters, initial states, driven inputs.
     fn inputs(&self, starts: Vec<Input>) -> Vec<Input> {
         let of = |indices: &[usize]| indices.iter().map(|index| self.variables[*index].clone()).collect();
         [of(&self.parameters), starts, of(&self.driven)].concat()
@@ -111,7 +112,7 @@ impl<'a> StatefulModel<'a> {
         self.interface.states[state.of].start.unwrap_or(0.0)
     }
 
-    /// Where the columns that the model takes come from, among columns of which variables and states begin at these places.
+    /// Sources of the columns that the model takes, among columns in which variables and states begin at these places.
     fn sources(&self, [parameters, driven]: [usize; 2], states: impl Fn(usize) -> usize) -> Vec<ColumnSource> {
         let place = |variable: usize| {
             let among = |of: &[usize]| of.iter().position(|other| *other == variable);
@@ -130,7 +131,8 @@ impl<'a> StatefulModel<'a> {
         self.simulations(surrogate, rows, 0.0)
     }
 
-    /// Those, and one from a start that is disturbed: from an equilibrium all of them would stay there, whatever the step of the solver.
+    /// These runs, and one from a perturbed initial state: from an equilibrium all of them would stay there, whatever
+    /// the step of the solver.
     fn disturbed(&self, surrogate: &Surrogate, rows: Option<&[Vec<f64>]>) -> Vec<Vec<Option<Vec<f64>>>> {
         [self.simulations(surrogate, rows, 0.0), self.simulations(surrogate, rows, DISTURBANCE)].concat()
     }
@@ -231,11 +233,11 @@ fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Re
 enum SampleNumber {
     State(usize),
     Column(usize),
-    /// Of a recurrence, its position in it.
+    /// Recurrence, and position in it.
     Kept(usize, usize),
 }
 
-/// From sample to sample: outputs first, then what is hidden.
+/// Discrete-time surrogate: outputs first, then hidden states.
 fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Result<Surrogate> {
     let StatefulModel { interface, mapping, parameters, driven, .. } = known;
     let Imported { builder, columns, recurrences, .. } = imported;
@@ -407,7 +409,7 @@ fn continuous(
         }
     }
     let Some((surrogate, runs, error)) = found else { return with_tolerance(SOLVER_ERROR) };
-    // what is not finite at the end is not compared
+    // runs that are not finite at their end are not compared
     let ends = |run: Option<&Vec<Option<Vec<f64>>>>| run.is_some_and(|rows| rows.last().is_some_and(Option::is_none));
     let only_disturbed_ends = ends(runs.last()) && !ends(runs.first());
     if (error > UNSTABLE && ranges(&runs, surrogate.outputs()).is_ok()) || only_disturbed_ends {

@@ -26,17 +26,17 @@ pub struct NumericTensor {
     pub numbers: Numbers,
 }
 
-/// Whether these bytes are an archive of numpy.
+/// Returns true if these bytes are an archive of numpy.
 pub fn is_npz(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PK\x03\x04")
 }
 
-/// Whether these bytes are a file of safetensors.
+/// Returns true if these bytes are a file of safetensors.
 pub fn is_safetensors(bytes: &[u8]) -> bool {
     bytes.get(8) == Some(&b'{') && bytes[..8].ends_with(&[0, 0])
 }
 
-/// What is said of a file that is an FMU, or a model file of metafmu: there is nothing to import.
+/// Message for a file that is an FMU, or a model file of metafmu: there is nothing to import.
 pub fn made_already(bytes: &[u8]) -> Option<String> {
     let expected = "expected a trained network of another tool: ONNX, .npz or .safetensors";
     if is_npz(bytes) {
@@ -56,7 +56,7 @@ pub fn made_already(bytes: &[u8]) -> Option<String> {
 /// The tensors of an archive of numpy.
 ///
 /// # Errors
-/// Sentences about what is no array of numbers.
+/// Sentences about files that are no arrays of numbers.
 pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
     let broken = |error: zip::result::ZipError| vec![format!("not an archive of numpy (.npz): {error}")];
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
@@ -243,7 +243,7 @@ fn layer(
         None => None,
     };
     let (rows, columns) = (weight.shape[0], weight.shape[1]);
-    // what is known tells whether rows are outputs
+    // the known sizes decide whether rows are outputs
     let fits = |outputs: usize, inputs: usize| {
         bias.is_none_or(|bias| bias.numbers.len() == outputs) && before.is_none_or(|before| before == inputs)
     };

@@ -21,7 +21,7 @@ fn outputs(graph: Graph, point: &[f64; 3]) -> Vec<f64> {
     outputs
 }
 
-/// The same steps as they are, and made fewer.
+/// Graphs of the steps as they are, and simplified.
 fn both(build: impl Fn(&mut Builder) -> usize) -> [Graph; 2] {
     let columns = |value: usize| vec![[value as u32, 0], [value as u32, 1]];
     let mut builder = Builder::new(3);
@@ -126,7 +126,7 @@ fn fewer_steps_give_the_same() {
     check("nothing but columns", inputs_alone, false);
 }
 
-/// With weights of 1 behind it, the difference itself is seen.
+/// With weights of 1 behind it, the difference alone is visible.
 #[test]
 fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
     let (mean, factor) = (1e4, 5.0);

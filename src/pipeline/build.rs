@@ -19,12 +19,12 @@ use crate::{
 };
 use metafmu_runtime::Surrogate;
 
-/// What a build has made; the files are in the project's folder.
+/// Result of a build; the files are in the project's folder.
 #[derive(Debug)]
 pub struct Built {
-    /// What `metrics.json` holds.
+    /// Content of `metrics.json`.
     pub metrics: Metrics,
-    /// Whether the surrogate is good enough, and if not, why.
+    /// Verdict on the surrogate, with the reasons if it is not good enough.
     pub verdict: Verdict,
     /// The network beside the baselines that the study wants in a build.
     pub comparison: Option<Comparison>,
@@ -32,8 +32,8 @@ pub struct Built {
     pub fmus: Vec<(WrittenFmu, Report)>,
 }
 
-/// Samples, trains, compares, evaluates, exports, validates and reports. To `resume` is to keep what a stopped build of the
-/// same study has finished.
+/// Samples, trains, compares, evaluates, exports, validates and reports. To `resume` is to keep the completed stages of
+/// a stopped build of the same study.
 ///
 /// # Errors
 /// Those of the stages. A poor surrogate and the problems of an FMU are none: see [`Built`].
@@ -64,7 +64,7 @@ fn build_of_rows(project: &Project, plan: &ExportPlan, resume: bool) -> Result<B
     finish(project, plan, (&evaluated, None), comparison, (&unseen::samples(project, &training), &training))
 }
 
-/// Writes and validates what follows from a surrogate and its accuracy.
+/// Writes and validates the results of a surrogate and its accuracy.
 fn finish(
     project: &Project,
     plan: &ExportPlan,

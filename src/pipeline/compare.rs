@@ -29,16 +29,17 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// The argument that makes `metafmu` a process which fits one baseline: it calls [`work`].
+/// Argument by which `metafmu` becomes a process that fits one baseline: it calls [`work`].
 pub const FIT_BASELINE: &str = "fit-baseline";
 
-/// Test rows on which a baseline that is slow to evaluate is measured, about: R² changes little with more, and the slowest take 0.1 ms for each.
+/// Approximate number of test rows on which a slow baseline is measured: R² changes little with more, and the slowest
+/// take 0.1 ms for each.
 const TEST_ROWS: usize = 10_000;
 
-/// Runs over which the prediction of a row is timed, at the most.
+/// Largest number of runs over which the prediction of a row is timed.
 const TIMED_RUNS: usize = 50;
 
-/// The network beside the baselines `kinds`, if there is a network: without one its row says why.
+/// The network and the baselines `kinds`; without a network its row has the reason.
 ///
 /// # Errors
 /// [`Error::Study`] of another structure than "response", [`Error::Io`]; a model that fails has a row that says so.
@@ -118,13 +119,14 @@ pub(super) fn stage(
     Ok(comparison)
 }
 
-/// Whether a prediction takes much longer than one of the network.
+/// Returns true if a prediction takes much longer than one of the network.
 fn is_slow(kind: BaselineKind) -> bool {
     use BaselineKind::{ExtraTrees, GaussianProcess, GradientBoosting, Knn, RandomForest, Svr};
     matches!(kind, Svr | Knn | RandomForest | ExtraTrees | GradientBoosting | GaussianProcess)
 }
 
-/// Rows of all runs at a constant distance, which is 1 if there are few rows; it divides no run, so that all times are among them.
+/// Rows of all runs at a constant distance, which is 1 if there are few rows. It does not divide the length of a run,
+/// so that all times occur.
 fn thinned(test: &Dataset) -> (Dataset, usize) {
     let length = test.runs.first().map_or(1, |run| run.times.len()).max(1);
     let is_coprime =
@@ -273,7 +275,7 @@ fn by_run(test: &Dataset, predictions: &[f64]) -> Vec<Vec<f64>> {
     test.runs.iter().map(|run| take(run.outputs.len())).collect()
 }
 
-/// How a worker ended.
+/// End of a worker.
 enum Ended {
     Answered(FitResult),
     TooSlow,
@@ -281,7 +283,7 @@ enum Ended {
     Died(ExitStatus),
 }
 
-/// Has a process of its own do a task. It ends itself after the time budget; a Ctrl-C ends it here.
+/// Executes a task in a separate process. The process ends after the time budget, or at a Ctrl-C.
 fn fit(project: &Project, task: &FitTask) -> Result<Ended> {
     let program = project.control().program;
     let failed = |source| Error::io(program, "run")(source);
@@ -308,7 +310,7 @@ fn fit(project: &Project, task: &FitTask) -> Result<Ended> {
     })
 }
 
-/// Waits for a process; ends it and gives nothing at a Ctrl-C.
+/// Waits for a process; ends it and returns nothing at a Ctrl-C.
 fn wait(project: &Project, child: &mut Child) -> std::io::Result<Option<ExitStatus>> {
     loop {
         if let Some(status) = child.try_wait()? {

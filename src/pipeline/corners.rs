@@ -9,13 +9,13 @@ use nalgebra::{DMatrix, Schur};
 pub(super) struct IntegrationTrial {
     /// Its outputs are not used.
     pub run: Run,
-    /// What is special about it.
+    /// Description of the run, such as its corner.
     pub name: String,
 }
 
 /// Runs at corners at most.
 const MOST_CORNERS: usize = 48;
-/// Of more parameters than these not all combinations of ends are tried.
+/// Largest number of parameters of which all combinations of ends are tried.
 const ALL_COMBINATIONS: usize = 4;
 const COMBINATIONS: usize = 16;
 /// Maximum number of iterations of the eigenvalue search.
@@ -24,12 +24,13 @@ const ITERATIONS: usize = 1000;
 /// Values of the inputs all along a run.
 const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at their upper ends", "inputs zero"];
 
-/// Velocities at the start of a run: as drawn, at one end of their ranges, at the other, and at alternating ones.
+/// Velocities at the start of a run: as sampled, at one end of their ranges, at the other, and at alternating ends.
 const SPEEDS: usize = 4;
 
-/// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and starts as those of the
-/// training runs or at the ends of the velocities' ranges. `velocities`: range of each state that is a velocity with one. With more than
-/// [`ALL_COMBINATIONS`] parameters, the combination in which `surrogate` is stiffest is added.
+/// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and
+/// initial states. These are those of the training runs, or at the ends of the velocities' ranges. `velocities`: range
+/// of each state that is a velocity with one. With more than [`ALL_COMBINATIONS`] parameters, the combination in which
+/// `surrogate` is stiffest is added.
 pub(super) fn corners(
     study: &Study,
     driven: &Driven,
@@ -50,7 +51,7 @@ pub(super) fn corners(
     };
     let total = combinations * inputs * speeds;
     let count = total.min(MOST_CORNERS);
-    // every part of the whole has its share, whatever is left out
+    // evenly spread: every part of all combinations has its share
     let index = |corner: usize| corner * total / count;
     let trial = |base: &Run, upper: &[bool], input: usize, speed: usize| {
         let mut names = Vec::new();
@@ -149,8 +150,9 @@ fn stiffest(
     combinations.map(climb).max_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(Vec::new, |(_, upper)| upper)
 }
 
-/// Whether a parameter is at its upper end in a combination: all combinations of few parameters, of many the rows of a Hadamard matrix, in
-/// which each pair of parameters has all four combinations, and each row has its opposite.
+/// Returns true if a parameter is at its upper end in a combination. Few parameters have all combinations, many have
+/// the rows of a Hadamard matrix. In these rows each pair of parameters has all four combinations, and each row has its
+/// opposite.
 fn is_upper(combination: usize, parameter: usize, parameters: usize) -> bool {
     if parameters <= ALL_COMBINATIONS {
         return combination >> parameter & 1 == 1;

@@ -20,7 +20,7 @@ use metafmu_runtime::{Output, Surrogate};
 use serde::Serialize;
 use std::fmt::Write;
 
-/// What `metrics.json` holds.
+/// Content of `metrics.json`.
 #[derive(Debug, Serialize)]
 pub struct Metrics {
     name: String,
@@ -35,7 +35,7 @@ pub struct Metrics {
     speed: Option<Speed>,
     train_runs: usize,
     sample_seconds: f64,
-    /// How the training went.
+    /// Record of the training.
     #[serde(flatten)]
     pub training: TrainingRecord,
     seed: u64,
@@ -65,7 +65,7 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     stage(project, &surrogate, (accuracy, speed), comparison.as_ref(), &samples, &training)
 }
 
-/// Adds what the mechanism tells of the positions in roll-outs.
+/// Adds the residual of the mechanism's constraints in roll-outs.
 pub(super) fn add_residual(
     project: &Project,
     surrogate: &Surrogate,
@@ -202,7 +202,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     text
 }
 
-/// How errors grow along the roll-outs, for people.
+/// Growth of errors along the roll-outs, for people.
 fn roll_out_table(
     RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite], .. }: &RollOuts,
 ) -> String {

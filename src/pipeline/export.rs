@@ -27,7 +27,7 @@ pub struct ExportRequest {
     pub platforms: Vec<String>,
     /// Further libraries, by platform tuple.
     pub binaries: Vec<(String, PathBuf)>,
-    /// Whether the FMU has C sources.
+    /// `true` if the FMU contains C sources.
     pub sources: bool,
 }
 
@@ -52,7 +52,7 @@ pub struct WrittenFmu {
 }
 
 impl ExportPlan {
-    /// Finds the libraries, so that one that is missing is found before the work and not after it.
+    /// Finds the libraries, so that a missing one is reported before the work instead of after it.
     ///
     /// # Errors
     /// [`Error::Io`] of a library, the error of an unknown platform.
@@ -60,7 +60,7 @@ impl ExportPlan {
         Self::of(options, project.study.export.fmi)
     }
 
-    /// `choice`: the versions unless the options say otherwise.
+    /// `choice`: the default versions.
     fn of(options: &ExportRequest, choice: FmiChoice) -> Result<Self> {
         let choice = options.fmi.unwrap_or(choice);
         let added = options.binaries.iter().map(|(tuple, path)| Binary::from_file(tuple, path));
@@ -117,8 +117,8 @@ pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<Writte
     stage(project, plan, &surrogate, accuracy.as_ref(), &figures)
 }
 
-/// The FMUs of a surrogate that is a file, of metafmu's model files or FMUs, in a folder: NAME.fmu and NAME-fmi3.fmu, NAME being the
-/// surrogate's. What was measured of it is not known here, so their model cards do not say it.
+/// The FMUs of a surrogate that is a file, of metafmu's model files or FMUs, in a folder: NAME.fmu and NAME-fmi3.fmu,
+/// NAME being the surrogate's. Their accuracy is not known here, so their model cards do not contain it.
 ///
 /// # Errors
 /// Those of [`load_file`], [`Error::Io`], the error of an unknown platform; [`Error::SameFile`] if an FMU would take
@@ -156,8 +156,8 @@ pub fn export_onnx(surrogate: &Surrogate, path: &Path) -> Result<usize> {
     Ok(bytes.len())
 }
 
-/// The FMUs of a surrogate, with these names: of a single version it is `fmu`; of both, that of FMI 3.0 is beside it, with `-fmi3` in its
-/// name. `accuracy`: what was measured of it, for the model card.
+/// FMUs of a surrogate with these names. A single version is `fmu`; of both, that of FMI 3.0 is beside it, with `-fmi3`
+/// in its name. `accuracy`: measured accuracy, for the model card.
 ///
 /// # Errors
 /// [`Error::Io`], the error of an unknown platform.
@@ -247,11 +247,11 @@ fn write_of_project(
     Ok(written)
 }
 
-/// Target of an export: the folder, and what the FMUs say about themselves.
+/// Target of an export: the folder, and the metadata of the FMUs.
 struct ExportTarget<'a> {
     folder: &'a Path,
     name: &'a str,
-    /// Whether there is an FMU of one version only, whose name does not say which.
+    /// `true` if one version of FMI only is exported: the name of the FMU does not contain it.
     alone: bool,
     about: &'a study::ExportOptions,
 }
@@ -280,7 +280,7 @@ fn write(
     plan.wanted().map(write).collect()
 }
 
-/// Whether an FMU was made of this surrogate.
+/// Returns true if an FMU was made from this surrogate.
 fn is_of(surrogate: &Surrogate, fmu: &Path) -> bool {
     let document = Archive::open(fmu).and_then(|mut archive| archive.document());
     document.is_ok_and(|document| document.description.token == surrogate.instantiation_token())

@@ -25,7 +25,7 @@ use std::{path::Path, sync::atomic::Ordering};
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct FitOptions {
-    /// Kind of model; chosen among several unless given.
+    /// Kind of model; by default the best of several.
     pub model: ModelChoice,
     /// `true` if predicted standard deviations `NAME_std` follow the outputs. Only kinds of model with predicted standard deviations are then candidates.
     pub std: bool,
@@ -33,15 +33,18 @@ pub struct FitOptions {
     pub network: NetworkOptions,
     /// Its training; `validation` is a share of the rows.
     pub training: TrainingOptions,
-    /// Which networks of few rows are trained by Levenberg-Marquardt steps instead: without rows that are held out, and without epochs.
+    /// Networks of few rows that are trained by Levenberg-Marquardt steps instead: without held-out rows and without
+    /// epochs.
     pub small_networks: SmallNetworks,
-    /// Decides which rows are held out, how the network begins, the order of the rows, and what is random in a baseline.
+    /// Seed of the choice of held-out rows, the initial network, the order of the rows, and the random parts of a
+    /// baseline.
     pub seed: u64,
-    /// Whether the accuracy on unseen rows is measured: on half of the rows that are held out, or, of few rows, by cross-validation.
+    /// `true` if the accuracy on unseen rows is measured: on half of the held-out rows, or by cross-validation if there
+    /// are few rows.
     pub measure: bool,
 }
 
-/// With fewer rows the accuracy is that of a cross-validation: a share of them is too few to judge by.
+/// Fewest rows without cross-validation: a share of fewer rows is too few to measure the accuracy.
 const FEW_ROWS: usize = 1000;
 /// Parts of a cross-validation.
 const FOLDS: usize = 5;
@@ -53,25 +56,26 @@ const JUDGES: usize = 50;
 pub struct Fit {
     /// Kind of the model: `network`, or the name of a baseline.
     pub model: &'static str,
-    /// The kinds that were compared, or the given one.
+    /// Kinds that were compared, or the one that was requested.
     pub candidates: Vec<CandidateScore>,
     /// Rows that the model was fitted to.
     pub train_rows: usize,
     /// Rows that were held out of the training of a network to choose the best epoch; 0 of another model.
     pub validation_rows: usize,
-    /// Epochs of a network that were done; 0 of another model, and of a network that was trained by Levenberg-Marquardt steps, to which all of the following
-    /// applies as well.
+    /// Completed epochs of a network. 0 for other models, and for a network trained by Levenberg-Marquardt steps, to
+    /// which the fields below apply as well.
     pub epochs: usize,
     /// The epoch that is kept, the best on the rows that choose it; None of another model than a network.
     pub best_epoch: Option<usize>,
-    /// Why the training of a network ended; None of another model.
+    /// Reason why the training of a network ended; None for other models.
     pub stopped: Option<StopReason>,
     /// Loss of each epoch on the rows that a network was trained on: the mean over rows and outputs, of outputs with a standard deviation of 1.
     pub train_loss: Vec<f64>,
-    /// The same on the rows that choose the best epoch.
+    /// Loss of each epoch on the rows that choose the best epoch.
     pub validation_loss: Vec<f64>,
-    /// Accuracy on rows that took part neither in the fit nor in the choice of the kind of model and of the best epoch; None unless it is measured, of a single
-    /// row, and if the training was stopped. In a cross-validation each fold is predicted by the candidate that the other folds choose.
+    /// Accuracy on rows that took part neither in the fit nor in the choice of the kind of model and of the best epoch.
+    /// None if it is not measured, with a single row, and if the training was stopped. In a cross-validation each fold
+    /// is predicted by the candidate that the other folds choose.
     pub accuracy: Option<Accuracy>,
     /// The rows that the accuracy was measured on; None without it.
     #[serde(skip)]
@@ -84,10 +88,10 @@ pub struct Fit {
     pub history: Vec<EpochRecord>,
 }
 
-/// Rows that took part neither in a fit nor in its choices, and what was predicted for them.
+/// Rows that took part neither in a fit nor in its choices, and their predictions.
 #[derive(Clone, Debug)]
 pub struct UnseenRows {
-    /// How they were chosen.
+    /// Method of their choice.
     pub kind: TestRows,
     /// Their numbers, counted from 0.
     pub rows: Vec<usize>,
@@ -95,14 +99,16 @@ pub struct UnseenRows {
     pub predictions: Vec<Vec<f64>>,
 }
 
-/// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a network, or those of them with the
-/// predicted standard deviations of [`FitOptions::std`], on unseen rows: fewer than
-/// 1000 by five-fold cross-validation, of more on those that choose the best epoch. Networks of few rows are small and trained by Levenberg-Marquardt steps, if
-/// [`FitOptions::small_networks`] has it so. A single row makes a network, which it both trains and chooses. A training that is stopped keeps its best epoch.
+/// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a
+/// network on unseen rows. With [`FitOptions::std`] it compares only those with predicted standard deviations. Fewer
+/// than 1000 rows are compared by five-fold cross-validation, more on the rows that choose the best epoch. Networks of
+/// few rows are small and trained by Levenberg-Marquardt steps, if [`FitOptions::small_networks`] requests it. A single
+/// row makes a network, which it both trains and chooses. A stopped training keeps its best epoch.
 ///
 /// # Errors
-/// [`Error::Interrupted`] if no epoch is complete, and during a comparison; [`Error::Training`], those of the interface; [`Error::Import`] for rows without
-/// values, for options beyond their limits, and if no model can be fitted.
+/// [`Error::Interrupted`] if no epoch is complete, and during a comparison; [`Error::Training`], those of the
+/// interface. [`Error::Import`] for rows without values, for options beyond their limits, and if no model can be
+/// fitted.
 pub fn fit(
     (inputs, outputs): (Vec<Vec<f64>>, &[Vec<f64>]),
     interface: &ModelInterface,
@@ -131,7 +137,7 @@ pub fn fit(
     }
     let with_std = if options.std { Some(interface.with_std()?) } else { None };
     let interface = with_std.as_ref().unwrap_or(interface);
-    // what is wrong with ranges, before anything is trained
+    // refuses wrong ranges before anything is trained
     import::inputs(interface, Some(&inputs))?;
     let task = FitContext { path, inputs: &inputs, outputs, options, control };
     let order = sampling::permutation(inputs.len(), sampling::random(options.seed, Stream::Validation));
@@ -185,7 +191,7 @@ pub fn fit(
     Ok((surrogate, fit))
 }
 
-/// Number of rows that measure the accuracy of a fit to so many rows.
+/// Number of rows that measure the accuracy of a fit to `rows` rows.
 pub fn unseen_rows(rows: usize, training: &TrainingOptions) -> usize {
     let order: Vec<usize> = (0..rows).collect();
     match RowSplit::of(&order, training, true).judging.len() {
@@ -197,16 +203,16 @@ pub fn unseen_rows(rows: usize, training: &TrainingOptions) -> usize {
 /// Split of the rows by their use.
 #[derive(Clone, Copy)]
 struct RowSplit<'a> {
-    /// They measure the accuracy.
+    /// Rows that measure the accuracy.
     judging: &'a [usize],
-    /// They choose the best epoch, and of many rows the kind of model.
+    /// Rows that choose the best epoch, and with many rows the kind of model.
     choosing: &'a [usize],
-    /// They are trained on.
+    /// Rows of the training.
     seen: &'a [usize],
 }
 
 impl<'a> RowSplit<'a> {
-    /// Of rows in a random order; of a few none judges.
+    /// Splits rows that have a random order; if there are few, none judges.
     fn of(order: &'a [usize], training: &TrainingOptions, measure: bool) -> Self {
         if order.len() < 2 {
             return Self { judging: &[], choosing: order, seen: order };
@@ -221,7 +227,7 @@ impl<'a> RowSplit<'a> {
         Self { judging, choosing, seen }
     }
 
-    /// All that do not judge: what a model without epochs is fitted to.
+    /// All rows that do not judge, to which a model without epochs is fitted.
     fn usable(&self) -> Vec<usize> {
         if self.choosing == self.seen { self.seen.to_vec() } else { [self.choosing, self.seen].concat() }
     }
@@ -231,7 +237,7 @@ fn chosen(rows: &[Vec<f64>], which: &[usize]) -> Vec<Vec<f64>> {
     which.iter().map(|row| rows[*row].clone()).collect()
 }
 
-/// Rows, and what is fitted to them.
+/// Rows, and the models fitted to them.
 struct FitContext<'a> {
     path: &'a Path,
     inputs: &'a [Vec<f64>],
@@ -259,7 +265,7 @@ pub fn std_problem(FitOptions { std, model, .. }: &FitOptions, rows: usize) -> O
     std.then(|| of_model().or_else(|| candidates::std_rows_problem(rows))).flatten()
 }
 
-/// What a study would say of its `[network]` and `[training]`, of networks between so many columns.
+/// Problems of `[network]` and `[training]`, as in a study, for networks with these numbers of columns.
 fn problems(FitOptions { network, training, .. }: &FitOptions, columns: [usize; 2]) -> Vec<String> {
     let mut problems = Problems::default();
     if network.structure != TimeStructure::Full {

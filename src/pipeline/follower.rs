@@ -1,4 +1,4 @@
-//! How a training goes: its progress, its checkpoints, and its result.
+//! Course of a training: its progress, its checkpoints, and its result.
 
 use super::{
     observer::{CountedWork, Event},
@@ -62,7 +62,7 @@ pub(super) fn unusable_checkpoint(path: PathBuf, error: TrainingError) -> Error 
     }
 }
 
-/// Where the trainings of several networks, one after the other, continue from: a checkpoint each, also of those that have come to their end.
+/// Checkpoints of several trainings, one after the other: one for each, completed ones included.
 pub(super) struct Checkpoints<'a> {
     project: &'a Project<'a>,
     resume: bool,
@@ -71,7 +71,7 @@ pub(super) struct Checkpoints<'a> {
 }
 
 impl<'a> Checkpoints<'a> {
-    /// Those of a training that is resumed, or of one that starts from scratch.
+    /// Checkpoints of a resumed training, or of one that starts from scratch.
     pub(super) fn new(project: &'a Project<'a>, resume: bool) -> Result<Self> {
         if !resume {
             project.remove_checkpoints()?;
@@ -102,7 +102,7 @@ pub(super) struct Follower<'a> {
     began: Option<(f64, Instant)>,
     /// When the last checkpoint was complete, and how long it took.
     written: Option<(Instant, Duration)>,
-    /// Where checkpoints go, if they are kept, and whether that is also one of the last epoch.
+    /// Path of checkpoints, if they are written, and `true` if the last epoch has one as well.
     checkpoints: Option<(PathBuf, bool)>,
 }
 
@@ -111,7 +111,7 @@ impl<'a> Follower<'a> {
         Self::with(project, &project.study.training, rows)
     }
 
-    /// With other options than the study's.
+    /// Follower with other options than the study's.
     pub(super) fn with(project: &'a Project<'a>, options: &TrainingOptions, rows: usize) -> Self {
         project.begin(CountedWork::Steps, rows.div_ceil(options.batch) * options.epochs);
         Self {
@@ -125,12 +125,12 @@ impl<'a> Follower<'a> {
         }
     }
 
-    /// For a network that is one of several.
+    /// Follower of a network that is one of several.
     pub(super) fn without_checkpoints(self) -> Self {
         Self { checkpoints: None, ..self }
     }
 
-    /// For a network that is one of several, and whose checkpoints go to a file of its own.
+    /// Follower of a network that is one of several, and whose checkpoints go to a separate file.
     pub(super) fn with_checkpoint(self, path: PathBuf) -> Self {
         Self { checkpoints: Some((path, true)), ..self }
     }

@@ -26,20 +26,20 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// What is imported, and how.
+/// Options of an import.
 #[derive(Clone, Debug)]
 pub struct ImportOptions {
     /// File of the trained model.
     pub model: PathBuf,
-    /// What its columns are.
+    /// File of the interface, which describes its columns.
     pub interface: PathBuf,
     /// Table of training data, for the ranges that the interface does not have.
     pub data: Option<PathBuf>,
     /// Table with rows of inputs and of the outputs that the model gave for them.
     pub check: Option<PathBuf>,
-    /// How far outputs may be from those of the check, relative to the range that they have there.
+    /// Largest difference of outputs from those of the check, relative to their range in it.
     pub tolerance: Option<f64>,
-    /// The model file; NAME.safetensors in the working directory unless given.
+    /// The model file; by default NAME.safetensors in the working directory.
     pub out: Option<PathBuf>,
 }
 
@@ -50,22 +50,22 @@ pub struct ImportedSurrogate {
     pub model: Option<PathBuf>,
     /// Its content digest.
     pub content_digest: String,
-    /// How each output compares with the check.
+    /// Comparison of each output with the check.
     pub check: Vec<OutputDifference>,
 }
 
-/// The difference of an output from what was expected.
+/// Difference of an output from the expected values.
 #[derive(Clone, Debug, Serialize)]
 pub struct OutputDifference {
     /// The output.
     pub output: String,
     /// Its largest difference.
     pub largest: f64,
-    /// The same relative to the range of what was expected.
+    /// Largest difference relative to the range of the expected values.
     pub relative: f64,
     /// Row of the table, counted from 1.
     pub row: u64,
-    /// Whether that is within the tolerance.
+    /// `true` if the difference is within the tolerance.
     pub fits: bool,
 }
 
@@ -79,8 +79,8 @@ const TOLERANCES: [f64; 2] = [1e-5, 1e-9];
 /// Reads a trained model of another tool and writes it as a model file.
 ///
 /// # Errors
-/// [`Error::Import`] with what cannot be imported, [`Error::Study`] with the keys of the interface that do not fit, [`Error::Table`],
-/// [`Error::Io`], [`Error::SameFile`] if the model file would take the place of the model.
+/// [`Error::Import`] with the problems of the model, [`Error::Study`] with the keys of the interface that do not fit,
+/// [`Error::Table`], [`Error::Io`], [`Error::SameFile`] if the model file would overwrite the model.
 pub fn import(options: &ImportOptions) -> Result<ImportedSurrogate> {
     let interface = ModelInterface::load(&options.interface)?;
     let out = options.out.clone().unwrap_or_else(|| PathBuf::from(format!("{}.safetensors", interface.name)));
@@ -215,16 +215,16 @@ pub fn starter(model: &Path, data: Option<&Path>) -> Result<String> {
 /// A column of a model.
 struct ModelColumn<'a> {
     column: &'a str,
-    /// Whether it is that of a state, or what a state follows from.
+    /// `true` if it is a state, its next value or its derivative.
     is_state: bool,
     /// The column of the training data that it is, if that is known.
     found: Option<TableColumn>,
-    /// What the model itself says of it.
+    /// Description of it in the model file.
     described: Option<Described>,
 }
 
 impl ModelColumn<'_> {
-    /// What it is called, unless that name is taken.
+    /// Its preferred name, which may be taken.
     fn wanted(&self) -> String {
         let found = self.found.as_ref().map(|found| found.name.clone());
         let described = || self.described.as_ref().map(|described| described.name.clone());
@@ -264,8 +264,8 @@ fn ports<'a>(columns: &'a [String], states: impl Iterator<Item = &'a String>) ->
         .collect()
 }
 
-/// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if it has as many
-/// columns as there are.
+/// Finds inputs and outputs among the columns of a table: by name if it has the names of the model, else by position if
+/// the numbers of columns agree.
 fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], has_memory: bool) -> Result<()> {
     let columns = Table::open(path)?.columns().to_vec();
     let mut open: HashMap<&str, usize> =
@@ -311,7 +311,7 @@ fn find_by_name(
     for port in ports.iter_mut().filter(|port| !port.is_state) {
         port.found = open.remove(port.column).map(|place| columns[place].clone());
     }
-    // what is left over of other letters does not tell, nor what is left over of two names
+    // names of other alphabets identify nothing without their letters, nor do names that two columns share
     let mut cleaned: HashMap<String, Vec<&str>> = HashMap::new();
     for name in open.keys().filter(|name| name.is_ascii()) {
         cleaned.entry(identifier(name)).or_default().push(name);
@@ -345,15 +345,15 @@ struct Fed {
     follows: Follows,
 }
 
-/// What an output is of a state.
+/// Relation of an output to a state.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Follows {
     Next,
     Derivative,
 }
 
-/// Inputs that are states by their names, with the outputs that are their next values, as the exports of recurrent cells call them, or, if
-/// there are none, their derivatives.
+/// Inputs that are states by their names, with the outputs that are their next values, as in exports of recurrent
+/// cells. If there are none, the outputs are their derivatives.
 fn feedback(imported: &Imported) -> Vec<Fed> {
     let tensors = |columns: &[String]| {
         let mut found: Vec<(String, usize)> = Vec::new();
@@ -384,7 +384,7 @@ fn feedback(imported: &Imported) -> Vec<Fed> {
     if states.is_empty() { found(Follows::Derivative, derivative_names) } else { states }
 }
 
-/// What the derivative of an input may be called.
+/// Names that the derivative of an input may have.
 fn derivative_names(input: &str) -> Vec<String> {
     let before = ["d", "d_", "der_"].iter().map(|prefix| format!("{prefix}{input}"));
     let behind = ["_dot", "dot", "_derivative", "_der"].iter().map(|suffix| format!("{input}{suffix}"));
@@ -392,7 +392,7 @@ fn derivative_names(input: &str) -> Vec<String> {
     before.chain(behind).chain(around).collect()
 }
 
-/// What the next value of an input may be called.
+/// Names that the next value of an input may have.
 fn later_names(input: &str) -> Vec<String> {
     let named = |stem: &str, before: &[&str], behind: &[&str]| -> Vec<String> {
         let behind = behind.iter().map(|suffix| format!("{stem}{suffix}"));
@@ -409,7 +409,7 @@ fn later_names(input: &str) -> Vec<String> {
     of_states.into_iter().flatten().chain(any).filter(|name| name != input).collect()
 }
 
-/// The content of a model's file, and what it says; what is only tensors needs the layers of an interface.
+/// Columns and content of a model's file; a file of tensors needs the layers of an interface.
 fn read(path: &Path, interface: Option<&ModelInterface>) -> Result<(Vec<u8>, Imported)> {
     let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
     let refused = |problems| Error::Import { path: path.to_owned(), problems };
@@ -488,7 +488,7 @@ fn check(
             let difference = (found[output] - expected).abs();
             let [min, max] = ranges[output];
             ranges[output] = [min.min(expected), max.max(expected)];
-            // what is not a number counts as the largest difference
+            // NaN counts as the largest difference
             if difference.is_nan() || difference > largest[output].0 {
                 largest[output] = (difference, row);
             }
@@ -518,7 +518,7 @@ fn check(
     Ok(outputs.iter().zip(largest).zip(ranges).map(difference).collect())
 }
 
-/// A name that nothing else has, neither of those that are taken nor what every FMU has; it is taken then.
+/// A unique name, neither among those that are taken nor among those of every FMU; it is taken then.
 fn free(wanted: &str, taken: &mut HashSet<String>) -> String {
     let is_reserved = wanted == TIME || BuiltIn::ALWAYS.iter().any(|variable| variable.name() == wanted);
     let numbered = (if is_reserved { 1 } else { 2 }..).map(|number| format!("{wanted}_{number}"));

@@ -7,8 +7,9 @@ use std::path::Path;
 
 /// Reads the inputs of an FMU from a CSV file, and the time of the first row if outputs are measured there.
 ///
-/// Columns of all outputs of a discrete-time surrogate are measured in rows with negative times: they become inputs, which the FMU uses up to
-/// the last of these rows. The outputs of other rows, and columns of some of the outputs, are not used; `tell` tells of the latter.
+/// Columns of all outputs of a discrete-time surrogate are measured in rows with negative times: they become inputs,
+/// which the FMU uses up to the last of these rows. The outputs of other rows, and columns of some of the outputs, are
+/// not used; `tell` receives the latter.
 ///
 /// # Errors
 /// Those of [`Inputs::read_csv`]; [`Error::Table`](crate::Error::Table) with the line of a row before time 0 that is no sample.
@@ -38,8 +39,8 @@ pub fn read_inputs(surrogate: &Surrogate, path: &Path, tell: impl Fn(&str)) -> R
     Ok((inputs, None))
 }
 
-/// Uses measured outputs in rows with negative times. A further row between the last of them and the next one ends it: a communication point
-/// that rounding puts before a row belongs to that row.
+/// Uses measured outputs in rows with negative times. A further row between the last of them and the next one ends it:
+/// a communication point before a row by rounding belongs to that row.
 fn switch(inputs: &mut Inputs, step: f64) {
     let count = inputs.times.partition_point(|time| *time < 0.0);
     let last = inputs.times[count - 1];

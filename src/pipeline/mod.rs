@@ -1,8 +1,8 @@
-//! What the verbs of the command do, without a terminal: from a study file to validated FMUs, for every program.
+//! Stages of the commands, without a terminal: from a study file to validated FMUs, for every program.
 //!
-//! A [`Project`] is a study with its source and its folder of results. Each stage takes what the one before has left in that
-//! folder, reports its progress to a [`PipelineObserver`], and ends when a token says so. Nothing here prints, reads the
-//! command line, or depends on which program runs.
+//! A [`Project`] is a study with its source and its folder of results. Each stage reads the results of the one before
+//! from that folder, reports its progress to a [`PipelineObserver`], and ends when its stop token is set. Nothing here
+//! prints, reads the command line, or depends on the program that runs it.
 
 pub mod build;
 pub mod compare;
@@ -44,8 +44,8 @@ pub use search::search;
 
 use crate::{Result, export::serve_worker, fmi::worker};
 
-/// Does the work of a worker process if this process was started as one; then the program must end. Programs that name
-/// themselves in [`Control::program`] call it first thing.
+/// Does the work of a worker process if this process was started as one; after that the program must end. Programs that
+/// name themselves in [`Control::program`] call it first thing.
 ///
 /// # Errors
 /// [`Error::Io`](crate::Error::Io) of the streams, [`Error::Worker`](crate::Error::Worker) if it was not started by a program as a worker.

@@ -1,4 +1,5 @@
-//! What a pipeline gets from the program around it: who observes it, how it is stopped, and which program runs its worker processes.
+//! Link between a pipeline and the program around it: its observer, its stop token, and the program of its worker
+//! processes.
 
 use std::{
     fmt::{Arguments, Debug},
@@ -11,7 +12,7 @@ use std::{
 pub enum CountedWork {
     /// Simulated runs.
     Runs,
-    /// Batches of states at which a source is asked for its equations.
+    /// Batches of states at which a source evaluates its equations.
     Equations,
     /// Optimizer steps of a training.
     Steps,
@@ -30,19 +31,19 @@ pub enum CountedWork {
     Rows,
 }
 
-/// What happens in a pipeline. Texts are formatted only by those who show them.
+/// Event in a pipeline. Only observers that show a text format it.
 #[derive(Clone, Copy, Debug)]
 pub enum Event<'a> {
     /// Work begins.
     Begin {
-        /// What is counted.
+        /// Kind of the units.
         work: CountedWork,
         /// Number of units.
         total: usize,
     },
     /// One more unit is done.
     Advance,
-    /// So many units are done in all.
+    /// Number of units done in all.
     Progress {
         /// Number of units.
         done: usize,
@@ -55,7 +56,7 @@ pub enum Event<'a> {
     Note(Arguments<'a>),
     /// A result or a decision.
     Message(Arguments<'a>),
-    /// Something that the user should look at.
+    /// Problem that the user should check.
     Warning(Arguments<'a>),
 }
 
@@ -73,17 +74,17 @@ impl PipelineObserver for Silent {
     fn event(&self, _: Event<'_>) {}
 }
 
-/// What a pipeline gets from the program around it.
+/// Control of a pipeline by the program around it.
 #[derive(Clone, Copy)]
 pub struct Control<'a> {
-    /// Is told what happens.
+    /// Receives the events.
     pub observer: &'a dyn PipelineObserver,
     /// Ends the work when it turns true: a training keeps its best network and clears it, everything else is an
     /// [`Error::Interrupted`](crate::Error::Interrupted).
     pub stop: &'a AtomicBool,
-    /// The program that is started for each worker process: `metafmu`, or one that does what it does when its argument is
-    /// [`worker::ARGUMENT`](crate::fmi::worker::ARGUMENT) or [`FIT_BASELINE`](super::compare::FIT_BASELINE). FMUs as sources,
-    /// the validation of FMUs and baselines need it.
+    /// The program that is started for each worker process: `metafmu`, or one that behaves like it when its argument is
+    /// [`worker::ARGUMENT`](crate::fmi::worker::ARGUMENT) or [`FIT_BASELINE`](super::compare::FIT_BASELINE). FMUs as
+    /// sources, the validation of FMUs and baselines need it.
     pub program: &'a Path,
     /// Takes each line that an FMU prints.
     pub heard: fn(&str),

@@ -1,11 +1,11 @@
-//! Trainings side by side: many small ones use the cores better than one after the other on all of them.
+//! Trainings in parallel: many small ones use the cores better than one after the other on all of them.
 
 use std::sync::{
     Mutex, PoisonError,
     atomic::{AtomicUsize, Ordering},
 };
 
-/// Calls a function for each number, on as many threads as there are cores; each call has one thread for itself.
+/// Calls a function for each number, on one thread for each core; each call uses a single thread.
 pub fn side_by_side<T: Send>(numbers: &[usize], function: impl Fn(usize) -> T + Sync) -> Vec<(usize, T)> {
     let (next, results) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     std::thread::scope(|scope| {

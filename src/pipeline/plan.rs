@@ -38,12 +38,13 @@ struct Design {
     points: Vec<Vec<f64>>,
 }
 
-/// Writes so many points as CSV, with empty outputs: a space-filling design if the table has no rows, else points that reduce the variance of a Gaussian
-/// process of its rows the most. Rows without outputs are points that were planned before. The same study and table give the same points.
+/// Writes points as CSV, with empty outputs. They are a space-filling design if the table has no rows. Otherwise they
+/// reduce the variance of a Gaussian process of its rows the most. Rows without outputs are points that were planned
+/// before. The same study and table give the same points.
 ///
 /// # Errors
-/// [`Error::Study`] with what is wrong with the study and with ranges that neither it nor the table has, [`Error::Rows`] and [`Error::Table`] of the table,
-/// [`Error::Interrupted`], [`Error::Io`].
+/// [`Error::Study`] with problems of the study and with ranges that neither it nor the table has, [`Error::Rows`] and
+/// [`Error::Table`] of the table, [`Error::Interrupted`], [`Error::Io`].
 pub fn plan(study: &Path, points: usize, control: Control, to: (&mut dyn Write, &Path)) -> Result<()> {
     let study = Draft::load_without_table(study)?.finish()?;
     if !study.is_static() {

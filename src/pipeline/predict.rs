@@ -1,9 +1,9 @@
 //! Predictions in bulk: the outputs of a surrogate for all rows of a table.
 //!
-//! Without states every row is a point of its own. With states the rows of a run are rolled out together, from the start that its
-//! first row has, by inputs that are linear between two rows.
+//! Without states every row is a separate point. With states the rows of a run are rolled out together, from the start
+//! in its first row, with inputs that are linear between two rows.
 //!
-//! One thread reads while the others evaluate, and nothing is kept that has been written.
+//! One thread reads while the others evaluate, and written rows are not kept.
 
 mod rows;
 
@@ -38,7 +38,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// What is predicted, and how it is written.
+/// Options of a prediction.
 #[derive(Clone, Debug)]
 pub struct PredictOptions {
     /// Names of the outputs; all if there are none.
@@ -47,14 +47,15 @@ pub struct PredictOptions {
     pub format: Format,
 }
 
-/// What was predicted.
+/// Result of a prediction.
 #[derive(Clone, Debug, Serialize)]
 pub struct Predicted {
     /// Name of the surrogate.
     pub name: String,
     /// Its content digest.
     pub content_digest: String,
-    /// Error bound of each output that was predicted, if they were measured; of a model with a state the one at the end of its runs.
+    /// Error bound of each predicted output, if it was measured; for a model with a state, the bound at the end of its
+    /// runs.
     #[serde(skip_serializing_if = "IndexMap::is_empty")]
     pub bounds: IndexMap<String, f64>,
     /// Rows of the table, and of the result.
@@ -93,15 +94,15 @@ impl Found {
         self.first = self.first.or(Some(row as u64 + 1));
     }
 
-    /// Adds those of a block that begins after so many rows.
+    /// Adds those of a block that begins after `after` rows.
     fn extend(&mut self, after: u64, block: Self) {
         self.rows += block.rows;
         self.first = self.first.or(block.first.map(|row| after + row));
     }
 }
 
-/// Reads a surrogate: that of an FMU made by metafmu (`.fmu`), of a model file (`.safetensors`), or the one that a study (`.toml`)
-/// has in its folder of results, `out/NAME`.
+/// Reads the surrogate of an FMU made by metafmu (`.fmu`), of a model file (`.safetensors`), or of a study (`.toml`),
+/// from its folder of results `out/NAME`.
 ///
 /// # Errors
 /// Those of [`read_surrogate`], [`surrogate::load`] and [`Project::load_model`]; [`Error::OtherFile`] for other files.
@@ -127,7 +128,7 @@ pub fn load_file(path: &Path) -> Result<Surrogate> {
     }
 }
 
-/// Whether a file is a surrogate by its name.
+/// Returns true if a file is a surrogate by its name.
 pub fn is_surrogate(path: &Path) -> bool {
     matches!(extension(path).as_deref(), Some("fmu" | "safetensors"))
 }
@@ -136,11 +137,11 @@ fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_string_lossy().to_lowercase())
 }
 
-/// Predicts all rows of a table and writes them in the same order, with the columns `run` and `time` if the table has them, the
-/// outputs, `in_domain` and `domain_distance`. `path`: the name of `to` in errors.
+/// Predicts all rows of a table and writes them in the same order. The columns are `run` and `time` if the table has
+/// them, the outputs, `in_domain` and `domain_distance`. `path`: the name of `to` in errors.
 ///
 /// # Errors
-/// [`Error::Variable`] for an output that there is not, [`Error::Table`] with file and line of a mistake, [`Error::Io`],
+/// [`Error::Variable`] for an unknown output, [`Error::Table`] with file and line of a mistake, [`Error::Io`],
 /// [`Error::Interrupted`].
 pub fn predict(
     surrogate: &Surrogate,
@@ -186,11 +187,11 @@ pub fn predict(
     Ok(predicted)
 }
 
-/// The outputs of a surrogate with a state along the runs of a table, row by row, and whether a row is the first of its run; what cannot be
-/// computed is not a number.
+/// Outputs of a surrogate with a state along the runs of a table, row by row, and `true` for the first row of a run.
+/// Values that cannot be computed are NaN.
 ///
 /// # Errors
-/// [`Error::Io`], [`Error::Table`] with what is wrong with the table.
+/// [`Error::Io`], [`Error::Table`] with the problems of the table.
 pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool, Vec<f64>)>> {
     let stop = AtomicBool::new(false);
     let mut reader = Reader::open(surrogate, table, &stop, |_| {})?;
@@ -213,7 +214,7 @@ pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool
 /// Parts of a table in which progress is counted.
 const SHARES: usize = 1000;
 
-/// Reads a table, batch by batch, and tells each time how much of it has been read; the time that took.
+/// Reads a table, batch by batch, and reports each time the share that has been read. Returns the time that it took.
 fn read<'a>(mut reader: Reader<'a>, give: &SyncSender<(Result<Batch>, f64)>) -> (Reader<'a>, Duration) {
     let mut busy = Duration::ZERO;
     loop {
@@ -271,7 +272,7 @@ impl<'a> Predictor<'a> {
         of_row.chain(self.outputs().map(|output| output.name.as_str())).chain(of_domain).collect()
     }
 
-    /// What is known before the first row.
+    /// Result, as far as it is known before the first row.
     fn predicted(&self) -> Predicted {
         let bounds = self.surrogate.bounds();
         let predictions = self.surrogate.predictions().len();
@@ -352,7 +353,7 @@ struct Answers {
 }
 
 impl Answers {
-    /// None yet, with room for so many rows.
+    /// No results yet, with room for `rows` rows.
     fn new(predictor: &Predictor, labels: Option<Labels>, times: Option<Vec<f64>>, rows: usize) -> Self {
         Self {
             labels,

@@ -23,7 +23,7 @@ pub struct PreparedTraining {
     pub validation_runs: usize,
 }
 
-/// Holds out the validation runs, standardises the rows by the others, and makes the network. The last `added` runs are all for
+/// Holds out the validation runs, standardizes the rows by the others, and makes the network. The last `added` runs are all for
 /// training. Scaling and network are those of `start`, if there is one.
 pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Surrogate>) -> Result<PreparedTraining> {
     let (planned, added) = dataset.runs.split_at(dataset.runs.len() - added);
@@ -39,7 +39,7 @@ pub fn prepare(study: &Study, dataset: &Dataset, added: usize, start: Option<&Su
     )
 }
 
-/// The same for the network of each instant: the times of the runs, which are those of every run.
+/// Prepares the network of each instant. The instants are the times of the runs, which are equal in every run.
 pub fn prepare_instants(study: &Study, dataset: &Dataset) -> Result<(Arc<[f64]>, Vec<PreparedTraining>)> {
     let instants = common_times(study, &dataset.runs)?;
     let (training, validation) = split(&dataset.runs, &study.training, study.seed);
@@ -97,7 +97,7 @@ pub fn baseline_rows(study: &Study, dataset: &Dataset) -> baselines::Standardize
     baseline_rows_and_held_out(study, dataset).0
 }
 
-/// The same, and the runs that are held out of the training.
+/// Rows that a baseline may be fitted to, and the runs that are held out of the training.
 pub fn baseline_rows_and_held_out(study: &Study, dataset: &Dataset) -> (baselines::StandardizedRows, Dataset) {
     let (training_runs, held_out) = split(&dataset.runs, &study.training, study.seed);
     let Dataset { parameters, outputs, .. } = dataset;

@@ -33,13 +33,13 @@ use std::{
 pub struct Project<'a> {
     /// The study.
     pub study: Study,
-    /// What gives its runs.
+    /// Source of its runs.
     pub source: Source,
     folder: PathBuf,
     control: Control<'a>,
 }
 
-/// Of which study the tables are, and what making them took: `samples.json`.
+/// Record of a sampling, `samples.json`: the study of the tables, and their cost.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct SamplesRecord {
     /// [`Study::sampling_digest`] of the study they were sampled from.
@@ -77,11 +77,11 @@ pub struct FailedRun {
     pub run: usize,
     /// Its parameters.
     pub parameters: IndexMap<String, f64>,
-    /// Why it failed.
+    /// Reason of the failure.
     pub reason: String,
 }
 
-/// Tells what a mechanism consists of and what is odd about it.
+/// Reports the parts of a mechanism and its oddities.
 pub fn describe(mechanism: &Mechanism, control: Control<'_>) {
     for warning in mechanism.warnings() {
         control.observer.event(Event::Warning(format_args!("{warning}")));
@@ -90,8 +90,8 @@ pub fn describe(mechanism: &Mechanism, control: Control<'_>) {
 }
 
 impl<'a> Project<'a> {
-    /// Reads the study file and finds its source; writes nothing. Results go to `folder`, unless given to `out/NAME` with the
-    /// study's name.
+    /// Reads the study file and finds its source; writes nothing. Results go to `folder`, by default to `out/NAME` with
+    /// the study's name.
     ///
     /// # Errors
     /// [`Error::Study`] with every mistake in the file, the errors of the source.
@@ -102,27 +102,27 @@ impl<'a> Project<'a> {
         Ok(Self { study, source, folder, control })
     }
 
-    /// What the program around it gave.
+    /// Control by the program around it.
     pub fn control(&self) -> Control<'a> {
         self.control
     }
 
-    /// Whether the work must end.
+    /// Returns true if the work must end.
     pub(super) fn is_stopped(&self) -> bool {
         self.control.stop.load(Ordering::Relaxed)
     }
 
-    /// What worker processes need.
+    /// Settings of worker processes.
     pub(super) fn workers(&self) -> Workers<'a> {
         Workers { program: self.control.program, stop: self.control.stop }
     }
 
-    /// How an FMU is watched over that runs in a process of its own.
+    /// Watch over an FMU that runs in a separate process.
     pub(super) fn watch(&self) -> Watch<'a> {
         Watch { workers: self.workers(), limit: None, heard: self.control.heard }
     }
 
-    /// Tells the observer what happens.
+    /// Reports an event to the observer.
     pub(super) fn event(&self, event: Event<'_>) {
         self.control.observer.event(event);
     }
@@ -132,12 +132,12 @@ impl<'a> Project<'a> {
         self.event(Event::Message(format_args!("{line}")));
     }
 
-    /// Tells the observer what the user should look at.
+    /// Reports a problem that the user should check.
     pub(super) fn warn(&self, line: impl Display) {
         self.event(Event::Warning(format_args!("{line}")));
     }
 
-    /// Tells the observer how the work goes.
+    /// Reports the progress of the work to the observer.
     pub(super) fn note(&self, line: impl Display) {
         self.event(Event::Note(format_args!("{line}")));
     }
@@ -147,20 +147,20 @@ impl<'a> Project<'a> {
         self.event(Event::Begin { work, total });
     }
 
-    /// Tells the observer that the work has ended, and how.
+    /// Reports the end of the work, and its result, to the observer.
     pub(super) fn finish(&self, line: impl Display) {
         self.event(Event::End);
         self.say(line);
     }
 
-    /// Tells what the study's mechanism consists of and what is odd about it.
+    /// Reports the parts of the study's mechanism and its oddities.
     pub fn describe_mechanism(&self) {
         if let Some(mechanism) = self.study.mechanism() {
             describe(mechanism, self.control);
         }
     }
 
-    /// Makes the folder of results, so that one that cannot be written is found before the work and not after it.
+    /// Creates the folder of results, so that a write error is detected before the work instead of after it.
     ///
     /// # Errors
     /// [`Error::Io`] with the system's reason.
@@ -182,12 +182,12 @@ impl<'a> Project<'a> {
         self.folder.join("unfinished-runs.bin")
     }
 
-    /// The same of one shard of it.
+    /// Runs of a shard that is not finished.
     pub(super) fn shard_journal(&self, Shard { number, of }: Shard) -> PathBuf {
         self.folder.join(format!("unfinished-runs-{number}-of-{of}.bin"))
     }
 
-    /// Where results go.
+    /// Folder of the results.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
@@ -202,7 +202,7 @@ impl<'a> Project<'a> {
         self.folder.join(format!("{}.safetensors", self.study.name))
     }
 
-    /// Where the trials of a search keep what they have.
+    /// Folder of the trials of a search.
     pub(super) fn search_folder(&self) -> PathBuf {
         self.folder.join("search")
     }
@@ -220,17 +220,17 @@ impl<'a> Project<'a> {
         self.folder.join("history.csv")
     }
 
-    /// Where a training that was stopped continues from.
+    /// Checkpoint from which a stopped training continues.
     pub(super) fn checkpoint(&self) -> PathBuf {
         self.folder.join("checkpoint.safetensors")
     }
 
-    /// The same of a training that is one of several, counted from 1.
+    /// Checkpoint of one of several trainings, counted from 1.
     pub(super) fn checkpoint_of(&self, number: usize) -> PathBuf {
         self.folder.join(format!("checkpoint-{number}.safetensors"))
     }
 
-    /// Whether a training is under way or was stopped.
+    /// Returns true if a training is under way or was stopped.
     pub(super) fn is_unfinished(&self) -> bool {
         [self.checkpoint(), self.checkpoint_of(1), self.unfinished_networks()].iter().any(|path| path.exists())
     }
@@ -249,17 +249,17 @@ impl<'a> Project<'a> {
         self.folder.join("unfinished-networks.bin")
     }
 
-    /// Where the rounds of a training with a target keep what they have.
+    /// Folder of the rounds of a training with a target.
     pub(super) fn rounds(&self) -> PathBuf {
         self.folder.join("rounds")
     }
 
-    /// The same project, with the folder of a round for its results.
+    /// This project, with the folder of a round for its results.
     pub(super) fn round(&self, number: usize) -> Self {
         self.with_folder(self.rounds().join(number.to_string()))
     }
 
-    /// The same project, with another folder for its results.
+    /// This project, with another folder for its results.
     pub(super) fn with_folder(&self, folder: PathBuf) -> Self {
         Self { study: self.study.clone(), source: self.source.clone(), folder, control: self.control }
     }
@@ -282,7 +282,7 @@ impl<'a> Project<'a> {
         self.folder.join("comparison.json")
     }
 
-    /// The same as a table.
+    /// The comparison as a table.
     pub fn comparison_table(&self) -> PathBuf {
         self.folder.join("comparison.csv")
     }

@@ -1,4 +1,4 @@
-//! The report: the surrogate beside the truth, on one page.
+//! The report: the surrogate and the truth on one page.
 
 use super::{
     compare::seconds_per_row,
@@ -33,7 +33,7 @@ pub struct WrittenReport {
     pub figures: usize,
 }
 
-/// Another study whose surrogate is shown beside the project's, and its folder of results unless that is the usual one.
+/// Another study whose surrogate is shown with the project's, and its folder of results unless that is the default one.
 #[derive(Clone, Copy, Debug)]
 pub struct BesideStudy<'a> {
     /// Its file.
@@ -117,7 +117,7 @@ pub(super) fn stage(
     Ok(WrittenReport { report: project.report(), bytes: page.len(), figures: figures.len() })
 }
 
-/// How data and network were made.
+/// Origin of the data and the network.
 fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) -> Vec<(String, String)> {
     let study = &project.study;
     let source = match (&study.source.system, study.mechanism()) {
@@ -197,8 +197,8 @@ pub struct Other<'p> {
 }
 
 impl<'p> Other<'p> {
-    /// Loads the surrogate and makes sure that it can be compared with the project's: same variables, and none of the project's test
-    /// runs were among its training runs.
+    /// Loads the surrogate and checks that it can be compared with the project's. Variables must be equal, and no test
+    /// run of the project may be among its training runs.
     fn load(project: &Project<'p>, BesideStudy { study, folder }: BesideStudy) -> Result<Self> {
         let other = Project::open(study, folder, project.control())?;
         let refuse = |message: String| Error::Stale { path: study.to_owned(), message };

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// How long to wait for room, if the results cannot go anywhere else.
+/// Longest wait for room, if the results cannot go anywhere else.
 const PATIENCE: Duration = Duration::from_secs(3600);
 /// Time between two attempts.
 const PAUSE: Duration = Duration::from_secs(2);

@@ -18,8 +18,8 @@ use crate::{
 };
 use metafmu_runtime::Surrogate;
 
-/// Trains, in several rounds if the study has a target. To `resume` is to take what an earlier training has finished, or else to
-/// continue from its checkpoint, if there is one.
+/// Trains, in several rounds if the study has a target. To `resume` is to use the results of an earlier training, or
+/// else to continue from its checkpoint, if there is one.
 pub fn stage(
     project: &Project,
     dataset: &Dataset,
@@ -32,7 +32,7 @@ pub fn stage(
     }
 }
 
-/// How good the surrogate was after a round.
+/// Accuracy of the surrogate after a round.
 struct Round {
     runs: usize,
     /// R² of each output on the held-out runs; none of a constant one.
@@ -48,9 +48,9 @@ impl Round {
     }
 }
 
-/// Trains in rounds, each from the network of the one before, and writes what a single training writes, `rounds.csv` with a row
-/// for each round, and `added.csv` with the runs that were added. Every round has a folder of its own, from which `resume` goes
-/// on; they are removed at the end.
+/// Trains in rounds, each from the network of the one before. Writes the files of a single training, `rounds.csv` with
+/// a row for each round, and `added.csv` with the added runs. Every round has a separate folder, from which `resume`
+/// continues; the folders are removed at the end.
 fn in_rounds(
     project: &Project,
     target: &TargetOptions,

@@ -26,7 +26,7 @@ use std::{fmt::Write, path::PathBuf, time::Instant};
 pub struct Samples {
     /// The runs of each set.
     pub sets: Sets<Dataset>,
-    /// What is known about them.
+    /// Record of the sampling.
     pub record: SamplesRecord,
 }
 
@@ -60,8 +60,8 @@ pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
     Ok(text)
 }
 
-/// The runs that an earlier command has sampled from this study, if it came so far. Tables that were changed since are an
-/// error: to sample again would replace them.
+/// Runs that an earlier command sampled from this study, if it completed. Tables changed since then are an error:
+/// sampling again would replace them.
 pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
     let Ok(record) = project.load_samples_record() else { return Ok(None) };
     if record.tables.keys().any(|set| !project.table(set).exists()) {
@@ -84,7 +84,7 @@ fn failures(project: &Project, plan: &Plan, outcomes: &[RunOutcome]) -> Vec<Fail
     runs.zip(outcomes).filter_map(failure).collect()
 }
 
-/// Says how many runs failed and why the first few did.
+/// Reports the number of failed runs, and the reasons of the first few.
 fn tell(project: &Project, failed: &[FailedRun], total: usize) {
     const SHOWN: usize = 3;
     if failed.is_empty() {
@@ -135,7 +135,7 @@ pub fn stage(project: &Project) -> Result<Samples> {
     }
 }
 
-/// What came of a part of a sampling.
+/// Result of a shard.
 #[derive(Debug, Serialize)]
 pub struct ShardRecord {
     /// Its file.
@@ -224,7 +224,7 @@ fn run_points(
     outcomes.inspect_err(|_| project.event(Event::End))
 }
 
-/// What came of the points of a plan, by set, and what failed.
+/// Results of the points of a plan, by set, and the failed runs.
 fn sort(
     project: &Project,
     simulation: &Simulation,
@@ -287,7 +287,7 @@ fn write(project: &Project, mut sets: Sets<Dataset>, failed: Vec<FailedRun>, sam
     Ok(Samples { sets, record })
 }
 
-/// Gives outputs that vary by rounding only the constant that they are, and says which they are.
+/// Sets outputs that vary by rounding only to constants, and reports them.
 fn settle_constants(project: &Project, sets: &mut Sets<Dataset>) -> Vec<String> {
     let is_simulated = project.study.source.is_of_equations();
     let rounding = if is_simulated { Rounding::OF_SIMULATIONS } else { Rounding::OF_DOUBLES };

@@ -50,13 +50,13 @@ pub struct TrialRecord {
     /// Mean over the outputs of 1 - R² on the held-out runs.
     score: Option<f64>,
     seconds: f64,
-    /// Why it failed.
+    /// Reason of the failure.
     message: String,
-    /// Whether it ended with an error, which says nothing about its values. A training that diverges or a baseline that cannot be
-    /// fitted is a result.
+    /// `true` if it ended with an error, which says nothing about its values. A training that diverges or a baseline
+    /// that cannot be fitted is a result.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     broke: bool,
-    /// SHA-256 of the rest, so that a score that was changed decides nothing.
+    /// SHA-256 of the rest, so that a changed score has no effect.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     digest: String,
 }
@@ -73,7 +73,7 @@ impl TrialRecord {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TrialStatus {
-    /// Nothing is known about it yet.
+    /// Not begun.
     Waiting,
     /// Trained up to a rung.
     Paused,
@@ -95,25 +95,25 @@ struct SearchTrial {
     runs: PathBuf,
 }
 
-/// What a search found.
+/// Result of a search.
 #[derive(Debug, Serialize)]
 pub struct Searched {
     /// `search.csv`, a row for each trial.
     pub table: PathBuf,
     /// The study file of the best trial.
     pub best_study: PathBuf,
-    /// How far the best trial came.
+    /// Record of the best trial.
     pub best: TrialRecord,
     /// The best trials as a table for people.
     #[serde(skip)]
     pub summary: String,
-    /// Whether a trial ended with an error.
+    /// `true` if a trial ended with an error.
     #[serde(skip)]
     pub has_errors: bool,
 }
 
-/// Trains the trials of the study in the file `path` and writes the table and the best study. To `resume` is to continue from
-/// what an earlier search has finished.
+/// Trains the trials of the study in the file `path` and writes the table and the best study. To `resume` is to
+/// continue from the results of an earlier search.
 ///
 /// # Errors
 /// [`Error::Study`] if the search itself makes no sense, [`Error::Stale`] if no trial finished, [`Error::Interrupted`],
@@ -160,7 +160,7 @@ pub fn search(project: &Project, path: &Path, resume: bool) -> Result<Searched> 
     Ok(Searched { table, best_study, best, summary, has_errors: trials.iter().zip(&records).any(went_wrong) })
 }
 
-/// Says before the first trial which ones have values that do not go together.
+/// Reports, before the first trial, trials whose values do not fit together.
 fn tell_unfit(project: &Project, trials: &[SearchTrial]) {
     let unfit: Vec<&Error> = trials.iter().filter_map(|trial| trial.study.as_ref().err()).collect();
     if let Some(first) = unfit.first() {
@@ -263,7 +263,7 @@ fn waiting(trial: usize, of: &SearchTrial) -> TrialRecord {
     }
 }
 
-/// Trains a trial up to a share of its epochs, unless it has come so far already. Its failure is a record, too; an error
+/// Trains a trial up to a share of its epochs, unless it is that far already. Its failure is a record, too; an error
 /// ends the search.
 fn attempt(
     project: &Project,
@@ -376,7 +376,7 @@ fn train(
     })
 }
 
-/// The same for a network for each instant. They are trained quickly: each rung starts from scratch.
+/// Trains a trial with a network for each instant. These train quickly: each rung starts from scratch.
 fn train_instants(
     project: &Project,
     study: &Study,
@@ -445,12 +445,12 @@ fn fit_baseline(
     })
 }
 
-/// Mean over the outputs of 1 - R², on standardised rows: comparable for any loss of the trials.
+/// Mean over the outputs of 1 - R², on standardized rows: comparable for any loss of the trials.
 fn score(network: &Network, rows: &TrainingRows) -> f64 {
     mean_unexplained(&columns(network, rows, &vec![0.0; rows.n_outputs()], &vec![1.0; rows.n_outputs()]))
 }
 
-/// What the network predicts and what it should, of each output, not standardised any more.
+/// Predicted and expected values of each output, no longer standardized.
 fn columns(network: &Network, rows: &TrainingRows, mean: &[f64], scale: &[f64]) -> Vec<[Vec<f64>; 2]> {
     let mut found = vec![0.0; rows.outputs().len()];
     network.predict(rows.inputs(), &mut found);

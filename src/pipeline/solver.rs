@@ -15,21 +15,21 @@ use crate::{
 use metafmu_runtime::{Domain, Evaluator, Integration, Metadata, Output, StepError, Surrogate};
 use rayon::prelude::*;
 
-/// Error of a start, in rad or m, rad/s or m/s, that may change the outputs of a run as much as the solver does, where the equations are
-/// exact, and at most.
+/// Smallest and largest wanted error: a perturbation of the initial state in rad or m, rad/s or m/s. The smallest
+/// applies if the equations are exact.
 const LEAST_ERROR: f64 = 3e-8;
 const LARGEST_ERROR: f64 = 1e-5;
 /// Part of the error of the equations that the solver may add.
 const PART: f64 = 0.1;
 /// Such an error of fixed steps that is refused.
 const POOR: f64 = 1e-3;
-/// Tolerances that are tried: the first one, the last one, and the one that the others are compared with.
+/// Tolerances that are tried: the first one, the last one, and the reference of the others.
 const FIRST: f64 = 1e-6;
 const LAST: f64 = 1e-12;
 const REFERENCE: f64 = 1e-13;
 /// By how much a tolerance is reduced at once, at most.
 const BY_ONE_ROUND: f64 = 1e-3;
-/// Steps of the solver in a run at most; what comes later is not compared.
+/// Largest number of steps of the solver in a run; later steps are not compared.
 const MOST_STEPS: u64 = 100_000;
 /// How often the longest step is halved, at most, for fewer steps that are repeated.
 const HALVINGS: i32 = 6;
@@ -41,10 +41,10 @@ const CHEAPER: f64 = 0.5;
 const SLOWEST: f64 = 1e-3;
 /// Safety factor on the wanted error, for motions between the corners, such as one that nearly comes to rest upright.
 const RESERVE: f64 = 3.0;
-/// How much farther than in the training runs velocities may go.
+/// Factor by which velocities may exceed those of the training runs.
 const MARGIN: f64 = 1.5;
 
-/// Of equations that are so poor that no solver helps.
+/// Record for equations so poor that no solver helps.
 pub(super) fn unmeasured(step: f64) -> SolverRecord {
     SolverRecord {
         tolerance: Some(FIRST),
@@ -73,12 +73,13 @@ struct Path {
 /// Reference that solvers are compared with.
 struct SolverReference {
     path: Path,
-    /// Largest change up to each row by a start that is off by [`OFF`], at least that.
+    /// Largest change up to each row by an initial state perturbed by [`OFF`], at least [`OFF`].
     by_start: Vec<f64>,
 }
 
-/// Ranges of velocities and actuator states, the columns `velocities` of the states: what they reach in the training runs, in either
-/// direction, and half as much more, and all that starts are drawn from.
+/// Ranges of velocities and actuator states, the columns `velocities` of the states. They are [`MARGIN`] times the
+/// largest magnitudes in the training runs, in both directions, unless the study gives them, and contain the ranges of
+/// all initial values.
 pub(super) fn velocity_ranges(
     project: &Project,
     surrogate: &Surrogate,
@@ -113,9 +114,9 @@ pub(super) fn velocity_ranges(
     options.enumerate().map(range).collect()
 }
 
-/// The surrogate with the integration that the study wants: fixed steps, or the largest tolerance whose error, in the training runs and at
-/// the corners, is below a tenth of what the equations are off by. `assemble` makes the surrogate with an integration; `velocities`: of each
-/// state its range, if it is a velocity with one.
+/// The surrogate with the integration that the study wants. It is fixed steps, or the largest tolerance whose error, in
+/// the training runs and at the corners, is below a tenth of the error of the equations. `assemble` makes the surrogate
+/// with an integration. `velocities` has the range of each state that is a velocity with one.
 pub(super) fn choose(
     project: &Project,
     dataset: &Dataset,
@@ -223,8 +224,9 @@ impl<'a> IntegrationComparison<'a> {
             .collect()
     }
 
-    /// The error of a start that changes the outputs of a run as much as this integration does: the largest, over the rows, of their change
-    /// over the largest one so far by a start that is off by [`OFF`], times that. Changes are relative to the outputs' ranges.
+    /// Perturbation of the initial state that changes the outputs of a run as much as this integration does. It is
+    /// [`OFF`] times the largest ratio, over the rows, of two changes: that by the integration, and the largest so far
+    /// by an initial state perturbed by [`OFF`]. Changes are relative to the outputs' ranges.
     fn error(&self, trial: usize, path: &Path) -> f64 {
         let SolverReference { path: reference, by_start } = &self.references[trial];
         let width = self.surrogate.outputs().len();
@@ -234,7 +236,7 @@ impl<'a> IntegrationComparison<'a> {
         }
         let changes = changes(self.surrogate, &reference.outputs[..rows * width], &path.outputs[..rows * width]);
         let errors = changes.iter().zip(by_start).map(|(change, by_start)| OFF * change / by_start);
-        // a maximum would leave out what is not a number
+        // NaN counts, which a maximum would ignore
         errors.fold(0.0, |largest, error| if error.is_nan() { f64::INFINITY } else { error.max(largest) })
     }
 
@@ -327,7 +329,7 @@ impl<'a> IntegrationComparison<'a> {
         }
     }
 
-    /// What is wrong with fixed steps.
+    /// Problem of fixed steps, if there is one.
     fn problem_of_steps(&self, step: f64, record: &SolverRecord) -> Option<String> {
         if record.error <= POOR {
             return None;
@@ -356,7 +358,7 @@ fn rounded(tolerance: f64) -> f64 {
     if three <= tolerance * (1.0 + 1e-9) { three } else { parsed(1) }
 }
 
-/// Largest difference of any output at each row, relative to its range; infinite if it is not a number.
+/// Largest difference of any output at each row, relative to its range; infinite for NaN.
 fn changes(surrogate: &Surrogate, one: &[f64], other: &[f64]) -> Vec<f64> {
     let range = |output: &Output| (output.max - output.min).max(f64::MIN_POSITIVE);
     let ranges: Vec<f64> = surrogate.outputs().iter().map(range).collect();

@@ -1,4 +1,4 @@
-//! Speed of a surrogate beside that of its source: seconds of one core for a simulated second.
+//! Speed of a surrogate and of its source: seconds of one core for a simulated second.
 
 use super::{project::Project, record::Speed};
 use crate::{

@@ -22,9 +22,9 @@ pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: 
     acceptance::judge(study, surrogate, (&accuracy, "held-out runs"), None, record.findings(study))
 }
 
-/// Trains, keeps the epoch that is best on held-out runs, measures error bounds on the calibration runs if the study wants
-/// them, writes the surrogate and the history. The last `added` runs are for training only. The network begins as the one of
-/// `start`, if there is one.
+/// Trains, keeps the epoch that is best on held-out runs, measures error bounds on the calibration runs if the study
+/// wants them, writes the surrogate and the history. The last `added` runs are for training only. The network begins as
+/// that of `start`, if there is one.
 pub(super) fn once(
     project: &Project,
     dataset: &Dataset,
@@ -66,7 +66,7 @@ pub(super) fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, s
     }
 }
 
-/// The surrogate of a training of this study that came to its end.
+/// Surrogate of a completed training of this study.
 pub(super) fn finished(project: &Project) -> Result<Option<(Surrogate, TrainingRecord)>> {
     if project.is_unfinished() || !project.training_record().exists() {
         return Ok(None);

@@ -1,4 +1,4 @@
-//! The rows that a static map is measured on, and what was predicted for them: `unseen.csv`.
+//! Rows that a static map is measured on, and their predictions: `unseen.csv`.
 
 use super::{
     project::{Project, SamplesRecord},
@@ -91,7 +91,7 @@ impl Unseen {
     }
 }
 
-/// What is known of the fit of a static map.
+/// Record of the fit of a static map.
 fn record(training: &TrainingRecord) -> Option<&StaticRecord> {
     match &training.method {
         Some(MethodRecord::StaticMap(record)) => Some(record),

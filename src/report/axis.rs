@@ -1,4 +1,4 @@
-//! An axis: what it shows, in which unit, from where to where, and where its ticks are.
+//! An axis: its quantity, its unit, its range, and its ticks.
 
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use std::ops::Range;
@@ -8,7 +8,7 @@ use std::ops::Range;
 pub struct Axis {
     /// Name and unit, as written beside the axis.
     pub label: String,
-    /// How values become places.
+    /// Map of values to places.
     pub scale: AxisScale,
     /// First value.
     pub low: f64,
@@ -27,9 +27,9 @@ pub enum AxisScale {
     Log,
 }
 
-/// Decades below the largest value that a logarithmic axis shows at the most.
+/// Largest number of decades below the largest value that a logarithmic axis shows.
 const DECADES: i32 = 12;
-/// Ticks of an axis at the most.
+/// Largest number of ticks of an axis.
 pub const TICKS: usize = 6;
 
 impl Axis {

@@ -23,7 +23,7 @@ pub struct Chart {
     pub x: Axis,
     /// The vertical axis.
     pub y: Axis,
-    /// What is drawn, the last above the others.
+    /// Series, each drawn above those before it.
     pub series: Vec<ChartSeries>,
 }
 
@@ -34,7 +34,7 @@ pub struct ChartSeries {
     pub name: Option<String>,
     /// Colour and dashes.
     pub ink: Ink,
-    /// What is drawn.
+    /// Shape of the series.
     pub shape: Shape,
 }
 
@@ -43,7 +43,7 @@ pub struct ChartSeries {
 pub enum Shape {
     /// A line through points; a point that is not finite is a gap.
     Line(Vec<[f64; 2]>),
-    /// As [`Shape::Line`], broad: something else is drawn on it.
+    /// A broad [`Shape::Line`], with others drawn on it.
     Broad(Vec<[f64; 2]>),
     /// The area between two lines: x, lower and upper y.
     Band(Vec<[f64; 3]>),
@@ -51,7 +51,7 @@ pub enum Shape {
     Circles(Vec<[f64; 2]>),
     /// Triangles, which stand out among circles.
     Triangles(Vec<[f64; 2]>),
-    /// Rectangles from one corner to the opposite one.
+    /// Rectangles, each by two opposite corners.
     Bars(Vec<[[f64; 2]; 2]>),
     /// Rectangles with a shade between 0, nearly white, and 1.
     Cells(Vec<([[f64; 2]; 2], f64)>),
@@ -59,7 +59,7 @@ pub enum Shape {
     Numbered(Vec<(usize, [f64; 2])>),
 }
 
-/// Colours of Okabe and Ito, which colour-blind readers tell apart, each with dashes of its own for prints without colour.
+/// Colors of Okabe and Ito, which color-blind readers tell apart, each with different dashes for prints without color.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "colours")]
 pub enum Ink {
@@ -85,13 +85,13 @@ const HEIGHT: u32 = 320;
 const LEGEND_LINE: u32 = 20;
 /// Room left of the vertical axis, below the horizontal one, right of the plot and above it.
 const MARGINS: [u32; 4] = [84, 48, 26, 10];
-/// Of the room left of the vertical axis: letters are higher than plotters thinks.
+/// Part of the room left of the vertical axis, because letters are higher than plotters assumes.
 const EDGE: u32 = 4;
 const TICK_TEXT: f64 = 14.0;
 const NAME_TEXT: f64 = 15.0;
-/// Points of a line at the most: more than there are pixels.
+/// Largest number of points of a line: more than there are pixels.
 const LINE_POINTS: usize = 600;
-/// How wide an average letter is, in its height.
+/// Width of an average letter, relative to its height.
 const LETTER: f64 = 0.6;
 
 type ChartArea<'a> = DrawingArea<SVGBackend<'a>, Shift>;
@@ -139,19 +139,19 @@ impl Ink {
 }
 
 impl ChartSeries {
-    /// With a place in the legend.
+    /// Series with an entry in the legend.
     pub fn named(name: impl Into<String>, ink: Ink, shape: Shape) -> Self {
         Self { name: Some(name.into()), ink, shape }
     }
 
-    /// Without one.
+    /// Series without an entry in the legend.
     pub fn silent(ink: Ink, shape: Shape) -> Self {
         Self { name: None, ink, shape }
     }
 }
 
 impl Chart {
-    /// Makes one unit as long on both axes, which must be linear, by lengthening the range of one of them.
+    /// Makes one unit equally long on both axes, which must be linear, by lengthening the range of one of them.
     pub fn equal_scales(mut self) -> Self {
         let [left, below, right, above] = MARGINS.map(f64::from);
         let per_unit = |axis: &Axis, length: f64| length / (axis.high - axis.low);
@@ -177,7 +177,7 @@ impl Chart {
         stack(title, std::slice::from_ref(self), HEIGHT)
     }
 
-    /// Whether lines have so many points that some are left out.
+    /// Returns true if a line has too many points to draw all of them.
     pub fn is_thinned(&self) -> bool {
         self.series.iter().any(
             |series| matches!(&series.shape, Shape::Line(points) | Shape::Broad(points) if points.len() > LINE_POINTS),
@@ -318,7 +318,7 @@ impl Chart {
     }
 }
 
-/// Charts one below the other, each so high without its legend.
+/// Charts one below the other, each of this height without its legend.
 ///
 /// # Errors
 /// plotters' message.
@@ -340,8 +340,8 @@ pub fn stack(title: &str, charts: &[Chart], height: u32) -> Result<String, Strin
     Ok(finish(&svg, title, total))
 }
 
-/// What plotters' SVG has not: a size to be shown at, a name for screen readers, and dashes, which go by the colour. It is made
-/// shorter by what goes without saying.
+/// Adds what plotters' SVG lacks: a display size, a name for screen readers, and dashes, which depend on the color.
+/// Removes redundant attributes.
 fn finish(svg: &str, title: &str, height: u32) -> String {
     let drawn = format!("width=\"{}\" height=\"{}\"", SCALE * WIDTH, SCALE * height);
     let title = html::escape(title);
@@ -376,7 +376,7 @@ fn shaded(ink: Ink, shade: f64) -> RGBColor {
     RGBColor(mix(red), mix(green), mix(blue))
 }
 
-/// At most [`LINE_POINTS`] points: of each group of points the lowest and the highest, so that no peak is lost.
+/// At most [`LINE_POINTS`] points: the lowest and the highest of each group, so that no peak is lost.
 fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     if points.len() <= LINE_POINTS {
         return points.to_vec();

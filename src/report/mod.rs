@@ -19,7 +19,7 @@ pub use numbers::Evaluated;
 pub use page::page;
 pub use plot::{Curve, time_series_svg, two_runs_svg};
 
-/// What a report is made from.
+/// Data that a report is made from.
 #[derive(Debug)]
 pub struct Material<'a> {
     /// The study.
@@ -32,7 +32,7 @@ pub struct Material<'a> {
     pub points: &'a [MovingPoint],
     /// The training, epoch by epoch.
     pub history: &'a [EpochRecord],
-    /// Where all this comes from: names and values.
+    /// Origin of the surrogate: names and values.
     pub facts: &'a [(String, String)],
     /// Other models of the same rows.
     pub comparison: Option<&'a Comparison>,
@@ -62,7 +62,7 @@ enum ReportBlock {
 pub struct Figure {
     /// Unique in a report: letters, digits, `-` and `_`.
     pub id: String,
-    /// What the chart shows.
+    /// Text on the content of the chart.
     pub caption: String,
     /// The chart.
     pub chart: Chart,
@@ -71,9 +71,9 @@ pub struct Figure {
 /// A figure as it is shown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drawn {
-    /// As [`Figure::id`].
+    /// See [`Figure::id`].
     pub id: String,
-    /// As [`Figure::caption`], and what was left out.
+    /// [`Figure::caption`], and a note on omitted points.
     pub caption: String,
     /// The picture.
     pub svg: String,

@@ -1,6 +1,6 @@
 //! The numbers behind the figures: errors of a surrogate on test runs, gathered over time, over parameters and by size.
 //!
-//! Every function goes through all test rows, however many there are, and gives back a few numbers.
+//! Every function processes all test rows, however many there are, and returns a few numbers.
 
 use super::axis::extent;
 use crate::{
@@ -18,11 +18,11 @@ pub struct Evaluated<'a> {
     pub surrogate: &'a Surrogate,
     /// The runs, unseen in training.
     pub test: &'a Dataset,
-    /// Of each run, shape `[times, columns]`: those of all outputs of the surrogate.
+    /// Predictions of all outputs of the surrogate for each run, shape `[times, columns]`.
     predictions: Vec<Vec<f64>>,
     /// Accuracy of each output.
     pub accuracy: Accuracy,
-    /// Of each run, see [`Evaluated::runs_by_error`].
+    /// Error of each run, see [`Evaluated::runs_by_error`].
     errors: Vec<f64>,
 }
 
@@ -75,21 +75,21 @@ pub struct Histogram {
 pub struct Sensitivity {
     /// Instants.
     pub times: Vec<f64>,
-    /// Of each parameter: mean magnitude of the derivative at each instant, times the parameter's range.
+    /// Mean magnitude of the derivative at each instant, times the parameter's range, for each parameter.
     pub over_time: Vec<Vec<f64>>,
-    /// Of each parameter: the mean over all instants.
+    /// Mean over all instants, for each parameter.
     pub mean: Vec<f64>,
 }
 
 /// Cells of a [`Density`] in each direction.
 pub const CELLS: usize = 60;
-/// Bins over the time at the most.
+/// Largest number of bins over the time.
 const TIME_BINS: usize = 200;
 /// Bins over a parameter.
 const PARAMETER_BINS: usize = 16;
 /// Bins of a [`Histogram`].
 const ERROR_BINS: usize = 61;
-/// Runs and instants of each at which derivatives are taken, at the most.
+/// Largest number of runs, and of instants of each, at which derivatives are taken.
 pub const SENSITIVITY_RUNS: usize = 100;
 const SENSITIVITY_TIMES: usize = 60;
 
@@ -181,12 +181,12 @@ impl<'a> Evaluated<'a> {
         runs
     }
 
-    /// Half the width of the band around the prediction in which the truth is said to be, at some time of a run.
+    /// Half the width of the error band around the prediction at some time of a run.
     pub fn bound(&self, output: usize, time: f64) -> Option<f64> {
         self.surrogate.bounds().map(|bounds| bounds.at(output, time))
     }
 
-    /// Whether the truth of a row is in that band; none if there is no such band.
+    /// Returns true if the truth of a row is in that band; none if there is no such band.
     pub fn is_within(&self, output: usize, row: &TestRow) -> Option<bool> {
         self.bound(output, row.time).map(|bound| row.error().abs() <= bound)
     }
@@ -273,7 +273,7 @@ impl TestRow {
 }
 
 impl Binned {
-    /// With the middles of the first and last bin moved into a range.
+    /// Bins with the middles of the first and last one moved into a range.
     fn limited(mut self, low: f64, high: f64) -> Self {
         self.at.iter_mut().for_each(|at| *at = at.clamp(low, high));
         self
@@ -294,7 +294,7 @@ fn bin(value: f64, low: f64, high: f64, bins: usize) -> usize {
     (place as usize).min(bins - 1)
 }
 
-/// Errors of rows in bins, and how many are within a bound, if there is one.
+/// Errors of rows in bins, and the number within a bound, if there is one.
 fn gather(
     rows: impl Iterator<Item = (f64, TestRow)>,
     low: f64,

@@ -19,7 +19,7 @@ pub struct Curve {
 /// Height of a chart.
 const HEIGHT: u32 = 200;
 
-/// One chart a curve, one below the other, over a common time axis in seconds.
+/// One chart per curve, one below the other, over a common time axis in seconds.
 ///
 /// # Errors
 /// A sentence if there is nothing to draw or plotters fails.
@@ -39,7 +39,7 @@ pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<S
     stack(title, &charts, HEIGHT)
 }
 
-/// The same of two runs, each with its times and as many curves: both in one chart, under the names of the runs.
+/// SVG chart of two runs with the same number of curves, under the names of the runs. Each run has its own times.
 ///
 /// # Errors
 /// As [`time_series_svg`].

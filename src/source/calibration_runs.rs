@@ -20,8 +20,8 @@ const RESERVE: f64 = 1.2;
 /// More runs than this are refused with the other mistakes of a study.
 const MOST_RUNS: u64 = 10_000_000;
 
-/// The plan of a study and the kinds of its runs: of a surrogate with inputs and error bounds, calibration runs of zero input, free decay and
-/// constant inputs follow those with the study's signals.
+/// The plan of a study and the kinds of its runs. For a surrogate with inputs and error bounds, calibration runs of
+/// zero input, free decay and constant inputs follow those with the study's signals.
 pub fn plan(study: &Study, driven: Option<&Driven>) -> (Plan, Kinds) {
     with_kinds(study, driven).unwrap_or_else(|| (Plan::new(study), Kinds::default()))
 }

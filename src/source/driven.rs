@@ -19,7 +19,7 @@ use std::{
     sync::Arc,
 };
 
-/// Tolerance of runs of which the largest velocities are looked for.
+/// Tolerance of runs in which the largest velocities are searched.
 const ROUGH: f64 = 1e-6;
 
 /// Largest velocity of a coordinate that hardly moves, in rad/s or m/s.
@@ -38,30 +38,30 @@ pub struct DrivingInput {
     pub start: f64,
     bandwidth: f64,
     excitations: Vec<Excitation>,
-    /// A further kind of signal.
+    /// Recording, a further kind of signal.
     recording: Option<Arc<Recording>>,
 }
 
-/// How runs start and what drives them.
+/// Initial states of runs, and inputs that drive them.
 #[derive(Clone, Debug)]
 pub struct Driven {
-    /// In the order in which the study has them; of a mechanism coordinates, velocities, actuator states.
+    /// States in the study's order; for a mechanism coordinates, velocities, actuator states.
     states: Vec<SourceVariable>,
-    /// Number of those that are actuator states, the last ones.
+    /// Number of actuator states, the last ones.
     actuator_states: usize,
     drivers: Vec<DrivingInput>,
-    /// Values of the states at the start as the source has them.
+    /// Initial values of the states in the source.
     start: Vec<f64>,
-    /// Of the states of a table, in all of its rows; of others the study has them.
+    /// Ranges of the states of a table in all of its rows; otherwise the study has them.
     ranges: Vec<[f64; 2]>,
     /// Where the equations of motion of a mechanism are learned.
     region: Option<Region>,
     seed: u64,
-    /// What drives runs whose signals are not the study's.
+    /// Kinds of signals in runs without the study's signals.
     kinds: Kinds,
 }
 
-/// What a source says of an input.
+/// Description of an input in its source.
 #[derive(Clone, Debug)]
 pub struct OwnInput {
     /// Name, unit and description.
@@ -114,8 +114,8 @@ impl DrivingInput {
 }
 
 impl Driven {
-    /// Finds the study's states and inputs in the mechanism, `values` being those of its parameters. If the names of its parameters and
-    /// outputs are known, it is asked for its equations as well.
+    /// Finds the study's states and inputs in the mechanism; `values` are those of its parameters. If the names of its
+    /// parameters and outputs are known, its equations are evaluated as well.
     ///
     /// # Errors
     /// Every name that the mechanism does not know, every unit that is not its own, every range that is empty, by dotted key.
@@ -135,7 +135,7 @@ impl Driven {
                 Err(more) => problems.extend(more),
             }
         }
-        // said elsewhere, or of a section that is damaged
+        // reported elsewhere, or for a section that is damaged
         if study.coordinates().count() == 0 || study.coordinates().any(|(name, _)| velocity_name(name).is_none()) {
             return Err(problems);
         }
@@ -149,7 +149,7 @@ impl Driven {
         let names: Vec<&str> = study.coordinates().map(|(name, _)| name.as_str()).collect();
         let mut start = Vec::new();
         let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
-        // what is wrong with a part of the mechanism is told with its line
+        // problems of a part of the mechanism are reported with its line
         let is_of_part = |message: &str| {
             ["`forces.", "`actuators.", "`drivers.", "`states."].iter().any(|part| message.contains(part))
         };
@@ -254,7 +254,7 @@ impl Driven {
         Ok(Self { states, actuator_states: 0, drivers, start, ranges, region: None, seed: study.seed, kinds })
     }
 
-    /// The same with these kinds of signals.
+    /// Sets the kinds of signals.
     pub fn set_kinds(&mut self, kinds: Kinds) {
         self.kinds = kinds;
     }
@@ -264,12 +264,12 @@ impl Driven {
         self.ranges.get(state).copied()
     }
 
-    /// What acts on the source, in its order.
+    /// Inputs that act on the source, in its order.
     pub fn drivers(&self) -> &[DrivingInput] {
         &self.drivers
     }
 
-    /// The states as the source has them at the start.
+    /// Initial states in the source.
     pub fn start(&self) -> &[f64] {
         &self.start
     }
@@ -375,8 +375,8 @@ impl Driven {
         Ok(all.unwrap_or_default())
     }
 
-    /// Ranges of the coordinates' velocities, and of actuator states: the study's own, or else what they reach in these runs of the mechanism,
-    /// in either direction, and half as much more.
+    /// Ranges of the coordinates' velocities, and of actuator states: the study's own, or 1.5 times the largest values
+    /// in these runs of the mechanism, in both directions.
     ///
     /// # Errors
     /// As [`reached`](Self::reached).
@@ -394,7 +394,7 @@ impl Driven {
         Ok(own.into_iter().zip(largest).map(|(own, largest)| own.unwrap_or([-largest, largest])).collect())
     }
 
-    /// How the run with these parameters begins and is driven.
+    /// Start of the run with these parameters, and its signals.
     fn launch<'a>(&'a self, parameters: &'a [f64], times: &[f64]) -> Result<Launch<'a>, String> {
         let count = self.states.len();
         let (_, starts) = parameters.split_at(parameters.len() - count);
@@ -426,9 +426,9 @@ fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<DrivingInput>, Pr
     if problems.is_empty() { Ok(drivers) } else { Err(problems) }
 }
 
-/// How a run begins and what drives it.
+/// Start of a run, and its signals.
 struct Launch<'a> {
-    /// Of the coordinates.
+    /// Names of the coordinates.
     names: Vec<&'a str>,
     /// Coordinates, velocities and actuator states at the start.
     state: [&'a [f64]; 3],
@@ -454,7 +454,7 @@ fn coordinates_and_velocities(names: &[&str]) -> Vec<SourceVariable> {
     coordinates.chain(velocities).collect()
 }
 
-/// Where the study wants the equations of motion, `values` being those of the mechanism's parameters.
+/// Region in which the study wants the equations of motion; `values` are those of the mechanism's parameters.
 fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
     let names = mechanism.parameters().keys().cloned();
     Region {
@@ -472,7 +472,7 @@ fn region(study: &Study, mechanism: &Mechanism, values: &[f64]) -> Region {
 }
 
 impl DrivingInput {
-    /// A signal at some times, within the range; one that was recorded begins at a place from 0 to 1.
+    /// A signal at some times, within the range; a recorded one begins at a place from 0 to 1.
     fn values(&self, times: &[f64], place: f64, random: &mut ChaCha8Rng) -> Vec<f64> {
         let kinds = self.excitations.len() + usize::from(self.recording.is_some());
         let kind = match (random.random_range(0..kinds), &self.recording) {
@@ -485,7 +485,7 @@ impl DrivingInput {
         times.iter().map(|&time| (middle + half * shares(time)).clamp(self.min, self.max)).collect()
     }
 
-    /// A signal from -1 to 1, in the course of time.
+    /// A signal from -1 to 1 over time.
     fn signal(&self, kind: Excitation, stop: f64, random: &mut ChaCha8Rng) -> Box<dyn FnMut(f64) -> f64> {
         let bandwidth = self.bandwidth;
         let half_period = 0.5 / bandwidth;
@@ -551,7 +551,7 @@ impl DrivingInput {
     }
 }
 
-/// A sum of sines of random frequencies and phases, of one amplitude, which is such that the sum rarely leaves -1 to 1.
+/// A sum of sines of random frequencies and phases, with one amplitude for which the sum rarely leaves -1 to 1.
 fn sines(count: usize, from: f64, to: f64, random: &mut ChaCha8Rng) -> Box<dyn FnMut(f64) -> f64> {
     let amplitude = (2.0 / count as f64).sqrt() * 0.45;
     let sines = (0..count).map(|_| SineTerm {

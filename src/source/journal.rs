@@ -1,8 +1,9 @@
 //! Runs of a sampling that is not finished: after a crash, a kill or Ctrl-C the next sampling of the study continues from them.
 //!
-//! One file, appended to by a single write for each run, or for all that ended within some milliseconds if they are short: 32 bytes that name
-//! study and version, then records of one size: parameters, outputs, and 8 bytes of their SHA-256, numbers as little-endian doubles. What a
-//! dying process left of a last record is cut off.
+//! One file, appended to by a single write for each run, or for all runs that ended within some milliseconds if they
+//! are short. It has 32 bytes that identify study and version, then records of one size. A record has parameters,
+//! outputs, and 8 bytes of their SHA-256, with numbers as little-endian doubles. An incomplete last record, after the
+//! end of a process, is cut off.
 
 use crate::{
     Error, Result,
@@ -19,7 +20,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// A run that takes longer is written at once, as the first one is; shorter ones wait until so much time has passed.
+/// Interval between two writes: longer runs, and the first one, are written at once.
 const INTERVAL: Duration = Duration::from_millis(10);
 
 const CHECKSUM: usize = 8;
@@ -37,16 +38,17 @@ pub struct Journal {
 /// Runs of this attempt.
 #[derive(Debug)]
 struct Kept {
-    /// There is none until a run is kept.
+    /// None until a run is kept.
     file: Option<File>,
     /// Records that are not written yet.
     waiting: Vec<u8>,
-    /// When the last ones were.
+    /// Time of the last write.
     written: Instant,
 }
 
 impl Journal {
-    /// Reads what an earlier attempt at the same study left; `parameters` and `outputs` are the numbers of values of a run.
+    /// Reads the runs of an earlier attempt at the same study; `parameters` and `outputs` are the numbers of values of
+    /// a run.
     ///
     /// # Errors
     /// [`Error::Io`], also if another process is sampling into the folder.
@@ -87,7 +89,7 @@ impl Journal {
         self.finished.len()
     }
 
-    /// Whether there are none.
+    /// Returns true if there are none.
     pub fn is_empty(&self) -> bool {
         self.finished.is_empty()
     }
@@ -97,7 +99,7 @@ impl Journal {
         self.finished.get(&bits(parameters)).map(Vec::as_slice)
     }
 
-    /// Keeps a run that took so long.
+    /// Keeps a run, with the time that it took.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -165,7 +167,7 @@ impl Journal {
 }
 
 impl Drop for Journal {
-    /// Writes what waits: a sampling that Ctrl-C ends loses nothing that is finished.
+    /// Writes the waiting records: a sampling that Ctrl-C ends loses no finished runs.
     fn drop(&mut self) {
         let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
         // nothing is lost but time

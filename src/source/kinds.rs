@@ -1,9 +1,9 @@
-//! Which runs are driven by other kinds of signals than those of the study.
+//! Runs that are driven by other kinds of signals than those of the study.
 
 use crate::evaluation::SignalKind;
 use std::collections::HashMap;
 
-/// Kind of the signals of some runs, by the bits of their points; of all others those of the study.
+/// Kind of the signals of some runs, by the bits of their points; all others have those of the study.
 #[derive(Clone, Debug, Default)]
 pub struct Kinds(pub(super) HashMap<Vec<u64>, (SignalKind, Corner)>);
 

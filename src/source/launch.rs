@@ -3,7 +3,7 @@
 use crate::{Result, fmi::Workers};
 use std::{sync::atomic::AtomicBool, time::Duration};
 
-/// A worker process that can make runs; none if the program is to stop.
+/// A worker process that can make runs; none if the program must stop.
 pub(super) type Started = Option<Box<dyn WorkerProcess>>;
 
 /// Starts worker processes.
@@ -39,6 +39,6 @@ pub(super) enum WorkerReply {
     Failed(String),
     /// No reply within the time limit.
     TimedOut,
-    /// Abandoned, because the program is to stop.
+    /// Abandoned, because the program must stop.
     Stopped,
 }

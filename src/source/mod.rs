@@ -29,7 +29,7 @@ pub use rows::StaticRows;
 pub use simulation::Simulation;
 use std::path::Path;
 
-/// Where a study's runs come from, its parameters and outputs resolved.
+/// Source of a study's runs, with its parameters and outputs resolved.
 #[derive(Clone, Debug)]
 pub enum Source {
     /// A system or mechanism that is simulated here, or an FMU or program that is run.
@@ -58,7 +58,7 @@ pub fn open(path: &Path) -> Result<(Study, Source)> {
     Ok((study, source))
 }
 
-/// Names of a study's variables that its FMU has for measured outputs, if it is discrete-time.
+/// Problems of names in a study that its FMU needs for measured outputs, if it is discrete-time.
 fn names_of_measured(study: &Study) -> Problems {
     let mut problems = Problems::default();
     if study.structure != StudyStructure::Discrete {
@@ -121,7 +121,7 @@ impl Source {
         }
     }
 
-    /// What drives the runs, in the source's order.
+    /// Inputs that drive the runs, in the source's order.
     pub fn inputs(&self) -> &[SourceVariable] {
         match self {
             Self::Simulation(simulation) => simulation.inputs(),
@@ -130,8 +130,8 @@ impl Source {
         }
     }
 
-    /// Of runs that go on from sample to sample: the value of each input before the start, and the range in which the study or the source
-    /// wants it, infinite where neither says.
+    /// For discrete-time models: the value of each input before the start, and its range in the study or the source,
+    /// infinite where neither has one.
     pub fn drives(&self) -> Vec<(f64, [f64; 2])> {
         match self {
             Self::Simulation(simulation) => {
@@ -143,7 +143,7 @@ impl Source {
         }
     }
 
-    /// How runs start and what drives them, if the study wants states, or the source simulates what inputs drive.
+    /// Initial states and inputs, if the study wants states, or the source simulates driven runs.
     pub fn driven(&self) -> Option<&driven::Driven> {
         match self {
             Self::Simulation(simulation) => simulation.driven(),
@@ -193,7 +193,7 @@ impl Source {
     }
 }
 
-/// Values are taken in the source's own unit; a study with another one would be silently wrong.
+/// Values are in the source's own unit; a study with another one would be silently wrong.
 fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<KeyProblem> {
     let found = found.filter(|&found| found != expected)?;
     let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };
@@ -201,7 +201,7 @@ fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<KeyProbl
     Some(KeyProblem { key: format!("{key}.unit"), message })
 }
 
-/// The parameters of a run that goes on from sample to sample, which follow those of the study: what outputs and inputs were before it.
+/// Further parameters of a discrete-time run, behind those of the study: the values of outputs and inputs before it.
 fn before_start<'a>(variables: impl Iterator<Item = &'a SourceVariable>) -> impl Iterator<Item = SourceVariable> {
     variables.map(|SourceVariable { name, unit, .. }| {
         SourceVariable::new(&State::start_name(name), unit, &format!("{name} before the start"))

@@ -48,7 +48,7 @@ impl MovingPoint {
         Some(Self { name: point.name.into(), rule })
     }
 
-    /// Where it is, in metres: x to the right, y upwards.
+    /// Its position in meters: x to the right, y upwards.
     pub fn position(&self, parameters: &[f64], outputs: &[f64]) -> [f64; 2] {
         match &self.rule {
             PointRule::Outputs([x, y]) => [outputs[*x], outputs[*y]],

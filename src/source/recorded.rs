@@ -5,12 +5,12 @@
 //! row for each run, `file,<parameters>`, and a file `time,<outputs>` for each run. `source.columns` gives the names that
 //! columns have there, where they are not the study's. How tables are written: see [`crate::table`].
 //!
-//! Every run must begin at time zero and reach the study's `time.stop`; what comes after it is left out.
+//! Every run must begin at time zero and reach the study's `time.stop`; later rows are dropped.
 //!
-//! Tables of a study with states have columns of coordinates, of their rates and of inputs (module `motions`).
-//! Of the structure "discrete" rows also have inputs, `run,time,<parameters>,<inputs>,<outputs>`, and are `time.step` apart. The
-//! parameters of such a run are those of the study and, after them, what outputs and inputs were before it: the outputs of the first row,
-//! and the start values of the inputs. Rows before time zero are what was before the run. A table of a single run is cut into runs that
+//! Tables of a study with states have columns of coordinates, of their rates and of inputs (module `motions`). With the
+//! structure "discrete", rows also have inputs, `run,time,<parameters>,<inputs>,<outputs>`, and are `time.step` apart.
+//! The parameters of such a run are those of the study and, after them, the outputs of its first row and the start
+//! values of its inputs. Rows before time zero are the past of the run. A table of a single run is cut into runs that
 //! follow each other, each with the samples before it.
 
 mod motions;
@@ -40,7 +40,7 @@ pub struct Recorded {
     path: PathBuf,
     is_index: bool,
     names: ColumnNames,
-    /// Of runs with inputs, values of outputs and inputs before the start are such, too.
+    /// Parameters. For runs with inputs they include the values of outputs and inputs before the start.
     parameters: Vec<SourceVariable>,
     inputs: Vec<RecordedInput>,
     input_variables: Vec<SourceVariable>,
@@ -49,16 +49,17 @@ pub struct Recorded {
     options: Vec<ParameterOptions>,
     stop: f64,
     step: f64,
-    /// Of runs with inputs, the time between two rows, and how many of them before the start a run has unless it has none.
+    /// Time between two rows, and number of rows before the start, which a run has all of or none; for runs with
+    /// inputs.
     samples: Option<(f64, usize)>,
     test_runs: usize,
-    /// The table of the test runs, or their index, if they have one of their own.
+    /// Separate table of the test runs, or their index, if there is one.
     test: Option<PathBuf>,
     calibration_runs: usize,
     seed: u64,
-    /// Whether outliers are what the component does.
+    /// `true` if outliers are behavior of the component.
     keeps_outliers: bool,
-    /// Whether its rows must be equally far apart in time, and runs may have the same parameters.
+    /// `true` if its rows must be equally spaced in time, and runs may have the same parameters.
     is_motion: bool,
     motions: Option<Box<Motions>>,
 }
@@ -87,8 +88,8 @@ impl Recorded {
     /// Finds the study's parameters and outputs in the header of its table, or of its index and the first file there.
     ///
     /// # Errors
-    /// [`Error::Study`] with names in `source.columns` that the study has not, [`Error::Table`] or [`Error::Io`] if a table
-    /// has not what it must have.
+    /// [`Error::Study`] with names in `source.columns` that the study does not have, [`Error::Table`] or [`Error::Io`]
+    /// if a table lacks a required part.
     pub fn new(study: &Study) -> Result<Self> {
         study.refuse(column_problems(study, &["run", "time", "file"]))?;
         let columns = &study.source.columns;
@@ -152,7 +153,7 @@ impl Recorded {
         Ok(recorded)
     }
 
-    /// What outputs and inputs were before the start are parameters of runs with inputs.
+    /// Adds the values of outputs and inputs before the start to the parameters of runs with inputs.
     fn add_starts(&mut self) {
         if self.inputs.is_empty() {
             return;
@@ -180,7 +181,7 @@ impl Recorded {
         self.motions.as_deref()
     }
 
-    /// What drives the runs.
+    /// Inputs that drive the runs.
     pub fn inputs(&self) -> &[SourceVariable] {
         self.motions().map_or(&self.input_variables, Motions::inputs)
     }
@@ -347,8 +348,8 @@ impl RecordedInput {
     }
 }
 
-/// A variable of the study in a column of a table; the study's unit must be the table's.
-/// What to do about a missing value among samples, beside the error that says where it is.
+/// A variable of the study in a column of a table; the study's unit must be the table's. Advice on a missing value
+/// among samples, in addition to its error.
 pub fn at_gap(error: Error) -> Error {
     let advice = "divide the record at the gap into runs, numbered in a column `run`, each with times from 0";
     match error {

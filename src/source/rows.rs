@@ -32,13 +32,13 @@ pub struct StaticRows {
 /// Rows that were read.
 #[derive(Clone, Debug)]
 pub struct ReadRows {
-    /// Of each row a number for each input.
+    /// Inputs of each row.
     pub inputs: Vec<Vec<f64>>,
-    /// Of each row a number for each output.
+    /// Outputs of each row.
     pub outputs: Vec<Vec<f64>>,
-    /// Where each row is: its line, or in Parquet its row.
+    /// Line of each row, or in Parquet its number.
     pub places: Vec<u64>,
-    /// What was dropped, and what is odd.
+    /// Notes on dropped rows and on odd ones.
     pub notes: Vec<String>,
 }
 
@@ -49,9 +49,9 @@ pub struct DesignRows {
     pub columns: Vec<TableColumn>,
     /// Position of each input among the columns.
     pub positions: Vec<usize>,
-    /// Of each row a number for each input.
+    /// Inputs of each row.
     pub points: Vec<Vec<f64>>,
-    /// Of each row a number for each output; None if these cells are empty.
+    /// Outputs of each row; None if these cells are empty.
     pub outputs: Vec<Option<Vec<f64>>>,
 }
 
@@ -119,8 +119,9 @@ impl StaticRows {
     /// Reads all rows.
     ///
     /// # Errors
-    /// [`Error::Rows`] with every cell that is no finite number, [`Error::Study`] with inputs that do not vary, bounds of too few rows and numbers that
-    /// are too large, [`Error::Table`], [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
+    /// [`Error::Rows`] with every cell that is not a finite number. [`Error::Study`] with inputs that do not vary,
+    /// bounds of too few rows and numbers that are too large. [`Error::Table`], [`Error::Io`], [`Error::Interrupted`]
+    /// when `stop` turns true.
     pub fn read(&self, study: &Study, stop: &AtomicBool) -> Result<ReadRows> {
         let mut table = Table::open(&self.path)?;
         let mut read = ReadRows { inputs: Vec::new(), outputs: Vec::new(), places: Vec::new(), notes: Vec::new() };
@@ -178,7 +179,8 @@ impl StaticRows {
     /// Reads the rows of a design, those without outputs too.
     ///
     /// # Errors
-    /// [`Error::Rows`] with every other cell that is no finite number, [`Error::Table`], [`Error::Io`], [`Error::Interrupted`] when `stop` turns true.
+    /// [`Error::Rows`] with every other cell that is not a finite number, [`Error::Table`], [`Error::Io`],
+    /// [`Error::Interrupted`] when `stop` turns true.
     pub fn design(&self, stop: &AtomicBool) -> Result<DesignRows> {
         let mut table = Table::open(&self.path)?;
         let (inputs, outputs) = self.positions.split_at(self.inputs.len());
@@ -211,7 +213,7 @@ impl StaticRows {
         Ok(rows)
     }
 
-    /// What cannot be learned of the rows.
+    /// Checks that the study can be learned from the rows.
     fn check(&self, study: &Study, read: &ReadRows) -> Result<()> {
         let mut problems = Problems::default();
         for (column, variable) in self.inputs.iter().enumerate() {
@@ -234,7 +236,7 @@ impl StaticRows {
     }
 }
 
-/// Cells that are no finite numbers.
+/// Cells that are not finite numbers.
 #[derive(Default)]
 struct WrongCells {
     problems: Vec<(Place, String)>,
@@ -260,7 +262,7 @@ impl WrongCells {
 mod tests {
     use super::*;
 
-    /// Rows of a table with the columns `a`, `b` and `y`, or what they are refused with.
+    /// Rows of a table with the columns `a`, `b` and `y`, or the error that refuses them.
     fn read(rows: &str) -> Result<ReadRows> {
         let folder = tempfile::tempdir().unwrap();
         std::fs::write(folder.path().join("t.csv"), format!("a,b,y\n{rows}")).unwrap();

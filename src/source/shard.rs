@@ -1,8 +1,9 @@
-//! Part of a sampling that is spread over machines: made by `metafmu sample STUDY --shard 3/8`, put together by `--merge`.
+//! Shard of a sampling that is spread over machines: made by `metafmu sample STUDY --shard 3/8`, put together by
+//! `--merge`.
 //!
-//! Shard `i` of `n` has the runs `i - 1`, `i - 1 + n`, ... of all runs of the plan, training, test and calibration runs in
-//! one row: each shard has its share of everything, whatever the order of the plan. Its file is a line of JSON, then the
-//! outputs of the runs that did not fail, as little-endian doubles, and the SHA-256 of all that.
+//! Shard `i` of `n` has the runs `i - 1`, `i - 1 + n`, ... of all runs of the plan: training, test and calibration runs
+//! in one row. So each shard has its share of every set, whatever the order of the plan. Its file is a line of JSON,
+//! then the outputs of the successful runs, as little-endian doubles, and the SHA-256 of all that.
 
 use super::simulation::{RunOutcome, Simulation};
 use crate::{Error, Result, files, study::Study};
@@ -17,12 +18,12 @@ use std::{
 
 const CHECKSUM: usize = 32;
 
-/// Which part of how many, counted from 1.
+/// Number of a shard, counted from 1, and number of all shards.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct Shard {
-    /// How many there are.
+    /// Number of shards.
     pub of: usize,
-    /// Which it is, from 1 to that.
+    /// Number of this shard, from 1.
     pub number: usize,
 }
 
@@ -50,7 +51,7 @@ impl Shard {
         (self.number - 1..runs).step_by(self.of)
     }
 
-    /// Whether a position is one of its runs.
+    /// Returns true if a position is one of its runs.
     pub fn has(self, position: usize) -> bool {
         position % self.of == self.number - 1
     }
@@ -88,7 +89,7 @@ struct ShardHeader {
     metafmu: String,
     sampling_digest: String,
     shard: Shard,
-    /// Reasons of the runs that failed, by their position in the plan.
+    /// Reasons of the failed runs, by their position in the plan.
     failed: BTreeMap<usize, String>,
     seconds: f64,
 }

@@ -29,18 +29,18 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// `source.max_failed` unless given.
+/// Default `source.max_failed`.
 const MAX_FAILED: f64 = 0.1;
 
-/// What is simulated, with the study's parameters and outputs resolved.
+/// Simulated source, with the study's parameters and outputs resolved.
 #[derive(Clone, Debug)]
 pub struct Simulation {
     model: SimulationModel,
-    /// Of runs that go on from sample to sample, what outputs and inputs were before the start are such, too.
+    /// Parameters. For discrete-time models they include the values of outputs and inputs before the start.
     parameters: Vec<SourceVariable>,
     inputs: Vec<SourceVariable>,
     outputs: Vec<SourceVariable>,
-    /// What the points of a plan have.
+    /// Names of the quantities in the points of a plan.
     planned: Vec<String>,
     is_discrete: bool,
     times: Arc<[f64]>,
@@ -114,12 +114,12 @@ impl Simulation {
         }
     }
 
-    /// What drives the runs, in the source's order.
+    /// Inputs that drive the runs, in the source's order.
     pub fn inputs(&self) -> &[SourceVariable] {
         &self.inputs
     }
 
-    /// How runs start and what drives them, if inputs do.
+    /// Initial states and inputs, if inputs drive the runs.
     pub fn driven(&self) -> Option<&Driven> {
         match &self.model {
             SimulationModel::Equations(equations) => equations.driven.as_ref(),
@@ -189,7 +189,8 @@ impl Simulation {
         }
     }
 
-    /// Tries a run of a system or mechanism: why it fails, if that takes no longer than `limit`; none of an FMU or a program.
+    /// Tries a run of a system or mechanism. Returns the reason if it fails within `limit`; none for an FMU or a
+    /// program.
     pub fn attempt(
         &self,
         point: &[f64],
@@ -212,8 +213,8 @@ impl Simulation {
         list(self.planned.iter().zip(point).map(|(name, value)| format!("{name} = {value}")))
     }
 
-    /// The run of a point of a plan from its outputs, row by row. Before one that goes on from sample to sample outputs were what they are in
-    /// the first row, and inputs have their start values, as before a recorded run.
+    /// The run of a point of a plan from its outputs, row by row. Before a discrete-time run, outputs have the values
+    /// of the first row, and inputs have their start values, as before a recorded run.
     pub fn run_of(&self, point: &[f64], outputs: Vec<f64>) -> Run {
         let inputs = self.driven().map_or(Vec::new(), |driven| driven.inputs(point, &self.times));
         let mut parameters = point.to_vec();
@@ -234,9 +235,9 @@ impl Simulation {
         Journal::open(path, &study.sampling_digest(), self.planned.len(), outputs)
     }
 
-    /// Simulates a run for each point, over all cores, in the order of the points; runs that are in the journal are taken
-    /// from there. `done` is called after each run; when the token of `workers` turns true, runs that have begun are abandoned. A share of the `total`
-    /// that the points are all or part of may fail.
+    /// Simulates a run for each point, over all cores, in the order of the points; runs in the journal are taken from
+    /// the journal. `done` is called after each run. When the token of `workers` turns true, runs that have begun are
+    /// abandoned. `total` is the number of all points of the plan, of which a share may fail.
     ///
     /// # Errors
     /// [`Error::FailedRuns`] as soon as more runs have failed than may, [`Error::Interrupted`], [`Error::Io`] of the journal; of
@@ -317,12 +318,12 @@ impl Simulation {
         Ok(outcomes)
     }
 
-    /// How many of `total` runs may fail.
+    /// Largest number of failed runs of `total`.
     fn allowed(&self, total: usize) -> usize {
         (self.max_failed * total as f64).floor() as usize
     }
 
-    /// Refuses more failed runs than there may be; the last one had parameters and a reason.
+    /// Refuses too many failed runs; the last one had parameters and a reason.
     fn allow(&self, failed: usize, total: usize, point: &[f64], reason: &str) -> Result<()> {
         let (share, reason) = (self.max_failed, reason.to_owned());
         let allowed = self.allowed(total);
@@ -333,7 +334,7 @@ impl Simulation {
         Err(Error::FailedRuns { source_name: source, failed, total, allowed, share, parameters, reason })
     }
 
-    /// Refuses more failed runs than a plan may have.
+    /// Refuses more failed runs than a plan allows.
     ///
     /// # Errors
     /// [`Error::FailedRuns`].
@@ -343,7 +344,7 @@ impl Simulation {
         last.map_or(Ok(()), |(point, reason)| self.allow(failed.count(), points.len(), point, reason))
     }
 
-    /// Runs with the names of their columns; those that failed are left out.
+    /// Runs with the names of their columns; failed ones are dropped.
     pub fn dataset(&self, outcomes: Vec<RunOutcome>) -> Dataset {
         let runs = outcomes.into_iter().filter_map(std::result::Result::ok).collect();
         let (parameters, inputs) = (self.parameters.clone(), self.inputs.clone());
@@ -367,7 +368,7 @@ struct SimulatedEquations {
     parameter_positions: Vec<usize>,
     /// Position of each output among those of a simulation's rows.
     output_positions: Vec<usize>,
-    /// How runs start and what drives them, if the study wants states.
+    /// Initial states and inputs, if the study wants states.
     driven: Option<Driven>,
 }
 

@@ -1,7 +1,8 @@
 //! Runs by worker processes, one for each thread: of an FMU, or of a program.
 //!
-//! A run that fails, ends its process or takes longer than `source.time_limit` is repeated `source.retries` times, in a fresh process; then it is
-//! left out and reported. Results do not depend on which process makes which run, unless the FMU or program keeps something from run to run.
+//! A run that fails, ends its process or takes longer than `source.time_limit` is repeated `source.retries` times, in a
+//! fresh process. After that it is dropped and reported. Results do not depend on which process makes which run, unless
+//! the FMU or program keeps data from run to run.
 
 use super::{
     Journal,
@@ -21,11 +22,11 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Time limit of a run unless `source.time_limit` sets it.
+/// Default `source.time_limit` of a run.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
 /// Points at which a process evaluates the equations for one request, if it can make several runs.
 const BATCH: usize = 64;
-/// `source.retries` unless given.
+/// Default `source.retries`.
 const RETRIES: usize = 1;
 
 /// Outputs of a run, row by row, or the reason of its failure.
@@ -45,7 +46,7 @@ pub struct WorkerModel {
     is_of_equations: bool,
     time_limit: Duration,
     retries: usize,
-    /// How runs start and what drives them, if inputs do.
+    /// Initial states of the runs, and inputs that drive them, if there are any.
     driven: Option<Driven>,
 }
 
@@ -57,8 +58,8 @@ enum Runner {
 }
 
 impl WorkerModel {
-    /// Finds the study's parameters, constants and outputs in the FMU at `path`; loads nothing. Also the variables of the
-    /// parameters and outputs, in the study's order.
+    /// Finds the study's parameters, constants and outputs in the FMU at `path`; loads nothing. Also returns the
+    /// variables of the parameters and outputs, in the study's order.
     ///
     /// # Errors
     /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
@@ -68,8 +69,8 @@ impl WorkerModel {
         Ok((Self::new(study, Runner::Fmu(runs), driven), parameters, outputs))
     }
 
-    /// Takes parameters, constants and outputs of a program from the study; starts nothing. Also the variables of the parameters and outputs, in
-    /// the study's order. Each process is asked what it has before its first run.
+    /// Takes parameters, constants and outputs of a program from the study; starts nothing. Also returns the variables
+    /// of the parameters and outputs, in the study's order. Each process describes itself before its first run.
     ///
     /// # Errors
     /// [`Error::Study`] with every mistake in the command and in the inputs.
@@ -93,12 +94,12 @@ impl WorkerModel {
         }
     }
 
-    /// How runs start and what drives them, if inputs do.
+    /// Initial states of the runs, and inputs that drive them, if there are any.
     pub fn driven(&self) -> Option<&Driven> {
         self.driven.as_ref()
     }
 
-    /// [`WorkerModel::driven`], to change it.
+    /// Mutable access to [`WorkerModel::driven`].
     pub(super) fn driven_mut(&mut self) -> Option<&mut Driven> {
         self.driven.as_mut()
     }
@@ -141,9 +142,9 @@ impl WorkerModel {
         Ok(rows.take(points.len()).collect())
     }
 
-    /// Makes the run of each point, by a process for each thread; runs that are in the journal are taken from it. `done` is called after each
-    /// run. When the token of `workers` turns true, runs that have begun are abandoned. `failure` is called with the point and the reason of
-    /// each run that failed; its error ends everything.
+    /// Makes the run of each point, with one process for each thread; runs in the journal are taken from it. `done` is
+    /// called after each run. When the token of `workers` turns true, runs that have begun are abandoned. `failure` is
+    /// called with the point and the reason of each failed run; its error ends everything.
     ///
     /// # Errors
     /// - Those of `failure`, of the journal and of an FMU that cannot be unpacked;
@@ -183,8 +184,8 @@ impl WorkerModel {
         outcomes.into_iter().map(|outcome| outcome.ok_or(Error::Interrupted)).collect()
     }
 
-    /// Seconds of the shortest of these runs, one after the other, without the start of the process; none if one fails. A run that takes longer
-    /// than `long` is the last one.
+    /// Seconds of the shortest of these runs, one after the other, without the start of the process; none if one fails.
+    /// A run that takes longer than `long` is the last one.
     ///
     /// # Errors
     /// Those of [`WorkerModel::run_all`], but of the runs.
@@ -236,7 +237,7 @@ impl WorkerModel {
         }
     }
 
-    /// Points that a process evaluates for one request: of an FMU each takes a separate instance.
+    /// Points that a process evaluates for one request; an FMU evaluates each in a separate instance.
     fn batch(&self) -> usize {
         match &self.runner {
             Runner::Fmu(runs) if runs.one_run_per_process => 1,
@@ -308,7 +309,7 @@ impl Campaign<'_> {
         Ok(outcomes)
     }
 
-    /// One run, with retries; none if the program is to stop.
+    /// One run, with retries; none if the program must stop.
     fn attempt(&self, point: &[f64], worker: &mut Option<Box<dyn WorkerProcess>>) -> Result<Option<OutputsOrReason>> {
         let (limit, stop) = (self.model.time_limit, self.workers.stop);
         let mut reason = String::new();

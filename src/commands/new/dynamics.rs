@@ -42,8 +42,8 @@ pub fn of_system(target: &StudyTarget, system: &System) -> Result<Proposal> {
 /// Parts of the length of the runs that are tried until no run fails.
 const SHORTER: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
 
-/// A study of all free coordinates and inputs, the parameters with a range and all outputs, whose ranges have no
-/// singular positions, and whose runs are short enough to meet none.
+/// A study of all free coordinates and inputs, the parameters with a range and all outputs. The ranges contain no
+/// singular positions, and the runs are short enough to meet none.
 fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &str) -> Result<Proposal> {
     let coordinates = mechanism
         .free_coordinates()
@@ -55,7 +55,7 @@ fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &s
         say(format_args!("ranges are narrowed to positions that are not singular: {why}"));
     }
     let outputs = mechanism.outputs().iter().map(|output| output.name.clone()).collect();
-    // a build reports what is wrong with the equations, with its place
+    // a build reports the problems of the equations, with their place
     let checked = dynamics::check(mechanism, &ranges.region(outputs), SEED).unwrap_or_default();
     let text = |ranges: &NonsingularRanges, share: f64| {
         study(target.name, mechanism, (ranges, &checked), (stop, share * stop), [option, source])
@@ -81,7 +81,7 @@ fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &s
     Ok(proposal.unwrap_or_else(|| Proposal { text: study(1.0), trial: None }))
 }
 
-/// The text of a study. Speeds and bandwidths follow from how long runs are of which nothing is known yet.
+/// The text of a study. Speeds and bandwidths follow from the length of runs of which nothing is known yet.
 fn study(
     name: &str,
     mechanism: &Mechanism,
@@ -177,21 +177,21 @@ step = {:<20?} # s
 struct NonsingularRanges {
     coordinates: Vec<FreeCoordinate>,
     parameters: Vec<QuantityRange>,
-    /// How far each coordinate can go alone.
+    /// Range of each coordinate that moves alone.
     alone: Vec<[f64; 2]>,
     /// Values of all parameters that are not varied.
     constants: Vec<(String, f64)>,
     /// Actuator states at the start.
     actuator_starts: HashMap<String, f64>,
-    /// The singular position because of which they are narrower.
+    /// The singular position that narrows them.
     narrowed: Option<String>,
 }
 
-/// Shares of ranges from which on it is enough to narrow the coordinates, and which are the least.
+/// Shares of ranges above which narrowing the coordinates suffices, and the smallest ones.
 const ENOUGH: f64 = 0.1;
 const LEAST: f64 = 0.01;
 
-/// Bisections of a share, and what is left to spare.
+/// Number of bisections of a share, and the factor that leaves a margin.
 const BISECTIONS: u32 = 7;
 const SPARE: f64 = 0.9;
 
@@ -199,8 +199,8 @@ const SPARE: f64 = 0.9;
 const MOST_TURNS: f64 = 20.0;
 
 impl NonsingularRanges {
-    /// The ranges in which each coordinate can go alone, narrowed about the start if positions are singular where all of them are elsewhere,
-    /// or other parameters have other values.
+    /// Ranges of each coordinate that moves alone. They are narrowed about the start if positions are singular where
+    /// all coordinates are elsewhere, or other parameters have other values.
     fn new(mechanism: &Mechanism, coordinates: Vec<FreeCoordinate>) -> Self {
         let own = mechanism.parameters().iter();
         let parameters = own.clone().filter_map(|(name, p)| Some(QuantityRange::new(name, p.min?, p.max?))).collect();
@@ -221,7 +221,7 @@ impl NonsingularRanges {
             Some(share) => (vec![SPARE * share; count], 1.0),
             None => match largest(|share| alike(share, share)) {
                 Some(share) => (vec![SPARE * share; count], SPARE * share),
-                // not because of the ranges: a build tells why
+                // not because of the ranges: a build reports the reason
                 None => return ranges,
             },
         };
@@ -300,7 +300,7 @@ impl NonsingularRanges {
     }
 }
 
-/// The largest share that is good, if the least one is.
+/// The largest share that is good; none if the smallest is not.
 fn largest(is_good: impl Fn(f64) -> bool) -> Option<f64> {
     if !is_good(LEAST) {
         return None;
@@ -313,16 +313,16 @@ fn largest(is_good: impl Fn(f64) -> bool) -> Option<f64> {
     Some(good)
 }
 
-/// Of the study that is written.
+/// Seed of the study that is written.
 const SEED: u64 = 1;
 
-/// Whether it is an angle that can be any number.
+/// Returns true if it is an angle without limits.
 fn goes_around(FreeCoordinate { name, reach: [low, high], .. }: &FreeCoordinate) -> bool {
     is_angle(name) && high - low > TAU - 1e-6
 }
 
-/// Length of the runs, in s: four times as long as the fastest angle takes for a turn with its velocity or acceleration at the start, as
-/// the next power of ten, but 10 s at most.
+/// Length of the runs, in s. It is four times the time that the fastest angle takes for a turn with its initial
+/// velocity or acceleration, rounded up to a power of ten, but 10 s at most.
 fn duration(coordinates: &[FreeCoordinate]) -> f64 {
     let turn = |coordinate: &FreeCoordinate| {
         let FreeCoordinate { rate, acceleration, .. } = coordinate;

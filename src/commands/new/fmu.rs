@@ -13,19 +13,19 @@ use metafmu::{
 use metafmu_runtime::State;
 use std::{fmt::Write, path::Path};
 
-/// A run has at most this many rows unless the study is changed.
+/// Largest number of rows of a run, unless the study is changed.
 const MAX_ROWS: usize = 500;
 /// Rows of a run if the FMU has no step size.
 const ROWS: usize = 200;
-/// How many parameters with a range are varied, and without.
+/// Largest numbers of varied parameters, with a range and without.
 const VARIED: (usize, usize) = (8, 4);
-/// Half the width of a range that the FMU does not give, relative to the start value.
+/// Half the width of a range that is missing in the FMU, relative to the start value.
 const AROUND: f64 = 0.1;
-/// How many numbers become outputs at most.
+/// Largest number of numbers that become outputs.
 const OUTPUTS: usize = 1000;
-/// How many variables are listed that the study does not use.
+/// Largest number of unused variables that are listed.
 const LISTED: usize = 40;
-/// States at which the FMU is asked for its equations.
+/// Number of states at which the FMU's equations are evaluated.
 const STATES: usize = 5000;
 
 pub fn study(target: &StudyTarget, file: &Path) -> Result<String> {
@@ -167,7 +167,7 @@ step = {step:?}                 # s
     })
 }
 
-/// A study of the FMU's samples: outputs, what drives them, and parameters with a range.
+/// A study of the FMU's samples: its outputs, driving inputs, and parameters with a range.
 pub fn study_of_samples(target: &StudyTarget, file: &Path) -> Result<String> {
     let (description, _) = describe(file, Some(InterfaceKind::CoSimulation))?;
     let refuse = |what: &str| Err(Error::Stale { path: file.to_owned(), message: format!("the FMU {what}") });
@@ -227,8 +227,8 @@ fn driving(description: &ModelDescription) -> impl Iterator<Item = &ScalarVariab
     description.variables.iter().filter(is_input)
 }
 
-/// `[inputs]`. What they were before a run counts with samples: it is written where it is not zero, which is what a model at rest has
-/// as a rule.
+/// `[inputs]`. Their values before a run count with samples. They are written where they are not zero, the usual value
+/// of a model at rest.
 fn signals<'a>(
     description: &ModelDescription,
     inputs: impl Iterator<Item = &'a ScalarVariable>,
@@ -264,7 +264,7 @@ fn signals<'a>(
     if text.is_empty() { text } else { format!("{head}{text}") }
 }
 
-/// `[parameters]`: those with a range in the FMU that are not left out.
+/// `[parameters]`: those with a range in the FMU that are not excluded.
 fn with_a_range(description: &ModelDescription, is_left_out: impl Fn(&ScalarVariable) -> bool) -> String {
     let varied = |variable: &&ScalarVariable| {
         variable.causality == Causality::Parameter && varied(variable).is_ok() && !is_left_out(variable)
@@ -309,7 +309,7 @@ impl Times {
     }
 }
 
-/// A number without the digits that rounding has left.
+/// A number without digits from rounding.
 pub(super) fn short(number: f64) -> f64 {
     format!("{number:.11e}").parse().unwrap_or(number)
 }
@@ -389,7 +389,7 @@ fn outputs(description: &ModelDescription) -> String {
     text
 }
 
-/// The variables that become outputs: the FMU's, as long as they are not too many; a study has at least one.
+/// The variables that become outputs: the FMU's outputs, up to a limit; a study has at least one.
 fn chosen(description: &ModelDescription) -> Vec<&ScalarVariable> {
     let fitting = || description.variables.iter().filter(|variable| recordable(variable).is_ok());
     let mut left = OUTPUTS;
@@ -431,13 +431,13 @@ fn more(text: &mut String, listed: usize) {
     }
 }
 
-/// The range that the FMU gives.
+/// Range of a variable in the FMU.
 fn known_range(description: &ModelDescription, variable: &ScalarVariable) -> Option<(f64, f64)> {
     let (min, max) = range(description, variable);
     min.zip(max).filter(|(min, max)| min.is_finite() && max.is_finite() && min < max && max - min < 1e300)
 }
 
-/// A tenth around the start value, of zero 1, within what the FMU takes.
+/// A tenth around the start value, 1 around zero, within the limits of the FMU.
 fn around_start(description: &ModelDescription, variable: &ScalarVariable) -> Option<(f64, f64)> {
     let start = variable.kind.as_real().and_then(|real| real.start)?;
     let (min, max) = range(description, variable);

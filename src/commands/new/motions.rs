@@ -12,16 +12,18 @@ use metafmu::{
 };
 use std::{fmt::Write, path::Path};
 
-/// Largest root mean square difference between a column and the differences of another one, relative to its values, if it is its rate.
+/// Largest root mean square difference between a rate and the differences of its coordinate, relative to the rate's
+/// values.
 const RATE: f64 = 0.05;
 
-/// Share of every run from which equations are learned where there are few runs.
+/// Share of every run from which equations are learned if there are few runs.
 const LEARNED: f64 = 0.75;
 
-/// Fewest runs some of which are left to the tests as a whole.
+/// Fewest runs with whole runs as tests.
 const ENOUGH: usize = 10;
 
-/// A study of all columns that change: those whose differences another column has are coordinates; without any all are.
+/// A study of all columns that change. Coordinates are those whose differences are another column; without such
+/// columns, all of them are.
 pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let numbers = || columns.iter().filter(|column| !column.is_text && column.min < column.max);
@@ -136,13 +138,13 @@ step = {:?}                 # s
     Ok(text)
 }
 
-/// The column of a derivative, and by how much it is off if differences are better.
+/// The column of a derivative, and its error if differences are better.
 struct Rate {
     column: usize,
     error: Option<f64>,
 }
 
-/// Of each column the one that has its derivative, by the differences in the first run.
+/// Column of the derivative of each column, by the differences in the first run.
 fn rates(file: &Path, time: &str, columns: &[&ColumnProfile], step: f64) -> Result<Vec<Option<Rate>>> {
     let mut table = Table::open(file)?;
     let positions: Vec<usize> = columns.iter().map(|column| table.column(&column.title)).collect::<Result<_>>()?;
@@ -177,5 +179,5 @@ fn rates(file: &Path, time: &str, columns: &[&ColumnProfile], step: f64) -> Resu
     Ok((0..n).map(of).collect())
 }
 
-/// Rows that are looked at.
+/// Number of rows that are checked.
 const ROWS: usize = 1000;

@@ -16,8 +16,8 @@ use metafmu::{
 };
 use std::{fmt::Write, path::Path};
 
-/// Names of columns that are results, in small letters without a number behind them; also the beginnings of longer names if they have more than
-/// three letters.
+/// Lowercase names of columns that are results, without a number behind them; also the beginnings of longer names if
+/// they have more than three letters.
 const OUTPUTS: [&str; 20] = [
     "y",
     "f",
@@ -41,7 +41,7 @@ const OUTPUTS: [&str; 20] = [
     "salida",
 ];
 
-/// Names of columns that number the rows, in small letters without punctuation.
+/// Lowercase names of columns that number the rows, without punctuation.
 const NUMBERS: [&str; 22] = [
     "id",
     "idx",
@@ -70,7 +70,7 @@ const NUMBERS: [&str; 22] = [
 /// Unit of a time.
 const SECONDS: &str = "s";
 
-/// Fewest rows of a column that may be a time whose name is unknown.
+/// Fewest rows of a column that may be a time despite an unknown name.
 const MANY: usize = 30;
 
 /// A column of rows.
@@ -82,14 +82,14 @@ struct RowColumn {
     unit: String,
     min: f64,
     max: f64,
-    /// Cells that are numbers, and others that have content.
+    /// Numbers of cells that are numbers, and of others that have content.
     numbers: usize,
     texts: usize,
     /// The first of the latter.
     text: Option<String>,
-    /// Whether its values are 0, 1, 2, ... or 1, 2, 3, ...
+    /// `true` if its values are 0, 1, 2, ... or 1, 2, 3, ...
     counts: bool,
-    /// Its values, of the first column and of those in seconds, which may be a time.
+    /// Its values, for the first column and for those in seconds, which may be a time.
     values: Vec<f64>,
 }
 
@@ -97,13 +97,13 @@ struct RowColumn {
 struct RowRoles<'a> {
     inputs: Vec<&'a RowColumn>,
     outputs: Vec<&'a RowColumn>,
-    /// Those that are neither, and why.
+    /// Columns without a role, and the reasons.
     others: Vec<(&'a RowColumn, String)>,
-    /// How the outputs were found.
+    /// Method by which the outputs were found.
     reason: &'static str,
 }
 
-/// Whether a table is of rows without a time: no column is known to be one, and the arguments name none.
+/// Returns true if a table has rows without a time: no column is known to be one, and the arguments name none.
 pub(super) fn has_no_time(file: &Path, args: &NewArgs) -> Result<bool> {
     Ok(args.structure.is_none() && args.time.is_none() && super::table::known_time(&Table::open(file)?).is_none())
 }
@@ -134,7 +134,7 @@ pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result
     }
     let text = text(target, file, rows, &roles);
     let study = Study::parse(&text, &target.file())?;
-    // cells that are no numbers are those of the table: a study would not help
+    // other cells are problems of the table: a study would not help
     let read = StaticRows::new(&study)?.read(&study, control()?.stop)?;
     read.notes.iter().for_each(say);
     Ok(text)
@@ -242,7 +242,7 @@ fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<
     Ok(RowRoles { inputs, outputs, others, reason: is_output.1 })
 }
 
-/// Which of the columns are outputs, and how that was found.
+/// `true` for each column that is an output, and the method by which they were found.
 fn guess(usable: &[(usize, &RowColumn)], inputs: &[usize], outputs: &[usize]) -> (Vec<bool>, &'static str) {
     let of = |is: &dyn Fn(usize, &RowColumn) -> bool| {
         usable.iter().map(|(position, column)| is(*position, column)).collect()
@@ -269,7 +269,7 @@ fn guess(usable: &[(usize, &RowColumn)], inputs: &[usize], outputs: &[usize]) ->
     (of(&|position, _| Some(position) == last), "the last column")
 }
 
-/// Whether a column of this name is a result.
+/// Returns true if a column of this name is a result.
 fn is_result(title: &str) -> bool {
     let title = title.to_lowercase();
     let bare = title.split(['(', '[']).next().unwrap_or_default();
@@ -277,15 +277,15 @@ fn is_result(title: &str) -> bool {
     OUTPUTS.iter().any(|name| bare == *name || name.len() > 3 && bare.starts_with(name))
 }
 
-/// Whether a column of this name may number the rows.
+/// Returns true if a column of this name may number the rows.
 fn is_number_of_rows(title: &str) -> bool {
     let bare: String = title.to_lowercase().chars().filter(|c| c.is_alphanumeric()).collect();
     // `#` and the like
     bare.is_empty() || NUMBERS.iter().any(|name| bare == *name || bare.strip_suffix("id") == Some(name))
 }
 
-/// A column that may be a time whose name is unknown, and why: the first one that grows evenly, or one in seconds that grows from 0, once or in every
-/// run again.
+/// A column that may be a time despite an unknown name, and the reason. It is the first one that grows evenly, or one
+/// in seconds that grows from 0, once or in every run again.
 fn looks_like_time<'a>(columns: &'a [RowColumn], args: &NewArgs) -> Option<(&'a str, &'static str)> {
     let is_even = |(position, column): &(usize, &RowColumn)| {
         let RowColumn { title, values, .. } = column;

@@ -10,7 +10,7 @@ use metafmu::{
 use metafmu_runtime::BuiltIn;
 use std::{collections::HashSet, fmt::Write, path::Path};
 
-/// Names of columns that are the time, in small letters.
+/// Lowercase names of columns that are the time.
 const TIMES: [&str; 12] = [
     "time",
     "zeit",
@@ -26,13 +26,13 @@ const TIMES: [&str; 12] = [
     "t",
 ];
 
-/// Beginnings of names of columns that drive a component, in small letters; a single letter is the whole name.
+/// Lowercase beginnings of names of columns that drive a component; a single letter is the whole name.
 const INPUTS: [&str; 14] = [
     "u", "f", "input", "force", "torque", "moment", "voltage", "current", "drive", "command", "setpoint", "effort",
     "kraft", "eingang",
 ];
 
-/// Fewer runs than this may have the numbers 0, 1 or 1, 2 for another reason than to be counted.
+/// Fewest runs whose numbers count them: with fewer, 0, 1 or 1, 2 may have another reason.
 const COUNTED: usize = 3;
 
 /// Profile of a column.
@@ -48,11 +48,11 @@ pub(super) struct ColumnProfile {
     first: f64,
     /// Value in the first row.
     start: f64,
-    /// Whether it has one value in every run.
+    /// `true` if it has one value in every run.
     pub(super) is_constant_in_runs: bool,
-    /// Whether its values in the runs are 0, 1, 2, ... or 1, 2, 3, ...
+    /// `true` if its values in the runs are 0, 1, 2, ... or 1, 2, 3, ...
     counts_runs: bool,
-    /// Whether it begins with something else than a number.
+    /// `true` if it does not begin with a number.
     pub(super) is_text: bool,
 }
 
@@ -69,7 +69,7 @@ pub(super) struct RunsProfile {
     times: Vec<f64>,
 }
 
-/// What a table has, its time and its label of runs by their names there.
+/// Content of a table, with the names of its time and of its label of runs.
 pub(super) struct Survey {
     pub(super) time: String,
     pub(super) label: Option<String>,
@@ -77,15 +77,15 @@ pub(super) struct Survey {
     pub(super) columns: Vec<ColumnProfile>,
 }
 
-/// What the columns are for.
+/// Roles of the columns.
 struct Roles<'a> {
     time: &'a str,
     label: Option<&'a str>,
     varied: Vec<&'a ColumnProfile>,
-    /// Of the structure "discrete".
+    /// Inputs, for the structure "discrete".
     inputs: Vec<&'a ColumnProfile>,
     outputs: Vec<&'a ColumnProfile>,
-    /// Those that are neither, and why.
+    /// Columns without a role, and the reasons.
     others: Vec<(&'a ColumnProfile, String)>,
 }
 
@@ -131,7 +131,7 @@ pub(super) fn survey(file: &Path, args: &NewArgs) -> Result<Survey> {
     Ok(Survey { time: titles[time].clone(), label, runs, columns })
 }
 
-/// Which of the columns that change in a run are inputs.
+/// Finds the inputs among the columns that change in a run.
 fn find_inputs(file: &Path, args: &NewArgs, roles: &mut Roles) -> Result<()> {
     let table = Table::open(file)?;
     let wanted = args.inputs.iter().map(|name| Ok(table.columns()[given(&table, name)?].name.clone()));
@@ -149,7 +149,7 @@ fn find_inputs(file: &Path, args: &NewArgs, roles: &mut Roles) -> Result<()> {
     Ok(())
 }
 
-/// Whether a column of this name is an input.
+/// Returns true if a column of this name is an input.
 fn drives(title: &str) -> bool {
     let title = title.to_lowercase();
     let begins = |name: &&str| match name.len() {
@@ -166,7 +166,7 @@ pub(super) fn given(table: &Table, name: &str) -> Result<usize> {
     table.column(name).or_else(|error| table.column(bare).map_err(|_| error))
 }
 
-/// Position of the column that is known to be the time by its name.
+/// Position of the column that is the time by its name.
 pub(super) fn known_time(table: &Table) -> Option<usize> {
     // `T` is a temperature more often than the time
     let is = |known: &str, title: &str| if known == "t" { title == "t" } else { title.to_lowercase() == known };
@@ -188,7 +188,7 @@ fn time_column(table: &Table, name: Option<&str>) -> Result<usize> {
     Ok(position)
 }
 
-/// Columns by their names in the table, their names in a study, where nothing else has them, and their units.
+/// Columns by their names in the table, their unique names in a study, and their units.
 pub(super) fn columns_of(table: &Table, positions: &[usize]) -> Vec<(String, String, String)> {
     let reserved = BuiltIn::ALWAYS.iter().map(|variable| variable.name()).chain(["run", "time", "file"]);
     let mut taken: HashSet<String> = reserved.map(str::to_owned).collect();
@@ -219,7 +219,7 @@ fn named(table: &Table, positions: &[usize]) -> Vec<ColumnProfile> {
     columns_of(table, positions).into_iter().map(profile).collect()
 }
 
-/// A new label begins a run; without labels a time that does not come after the one before does.
+/// A new label begins a run; without labels, a time that is not later than the one before does.
 fn read(
     table: &mut Table,
     (time, label): (usize, Option<usize>),
@@ -247,7 +247,7 @@ fn read(
         (runs.count, runs.label, runs.last_time) = (runs.count + usize::from(begins), name, now);
     }
     runs.stop = runs.stop.min(runs.last_time);
-    // rows that are not equally far apart are where they are
+    // unequally spaced rows keep their times
     let first = runs.times.get(1).map_or(0.0, |second| second - runs.times[0]);
     runs.step = stamps::period(&runs.times).unwrap_or_else(|| {
         let steps = (runs.stop / first).round().max(1.0);
@@ -311,7 +311,7 @@ fn roles<'a>(time: &'a str, mut label: Option<&'a str>, runs: &RunsProfile, colu
     Roles { time, label, varied, inputs: Vec::new(), outputs, others }
 }
 
-/// Runs into which a record of so many rows is cut: enough to train, to choose and to test with.
+/// Number of runs into which a record of `rows` rows is cut: enough for training, validation and tests.
 fn pieces(rows: f64) -> f64 {
     const FEWEST: f64 = 4.0;
     const MOST: f64 = 10.0;
@@ -319,7 +319,7 @@ fn pieces(rows: f64) -> f64 {
     if rows < 10.0 * FEWEST { 1.0 } else { (rows / LONG).floor().clamp(FEWEST, MOST) }
 }
 
-/// The number with the fewest digits that is this one, but for rounding: 0.05 instead of 19.95 / 399.
+/// The number with the fewest digits that equals this one except for rounding: 0.05 instead of 19.95 / 399.
 pub(super) fn shortest(number: f64) -> f64 {
     let rounded = |digits: usize| format!("{number:.digits$e}").parse().unwrap_or(number);
     (0..16).map(rounded).find(|other: &f64| (other - number).abs() <= 1e-12 * number.abs()).unwrap_or(number)

@@ -66,7 +66,7 @@ fn far_from_data(domain: &Domain, inputs: &[Input]) -> Option<Vec<f64>> {
     (domain.distance(&farthest, 0) > 1e-6).then_some(farthest)
 }
 
-/// Points among which one far from the data is looked for.
+/// Number of points that are searched for one far from the data.
 const POINTS: usize = 4096;
 
 fn without_data(fmu: &Fmu, surrogate: &Surrogate, point: &[f64]) -> Result<Option<String>> {
@@ -80,7 +80,7 @@ fn without_data(fmu: &Fmu, surrogate: &Surrogate, point: &[f64]) -> Result<Optio
     holds(&instance, surrogate, DomainPolicy::Warn, point)
 }
 
-/// Half a range beyond the largest value of one column; of a nominal one a quarter of the way between two values.
+/// Half a range beyond the largest value of a column; for a nominal one, a quarter of the way between two values.
 fn outside_value(input: &Input) -> f64 {
     let Some(values) = input.nominal_values() else {
         return input.max + 0.5 * (input.max - input.min).max(1.0);

@@ -1,5 +1,5 @@
-//! What of our own FMUs can be checked beyond the standard: whether they compute what the surrogate and the reference result
-//! inside say.
+//! Checks of metafmu's own FMUs beyond the standard: their outputs must match the surrogate and the reference result
+//! inside.
 
 mod domain;
 mod prediction;
@@ -25,7 +25,7 @@ pub fn validate(path: impl AsRef<Path>) -> Result<Report> {
     fmi::validate(path, &SurrogateChecks)
 }
 
-/// Checks an FMU as [`validate`] does, but runs it in processes of its own: see [`fmi::validate_apart`].
+/// Checks an FMU as [`validate`] does, but runs it in separate processes: see [`fmi::validate_apart`].
 ///
 /// # Errors
 /// Those of [`fmi::validate_apart`].
@@ -33,7 +33,7 @@ pub fn validate_apart(path: impl AsRef<Path>, watch: Watch) -> Result<Report> {
     fmi::validate_apart(path, watch, &SurrogateChecks)
 }
 
-/// Does for the process that started this one what it asks for: see [`worker::serve`].
+/// Serves the process that started this one: see [`worker::serve`].
 ///
 /// # Errors
 /// Those of [`worker::serve`].
@@ -64,7 +64,7 @@ impl Checks for SurrogateChecks {
 
     fn no_derivatives_by(&self, archive: &mut Archive) -> Vec<(String, String)> {
         let Ok(Some(surrogate)) = surrogate(archive) else { return Vec::new() };
-        // what is between the values is as at the nearest of them, and outside of the domain
+        // a value between the nominal ones acts as the nearest of them, and is outside of the domain
         let nominal = surrogate.inputs().iter().filter(|input| input.nominal_values().is_some());
         nominal.map(|input| (input.name.clone(), format!("it has {} only, and no range", input.valid()))).collect()
     }

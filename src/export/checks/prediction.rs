@@ -20,7 +20,7 @@ const TOLERANCE: f64 = 1e-12;
 const STEPS_OF_MOTION: usize = 100;
 /// Largest difference of a state after a step of co-simulation, relative to its nominal value.
 const STATE_TOLERANCE: f64 = 1e-9;
-/// Of more than this many parameters not every corner of the ranges is tried.
+/// Largest number of parameters for which every corner of the ranges is tried.
 const MAX_CORNER_PARAMETERS: u32 = 6;
 
 /// Reports what of the surrogate is wrong, and where the FMU computes something else.

@@ -19,7 +19,7 @@ pub struct Reference {
     rows: Vec<Vec<f64>>,
 }
 
-/// The reference inside, if there is one, or what is wrong with it.
+/// The reference inside, if there is one, or its problem.
 pub fn read(archive: &mut Archive) -> std::result::Result<Option<Reference>, String> {
     if !archive.contains(OPTIONS_FILE) && !archive.contains(RESULT_FILE) {
         return Ok(None);

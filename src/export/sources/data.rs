@@ -96,7 +96,7 @@ const EXTERNAL_NAMES: &[&str] = &[
     "variable_wrong",
 ];
 
-/// Of a column that has a range.
+/// Number and array of nominal values of a column that has a range instead.
 const NO_VALUES: &str = "0, NULL";
 
 const NOTICE: &str = "/* Generated. */\n";
@@ -109,7 +109,7 @@ struct ModelSources {
     defines: Vec<(&'static str, String)>,
     /// External names.
     names: Vec<&'static str>,
-    /// Sizes, with a comment each where it takes one.
+    /// Sizes, with a comment where one is needed.
     sizes: Vec<(&'static str, usize, &'static str)>,
     /// A comment at the end of the sizes.
     remark: String,
@@ -243,7 +243,7 @@ pub fn source(surrogate: &Surrogate) -> String {
     text + &data
 }
 
-/// Why the model cannot be computed in single precision, if that is so; `data` are its definitions.
+/// Reason why the model cannot be computed in single precision, if there is one; `data` has its definitions.
 fn refusal_of_single(surrogate: &Surrogate, data: &str) -> Option<String> {
     let is_beyond = |value: f64| value.is_finite() && (value as f32).is_infinite();
     let of_inputs = surrogate.inputs().iter().flat_map(|input| [input.start, input.min, input.max]);
@@ -364,7 +364,7 @@ fn columns(text: &mut String, surrogate: &Surrogate) {
     text.push_str("};\n");
 }
 
-/// What distances from a range are relative to, as in [`metafmu_runtime::Domain`].
+/// Scale of distances from a range, as in [`metafmu_runtime::Domain`].
 fn range_width(min: f64, max: f64) -> f64 {
     [max - min, max.abs()].into_iter().find(|&width| width > 0.0).unwrap_or(1.0)
 }
@@ -400,7 +400,7 @@ fn list(text: &mut String, declaration: &str, values: &[f64], written: fn(f64) -
 /// Stands before numbers that single precision does not have.
 const BEYOND_SINGLE: &str = "/* beyond single precision */ ";
 
-/// A number of the type `Real` of the C code, which is single precision if the compiler is told so.
+/// Literal of the C type `Real`, which a definition for the preprocessor makes single precision.
 fn real(value: f64) -> String {
     if value.is_infinite() {
         return if value > 0.0 { "REAL_HUGE" } else { "-REAL_HUGE" }.into();
@@ -416,7 +416,7 @@ fn real(value: f64) -> String {
     format!("R({})", double(value))
 }
 
-/// The same for a number that others are divided by.
+/// Literal of a divisor of the C type `Real`; one that is not normal in single precision is marked.
 fn divisor(value: f64) -> String {
     let mark = if (value as f32).is_normal() { "" } else { BEYOND_SINGLE };
     format!("{mark}{}", real(value))

@@ -5,11 +5,12 @@
 //! come from `metafmu-sources`; [`files`] adds two generated ones, `model_data.h` with sizes and `model_data.c` with the
 //! numbers.
 //!
-//! Weights are written as hexadecimal numbers, exact and independent of the compiler's reading of decimals. Whatever the
-//! surrogate's precision is, the C code computes in doubles, or with `-DMETAFMU_SINGLE` in singles: all numbers of the
-//! model have the type `Real` of `real.h`. What a host gives and gets, and times, are doubles always.
+//! Weights are written as hexadecimal numbers, exact and independent of the compiler's reading of decimals. Whatever
+//! the surrogate's precision is, the C code computes in doubles, or with `-DMETAFMU_SINGLE` in singles: all numbers of
+//! the model have the type `Real` of `real.h`. Values that a host exchanges, and times, are always doubles.
 //!
-//! # What modelDescription.xml has to say
+//! # What
+//! modelDescription.xml has to say
 //! - FMI 2.0: in each interface element (`CoSimulation`, `ModelExchange`), as its first child,
 //!   `<SourceFiles><File name="..."/></SourceFiles>` with the names of [`compiled`].
 //! - FMI 3.0: nothing; the build description, one of [`files`], says it.

@@ -40,8 +40,8 @@ use models::*;
 const FLAGS: [&str; 8] =
     ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror"];
 
-/// Undefined behaviour and wrong memory accesses end the program. Not optimised, which takes a third of the time to compile: what the compiler
-/// would remove is looked at as well.
+/// Undefined behavior and wrong memory accesses end the program. Without optimization, compilation takes a third of the
+/// time, and code that the compiler would remove is checked as well.
 const SANITIZERS: [&str; 4] = ["-O0", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"];
 
 const SINGLE: &str = "-DMETAFMU_SINGLE";
@@ -122,7 +122,7 @@ fn run(surrogate: &Surrogate, version: FmiVersion, program: &str) {
     run_with(surrogate, version, &compiled(surrogate, version), program, &SANITIZERS, "");
 }
 
-/// Runs a program of the `tests` folder that calls the evaluator, linked with what it takes, and returns what it prints.
+/// Runs a program of the `tests` folder that calls the evaluator, linked with the sources, and returns its output.
 fn run_evaluator(surrogate: &Surrogate, program: &str, flags: &[&str], input: &str) -> String {
     let version = FmiVersion::V2;
     let mut files = compiled(surrogate, version);
@@ -158,7 +158,7 @@ fn points(surrogate: &Surrogate) -> Vec<Vec<f64>> {
     let inputs = surrogate.inputs().iter().map(|input| [input.min, input.max]);
     let states = surrogate.states().iter().map(|state| state.range.unwrap_or([-3.0, 3.0]));
     let mut ranges: Vec<[f64; 2]> = inputs.chain(states).collect();
-    // what is remembered
+    // past samples
     ranges.resize(Evaluator::new(surrogate).columns(), [-3.0, 3.0]);
     let point = |index: usize| {
         let column = |(column, [min, max]): (usize, &[f64; 2])| {
@@ -198,7 +198,7 @@ fn compare(surrogate: &Surrogate, scales: [f64; 2], flags: &[&str]) {
     compare_at(points(surrogate), 1e-12, surrogate, scales, flags);
 }
 
-/// The same of the code in single precision, at points that are not far away, where digits get lost.
+/// Compares the C code in single precision with the evaluator, except at the far point, where digits get lost.
 fn compare_single(surrogate: &Surrogate, scales: [f64; 2], tolerance: f64) {
     let mut points = points(surrogate);
     points.pop();
@@ -264,7 +264,7 @@ fn networks(surrogate: &Surrogate) -> Vec<ScaledNetwork> {
 
 fn scales_of_networks(surrogate: &Surrogate) -> [f64; 2] {
     let networks = networks(surrogate);
-    // what is periodic or nominal has a scale of less than one
+    // periodic and nominal inputs have a scale of less than one
     let scalings = || networks.iter().map(|network| &network.scaling);
     let scale = scalings().flat_map(|scaling| &scaling.output_scale).copied().fold(1.0, f64::max);
     let steep = scalings().flat_map(|scaling| &scaling.input_scale).copied().fold(1.0, f64::min);
@@ -284,7 +284,7 @@ const LAYERS: [(&[usize], Activation); 9] = [
     (&[], Activation::Tanh),
 ];
 
-/// Steps as `tests/steps.c` reads them, with what the evaluator says of each.
+/// Steps as `tests/steps.c` reads them, with the evaluator's result of each.
 struct Steps<'a> {
     surrogate: &'a Surrogate,
     evaluator: Evaluator,
@@ -335,7 +335,7 @@ impl<'a> Steps<'a> {
         self.expected.push([&[result, after], &point[self.surrogate.inputs().len()..]].concat());
     }
 
-    /// Whether the C code does the same: how steps ended, in order.
+    /// Compares the C code with the evaluator. Returns how the steps ended, in order.
     fn compare(self, flags: &[&str]) -> Vec<f64> {
         self.compare_within(1e-12, flags)
     }

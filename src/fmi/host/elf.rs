@@ -1,7 +1,8 @@
 //! The one check of an ELF binary that the dynamic loader does not make.
 
-/// Why loading a shared library for 64-bit Linux would end the process: the loader maps segments without checking the
-/// size of the file, and access beyond its end raises SIGBUS. All other errors are reported by the loader.
+/// Reason why loading a shared library for 64-bit Linux would end the process, if there is one. The loader maps
+/// segments without checking the size of the file, and access beyond its end raises SIGBUS. The loader reports all
+/// other errors.
 ///
 /// Layout: System V ABI, chapters "ELF Header" and "Program Header".
 pub fn cut_short(bytes: &[u8]) -> Option<String> {

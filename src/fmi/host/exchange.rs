@@ -3,23 +3,23 @@
 use super::{FmiFunctions, FmuInstance, InterfaceKind, ffi::ExchangeFunctions, fmi2, fmi3};
 use crate::Result;
 
-/// What an FMU reports after its discrete states were updated.
+/// Report of an FMU after an update of its discrete states.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DiscreteStates {
-    /// Whether they must be updated again.
+    /// `true` if the discrete states must be updated again.
     pub need_update: bool,
-    /// Whether the simulation is to end.
+    /// `true` if the simulation must end.
     pub terminate: bool,
     /// When the next time event is, if one is known.
     pub next_event_time: Option<f64>,
 }
 
-/// What an FMU reports after an integrator step.
+/// Report of an FMU after an integrator step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CompletedStep {
-    /// Whether Event Mode must be entered.
+    /// `true` if Event Mode must be entered.
     pub enter_event_mode: bool,
-    /// Whether the simulation is to end.
+    /// `true` if the simulation must end.
     pub terminate: bool,
 }
 
@@ -160,8 +160,8 @@ impl FmuInstance<'_> {
         }
     }
 
-    /// Updates the discrete states until nothing changes any more, then enters Continuous-Time Mode unless the simulation
-    /// is to end. To be called in Event Mode.
+    /// Updates the discrete states until they no longer change, then enters Continuous-Time Mode unless the simulation
+    /// must end. To be called in Event Mode.
     ///
     /// # Errors
     /// [`Error::Fmi`](crate::Error::Fmi), also if it does not end.

@@ -1,4 +1,4 @@
-//! What the C interfaces of both versions share, and finding functions in a library.
+//! Types that the C interfaces of both versions share, and the search for functions in a library.
 
 use crate::{Error, Result};
 use libloading::Library;
@@ -85,7 +85,7 @@ impl Finder<'_> {
     }
 }
 
-/// Those of some functions that a library does not export.
+/// Functions that a library does not export, of some that are needed.
 pub fn missing(library: &Library, functions: &[&[&'static str]]) -> Vec<&'static str> {
     let finder = Finder { library, path: Path::new("") };
     // SAFETY: the address is not used

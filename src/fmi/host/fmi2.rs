@@ -21,9 +21,9 @@ pub const MODEL_EXCHANGE: c_int = 0;
 /// `fmi2CoSimulation`.
 pub const CO_SIMULATION: c_int = 1;
 
-/// `fmi2LastSuccessfulTime`, to be asked for by `fmi2GetRealStatus`.
+/// `fmi2LastSuccessfulTime`, a status for `fmi2GetRealStatus`.
 pub const LAST_SUCCESSFUL_TIME: c_int = 2;
-/// `fmi2Terminated`, to be asked for by `fmi2GetBooleanStatus`.
+/// `fmi2Terminated`, a status for `fmi2GetBooleanStatus`.
 pub const TERMINATED: c_int = 3;
 
 /// `fmi2CallbackFunctions`.

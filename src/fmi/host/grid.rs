@@ -17,7 +17,7 @@ pub struct Grid {
     stop: f64,
     step: f64,
     full_steps: usize,
-    /// Whether a shorter step follows the full ones.
+    /// `true` if a shorter step follows the full ones.
     partial: bool,
 }
 
@@ -48,7 +48,7 @@ impl Grid {
         Ok(grid)
     }
 
-    /// Communication points without regard to what FMUs can do, or what is expected of the times.
+    /// Communication points regardless of the FMUs' capabilities and of limits on the times.
     pub fn of_times(start: f64, stop: f64, step: f64) -> std::result::Result<Self, &'static str> {
         if !(start.is_finite() && stop.is_finite() && start <= stop) {
             return Err("finite times, the stop not before the start");
@@ -78,7 +78,7 @@ impl Grid {
         self.full_steps + usize::from(self.partial)
     }
 
-    /// Where step `index` begins; `steps()` gives the end of the run.
+    /// Time at which step `index` begins; `steps()` gives the end of the run.
     pub fn time(&self, index: usize) -> f64 {
         if index > self.full_steps { self.stop } else { self.start + index as f64 * self.step }
     }

@@ -9,8 +9,8 @@ use crate::{
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
-/// Values of input variables over time: linear between two rows for continuous variables, that of the row before for the
-/// others, and the first and last row go on for ever.
+/// Values of input variables over time. Continuous variables are linear between two rows; the others have the value of
+/// the row before. The first and the last row extend without limit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Inputs {
     /// Names of the variables.
@@ -30,7 +30,8 @@ impl Inputs {
         Self::read_csv_with(path, |_, _| None)
     }
 
-    /// The same with a check of the time of each row, given the inputs of the rows before it: what is wrong with it, or none.
+    /// Reads a file as [`Inputs::read_csv`] does and checks the time of each row. `problem` receives the inputs of the
+    /// rows before it and returns a message if the time is wrong.
     ///
     /// # Errors
     /// Those of [`Inputs::read_csv`].
@@ -140,7 +141,7 @@ impl InputDriver<'_> {
         self.set_some(instance, time, rows, |_| true)
     }
 
-    /// Sets the continuous ones, which is all that may be set between events.
+    /// Sets the continuous variables, the only ones that may be set between events.
     pub fn set_continuous(&self, instance: &FmuInstance, time: f64, rows: usize) -> Result<()> {
         self.set_some(instance, time, rows, is_continuous)
     }
@@ -158,7 +159,7 @@ impl InputDriver<'_> {
         Ok(())
     }
 
-    /// Whether a continuous variable changes from the last of `rows` rows to the next.
+    /// Returns true if a continuous variable changes from the last of `rows` rows to the next.
     pub fn vary(&self, rows: usize) -> bool {
         let of = &self.inputs.rows;
         let changes = |(column, variable): (usize, &&ScalarVariable)| {
@@ -167,7 +168,7 @@ impl InputDriver<'_> {
         (1..of.len()).contains(&rows) && self.variables.iter().enumerate().any(changes)
     }
 
-    /// Whether a variable has one value before the rows from `before` up to `after`, which have one time, and another after.
+    /// Returns true if a variable jumps at the rows from `before` up to `after`, which have one time.
     pub fn jump(&self, before: usize, after: usize) -> bool {
         let of = &self.inputs.rows;
         let jumps = |(column, variable): (usize, &&ScalarVariable)| {

@@ -13,7 +13,7 @@ use std::{
     ptr,
 };
 
-/// One instance of an FMU, freed when dropped. It stays in the thread that made it; other threads make their own.
+/// One instance of an FMU, freed when dropped. It stays in the thread that created it; other threads create their own.
 ///
 /// Which call is legal in which state is for the FMU to judge: it returns an error from an illegal one. Calls that the
 /// interface of the instance does not have fail with [`Error::MissingFunction`].
@@ -119,7 +119,7 @@ impl<'fmu> FmuInstance<'fmu> {
         self.fmu
     }
 
-    /// What the FMU has logged since the last call of this, but for what an error carries along.
+    /// Takes the messages that the FMU logged since the last call, except those that an error carries.
     pub fn take_messages(&self) -> Vec<LogMessage> {
         self.journal.take_after(0)
     }
@@ -168,7 +168,7 @@ impl<'fmu> FmuInstance<'fmu> {
     /// Computes from time `time` to `time + step`.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; also when the FMU computes the step asynchronously, or discards it and would go on.
+    /// [`Error::Fmi`]; also if the FMU computes the step asynchronously, or discards it without ending the simulation.
     pub fn do_step(&self, time: f64, step: f64) -> Result<StepResult> {
         match &self.fmu.functions {
             FmiFunctions::V2(fmi2::Fmi2Functions { co_simulation: Some(functions), .. }) => {
@@ -191,7 +191,7 @@ impl<'fmu> FmuInstance<'fmu> {
         if status != DISCARD {
             return result.map(|()| StepResult::Done);
         }
-        // an FMU that wants to end the simulation discards the step and says so when asked
+        // an FMU that ends the simulation discards the step and reports that in its status
         let (mut terminated, mut last) = (fmi2::FALSE, time);
         if let (Some(boolean), Some(real)) = (functions.get_boolean_status, functions.get_real_status) {
             let status = self.call("fmi2GetBooleanStatus", |component| {
@@ -264,8 +264,8 @@ impl<'fmu> FmuInstance<'fmu> {
         Error::MissingFunction { path: self.fmu.path.clone(), function }
     }
 
-    /// Calls a function with the component, which is valid for as long as `self` lives and nothing fatal has happened;
-    /// the library is loaded for longer than that.
+    /// Calls a function with the component, which is valid while `self` lives and no fatal error has occurred; the
+    /// library outlives it.
     pub(super) fn call(&self, function: &'static str, call: impl FnOnce(FmiComponent) -> FmiStatus) -> Result<()> {
         if self.fatal.get() {
             return Err(Error::Fmi { function, status: "nothing: an earlier call was fatal", messages: Vec::new() });

@@ -13,13 +13,13 @@ use ode_solvers::{
 };
 use std::cell::RefCell;
 
-/// Tolerance of a step if neither the caller nor the FMU's default experiment gives one.
+/// Default tolerance of a step, if neither the caller nor the FMU's default experiment has one.
 const TOLERANCE: f64 = 1e-8;
-/// Tighter ones gain nothing: rounding takes over.
+/// Smallest useful tolerance: below it rounding dominates.
 const TIGHTEST: f64 = 1e-13;
 /// An event is located to this share of its time and of the step that it is found in.
 const LOCATED: f64 = 100.0 * f64::EPSILON;
-/// More events than this from one output instant to the next are taken for a sequence without end.
+/// Largest number of events between two output instants; more are taken for an endless sequence.
 const MAX_EVENTS: usize = 10_000;
 /// Trials to locate an event; every fourth halves the interval that it lies in.
 const MAX_TRIALS: usize = 400;
@@ -35,14 +35,14 @@ pub struct Exchange<'a> {
     position: RunPosition,
 }
 
-/// Model of a run: what is constant over it.
+/// Constant part of a run.
 #[derive(Clone, Copy, Debug)]
 struct IntegratedModel<'a> {
     instance: &'a FmuInstance<'a>,
     inputs: &'a InputDriver<'a>,
     /// Relative to the states and to their nominal values.
     tolerance: f64,
-    /// Whether the FMU needs to be told of completed steps.
+    /// `true` if the FMU requires a report of each completed step.
     completes_steps: bool,
 }
 
@@ -111,17 +111,17 @@ impl<'a> Exchange<'a> {
         self.model.read_indicators(&mut position.indicators)
     }
 
-    /// Where the run is.
+    /// Position of the run.
     pub fn position(&self) -> &RunPosition {
         &self.position
     }
 
-    /// Goes on from another position, to whose state the FMU was put back.
+    /// Moves to another position; the state of the FMU was already set to it.
     pub fn rewind(&mut self, position: RunPosition) {
         self.position = position;
     }
 
-    /// Goes on to a time, through the events before it and those at it.
+    /// Advances to a time, through the events before it and those at it.
     ///
     /// # Errors
     /// [`Error::Fmi`]; [`Error::Integration`] if the method fails or events do not end.
@@ -167,7 +167,8 @@ impl<'a> Exchange<'a> {
         self.settle()
     }
 
-    /// Lets the FMU handle an event, then reads again everything that may have changed, whether or not the FMU says so.
+    /// Lets the FMU handle an event, then reads all values that may have changed, whether or not the FMU reports
+    /// changes.
     fn settle(&mut self) -> Result<StepResult> {
         let (instance, position) = (self.model.instance, &mut self.position);
         let found = instance.settle_events()?;
@@ -260,7 +261,7 @@ impl IntegratedModel<'_> {
     }
 }
 
-/// Why a stretch ended before its time.
+/// Reason why a stretch ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Stop {
     Event,
@@ -269,8 +270,8 @@ enum Stop {
 
 /// A part of a run without discontinuities, in the form that `ode_solvers` needs.
 ///
-/// Its state is the FMU's in units of the nominal values, which makes the tolerance absolute, followed by the time since
-/// the start: [`crate::integrate`] explains why.
+/// Its state is the FMU's in units of the nominal values, which makes the tolerance absolute, followed by the time
+/// since the start; see [`crate::integrate`].
 struct ContinuousStretch<'a> {
     model: IntegratedModel<'a>,
     start: f64,
@@ -281,7 +282,7 @@ struct ContinuousStretch<'a> {
     nominals: &'a [f64],
     /// The FMU's states: a position to compute them.
     unscaled: RefCell<Vec<f64>>,
-    /// What ended the integration.
+    /// Error that ended the integration.
     failure: RefCell<Option<Error>>,
     /// The last state that the FMU found impossible.
     discarded: RefCell<Option<Error>>,
@@ -304,7 +305,8 @@ struct AcceptedSteps {
 }
 
 impl ContinuousStretch<'_> {
-    /// The state a while later. With `steps`, every step is looked at, and an event ends the integration.
+    /// Returns the state after `duration`. With `steps`, every accepted step is checked, and an event ends the
+    /// integration.
     fn solve(
         &self,
         from: &DVector<f64>,
@@ -438,12 +440,13 @@ impl ContinuousStretch<'_> {
     }
 }
 
-/// Whether an indicator has changed between positive and not positive, which is a state event.
+/// Returns true if an indicator changed between positive and not positive, which is a state event.
 fn crossed(before: &[f64], after: &[f64]) -> bool {
     before.iter().zip(after).any(|(before, after)| (*before > 0.0) != (*after > 0.0))
 }
 
-/// Where the first indicator becomes zero between two points, by the straight lines between their weighted values.
+/// Time at which the first indicator becomes zero between two points, by the straight lines between their weighted
+/// values.
 fn root(low: &[f64], high: &[f64], weights: (f64, f64)) -> f64 {
     let share = |(low, high): (&f64, &f64)| {
         let (low, high) = (weights.0 * low, weights.1 * high);
@@ -479,7 +482,7 @@ impl System<f64, DVector<f64>> for OdeProblem<'_> {
         derivative.fill(f64::NAN);
     }
 
-    /// Whether the integration must stop.
+    /// Returns true if the integration must stop.
     fn solout(&mut self, elapsed: f64, state: &DVector<f64>, _: &DVector<f64>) -> bool {
         let Some(steps) = self.steps else { return false };
         match self.stretch.follow(&mut steps.borrow_mut(), elapsed, state) {

@@ -1,4 +1,4 @@
-//! What an FMU logs.
+//! Log messages of an FMU.
 
 use super::ffi::{FmiStatus, status_name};
 use std::{
@@ -21,7 +21,7 @@ pub struct LogMessage {
     pub text: String,
 }
 
-/// Messages not yet taken. An FMU may log from threads of its own.
+/// Messages not yet taken. An FMU may log from several threads.
 #[derive(Debug, Default)]
 pub struct MessageLog {
     log: Mutex<MessageQueue>,
@@ -40,7 +40,7 @@ impl MessageLog {
         self.log().count
     }
 
-    /// Takes the messages that came after the first `count`.
+    /// Takes the messages after the first `count`.
     pub fn take_after(&self, count: usize) -> Vec<LogMessage> {
         let mut log = self.log();
         let new = log.count.saturating_sub(count).min(log.messages.len());
@@ -62,7 +62,7 @@ impl MessageLog {
     }
 }
 
-/// Called by the shim in logger.c with the environment that the FMU was given.
+/// Called by the shim in logger.c with the environment that the FMU received.
 ///
 /// # Safety
 /// `journal` must be that of a living instance, the texts must end with a zero byte.

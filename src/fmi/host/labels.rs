@@ -1,4 +1,4 @@
-//! What the equations of an FMU for model exchange are in a state.
+//! Equations of an FMU for model exchange, evaluated in a state.
 
 use super::{FmuInstance, Recorder, SimulationOptions, recorder::RecordedColumn, simulate::set_start};
 use crate::{Error, Result};
@@ -8,22 +8,23 @@ use crate::{Error, Result};
 pub struct StateEvaluation {
     /// Derivatives of the continuous states, in the order of the state vector.
     pub derivatives: Vec<f64>,
-    /// What the outputs are.
+    /// Names and units of the outputs.
     pub columns: Vec<RecordedColumn>,
     /// Their values.
     pub outputs: Vec<f64>,
 }
 
-/// A second time at which derivatives are asked for, as a share of the run: equations that depend on the time differ there.
+/// Second time at which derivatives are evaluated, as a share of the run, to detect equations that depend on the time.
 const LATER: f64 = 0.377;
 
 impl StateEvaluation {
-    /// Asks an instance that was just made: its initialization, with start values, parameters and the first row of the inputs, is
+    /// Evaluates a new instance: its initialization, with start values, parameters and the first row of the inputs, is
     /// followed by the states of the options.
     ///
     /// # Errors
     /// [`Error::Integration`] if the FMU has a time event, ends the simulation, or its derivatives depend on the time;
-    /// [`Error::UnknownVariable`], [`Error::Variable`]: a start value, input or recorded variable that cannot be; [`Error::Fmi`].
+    /// [`Error::UnknownVariable`], [`Error::Variable`] for an invalid start value, input or recorded variable;
+    /// [`Error::Fmi`].
     pub fn of(instance: &FmuInstance, options: &SimulationOptions) -> Result<Self> {
         let (start, stop) = (options.start.unwrap_or(0.0), options.stop.unwrap_or(1.0));
         let inputs = options.inputs.drive(instance.fmu().description())?;

@@ -1,8 +1,8 @@
 //! Loads and runs FMI 2.0 and 3.0 FMUs of any tool, for co-simulation and model exchange. All unsafe code of this crate
 //! is in this folder.
 //!
-//! An FMU is other people's machine code: running one means trusting it. What is ensured here is that calls, lifetimes
-//! and pointers are right on this side.
+//! An FMU is third-party machine code: running one requires trust. This module ensures that calls, lifetimes and
+//! pointers are correct on the host's side.
 
 mod elf;
 mod exchange;
@@ -174,7 +174,7 @@ impl Fmu {
         Self::of_folder(path, &folder, description, interface, true)
     }
 
-    /// Loads the FMU in a folder, possibly in a process of its own.
+    /// Loads the FMU in a folder. `alone`: the process is for this FMU only.
     fn of_folder(
         path: &Path,
         folder: &Path,
@@ -214,7 +214,7 @@ impl Fmu {
         &self.description
     }
 
-    /// What it was loaded for.
+    /// Interface that it was loaded for.
     pub fn interface(&self) -> InterfaceKind {
         self.interface
     }
@@ -229,7 +229,7 @@ impl Fmu {
         self.description.co_simulation.as_ref().filter(|_| self.interface == InterfaceKind::CoSimulation)
     }
 
-    /// What `fmi2GetVersion` or `fmi3GetVersion` returns.
+    /// Result of `fmi2GetVersion` or `fmi3GetVersion`.
     pub fn version(&self) -> String {
         let function = match &self.functions {
             FmiFunctions::V2(functions) => functions.get_version,
@@ -239,7 +239,7 @@ impl Fmu {
         text(unsafe { function() })
     }
 
-    /// What `fmi2GetTypesPlatform` returns; FMI 3.0 has no such function.
+    /// Result of `fmi2GetTypesPlatform`; FMI 3.0 has no such function.
     pub fn types_platform(&self) -> Option<String> {
         match &self.functions {
             // SAFETY: the function takes nothing
@@ -262,12 +262,12 @@ impl Fmu {
     /// Makes an instance, in the state before Initialization Mode.
     ///
     /// # Errors
-    /// [`Error::Fmi`] with what the FMU logged if it returns no instance.
+    /// [`Error::Fmi`] with the messages of the FMU if it returns no instance.
     pub fn instantiate(&self, name: &str, logging: bool) -> Result<FmuInstance<'_>> {
         self.instantiate_as(name, &self.description.token, logging)
     }
 
-    /// Makes an instance with a token that need not be the FMU's.
+    /// Creates an instance with a token that may differ from the FMU's.
     pub(super) fn instantiate_as(&self, name: &str, token: &str, logging: bool) -> Result<FmuInstance<'_>> {
         FmuInstance::new(self, &c_text(name), &c_text(token), logging)
     }
@@ -283,7 +283,7 @@ impl ModelDescription {
     }
 }
 
-/// The interface to use, or what there is and what was expected.
+/// The interface to use, or the FMU's interfaces and the expected one.
 fn choose(
     description: &ModelDescription,
     wanted: Option<InterfaceKind>,
@@ -302,7 +302,7 @@ fn choose(
     })
 }
 
-/// Loads a binary; an error says why that failed and what to do about it.
+/// Loads a binary; an error has the reason and the remedy.
 fn load_library(binary: &Path, alone: bool) -> std::result::Result<Library, (libloading::Error, Option<String>)> {
     // SAFETY: initializers of the library run; that is what loading an FMU means
     let load = || unsafe { Library::new(binary) };
@@ -331,7 +331,7 @@ fn platforms(archive: &Archive) -> Result<Vec<String>> {
     Ok(found)
 }
 
-/// Text for C; what follows a zero byte is lost.
+/// Text for C, up to the first zero byte.
 fn c_text(text: &str) -> CString {
     CString::new(text.split('\0').next().unwrap_or_default()).unwrap_or_default()
 }

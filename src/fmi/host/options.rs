@@ -1,9 +1,9 @@
-//! What a run of an FMU is.
+//! Options of a run of an FMU.
 
 use super::Inputs;
 use serde::{Deserialize, Serialize};
 
-/// What to run. Whatever is not given comes from the FMU's default experiment.
+/// Options of a run. Missing ones come from the FMU's default experiment.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SimulationOptions {
     /// Start time; else the FMU's, else 0.
@@ -21,11 +21,12 @@ pub struct SimulationOptions {
     pub start_values: Vec<(String, f64)>,
     /// Inputs that change over time.
     pub inputs: Inputs,
-    /// Co-simulation: whether the inputs of a communication point are set before its outputs are read, so that the inputs and outputs
-    /// of a row have one time. Else the outputs at the end of a step belong to the inputs at its beginning, as in other hosts.
+    /// Co-simulation: `true` if the inputs of a communication point are set before its outputs are read, so that the
+    /// inputs and outputs of a row have one time. Else the outputs at the end of a step belong to the inputs at its
+    /// beginning, as in other hosts.
     pub inputs_first: bool,
     /// Names of further variables to record.
     pub record: Vec<String>,
-    /// Whether they are all that is recorded, without the outputs.
+    /// `true` if only these variables are recorded, without the outputs.
     pub record_only: bool,
 }

@@ -1,19 +1,19 @@
-//! What a process needs that runs third-party machine code.
+//! Tools for a process that runs third-party machine code.
 
 use std::fs::File;
 
-/// A worker's ways from and to the process that started it.
+/// Connections of a worker to the process that started it.
 #[derive(Debug)]
 pub struct Pipes {
-    /// What standard input was.
+    /// The former standard input.
     pub requests: File,
-    /// What standard output was.
+    /// The former standard output.
     pub replies: File,
 }
 
 impl Pipes {
-    /// Takes standard input and output away from everything else in this process: an FMU that prints, prints to standard
-    /// error from here on, and one that reads finds nothing.
+    /// Takes standard input and output away from everything else in this process. After that an FMU that prints writes
+    /// to standard error, and one that reads finds nothing.
     ///
     /// # Errors
     /// The system's.
@@ -38,7 +38,7 @@ impl Pipes {
         Ok(pipes)
     }
 
-    /// Where streams cannot be redirected, an FMU that prints to standard output disturbs its worker.
+    /// On platforms without redirection, an FMU that prints to standard output disturbs its worker.
     ///
     /// # Errors
     /// The system's.
@@ -51,7 +51,7 @@ impl Pipes {
     }
 }
 
-/// Ends this process at once: neither destructors nor exit handlers run, which may wait for ever on what an FMU does.
+/// Ends this process at once: neither destructors nor exit handlers run, which may wait for an FMU without end.
 pub fn exit_now() -> ! {
     unsafe extern "C" {
         fn _exit(code: i32) -> !;

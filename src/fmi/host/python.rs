@@ -1,5 +1,5 @@
-//! The Python interpreter that the binaries of some FMUs expect around them, those of PythonFMU among them: they refer to its
-//! symbols, but to no library that has them, for they were made to be loaded by a Python program.
+//! Python interpreter for FMUs whose binaries expect one around them, such as those of PythonFMU. A Python program is
+//! meant to load these binaries: they refer to its symbols, but to no library that has them.
 
 use serde::Deserialize;
 use std::{
@@ -7,7 +7,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-/// Prints what [`Interpreter`] is. Some builds name the static library and have a shared one as well.
+/// Prints what [`Interpreter`] is. Some builds name the static library but have a shared one as well.
 const QUESTION: &str = r#"
 import json, os, sys, sysconfig
 get = lambda name: sysconfig.get_config_var(name) or ""
@@ -29,22 +29,22 @@ print(json.dumps({
 struct Interpreter {
     program: PathBuf,
     version: String,
-    /// Where its shared library may be.
+    /// Possible paths of its shared library.
     libraries: Vec<PathBuf>,
-    /// Where the standard library is.
+    /// Path of the standard library.
     home: String,
-    /// Where packages are found, those of a virtual environment included.
+    /// Paths of packages, those of a virtual environment included.
     paths: Vec<String>,
 }
 
-/// Whether that is why a binary cannot be loaded.
+/// Returns true if a binary cannot be loaded because no Python interpreter surrounds it.
 pub fn is_missing(error: &libloading::Error) -> bool {
     let text = std::error::Error::source(error).map_or_else(|| error.to_string(), ToString::to_string);
     text.contains("symbol") && (text.contains("_Py") || text.contains(": Py"))
 }
 
-/// Loads the library of the interpreter that `python3` starts, so that binaries which are loaded from here on find its symbols.
-/// In a process for one FMU only, the interpreter is also told where its modules are.
+/// Loads the library of the interpreter that `python3` starts, so that binaries loaded later find its symbols. In a
+/// process for one FMU only, the interpreter also receives the paths of its modules.
 pub fn provide(alone: bool) -> Result<(), String> {
     let interpreter = ask().map_err(|problem| format!("it needs Python, but {problem}"))?;
     if !interpreter.libraries.iter().any(|file| load(file)) {
@@ -78,12 +78,12 @@ fn ask() -> Result<Interpreter, String> {
 #[cfg(unix)]
 fn load(file: &Path) -> bool {
     use libloading::os::unix::{Library as Global, RTLD_GLOBAL, RTLD_NOW};
-    // SAFETY: the initializers of the interpreter's library run, which is asked for
+    // SAFETY: only the initializers of the interpreter's library run, which is intended
     let library = unsafe { Global::open(Some(file), RTLD_NOW | RTLD_GLOBAL) };
     library.map(std::mem::forget).is_ok()
 }
 
-/// Where binaries name the libraries of their symbols, no other helps.
+/// No effect: on this platform binaries name the libraries of their symbols.
 #[cfg(not(unix))]
 fn load(_: &Path) -> bool {
     false

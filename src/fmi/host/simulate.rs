@@ -9,15 +9,15 @@ use crate::{
     fmi::model_description::{Causality, ScalarVariable, Variability, VariableType},
 };
 
-/// Takes a run's rows as they come: one for each communication point, the start included.
+/// Receives the rows of a run as they come: one for each communication point, the start included.
 pub trait RowSink {
-    /// Takes what the columns are, before the initialization; time is not among them.
+    /// Receives names and units of the columns before the initialization; time is not among them.
     ///
     /// # Errors
     /// Whatever ends the run.
     fn begin(&mut self, columns: &[RecordedColumn]) -> Result<()>;
 
-    /// Takes the values at a time, one for each column.
+    /// Receives the values at a time, one for each column.
     ///
     /// # Errors
     /// Whatever ends the run.
@@ -27,13 +27,13 @@ pub trait RowSink {
 /// The result of a run: a row for each communication point, the start included.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SimulationTable {
-    /// What the columns are; time is not among them.
+    /// Names and units of the columns; time is not among them.
     pub columns: Vec<RecordedColumn>,
     /// Time of each row.
     pub times: Vec<f64>,
     /// Values of each row, in the order of the columns.
     pub rows: Vec<Vec<f64>>,
-    /// Whether the FMU ended the simulation before its stop time.
+    /// `true` if the FMU ended the simulation before its stop time.
     pub terminated: bool,
 }
 
@@ -138,7 +138,7 @@ pub fn simulate_into(instance: &FmuInstance, options: &SimulationOptions, sink: 
     Ok(terminated)
 }
 
-/// Whether a variable can be set before initialization.
+/// Returns true if a variable can be set before initialization.
 pub(crate) fn is_settable(variable: &ScalarVariable) -> bool {
     !(variable.variability == Variability::Constant || variable.causality == Causality::Independent)
         && (variable.causality == Causality::Input || variable.kind.has_start())

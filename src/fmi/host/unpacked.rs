@@ -68,7 +68,7 @@ impl Unpacked {
         &self.description
     }
 
-    /// What it was unpacked for.
+    /// Interface that it was unpacked for.
     pub fn interface(&self) -> InterfaceKind {
         self.interface
     }
@@ -116,7 +116,7 @@ impl TemporaryFolder {
     }
 }
 
-/// Where the FMU's files are in a temporary folder.
+/// Path of the FMU's files in a temporary folder.
 pub(super) fn files(folder: &Path) -> PathBuf {
     folder.join(FILES)
 }
@@ -140,7 +140,7 @@ fn remove_stale(own: &Path, parent: &Path) {
     }
 }
 
-/// Whether two paths are folders, not links, of one user.
+/// Returns true if two paths are folders, not links, of one user.
 fn have_one_owner(first: &Path, second: &Path) -> bool {
     let owner = |path: &Path| {
         let metadata = std::fs::symlink_metadata(path).ok().filter(std::fs::Metadata::is_dir)?;

@@ -114,11 +114,11 @@ impl FmuInstance<'_> {
         }
     }
 
-    /// The value of a variable of any type but texts, bytes and clocks, as numbers: one for a scalar, all elements of an
-    /// array, 0 and 1 for a boolean. Integers beyond 2^53 are rounded.
+    /// Value of a variable as numbers; not for texts, bytes and clocks. There is one number for a scalar, and all
+    /// elements of an array; booleans are 0 and 1. Integers beyond 2^53 are rounded.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; [`Error::Variable`] for a variable that is not a number.
+    /// [`Error::Fmi`]; [`Error::Variable`] for a variable that is neither number nor boolean.
     pub fn get_numbers(&self, variable: &ScalarVariable) -> Result<Vec<f64>> {
         let references = [variable.value_reference];
         let count = self.element_count(variable)?;
@@ -177,8 +177,8 @@ impl FmuInstance<'_> {
     /// Sets a variable of any type but texts, bytes and clocks from numbers, one for each element of an array.
     ///
     /// # Errors
-    /// [`Error::Fmi`]; [`Error::Variable`] if there are too many or too few numbers, if one does not fit the type, or for
-    /// a variable that is not a number.
+    /// [`Error::Fmi`]; [`Error::Variable`] for the wrong number of values, a value that does not fit the type, or a
+    /// variable that is neither number nor boolean.
     pub fn set_numbers(&self, variable: &ScalarVariable, values: &[f64]) -> Result<()> {
         let references = [variable.value_reference];
         let wrong = |problem: String| Err(Error::Variable { name: variable.name.clone(), problem });
@@ -280,7 +280,7 @@ impl FmuInstance<'_> {
     /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that has no derivatives to offer.
     ///
     /// # Panics
-    /// If there are not as many seeds as knowns.
+    /// If the number of seeds differs from that of knowns.
     pub fn directional_derivative(&self, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<Vec<f64>> {
         assert_eq!(knowns.len(), seed.len(), "one seed per known");
         let mut sensitivity = vec![0.0; unknowns.len()];
@@ -317,7 +317,7 @@ impl FmuInstance<'_> {
     /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU that has no adjoint derivatives to offer.
     ///
     /// # Panics
-    /// If there are not as many seeds as unknowns.
+    /// If the number of seeds differs from that of unknowns.
     pub fn adjoint_derivative(&self, unknowns: &[u32], knowns: &[u32], seed: &[f64]) -> Result<Vec<f64>> {
         assert_eq!(unknowns.len(), seed.len(), "one seed per unknown");
         let mut sensitivity = vec![0.0; knowns.len()];
@@ -336,7 +336,7 @@ impl FmuInstance<'_> {
     /// [`Error::Fmi`], or [`Error::MissingFunction`] for an FMU without it.
     ///
     /// # Panics
-    /// If there are not as many orders as value references.
+    /// If the number of orders differs from that of value references.
     pub fn output_derivatives(&self, references: &[u32], orders: &[i32]) -> Result<Vec<f64>> {
         assert_eq!(references.len(), orders.len(), "one order per value reference");
         let mut values = vec![0.0; references.len()];

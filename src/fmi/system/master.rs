@@ -14,7 +14,8 @@ use crate::{
 };
 use std::{mem::ManuallyDrop, path::Path, time::Instant};
 
-/// How often outputs are handed on at the start at the most: where components depend on each other without delay, there need be no end.
+/// Largest number of passes that hand on outputs at the start. Components that depend on each other without delay might
+/// never settle.
 const PASSES: usize = 100;
 
 /// A component that is loaded.
@@ -36,8 +37,9 @@ pub enum Instantiated<'a> {
     Mechanism(&'a Mechanism),
 }
 
-/// Names of the columns behind those of variables: wall time in s of the step that leads to the row, of the measured component with
-/// its inputs and outputs, and of all components. Both are 0 in the first row.
+/// Names of the columns behind those of variables: wall time in s of the step that leads to the row. The first is that
+/// of the measured component with its inputs and outputs, the second that of all components. Both are 0 in the first
+/// row.
 pub const TIMES: [&str; 2] = ["component_seconds", "step_seconds"];
 
 impl SystemRun {
@@ -160,7 +162,7 @@ impl SystemRun {
         Ok(terminated)
     }
 
-    /// What the rows consist of.
+    /// Columns of the rows.
     fn columns(&self) -> Vec<RecordedColumn> {
         let variable = |Port { component, variable }: &Port| format!("{}.{variable}", self.components[*component].name);
         let names = self.recorded.iter().chain(&self.watched).map(variable).chain(TIMES.map(str::to_owned));
@@ -188,7 +190,7 @@ struct CoupledComponent<'a> {
     sources: Vec<(usize, usize)>,
     /// Values that the inputs have.
     given: Vec<f64>,
-    /// Of the outputs, at the last communication point.
+    /// Values of the outputs at the last communication point.
     values: Vec<f64>,
 }
 
@@ -236,12 +238,12 @@ impl<'a> CoupledComponent<'a> {
     }
 }
 
-/// Whether values are the same to the last bit.
+/// Returns true if values are equal to the last bit.
 fn same(one: &[f64], other: &[f64]) -> bool {
     one.len() == other.len() && one.iter().zip(other).all(|(one, other)| one.to_bits() == other.to_bits())
 }
 
-/// For `map_err`: says which component failed.
+/// For `map_err`: adds the name of the component that failed.
 fn of_component(name: &str) -> impl FnOnce(Error) -> Error {
     move |source| Error::Component { name: name.to_owned(), source: Box::new(source) }
 }

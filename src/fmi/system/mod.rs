@@ -1,6 +1,6 @@
 //! Systems of FMUs and mechanisms that exchange values: System Structure and Parameterization (SSP) 1.0, and runs of them.
 //!
-//! [`FmuSystem`] is what a SystemStructure.ssd says; [`FmuSystem::plan`] fits it to FMUs, and
+//! [`FmuSystem`] is the content of a SystemStructure.ssd; [`FmuSystem::plan`] fits it to FMUs, and
 //! [`run_system_apart`](super::worker::run_system_apart) runs the plan.
 
 pub mod master;
@@ -51,9 +51,9 @@ pub struct SystemComponent {
     pub name: String,
     /// Line in the description.
     pub line: usize,
-    /// Where its file is: a path in the archive or folder.
+    /// Path of its file in the archive or folder.
     pub source: String,
-    /// Whether that is a mechanism, and no FMU.
+    /// `true` if that file is a mechanism instead of an FMU.
     pub is_mechanism: bool,
     /// Interface by which it is to be run; any if none.
     pub interface: Option<InterfaceKind>,
@@ -148,7 +148,7 @@ impl FmuSystem {
         self.components.iter().position(|component| component.name == name)
     }
 
-    /// Reads what a component is made of; an FMU is unpacked.
+    /// Reads the source of a component; an FMU is unpacked.
     ///
     /// # Errors
     /// As [`Unpacked::open`] and [`ComponentSource::mechanism`]; [`Error::ArchiveEntry`] if it is not in the archive.
@@ -170,7 +170,7 @@ impl FmuSystem {
         fmu.map(Box::new).map(ComponentSource::Fmu)
     }
 
-    /// Whether a connector of a component is part of a connection.
+    /// Returns true if a connector of a component is part of a connection.
     pub fn is_connected(&self, component: usize, connector: &str) -> bool {
         let ends = self.connections.iter().flat_map(|Connection { from, to }| [from, to]);
         ends.chain(self.outputs.iter().map(|(_, end)| end))

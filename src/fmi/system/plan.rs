@@ -1,4 +1,4 @@
-//! Fits a system to its components: what is connected, set and recorded has to be in their descriptions.
+//! Fits a system to its components: connected, set and recorded variables must be in their descriptions.
 
 use super::{
     ComponentSource, Connection, End, FmuSystem,
@@ -28,8 +28,8 @@ pub struct Experiment {
 }
 
 impl FmuSystem {
-    /// The run of a system with a source for each component: what it sets and connects, and nothing recorded yet; the steps of one
-    /// component are measured.
+    /// Run of the system with a source for each component. It has the system's values and connections, but records
+    /// nothing yet; the steps of component `measured` are measured.
     ///
     /// # Errors
     /// [`Error::System`] with every connector and value that does not fit the sources.
@@ -91,7 +91,7 @@ impl FmuSystem {
         if problems.is_empty() { Ok(()) } else { Err(Error::System { path: self.path.clone(), problems }) }
     }
 
-    /// What the system says of a component that it does not have, with lines.
+    /// Mismatches between the system and the description of a component, with lines.
     fn misfits(&self, position: usize, description: &ModelDescription) -> Vec<(usize, String)> {
         let component = &self.components[position];
         let named = |name: &str| format!("component `{}`: it has no variable `{name}`", component.name);
@@ -127,7 +127,7 @@ impl FmuSystem {
     }
 }
 
-/// Why a variable cannot be a connector: there is none, or it is of another causality or type.
+/// Reason why a variable cannot be a connector: it is missing, or has another causality or type.
 pub(crate) fn misfit(description: &ModelDescription, name: &str, is_input: bool) -> Option<String> {
     let Some(variable) = description.variable(name) else {
         return Some(format!("it has no variable `{name}`{}", meant(description, name)));
@@ -144,7 +144,7 @@ pub(crate) fn port(component: usize, source: &ComponentSource, name: &str) -> Po
     Port { component, variable: variable.to_owned() }
 }
 
-/// Whether a variable is a scalar real number, integer or boolean.
+/// Returns true if a variable is a scalar real number, integer or boolean.
 pub(crate) fn is_number(variable: &ScalarVariable) -> bool {
     variable.kind.is_number() && variable.dimensions.is_empty()
 }
@@ -155,7 +155,7 @@ fn meant(description: &ModelDescription, name: &str) -> String {
 
 const REAL: &str = "a real number";
 
-/// What may be connected with each other.
+/// Kind of a variable; only variables of one kind may be connected.
 fn group(variable: &ScalarVariable) -> &'static str {
     match variable.kind {
         VariableType::Real(_) => REAL,

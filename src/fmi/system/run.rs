@@ -1,4 +1,4 @@
-//! What a run of a system is: its components, and how they are connected.
+//! Run of a system: its components and their connections.
 
 use crate::fmi::host::InterfaceKind;
 use serde::{Deserialize, Serialize};
@@ -11,9 +11,9 @@ pub struct SystemRun {
     pub components: Vec<ComponentRun>,
     /// Outputs and the inputs that take their values.
     pub connections: Vec<[Port; 2]>,
-    /// What is recorded: real numbers, integers or booleans.
+    /// Recorded variables: real numbers, integers or booleans.
     pub recorded: Vec<Port>,
-    /// What is recorded, too, but not read within the time that a step is measured to take.
+    /// Further recorded variables, which are read outside the measured time of a step.
     pub watched: Vec<Port>,
     /// Position of the component whose steps are measured.
     pub measured: usize,
@@ -34,7 +34,7 @@ pub struct ComponentRun {
     pub name: String,
     /// Its file, for messages.
     pub path: PathBuf,
-    /// What is simulated.
+    /// Model that is simulated.
     pub model: ComponentModel,
     /// Values that variables start with, by name: 0 or 1 for a boolean.
     pub start_values: Vec<(String, f64)>,

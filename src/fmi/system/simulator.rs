@@ -1,4 +1,4 @@
-//! What steps in a system: instances of FMUs, and mechanisms.
+//! Simulators of a system's components: instances of FMUs, and mechanisms.
 
 use super::run::SystemRun;
 use crate::{
@@ -40,7 +40,7 @@ pub trait Simulator {
 /// An instance of an FMU.
 pub struct FmuSimulator<'a> {
     instance: &'a FmuInstance<'a>,
-    /// For model exchange, after the initialization.
+    /// Integration by model exchange, after the initialization.
     integration: Option<Exchange<'a>>,
     inputs: Vec<&'a ScalarVariable>,
     outputs: Recorder<'a>,

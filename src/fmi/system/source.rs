@@ -1,4 +1,4 @@
-//! What a component is made of: an FMU, or a mechanism that is described as if it were one.
+//! Source of a component: an FMU, or a mechanism that is described as if it were one.
 
 use super::run::ComponentModel;
 use crate::{
@@ -93,7 +93,7 @@ impl ComponentSource {
         }
     }
 
-    /// What a run is given of it.
+    /// Model of the component in a run.
     pub fn model(&self) -> ComponentModel {
         match self {
             Self::Fmu(fmu) => ComponentModel::Fmu { folder: fmu.folder().to_owned(), interface: fmu.interface() },

@@ -1,4 +1,4 @@
-//! Reads a SystemStructure.ssd: what of SSP 1.0 is supported, and what is not with its line.
+//! Reads a SystemStructure.ssd: the supported part of SSP 1.0. Unsupported parts are reported with their lines.
 
 use super::{Connection, Connector, ConnectorKind, End, FmuSystem, StartValue, SystemComponent};
 use crate::{
@@ -18,7 +18,7 @@ const FMU: &str = "application/x-fmu-sharedlibrary";
 /// A mechanism file.
 const MECHANISM: &str = "application/toml";
 const PARAMETER_SET: &str = "application/x-ssp-parameter-set";
-/// Elements that say nothing about a run: how a system is drawn, and what tools note.
+/// Elements without effect on a run: drawings of a system, and notes of tools.
 const IGNORED: [&str; 9] = [
     "Annotations",
     "ConnectionGeometry",
@@ -313,7 +313,7 @@ impl StructureReader {
         Some(StartValue { name: format!("{prefix}{name}"), line: parameter.line, value, unit })
     }
 
-    /// Gives the values that are bound to the system to its components; those of its own connectors are returned.
+    /// Gives the values that are bound to the system to its components; returns those of the system's connectors.
     fn assign(&mut self, values: Vec<StartValue>, components: &mut [SystemComponent]) -> Vec<StartValue> {
         let mut own = Vec::new();
         for value in values {
@@ -337,8 +337,8 @@ impl StructureReader {
         own
     }
 
-    /// A connection between components, from one to an output of the system, or of an input or parameter of the system, which has one
-    /// value all along.
+    /// A connection between components, from one to an output of the system, or from an input or parameter of the
+    /// system, which is constant.
     fn connection(&mut self, element: &Element, own: &[StartValue], system: &mut FmuSystem) {
         if local(element) != "Connection" {
             return self.refuse(element, "<Connection>");

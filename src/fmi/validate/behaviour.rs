@@ -1,4 +1,4 @@
-//! Runs an FMU by one of its interfaces and compares its behaviour with the standard.
+//! Runs an FMU by one of its interfaces and compares its behavior with the standard.
 
 use super::{
     Area, Notes,
@@ -12,7 +12,7 @@ use crate::{
     },
 };
 
-/// Reports what the binary lacks and what goes wrong when it is run.
+/// Reports missing functions of the binary and errors when it is run.
 pub fn check(fmu: &Fmu, report: &mut Notes) {
     report.doing("its version");
     binary(fmu, report);
@@ -30,7 +30,7 @@ pub fn check(fmu: &Fmu, report: &mut Notes) {
     if reference.is_empty() {
         return;
     }
-    // an FMU may end the simulation by itself; after that nothing may be called but what ends it
+    // an FMU may end the simulation; after that only functions that end the instance may be called
     experiment.shorten(reference.len() - 1);
     attempt(fmu, report, "a run after a reset", || {
         let instance = fmu.instantiate("reset", true)?;
@@ -64,7 +64,7 @@ fn binary(fmu: &Fmu, report: &mut Notes) {
     }
 }
 
-/// Runs a check that returns a difference from what is expected, and reports that or the failure.
+/// Runs a check that returns a difference from the expected result, and reports that or the failure.
 pub fn attempt(fmu: &Fmu, report: &mut Notes, what: &str, check: impl FnOnce() -> Result<Option<&'static str>>) {
     let interface = fmu.interface();
     report.doing(what);

@@ -9,12 +9,13 @@ use crate::{
     },
 };
 
-/// Steps of central differences relative to the magnitude of a variable. Where outputs have all digits of a double the
-/// shortest are exact to 1e-9; where they have fewer, for instance those of single precision, longer ones are better.
+/// Steps of central differences relative to the magnitude of a variable. If outputs have all digits of a double, the
+/// shortest are exact to 1e-9; if they have fewer, for instance those of single precision, longer ones are better.
 const STEPS: [f64; 8] = [1e-5, 4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2, 1.6384e-1];
 /// Step at which outputs of twelve digits are a straight line, so that deviations from it are rounding.
 const STRAIGHT: f64 = 1e-6;
-/// Largest difference, relative to the largest derivative of the same output; beside what the differences are unsure of.
+/// Largest difference, relative to the largest derivative of the same output; the error of the finite differences is
+/// added.
 const TOLERANCE: f64 = 1e-4;
 /// Differences less sure than this, in the same measure, prove nothing.
 const UNSURE: f64 = 0.1;
@@ -24,9 +25,9 @@ const NEGLIGIBLE: f64 = 1e-6;
 /// More known variables than this are not tried.
 const MAX_KNOWNS: usize = 32;
 
-/// Reports derivatives that are not those of the outputs by the inputs and parameters they are said to depend on, in
-/// Initialization Mode, where parameters count as known as well. Those by the variables `without` any, each with the reason, are
-/// left out.
+/// Reports derivatives of outputs by their known variables that differ from finite differences, in Initialization Mode,
+/// where parameters count as known as well. Derivatives by the variables `without` any are skipped; each variable has a
+/// reason.
 pub fn check(fmu: &Fmu, without: &[(String, String)], report: &mut Notes) {
     let capabilities = fmu.capabilities();
     if !capabilities.directional_derivative {
@@ -117,12 +118,13 @@ struct FiniteDifference {
     error: f64,
     /// Slope that the last digit of the output hides, plus half the difference of the slopes above and below at this and shorter steps.
     unseen: f64,
-    /// Of the known variable.
+    /// Magnitude of the known variable.
     magnitude: f64,
 }
 
-/// The central difference of which most is known: it is unsure by what it differs from those of the next shorter and the
-/// next longer step, where curvature shows, and by the rounding of the outputs, where they might agree by chance.
+/// Central difference with the smallest error estimate. The estimate is the difference from the slopes at the next
+/// shorter and the next longer step, where curvature shows. It is at least the rounding error of the outputs, because
+/// slopes might agree by chance.
 fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<FiniteDifference> {
     let reference = [known.value_reference];
     let mut center = [0.0];

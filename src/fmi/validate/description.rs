@@ -10,7 +10,7 @@ use crate::fmi::{
 };
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-/// Reports every offence, with its line.
+/// Reports every violation, with its line.
 pub fn check(document: &Document, report: &mut Report) {
     for problem in &document.problems {
         report.at_line(problem.line, problem.message.clone());
@@ -37,7 +37,7 @@ struct Checker<'a> {
 }
 
 impl Checker<'_> {
-    /// The root element has no line of its own in a [`Document`]; messages name the attribute instead.
+    /// Checks the interfaces. The root element has no line in a [`Document`]: messages name the attribute instead.
     fn interfaces(&mut self) {
         let ModelDescription { co_simulation, model_exchange, scheduled_execution, .. } = self.description;
         let co_simulation = co_simulation.as_ref().map(|co_simulation| &co_simulation.interface);
@@ -302,7 +302,7 @@ impl Checker<'_> {
         }
     }
 
-    /// FMI 2.0: variables that share a value reference have one value; the host may set it through one of them only.
+    /// FMI 2.0: variables with equal value references have one value, and the host may set it through one of them only.
     /// FMI 3.0: value references are unique, other names are aliases.
     fn aliases(&mut self) {
         let mut known: HashMap<u32, &str> = HashMap::new();
@@ -476,7 +476,7 @@ fn is_identifier(text: &str) -> bool {
     }
 }
 
-/// What follows a letter-digit name or a name in single quotes.
+/// Remainder of a text after a letter-digit name or a name in single quotes.
 fn after_name(text: &str) -> Option<&str> {
     if let Some(quoted) = text.strip_prefix('\'') {
         let mut escaped = false;

@@ -1,5 +1,5 @@
-//! Every problem of an FMU, not the first: the archive, modelDescription.xml, the binary, how it behaves by each of its
-//! interfaces, and what [`Checks`] of those who made it find.
+//! Every problem of an FMU, not only the first. The archive, modelDescription.xml, the binary, and its behavior by each
+//! interface are checked, and the [`Checks`] of the FMU's maker are made.
 
 mod archive;
 mod behaviour;
@@ -12,12 +12,12 @@ use crate::Error;
 use serde::{Deserialize, Serialize};
 use std::{collections::HashSet, fmt, path::Path};
 
-/// What validation found.
+/// Result of a validation.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Report {
     /// Everything that is wrong.
     pub problems: Vec<Finding>,
-    /// What could not be checked, and why.
+    /// Checks that could not be made, with the reason.
     pub not_checked: Vec<String>,
 }
 
@@ -28,7 +28,7 @@ pub struct Finding {
     pub area: Area,
     /// Line in modelDescription.xml, counted from 1, if there is one to point at.
     pub line: Option<usize>,
-    /// What is wrong.
+    /// Description of the problem.
     pub message: String,
 }
 
@@ -42,16 +42,16 @@ pub enum Area {
     Description,
     /// The shared library.
     Binary,
-    /// What the FMU does when it is run.
+    /// Behavior of the FMU in a run.
     Behaviour,
     /// The model file of a metafmu surrogate.
     Surrogate,
 }
 
-/// What comes up while the binary is run.
+/// Note on a run of the binary.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Note {
-    /// This is what is done from here on.
+    /// Activity from here on.
     Doing(String),
     /// This is wrong.
     Problem(Finding),
@@ -73,7 +73,7 @@ pub trait Checks: Sync {
     /// Before anything is run.
     fn archive(&self, _archive: &mut Archive, _report: &mut Report) {}
 
-    /// Why derivatives cannot be compared with differences, if they cannot.
+    /// Reason why derivatives cannot be compared with differences, if there is one.
     fn no_derivatives(&self, _archive: &mut Archive) -> Option<&'static str> {
         None
     }
@@ -83,7 +83,7 @@ pub trait Checks: Sync {
         Vec::new()
     }
 
-    /// With the binary loaded, after the standard's checks.
+    /// Checks with the binary loaded, after those of the standard.
     fn run(&self, _fmu: &Fmu, _archive: &mut Archive, _notes: &mut Notes) {}
 
     /// After everything was run.
@@ -97,7 +97,7 @@ pub struct StandardOnly;
 impl Checks for StandardOnly {}
 
 impl Notes<'_> {
-    /// This is what is done from here on.
+    /// Sets the activity from here on.
     pub fn doing(&mut self, what: impl Into<String>) {
         self.0(Note::Doing(what.into()));
     }
@@ -136,7 +136,7 @@ impl Report {
         self.not_checked.push(what.into());
     }
 
-    /// What was found by way of both interfaces is said once.
+    /// Removes findings that both interfaces repeat.
     fn forget_repetitions(&mut self) {
         let mut known = HashSet::new();
         self.problems.retain(|finding| known.insert(finding.to_string()));
@@ -199,7 +199,7 @@ pub fn validate(path: impl AsRef<Path>, checks: &dyn Checks) -> crate::Result<Re
     })
 }
 
-/// Checks what can be checked without the binary, and has it run by each interface.
+/// Makes the checks that need no binary, and runs the binary by each interface.
 pub(super) fn examine(
     path: &Path,
     checks: &dyn Checks,

@@ -44,7 +44,7 @@ impl<'a> ValidationRun<'a> {
         Recorder::new(self.instance, &[], false)?.row()
     }
 
-    /// Goes on by one step of the experiment.
+    /// Advances by one step of the experiment.
     pub fn step(&mut self, index: usize) -> Result<StepResult> {
         match &mut self.exchange {
             Some(run) => run.advance(self.experiment.time(index + 1)),
@@ -66,7 +66,7 @@ impl<'a> ValidationRun<'a> {
         Ok(rows)
     }
 
-    /// What a state of the FMU does not hold: where the host is in model exchange.
+    /// Position of the host in model exchange, which a state of the FMU does not contain.
     pub fn position(&self) -> Option<RunPosition> {
         self.exchange.as_ref().map(|run| run.position().clone())
     }

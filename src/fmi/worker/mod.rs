@@ -1,9 +1,9 @@
 //! Processes that run FMUs: a crash, a hang or output there does not affect the program that started them.
 //!
-//! Each is the program itself, started again with [`ARGUMENT`], so that a program which uses this has to call [`serve`] then.
-//! Standard input has a line of JSON with the [`Job`], then requests. Standard output has replies: a line of JSON
-//! with a message and a count, then that many numbers as little-endian doubles. At the end of standard input the process
-//! removes the folder of the FMU and ends, whatever the FMU is doing.
+//! Each is the program itself, started again with [`ARGUMENT`], so a program that uses this must call [`serve`] in that
+//! case. Standard input has a line of JSON with the [`Job`], then requests. Standard output has replies: a line of JSON
+//! with a message and a count, then this number of little-endian doubles. At the end of standard input the process
+//! removes the folder of the FMU and ends, even during a call of the FMU.
 
 mod process;
 pub mod sampling;
@@ -34,22 +34,22 @@ use std::{
     sync::mpsc,
 };
 
-/// The argument that makes `metafmu` such a process.
+/// Argument that makes `metafmu` such a process.
 pub const ARGUMENT: &str = "fmu-worker";
 
 /// Environment variable of a worker: the temporary folder of its FMU.
 const FOLDER: &str = "METAFMU_FMU_WORKER";
 
-/// What a worker does with an FMU.
+/// Job of a worker with an FMU.
 #[derive(Debug, Serialize, Deserialize)]
 pub enum Job<'a> {
-    /// Runs of a sampling, the values of which follow.
+    /// Runs of a sampling, whose values follow.
     Sample(Cow<'a, sampling::SamplingTask>),
     /// One run, row by row.
     Simulate(Cow<'a, simulation::SimulationTask>),
     /// One run of a system of FMUs, row by row.
     System(Cow<'a, SystemRun>),
-    /// What a validation does with the binary.
+    /// Checks of a validation with the binary.
     Validate(Cow<'a, validation::ValidationTask>),
 }
 
@@ -86,7 +86,7 @@ pub fn serve(checks: &dyn Checks) -> Result<()> {
     exit_now()
 }
 
-/// Nobody else removes the folder if the other process was killed.
+/// No other process removes the folder if that process was killed.
 fn leave(folder: &Path) -> ! {
     unpacked::remove(folder);
     exit_now()
@@ -96,7 +96,7 @@ fn stream(source: std::io::Error) -> Error {
     Error::io(Path::new("standard input and output"), "use")(source)
 }
 
-/// The way to the process that started this one.
+/// Connection to the process that started this one.
 pub struct Replies(File);
 
 impl Replies {

@@ -14,23 +14,24 @@ use std::{
     time::Duration,
 };
 
-/// Needs of worker processes.
+/// Settings of worker processes.
 #[derive(Clone, Copy, Debug)]
 pub struct Workers<'a> {
-    /// The program that is started, with [`ARGUMENT`]: `metafmu`, or another one that calls [`serve`](super::serve) then.
+    /// The program that is started with [`ARGUMENT`]: `metafmu`, or another one that calls [`serve`](super::serve) in
+    /// that case.
     pub program: &'a Path,
     /// Ends them when it turns true.
     pub stop: &'a AtomicBool,
 }
 
-/// How an FMU is watched over while it runs in a separate process.
+/// Watch over an FMU that runs in a separate process.
 #[derive(Clone, Copy, Debug)]
 pub struct Watch<'a> {
-    /// Needs of its process.
+    /// Settings of its process.
     pub workers: Workers<'a>,
-    /// How long it may take.
+    /// Time limit.
     pub limit: Option<Duration>,
-    /// Takes each line that it prints.
+    /// Receives each line that it prints.
     pub heard: fn(&str),
 }
 
@@ -57,7 +58,7 @@ impl<R: DeserializeOwned + Send + 'static> Worker<R> {
         Ok(worker)
     }
 
-    /// Asks for something.
+    /// Sends a request.
     pub fn ask(&self, request: &impl Serialize) {
         self.0.ask(request);
     }

@@ -16,7 +16,7 @@ use std::{
 pub struct SamplingTask {
     /// The FMU, for messages.
     pub path: PathBuf,
-    /// How it is run.
+    /// Interface by which it runs.
     pub interface: InterfaceKind,
     /// End of a run.
     pub stop: f64,
@@ -26,9 +26,10 @@ pub struct SamplingTask {
     pub tolerance: Option<f64>,
     /// Communication steps from one row to the next.
     pub steps_per_row: usize,
-    /// What is set: the parameters, whose values come with each run, then the constants. Inputs are set at every step.
+    /// Variables that are set: the parameters, whose values come with each run, then the constants. Inputs are set at
+    /// every step.
     pub variables: Vec<String>,
-    /// Which of them are inputs.
+    /// `true` for each of them that is an input.
     pub is_input: Vec<bool>,
     /// Values of the constants.
     pub constants: Vec<f64>,
@@ -36,23 +37,24 @@ pub struct SamplingTask {
     pub recorded: Vec<String>,
     /// The outputs: names of variables or of elements of arrays.
     pub outputs: Vec<String>,
-    /// What drives the runs, if inputs do.
+    /// Inputs that drive the runs, and initial states, if there are any.
     pub driven: Option<DrivenRuns>,
 }
 
-/// Runs that are driven by inputs, of model exchange from given states on, or the equations in some states.
+/// Runs that are driven by inputs, with given initial states in model exchange, or the equations in some states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DrivenRuns {
-    /// Position of each of the study's states in the FMU's state vector; none of co-simulation.
+    /// Position of each of the study's states in the FMU's state vector; none for co-simulation.
     pub states: Vec<usize>,
     /// Inputs.
     pub inputs: Vec<String>,
-    /// Whether inputs keep the value of a row up to the next one, and are not linear between them.
+    /// `true` if inputs keep the value of a row up to the next one; otherwise they are linear between rows.
     pub held: bool,
-    /// Whether derivatives are asked for, not a run. A request has the parameters, then
+    /// `true` if derivatives are requested instead of a run. A request has the parameters, then
     ///
     /// - of a run: the states at its start, then the inputs at each row;
-    /// - of derivatives: inputs and states; then the same of further points. For each the reply has derivatives, then outputs.
+    /// - of derivatives: inputs and states; then those of further points. For each point the reply has derivatives,
+    ///   then outputs.
     pub derivatives: bool,
 }
 
@@ -93,7 +95,7 @@ pub(super) fn serve(
     Ok(())
 }
 
-/// One run in an instance of its own: what an FMU forgets to reset cannot get from one run into the next.
+/// Makes one run in a separate instance: an FMU that does not reset all of its state cannot affect the next run.
 fn run(fmu: &Fmu, task: &SamplingTask, values: Vec<f64>) -> std::result::Result<Vec<f64>, String> {
     let (values, rest) = values.split_at(task.parameters());
     let Settings { start_values, mut inputs } = task.settings(values);
@@ -177,7 +179,7 @@ fn derivatives(
     Ok(reply)
 }
 
-/// What is set before a run, and the inputs that stay as they are.
+/// Values that are set before a run, and the inputs that are constant.
 struct Settings {
     start_values: Vec<(String, f64)>,
     inputs: Inputs,
@@ -209,7 +211,7 @@ impl SamplingTask {
 }
 
 impl DrivenRuns {
-    /// From the study's order to that of the FMU.
+    /// Converts states from the study's order to that of the FMU.
     fn state_vector(&self, states: &[f64]) -> Vec<f64> {
         let mut vector = vec![0.0; states.len()];
         for (position, value) in self.states.iter().zip(states) {
@@ -221,7 +223,7 @@ impl DrivenRuns {
         vector
     }
 
-    /// Inputs that stay as they are, and those that change from row to row.
+    /// Inputs that are constant, and those that change from row to row.
     fn inputs(&self, task: &SamplingTask, constant: Inputs, signals: &[f64]) -> Inputs {
         if self.inputs.is_empty() {
             return constant;

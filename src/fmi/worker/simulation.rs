@@ -1,4 +1,4 @@
-//! One run of an FMU in a process of its own, row by row.
+//! One run of an FMU in a separate process, row by row.
 
 use super::{Job, Replies, Watch, Worker};
 use crate::{
@@ -15,9 +15,9 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Rows are sent together until there are this many numbers.
+/// Number of numbers at which rows are sent together.
 const TOGETHER: usize = 1 << 13;
-/// Or until the first of them is so old.
+/// Age of the first row at which rows are sent together.
 const PROMPT: Duration = Duration::from_millis(100);
 
 /// Task of a process that simulates an FMU.
@@ -38,17 +38,17 @@ pub(super) enum SimulationReply {
     Rows,
     /// It is done.
     Done {
-        /// Whether the FMU ended it before its stop time.
+        /// `true` if the FMU ended it before its stop time.
         terminated: bool,
     },
     /// The FMU cannot be loaded, or the run failed.
     Failed(String),
 }
 
-/// Runs an unpacked FMU in a process of its own and hands on its rows as they come. Returns whether the FMU ended the
+/// Runs an unpacked FMU in a separate process and hands on its rows as they come. Returns true if the FMU ended the
 /// simulation before its stop time.
 ///
-/// The program has to call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
+/// The program must call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
 ///
 /// # Errors
 /// - [`Error::Worker`]: the FMU failed, its process ended, or it took longer than the limit;
@@ -69,7 +69,7 @@ pub fn simulate_apart(
     follow(path, worker, watch, sink)
 }
 
-/// Hands on the rows of a run as they come. Returns whether an FMU ended the simulation before its stop time.
+/// Hands on the rows of a run as they come. Returns true if an FMU ended the simulation before its stop time.
 pub(super) fn follow(
     path: &Path,
     mut worker: Worker<SimulationReply>,
@@ -130,7 +130,7 @@ pub(super) fn follow(
     }
 }
 
-/// What is not finite does not reach the other process as it is.
+/// Refuses numbers that are not finite, which do not reach the other process unchanged.
 fn finite(options: &SimulationOptions) -> Result<()> {
     let SimulationOptions { start, stop, step, .. } = *options;
     if [start, stop, step].into_iter().flatten().any(|time| !time.is_finite()) {
@@ -148,7 +148,7 @@ fn finite(options: &SimulationOptions) -> Result<()> {
     }
 }
 
-/// Makes the run and sends what becomes of it.
+/// Makes the run and sends its result.
 pub(super) fn serve(task: &SimulationTask, folder: &Path, mut replies: Replies) -> Result<()> {
     let failed = |error: Error| SimulationReply::Failed(error.to_string());
     // an FMU need not survive that its library is unloaded
@@ -200,7 +200,7 @@ impl RowSink for Sender<'_> {
     fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {
         self.numbers.push(time);
         self.numbers.extend_from_slice(values);
-        // the first row tells that the initialization is over
+        // the first row shows that the initialization is over
         if self.numbers.len() >= TOGETHER || self.sent.is_none_or(|sent| sent.elapsed() > PROMPT) {
             self.send()?;
         }

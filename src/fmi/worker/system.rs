@@ -1,4 +1,4 @@
-//! One run of a system of FMUs in a process of its own, row by row.
+//! One run of a system of FMUs in a separate process, row by row.
 
 use super::{
     Job, Replies, Watch, Worker,
@@ -13,10 +13,10 @@ use crate::{
 };
 use std::{borrow::Cow, path::Path};
 
-/// Runs a system, all of its components in one process that is not this one, and hands on its rows as they come; `path` is for messages.
-/// Returns whether an FMU ended the simulation before its stop time.
+/// Runs a system, all of its components in one separate process, and hands on its rows as they come; `path` is for
+/// messages. Returns true if an FMU ended the simulation before its stop time.
 ///
-/// The program has to call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
+/// The program must call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
 ///
 /// # Errors
 /// - [`Error::Worker`]: an FMU failed, their process ended, or it took longer than the limit;
@@ -29,7 +29,7 @@ pub fn run_system_apart(path: &Path, run: &SystemRun, watch: Watch, sink: &mut i
     follow(path, worker, watch, sink)
 }
 
-/// Makes the run and sends what becomes of it.
+/// Makes the run and sends its result.
 pub(super) fn serve(run: &SystemRun, mut replies: Replies) -> Result<()> {
     let failed = |error: Error| SimulationReply::Failed(error.to_string());
     let loaded = match run.load() {

@@ -1,4 +1,4 @@
-//! Checks of a binary in a process of its own.
+//! Checks of a binary in a separate process.
 
 use super::{Job, Replies, Watch, Worker};
 use crate::{
@@ -30,11 +30,10 @@ enum ValidationReply {
     Done,
 }
 
-/// Checks an FMU as [`validate`](crate::fmi::validate()) does, but runs it in a process of its own for each interface: when the FMU
-/// ends that process, or one of the checks takes longer than the limit, that is one more problem.
+/// Checks an FMU as [`validate`](crate::fmi::validate()) does, but runs it in a separate process for each interface.
+/// The end of that process, or a check that takes longer than the limit, is a further problem.
 ///
-/// The program has to call [`serve`](super::serve) when its first argument is
-/// [`ARGUMENT`](super::ARGUMENT).
+/// The program must call [`serve`](super::serve) when its first argument is [`ARGUMENT`](super::ARGUMENT).
 ///
 /// # Errors
 /// Those of [`validate`](crate::fmi::validate()), [`Error::Interrupted`], and [`Error::Io`] if no process can be started.

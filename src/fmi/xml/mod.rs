@@ -15,8 +15,9 @@ use tree::{Element, decode};
 /// The text of a modelDescription.xml in the version of the description; the same description always gives the same
 /// bytes.
 ///
-/// Elements are in the order that the standard requires. What a version cannot express is not written, nor is what a
-/// description does not hold: items of enumerations, intervals of clocks, all but the first start value of an array.
+/// Elements are in the order that the standard requires. Data that a version cannot express are omitted, and so are
+/// those missing from a description: items of enumerations, intervals of clocks, all but the first start value of an
+/// array.
 pub fn write(description: &ModelDescription) -> String {
     match description.fmi_version {
         FmiVersion::V2 => fmi2::write(description),
@@ -26,11 +27,11 @@ pub fn write(description: &ModelDescription) -> String {
 
 /// Reads a modelDescription.xml.
 ///
-/// Offences against the schema are collected in [`Document::problems`] and read past as well as possible; defaults that
-/// the standard gives to absent attributes are filled in.
+/// [`Document::problems`] collects violations of the schema, and reading continues as well as possible; absent
+/// attributes get the defaults of the standard.
 ///
 /// # Errors
-/// The one [`XmlProblem`] that makes reading impossible: it is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
+/// The one [`XmlProblem`] that makes reading impossible: the file is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
 pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
     let text = decode(bytes)?;
     let root = Element::parse(&text)?;
@@ -53,9 +54,9 @@ pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
 pub struct XmlProblem {
     /// Line in the file, counted from 1.
     pub line: usize,
-    /// What is wrong.
+    /// Description of the problem.
     pub message: String,
-    /// Whether it keeps a host from using the FMU, as against an offence that can be read past.
+    /// `true` if it keeps a host from using the FMU, `false` for a violation that can be ignored.
     pub unusable: bool,
 }
 

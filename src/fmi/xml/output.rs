@@ -1,4 +1,4 @@
-//! What the writers of both versions share: elements, attributes, numbers, and parts that look the same in both.
+//! Output that the writers of both versions share: elements, attributes, numbers, and parts that look the same in both.
 
 use crate::fmi::{
     model_description::{DefaultExperiment, DisplayUnit, ModelDescription, Named, UnitDefinition, Unknown},
@@ -31,7 +31,7 @@ pub fn log_category(out: &mut XmlWriter, (name, description): &(String, Option<S
     out.empty("Category", XmlAttributes::default().add("name", name).add_some("description", description.as_deref()));
 }
 
-/// Dependencies of an unknown, `handle` being what the version calls a variable by.
+/// Adds the dependencies of an unknown; `handle` is the version's reference to a variable.
 pub fn add_dependencies(attributes: &mut XmlAttributes, unknown: &Unknown, handle: impl Fn(usize) -> String) {
     let dependencies = unknown.dependencies.as_ref().map(|list| {
         let handles: Vec<String> = list.iter().map(|&position| handle(position)).collect();
@@ -108,7 +108,7 @@ impl XmlWriter {
         self.line(&format!("<{name}{}/>", attributes.text));
     }
 
-    /// An element with one child per item; nothing if there is none, for the standard has no empty lists.
+    /// An element with one child per item; nothing for an empty list, which the standard does not allow.
     pub fn list<T>(&mut self, name: &str, items: &[T], item: impl Fn(&mut Self, &T)) {
         if !items.is_empty() {
             self.element(name, &XmlAttributes::default(), |out| items.iter().for_each(|value| item(out, value)));

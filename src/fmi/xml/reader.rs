@@ -11,7 +11,7 @@ use crate::fmi::{
 /// A description as read from a file.
 #[derive(Debug)]
 pub struct Document {
-    /// What could be read.
+    /// Content that could be read.
     pub description: ModelDescription,
     /// Deviations of the file from the standard's schema.
     pub problems: Vec<XmlProblem>,
@@ -198,7 +198,7 @@ mod tests {
         }
     }
 
-    /// The same for FMI 3.0.
+    /// Problems of lines in a description for FMI 3.0.
     fn problems_of_3(lines: &str) -> Vec<(usize, String)> {
         let file = format!(
             "<fmiModelDescription fmiVersion='3.0' modelName='m' instantiationToken='t'>\n{lines}</fmiModelDescription>"

@@ -1,5 +1,5 @@
-//! Compares a modelDescription.xml with the rules of a version: which elements and attributes there are, in what order
-//! and of what type.
+//! Compares a modelDescription.xml with the rules of a version: its elements and attributes, their order and their
+//! types.
 
 use super::{XmlProblem, tree::Element};
 
@@ -50,10 +50,10 @@ pub enum Occurs {
     Any,
 }
 
-/// What else holds for the content of an element.
+/// Further rule for the content of an element.
 #[derive(Clone, Copy, PartialEq)]
 pub enum Content {
-    /// Nothing.
+    /// No further rule.
     Closed,
     /// Attributes that are not in the rule are allowed.
     OpenAttributes,
@@ -156,7 +156,7 @@ fn check_children(element: &Element, rule: &Rule, problems: &mut Vec<XmlProblem>
     }
 }
 
-/// What was expected, if the value is not of the type.
+/// Description of the expected type, if the value is not of that type.
 fn mismatch(expected_type: ValueType, value: &str) -> Option<String> {
     let whole = |text: &str, (min, max): (i128, i128)| {
         text.trim().parse::<i128>().is_ok_and(|number| (min..=max).contains(&number))

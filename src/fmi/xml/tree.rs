@@ -101,7 +101,7 @@ impl Element {
     }
 }
 
-/// Whether XML 1.0 has this character at all (production `Char`).
+/// Returns true if XML 1.0 allows this character (production `Char`).
 fn is_char(character: char) -> bool {
     matches!(character, '\t' | '\n' | '\r' | ' '..='\u{fffd}' | '\u{10000}'..)
 }

@@ -25,7 +25,7 @@ use std::{
     sync::LazyLock,
 };
 
-/// An interface file: names, units and ranges of what a model of another tool takes and gives.
+/// An interface file: names, units and ranges of the inputs and outputs of a third-party model.
 #[derive(Clone, Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(rename = "Interface")]
@@ -35,10 +35,10 @@ pub struct ModelInterface {
     /// One sentence for people.
     #[serde(default)]
     pub description: String,
-    /// When the FMU is stepped, unless the host says otherwise.
+    /// Default experiment of the FMU.
     #[serde(default)]
     pub time: InterfaceTime,
-    /// Where the FMU says that it can be trusted, if there is a table of training data.
+    /// Domain of validity that the FMU reports, if there is a table of training data.
     #[serde(default)]
     pub domain: InterfaceDomain,
     /// The layers, of a model that is only tensors by name (`.npz`, `.safetensors`); ONNX files have them.
@@ -51,7 +51,8 @@ pub struct ModelInterface {
     /// States of the FMU by name: columns of the model's inputs whose next values, or whose derivatives, are columns of its outputs.
     #[serde(default)]
     pub states: IndexMap<String, InterfaceState>,
-    /// Outputs of the FMU by name, likewise. Columns of the model that are not named are left out.
+    /// Outputs of the FMU by name. Each is a column of the model: in the order of the model's unless they say which.
+    /// Columns of the model that are not named are ignored.
     pub outputs: IndexMap<String, InterfaceOutput>,
     #[serde(skip)]
     origin: Origin,
@@ -75,11 +76,11 @@ pub struct InterfaceTime {
     /// The natural communication step size; the sample time if there is one, else 0.01 s, unless given.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub step: Option<f64>,
-    /// Sample time: how far apart a state and its `next` value are.
+    /// Sample time: the time between a state and its `next` value.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub sample: Option<f64>,
-    /// Fixed step of the solver inside the FMU (Runge-Kutta, order 4), of states that have a `derivative`, for real time; unless given the
-    /// solver controls its error, with a tolerance that is found from simulations.
+    /// Fixed step of the solver inside the FMU (Runge-Kutta, order 4), for real time and states that have a
+    /// `derivative`. By default the solver controls its error, with a tolerance from simulations.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub solver_step: Option<f64>,
     /// End of a simulation.
@@ -104,10 +105,10 @@ impl InterfaceTime {
 #[derive(Clone, Debug, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LayerOptions {
-    /// Name of the tensor `W`: a row for each output, as PyTorch has it, or a column for each, as Keras, JAX and scikit-learn have it; the
-    /// bias tells which. Of a square one `transposed` does.
+    /// Name of the tensor `W`: a row for each output, as in PyTorch, or a column for each, as in Keras, JAX and
+    /// scikit-learn. The bias decides between the two, or `transposed` if `W` is square.
     pub weight: String,
-    /// Name of the tensor `b`; zero unless given.
+    /// Name of the tensor `b`; zero by default.
     pub bias: Option<String>,
     /// `f`: tanh, sigmoid, relu, gelu, gelu-exact, silu, sine, identity, leaky-relu (0.01), elu, softplus, softsign.
     #[serde(default = "identity")]
@@ -124,7 +125,7 @@ fn identity() -> String {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterfaceInput {
-    /// Which column of the model, for instance `x[0]`; the next one unless given. Either all inputs say so or none.
+    /// Column of the model, for instance `x[0]`; by default the next one. Either all inputs say so or none.
     pub column: Option<String>,
     /// Causality, as a host sees it.
     pub causality: InterfaceCausality,
@@ -136,7 +137,8 @@ pub struct InterfaceInput {
     /// Largest value for which the model was made.
     #[schemars(extend("x-unit" = "the input's"))]
     pub max: Option<f64>,
-    /// Value before a host sets one; unless given the middle of the range, or where there are no data there, of the nearest row.
+    /// Value before a host sets one. By default it is the middle of the range, or if there are no data there, that of
+    /// the nearest row.
     #[schemars(extend("x-unit" = "the input's"))]
     pub start: Option<f64>,
     /// The column has always this value: it is no variable of the FMU.
@@ -157,7 +159,7 @@ pub enum InterfaceCausality {
     /// Another component drives it while the simulation runs.
     #[default]
     Input,
-    /// It is set before the simulation, or between two steps.
+    /// Set before the simulation, or between two steps.
     Parameter,
     /// The simulation time, in seconds.
     Time,
@@ -179,9 +181,9 @@ pub enum InterfaceVariability {
 pub struct InterfaceState {
     /// Which column of the model's inputs it is, for instance `x[0]`; or an input's name, for instance `h0`: all columns of it.
     pub column: String,
-    /// Which column of the model's outputs, or all columns of which output, it is one sample time later.
+    /// Column of the model's outputs, or output with all its columns, that is the state one sample time later.
     pub next: Option<String>,
-    /// Which column of the model's outputs, or all columns of which output, is its derivative with respect to time.
+    /// Column of the model's outputs, or output with all its columns, that is its derivative with respect to time.
     pub derivative: Option<String>,
     /// Value at the start; of all columns.
     #[schemars(extend("x-unit" = "the state's"))]
@@ -198,7 +200,7 @@ pub struct InterfaceState {
     pub description: String,
 }
 
-/// How the states of an interface go on.
+/// Evolution of the states of an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Evolution {
     /// From sample to sample.
@@ -211,8 +213,8 @@ pub enum Evolution {
 #[derive(Clone, Debug, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InterfaceOutput {
-    /// Which column of the model, for instance `y[0]`; the next one unless given. Either all outputs say so or none. Of a model with states
-    /// it may be that of a state.
+    /// Column of the model, for instance `y[0]`; by default the next one. Either all outputs say so or none. Of a model
+    /// with states it may be that of a state.
     pub column: Option<String>,
     /// Unit, for instance `rad/s`.
     pub unit: String,
@@ -230,12 +232,12 @@ pub fn json_schema() -> &'static serde_json::Value {
     &SCHEMA
 }
 
-/// Where each column of a model comes from and goes to.
+/// Assignment of a model's columns to variables.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mapping {
-    /// Of each column that the model takes.
+    /// Source of each column that the model takes.
     pub inputs: Vec<ColumnSource>,
-    /// Where each output of the FMU comes from.
+    /// Source of each output of the FMU.
     pub outputs: Vec<OutputSource>,
     /// Each column that is a state.
     pub states: Vec<Followed>,

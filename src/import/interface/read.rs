@@ -30,7 +30,7 @@ impl ModelInterface {
         Ok(interface)
     }
 
-    /// The same of JSON, which another program wrote: what is wrong with it has keys, but no lines.
+    /// Reads an interface from JSON, which another program wrote: problems have keys, but no lines.
     ///
     /// # Errors
     /// [`Error::Study`] with every mistake.
@@ -68,22 +68,22 @@ impl ModelInterface {
         self.origin.refuse(problems)
     }
 
-    /// How the states go on, if there are any.
+    /// Evolution of the states, if there are any.
     pub fn evolution(&self) -> Option<Evolution> {
         let state = self.states.values().next()?;
         Some(if state.next.is_some() { Evolution::Discrete } else { Evolution::Continuous })
     }
 
-    /// Which column is which variable, of a model with columns of these names.
+    /// Assigns the variables to the columns of a model, which have these names.
     ///
     /// # Errors
-    /// [`Error::Study`] for columns that there are not, too few or too many of them, or one that is named twice.
+    /// [`Error::Study`] for unknown columns, too few or too many of them, or one that is named twice.
     pub fn mapping(&self, inputs: &[String], outputs: &[String]) -> Result<Mapping> {
         let mut problems = Problems::default();
         self.refuse(self.ambiguous([("inputs", inputs), ("outputs", outputs)]))?;
         let mut sources = vec![ColumnSource::Value(0.0); inputs.len()];
         let states = self.followed((inputs, outputs), &mut sources, &mut problems);
-        // what is left over for inputs, and for outputs that do not say which column they are
+        // remaining columns, for inputs and outputs that do not name their column
         let rest = |names: &[String], is_taken: &dyn Fn(usize) -> bool| -> Vec<usize> {
             (0..names.len()).filter(|column| !is_taken(*column)).collect()
         };
@@ -129,7 +129,7 @@ impl ModelInterface {
         Ok(Mapping { inputs: sources, outputs: shown, states })
     }
 
-    /// Columns of the model that have the same name, where columns are meant by their names.
+    /// Problems of equal column names in the model, if the interface names columns.
     fn ambiguous(&self, ends: [(&str, &[String]); 2]) -> Problems {
         let of_inputs = self.inputs.values().any(|input| input.column.is_some());
         let of_outputs = self.outputs.values().any(|output| output.column.is_some());
@@ -211,7 +211,7 @@ impl ModelInterface {
         states
     }
 
-    /// What is wrong with it by itself.
+    /// Problems of the interface that do not depend on the model.
     fn problems(&self) -> Problems {
         let mut problems = Problems::default();
         let is_good = |name: &str| {
@@ -340,7 +340,7 @@ impl ModelInterface {
     }
 }
 
-/// What is said of discrete states without a sample time.
+/// Message for discrete states without a sample time.
 pub const NO_SAMPLE_TIME: &str = "is missing: expected the time between a state and its next value, in seconds";
 
 fn counted(columns: usize) -> String {

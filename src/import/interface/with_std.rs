@@ -5,7 +5,7 @@ use crate::{Result, diagnostics::Problems};
 use metafmu_runtime::Output;
 
 impl ModelInterface {
-    /// The same interface with the predicted standard deviation of each output behind the outputs.
+    /// Interface with the predicted standard deviation of each output behind the outputs.
     ///
     /// # Errors
     /// [`crate::Error::Study`] if an input or output has the name of one of them.

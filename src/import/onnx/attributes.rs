@@ -5,8 +5,8 @@ use super::{
     tensor::ConstantTensor,
 };
 
-// Kinds of attributes, `AttributeProto.AttributeType`. Writers may leave out a number that is 0 and a text that is empty, of which the kind is
-// left; older files have no kinds.
+// Kinds of attributes, `AttributeProto.AttributeType`. Writers may omit a number that is 0 and an empty text, so that
+// only the kind remains; older files have no kinds.
 const FLOAT: i32 = 1;
 const INT: i32 = 2;
 const STRING: i32 = 3;
@@ -33,7 +33,7 @@ impl<'a> Attributes<'a> {
         }
     }
 
-    /// As it stands, be it finite or not.
+    /// Value of the attribute, be it finite or not.
     pub fn number(self, name: &str) -> Option<f32> {
         self.find(name).and_then(|attribute| attribute.f.or((attribute.kind == FLOAT).then_some(0.0)))
     }
@@ -64,7 +64,7 @@ impl<'a> Attributes<'a> {
         Some(ConstantTensor::read(tensor, None).map_err(|problem| format!("attribute `{name}`: {problem}")))
     }
 
-    /// The doubles that are meant by numbers; none unless given.
+    /// Doubles that the numbers stand for; none unless given.
     pub fn floats(self, name: &str) -> Result<Vec<f64>, String> {
         let floats = self.find(name).map(|attribute| attribute.floats.as_slice()).unwrap_or_default();
         match floats.iter().find(|value| !value.is_finite()) {
@@ -94,9 +94,9 @@ pub struct AttributeNumbers {
     pub is_single: bool,
 }
 
-/// The double that is meant by a single. Attributes are singles, but frameworks that compute in double precision mean 0.01 by the single next
-/// to it: the number with the fewest decimal digits if there are few, a fraction such as 1/6, or the single itself if its last
-/// bits are zero, as of 0.25.
+/// Double that a single-precision attribute stands for. Frameworks that compute in double precision store 0.01 as the
+/// nearest single. The result is the shortest decimal number if it has few digits, or a fraction such as 1/6. It is the
+/// single itself if its last bits are zero, as in 0.25.
 fn shortest(value: f32) -> f64 {
     const ROUND_BITS: u32 = 10;
     const MANY_DIGITS: usize = 7;

@@ -1,6 +1,6 @@
-//! Whether a model computes each row of a batch by itself. It is followed for one row, for which a mean over the batch is nothing but the row.
-//! So where the first dimension of its inputs is free, it is followed for two rows as well: no number may depend on both, and there must be
-//! twice as many.
+//! Check that a model computes each row of a batch separately. A model is followed for one row, and a mean over a batch
+//! of one row is that row. If the first dimension of its inputs is free, the model is therefore followed for two rows
+//! as well. No number may depend on both, and the outputs must have twice as many numbers.
 
 use super::{
     GraphReader,
@@ -14,7 +14,7 @@ use super::{
 use metafmu_runtime::graph::Step;
 use std::path::Path;
 
-/// What a number depends on: the first row, the second one, or both.
+/// Rows that a number depends on: the first row, the second one, or both.
 const FIRST: u8 = 1;
 const SECOND: u8 = 2;
 const BOTH: u8 = FIRST | SECOND;
@@ -46,12 +46,12 @@ const BROADCASTING: [&str; 18] = [
 /// A graph that is followed for two rows.
 pub struct TwoRows {
     reader: GraphReader,
-    /// Of each number of each value.
+    /// Rows that each number of each value depends on.
     depends: Vec<Vec<u8>>,
 }
 
 impl TwoRows {
-    /// None if inputs have no free first dimension; nor for recurrent cells, of which any dimension may be the batch.
+    /// None if inputs have no free first dimension, and for recurrent cells, where any dimension may be the batch.
     pub fn of(graph: &GraphProto, opset: i64, folder: Option<&Path>) -> Option<Self> {
         if graph.node.iter().any(|node| RECURRENT.contains(&node.op_type.as_str())) {
             return None;
@@ -71,11 +71,11 @@ impl TwoRows {
         is_free.then_some(Self { reader, depends: vec![columns] })
     }
 
-    /// Follows a node that was followed for one row; the result is whether the next one can be. A graph that does not fit two rows fits one
-    /// only, and there is nothing to mix.
+    /// Follows a node that was followed for one row. Returns true if the next one can be followed. A graph that does
+    /// not fit two rows fits one only, so it cannot mix rows.
     ///
     /// # Errors
-    /// A sentence if it does not compute each row by itself.
+    /// A sentence if it does not compute each row separately.
     pub fn follow(&mut self, node: &NodeProto, one: &GraphReader) -> Result<bool, String> {
         self.refuse_along_batch(node, one)?;
         if self.reader.node(node).is_err() {
@@ -110,7 +110,7 @@ impl TwoRows {
         Ok(true)
     }
 
-    /// What gives each row its own numbers, but others by its place in the batch.
+    /// Refuses operators whose result for a row depends on its position in the batch.
     fn refuse_along_batch(&self, node: &NodeProto, one: &GraphReader) -> Result<(), String> {
         let known = |reader: &GraphReader, name: &String| reader.values.get(name).cloned();
         let is_batch = |name: &String, from_end: usize| match (known(one, name), known(&self.reader, name)) {
@@ -180,7 +180,7 @@ impl TwoRows {
     }
 }
 
-/// Whether a constant of two rows is that of one row, for each of them.
+/// Returns true if a constant of two rows repeats that of one row.
 fn is_repeated(one: &ConstantTensor, two: &ConstantTensor) -> bool {
     match broadcast(&one.shape, &two.shape) {
         Ok(shape) if shape == two.shape => {
@@ -191,7 +191,7 @@ fn is_repeated(one: &ConstantTensor, two: &ConstantTensor) -> bool {
     }
 }
 
-/// What the numbers that a step makes depend on.
+/// Rows that each number of a step depends on.
 fn of_step(step: &Step, values: &[Vec<u8>]) -> Vec<u8> {
     let all = |of: usize| values[of].iter().fold(0, |all, depends| all | depends);
     match step {

@@ -1,7 +1,9 @@
-//! Models of other tools as ONNX files: a graph becomes a map of one row of its inputs, recurrent cells one of their states, too.
+//! Third-party models as ONNX files: a graph becomes a map of one row of its inputs, or a map with states if it has
+//! recurrent cells.
 //!
-//! Every tensor is followed through the graph for a single row: its batch has the size 1, all other dimensions are known, and what only
-//! moves elements (a reshape, a slice, a concatenation) is a choice of columns. What does not depend on the inputs is computed here.
+//! Every tensor is followed through the graph for a single row: its batch has the size 1, and all other dimensions are
+//! known. Operators that only move elements (a reshape, a slice, a concatenation) become a choice of columns. Numbers
+//! that do not depend on the inputs are computed here.
 
 mod attributes;
 mod batch;
@@ -37,7 +39,7 @@ pub fn load(path: &Path) -> Result<Imported> {
 /// Reads the bytes of an ONNX file; `folder` is where external data may be.
 ///
 /// # Errors
-/// Sentences that say what does not fit.
+/// Sentences about the parts that are not supported.
 pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported, Vec<String>> {
     let one = |problem: String| vec![problem];
     let model = ModelProto::decode(bytes).map_err(|error| one(format!("not an ONNX model, or cut short: {error}")))?;
@@ -60,7 +62,7 @@ pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported
     reader.finish(graph, producer)
 }
 
-/// A column of a model that says what it is.
+/// A column of a model with its description.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Described {
     /// The variable.
@@ -71,7 +73,8 @@ pub struct Described {
     pub range: Option<[f64; 2]>,
 }
 
-/// What metafmu has written into an ONNX model about its inputs and outputs, in the order of the columns; nothing of other models.
+/// Descriptions of inputs and outputs that metafmu wrote into an ONNX model, in the order of the columns; empty for
+/// other models.
 pub fn described(bytes: &[u8]) -> [Vec<Described>; 2] {
     let none = [Vec::new(), Vec::new()];
     let Ok(model) = ModelProto::decode(bytes) else { return none };
@@ -130,7 +133,7 @@ fn unknown_operators(graph: &GraphProto) -> Vec<String> {
 struct GraphReader {
     opset: i64,
     builder: Builder,
-    /// What is known of each name.
+    /// Value of each name.
     values: HashMap<String, Value>,
     /// Numbers of the constants that nodes made.
     constants: usize,
@@ -139,14 +142,14 @@ struct GraphReader {
     is_single: bool,
     /// States that are no inputs of the graph.
     recurrences: Vec<RecurrentState>,
-    /// What is compared with thresholds is rounded as it was there.
+    /// `true` if the graph has trees: inputs of comparisons with thresholds are rounded as in the model.
     has_trees: bool,
-    /// Outputs that operators have beside those that are read here, with what they are.
+    /// Further outputs of operators, which are not read here, with their meaning.
     beside: HashMap<String, String>,
 }
 
 impl GraphReader {
-    /// For so many rows, where the first dimension of an input is free.
+    /// A reader for `batch` rows, where the first dimension of an input is free.
     fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>, batch: usize) -> std::result::Result<Self, String> {
         let mut values = HashMap::new();
         for proto in &graph.initializer {
@@ -243,14 +246,14 @@ fn known(dim: &proto::DimensionProto) -> Option<i64> {
     dim.dim_value.filter(|value| *value > 0)
 }
 
-/// Whether the first dimension of an input is free: the batch.
+/// Returns true if the first dimension of an input is free: the batch.
 fn is_batch(input: &ValueInfoProto) -> bool {
     let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref());
     tensor.and_then(|tensor| tensor.shape.as_ref()?.dim.first()).is_some_and(|dim| known(dim).is_none())
 }
 
-/// The shape of one row of an input, the batch included, and whether it is in single precision. Of recurrent cells there is one sample, and
-/// the batch may be any dimension.
+/// Shape of one row of an input, the batch included, and `true` if it has single precision. Of recurrent cells there is
+/// one sample, and the batch may be any dimension.
 fn input_shape(
     input: &ValueInfoProto,
     is_recurrent: bool,

@@ -1,4 +1,4 @@
-//! Nodes and what goes between them.
+//! Nodes and the values between them.
 
 use super::{
     GraphReader,
@@ -12,16 +12,16 @@ use metafmu_runtime::{
     graph::{Elementwise, Step},
 };
 
-/// What a name stands for.
+/// Value of a name.
 #[derive(Clone, Debug)]
 pub enum Value {
-    /// The same for all rows.
+    /// Equal for all rows.
     Constant(ConstantTensor),
     /// Follows from the inputs.
     Row(RowTensor),
 }
 
-/// A tensor of which each row of the inputs has its own; the batch has the size 1.
+/// A tensor with elements for each row of the inputs; the batch has the size 1.
 #[derive(Clone, Debug)]
 pub struct RowTensor {
     pub shape: Vec<usize>,
@@ -46,7 +46,7 @@ impl Value {
     }
 }
 
-/// Whether a domain is that of the standard operators.
+/// Returns true if a domain is that of the standard operators.
 pub fn is_standard(domain: &str) -> bool {
     matches!(domain, "" | "ai.onnx")
 }
@@ -109,7 +109,7 @@ impl GraphReader {
         }
     }
 
-    /// The value of which a row's numbers are chosen.
+    /// The value from which a row's numbers are chosen.
     fn chosen_from(&self, row: &RowTensor) -> usize {
         let mut value = row.value;
         while let Some(Step::Columns { columns }) = value.checked_sub(1).map(|step| &self.builder.steps()[step])
@@ -120,7 +120,7 @@ impl GraphReader {
         value
     }
 
-    /// Whether a row is nothing but inputs of the graph.
+    /// Returns true if a row consists of inputs of the graph only.
     pub fn is_input(&self, row: &RowTensor) -> bool {
         self.chosen_from(row) == 0
     }
@@ -191,7 +191,7 @@ impl GraphReader {
         }
     }
 
-    /// Elements of what follows from the inputs.
+    /// Elements of a row at some places.
     pub fn picked(&mut self, row: &RowTensor, places: &[usize], shape: Vec<usize>) -> Result<RowTensor, String> {
         let is_whole = places.len() == self.builder.width(row.value)
             && places.iter().enumerate().all(|(index, place)| index == *place);
@@ -202,7 +202,7 @@ impl GraphReader {
         Ok(RowTensor { shape, value, is_single: row.is_single })
     }
 
-    /// The same elements in another shape.
+    /// Value with its elements in another shape.
     pub fn reshaped(&self, value: &Value, shape: Vec<usize>) -> Result<Value, String> {
         let count = |shape: &[usize]| shape.iter().product::<usize>();
         if count(&shape) != count(value.shape()) {

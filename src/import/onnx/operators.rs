@@ -1,4 +1,4 @@
-//! What each operator makes of its inputs.
+//! Operators: steps of the graph for each of them.
 
 mod constants;
 mod machine_learning;
@@ -124,7 +124,7 @@ pub const STANDARD: [&str; 97] = [
     "ReduceLogSum",
 ];
 
-/// Those of `ai.onnx.ml`.
+/// Operators of `ai.onnx.ml` that are known here.
 pub const MACHINE_LEARNING: [&str; 8] = [
     "ArrayFeatureExtractor",
     "FeatureVectorizer",
@@ -138,7 +138,7 @@ pub const MACHINE_LEARNING: [&str; 8] = [
 
 pub const ML: &str = "ai.onnx.ml";
 
-/// Whether an operator is known here.
+/// Returns true if an operator is supported.
 pub fn is_known(node: &NodeProto) -> bool {
     match node.domain.as_str() {
         ML => MACHINE_LEARNING.contains(&node.op_type.as_str()),
@@ -149,7 +149,7 @@ pub fn is_known(node: &NodeProto) -> bool {
     }
 }
 
-/// What to do about an operator that is not known.
+/// Advice on an operator that is not supported.
 pub fn instead(operator: &str) -> String {
     let name = operator.trim_matches('`').rsplit('.').next().unwrap_or_default();
     match name {
@@ -172,7 +172,7 @@ pub use recurrent::RECURRENT;
 type Made = Result<Value, String>;
 
 impl GraphReader {
-    /// Computes what a node gives.
+    /// Computes the output of a node.
     pub fn node(&mut self, node: &NodeProto) -> Result<(), String> {
         let made = match node.domain.as_str() {
             ML => vec![self.machine_learning(node)?],

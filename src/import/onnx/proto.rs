@@ -43,7 +43,7 @@ pub struct GraphProto {
     pub output: Vec<ValueInfoProto>,
 }
 
-/// An operator with the names of what it takes and gives.
+/// An operator with the names of its inputs and outputs.
 #[derive(Clone, PartialEq, Message)]
 pub struct NodeProto {
     #[prost(string, repeated, tag = "1")]
@@ -60,7 +60,7 @@ pub struct NodeProto {
     pub domain: String,
 }
 
-/// An attribute of an operator: the field that counts is told by the operator.
+/// An attribute of an operator. The operator determines the field that counts.
 #[derive(Clone, PartialEq, Message)]
 pub struct AttributeProto {
     #[prost(string, tag = "1")]
@@ -162,13 +162,13 @@ pub struct DimensionProto {
 
 /// `TensorProto.DataType`
 pub const FLOAT: i32 = 1;
-/// Likewise.
+/// `TensorProto.DataType.INT32`
 pub const INT32: i32 = 6;
-/// Likewise.
+/// `TensorProto.DataType.INT64`
 pub const INT64: i32 = 7;
-/// Likewise.
+/// `TensorProto.DataType.BOOL`
 pub const BOOL: i32 = 9;
-/// Likewise.
+/// `TensorProto.DataType.DOUBLE`
 pub const DOUBLE: i32 = 11;
 
 /// The name of a type of elements.

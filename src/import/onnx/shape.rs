@@ -1,4 +1,4 @@
-//! Rows of numbers as tensors: which elements of one tensor another one has.
+//! Rows of numbers as tensors: the elements that one tensor takes from another.
 
 use super::tensor::within_limits;
 
@@ -21,7 +21,7 @@ pub fn broadcast(a: &[usize], b: &[usize]) -> Result<Vec<usize>, String> {
     Ok(shape)
 }
 
-/// For each element of a tensor of the shape `to` the one of `from` that it is, `from` being broadcast.
+/// For each element of a tensor of the shape `to`, the element of `from` that it is after broadcasting.
 pub fn broadcast_places(from: &[usize], to: &[usize]) -> Vec<usize> {
     let strides = strides(from);
     let missing = to.len() - from.len();
@@ -31,7 +31,7 @@ pub fn broadcast_places(from: &[usize], to: &[usize]) -> Vec<usize> {
     })
 }
 
-/// For each element of a tensor of a shape something of its index.
+/// A function of the index for each element of a tensor of a shape.
 pub fn places<T>(shape: &[usize], place: impl Fn(&[usize]) -> T) -> Vec<T> {
     let count = shape.iter().product();
     let mut index = vec![0; shape.len()];
@@ -49,7 +49,7 @@ pub fn places<T>(shape: &[usize], place: impl Fn(&[usize]) -> T) -> Vec<T> {
     found
 }
 
-/// How far apart elements are whose index differs by one.
+/// Distances of elements whose index differs by one along each axis.
 pub fn strides(shape: &[usize]) -> Vec<usize> {
     let mut strides = vec![1; shape.len()];
     for place in (1..shape.len()).rev() {
@@ -58,7 +58,7 @@ pub fn strides(shape: &[usize]) -> Vec<usize> {
     strides
 }
 
-/// The place of an axis that may be counted from the end.
+/// Position of an axis that may be counted from the end.
 ///
 /// # Errors
 /// A sentence if there is no such axis.

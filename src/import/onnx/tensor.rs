@@ -1,4 +1,4 @@
-//! Constants of an ONNX file: initializers, attributes, and what follows from them.
+//! Constants of an ONNX file: initializers, attributes, and results computed from them.
 
 use super::proto::{BOOL, DOUBLE, FLOAT, INT32, INT64, TensorProto, type_name};
 use crate::import::builder::MAX_WEIGHTS;
@@ -8,8 +8,8 @@ use std::{
     path::{Component, Path},
 };
 
-/// How many numbers a tensor may have, and all constants that nodes make together: what a file of a few kilobytes asks for must not take
-/// gigabytes. No more weights fit into a graph.
+/// Largest number of elements of a tensor, and of all constants that nodes make together: a file of a few kilobytes
+/// must not request gigabytes. No more weights fit into a graph.
 pub const MAX_ELEMENTS: usize = MAX_WEIGHTS;
 
 /// Dimensions a tensor may have.
@@ -45,7 +45,7 @@ impl Data {
         }
     }
 
-    /// Those at some places.
+    /// Elements at some places.
     pub fn picked(&self, places: &[usize]) -> Self {
         match self {
             Self::Single(values) => Self::Single(places.iter().map(|place| values[*place]).collect()),
@@ -147,7 +147,7 @@ fn shape(dims: &[i64]) -> Result<Vec<usize>, String> {
     Ok(shape)
 }
 
-/// Makes sure that a tensor of this shape is not too large; the result is how many elements it has.
+/// Number of elements of a tensor of this shape; an error if it is too large.
 pub fn within_limits(shape: &[usize]) -> Result<usize, String> {
     // where one dimension is 0, the others still have indices
     let indices = shape.iter().try_fold(1usize, |product, dim| product.checked_mul((*dim).max(1)));

@@ -11,7 +11,7 @@ use std::collections::HashMap;
 
 /// Nodes of all trees together, each once for every output that it adds to.
 const MAX_NODES: usize = 1 << 24;
-/// The same for several rows.
+/// Nodes of all trees together for several rows.
 const MAX_NODES_OF_ROWS: usize = 1 << 21;
 
 /// A node as the file has it.
@@ -71,7 +71,7 @@ impl GraphReader {
             ));
         }
         self.each_row(node, outputs, |reader, row| {
-            // thresholds lie between two singles: what is compared with them is one
+            // thresholds lie between two singles, so the compared values must be singles
             let row = if row.is_single { reader.rounded(row.clone())? } else { row.clone() };
             let step = Step::Forest { of: row.value, forest: forest.clone(), outputs };
             let value = reader.builder.add(step, outputs)?;
@@ -152,7 +152,7 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, T
     Ok((nodes, roots))
 }
 
-/// What leaves add to which output.
+/// Numbers that each leaf adds to outputs.
 fn leaves(attributes: Attributes, outputs: usize) -> Result<HashMap<Key, Vec<(usize, f64)>>, String> {
     let integers = |name: &str| attributes.integers(name).unwrap_or_default();
     let (trees, ids, targets) = (integers("target_treeids"), integers("target_nodeids"), integers("target_ids"));

@@ -265,8 +265,8 @@ impl FitContext<'_> {
         Ok(FittedModel { graph, outcome, rows, seconds: began.elapsed().as_secs_f64() })
     }
 
-    /// Predictions of all rows, each by a model that neither learned it nor chose its best epoch by it, and seconds of fitting; None if
-    /// the work was stopped. The folds are fitted side by side, each by one thread.
+    /// Predictions of all rows, each by a model that neither learned it nor chose its best epoch by it, and seconds of
+    /// fitting. None if the work was stopped. The folds are fitted side by side, each by one thread.
     fn cross_validated(&self, kind: ModelKind, order: &[usize]) -> Result<Option<(Vec<Vec<f64>>, f64)>> {
         type Fold = (Vec<(usize, Vec<f64>)>, f64);
         let folds = FOLDS.min(order.len());
@@ -368,8 +368,9 @@ fn fold_rows(order: &[usize], fold: usize, folds: usize) -> (Vec<usize>, Vec<usi
     (rows(of_fold), rows(others))
 }
 
-/// Ranking of models by their mean square errors on a number of rows, with the simplest model first whose error is within one standard error of the
-/// smallest (Hastie, Tibshirani, Friedman (2009), section 7.10). A mean of `n` squares of normal errors has the relative standard error `sqrt(2 / n)`.
+/// Ranking of models by their mean square errors on a number of rows. The first is the simplest model whose error is
+/// within one standard error of the smallest (Hastie, Tibshirani, Friedman (2009), section 7.10). A mean of `n` squares
+/// of normal errors has the relative standard error `sqrt(2 / n)`.
 fn ranking(errors: &[f64], rows: usize) -> Vec<usize> {
     let mut places: Vec<usize> = (0..errors.len()).collect();
     places.sort_by(|a, b| errors[*a].total_cmp(&errors[*b]));
@@ -423,7 +424,7 @@ struct RelativeErrors<'a> {
 }
 
 impl<'a> RelativeErrors<'a> {
-    /// With the variances in some rows.
+    /// Errors relative to the variances in some rows.
     fn of(outputs: &'a [Vec<f64>], rows: &[usize]) -> Self {
         let values = chosen(outputs, rows);
         let varies = |output: &usize| values.iter().any(|row| row[*output] != values[0][*output]);

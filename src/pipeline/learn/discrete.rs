@@ -1,4 +1,4 @@
-//! Learns models that go on from sample to sample, of recorded runs or those of an FMU.
+//! Learns discrete-time models from recorded runs or those of an FMU.
 
 mod cross_validation;
 mod dead_time;
@@ -187,11 +187,11 @@ struct LearnedDiscrete {
     hidden: Vec<f64>,
     /// Number of past samples of the outputs and of the inputs that count.
     past: [usize; 2],
-    /// Of the network, one training after the other.
+    /// Epochs of the network, one training after the other.
     history: Vec<EpochRecord>,
     best_epoch: usize,
     stopped: StopReason,
-    /// The same fitted to the runs that are held out as well, if that was done.
+    /// Result of a fit that includes the held-out runs, if there is one.
     refitted: Option<Box<LearnedDiscrete>>,
     /// Error of simulations of runs that are not seen, if a cross-validation chose it: root mean square of standardized outputs, mean of the parts.
     unseen: Option<f64>,
@@ -229,7 +229,7 @@ struct DiscreteSamples<'a> {
     known: usize,
 }
 
-/// Regressors of all samples of some runs, standardised: `[samples, columns]`, and the outputs that follow.
+/// Regressors of all samples of some runs, standardized: `[samples, columns]`, and the outputs that follow.
 struct Regressors {
     inputs: Vec<Vec<f64>>,
     outputs: Vec<Vec<f64>>,
@@ -271,7 +271,7 @@ impl<'a> DiscreteSamples<'a> {
         self.training.iter().map(|run| run.times.len() - 1).sum()
     }
 
-    /// So many past samples, or as many as every run knows.
+    /// Number of past samples: `samples`, or the number that every run knows if that is smaller.
     fn past(&self, samples: usize) -> usize {
         samples.min(self.known)
     }

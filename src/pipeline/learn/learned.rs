@@ -16,14 +16,14 @@ use crate::{
 use metafmu_runtime::{Graph, ScaledNetwork, Scaling};
 use std::sync::atomic::Ordering;
 
-/// `sampling.states` of an FMU, and of a mechanism, unless given.
+/// Default `sampling.states` of an FMU, and of a mechanism.
 const STATES: [usize; 2] = [5000, 20_000];
-/// Of how many states one is held out, and how many are at the least, unless that is more than half of them.
+/// Number of states per held-out state, and minimum number of held-out states, unless that is more than half of all.
 const HELD_OUT: (usize, usize) = (10, 200);
 /// Error of a dictionary at which a network cannot add anything: it is trained in single precision.
 pub(super) const EXACT: f64 = 1e-9;
 
-/// Number of states at which equations are asked for.
+/// Number of states at which equations are evaluated.
 pub(super) fn states(study: &Study) -> usize {
     study.sampling.states.unwrap_or(STATES[usize::from(study.mechanism().is_some())])
 }
@@ -33,7 +33,7 @@ pub(super) fn held_out(states: usize) -> usize {
     (states / HELD_OUT.0).max(HELD_OUT.1).min(states / 2)
 }
 
-/// Position of the one that is exported: the one that the study names, or the best.
+/// Position of the exported candidate: the one that the study names, or the best.
 pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usize {
     let named = candidates.iter().position(|candidate| Some(candidate.name.as_str()) == options.model.name());
     let is_structured = |(_, candidate): &(usize, &Candidate)| candidate.name != ACCELERATIONS;
@@ -41,29 +41,30 @@ pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usi
     named.or(best.map(|(index, _)| index)).unwrap_or(0)
 }
 
-/// What a network is trained on.
+/// Training data of a network.
 #[derive(Default)]
 pub(super) struct Examples {
     /// Its columns, row by row.
     pub inputs: Vec<Vec<f64>>,
-    /// What it has to give.
+    /// Its expected outputs, row by row.
     pub outputs: Vec<Vec<f64>>,
-    /// Derivatives of both along some directions, if they are known; a training does not look at those of examples that are held out.
+    /// Derivatives of both along some directions, if they are known; a training ignores those of held-out examples.
     pub tangents: Option<Directions>,
 }
 
 /// Derivatives along some directions, row by row and, in a row, direction by direction.
 pub(super) struct Directions {
-    /// Of the columns.
+    /// Derivatives of the columns.
     pub inputs: Vec<Vec<f64>>,
-    /// Of what the network has to give.
+    /// Derivatives of the expected outputs.
     pub outputs: Vec<Vec<f64>>,
-    /// Whether those of each output are known.
+    /// `true` for each output whose derivatives are known.
     pub known: Vec<bool>,
 }
 
-/// A network with one hidden layer of random weights, whose last layer is the solution of a least-squares problem, and its error, that of
-/// [`error`]; `depends[output][column]`: what changes each output. None if there is no such solution.
+/// Network with one hidden layer of random features, whose last layer is the solution of a least-squares problem, and
+/// its error, that of [`error`]. `depends[output][column]` is `true` if a column changes an output. None if there is no
+/// such solution.
 ///
 /// # Errors
 /// [`Error::Interrupted`].
@@ -116,11 +117,11 @@ pub(super) fn error(network: &ScaledNetwork, examples: &Examples) -> f64 {
         (squares / found.len().max(1) as f64).sqrt() / scale
     };
     let errors = network.scaling.output_scale.iter().enumerate().map(of);
-    // a maximum would leave out what is not a number
+    // NaN counts, which a maximum would ignore
     errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
 }
 
-/// What standardises examples.
+/// Scaling that standardizes examples.
 fn scaling_of(examples: &Examples) -> Scaling {
     let ((input_mean, input_scale), (output_mean, output_scale)) =
         (scaling::of_columns(&examples.inputs), scaling::of_columns(&examples.outputs));

@@ -27,13 +27,13 @@ pub(super) trait LearningMethod {
     fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained>;
 }
 
-/// What a method begins with.
+/// Start of a method.
 pub(super) struct Beginning<'a> {
     /// Number of the last runs that are for training only.
     pub added: usize,
     /// The surrogate of fewer runs, if there is one.
     pub start: Option<&'a Surrogate>,
-    /// Whether a training that was stopped goes on.
+    /// `true` if a stopped training continues.
     pub resume: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Networks in equations of motion: instead of the dictionary, for what it leaves over, and instead of the equations.
+//! Networks in equations of motion: instead of the dictionary, for its residual, and instead of the equations.
 
 use super::learned::{self, Directions, EXACT, Examples, held_out};
 use crate::{
@@ -25,7 +25,8 @@ use std::{ops::Range, time::Instant};
 /// Change of a function, relative to its largest value, that is rounding.
 const UNCHANGED: f64 = 1e-9;
 
-/// Error of drawn nodes, relative to the standard deviation of the worst function, from which on a training may be better.
+/// Error of random features, relative to the standard deviation of the worst function, above which a training may be
+/// better.
 const POOR_NODES: f64 = 1e-4;
 
 /// Equations that were learned in the way that is exported, and how.
@@ -34,7 +35,7 @@ pub(super) struct Learned {
     pub fitted: FittedEquations,
     /// The equations that are exported.
     pub dynamics: Dynamics,
-    /// The positions likewise.
+    /// The positions that are exported.
     pub positions: Law,
     /// Ranges of the velocities, then of actuator states, if accelerations were learned in them.
     pub velocities: Option<Vec<[f64; 2]>>,
@@ -42,11 +43,11 @@ pub(super) struct Learned {
     pub candidates: Vec<Candidate>,
     /// Which of them is exported.
     pub exported: String,
-    /// Of the network that is exported.
+    /// Epochs of the network that is exported.
     pub history: Vec<EpochRecord>,
     /// Its best epoch.
     pub best_epoch: usize,
-    /// Why the training ended.
+    /// Reason why the training ended.
     pub stopped: StopReason,
     /// Configurations that it was learned from.
     pub rows: usize,
@@ -155,7 +156,7 @@ struct Asked<'a> {
     accelerations: EquationSamples,
     /// Largest value of each function.
     scales: Vec<f64>,
-    /// Whether each coordinate and parameter changes each function: shape `[columns, functions]`.
+    /// `true` if a coordinate or parameter changes a function: shape `[columns, functions]`.
     changes: Vec<Vec<bool>>,
 }
 
@@ -190,13 +191,13 @@ impl<'a> Asked<'a> {
         })
     }
 
-    /// Of the equations and of the positions, which of all functions are theirs.
+    /// Ranges of the functions of the equations and of the positions.
     fn ranges(&self) -> [Range<usize>; 2] {
         let [of_equations, of_positions] = self.equations.counts();
         [0..of_equations, of_equations..of_equations + of_positions]
     }
 
-    /// Whether each coordinate and parameter changes some of these functions.
+    /// Returns true for each coordinate and parameter that changes some of these functions.
     fn depends(&self, range: &Range<usize>) -> Vec<bool> {
         self.changes.iter().map(|changed| changed[range.clone()].contains(&true)).collect()
     }
@@ -208,7 +209,7 @@ impl<'a> Asked<'a> {
         let constant = |function: usize| {
             let limit = UNCHANGED * self.scales[function];
             let is_constant = labels.iter().all(|label| (label[function] - first[function]).abs() <= limit);
-            // what is left of differences is no constant
+            // a small residual of differences is no constant
             if is_constant && first[function].abs() > limit { first[function] } else { 0.0 }
         };
         let constants: Vec<f64> = (0..first.len()).map(constant).collect();
@@ -230,7 +231,7 @@ impl<'a> Asked<'a> {
         found.map_err(|message| self.project.study.refusal("states", message))
     }
 
-    /// Networks for what dictionaries leave over of the equations and of the positions; none where that is nothing.
+    /// Networks for the residuals of dictionaries in the equations and the positions; none for a residual of zero.
     fn networks(&self, [equations, positions]: &[Dictionary; 2], last: &mut Last) -> Result<[Option<NetworkTerm>; 2]> {
         Ok([self.network(equations, 0, last)?, self.network(positions, 1, last)?])
     }
@@ -271,8 +272,8 @@ impl<'a> Asked<'a> {
         self.learn(columns, outputs, [&seen, &unseen], &depends, last).map(Some)
     }
 
-    /// A network whose nodes are drawn, unless the study says how networks are trained. Where that is not exact enough, one is trained
-    /// as well, and the better of both is taken. `depends[output][column]`: what changes each output.
+    /// A network with random features, unless the study states how networks are trained. If that is not exact enough, a
+    /// network is trained as well, and the better of both is used. `depends[output][column]`: what changes each output.
     fn learn(
         &self,
         columns: Vec<NetworkColumn>,
@@ -373,12 +374,12 @@ impl<'a> Asked<'a> {
         }
         let rows = self.unseen.samples.points.len().max(1) as f64;
         let errors = squares.iter().zip(&self.scales[first..]).map(|(sum, scale)| (sum / rows).sqrt() / scale);
-        // a maximum would leave out what is not a number
+        // NaN counts, which a maximum would ignore
         errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
 }
 
-/// A mass matrix that is one, the positions in the efforts, and nothing else in the equations.
+/// An identity mass matrix, the positions in the efforts, and nothing else in the equations.
 fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
     let (n, known) = (dynamics.coordinates(), dynamics.law().dictionary());
     let positions = n * (n + 1) / 2 + 1..n * (n + 1) / 2 + 1 + dynamics.efforts().positions();
@@ -394,7 +395,7 @@ fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
     Dictionary::new(&factors, known.outputs(), &terms).map_err(invalid)
 }
 
-/// What a dictionary leaves over of some functions.
+/// Residuals of a dictionary in some functions.
 struct Rest {
     /// Row by row.
     values: Vec<Vec<f64>>,

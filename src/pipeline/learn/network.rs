@@ -1,4 +1,4 @@
-//! A network of which the time is an input.
+//! A network with the time as an input.
 
 use super::{Beginning, LearningMethod, per_instant};
 use crate::{
@@ -15,7 +15,7 @@ use crate::{
 use metafmu_runtime::{Graph, ScaledNetwork};
 use std::sync::atomic::Ordering;
 
-/// A network of which the time is an input.
+/// A network with the time as an input.
 pub(super) struct SingleNetwork;
 
 impl LearningMethod for SingleNetwork {
@@ -24,7 +24,7 @@ impl LearningMethod for SingleNetwork {
     }
 }
 
-/// Trains a single network, of which the time is an input.
+/// Trains a single network with the time as an input.
 fn train(project: &Project, dataset: &Dataset, Beginning { added, start, resume }: &Beginning) -> Result<Trained> {
     let (study, options) = (&project.study, &project.study.training);
     project.say(format_args!("preparing {} rows for the training", dataset.row_count()));

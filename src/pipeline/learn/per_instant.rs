@@ -101,7 +101,7 @@ fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> 
     Ok(Trained { surrogate, history, record })
 }
 
-/// Tells how many of all networks are finished; this one is the last.
+/// Reports the number of finished networks; this one is the last.
 fn tell(project: &Project, outcome: &Outcome, done: usize, total: usize, began: Instant) {
     let loss = outcome.history.iter().map(|epoch| epoch.validation_loss).fold(f64::INFINITY, f64::min);
     let about = format_args!("the last one's loss on held-out runs {loss:.2e}");
@@ -112,8 +112,8 @@ fn tell(project: &Project, outcome: &Outcome, done: usize, total: usize, began: 
     }
 }
 
-/// The trainings of all networks up to epoch `goal`, side by side; each on one thread, so that the number of threads
-/// changes nothing. `each` is called for every instant with the function that trains its network.
+/// Trains all networks up to epoch `goal`, in parallel. Each uses one thread, so that the number of threads does not
+/// change the results. `each` is called for every instant with the function that trains its network.
 pub fn train_all(
     project: &Project,
     study: &Study,
@@ -187,7 +187,7 @@ pub fn reason(outcomes: &[Outcome]) -> StopReason {
     worst_first.into_iter().find(|&reason| any(reason)).unwrap_or(StopReason::Patience)
 }
 
-/// For each epoch the means over the networks that came so far, and the seconds of all of them together.
+/// Means over the networks that reached each epoch, and the seconds of all of them together.
 fn mean_history(outcomes: &[Outcome]) -> Vec<EpochRecord> {
     let mut history: Vec<EpochRecord> = Vec::new();
     for index in 0..epochs(outcomes) {
@@ -259,7 +259,7 @@ impl<'a> Finished<'a> {
     }
 }
 
-/// Those of trainings that came to their end, by the numbers they have in the journal.
+/// Stop reasons of completed trainings, by their numbers in the journal.
 const REASONS: [StopReason; 6] = [
     StopReason::Finished,
     StopReason::Patience,

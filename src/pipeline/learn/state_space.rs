@@ -72,7 +72,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         let program = Program { graph, clock };
         surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), program)
     };
-    // what is a velocity is not known
+    // the states that are velocities are not known
     let of_states: Vec<_> = study.states.values().map(|state| Some([state.min, state.max])).collect();
     let (surrogate, solver) = solver::choose(project, dataset, (driven, &of_states), error, assemble)?;
     let mut candidates = learned.records;
@@ -118,7 +118,7 @@ struct LearnedStateSpace {
     candidates: Vec<(Candidate, Dictionary, Option<ScaledNetwork>)>,
     records: Vec<Candidate>,
     order: [usize; 2],
-    /// Of the networks, one after the other.
+    /// Epochs of the networks, one network after the other.
     history: Vec<EpochRecord>,
     best_epoch: usize,
     stopped: StopReason,
@@ -259,12 +259,13 @@ impl StateSpaceColumns {
             let squares: f64 = rest.iter().map(|rest| rest[function] * rest[function]).sum();
             (squares / rest.len().max(1) as f64).sqrt() / scales[function]
         };
-        // a maximum would leave out what is not a number
+        // NaN counts, which a maximum would ignore
         (0..dictionary.outputs()).map(of).fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
 }
 
-/// What outputs and derivatives are, outputs first, and the samples of the functions that are left.
+/// Recognizes outputs and derivatives that are states or equal functions. Returns them, outputs first, and the samples
+/// of the remaining functions.
 fn recognise(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, EquationSamples) {
     let width = samples.labels.first().map_or(0, Vec::len);
     let EquationSamples { points, labels } = samples;
@@ -291,7 +292,7 @@ fn recognise(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Giv
     (given, EquationSamples { points, labels })
 }
 
-/// What a dictionary leaves over.
+/// Residuals of a dictionary.
 fn residuals(dictionary: &Dictionary, samples: &EquationSamples) -> Vec<Vec<f64>> {
     let mut found = vec![0.0; dictionary.outputs()];
     let rest = |(point, labels): (&Vec<f64>, &Vec<f64>)| {

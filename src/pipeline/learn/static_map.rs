@@ -92,7 +92,7 @@ impl LearningMethod for StaticMap {
     }
 }
 
-/// Fails if so many unseen rows are too few for the bounds that the study wants.
+/// Fails if `unseen` rows are too few for the bounds that the study wants.
 fn expect_bounds(study: &Study, unseen: usize) -> Result<()> {
     let Some(BoundsOptions { coverage, .. }) = study.bounds else { return Ok(()) };
     let least = BoundsOptions::least_runs(coverage);

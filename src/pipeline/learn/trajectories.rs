@@ -163,10 +163,11 @@ fn first_of_the_best(found: Vec<FoundEquations>) -> Option<FoundEquations> {
 /// Error at which other equations are not looked for.
 const GOOD: f64 = 1e-6;
 
-/// Coordinates whose periodicity is not known that are tried one by one, at most.
+/// Largest number of coordinates of unknown periodicity that are tried one by one.
 const MOST_ALONE: usize = 3;
 
-/// Which coordinates may be angles: as the study says, and all combinations of those of which it does not say it, or none and all of them.
+/// Coordinates that may be angles: as the study states, with all combinations of those that it leaves open, or none and
+/// all of them.
 fn angles(study: &Study) -> Vec<Vec<bool>> {
     let known: Vec<Option<bool>> = study.states.values().map(|state| state.periodic).collect();
     let open = known.iter().filter(|known| known.is_none()).count();
@@ -244,17 +245,17 @@ impl ColumnFactors {
         }
     }
 
-    /// Those of the functions in equations of motion.
+    /// Factors of the functions in equations of motion.
     fn of_motion(&self) -> Vec<Factor> {
         [self.coordinates.as_slice(), &self.parameters].concat()
     }
 
-    /// Those of accelerations.
+    /// Factors of accelerations.
     fn of_accelerations(&self) -> Vec<Factor> {
         [self.parameters.as_slice(), &self.inputs, &self.coordinates, &self.rates].concat()
     }
 
-    /// Of coordinates, then rates: whether functions depend on them.
+    /// Returns true for each coordinate, then for each rate, that functions depend on.
     fn is_limited(&self, law: &AccelerationModel) -> Vec<bool> {
         let (first, functions, count) = match law {
             AccelerationModel::Motion(dynamics) => (0, dynamics.law().dictionary(), self.coordinates.len()),

@@ -53,12 +53,13 @@ pub(super) struct LabelledRun {
 
 /// Columns of a table with the values of a surrogate.
 struct PredictionColumns {
-    /// Of each input; none for those that keep their start value.
+    /// Column of each input; none for those that keep their start value.
     inputs: Vec<Option<usize>>,
-    /// Of a surrogate with states.
+    /// Column of the time, for a surrogate with states.
     time: Option<usize>,
     run: Option<usize>,
-    /// Of the outputs of a discrete-time surrogate, which are measured before the start; empty if one is not there.
+    /// Columns of the outputs of a discrete-time surrogate, which are measured before the start; empty if one is
+    /// missing.
     measured: Vec<usize>,
 }
 
@@ -83,7 +84,8 @@ struct PredictionRun {
 }
 
 impl<'a> Reader<'a> {
-    /// Opens a table and finds the surrogate's inputs in its header; what is not there and what is not used is told.
+    /// Opens a table and finds the surrogate's inputs in its header; `tell` receives the missing and the unused
+    /// columns.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Table`] with all that is wrong with the header.
@@ -98,7 +100,7 @@ impl<'a> Reader<'a> {
         Ok(Self { surrogate, stop, table, columns, labels: runs::RunLabels::default(), current: None })
     }
 
-    /// Whether the rows have labels.
+    /// Returns true if the rows have labels.
     pub(super) fn has_labels(&self) -> bool {
         self.columns.run.is_some()
     }
@@ -208,8 +210,8 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// What is wrong with the time of a row whose outputs are measured, `before` being those of the rows before it: a measured output is that of
-/// a sample.
+/// Problem of the time of a row whose outputs are measured, because they must be those of a sample. `before`: times of
+/// the rows before it.
 pub(crate) fn check_sample(before: &[f64], time: f64, step: f64) -> Option<String> {
     let expected = before.first()? + step * before.len() as f64;
     let is_sample = (time - expected).abs() <= SAME_SAMPLE * step;

@@ -1,9 +1,9 @@
-//! What is known of the training of a discrete-time model.
+//! Record of the training of a discrete-time model.
 
 use super::Candidate;
 use serde::{Deserialize, Serialize};
 
-/// What was learned of runs with inputs.
+/// Result of a training on runs with inputs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DiscreteRecord {
     /// Relative errors in simulations of the held-out runs, of the candidates that were tried. The best is exported unless the study
@@ -11,12 +11,12 @@ pub struct DiscreteRecord {
     pub candidates: Vec<Candidate>,
     /// The name of the one that is exported.
     pub exported: String,
-    /// Number of past samples of outputs and of inputs that it goes on from.
+    /// Number of past samples of outputs and of inputs that the model depends on.
     pub history: [usize; 2],
 }
 
 impl DiscreteRecord {
-    /// How it went, in words.
+    /// Description of the training as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let list: Vec<String> =
             self.candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();

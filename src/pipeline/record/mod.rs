@@ -1,4 +1,4 @@
-//! What a training leaves beside the surrogate: `training.json`, and what `metrics.json` has of speed.
+//! Records of a training beside the surrogate: `training.json`, and the speeds in `metrics.json`.
 
 mod discrete;
 mod motion;
@@ -23,7 +23,7 @@ use crate::{
 };
 use serde::{Deserialize, Serialize};
 
-/// How the training went.
+/// Record of a training.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TrainingRecord {
     /// Rows that the network was trained on.
@@ -34,28 +34,28 @@ pub struct TrainingRecord {
     pub epochs: usize,
     /// The epoch that is kept, the best on the held-out runs.
     pub best_epoch: usize,
-    /// Why it ended.
+    /// Reason why it ended.
     pub stopped: StopReason,
     /// Wall time of the training.
     pub train_seconds: f64,
     /// Runs that were added to the plan's to meet the study's target.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub added_runs: usize,
-    /// Whether the study's target was met, if it has one.
+    /// `true` if the study's target was met; none without a target.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_met: Option<bool>,
-    /// What is known of the method beyond that; none of a single network, or of one an instant.
+    /// Record of the method; none for a single network, or for one network per instant.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub method: Option<MethodRecord>,
 }
 
 impl TrainingRecord {
-    /// Whether it was stopped before its end.
+    /// Returns true if it was stopped before its end.
     pub fn was_interrupted(&self) -> bool {
         self.stopped == StopReason::Interrupted
     }
 
-    /// What is known of the training itself, regardless of the accuracy.
+    /// Findings on the training itself, regardless of the accuracy.
     pub fn findings(&self, study: &Study) -> OfTraining {
         OfTraining { problems: self.problems(study), advice: self.advice(study) }
     }
@@ -72,7 +72,7 @@ impl TrainingRecord {
         diverged.into_iter().chain(short).chain(poor).collect()
     }
 
-    /// What may make the surrogate better, the surest first.
+    /// Advice that may improve the surrogate, the surest first.
     fn advice(&self, study: &Study) -> Vec<String> {
         let Self { epochs, stopped, train_rows, .. } = self;
         if let Some(MethodRecord::StaticMap(StaticRecord { rows, .. })) = &self.method {
@@ -98,7 +98,7 @@ impl TrainingRecord {
     }
 }
 
-/// What is known of a training by its method; in `training.json` each has a key of its own.
+/// Record of a training by its method; in `training.json` each method has a separate key.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum MethodRecord {
@@ -115,7 +115,7 @@ pub enum MethodRecord {
 }
 
 impl MethodRecord {
-    /// What is wrong with the equations.
+    /// Problem of the equations, if there is one.
     fn problem(&self) -> Option<String> {
         match self {
             Self::Motion(motion) => motion.problem(),
@@ -125,7 +125,7 @@ impl MethodRecord {
         }
     }
 
-    /// How it went, in words.
+    /// Description of the training as text.
     pub(super) fn describe(&self) -> String {
         match self {
             Self::Motion(motion) => motion.describe(),
@@ -143,8 +143,9 @@ pub struct Candidate {
     /// `dictionary`, `network`, `dictionary and network`, or of a mechanism `accelerations`; of recorded runs that of a [`DiscreteModel`](crate::study::DiscreteModel),
     /// of rows that of a [`ModelKind`](crate::study::ModelKind).
     pub name: String,
-    /// Root mean square error at states that were held out, relative to the standard deviation, of the worst of what it is measured of:
-    /// of an FMU the functions, of a mechanism the accelerations and the positions, of recorded runs the outputs. Of rows of the mean over the outputs.
+    /// Root mean square error at held-out states, relative to the standard deviation. It is the largest error of the
+    /// functions of an FMU, of the accelerations and positions of a mechanism, or of the outputs of recorded runs. For
+    /// rows it is the mean over the outputs.
     pub error: f64,
     /// Wall time.
     pub seconds: f64,
@@ -155,7 +156,7 @@ pub(super) const NETWORK: &str = "network";
 pub(super) const DICTIONARY_AND_NETWORK: &str = "dictionary and network";
 pub(super) const ACCELERATIONS: &str = "accelerations";
 
-/// Candidates in words, with their errors.
+/// Candidates as text, with their errors.
 pub(super) fn list(candidates: &[Candidate]) -> String {
     let words: Vec<String> =
         candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();

@@ -1,9 +1,9 @@
-//! What is known of the training of equations of motion.
+//! Record of the training of equations of motion.
 
 use super::{Candidate, DICTIONARY, SolverRecord, list};
 use serde::{Deserialize, Serialize};
 
-/// What was learned of the equations of motion of a mechanism.
+/// Result of a training on the equations of motion of a mechanism.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MotionRecord {
     /// Highest harmonic of the angles in the dictionary, which is found by least squares.
@@ -14,7 +14,7 @@ pub struct MotionRecord {
     pub products: [usize; 2],
     /// Largest error of any function of the dictionary at unseen configurations, relative to the largest value of the function.
     pub error: f64,
-    /// Of the forces of joints and springs among the outputs, which have a dictionary of their own.
+    /// Forces of joints and springs among the outputs, which have a separate dictionary.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reactions: Option<ReactionRecord>,
     /// The ways to learn the equations that were compared, the best first; none if the dictionary is exact.
@@ -23,11 +23,11 @@ pub struct MotionRecord {
     /// The one that is exported: `dictionary`, `network` or `dictionary and network`.
     #[serde(default = "dictionary")]
     pub exported: String,
-    /// How the solver integrates.
+    /// Integration by the solver.
     pub solver: SolverRecord,
 }
 
-/// What was learned of forces of joints and springs.
+/// Result of a training on forces of joints and springs.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct ReactionRecord {
     /// Highest harmonic of the angles.
@@ -40,8 +40,8 @@ pub struct ReactionRecord {
     pub error: f64,
 }
 
-/// Error of a function, relative to its largest value, from which on the equations are not those of the mechanism; with networks that of
-/// the accelerations, relative to their standard deviation.
+/// Error of a function, relative to its largest value, above which the equations are not those of the mechanism. With
+/// networks it is the error of the accelerations, relative to their standard deviation.
 const POOR: f64 = 0.01;
 
 fn dictionary() -> String {
@@ -49,14 +49,14 @@ fn dictionary() -> String {
 }
 
 impl MotionRecord {
-    /// What is wrong with the equations.
+    /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
         self.problem_of_equations().or_else(|| self.problem_of_reactions())
     }
 
     fn problem_of_reactions(&self) -> Option<String> {
         let reactions = self.reactions.as_ref()?;
-        // also of what is not a number
+        // false for NaN as well
         let is_good = reactions.error <= POOR;
         (!is_good).then(|| {
             format!(
@@ -69,7 +69,7 @@ impl MotionRecord {
 
     fn problem_of_equations(&self) -> Option<String> {
         if let Some(exported) = self.candidates.iter().find(|candidate| candidate.name == self.exported) {
-            // also of what is not a number
+            // false for NaN as well
             let is_good = exported.error <= POOR;
             return (!is_good).then(|| {
                 format!(
@@ -88,7 +88,7 @@ impl MotionRecord {
         })
     }
 
-    /// How it went, in words.
+    /// Description of the training as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { harmonics, powers, products: [equations, positions], error, solver, .. } = self;
         let Self { candidates, exported, reactions, .. } = self;

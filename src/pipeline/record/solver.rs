@@ -1,9 +1,9 @@
-//! How the solver of a surrogate integrates.
+//! Record of a surrogate's solver.
 
 use metafmu_runtime::Integration;
 use serde::{Deserialize, Serialize};
 
-/// How the solver integrates, and how well.
+/// Integration by the solver, and its error.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SolverRecord {
     /// Largest error of a step, relative to the states' nominal values; none if all steps are equal.
@@ -14,18 +14,18 @@ pub struct SolverRecord {
     /// Cost of the implicit method, where it was cheaper than the explicit one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub implicit: Option<ImplicitCost>,
-    /// Error of a start, in all states, that changes the outputs of a run as much as the solver does: the largest of all runs, up to where
-    /// they leave the domain.
+    /// Perturbation of the initial state, in all states, that changes the outputs of a run as much as the solver does:
+    /// the largest of all runs, up to where they leave the domain.
     pub error: f64,
-    /// What it was to be: a tenth of the error of the equations, within limits.
+    /// Wanted error: a tenth of the error of the equations, within limits.
     pub wanted: f64,
     /// Number of training runs and of corners that it was measured in.
     pub runs: [usize; 2],
-    /// Where it is largest.
+    /// Run of the largest error.
     pub worst: String,
     /// Steps of the solver in a second of simulated time: median of the training runs, and the most in any run.
     pub steps_per_second: [f64; 2],
-    /// Where they are most.
+    /// Run of the most steps.
     pub slowest: String,
 }
 
@@ -34,12 +34,12 @@ pub struct SolverRecord {
 pub struct ImplicitCost {
     /// Evaluations of the equations in a second of simulated time, the solution of linear equations among them: in all runs, by the implicit method.
     pub evaluations: f64,
-    /// The same by the explicit method at a tolerance of 1e-6.
+    /// Evaluations by the explicit method at a tolerance of 1e-6.
     pub explicit: f64,
 }
 
 impl SolverRecord {
-    /// How it integrates.
+    /// Integration with these numbers.
     pub(in crate::pipeline) fn integration(&self) -> Integration {
         let Self { tolerance, step, .. } = *self;
         match tolerance {
@@ -49,7 +49,7 @@ impl SolverRecord {
         }
     }
 
-    /// How it went, as text.
+    /// Description of the integration as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { tolerance, step, error, runs: [training, corners], worst, steps_per_second, slowest, .. } = self;
         let how = match tolerance {

@@ -16,7 +16,7 @@ pub struct Speed {
 }
 
 impl Speed {
-    /// As text.
+    /// Speed as text.
     pub fn describe(&self) -> String {
         let Self { source, surrogate, speed_up } = self;
         let [source, surrogate] = [source, surrogate].map(|seconds| number(1e3 * seconds));
@@ -24,7 +24,7 @@ impl Speed {
         format!("{speed_up} times as fast as its source: {surrogate} ms for a simulated second, the source {source} ms")
     }
 
-    /// Warning about a surrogate that is slower than its source, with what makes it slow.
+    /// Warning about a surrogate that is slower than its source, with the reason.
     pub(in crate::pipeline) fn warning(&self, surrogate: &Surrogate) -> Option<String> {
         let program = surrogate.program();
         let network = match program.motion() {

@@ -1,9 +1,9 @@
-//! What is known of the training of the equations of an FMU.
+//! Record of the training of the equations of an FMU.
 
 use super::{Candidate, SolverRecord, list};
 use serde::{Deserialize, Serialize};
 
-/// What was learned of the equations of an FMU.
+/// Result of a training on the equations of an FMU.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct StateSpaceRecord {
     /// Functions that were learned; the other derivatives and outputs are states.
@@ -18,7 +18,7 @@ pub struct StateSpaceRecord {
     pub candidates: Vec<Candidate>,
     /// The name of the best.
     pub exported: String,
-    /// How the solver integrates.
+    /// Integration by the solver.
     pub solver: SolverRecord,
 }
 
@@ -31,10 +31,10 @@ impl StateSpaceRecord {
         exported.map_or(f64::INFINITY, |candidate| candidate.error)
     }
 
-    /// What is wrong with the equations.
+    /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
         let error = self.error();
-        // also of what is not a number
+        // false for NaN as well
         let is_good = error <= POOR;
         (!is_good).then(|| {
             format!(
@@ -44,7 +44,7 @@ impl StateSpaceRecord {
         })
     }
 
-    /// How it went, in words.
+    /// Description of the training as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { functions, harmonics, powers, products, candidates, exported, solver, .. } = self;
         let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };

@@ -1,10 +1,10 @@
-//! What is known of the fit of a static map.
+//! Record of the fit of a static map.
 
 use super::{Candidate, list};
 use crate::evaluation::TestRows;
 use serde::{Deserialize, Serialize};
 
-/// What was learned of the rows of a table.
+/// Result of a fit to the rows of a table.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct StaticRecord {
     /// The kinds of model that were measured on unseen rows, each with the square root of the mean over outputs of `1 - R²`.
@@ -15,7 +15,7 @@ pub struct StaticRecord {
     pub rows: usize,
     /// Wall time of reading them.
     pub read_seconds: f64,
-    /// How the unseen rows were chosen.
+    /// Method by which the unseen rows were chosen.
     pub unseen: TestRows,
     /// Number of the unseen rows.
     pub unseen_rows: usize,
@@ -24,7 +24,7 @@ pub struct StaticRecord {
 }
 
 impl StaticRecord {
-    /// How it went, as text.
+    /// Description of the fit as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let exported = &self.exported;
         format!("relative errors on unseen rows: {}; exported: {exported}", list(&self.candidates))

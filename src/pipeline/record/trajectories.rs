@@ -1,9 +1,9 @@
-//! What is known of the identification from motions of a table.
+//! Record of the identification from motions of a table.
 
 use super::{Candidate, SolverRecord};
 use serde::{Deserialize, Serialize};
 
-/// What was learned from the motions of a table.
+/// Result of an identification from the motions of a table.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct TrajectoriesRecord {
     /// Errors of roll-outs of the candidates that were tried, along stretches that were held out. The best is exported.
@@ -22,9 +22,10 @@ pub struct TrajectoriesRecord {
     pub rate_errors: Vec<(String, f64)>,
     /// Coefficients other than zero.
     pub coefficients: usize,
-    /// Independent solutions of the equations that the rows do not tell apart, of equations of motion; of accelerations one.
+    /// Number of independent solutions of the equations of motion that the rows do not distinguish; one for
+    /// accelerations.
     pub solutions: usize,
-    /// How the solver integrates.
+    /// Integration by the solver.
     pub solver: SolverRecord,
 }
 
@@ -39,10 +40,10 @@ impl TrajectoriesRecord {
         self.candidates.iter().map(|candidate| candidate.error).fold(f64::INFINITY, f64::min)
     }
 
-    /// What is wrong with the equations.
+    /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
         let error = self.error();
-        // also of what is not a number
+        // false for NaN as well
         let is_good = error <= POOR;
         (!is_good).then(|| {
             format!(
@@ -53,7 +54,7 @@ impl TrajectoriesRecord {
         })
     }
 
-    /// How it went, in words.
+    /// Description of the identification as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, periodic, .. } = self;
         let errors: Vec<String> =

@@ -29,7 +29,7 @@ pub fn density_figure(evaluated: &Evaluated, column: usize, prefix: &str) -> Fig
     let (name, unit) = output(evaluated, column);
     let edge = |cell: usize| low + (high - low) * cell as f64 / CELLS as f64;
     let most = counts.iter().copied().max().unwrap_or(1).max(2) as f64;
-    // neighbours of one shade become one rectangle
+    // neighbors of one shade become one rectangle
     let shade = |count: u64| if count == 0 { 0 } else { 1 + (7.0 * (count as f64).ln() / most.ln()).round() as u32 };
     let mut cells = Vec::new();
     for (row, counts) in counts.chunks(CELLS).enumerate() {

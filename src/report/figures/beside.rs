@@ -8,7 +8,7 @@ use super::{
 /// Two surrogates on the same test runs, the left one first. One of them is the report's own.
 #[derive(Debug)]
 pub struct Beside<'a> {
-    /// What each is called.
+    /// Names of the surrogates.
     pub names: [String; 2],
     /// The surrogates.
     pub evaluated: [&'a Evaluated<'a>; 2],

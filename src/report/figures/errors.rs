@@ -1,4 +1,4 @@
-//! Where errors are: over time, over each parameter, and in the parameters' ranges.
+//! Errors over time, over each parameter, and in the parameters' ranges.
 
 use super::{
     Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, left_out, lines, output, paragraph,
@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 /// Runs that are drawn where they lie.
 const RUNS: usize = 800;
-/// Pairs of parameters that are drawn at the most.
+/// Largest number of pairs of parameters that are drawn.
 const PAIRS: usize = 6;
 /// Outputs in one chart.
 const LINES: usize = 6;

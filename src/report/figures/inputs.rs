@@ -1,4 +1,4 @@
-//! What drove the test runs of a surrogate with states.
+//! Inputs that drove the test runs of a surrogate with states.
 
 use super::{
     Axis, Chart, ChartSeries, Evaluated, Figure, INKS, ReportBlock, Section, Shape, paragraph, responses::time_axis,

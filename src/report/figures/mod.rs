@@ -20,7 +20,7 @@ use super::{
 use crate::{diagnostics::numbers::number, html::escape};
 pub use beside::Beside;
 
-/// Outputs that a section shows at the most, in the study's order.
+/// Largest number of outputs that a section shows, in the study's order.
 const OUTPUTS: usize = 12;
 
 /// Every section that has content.
@@ -43,8 +43,8 @@ pub fn sections(material: &Material) -> Vec<Section> {
     all.into_iter().flatten().collect()
 }
 
-/// The figures of a model card: errors over time, and the worst test run of the output that is predicted worst; of a static map the
-/// predictions of that output.
+/// Figures of a model card: errors over time, and the worst test run of the output with the largest error. For a static
+/// map they are the predictions of that output.
 pub fn card_figures(evaluated: &Evaluated) -> Vec<Figure> {
     let r2 = |(output, metrics): (usize, &crate::evaluation::OutputMetrics)| (output, metrics.r2.unwrap_or(1.0));
     let worst = evaluated.accuracy.outputs.values().enumerate().map(r2).min_by(|a, b| a.1.total_cmp(&b.1));
@@ -79,12 +79,12 @@ fn shown(evaluated: &Evaluated) -> std::ops::Range<usize> {
     0..evaluated.outputs().min(OUTPUTS)
 }
 
-/// What test runs are, and their parameters: of a static map unseen rows and inputs.
+/// Words for test runs and their parameters: unseen rows and inputs for a static map.
 fn words(evaluated: &Evaluated) -> [&'static str; 2] {
     if evaluated.is_of_rows() { ["unseen rows", "input"] } else { ["test runs", "parameter"] }
 }
 
-/// What is left out because there are too many outputs.
+/// Note on the outputs that are not shown because there are too many.
 fn left_out(evaluated: &Evaluated) -> Option<ReportBlock> {
     let count = evaluated.outputs();
     (count > OUTPUTS)
@@ -136,7 +136,7 @@ fn unit(unit: &str) -> String {
     escape(if unit.is_empty() { "-" } else { unit })
 }
 
-/// `R²` as people read it: as many digits as there are nines, and a few more.
+/// `R²` as people read it: one digit for each nine, and a few more.
 fn r2(value: Option<f64>) -> String {
     let digits = |r2: f64| if r2.abs() < 1e4 { format!("{r2:.7}") } else { format!("{r2:.2e}") };
     value.map_or("constant output".into(), digits)

@@ -6,7 +6,7 @@ use super::{
 };
 use crate::source::MovingPoint;
 
-/// Charts of one kind at the most.
+/// Largest number of charts of one kind.
 const CHARTS: usize = 8;
 
 pub fn section(material: &Material) -> Option<Section> {
@@ -32,7 +32,7 @@ pub fn section(material: &Material) -> Option<Section> {
     (!blocks.is_empty()).then(|| Section { id: "motion", title: "Motion".into(), blocks })
 }
 
-/// Outputs of which the second is the first one's rate: by their units, and by differences of a run.
+/// Pairs of outputs of which the second is the rate of the first, by their units and by differences of a run.
 fn pairs(evaluated: &Evaluated, run: usize) -> Vec<(usize, usize)> {
     let units: Vec<&str> = (0..evaluated.outputs()).map(|column| output(evaluated, column).1).collect();
     let rate_of = |quantity: usize| {

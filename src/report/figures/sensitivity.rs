@@ -1,4 +1,4 @@
-//! How strongly each parameter acts on each output.
+//! Sensitivity of each output to each parameter.
 
 use super::{
     Axis, Chart, Evaluated, Figure, ReportBlock, Section, code, escape, left_out, lines, number, output, paragraph,

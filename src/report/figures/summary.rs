@@ -1,4 +1,4 @@
-//! What the surrogate is, how accurate it is, and where it comes from.
+//! Summary of the surrogate: its kind, its accuracy, and its origin.
 
 use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, r2, table, unit};
 use crate::{
@@ -114,7 +114,7 @@ pub fn summary(material: &Material) -> Section {
     Section { id: "summary", title: "Summary".into(), blocks }
 }
 
-/// So many inputs, as text.
+/// Number of inputs as text.
 fn inputs(count: usize) -> String {
     if count == 1 { "1 input".into() } else { format!("{count} inputs") }
 }
@@ -124,7 +124,7 @@ fn both(error: f64, share: Option<f64>) -> String {
     number(error) + &share.map_or(String::new(), |share| format!("<br>{}", percent(share)))
 }
 
-/// How errors grow along roll-outs.
+/// Growth of errors along roll-outs.
 fn roll_outs(
     found @ RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite], .. }: &RollOuts,
     test_runs: usize,
@@ -163,7 +163,7 @@ fn sizes(network: &ScaledNetwork) -> String {
     if hidden.is_empty() { "no hidden layer".into() } else { format!("hidden layers of {} nodes", hidden.join(", ")) }
 }
 
-/// Nodes and activation in words.
+/// Nodes and activation as text.
 fn network(material: &Material) -> String {
     let NetworkOptions { hidden, activation, .. } = &material.study.network;
     let hidden: Vec<String> = hidden.iter().map(usize::to_string).collect();

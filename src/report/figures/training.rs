@@ -1,4 +1,4 @@
-//! How the training went.
+//! Course of the training.
 
 use super::{Axis, Chart, ChartSeries, Figure, Ink, Material, ReportBlock, Section, Shape, paragraph};
 use crate::training::EpochRecord;

@@ -81,7 +81,7 @@ impl FmuRuns {
         Ok(ResolvedFmu { runs, driven, parameters, outputs })
     }
 
-    /// The same FMU, of which processes evaluate the equations.
+    /// Copy whose processes evaluate the equations.
     pub(super) fn of_equations(&self) -> Self {
         let mut task = (*self.task).clone();
         task.driven = task.driven.map(|driven| DrivenRuns { derivatives: true, ..driven });
@@ -121,7 +121,7 @@ impl Launcher for FmuLauncher<'_> {
     }
 }
 
-/// A process that has loaded the FMU.
+/// A process with the loaded FMU.
 struct FmuProcess {
     worker: Worker<SamplingReply>,
     one_run: bool,

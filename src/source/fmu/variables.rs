@@ -26,9 +26,9 @@ pub struct Resolved {
     pub parameters: Vec<SourceVariable>,
     /// In the study's order.
     pub outputs: Vec<SourceVariable>,
-    /// What is set and recorded; the rest is not filled in.
+    /// Variables that are set and recorded; the rest is not filled in.
     pub task: SamplingTask,
-    /// How runs start and what drives them, if inputs do.
+    /// Initial states of the runs, and inputs that drive them, if there are any.
     pub driven: Option<Driven>,
 }
 
@@ -273,7 +273,7 @@ fn named(name: &str, unit: &str, description: Option<&str>, variable: &ScalarVar
     SourceVariable::new(name, unit, description.or(variable.description.as_deref()).unwrap_or_default())
 }
 
-/// Whether a study can vary a variable, or why not.
+/// Checks that a study can vary a variable; the error says why not.
 pub fn varied(variable: &ScalarVariable) -> std::result::Result<(), String> {
     settable(variable)?;
     if !matches!(variable.kind, VariableType::Real(_)) {
@@ -288,7 +288,7 @@ pub fn varied(variable: &ScalarVariable) -> std::result::Result<(), String> {
     Ok(())
 }
 
-/// Whether a variable may be given a value before the simulation, or why not.
+/// Checks that a variable may have a value before the simulation; the error says why not.
 pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), String> {
     let starts = matches!(variable.initial, Some(Initial::Exact | Initial::Approx)) && variable.kind.has_start();
     let problem = match variable.causality {
@@ -303,7 +303,7 @@ pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), String> {
     Err(problem.into())
 }
 
-/// Whether a variable may be an output of a study, or why not.
+/// Checks that a variable may be an output of a study; the error says why not.
 pub fn recordable(variable: &ScalarVariable) -> std::result::Result<(), String> {
     let problem = match (&variable.kind, variable.causality) {
         (VariableType::Real(_), Causality::Output | Causality::Local | Causality::CalculatedParameter) => return Ok(()),

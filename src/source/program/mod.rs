@@ -172,7 +172,7 @@ impl Launcher for &ProgramRuns {
     }
 }
 
-/// Asks a program what it has; none if that is interrupted.
+/// Requests the description of a program; none if that is interrupted.
 ///
 /// # Errors
 /// [`Error::Worker`] if it does not answer, [`Error::Io`] if it cannot be started.
@@ -235,7 +235,8 @@ struct RunningProgram {
 }
 
 impl RunningProgram {
-    /// Starts a program whose replies have at most `numbers` numbers, and asks what it has; none if that is interrupted.
+    /// Starts a program whose replies have at most `numbers` numbers, and requests its description; none if that is
+    /// interrupted.
     fn start(
         command: &ProgramCommand,
         numbers: usize,
@@ -280,7 +281,7 @@ enum Answer {
     Stopped,
 }
 
-/// A program that was described.
+/// A program with its description.
 struct ProgramProcess {
     program: RunningProgram,
     runs: ProgramRuns,

@@ -41,7 +41,7 @@ pub(super) fn problems(study: &Study, arguments: &[String]) -> Problems {
 /// Runs of such a program, one after the other.
 pub(super) struct OneShot {
     runs: ProgramRuns,
-    /// Where the program reads and writes files.
+    /// Folder in which the program reads and writes files.
     folder: TempDir,
 }
 

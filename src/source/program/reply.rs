@@ -8,7 +8,7 @@ use serde::{
 };
 use std::path::{Path, PathBuf};
 
-/// Characters of a line that a message shows.
+/// Number of characters of a line that a message shows.
 const SHOWN: usize = 120;
 
 /// Largest difference of a time in a file from that of a row, relative to the step between two rows.
@@ -18,7 +18,7 @@ const SAME_TIME: f64 = 1e-6;
 #[derive(Debug, Serialize)]
 #[serde(tag = "request", rename_all = "lowercase")]
 pub(super) enum Request<'a> {
-    /// For what the program has.
+    /// For the description of the program.
     Describe { protocol: u32 },
     /// For the outputs of a run at some times.
     Run {

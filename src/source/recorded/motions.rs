@@ -1,5 +1,5 @@
-//! Motions in a table, from which equations are learned: columns of coordinates, of their rates and of inputs, in rows that are equally far
-//! apart in time.
+//! Motions in a table, from which equations are learned: columns of coordinates, of their rates and of inputs, in rows
+//! that are equally spaced in time.
 
 use super::{Recorded, resolve, runs::Runs};
 use crate::{
@@ -25,13 +25,13 @@ use std::sync::{Arc, atomic::AtomicBool};
 #[derive(Clone, Debug)]
 pub struct Motions {
     driven: Driven,
-    /// What each run has beside its times: the state of its first row among the parameters.
+    /// Runs, with the state of the first row among the parameters of each.
     runs: Arc<Vec<Run>>,
     trajectories: Arc<Vec<Trajectory>>,
     inputs: Vec<SourceVariable>,
     /// The numbers of the runs of each set.
     chosen: Sets<Vec<usize>>,
-    /// End of what is learned from.
+    /// End of the rows to learn from.
     stop: f64,
 }
 
@@ -39,7 +39,7 @@ pub struct Motions {
 const ROUNDING: f64 = 1e-9;
 
 impl Motions {
-    /// What the states are and what drives them.
+    /// States and inputs of the motions.
     pub fn driven(&self) -> &Driven {
         &self.driven
     }
@@ -61,7 +61,7 @@ impl Motions {
         Ok(Sets { train: train.until(self.stop), test, calibration })
     }
 
-    /// What is learned from.
+    /// Trajectories to learn from.
     pub(super) fn learned(&self) -> Vec<Trajectory> {
         let part = |run: &usize| {
             let rows = self.runs[*run].times.partition_point(|time| *time <= self.stop);

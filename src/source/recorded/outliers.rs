@@ -1,4 +1,5 @@
-//! Rows of recorded outputs that stand far beyond all others, as a sensor or a transmission that fails for a moment makes them.
+//! Rows of recorded outputs that stand far beyond all others, as a short failure of a sensor or a transmission causes
+//! them.
 
 use crate::dataset::Run;
 

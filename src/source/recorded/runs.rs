@@ -1,4 +1,4 @@
-//! Rows on their way into runs, and what a run must be: rows in the order of time from zero to the end, in one place, of
+//! Rows on their way into runs. The rows of a run must be in the order of time from zero to the end, in one place, with
 //! parameters that no other run has.
 
 use super::{
@@ -38,15 +38,15 @@ pub(super) struct Runs<'a> {
     pub(super) finished: Vec<Run>,
     pub(super) current: Option<Current>,
     labels: RunLabels,
-    /// Where each point began.
+    /// Place at which each point begins.
     points: HashMap<Vec<u64>, Place>,
-    /// Names of runs with inputs, by the hash of what was recorded.
+    /// Names of runs with inputs, by the hash of their recorded values.
     recordings: HashMap<u64, String>,
     /// Runs mostly share their times: the previous run's are kept to share them.
     shared_times: Arc<[f64]>,
-    /// Of the stamps so far.
+    /// Unit of the stamps so far.
     unit: StampUnit,
-    /// Where the rows of finished runs with samples are.
+    /// Places of the rows of finished runs with samples.
     origins: Vec<(PathBuf, Vec<Place>)>,
 }
 
@@ -61,12 +61,12 @@ pub(super) struct Current {
     before: usize,
     /// Time of the last row, those past the end included.
     last: Option<f64>,
-    /// Where the rows of a motion, or of a run with samples, are in the table.
+    /// Places of the rows of a motion, or of a run with samples, in the table.
     places: Vec<Place>,
 }
 
-/// Past samples by which the first rows of a record are compared with rest, rows for each column of them at least, and a weight that keeps
-/// columns apart that are nearly the same.
+/// Number of past samples by which the first rows of a record are compared with rest, minimum number of rows for each
+/// column of them, and a weight that separates columns that are nearly equal.
 const ORDER: usize = 8;
 const ROWS_OF_A_COLUMN: usize = 4;
 const RIDGE: f64 = 1e-10;
@@ -242,8 +242,9 @@ impl<'a> Runs<'a> {
         Err(Error::Table { path: path.clone(), place: places[row], message })
     }
 
-    /// Ends runs with inputs at the study's `time.stop`; a single one is cut into as many as it gives, each with the rows before it. The first
-    /// rows of a record that does not begin at rest are what was before its first piece. Returns a notice about runs that do not begin at rest.
+    /// Ends runs with inputs at the study's `time.stop`. A single one is cut into as many as it gives, each with the
+    /// rows before it. If a record does not begin at rest, its first rows are the past of its first piece. Returns a
+    /// notice about runs that do not begin at rest.
     pub(super) fn cut(&mut self) -> Option<String> {
         let (step, longest) = self.recorded.samples?;
         let first = self.finished.first()?;
@@ -289,8 +290,9 @@ impl<'a> Runs<'a> {
         })
     }
 
-    /// Returns true if the first rows of a record contradict rest before them. A linear function of past samples gives the next outputs, by least
-    /// squares on the rows whose past is known; with outputs and inputs at rest before the first row its errors in the first rows are much larger.
+    /// Returns true if the first rows of a record contradict rest before them. A linear function of past samples gives
+    /// the next outputs, by least squares on the rows whose past is known. If outputs and inputs are assumed at rest
+    /// before the first row, its errors in the first rows are then much larger.
     fn moves(&self, run: &Run, longest: usize) -> bool {
         let [inputs, outputs] = [self.recorded.inputs.len(), self.recorded.outputs.len()];
         let (rows, signals) = (run.times.len() - 1, outputs + inputs);
@@ -345,7 +347,7 @@ impl<'a> Runs<'a> {
     }
 }
 
-/// Makes the times of a motion's rows those of rows that are equally far apart, which they are but for rounding.
+/// Sets the times of a motion's rows to equally spaced ones, from which they differ by rounding only.
 fn even_out(table: &Table, run: &str, times: &mut [f64], places: &[Place]) -> Result<()> {
     if times.len() < 3 {
         return Ok(());

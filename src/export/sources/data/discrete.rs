@@ -53,7 +53,7 @@ pub fn part(surrogate: &Surrogate, sampling: &Sampling) -> ModelSources {
     }
 }
 
-/// Numbers of what is compared with the support of the training; zero if it is not known.
+/// Numbers of values that are compared with the support of the training; zero if it is not known.
 #[derive(Default)]
 struct MeasureCounts {
     inputs: usize,
@@ -85,7 +85,7 @@ impl MeasureCounts {
     }
 }
 
-/// Samples in the step that hosts are told.
+/// Number of samples in the step that hosts receive.
 fn samples(surrogate: &Surrogate, sampling: &Sampling) -> f64 {
     (surrogate.metadata().time_step / sampling.step).ceil().max(1.0)
 }

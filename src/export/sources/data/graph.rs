@@ -15,7 +15,7 @@ use metafmu_runtime::{
     listing::Listing,
 };
 
-/// A step as `graph.h` has it; what it does not need is zero.
+/// A step in the form of `graph.h`; unused numbers are zero.
 struct StepRow {
     kind: &'static str,
     function: String,
@@ -38,7 +38,7 @@ pub(super) struct GraphSources {
     pub names: Vec<&'static str>,
     pub sizes: Vec<(&'static str, usize, &'static str)>,
     pub data: String,
-    /// Of an evaluation.
+    /// Operations of an evaluation.
     pub operations: Operations,
     rows: Vec<String>,
     nodes: Vec<Node>,

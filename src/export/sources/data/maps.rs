@@ -1,9 +1,9 @@
-//! Models without states: what makes columns of the inputs, and instants.
+//! Models without states: inputs, their encoding, and instants.
 
 use super::{ModelSources, array, double, operations::Operations, push};
 use metafmu_runtime::{Encoder, Encoding, Input, Surrogate};
 
-/// What is generated of a network or a regression, or of several networks.
+/// Generated part of a network or a regression, or of several networks.
 pub(super) struct MapPart {
     /// Its header.
     pub header: &'static str,
@@ -11,19 +11,19 @@ pub(super) struct MapPart {
     pub defines: Vec<(&'static str, String)>,
     /// External names.
     pub names: Vec<&'static str>,
-    /// Sizes, with a comment each where it takes one.
+    /// Sizes, with a comment where one is needed.
     pub sizes: Vec<(&'static str, usize, &'static str)>,
     /// Definitions.
     pub data: String,
-    /// Of an evaluation of one.
+    /// Operations of an evaluation of one map.
     pub operations: Operations,
-    /// What has the formula, with its verb.
+    /// Files with the formula, followed by the verb.
     pub formula: &'static str,
 }
 
 const NAMES: [&str; 4] = ["map_adjoint", "map_along_curve", "map_evaluate", "model_turns"];
 
-/// The model of one map, or of a network for each of some instants.
+/// Model of one map, or of a network for each of several instants.
 pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> ModelSources {
     let (inputs, outputs) = (surrogate.inputs(), surrogate.outputs().len());
     let features = Encoder::of(inputs).width();
@@ -61,7 +61,7 @@ pub fn part(surrogate: &Surrogate, instants: &[f64], map: MapPart) -> ModelSourc
     }
 }
 
-/// Of all outputs at a point; the formula is in `maps.c`.
+/// Operations for all outputs at a point; the formula is in `maps.c`.
 fn operations(inputs: &[Input], outputs: usize, instants: usize, of_map: Operations) -> Operations {
     let of_input = |input: &Input| match &input.encoding {
         Encoding::Plain => Operations::default(),
@@ -83,7 +83,7 @@ fn operations(inputs: &[Input], outputs: usize, instants: usize, of_map: Operati
     of_map.times(2.0, between.times(1.0, encoding))
 }
 
-/// Where periodic inputs begin, and how long a period is.
+/// Start and length of the period of each periodic input.
 fn turns(inputs: &[Input]) -> String {
     let mut text = String::from("\nconst Turn model_turns[COLUMN_COUNT] = {\n");
     for Input { min, max, encoding, .. } in inputs {

@@ -63,7 +63,7 @@ pub fn part(surrogate: &Surrogate, motion: &Motion, integration: Integration) ->
     }
 }
 
-/// Those of the equations, the positions and the reactions, or of none.
+/// Listings of the equations, the positions and the reactions; empty ones for reactions that do not exist.
 fn listings(motion: &Motion) -> [Listing; 3] {
     let dynamics = &motion.dynamics;
     let none = || {

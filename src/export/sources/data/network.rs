@@ -6,7 +6,7 @@ use metafmu_runtime::{Activation, Layer, Numbers, ScaledNetwork, Surrogate};
 /// Rows of a layer that are computed together; `BLOCK` of the C code. As many doubles as two AVX-512 registers hold.
 pub(super) const BLOCK: usize = 16;
 
-/// The same among the sizes of a model.
+/// Entry of `BLOCK` among the sizes of a model.
 pub(super) const BLOCK_SIZE: (&str, usize, &str) = ("BLOCK", BLOCK, "rows of a layer that are computed together");
 
 /// External names of the activations.
@@ -38,7 +38,7 @@ pub fn map(surrogate: &Surrogate, networks: &[ScaledNetwork]) -> MapPart {
     }
 }
 
-/// Of an evaluation; the formula is in `network.c`.
+/// Operations of an evaluation; the formula is in `network.c`.
 fn operations(network: &ScaledNetwork, outputs: usize) -> Operations {
     let (last, hidden) = split(network);
     let products: usize = hidden.iter().map(|layer| 2 * layer.inputs * padded(layer.outputs)).sum();
@@ -135,7 +135,7 @@ pub(super) fn padded_to_block(numbers: &Numbers) -> Vec<f64> {
     padded_values
 }
 
-/// As the evaluator has it: without weights so small that products with them would be denormal.
+/// Weight as the evaluator uses it: zero if products with it would be denormal.
 fn flushed(value: f64) -> f64 {
     if value.abs() < 1e-100 { 0.0 } else { value }
 }

@@ -1,4 +1,4 @@
-//! What computing takes at worst: numbers of operations, for `model_data.h`.
+//! Numbers of operations of a computation in the worst case, for `model_data.h`.
 
 use super::push;
 
@@ -19,7 +19,7 @@ pub(super) struct Operations {
 }
 
 impl Operations {
-    /// So many times these, and others.
+    /// These operations `count` times, plus `others`.
     pub fn times(self, count: f64, others: Self) -> Self {
         let sum = |own: f64, other: f64| count * own + other;
         Self {
@@ -32,7 +32,7 @@ impl Operations {
         }
     }
 
-    /// A comment that says what takes them, and which files have the formula.
+    /// Comment that names the origin of the operations, and the files with the formula.
     pub fn remark(&self, what: &str, formula: &str) -> String {
         let mut text = format!("\n/*\n * {what} at worst\n *\n");
         for (count, what) in [

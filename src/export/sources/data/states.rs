@@ -1,4 +1,4 @@
-//! What all models with continuous states have: the solver.
+//! Solver of all models with continuous states.
 
 use super::{double, operations::Operations, table};
 use metafmu_runtime::{Integration, Scale, Surrogate};
@@ -54,7 +54,7 @@ pub(super) fn remark(
     Operations { arithmetic, ..of_stages }.remark("A step of model_time_step takes", "states.c has")
 }
 
-/// Evaluations of the equations in so many steps, none of which is repeated.
+/// Number of evaluations of the equations in `sub_steps` steps, none of which is repeated.
 fn stages(sub_steps: f64, integration: Integration, states: f64) -> f64 {
     match integration {
         Integration::ErrorControlled { .. } => 6.0 * sub_steps + 1.0,

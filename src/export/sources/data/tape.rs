@@ -1,4 +1,4 @@
-//! Tapes: lists of operations, and what they take.
+//! Tapes: lists of operations, and their cost.
 
 use super::{operations::Operations, push, real, table};
 use metafmu_runtime::formula::Combination;

@@ -411,7 +411,7 @@ fn the_functions_of_fmi_2_answer_as_the_library_does_of_samples() {
     run(&seal(example::recorded()).unwrap(), FmiVersion::V2, include_str!("fmi2_samples.c"));
 }
 
-/// What tests/hosts/strict.c prints with the library of a surrogate, by each version and interface: the outputs at the end.
+/// Outputs that tests/hosts/strict.c prints at the end with the library of a surrogate, by each version and interface.
 fn run_strict_host(
     surrogate: Surrogate,
     model: &str,

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// The same with an activation after the last layers.
+/// The surrogate with an activation after the last layer of each network.
 pub(super) fn bent(surrogate: &Surrogate, activation: Activation) -> Surrogate {
     let mut networks = networks(surrogate);
     networks.iter_mut().for_each(|network| network.layers.last_mut().unwrap().activation = activation);
@@ -72,7 +72,8 @@ pub(super) fn regressions(example: &Surrogate) -> [Surrogate; 3] {
     .map(|graph| Surrogate::new(example.metadata().clone(), graph).unwrap())
 }
 
-/// A Gaussian process of the example's columns with its predicted standard deviation; of so many centres that rows are in several blocks.
+/// Gaussian process of the example's columns with its predicted standard deviation. Its number of centers requires
+/// several blocks of rows.
 pub(super) fn process(example: &Surrogate) -> Surrogate {
     let (n, count) = (Encoder::of(example.inputs()).width(), 70);
     let whitening = (0..count).flat_map(|row| (0..=row).map(move |column| (row, column)));
@@ -195,8 +196,8 @@ pub(super) fn pushed_by_nothing() -> Surrogate {
     Surrogate::new(metadata, Program::of_motion(motion, integration)).unwrap()
 }
 
-/// A wheel whose angle and speed are the states, by a network from sine and cosine of the angle, and from the rest: the outputs are the
-/// angle and a function.
+/// A wheel with angle and speed as states. A network computes from sine and cosine of the angle and from the other
+/// columns; the outputs are the angle and a function.
 pub(super) fn turning(activation: Activation) -> Surrogate {
     let oscillator = example::oscillator(None);
     let mut metadata = oscillator.metadata().clone();
@@ -283,12 +284,12 @@ pub(super) fn of_samples(
     Surrogate::new(metadata, Program { graph, clock: Clock::Sampled(Box::new(sampling)) }).unwrap()
 }
 
-/// Nothing is fed back, and there is no parameter and no network.
+/// Model without feedback, parameters and network.
 pub(super) fn window() -> Surrogate {
     of_samples([0, 4], &[0.4, 0.3, -0.2, 0.1], &[0.01], |metadata| drop(metadata.inputs.remove(0)))
 }
 
-/// Two inputs and two outputs, of which one past sample each counts.
+/// Model of two inputs and two outputs, with one past sample of each.
 pub(super) fn two_by_two() -> Surrogate {
     let weights = [0.9, 0.2, 0.1, -0.1, 0.02, -0.3, 0.8, 0.05, 0.2, -0.01];
     of_samples([1, 1], &weights, &[0.01, -0.02], |metadata| {
@@ -302,7 +303,7 @@ pub(super) fn two_by_two() -> Surrogate {
     })
 }
 
-/// Nothing drives it, and nothing is hidden.
+/// Model without inputs and hidden states.
 pub(super) fn alone() -> Surrogate {
     of_samples([2, 1], &[1.2, -0.5, 0.1], &[0.01], |metadata| metadata.inputs.truncate(2))
 }

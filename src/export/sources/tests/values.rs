@@ -136,7 +136,7 @@ fn the_steps_of_a_motion_are_those_of_the_evaluator() {
     }
 }
 
-/// With this integration a tolerance that a host may give is looked at.
+/// Integration with error control, whose tolerance a host may change.
 const CONTROLLED: Integration = Integration::ErrorControlled { tolerance: 1e-5, longest: 0.02 };
 const IMPLICIT: Integration = Integration::Implicit { tolerance: 1e-5, longest: 0.02 };
 

@@ -33,7 +33,8 @@ fn scalar_variables(root: &Element) -> impl Iterator<Item = &Element> {
     root.list("ModelVariables").filter(|element| element.name == "ScalarVariable")
 }
 
-/// What the schema check has reported is not reported again here: a value that does not parse counts as absent.
+/// Reader of FMI 2.0. It does not repeat problems that the schema check reports: a value that does not parse counts as
+/// absent.
 struct Fmi2Reader {
     problems: Vec<XmlProblem>,
 }

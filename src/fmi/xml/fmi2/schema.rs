@@ -274,7 +274,7 @@ const TYPES: &[(u8, &str, Occurs)] = &[
     (1, "Annotations", AtMostOnce),
 ];
 
-/// Whether an element gives the type of a variable.
+/// Returns true if an element gives the type of a variable.
 pub fn is_type(name: &str) -> bool {
     TYPE_NAMES.contains(&name)
 }

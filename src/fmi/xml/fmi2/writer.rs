@@ -12,8 +12,8 @@ use crate::fmi::{
 
 /// The text of a modelDescription.xml; the same description always gives the same bytes.
 ///
-/// Elements are in the order that the standard requires. What FMI 2.0 cannot express (arrays, clocks, aliases, wide
-/// integers) is not written, nor are items of enumerations, which are not part of a description.
+/// Elements are in the order that the standard requires. Arrays, clocks, aliases and wide integers do not exist in FMI
+/// 2.0 and are omitted. So are items of enumerations, which are not part of a description.
 pub fn write(description: &ModelDescription) -> String {
     let mut out = XmlWriter::new();
     let mut root = root_attributes(description, "guid");

@@ -42,7 +42,8 @@ fn variables(root: &Element) -> impl Iterator<Item = &Element> {
     root.list("ModelVariables").filter(|element| VARIABLES.contains(&element.name.as_str()))
 }
 
-/// What the schema check has reported is not reported again here: a value that does not parse counts as absent.
+/// Reader of FMI 3.0. It does not repeat problems that the schema check reports: a value that does not parse counts as
+/// absent.
 struct Fmi3Reader {
     /// Positions of the variables by value reference.
     positions: HashMap<u32, usize>,

@@ -97,7 +97,7 @@ const ARRAY: &[(u8, &str, Occurs)] = &[(0, "Annotations", AtMostOnce), (1, "Dime
 const ARRAY_OF_TEXTS: &[(u8, &str, Occurs)] =
     &[(0, "Annotations", AtMostOnce), (1, "Dimension", Any), (2, "Start", Any), (3, "Alias", Any)];
 
-/// Whether a number fits the width of its variable is for the reader to say.
+/// Bounds of an integer; the reader checks that numbers fit the width of their variable.
 const INTEGER_BOUNDS: &[Attribute] = &[may("quantity", Text), may("min", ANY_INTEGER), may("max", ANY_INTEGER)];
 const INTEGER_START: &[Attribute] = &[may("start", Wholes(i64::MIN as i128, u64::MAX as i128))];
 const ANY_INTEGER: ValueType = Whole(i64::MIN as i128, u64::MAX as i128);

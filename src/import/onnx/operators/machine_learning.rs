@@ -1,9 +1,9 @@
-//! Regressors and scalers of `ai.onnx.ml`; trees have a file of their own.
+//! Regressors and scalers of `ai.onnx.ml`; `trees.rs` has the trees.
 
 use super::*;
 
 impl GraphReader {
-    /// What is replaced must be NaN, which never reaches an FMU: then nothing is.
+    /// Imputer: it may replace NaN only, which never reaches an FMU, so it passes its input on.
     pub(super) fn imputer(&mut self, node: &NodeProto) -> Made {
         match Attributes::of(node).number("replaced_value_float") {
             Some(replaced) if replaced.is_nan() => self.input(node, 0),
@@ -146,7 +146,7 @@ impl GraphReader {
     }
 }
 
-/// As singles if all of them are.
+/// Numbers in single precision, if all of them fit.
 fn single(values: Vec<f64>) -> Numbers {
     match values.iter().all(|value| f64::from(*value as f32) == *value) {
         true => values.into_iter().map(|value| value as f32).collect::<Vec<f32>>().into(),

@@ -42,7 +42,8 @@ impl GraphReader {
         self.standardised(&value, &of(&mean), &of(&factors), &of(&bias))
     }
 
-    /// `(x - mean) factor + offset`, in this order: of inputs that are far from zero few digits would be left of a difference of products.
+    /// `(x - mean) factor + offset`, in this order: with inputs far from zero, a difference of products would have few
+    /// digits.
     pub(super) fn standardised(&mut self, value: &Value, mean: &[f64], factors: &[f64], offsets: &[f64]) -> Made {
         let difference = self.with_constant(Operation::Subtract, value, mean, false)?;
         self.mapped(&difference, Elementwise::Linear, [factors, offsets].concat())
@@ -58,7 +59,7 @@ impl GraphReader {
         self.scaled(node, normal)
     }
 
-    /// Of each channel, or of as many groups of them as are given.
+    /// Normalization of each channel, or of as many groups of channels as are given.
     pub(super) fn group_normalization(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         let epsilon = attributes.float("epsilon", 1e-5)?;
@@ -147,7 +148,7 @@ impl GraphReader {
         Ok(Value::Row(RowTensor { value: self.builder.columns(columns)?, ..row.clone() }))
     }
 
-    /// The axis of a softmax, and whether those after it belong to it as well.
+    /// The axis of a softmax, and `true` if those after it belong to it as well.
     fn normalised_axis(&self, node: &NodeProto, rank: usize) -> Result<(usize, bool), String> {
         // before version 13 all axes from this one on are one
         let (default, whole) = if self.opset < 13 { (1, true) } else { (-1, false) };
@@ -172,7 +173,7 @@ impl GraphReader {
         self.transposed(&turned, &order)
     }
 
-    /// What is subtracted is a logarithm of a sum that is at least 1, so nothing underflows to -inf.
+    /// Subtracts the logarithm of a sum that is at least 1, so nothing underflows to -inf.
     pub(super) fn log_softmax(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         let (at, whole) = self.normalised_axis(node, value.shape().len())?;
@@ -199,7 +200,7 @@ impl GraphReader {
         let axes = self.integers(node, 1, "axes")?.filter(|axes| !axes.is_empty());
         let axes: Vec<usize> = match axes {
             Some(axes) => axes.iter().map(|at| axis(*at, shape.len())).collect::<Result<_, _>>()?,
-            // what is done to each element is done all the same
+            // operations on each element still apply
             None if attributes.integer("noop_with_empty_axes").unwrap_or(0) != 0 => Vec::new(),
             None => (0..shape.len()).collect(),
         };
@@ -270,7 +271,7 @@ impl GraphReader {
         }
     }
 
-    /// The product of elements, or the largest or smallest: one half with the other, until one is left.
+    /// Product of elements, or the largest or smallest: combines one half with the other until one element remains.
     pub(super) fn folded(&mut self, operation: Operation, value: &Value, kept: Vec<usize>) -> Made {
         let mut of: Vec<Vec<usize>> = vec![Vec::new(); kept.iter().product()];
         let into = broadcast_places(&kept, value.shape());

@@ -109,7 +109,8 @@ impl GraphReader {
         }
     }
 
-    /// What a comparison takes: inputs of the graph in the precision that they have there, as a threshold may be the same number.
+    /// Operand of a comparison. Inputs of the graph are rounded to the model's precision, because a threshold may be
+    /// the same number.
     fn compared(&mut self, node: &NodeProto, place: usize) -> Made {
         match self.input(node, place)? {
             Value::Row(row) if row.is_single && self.is_input(&row) => Ok(Value::Row(self.rounded(row)?)),
@@ -117,7 +118,7 @@ impl GraphReader {
         }
     }
 
-    /// 1 where it is so, else 0.
+    /// 1 where the comparison is true, else 0.
     pub(super) fn compare(&mut self, node: &NodeProto) -> Made {
         let (a, b) = (self.compared(node, 0)?, self.compared(node, 1)?);
         let (more, less) = if node.op_type.starts_with("Greater") { (a, b) } else { (b, a) };
@@ -176,7 +177,7 @@ impl GraphReader {
         Ok(Value::Row(RowTensor { shape, value, is_single: rows[1].is_single }))
     }
 
-    /// Of whole numbers that are known.
+    /// Remainder of known whole numbers.
     pub(super) fn remainder(&mut self, node: &NodeProto) -> Made {
         let number = |place: usize| -> Result<ConstantTensor, String> {
             self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))
@@ -226,7 +227,7 @@ impl GraphReader {
         self.mapped(&line, Elementwise::Clip, vec![0.0, 1.0])
     }
 
-    /// Functions made of two others.
+    /// Functions of two others.
     pub(super) fn of_two(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         if node.op_type == "Tan" {

@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// Vectors that may be multiplied with a matrix one by one.
+/// Largest number of vectors that are multiplied with a matrix one by one.
 const VECTORS: usize = 256;
 
 impl GraphReader {

@@ -1,7 +1,7 @@
 //! Recurrent cells: one step of an LSTM, GRU or RNN.
 //!
-//! A sequence is one sample at a time, so that a cell is a function of the sample and of what it was before. If that is no input of the
-//! graph, it is a state of the model, which begins with the constant that the graph has for it.
+//! A sequence is one sample at a time, so that a cell is a function of the sample and of its previous state. If that is
+//! no input of the graph, it is a state of the model, which begins with the constant that the graph has for it.
 
 use super::*;
 use crate::import::RecurrentState;
@@ -24,7 +24,7 @@ struct RecurrentCell {
     bias: [Vec<f64>; 2],
     peepholes: Option<Vec<f64>>,
     activations: Vec<FunctionChain>,
-    /// Whether the batch stands before the sequence.
+    /// `true` if the batch stands before the sequence.
     batch_first: bool,
     is_single: bool,
 }
@@ -129,7 +129,7 @@ impl GraphReader {
         })
     }
 
-    /// What the cell was before: an input of the graph, or a state of the model.
+    /// Previous state of the cell: an input of the graph, or a state of the model.
     fn before(&mut self, node: &NodeProto, place: usize, what: &str, cell: &RecurrentCell) -> Result<Before, String> {
         let given = self.given(node, place)?.cloned();
         if let Some(value) = &given {
@@ -209,7 +209,7 @@ impl GraphReader {
         self.builder.elementwise(of, Elementwise::Linear, vec![-1.0, 1.0])
     }
 
-    /// What is added to a gate's sum for what the memory is, if there are peepholes.
+    /// Adds the peephole term of the memory to a gate's sum, if the cell has peepholes.
     fn peep(&mut self, cell: &RecurrentCell, gate: usize, [sum, memory]: [usize; 2]) -> Result<usize, String> {
         let Some(peepholes) = &cell.peepholes else { return Ok(sum) };
         let factors = peepholes[gate * cell.hidden..][..cell.hidden].iter().copied();
@@ -273,11 +273,11 @@ impl GraphReader {
     }
 }
 
-/// What a cell was before.
+/// Previous state of a cell.
 struct Before {
     /// The value that has its numbers.
     value: usize,
-    /// If it is no input of the graph; what it becomes is not known yet.
+    /// State of the model, if it is no input of the graph; its next value is not known yet.
     state: Option<RecurrentState>,
 }
 

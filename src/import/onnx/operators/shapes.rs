@@ -1,4 +1,4 @@
-//! What only moves elements: other shapes, parts, several tensors as one.
+//! Operators that only move elements: other shapes, parts, several tensors as one.
 
 use super::*;
 

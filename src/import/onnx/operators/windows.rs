@@ -1,15 +1,15 @@
-//! What moves a window over a tensor: convolutions, pooling, and what is put around it.
+//! Operators that move a window over a tensor: convolutions and pooling, with their padding.
 
 use super::{products::of_data, *};
 
-/// Places of a window that may be computed one by one.
+/// Largest number of places of a window that are computed one by one.
 const PARTS: usize = 4096;
 
 /// A window that moves over the dimensions behind the batch and the channels.
 struct Window {
-    /// Where it can be along each dimension.
+    /// Its positions along each dimension.
     positions: Vec<usize>,
-    /// For each position the elements that it has there, none where it reaches over the edge.
+    /// Elements under the window for each position, none where it reaches over the edge.
     elements: Vec<Vec<Option<usize>>>,
 }
 
@@ -151,7 +151,7 @@ impl GraphReader {
         Ok(value)
     }
 
-    /// What is pooled, and the window.
+    /// Pooled value, and the window.
     fn pooled(&self, node: &NodeProto) -> Result<(Value, Window), String> {
         let value = self.maps(node)?;
         let kernel = Attributes::of(node).integers("kernel_shape").ok_or("attribute `kernel_shape` is missing")?;
@@ -173,7 +173,7 @@ impl GraphReader {
         }
     }
 
-    /// Sums of what a window has, times weights: of an output, of a channel of its group, of a position, and of an element of the window.
+    /// Weighted sums of the elements in a window: by output, channel of its group, position, and element of the window.
     fn moved(
         &mut self,
         value: &Value,

@@ -15,7 +15,8 @@ const SHARE: usize = 4;
 pub(super) const LAGS: usize = 4;
 /// Rows of these.
 const ROWS: usize = 10_000;
-/// Error with a dead time over that without, below which the input is delayed; the smallest dead time with nearly the least error is used.
+/// Ratio of the errors with and without a dead time below which an input is delayed; the smallest dead time with nearly
+/// the least error is used.
 const CLEAR: f64 = 0.5;
 const NEARLY: f64 = 1.05;
 
@@ -24,7 +25,7 @@ const NEARLY: f64 = 1.05;
 pub(super) struct DeadTimes(Vec<usize>);
 
 impl DeadTimes {
-    /// Dead times with which ARX models predict the next sample clearly better than without, one input after the other.
+    /// Dead times with which ARX models predict the next sample clearly better, one input after the other.
     pub fn of(step: f64, dataset: &Dataset) -> Self {
         let few = few(dataset);
         let mut found = Self(vec![0; dataset.inputs.len()]);

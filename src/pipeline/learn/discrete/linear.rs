@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 
 /// Share of the sum of squares that keeps the coefficients of columns apart that are nearly the same, as those of fast sampling are.
 const RIDGE: f64 = 1e-10;
-/// Smallest weight of a network beside what is linear.
+/// Smallest weight of a network beside the linear part.
 const LEAST_GAIN: f64 = 1e-6;
 
 /// The model of `discrete.history` past samples.
@@ -20,16 +20,16 @@ pub(super) fn learn(samples: &DiscreteSamples, study: &Study) -> Result<LearnedD
 pub(super) struct LinearPart {
     /// Number of past samples of the outputs and of the inputs that count.
     pub(super) history: [usize; 2],
-    /// Of the training runs.
+    /// Regressors of the training runs.
     pub(super) seen: Regressors,
     /// Coefficients, and constants below them, shape `[columns + 1, outputs]`.
     pub(super) linear: DMatrix<f64>,
-    /// Standard deviation of each output's rest.
+    /// Standard deviation of each output's residual.
     pub(super) gains: Vec<f64>,
 }
 
 impl LinearPart {
-    /// With this number of past samples.
+    /// Linear part with this number of past samples.
     pub(super) fn of(samples: &DiscreteSamples, study: &Study, history: [usize; 2]) -> Result<Self> {
         let seen = samples.regressors(&samples.training, history);
         let linear = solve(&seen).ok_or_else(|| {
@@ -39,7 +39,8 @@ impl LinearPart {
         Ok(Self { history, seen, linear, gains })
     }
 
-    /// The next sample from those before, in the units of the table; the sum of the linear part and of the layers of a network, if there are any.
+    /// Next sample from those before, in the units of the table: the sum of the linear part and of the layers of a
+    /// network, if there are any.
     pub(super) fn graph(&self, samples: &DiscreteSamples, network: Option<Vec<Layer>>) -> Graph {
         let Self { linear, gains, .. } = self;
         let scaling = samples.scaling(self.history);
@@ -63,7 +64,7 @@ impl LinearPart {
         Graph::of_samples(columns, weights, constants, network)
     }
 
-    /// What the linear part leaves over of the outputs that follow from some regressors, in standard deviations.
+    /// Residuals of the linear part for some regressors, in standard deviations.
     pub(super) fn rest(&self, regressors: &Regressors) -> Vec<Vec<f64>> {
         let rows = rest(regressors, &self.linear);
         rows.map(|rest| rest.zip(&self.gains).map(|(rest, gain)| rest / gain).collect()).collect()
@@ -90,7 +91,7 @@ pub(super) fn solve(regressors: &Regressors) -> Option<DMatrix<f64>> {
     Some(solution).filter(|solution| solution.iter().all(|value| value.is_finite()))
 }
 
-/// What the linear part leaves over, row by row.
+/// Residuals of the linear part, row by row.
 fn rest<'a>(
     regressors: &'a Regressors,
     linear: &'a DMatrix<f64>,
@@ -104,7 +105,7 @@ fn rest<'a>(
     })
 }
 
-/// Standard deviation of what the linear part leaves over, of each output.
+/// Standard deviation of the residual of each output.
 pub(super) fn gains(regressors: &Regressors, linear: &DMatrix<f64>) -> Vec<f64> {
     let mut squares = vec![0.0; linear.ncols()];
     for rest in rest(regressors, linear) {

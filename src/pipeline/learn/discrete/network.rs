@@ -1,4 +1,5 @@
-//! Networks that give the next sample: on a window of past inputs, or on past outputs and inputs beside a linear part.
+//! Networks that predict the next sample from a window of past inputs, or from past outputs and inputs beside a linear
+//! part.
 
 use super::{DiscreteSamples, LearnedDiscrete, Regressors, linear::LinearPart};
 use crate::{
@@ -19,11 +20,12 @@ use std::sync::atomic::Ordering;
 const TRAINING_BUDGET: f64 = 1.0 / 3.0;
 /// Multiplications of trainings in a second of two cores.
 const RATE: f64 = 2.5e10;
-/// A single past sample is tried if its linear part leaves over at most so many times what all past samples leave over.
+/// A single past sample is tried if the residual of its linear part is at most this factor times that of all past
+/// samples.
 const NEAR: f64 = 10.0;
 /// Stretches of a batch at least.
 const LEAST_BATCH: usize = 32;
-/// Stretches that overlap at a sample, at the least; more if that does not make more stretches than the number below.
+/// Minimum number of stretches that overlap at a sample; more unless that makes more stretches than the number below.
 const OVERLAP: usize = 4;
 const STRETCHES: usize = 2000;
 /// First stretches are as much shorter.
@@ -45,8 +47,9 @@ pub(super) fn window(project: &Project, samples: &DiscreteSamples) -> Result<Lea
     })
 }
 
-/// The next outputs from past outputs and inputs, trained on stretches of predictions, first on short ones. A network of one past sample is simpler where
-/// the outputs of a sample tell the whole state: the one with the smaller error after short stretches is trained on long ones.
+/// The next outputs from past outputs and inputs, trained on stretches of predictions, first on short ones. A network
+/// of one past sample is simpler if the outputs of a sample determine the whole state. The one with the smaller error
+/// after short stretches is trained on long ones.
 pub(super) fn feedback(project: &Project, samples: &DiscreteSamples) -> Result<LearnedDiscrete> {
     let mut best: Option<Feedback> = None;
     let networks = networks(project, samples)?;
@@ -74,7 +77,8 @@ pub(super) fn feedback(project: &Project, samples: &DiscreteSamples) -> Result<L
     Ok(best.learned)
 }
 
-/// Networks of `discrete.history` past samples and, unless its linear part leaves over much more, of a single one.
+/// Networks of `discrete.history` past samples and, unless the residual of its linear part is much larger, of a single
+/// one.
 fn networks<'a>(project: &'a Project<'a>, samples: &'a DiscreteSamples<'a>) -> Result<Vec<Feedback<'a>>> {
     let history = samples.past(project.study.discrete.history);
     let first = Feedback::new(project, samples, history)?;
@@ -87,7 +91,7 @@ fn networks<'a>(project: &'a Project<'a>, samples: &'a DiscreteSamples<'a>) -> R
     Ok(if is_near { vec![first, simple] } else { vec![first] })
 }
 
-/// A network with feedback, and how far its training is.
+/// A network with feedback, and the state of its training.
 struct Feedback<'a> {
     project: &'a Project<'a>,
     samples: &'a DiscreteSamples<'a>,
@@ -140,7 +144,7 @@ impl<'a> Feedback<'a> {
         Ok(())
     }
 
-    /// As it is, because Ctrl-C ended what would have come next.
+    /// The model as it is, because Ctrl-C ended the next stage.
     fn interrupted(mut self) -> Self {
         self.learned.stopped = StopReason::Interrupted;
         self
@@ -153,7 +157,7 @@ fn beside(project: &Project, samples: &DiscreteSamples, part: &LinearPart) -> Re
     Ok(Network::new(part.linear.nrows() - 1, samples.counts[2], &study.network, study.seed)?)
 }
 
-/// Rows of what the linear part leaves over.
+/// Rows of the residuals of the linear part.
 fn plain(part: &LinearPart, regressors: &Regressors) -> Result<TrainingRows> {
     let [inputs, rest] = [&regressors.inputs, &part.rest(regressors)].map(|rows| single(rows));
     Ok(TrainingRows::new(part.linear.nrows() - 1, part.linear.ncols(), inputs, rest)?)
@@ -163,7 +167,7 @@ fn single(rows: &[Vec<f64>]) -> Vec<f32> {
     rows.iter().flatten().map(|value| *value as f32).collect()
 }
 
-/// Rows of stretches of a length, which begin so many samples after each other.
+/// Rows of stretches of the length `stretch`, which begin `apart` samples after each other.
 fn recurrent(
     LinearPart { history, linear, gains, .. }: &LinearPart,
     regressors: &Regressors,

@@ -14,8 +14,8 @@ const MOST_TERMS: usize = 300;
 /// Penalty of the coefficients, which keeps those of columns apart that are nearly the same.
 const PENALTY: f64 = 1e-12;
 
-/// Models of each length of the history and each degree with few enough terms. They give the change from sample to sample. Those that the
-/// samples do not determine are left out.
+/// Models of each length of the history and each degree with few enough terms. They give the change from sample to
+/// sample. Models that the samples do not determine are dropped.
 pub(super) fn learn(samples: &DiscreteSamples, history: usize) -> Vec<LearnedDiscrete> {
     let all = (1..=history.min(LONGEST)).flat_map(|length| DEGREES.map(|degree| (length, degree)));
     all.filter_map(|(length, degree)| of_degree(samples, [length; 2], degree)).collect()
@@ -35,7 +35,7 @@ fn of_degree(samples: &DiscreteSamples, history: [usize; 2], degree: u8) -> Opti
     Some(LearnedDiscrete::solved(graph, history))
 }
 
-/// The columns of each sample, and how far the next outputs are from those of the sample.
+/// Columns of each sample, and the change of the outputs to the next one.
 fn changes(samples: &DiscreteSamples, history: [usize; 2]) -> StandardizedRows {
     let found = samples.regressors(&samples.training, history);
     let change = |(row, next): (&Vec<f64>, &Vec<f64>)| next.iter().zip(row).map(|(next, now)| next - now).collect();
@@ -46,7 +46,7 @@ fn changes(samples: &DiscreteSamples, history: [usize; 2]) -> StandardizedRows {
     StandardizedRows { inputs, outputs, x: found.inputs.concat(), y: y.concat(), scaling }
 }
 
-/// Number of products of powers of so many columns with a sum of at most `degree`.
+/// Number of products of powers of `columns` columns with a sum of at most `degree`.
 fn terms(columns: usize, degree: u8) -> usize {
     (1..=usize::from(degree)).fold(1, |terms, k| terms * (columns + k) / k)
 }

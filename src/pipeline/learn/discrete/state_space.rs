@@ -35,7 +35,7 @@ use std::{ops::Range, sync::atomic::Ordering};
 
 /// States for each output.
 const ORDERS: [usize; 6] = [1, 2, 3, 4, 5, 6];
-/// In this order: what is cheap first.
+/// Functions in the order of their cost.
 const KINDS: [Nonlinearity; 4] =
     [Nonlinearity::OutputProducts(3), Nonlinearity::Products(2), Nonlinearity::Products(3), Nonlinearity::Nodes(6)];
 /// Penalties of the square of the distance from the linear state space, for each error.
@@ -48,7 +48,7 @@ const FARTHEST: f64 = 1.0;
 const CONTINUED: usize = 2;
 /// Penalty of the linear state space.
 const LEAST: f64 = 1e-8;
-/// Penalties without a better cross-validation, after which the others are left out.
+/// Number of penalties without a better cross-validation after which the others are skipped.
 const PATIENCE: usize = 4;
 /// Share of the error of a simpler state space, below which another one is better.
 const BETTER: f64 = 0.98;
@@ -59,7 +59,7 @@ const LAST_ITERATIONS: usize = 60;
 const STRETCHES: [usize; 3] = [8, 64, usize::MAX];
 /// Rows that choose; of more, each run has its first ones. The model that is chosen is fitted to all.
 const ROWS: usize = 5000;
-/// Rows of a run, at the least, where it is cut.
+/// Minimum number of rows of a run where it is cut.
 const SHORTEST: usize = 500;
 /// Parts of the cross-validation, and runs up to which each is a part.
 const FOLDS: usize = 5;
@@ -78,11 +78,11 @@ enum Nonlinearity {
     OutputProducts(u8),
     /// Products of all columns up to a degree.
     Products(u8),
-    /// Nodes, so many.
+    /// Number of nodes.
     Nodes(usize),
 }
 
-/// What is chosen.
+/// Setting that the cross-validation chooses.
 #[derive(Clone, Debug)]
 struct Setting {
     saturation: Saturation,
@@ -91,8 +91,8 @@ struct Setting {
     penalty: f64,
 }
 
-/// The best state space of a cross-validation of the training runs and those held out, fitted to the training runs, and of few rows to all of
-/// them as well. None if no linear one can be simulated.
+/// State space with the smallest error in a cross-validation of the training runs and those held out. It is fitted to
+/// the training runs, and with few rows to all of them as well. None if no linear one can be simulated.
 ///
 /// # Errors
 /// [`Error::Interrupted`] before the first is fitted.
@@ -142,7 +142,7 @@ pub(super) fn learn(project: &Project, samples: &DiscreteSamples) -> Result<Vec<
 struct SearchRuns {
     /// The rows that choose: all, or, of many, the first ones of each run.
     pieces: Vec<Signals>,
-    /// The same, runs that follow each other as one.
+    /// These rows, with runs that follow each other as one.
     few: Vec<Signals>,
     /// All rows, unless they are few.
     all: Option<Vec<Signals>>,
@@ -249,7 +249,7 @@ impl FittedStates {
         }
     }
 
-    /// The same with hidden states that stay near their ranges in these runs; none if the simulations diverge.
+    /// State space whose hidden states stay near their ranges in these runs; none if the simulations diverge.
     fn bounded(&self, shape: &StateShape, data: &CountedRuns) -> Option<Self> {
         let mut bounded = self.clone();
         let ranges = data.ranges(shape, self.simulated())?;
@@ -262,12 +262,12 @@ impl FittedStates {
     }
 }
 
-/// What a search finds.
+/// Result of a search.
 struct BestSetting {
     /// Root mean square error in the cross-validation.
     error: f64,
     choice: Setting,
-    /// Of the training runs.
+    /// State space fitted to the training runs.
     fitted: FittedStates,
 }
 
@@ -290,12 +290,12 @@ struct Search<'a> {
     is_stopped: &'a (dyn Fn() -> bool + Sync),
     /// Runs with constant inputs.
     corners: Vec<Signals>,
-    /// As in [`StateShape`].
+    /// Common start as in [`StateShape`].
     common_start: Option<Vec<f64>>,
 }
 
 impl Search<'_> {
-    /// What has the smallest error in a cross-validation of all runs.
+    /// Setting with the smallest error in a cross-validation of all runs.
     fn best(&self, runs: &SearchRuns) -> Option<BestSetting> {
         let is_cross_validated = runs.all.is_none() || runs.training == runs.count;
         let folds = match is_cross_validated {
@@ -309,7 +309,7 @@ impl Search<'_> {
             false => run >= runs.training,
         };
         let few = &runs.few;
-        // from what is given, and within simulations of a record that is one run here
+        // from given rows, and within simulations of a record that is one run here
         let ways = if runs.pieces.len() == few.len() { vec![few] } else { vec![&runs.pieces, few] };
         let unseen = |fold: usize| ways.iter().map(|runs| CountedRuns::new(runs, |run| is_unseen(run, fold))).collect();
         let unseen: Vec<Vec<CountedRuns>> = (0..folds).map(unseen).collect();
@@ -329,7 +329,7 @@ impl Search<'_> {
         best
     }
 
-    /// Replaces the best one by a better one with some saturation.
+    /// Replaces the best setting by a better one with some saturation.
     fn with(&self, saturation: &Saturation, folds: Folds, budget: f64, best: &mut Option<BestSetting>) {
         let Folds { sets, own, unseen } = folds;
         let count = (sets[..unseen.len()].iter().map(CountedRuns::rows).sum::<usize>() / unseen.len().max(1)) as f64;
@@ -416,13 +416,14 @@ impl Search<'_> {
         errors.sum::<f64>() / unseen.len() as f64
     }
 
-    /// Whether it stays finite from the ends of the outputs' ranges with inputs at the ends and in the middle of theirs.
+    /// Returns true if simulations stay finite. They begin at the ends of the outputs' ranges, with inputs at the ends
+    /// and in the middle of theirs.
     fn is_stable(&self, shape: &StateShape, fitted: &FittedStates) -> bool {
         let gain = overwriting(shape);
         CountedRuns::new(&self.corners, |_| true).is_stable(shape, Simulated { gain: &gain, ..fitted.simulated() })
     }
 
-    /// One step of the path; gives the number of multiplications.
+    /// One step of the path; returns the number of multiplications.
     fn advance(
         &self,
         data: &CountedRuns,
@@ -512,7 +513,7 @@ impl Nonlinearity {
             }
             Self::Products(degree) => Features::products(columns, degree, |_| true, MOST),
         };
-        // of too many there are enough to be left out
+        // a setting with too many products counts as too large
         products.unwrap_or(Features::Nodes(MOST))
     }
 }

@@ -10,7 +10,7 @@ use metafmu_runtime::{Evaluator, Sampling, Support, Surrogate};
 use nalgebra::DMatrix;
 use rayon::prelude::*;
 
-/// Run length over the time in which inputs are averaged, and a distance fades at the least.
+/// Run length over the time in which inputs are averaged, which is also the shortest time in which a distance fades.
 const PARTS: f64 = 20.0;
 /// Share of the rows of runs like those of the training that are to be inside.
 const INSIDE: f64 = 0.995;
@@ -53,7 +53,7 @@ pub(super) fn support(
     let motions: Vec<SimulatedRun> = (dataset.runs.par_iter())
         .map(|run| SimulatedRun {
             recorded: direct.without(run, counts.inputs),
-            // what was before rows that are given is not known
+            // the past of given rows is not known
             before: if run.times[0] < 0.0 || !has_starts {
                 &run.inputs[..counts.inputs]
             } else {
@@ -89,7 +89,7 @@ struct Counts {
 /// Smallest and largest value of each measure.
 type Ranges = Vec<[f64; 2]>;
 
-/// Row, and how far a measure is from its range there, relative to the width.
+/// Row, and relative distance of a measure from its range there.
 type Stray = (usize, f64);
 
 /// A run, and the model's simulation of it.
@@ -136,8 +136,8 @@ impl SimulatedRun<'_> {
     }
 }
 
-/// Number of samples after which the model has forgotten a disturbance of its past: the largest deviation of an output, relative to its width, has
-/// fallen to a third for good. At most the length of a run.
+/// Number of samples after which the model has forgotten a disturbance of its past. The largest deviation of an output,
+/// relative to its width, has then fallen to a third for good. At most the length of a run.
 fn lasting(surrogate: &Surrogate, evaluator: &Evaluator, dataset: &Dataset, widths: &[f64]) -> f64 {
     let samples = surrogate.program().sampling().map_or(1, |sampling| sampling.history[0].max(1));
     let of_run = |run: &Run| -> usize {
@@ -184,8 +184,8 @@ fn lasting(surrogate: &Surrogate, evaluator: &Evaluator, dataset: &Dataset, widt
     found.get(place).map_or(1.0, |samples| *samples as f64)
 }
 
-/// Outputs without direct effects and hidden states of the simulation of a run, up to the row where an output is farther from those of the run than they are from
-/// each other.
+/// Outputs without direct effects and hidden states of the simulation of a run. They end at the row where an output is
+/// farther from those of the run than they are from each other.
 fn simulated(
     surrogate: &Surrogate,
     evaluator: &Evaluator,
@@ -217,8 +217,8 @@ fn simulated(
     found
 }
 
-/// Principal components of the standardised coordinates, of unit variance, those of the largest variance first. Directions in which nothing
-/// moves are left out.
+/// Principal components of the standardized coordinates, of unit variance, those of the largest variance first.
+/// Directions without motion are dropped.
 fn components(support: &Support, motions: &[SimulatedRun], counts: Counts) -> Vec<f64> {
     let first = 3 * support.inputs;
     let width = support.coordinates(counts.outputs, counts.hidden);

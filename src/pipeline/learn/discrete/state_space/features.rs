@@ -9,7 +9,7 @@ pub const SPAN: f64 = 3.0;
 /// Functions of the columns `z`.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Features {
-    /// `tanh(W z + b)`, so many; 0 of a linear state space.
+    /// Number of functions `tanh(W z + b)`; 0 for a linear state space.
     Nodes(usize),
     /// Products of Legendre polynomials of `z / SPAN`.
     Products(Products),
@@ -54,7 +54,7 @@ impl Features {
 }
 
 impl FeatureValues {
-    /// Room for features of so many states.
+    /// Memory for features of `states` states.
     pub fn new(features: &Features, states: usize) -> Self {
         let count = features.count();
         let polynomials = match features {

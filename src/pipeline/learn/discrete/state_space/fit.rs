@@ -12,8 +12,8 @@ const DAMPING: f64 = 1e-3;
 const GAIN_DAMPING: f64 = 1e-6;
 /// Relative decrease of the sum of squares and penalties below which a training ends.
 const DECREASE: f64 = 1e-4;
-/// Rows that are given when the correction by measured outputs is found, and number of parts of runs that it is found from; its iterations, difference
-/// for its slopes, and relative decrease below which it is found.
+/// Search for the correction by measured outputs: given rows, parts of runs, iterations, difference for slopes, and
+/// relative decrease below which it ends.
 const GIVEN: usize = 50;
 const MOST_PARTS: usize = 30;
 const GAIN_ITERATIONS: usize = 10;
@@ -22,7 +22,8 @@ const GAIN_DECREASE: f64 = 1e-3;
 /// Variances of the states' errors over those of the outputs.
 const RATIOS: [f64; 6] = [1e-6, 1e-4, 1e-2, 1.0, 1e2, 1e4];
 const KALMAN_ITERATIONS: usize = 300;
-/// Sums of runs that are computed side by side: always the same ones, so that their order does not depend on the number of threads.
+/// Number of sums of runs that are computed in parallel: it is fixed, so that their order does not depend on the number
+/// of threads.
 const PARTS: usize = 16;
 /// Errors whose sensitivities are multiplied at once.
 const BLOCK: usize = 64;
@@ -33,7 +34,7 @@ pub struct CountedRuns<'a> {
     runs: Vec<(&'a Signals, Vec<bool>)>,
 }
 
-/// What a training looks for.
+/// Goal of a training.
 pub struct Goal<'a> {
     /// Coefficients from which the distance counts.
     pub center: &'a [f64],
@@ -42,7 +43,7 @@ pub struct Goal<'a> {
     pub limits: &'a Limits,
     /// Penalty of the square of that distance.
     pub penalty: f64,
-    /// Rows after which the outputs of a simulation are made what was measured; `usize::MAX` of whole simulations.
+    /// Rows after which the outputs of a simulation are set to the measured ones; `usize::MAX` for whole simulations.
     pub stretch: usize,
     /// Iterations at most.
     pub iterations: usize,
@@ -69,7 +70,7 @@ struct NormalEquations {
 }
 
 impl<'a> CountedRuns<'a> {
-    /// Rows of the runs with some numbers count; what is before them is simulated.
+    /// Runs to fit to. Rows count if `counts` accepts the number of their run; rows before them are only simulated.
     pub fn new(runs: &'a [Signals], counts: impl Fn(usize) -> bool) -> Self {
         let rows = |signals: &'a Signals| {
             let of_row = signals.runs.iter().enumerate().map(|(row, run)| row >= signals.given && counts(*run));
@@ -105,7 +106,7 @@ impl<'a> CountedRuns<'a> {
         self.runs.par_iter().map(of_run).collect::<Vec<_>>().into_iter().sum()
     }
 
-    /// Whether all simulations stay finite.
+    /// Returns true if all simulations stay finite.
     pub fn is_stable(&self, shape: &StateShape, model: Simulated) -> bool {
         let is_stable = |(run, rows): &(&Signals, Vec<bool>)| {
             simulate(shape, model, run, [rows.len(), run.given], |_, _| {}).is_some()
@@ -166,9 +167,9 @@ impl<'a> CountedRuns<'a> {
         })
     }
 
-    /// The correction after which simulations have the smallest errors, if so many rows are given first: by the method of Levenberg and Marquardt, with
-    /// differences for slopes. It begins with the best of a known one, that which makes outputs what is measured, and Kalman filters of the
-    /// linear part.
+    /// Correction with the smallest errors of simulations whose first rows are given. The method of Levenberg and
+    /// Marquardt finds it, with differences for slopes. It begins with the best of the known correction, the one that
+    /// sets outputs to measured values, and Kalman filters of the linear part.
     pub fn gain(&self, shape: &StateShape, model: Simulated) -> Vec<f64> {
         let parts = self.parts();
         let Simulated { coefficients, gain: known, limits } = model;
@@ -320,8 +321,8 @@ impl NormalEquations {
     }
 }
 
-/// The gain of the Kalman filter of the linear part, `K = P C' (C P C' + I)^-1` with the variance `P` of the states after many samples (Kalman
-/// (1960)), where each sample adds a variance of `ratio` to each state.
+/// Gain of the Kalman filter of the linear part (Kalman (1960)): `K = P C' (C P C' + I)^-1`. `P` is the variance of the
+/// states after many samples, each of which adds a variance of `ratio` to each state.
 fn kalman(shape: &StateShape, coefficients: &[f64], ratio: f64) -> Option<Vec<f64>> {
     let StateShape { states, outputs, columns, .. } = *shape;
     let linear = &coefficients[shape.places()[0].clone()];

@@ -10,7 +10,7 @@ const SHARE: f64 = 0.005;
 /// Rows at an end over those with the value next to it: fewer of a signal with few values.
 const OFTEN: usize = 5;
 
-/// How outputs saturate, with the ends of their ranges; infinite ones where they do not.
+/// Saturation of outputs, with the ends of their ranges; infinite ones if they do not saturate.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Saturation {
     None,

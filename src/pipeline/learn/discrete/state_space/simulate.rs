@@ -6,8 +6,8 @@ use std::ops::Range;
 /// Standardized magnitude from which on a simulation has diverged.
 const DIVERGED: f64 = 1e3;
 
-/// Sizes of a state space, and the places of its coefficients: `L`, `c`, `G`, `W`, `b`, then the states at the start, matrices row by row. `W` and
-/// `b` are those of nodes.
+/// Sizes of a state space, and the positions of its coefficients: `L`, `c`, `G`, `W`, `b`, then the initial states,
+/// matrices row by row. `W` and `b` are those of nodes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StateShape {
     /// Number of states, the outputs first.
@@ -16,9 +16,9 @@ pub struct StateShape {
     /// Number of columns: states, inputs, parameters.
     pub columns: usize,
     pub features: Features,
-    /// Outputs at the start of runs from rest, if they differ by no more than noise: all states at the start are then coefficients, and the first
-    /// outputs correct them as those of later rows do. Otherwise a run begins with its first outputs, and hidden states are a linear function of these,
-    /// `h = h0 + H y`, whose coefficients are `h0` and `H`.
+    /// Outputs at the start of runs from rest, if they differ by no more than noise. All states at the start are then
+    /// coefficients, which the first outputs correct as those of later rows do. Otherwise a run begins with its first
+    /// outputs, and hidden states are a linear function of them, `h = h0 + H y`, with the coefficients `h0` and `H`.
     pub common_start: Option<Vec<f64>>,
 }
 
@@ -138,7 +138,7 @@ pub struct Signals {
     pub outputs: Vec<f64>,
     /// Inputs and parameters, shape `[rows, columns - states]`.
     pub inputs: Vec<f64>,
-    /// Number of rows that are given: outputs of the simulation are what was measured.
+    /// Number of given rows, in which outputs of the simulation are set to the measured ones.
     pub given: usize,
     /// Number of the run of each row.
     pub runs: Vec<usize>,
@@ -155,7 +155,7 @@ impl Signals {
         Self { given, ..self.part(0, rows.min(self.rows())) }
     }
 
-    /// So many rows, the first half of them given.
+    /// Part of `rows` rows, the first half of them given.
     pub fn part(&self, start: usize, rows: usize) -> Self {
         let [outputs, inputs] = [&self.outputs, &self.inputs].map(|of| {
             let width = of.len() / self.rows().max(1);
@@ -164,7 +164,7 @@ impl Signals {
         Self { outputs, inputs, given: rows / 2, runs: self.runs[start..start + rows].to_vec() }
     }
 
-    /// Whether another run begins with the last rows of this one: those that are given there, and one more.
+    /// Returns true if another run begins with the last rows of this one: the rows given there, and one more.
     pub fn is_followed_by(&self, next: &Self) -> bool {
         let shared = next.given + 1;
         let is_same = |one: &[f64], next: &[f64], width: usize| {
@@ -175,7 +175,7 @@ impl Signals {
         next.given > 1 && is_same(&self.outputs, &next.outputs, outputs) && is_same(&self.inputs, &next.inputs, inputs)
     }
 
-    /// Adds what comes after the shared rows of a run that follows.
+    /// Adds the rows of a following run after those that both share.
     pub fn extend(&mut self, next: &Self) {
         let shared = next.given + 1;
         let [outputs, inputs] = [&next.outputs, &next.inputs].map(|of| shared * (of.len() / next.rows().max(1)));
@@ -185,7 +185,7 @@ impl Signals {
     }
 }
 
-/// The correction that makes outputs what is given.
+/// Correction that sets outputs to the measured ones.
 pub fn overwriting(shape: &StateShape) -> Vec<f64> {
     let outputs = shape.outputs;
     let element = |place: usize| f64::from(u8::from(place / outputs == place % outputs));
@@ -229,8 +229,8 @@ pub fn simulate(
     Some(())
 }
 
-/// As [`simulate`], with the sensitivities to the coefficients, shape `[states, coefficients]`. Outputs are made what was measured after each
-/// `stretch` of rows.
+/// As [`simulate`], with the sensitivities to the coefficients, shape `[states, coefficients]`. Outputs are set to the
+/// measured ones after each `stretch` of rows.
 pub fn simulate_with_sensitivities(
     shape: &StateShape,
     Simulated { coefficients, gain, limits }: Simulated,
@@ -303,7 +303,7 @@ pub fn simulate_with_sensitivities(
     Some(())
 }
 
-/// Errors of what is measured of simulated outputs.
+/// Errors of simulated outputs, as far as they are measured.
 pub fn errors(limits: &Limits, states: &[f64], measured: &[f64]) -> impl Iterator<Item = f64> {
     let error = |(output, measured): (usize, &f64)| limits.measured(output, states[output]) - measured;
     measured.iter().enumerate().map(error)
@@ -316,7 +316,8 @@ pub fn correct(states: &mut [f64], gain: &[f64], limits: &Limits, measured: &[f6
     states.iter_mut().zip(gain.chunks_exact(outputs)).for_each(|(state, gain)| *state -= dot(gain, &errors));
 }
 
-/// The same of the sensitivities, shape `[states, coefficients]`: what is measured has none, and outputs beyond its range have no effect.
+/// Corrects the sensitivities, shape `[states, coefficients]`: measured values have none, and outputs beyond their
+/// range have no effect.
 fn correct_sensitivities(sensitivities: &mut [f64], gain: &[f64], seen: &[bool], states: usize) {
     let count = sensitivities.len() / states;
     let of_outputs = sensitivities[..seen.len() * count].to_vec();

@@ -12,10 +12,10 @@ use super::{
 use crate::{dataset::Run, scaling, study::Study};
 use nalgebra::{DMatrix, DVector};
 
-/// Past samples of the ARX model whose responses to impulses are realized, and its columns, at the most.
+/// Largest number of past samples of the ARX model whose impulse responses are realized, and of its columns.
 const LONGEST: usize = 20;
 const COLUMNS: usize = 200;
-/// Samples for each of its coefficients, at the least.
+/// Minimum number of samples for each of its coefficients.
 const SAMPLES: usize = 10;
 /// Smallest standard deviation that a hidden state is divided by.
 const LEAST_DEVIATION: f64 = 1e-9;
@@ -44,7 +44,7 @@ pub fn common(samples: &DiscreteSamples, study: &Study) -> Option<Vec<f64>> {
     (0..outputs).all(is_common).then_some(means)
 }
 
-/// Where a linear state space comes from.
+/// Origin of a linear state space.
 #[derive(Clone, Copy, Debug)]
 pub enum LinearStart {
     /// An ARX model of its order.
@@ -56,7 +56,8 @@ pub enum LinearStart {
 /// Rows that an ARX model is fitted to.
 #[derive(Clone, Copy, Debug)]
 pub enum Pasts {
-    /// Those whose whole past is in the run: components that are released from a position were not at rest there before.
+    /// Samples whose whole past is in the run: components that are released from a position were not at rest there
+    /// before.
     Known,
     /// All: runs from rest begin as they were before.
     AtRest,
@@ -70,7 +71,8 @@ pub const STARTS: [LinearStart; 4] = [
     LinearStart::Realization(Pasts::Known),
 ];
 
-/// Coefficients of a linear state space of a shape in observer form, in which measured outputs make the hidden states forget; with hidden states of unit variance; none if it is not determined, or diverges.
+/// Coefficients of a linear state space of a shape in observer form, in which measured outputs make the hidden states
+/// forget. The hidden states have unit variance. None if the state space is not determined, or diverges.
 pub fn linear(
     origin: LinearStart,
     samples: &DiscreteSamples,
@@ -98,7 +100,7 @@ pub fn linear(
     })
 }
 
-/// With poles that are closer to 0 by a factor.
+/// Lags with poles that are closer to 0 by a factor.
 fn with_poles(lags: &[Lag], factor: f64) -> Vec<Lag> {
     let mut power = 1.0;
     let closer = |lag: &Lag| {
@@ -108,7 +110,8 @@ fn with_poles(lags: &[Lag], factor: f64) -> Vec<Lag> {
     lags.iter().map(closer).collect()
 }
 
-/// Makes the start what the states are after outputs and inputs that have not moved for long: measured outputs make the hidden states forget.
+/// Sets the initial state to the states after outputs and inputs that have long been fixed: measured outputs make the
+/// hidden states forget.
 fn hold_outputs(shape: &StateShape, limits: &Limits, coefficients: &mut [f64]) {
     let StateShape { states, outputs, columns, .. } = *shape;
     let rows = states + 1;
@@ -151,8 +154,8 @@ fn scale_hidden(data: &CountedRuns, shape: &StateShape, limits: &Limits, coeffic
     Some(())
 }
 
-/// A linear function of past samples, one lag after the other: that of the outputs, shape `[outputs, outputs]`; that of inputs and parameters,
-/// shape `[outputs, inputs + parameters]`, and the constants.
+/// One lag of a linear function of past samples: that of the outputs, shape `[outputs, outputs]`, that of inputs and
+/// parameters, shape `[outputs, inputs + parameters]`, and the constants.
 #[derive(Clone)]
 struct Lag {
     outputs: DMatrix<f64>,
@@ -160,8 +163,8 @@ struct Lag {
     constants: DVector<f64>,
 }
 
-/// `x[k+1] - x[k]` from the columns, shape `[states, columns]`, and the constants: the first lag gives the next outputs, each later one what is
-/// added a sample after.
+/// `x[k+1] - x[k]` from the columns, shape `[states, columns]`, and the constants. The first lag gives the next
+/// outputs, each later one the part that is added a sample after.
 fn observer(lags: &[Lag], shape: &StateShape) -> (DMatrix<f64>, Vec<f64>) {
     let StateShape { states, outputs, columns, .. } = *shape;
     let mut matrix = DMatrix::zeros(states, columns);
@@ -193,7 +196,7 @@ fn with_known_pasts(samples: &DiscreteSamples, regressors: Regressors, order: us
     Regressors { inputs: known(inputs), outputs: known(outputs), lengths }
 }
 
-/// The ARX model with so many lags, by least squares.
+/// ARX model with `order` lags, by least squares.
 fn arx(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>> {
     let [parameters, inputs, outputs] = samples.counts;
     let regressors = samples.regressors(&samples.training, [order; 2]);
@@ -207,7 +210,7 @@ fn arx(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>
         let from = order * outputs + lag * inputs;
         of_inputs.columns_mut(0, inputs).copy_from(&found.rows(from, inputs).transpose());
         let mut constants = DVector::zeros(outputs);
-        // what is constant in a run acts once
+        // parameters and constants act once
         if lag == 0 {
             of_inputs.columns_mut(inputs, parameters).copy_from(&found.rows(beside, parameters).transpose());
             constants.copy_from(&found.row(beside + parameters).transpose());
@@ -217,8 +220,8 @@ fn arx(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>
     Some((0..order).map(lag).collect())
 }
 
-/// A model with so many lags from the responses of a long ARX model to impulses: the lags of the outputs are those of the balanced realization
-/// (Ho, Kalman (1966)), those of the inputs give its first responses.
+/// Model with `order` lags from the impulse responses of a long ARX model. The lags of the outputs are those of the
+/// balanced realization (Ho, Kalman (1966)). Its first responses give the lags of the inputs.
 fn realization(samples: &DiscreteSamples, order: usize, pasts: Pasts) -> Option<Vec<Lag>> {
     let [parameters, inputs, outputs] = samples.counts;
     let states = order * outputs;
