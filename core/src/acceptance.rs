@@ -11,7 +11,7 @@ use crate::{
 use metafmu_runtime::{Output, Surrogate};
 use std::f64::consts::{PI, TAU};
 
-/// What is known of a training apart from the accuracy.
+/// Findings about a training other than its accuracy.
 #[derive(Clone, Debug, Default)]
 pub struct OfTraining {
     /// Reasons for a rejection.

@@ -12,13 +12,13 @@ use rayon::prelude::*;
 ///
 /// `1 / (n + 1) sum_k share of the rows of run k with |y - prediction| <= q  >=  coverage`,
 ///
-/// as if the next run lay outside altogether. If the next run is exchangeable with these, that is drawn in the same way,
-/// then the expected share of its rows within `q` is at least `coverage`, for any surrogate; the rows of a run need
-/// not be independent. It says nothing about a particular run, nor about runs from other ranges.
+/// as if the next run had infinite error. If the next run is exchangeable with these runs (drawn in the same way), the
+/// expected share of its rows within `q` is at least `coverage`, for any surrogate. The rows of a run need not be
+/// independent. The bound does not cover a particular run, nor runs from other ranges.
 ///
-/// The errors of a surrogate that goes on from its own state grow with the time since the start: there is a `q` for the rows of each of
-/// twenty intervals, and the bound is the smallest function of the time that is nowhere below them, nowhere falls, and is linear
-/// between the intervals' ends.
+/// The errors of a surrogate that advances from its own state grow with the time since the start. Each of twenty
+/// intervals therefore has its own `q` for its rows. The bound is the smallest nondecreasing function of time that is
+/// nowhere below these values and is linear between the ends of the intervals.
 ///
 /// Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World* (2005); Dunn, Wasserman, Ramdas, *Distribution-Free
 /// Prediction Sets for Two-Layer Hierarchical Models* (2022), for runs with several rows each.

@@ -46,9 +46,9 @@ pub fn write_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<
     })
 }
 
-/// Writes a file at a path that the user gave: as [`write_with`], but also where that file itself must be written to, because it
-/// has other names (hard links), which shall all have the new content, or because its folder takes no new file. Then a
-/// process that is killed while it copies the complete content leaves a file of old and new; a full disk does not.
+/// Writes a file at a path that the user gave. Unlike [`write_with`], it also writes into the existing file if that has
+/// other names (hard links), which shall all have the new content, or if its folder accepts no new file. In that case a
+/// process that is killed while it copies the complete content leaves a mixture of old and new; a full disk does not.
 ///
 /// # Errors
 /// [`Error::Io`]; a file that was at `path` is still there.
@@ -191,14 +191,14 @@ fn has_other_names(_: &Metadata) -> bool {
     false
 }
 
-/// Whether a folder refuses new files, although the file to be replaced may still be writable: one that is mounted into a
-/// container, for instance.
+/// Returns true if a folder refuses new files, although the file to be replaced may still be writable: for instance a
+/// file that is mounted into a container.
 fn is_of_folder(error: &io::Error) -> bool {
     use ErrorKind::{CrossesDevices, PermissionDenied, ReadOnlyFilesystem, ResourceBusy};
     matches!(error.kind(), PermissionDenied | ReadOnlyFilesystem | ResourceBusy | CrossesDevices)
 }
 
-/// Whether there was no room for a file.
+/// Returns true if there was no room for a file.
 pub fn is_full(error: &Error) -> bool {
     matches!(error, Error::Io { source, .. } if no_room(source))
 }
@@ -244,7 +244,7 @@ pub fn digest(path: &Path) -> Result<String> {
     }
 }
 
-/// What was hashed, in hexadecimal digits.
+/// Hash in hexadecimal digits.
 pub fn digits(hash: Sha256) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -283,7 +283,7 @@ pub fn writable_folder(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The same of a folder whose parent has to be there: a mistyped path makes none.
+/// Makes a folder as [`writable_folder`] does, but requires its parent to exist: a mistyped path makes none.
 ///
 /// # Errors
 /// [`Error::Io`].

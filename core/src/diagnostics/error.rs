@@ -16,7 +16,7 @@ pub enum Error {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried, for instance `read`.
+        /// The attempted operation, for instance `read`.
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
@@ -34,7 +34,7 @@ pub enum Error {
         system: String,
         /// The parameter values.
         values: String,
-        /// What happened.
+        /// The cause of the failure.
         message: String,
     },
     /// More runs failed than may.
@@ -47,7 +47,7 @@ pub enum Error {
         source_name: String,
         /// How many, so far.
         failed: usize,
-        /// Of how many.
+        /// The total number of runs.
         total: usize,
         /// How many may.
         allowed: usize,
@@ -74,7 +74,7 @@ pub enum Error {
         path: PathBuf,
         /// Where in it.
         place: Place,
-        /// What was found and what was expected.
+        /// Found and expected values.
         message: String,
     },
     /// The result of an earlier stage is missing, belongs to another study, or was changed since.
@@ -82,7 +82,7 @@ pub enum Error {
     Stale {
         /// The file.
         path: PathBuf,
-        /// What to do about it.
+        /// The remedy.
         message: String,
     },
     /// A plot could not be made.
@@ -106,10 +106,10 @@ pub enum Error {
     OtherFile {
         /// The file.
         path: PathBuf,
-        /// What it is, as far as that is known, what is expected, and what to do with it.
+        /// The kind of file, if it is known, the expected kind, and the remedy.
         message: String,
     },
-    /// What has a state is no function of its inputs.
+    /// A surrogate with states, memory, or a network for each time point, which ONNX cannot represent.
     #[error(
         "the surrogate has states, a memory, or a network for each instant, which an ONNX model has not: expected one of the structure \
          \"response\""
@@ -133,7 +133,7 @@ pub enum Error {
     Import {
         /// The file.
         path: PathBuf,
-        /// What does not fit.
+        /// The mismatches.
         problems: Vec<String>,
     },
     /// An output would take the place of the file that it is made of.
@@ -153,7 +153,7 @@ pub enum Error {
     Archive {
         /// The file.
         path: PathBuf,
-        /// What the zip reader found.
+        /// The error of the zip reader.
         source: zip::result::ZipError,
     },
     /// Something about one entry of an FMU archive.
@@ -163,7 +163,7 @@ pub enum Error {
         path: PathBuf,
         /// Name of the entry.
         entry: String,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
     /// An FMU's modelDescription.xml cannot be used.
@@ -173,7 +173,7 @@ pub enum Error {
         path: PathBuf,
         /// Line in modelDescription.xml, counted from 1.
         line: usize,
-        /// What is wrong there.
+        /// The problem.
         problem: String,
     },
     /// An FMU does not offer the interface needed.
@@ -181,9 +181,9 @@ pub enum Error {
     Interface {
         /// The FMU.
         path: PathBuf,
-        /// What it offers.
+        /// The interface of the FMU.
         found: String,
-        /// What was needed.
+        /// The required interface.
         expected: String,
     },
     /// An FMU that is run by model exchange cannot be integrated.
@@ -191,7 +191,7 @@ pub enum Error {
     Integration {
         /// When.
         time: f64,
-        /// What is wrong.
+        /// The cause of the failure.
         message: String,
     },
     /// A platform that there is no library for in this program.
@@ -249,7 +249,7 @@ pub enum Error {
         binary: String,
         /// The system's reason.
         source: libloading::Error,
-        /// What to do about it, if that is known.
+        /// The remedy, if one is known.
         hint: Option<String>,
     },
     /// The binary of an FMU lacks a function.
@@ -302,9 +302,9 @@ pub enum Error {
     Fmi {
         /// The function.
         function: &'static str,
-        /// What it returned.
+        /// The returned status.
         status: &'static str,
-        /// What the FMU logged.
+        /// The messages that the FMU logged.
         messages: Vec<String>,
     },
     /// A variable that the FMU does not have.
@@ -336,7 +336,7 @@ pub enum Error {
         stop: f64,
         /// Communication step size.
         step: f64,
-        /// What was expected.
+        /// The expected times.
         expected: &'static str,
     },
     /// The network cannot be built.
@@ -357,13 +357,13 @@ fn list_or_none(items: &[String]) -> String {
     }
 }
 
-/// Problems of a file, each in a line of its own.
+/// Problems of a file, one per line.
 fn lines_of(path: &Path, problems: &[(usize, String)]) -> String {
     let line = |(line, problem): &(usize, String)| format!("{}:{line}: {problem}", path.display());
     problems.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// What an archive of that name is expected to be.
+/// Kind of archive expected for a file name: an SSP archive or an FMU.
 fn archive_kind(path: &Path) -> &'static str {
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ssp")) { "SSP archive" } else { "FMU" }
 }
@@ -381,7 +381,7 @@ fn no_zip(error: &zip::result::ZipError) -> String {
     }
 }
 
-/// What is behind an error.
+/// The underlying cause of an error, after a colon; empty if it has none.
 fn cause(error: &dyn std::error::Error) -> String {
     error.source().map_or(String::new(), |source| format!(": {source}"))
 }

@@ -85,7 +85,8 @@ impl Origin {
         }
     }
 
-    /// What is wrong with the structure: unknown and missing keys, values of the wrong type. Also the sections where something is.
+    /// Problems of the structure (unknown and missing keys, values of the wrong type), and the sections that have
+    /// problems.
     pub fn structure(
         &self,
         root: &DeTable,

@@ -14,7 +14,7 @@ pub enum Place {
 }
 
 impl Place {
-    /// What is counted.
+    /// The unit in which the location is counted.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Line(_) => "line",

@@ -1,4 +1,4 @@
-//! What a path refers to when something is to be written there.
+//! Destination of a path to be written to, with links followed.
 
 use std::{
     fs::{self, OpenOptions},

@@ -1,8 +1,9 @@
-//! What a run may cost before it is given up.
+//! Cost limit of a run.
 //!
-//! Counted in evaluations of the right-hand side, so that the same runs are given up on every machine; seconds count only where
-//! a study says so. A run may take [`EVALUATIONS`] in all, spread evenly over its time but for [`AHEAD`], so that one which
-//! would need many more is given up early; and at any place it must get on at a rate that would end it at all.
+//! Cost is counted in evaluations of the right-hand side, so that the same runs are abandoned on every machine. Seconds
+//! count only where a study limits them. A run may take [`EVALUATIONS`] in all. They are spread evenly over its time,
+//! with an allowance of [`AHEAD`], so that a run that would need many more is abandoned early. At every time it must
+//! progress at a rate that would complete it.
 
 use std::{
     cell::Cell,
@@ -21,7 +22,7 @@ const STANDSTILL: f64 = 1e10;
 /// Evaluations between two looks at the clock and at the flags.
 const LOOK: u64 = 1 << 8;
 
-/// What a run may cost, and what it has cost.
+/// Cost limit of a run, and its cost so far.
 #[derive(Debug, Default)]
 pub struct Budget<'a> {
     stops: &'a [&'a AtomicBool],
@@ -133,7 +134,7 @@ impl<'a> Budget<'a> {
         matches!(self.end.get(), Some(StopCause::Evaluations))
     }
 
-    /// Whether the run must be given up.
+    /// Returns true if the run must be abandoned.
     pub(crate) fn is_over(&self) -> bool {
         self.end.get().is_some()
     }

@@ -402,7 +402,7 @@ impl<'a> MultibodyBuilder<'a> {
         (positions.into_iter().collect(), velocities.into_iter().collect())
     }
 
-    /// What a name refers to; see [`super::measure`].
+    /// Resolves the name of a measure; see [`super::measure`].
     fn measure(&mut self, name: &str) -> Result<Measure, String> {
         match name {
             "kinetic_energy" => return Ok(Measure::KineticEnergy),
@@ -509,7 +509,8 @@ impl<'a> MultibodyBuilder<'a> {
         }
     }
 
-    /// Whether a coordinate is that of a joint whose points are not found, so that nothing follows from where it is.
+    /// Returns true if a coordinate belongs to a joint whose points are unknown, so that nothing follows from its
+    /// value.
     fn is_broken_joint(&self, coordinate: &str) -> bool {
         let owner = coordinate.rsplit_once('.').map_or("", |(owner, _)| owner);
         let key = format!("joints.{owner}.between");

@@ -135,7 +135,7 @@ impl Coordinate {
         Self::Projection { from: BodyPoint::ORIGIN, to: point, frame: None, axis }
     }
 
-    /// Whether it is an angle; otherwise it is a length.
+    /// Returns true if it is an angle; otherwise it is a length.
     pub fn is_angle(&self) -> bool {
         matches!(self, Self::Angle { .. })
     }
@@ -148,7 +148,7 @@ impl Coordinate {
         }
     }
 
-    /// Whether any body's motion changes it; otherwise it is of the ground alone.
+    /// Returns true if the motion of a body changes it; otherwise it belongs to the ground alone.
     pub fn is_of_body(&self) -> bool {
         match self {
             Self::Projection { from, to, .. } | Self::Distance { from, to } => from.frame.or(to.frame).is_some(),

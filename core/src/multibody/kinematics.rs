@@ -51,7 +51,7 @@ struct Loop {
 struct Way<'a> {
     model: &'a MultibodyModel,
     loops: Vec<Loop>,
-    /// What counts as 1 in each coordinate: a radian or the longest lever arm.
+    /// Scale of each coordinate: a radian or the longest lever arm.
     scale: DVector<f64>,
     /// Corrections are what counts.
     budget: &'a Budget<'a>,

@@ -1,4 +1,4 @@
-//! What the TOML parser says, in words of the file.
+//! Messages of the TOML parser in the vocabulary of the file.
 
 use crate::diagnostics::schema::shortened;
 

@@ -14,12 +14,12 @@ pub struct Driver {
 }
 
 impl Driver {
-    /// What its constraint holds, and at what.
+    /// The coordinate that its constraint prescribes, and its motion.
     pub fn held(self) -> (Coordinate, Target) {
         (self.coordinate, Target::Motion(self.motion))
     }
 
-    /// What can be measured of a driver of either kind whose multiplier is `row`.
+    /// Measures of a driver of either kind whose multiplier is `row`.
     pub fn measures(row: usize) -> Measures {
         vec![("effort", Measure::DriverEffort(row))]
     }
