@@ -1,11 +1,11 @@
-//! Signals: values in the course of time, of the inputs that act on a component while it runs.
+//! Signals: values over time of the inputs that act on a component while it runs.
 
 use std::f64::consts::TAU;
 
-/// A value in the course of time.
+/// A value over time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Signal {
-    /// The same at all times.
+    /// Constant value.
     Constant(f64),
     /// The value of the last knot that is not after the time: steps, pseudo-random binary signals, sampled data with a
     /// zero-order hold. Before the first knot, its value.
@@ -96,7 +96,7 @@ impl Knots {
 }
 
 impl Signal {
-    /// Whether it has instants at which it is not smooth.
+    /// Returns true if it has time points at which it is not smooth.
     pub fn has_knots(&self) -> bool {
         matches!(self, Self::Held(_) | Self::Linear(_))
     }

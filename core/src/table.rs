@@ -175,7 +175,7 @@ impl Table {
         self.unit_problem(column, expected).map_or(Ok(()), |problem| Err(self.mistake_in_header(&problem)))
     }
 
-    /// What is wrong with a column's unit, if it has one, and one is expected.
+    /// The problem of a column's unit, if it has one, and one is expected.
     pub fn unit_problem(&self, column: usize, expected: Option<&str>) -> Option<String> {
         let column = &self.columns[column];
         let (found, expected) = (column.unit()?, expected?);
@@ -235,7 +235,7 @@ fn bracketed(text: &str) -> Option<&str> {
     square.or_else(|| text.strip_prefix('(').and_then(|text| text.strip_suffix(')'))).map(str::trim)
 }
 
-/// What is wrong with the names of the columns: each has one, no two the same.
+/// Checks the names of the columns: each has one, and no two are equal.
 fn check_names(columns: &[TableColumn]) -> std::result::Result<(), String> {
     let mut before = HashSet::with_capacity(columns.len());
     for (index, TableColumn { name, .. }) in columns.iter().enumerate() {

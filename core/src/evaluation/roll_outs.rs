@@ -135,7 +135,7 @@ impl RollOuts {
     }
 }
 
-/// Fraction of its own tolerance with which a surrogate's sensitivity is measured. It keeps the error of the solver
+/// Fraction of a surrogate's tolerance at which its sensitivity is measured. It keeps the error of the solver
 /// well below the effect of the perturbation [`OFF`].
 const TIGHT: f64 = 1e-2;
 

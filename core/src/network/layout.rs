@@ -34,7 +34,7 @@ pub(crate) struct LayerShape {
     pub(crate) inputs: usize,
     pub(crate) outputs: usize,
     pub(crate) by_rows: bool,
-    /// Of all weights and biases, padding included, within the block of parameters.
+    /// Range of all weights and biases, padding included, within the block of parameters.
     range: Range<usize>,
     weights: usize,
     pub(crate) normalized: bool,

@@ -77,7 +77,7 @@ impl NetworkOptions {
         problems
     }
 
-    /// What is wrong beside the other sections, by dotted key.
+    /// Problems that depend on the other sections, by dotted key.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let Self { structure, .. } = self;
         let instants = match structure {
@@ -94,7 +94,7 @@ impl NetworkOptions {
         problems
     }
 
-    /// What is wrong with so many networks between so many inputs and outputs, by dotted key.
+    /// Problems of `instants` networks with these numbers of inputs and outputs, by dotted key.
     pub fn problems_between(
         &self,
         [inputs, outputs]: [usize; 2],

@@ -72,7 +72,7 @@ impl Recording {
         &self.digest
     }
 
-    /// Why runs of so many seconds cannot take stretches of it.
+    /// The reason why runs of `run` seconds cannot take stretches of it; none if they can.
     pub(super) fn too_short(&self, run: f64) -> Option<String> {
         let Self { path, duration, .. } = self;
         (*duration < run * (1.0 - 1e-9))

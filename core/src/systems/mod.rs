@@ -20,7 +20,8 @@ pub struct System {
     pub quantities: &'static [SystemQuantity],
     /// Every output, in the order in which `simulate` writes them.
     pub outputs: &'static [SystemOutput],
-    /// The same system as a mechanism file, with these quantities as parameters and these outputs: what the structure "dynamics" learns.
+    /// Mechanism file of the system, with these quantities as parameters and these outputs, for the structure
+    /// "dynamics".
     pub mechanism: &'static str,
     /// Points whose paths reports show.
     pub points: &'static [SystemPoint],

@@ -53,7 +53,7 @@ pub enum Values {
     Labels(Labels),
     /// Numbers; what could not be computed is not a number.
     Numbers(Vec<f64>),
-    /// Whether something is so.
+    /// Truth values.
     Flags(Vec<bool>),
 }
 
@@ -65,7 +65,7 @@ pub struct Labels {
 }
 
 impl Labels {
-    /// The same text in so many rows.
+    /// One text in each of `count` rows.
     pub fn repeated(label: &str, count: usize) -> Self {
         Self { text: label.repeat(count), ends: (1..=count).map(|row| row * label.len()).collect() }
     }
@@ -220,7 +220,7 @@ fn parquet(names: &[String], first: &[Block]) -> Result<SerializedFileWriter<Vec
     SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties.build()))
 }
 
-/// Whether a label is a whole number that is written as others write it: not `007`.
+/// Returns true if a label is a whole number in its usual form: not `007`.
 fn is_whole(label: &str) -> bool {
     label.parse::<i64>().is_ok_and(|number| number.to_string() == label)
 }

@@ -1,9 +1,9 @@
 //! Training: turns rows into a network.
 //!
-//! The loss is a mean over rows and outputs of a function of the standardised outputs' errors, their square by default.
-//! Each epoch goes once
-//! through all training rows in a new random order, in batches of (nearly) equal size with one optimizer step each, and
-//! ends with the loss on the held-out validation rows; the network with the smallest validation loss is the result.
+//! The loss is a mean over rows and outputs of a function of the standardized outputs' errors, their square by default.
+//! Each epoch passes once through all training rows in a new random order, in batches of (nearly) equal size with one
+//! optimizer step each. It ends with the loss on the held-out validation rows. The network with the smallest validation
+//! loss is the result.
 //!
 //! Rows with a [`Recurrence`] are trained by stretches: what the network gives at one row is an input of the rows that follow.
 //!
@@ -96,7 +96,7 @@ pub struct EpochRecord {
     pub learning_rate: f64,
     /// Wall time since the training began, in seconds.
     pub seconds: f64,
-    /// Whether no earlier epoch had a validation loss as small.
+    /// `true` if no earlier epoch had a validation loss as small.
     pub best: bool,
 }
 
@@ -112,7 +112,7 @@ pub enum StopReason {
     /// The validation loss stayed far above the best one while the training loss was below that of the best epoch.
     #[serde(rename = "overfitting: the loss on held-out runs rose")]
     Overfitted,
-    /// The validation loss at the end of a cycle is as small as is asked for.
+    /// The validation loss at the end of a cycle is as small as requested.
     #[serde(rename = "good enough")]
     Enough,
     /// Too few epochs are left for another cycle.
@@ -135,7 +135,7 @@ impl fmt::Display for StopReason {
     }
 }
 
-/// What a training gives.
+/// Result of a training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// The network with the smallest validation loss. If there was no validation yet: the current network after an
@@ -150,7 +150,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// The same, if an epoch was completed.
+    /// The outcome, if an epoch was completed.
     ///
     /// # Errors
     /// [`TrainingError::NoEpoch`]: the network is not trained.
@@ -214,7 +214,7 @@ pub enum TrainingError {
     /// A checkpoint that cannot be written or gone on from.
     #[error("the checkpoint cannot be used: {problem}")]
     Checkpoint {
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
     /// A training that ended before its first epoch was complete.
@@ -228,7 +228,7 @@ pub enum TrainingError {
     Option {
         /// The option's key in the study file.
         name: String,
-        /// What was given and what it should be.
+        /// Given and expected values.
         problem: String,
     },
 }

@@ -22,11 +22,11 @@ pub struct TrainingRows {
 pub struct Tangents {
     /// Number of directions.
     pub directions: usize,
-    /// Of the standardised inputs: shape `[rows, directions, n_inputs]`.
+    /// Derivatives of the standardized inputs: shape `[rows, directions, n_inputs]`.
     pub inputs: Vec<f32>,
-    /// Of the standardised outputs: shape `[rows, directions, n_outputs]`.
+    /// Derivatives of the standardized outputs: shape `[rows, directions, n_outputs]`.
     pub outputs: Vec<f32>,
-    /// Whether those of each output are known; the others are ignored.
+    /// `true` for each output whose derivatives are known; the others are ignored.
     pub known: Vec<bool>,
 }
 
@@ -67,7 +67,7 @@ impl TrainingRows {
         Ok(Self { n_inputs, n_outputs, inputs, outputs, recurrence: None, tangents: None })
     }
 
-    /// The same with derivatives. They are learned by networks with tanh or sigmoid, without normalisation and dropout.
+    /// Adds derivatives. Networks with tanh or sigmoid learn them, without normalization and dropout.
     ///
     /// # Errors
     /// As [`TrainingRows::new`].
@@ -86,7 +86,7 @@ impl TrainingRows {
         self.tangents.as_ref()
     }
 
-    /// The same rows, to be trained on by stretches.
+    /// Adds a recurrence: the rows are trained by stretches.
     ///
     /// # Panics
     /// If the recurrence does not fit the rows.
@@ -115,7 +115,7 @@ impl TrainingRows {
         self.len() * self.n_outputs * self.recurrence.as_ref().map_or(1, |recurrence| recurrence.stretch)
     }
 
-    /// Whether there are no rows, or no stretches.
+    /// Returns true if there are no rows, or no stretches.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

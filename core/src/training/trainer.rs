@@ -20,9 +20,9 @@ pub struct Trainer {
     /// Without its parameters, which are elsewhere.
     network: Network,
     packed: Packed,
-    /// Of each normalised layer: running means and variances, `[2, padded(outputs)]`.
+    /// Running means and variances of each normalized layer, `[2, padded(outputs)]`.
     running: Vec<Buffer>,
-    /// What is validated: the network with the normalisation in its weights; none without normalisation.
+    /// The validated network, with the normalization in its weights; none without normalization.
     folded: Option<Packed>,
     updater: Updater,
     gradients: Gradients,

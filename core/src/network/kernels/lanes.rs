@@ -46,8 +46,9 @@ pub(crate) trait SimdLanes: Copy {
     fn sum(self) -> f32;
 }
 
-/// Twice as many numbers. Nested pairs instead of an array of registers: a loop over the array, for each of thousands of
-/// operations that are inlined into one function, took the compiler a quarter of the time it has for the whole crate.
+/// Registers with twice the numbers. Nested pairs replace an array of registers, because loops over the array are
+/// slow to compile. In thousands of operations inlined into one function, they took a quarter of the crate's compile
+/// time.
 #[derive(Clone, Copy)]
 pub(crate) struct Pair<L>(L, L);
 

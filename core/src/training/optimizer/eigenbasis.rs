@@ -107,8 +107,8 @@ pub(super) fn all(matrix: &Matrix) -> Left<'_> {
     }
 }
 
-/// Puts a unit vector orthogonal to all of `done` into `vector`: what is left of `wish`, or of the first unit vector of
-/// which enough is left. There is one, because fewer than `size` vectors are done.
+/// Puts a unit vector orthogonal to all of `done` into `vector`: the remainder of `wish`, or of the first unit vector
+/// whose remainder is large enough. There is one, because fewer than `size` vectors are done.
 fn complete(simd: InstructionSet, vector: &mut [f32], done: &[f32], stride: usize, wish: &[f32], size: usize) {
     vector.copy_from_slice(wish);
     for unit in 0..=size {
