@@ -203,7 +203,7 @@ impl Judged<'_> {
     }
 }
 
-/// A number with three decimals, or as many as tell it from another one.
+/// A number with three decimals, or as many as distinguish it from another one.
 fn told_apart(value: f64, other: f64) -> String {
     if value.abs() >= 1e4 {
         return format!("{value:.2e}");

@@ -192,7 +192,7 @@ fn growing(ends: &[f64], mut half_widths: Vec<f64>, width: usize) -> (Vec<f64>, 
     ([0.0].iter().chain(ends).copied().collect(), half_widths)
 }
 
-/// Smallest value up to which the weights sum to what is needed; none if they never do.
+/// Smallest value up to which the weights sum to `needed`; none if they never do.
 fn quantile(mut rows: Vec<(f64, f64)>, needed: f64) -> Option<f64> {
     rows.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let sums = rows.iter().scan(0.0, |sum, &(value, weight)| {

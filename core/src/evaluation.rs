@@ -195,8 +195,8 @@ impl Accuracy {
     }
 }
 
-/// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
-/// being linear between two rows; what cannot be computed is not a number.
+/// Predictions of the surrogate for a run: shape `[times, outputs]`. With states, it is rolled out from the start of
+/// the run, with inputs that are linear between two rows. Values that cannot be computed are NaN.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
     if surrogate.program().has_memory() {
         return RollOut::along(surrogate, evaluator, run).predictions();

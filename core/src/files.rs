@@ -80,8 +80,8 @@ fn write_at(path: &Path, write: impl FnOnce(&Destination) -> io::Result<()>) -> 
     Destination::find(path).and_then(|destination| write(&destination)).map_err(Error::io(path, "write"))
 }
 
-/// Puts a file in the place of another one, or of none; `in_place`, that is written to if it has other names or its folder takes
-/// no new file.
+/// Replaces or creates a file. With `in_place`, it writes into the existing file if that has other names or its folder
+/// accepts no new file.
 fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let old = match OpenOptions::new().write(true).open(path) {
         Ok(file) => Some(file.metadata()?),
@@ -111,7 +111,8 @@ fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io
     }
 }
 
-/// Copies a file into another one. The part beyond its end is written first, so that nothing has changed if there is no room for it.
+/// Copies a file into another one. Writes the part beyond its end first, so that nothing has changed if there is no
+/// room for it.
 fn overwrite(path: &Path, from: &mut File) -> io::Result<()> {
     let mut to = OpenOptions::new().write(true).open(path)?;
     let (old, new) = (to.metadata()?.len(), from.metadata()?.len());

@@ -1,7 +1,7 @@
 //! Layout of a row: its columns, the column of time, and the encodings. The order of columns is defined here only.
 //!
-//! The inputs of a surrogate are the parameters in order, then the time. A row of a model has the columns that the inputs
-//! become by their encodings; that of a model for a single instant has no time.
+//! The inputs of a surrogate are the parameters in order, then the time. A row of a model has the columns that the
+//! inputs become by their encodings. A row of a model for a single time point has no time.
 
 use crate::dataset::Run;
 use metafmu_runtime::Encoder;

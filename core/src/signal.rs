@@ -35,7 +35,7 @@ pub enum Signal {
     },
 }
 
-/// Values at instants.
+/// Values at time points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Knots {
     times: Vec<f64>,
@@ -54,10 +54,11 @@ pub struct SineTerm {
 }
 
 impl Knots {
-    /// Values at ascending instants, in s.
+    /// Values at ascending time points, in s.
     ///
     /// # Errors
-    /// A sentence: there is none, there are more or fewer values than instants, one is not finite, or the instants do not ascend.
+    /// A sentence: there is no value, the numbers of values and time points differ, one is not finite, or the time
+    /// points do not ascend.
     pub fn new(times: Vec<f64>, values: Vec<f64>) -> Result<Self, String> {
         if times.is_empty() || times.len() != values.len() {
             return Err(format!(

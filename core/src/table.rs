@@ -263,7 +263,7 @@ pub fn has_commas(text: &str) -> bool {
     text.contains(',') && text.replace(',', "").parse::<f64>().is_ok()
 }
 
-/// Returns true for what is neither empty nor a number, whatever its commas are.
+/// Returns true if a text is neither empty nor a number, whatever its commas are.
 pub fn is_text(text: &str) -> bool {
     !(text.is_empty() || text.parse::<f64>().is_ok() || has_commas(text))
 }

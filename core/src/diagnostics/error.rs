@@ -98,7 +98,7 @@ pub enum Error {
     Model {
         /// The model file.
         path: PathBuf,
-        /// How it is wrong.
+        /// The format error.
         source: Box<metafmu_runtime::FormatError>,
     },
     /// A file that cannot be a surrogate by its name.
@@ -148,7 +148,7 @@ pub enum Error {
         /// How they do not.
         source: metafmu_runtime::FormatError,
     },
-    /// A file is no zip archive, or a damaged one.
+    /// A file is not a zip archive, or is damaged.
     #[error("{}: not an {}: {}", path.display(), archive_kind(path), no_zip(source))]
     Archive {
         /// The file.
@@ -194,16 +194,16 @@ pub enum Error {
         /// The cause of the failure.
         message: String,
     },
-    /// A platform that there is no library for in this program.
+    /// A platform without an embedded library in this program.
     #[error(
         "platform `{tuple}` is not embedded in this program, which has {}: add a library with --binary {tuple}=FILE, or \
          build metafmu with METAFMU_RUNTIMES",
         list_or_none(known)
     )]
     NotEmbedded {
-        /// The platform asked for.
+        /// The requested platform.
         tuple: String,
-        /// The platforms there are.
+        /// The embedded platforms.
         known: Vec<String>,
     },
     /// Two libraries that belong in the same place.
@@ -276,9 +276,9 @@ pub enum Error {
     UnknownComponent {
         /// The system's description.
         path: PathBuf,
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// The names there are.
+        /// The known names.
         known: Vec<String>,
     },
     /// A component cannot be replaced by another FMU.
@@ -294,7 +294,7 @@ pub enum Error {
     Component {
         /// Its name.
         name: String,
-        /// How it failed.
+        /// The failure.
         source: Box<Self>,
     },
     /// A function of an FMU failed.
@@ -314,12 +314,12 @@ pub enum Error {
         did_you_mean(name, known.iter().map(String::as_str))
     )]
     UnknownVariable {
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// The names there are.
+        /// The known names.
         known: Vec<String>,
     },
-    /// A value or variable that cannot be used as was asked.
+    /// A value or variable that cannot be used as requested.
     #[error("variable `{name}`: {problem}")]
     Variable {
         /// The variable.
@@ -368,7 +368,7 @@ fn archive_kind(path: &Path) -> &'static str {
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ssp")) { "SSP archive" } else { "FMU" }
 }
 
-/// Why something is no zip archive that can be read.
+/// The reason why a file cannot be read as a zip archive.
 fn no_zip(error: &zip::result::ZipError) -> String {
     use zip::result::ZipError;
     match error {

@@ -1,4 +1,4 @@
-//! Files of other kinds than expected, by their names: what they are, and what is done with them.
+//! Files of unexpected kinds, recognized by their names, and the commands that handle them.
 
 use crate::Error;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! Names for people: lists of those there are, and the one that was probably meant.
+//! Names for people: lists of known names, and the one that was probably meant.
 
 use std::collections::HashMap;
 

@@ -88,7 +88,7 @@ impl Check<'_> {
         self.mistakes.push(Mistake { key: key.into(), offset, message, is_missing: false });
     }
 
-    /// A value and what is in it; `offset` is where its key is.
+    /// Checks a value and its content; `offset` is the position of its key.
     fn value(&mut self, schema: &Value, value: &Spanned<DeValue>, key: &str, offset: usize) {
         let alternatives = schema.get("anyOf").and_then(Value::as_array);
         let fitting = alternatives.and_then(|all| all.iter().find(|one| is_of_type(one, value.get_ref())));

@@ -54,7 +54,7 @@ pub struct Horizon {
 
 /// Perturbation of the initial state by which the sensitivity of a motion is measured.
 pub const OFF: f64 = 1e-9;
-/// Sensitivity of a motion, its answer to an initial state perturbed by 1e-9, from which on it is chaotic.
+/// Sensitivity of a motion, its response to an initial state perturbed by 1e-9, from which on it is chaotic.
 pub const CHAOTIC: f64 = 1e-3;
 /// Part of its standard deviation that an error of an output has when a roll-out has diverged.
 const DIVERGED: f64 = 0.1;
@@ -234,8 +234,9 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
     Some(test.runs.par_iter().map(drift).reduce(|| 0.0, f64::max).min(f64::MAX))
 }
 
-/// How far positions are from those of the mechanism it was learned from, at the coordinates that the test runs' roll-outs come to: see
-/// [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the largest number.
+/// Largest deviation of positions from those of the mechanism it was learned from, at the coordinates of the test runs'
+/// roll-outs: see [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the
+/// largest number.
 pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Dataset) -> Option<f64> {
     let motion = surrogate.program().motion()?;
     if !motion.outputs.iter().any(|shown| matches!(shown, Shown::Position(_))) {
@@ -334,12 +335,12 @@ impl<'a> RollOut<'a> {
         self.steps
     }
 
-    /// Why the motion could not be computed to the last row that was asked for, if the solver knows.
+    /// The reason why the motion could not be computed to the last requested row, if the solver knows.
     pub fn failure(&self) -> Option<StepError> {
         self.failure
     }
 
-    /// The outputs at all rows: shape `[times, outputs]`. What cannot be computed is not a number.
+    /// The outputs at all rows: shape `[times, outputs]`. Values that cannot be computed are NaN.
     pub(super) fn predictions(mut self) -> Vec<f64> {
         let width = self.surrogate.outputs().len();
         let mut predictions = vec![f64::NAN; self.run.times.len() * width];

@@ -61,7 +61,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// Counts an evaluation; false if the run must be given up.
+    /// Counts an evaluation; returns false if the run must be abandoned.
     pub(crate) fn spend(&self) -> bool {
         let spent = self.evaluations.get() + 1;
         self.evaluations.set(spent);
@@ -87,7 +87,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// Notes a time that the run has come to.
+    /// Notes the time that the run has reached.
     pub(crate) fn arrive(&self, t: f64) {
         if t > self.reached.get() {
             self.last_step.set(t - self.reached.get());
@@ -139,10 +139,10 @@ impl<'a> Budget<'a> {
         self.end.get().is_some()
     }
 
-    /// Fails if the run must be given up; `cause` may explain why the equations cannot be integrated.
+    /// Fails if the run must be abandoned; `cause` may explain why the equations cannot be integrated.
     ///
     /// # Errors
-    /// A sentence that says what was tried and why the run is given up.
+    /// A sentence that says what was tried and why the run is abandoned.
     pub(crate) fn check(&self, cause: impl FnOnce() -> Option<String>) -> Result<(), String> {
         let t = self.reached.get();
         Err(match (self.end.get(), self.clock) {

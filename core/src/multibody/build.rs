@@ -34,7 +34,7 @@ pub enum Torsion {
     /// The potential, as any other stiffness.
     #[default]
     InPotential,
-    /// Efforts: formulas, whose energy is no part of the potential.
+    /// Efforts: formulas, whose energy is not part of the potential.
     AsForces,
 }
 
@@ -107,7 +107,7 @@ pub fn free_coordinates(description: &Description, values: &[f64]) -> Vec<Coordi
     MultibodyBuilder::new(description, values).joints.iter().filter_map(Joint::free).collect()
 }
 
-/// Limits of coordinates by stops, the lower and the upper one; those that cannot be built are left out.
+/// Limits of coordinates by stops, the lower and the upper one; stops that cannot be built are ignored.
 pub fn limits(description: &Description, values: &[f64]) -> Vec<(Coordinate, [f64; 2])> {
     let mut builder = MultibodyBuilder::new(description, values);
     let stops = description.stops.values();

@@ -1,4 +1,4 @@
-//! Constraints `C(q, t) = 0` of joints and drivers, and what the solvers need of them.
+//! Constraints `C(q, t) = 0` of joints and drivers, with the terms that the solvers need.
 //!
 //! A constraint holds a scalar [`Coordinate`] at a target: `C = s(q) - f(t)`. Differentiated twice
 //! (Haug: *Computer-Aided Kinematics and Dynamics of Mechanical Systems*, chapter 3):

@@ -173,7 +173,7 @@ impl<'a> Way<'a> {
         vector.iter().zip(&self.scale).fold(0.0, largest)
     }
 
-    /// Why there is no way from a position to a time right after it.
+    /// The reason why no path leads from a position to a time right after it.
     fn obstacle(&self, from: f64, to: f64, q: &DVector<f64>) -> String {
         let constraints = &self.model.constraints;
         if let Some(message) = constraints.undefined_motion(to) {

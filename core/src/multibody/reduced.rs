@@ -1,4 +1,4 @@
-//! The equations of motion in independent coordinates: what a component with states integrates, and what a surrogate of it learns.
+//! Equations of motion in independent coordinates, which components with states integrate and surrogates learn.
 //!
 //! A mechanism without prescribed motion and without time in its forces has `n` degrees of freedom. With `n` coordinates `s(q)`
 //! that are independent of the constraints, `J = [C_q; s_q]` is square, and all velocities follow from those of `s`:
@@ -95,8 +95,8 @@ pub struct Terms {
     pub potential_force: DVector<f64>,
     /// `D`, the springs' damping; zero in the row of a driven coordinate: shape `[n, n]`.
     pub damping: DMatrix<f64>,
-    /// `B`: what a unit of each effort, and after them of each prescribed acceleration, gives, and zero for each further known expression:
-    /// shape `[n, efforts]`.
+    /// `B`: forces of a unit of each effort, then of each prescribed acceleration, then zero for each further known
+    /// expression: shape `[n, efforts]`.
     pub effort_map: DMatrix<f64>,
     /// Potential energy of gravity and springs, in J.
     pub potential: f64,

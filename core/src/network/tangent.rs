@@ -174,7 +174,7 @@ impl SimdKernel for TangentBackward<'_> {
     }
 }
 
-/// From derivatives by what an activation made to those by what it was made of; `y` is what it made.
+/// Turns derivatives by an activation's outputs `y` into derivatives by its inputs.
 #[inline(always)]
 fn bend<L: SimdLanes, F: Curved>(nodes: usize, rows: usize, directions: usize, y: &[f32], d: &mut [f32]) {
     let distance = stride(nodes);

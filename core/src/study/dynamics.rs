@@ -32,7 +32,7 @@ pub enum DynamicsModel {
     /// A network.
     #[serde(rename = "network")]
     Network,
-    /// Sums of the lowest order, and a network for what they leave over.
+    /// Sums of the lowest order, and a network for the residual.
     #[serde(rename = "dictionary and network")]
     Both,
     /// The accelerations as a network of coordinates, parameters, velocities and inputs, without the structure of the equations: of a

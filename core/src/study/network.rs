@@ -60,7 +60,7 @@ const MAX_NODES: usize = 16384;
 /// Weights and biases of all networks: training holds several copies of them in single precision.
 const MAX_WEIGHTS: f64 = 1e8;
 
-/// Epochs of all networks where there is one for each instant: each has its history.
+/// Maximum number of epochs of all networks if there is one for each time point: each has its history.
 const MAX_HISTORIES: f64 = 1e8;
 
 impl NetworkOptions {

@@ -27,8 +27,8 @@ pub struct System {
     pub points: &'static [SystemPoint],
     /// The commented study that `metafmu new` writes.
     pub study: &'static str,
-    /// Simulates one run: values of `quantities`, evenly spaced times, the integration's tolerance and what the run may cost in;
-    /// rows of all outputs out, one after the other.
+    /// Simulates one run. Takes values of `quantities`, evenly spaced times, the tolerance of the integration and the
+    /// cost limit. Returns the rows of all outputs, one after the other.
     pub simulate: Simulate,
 }
 

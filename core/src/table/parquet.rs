@@ -29,7 +29,7 @@ use std::{
 /// Rows of a column that are decoded at once: little memory, and little to do for each time.
 const CHUNK: usize = 8192;
 
-/// Types of numbers, and of what may be asked for as text.
+/// Types that are read as numbers, and types that are read as text.
 const NUMBERS: &str = "DOUBLE, FLOAT, INT32, INT64 or BOOLEAN";
 const TEXTS: &str = "BYTE_ARRAY (String), DOUBLE, FLOAT, INT32, INT64 or BOOLEAN";
 

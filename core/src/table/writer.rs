@@ -51,7 +51,7 @@ impl Format {
 pub enum Values {
     /// Labels.
     Labels(Labels),
-    /// Numbers; what could not be computed is not a number.
+    /// Numbers; NaN if they could not be computed.
     Numbers(Vec<f64>),
     /// Truth values.
     Flags(Vec<bool>),
@@ -103,7 +103,7 @@ pub type Block = Vec<Values>;
 pub struct Writer {
     format: Format,
     names: Vec<String>,
-    /// None before the first rows, whose values tell the types of the columns.
+    /// None before the first rows, whose values determine the types of the columns.
     written: Option<FormatWriter>,
 }
 
@@ -122,7 +122,7 @@ impl Writer {
     /// Writes rows, the first time with a header.
     ///
     /// # Errors
-    /// Those of `to`; of Parquet, if a label is no whole number although all of the first rows' are.
+    /// Errors of `to`; for Parquet also a label that is not a whole number although all labels of the first rows are.
     pub fn write(&mut self, blocks: &[Block], to: &mut dyn Write) -> io::Result<()> {
         if blocks.iter().all(|block| block.first().is_none_or(|values| values.len() == 0)) {
             return Ok(());

@@ -35,20 +35,21 @@ struct FunctionGroup {
     columns: Vec<usize>,
 }
 
-/// Nodes of one group, and what each of its outputs has of them: shape `[outputs, nodes + 1]`, the last one being the constant.
+/// Nodes of one group, and their coefficients in each of its outputs: shape `[outputs, nodes + 1]`, the last one being
+/// the constant.
 struct RandomFeatures {
     /// `[nodes, columns]`
     weights: Vec<f64>,
     bias: Vec<f64>,
     coefficients: Vec<DVector<f64>>,
-    /// Root mean square error of the worst output in the samples that are held out.
+    /// Root mean square error of the worst output in the held-out samples.
     error: f64,
 }
 
-/// Half the range of weights: what is tried with the fewest nodes. With more nodes steeper ones pay. The least steep ones are nearly
-/// polynomials.
+/// Half the ranges of weights that are tried with the fewest nodes. With more nodes, steeper ones pay. The least steep
+/// ones are nearly polynomials.
 const SCALES: [f64; 9] = [0.0125, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2];
-/// Numbers of nodes that are tried, and how much the best scales before are changed from the second on.
+/// Numbers of nodes that are tried, and factors by which the previous best scales change from the second number on.
 const NODES: [usize; 10] = [32, 64, 96, 128, 192, 256, 384, 512, 768, 1024];
 const STEEPER: [f64; 3] = [0.5, 1.0, 2.0];
 /// Changes of the scale of a single column, for at most [`FEW_NODES`] nodes. A function may depend on each column
@@ -73,9 +74,9 @@ const PARTS: usize = 8;
 const BLOCK: usize = 128;
 const COLUMNS: usize = 64;
 
-/// The layers of a network for standardised samples, and its root mean square error, of the worst output, in those that are held out.
-/// `depends[output][column]` says which columns change an output, all of them if none does, and `known` of which outputs derivatives are
-/// known. None if no coefficients can be found, or `stop` turned true.
+/// The layers of a network for standardized samples, and its root mean square error, of the worst output, in the
+/// held-out samples. `depends[output][column]` says which columns change an output; if none does, all are used. `known`
+/// marks the outputs whose derivatives are known. None if no coefficients can be found, or `stop` turned true.
 ///
 /// # Panics
 /// If the samples have no rows or other shapes.
@@ -270,7 +271,7 @@ fn sum(
     sums.into_iter().fold(zeros(), |sum, part| sum + part)
 }
 
-/// `A R^-1` in the place of `A`, for an upper triangle `R`.
+/// Replaces `A` with `A R^-1`, for an upper triangle `R`.
 fn divide(a: &mut DMatrix<f64>, r: &DMatrix<f64>) {
     let columns = r.ncols();
     for first in (0..columns).step_by(COLUMNS) {

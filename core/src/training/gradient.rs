@@ -74,7 +74,7 @@ impl Gradients {
     }
 
     /// Mean loss over the outputs of the rows with the given numbers; leaves the gradients of its parts for
-    /// [`sum`](Self::sum). `seed` and `step` decide which nodes are left out.
+    /// [`sum`](Self::sum). `seed` and `step` decide which nodes are dropped.
     pub(super) fn compute(
         &mut self,
         team: &mut Team,

@@ -73,7 +73,7 @@ impl Observer for () {
 pub struct Progress {
     /// Epoch under way, counted from 1.
     pub epoch: usize,
-    /// Epochs asked for.
+    /// Requested epochs.
     pub epochs: usize,
     /// Steps done in this epoch.
     pub step: usize,
@@ -118,13 +118,13 @@ pub enum StopReason {
     /// Too few epochs are left for another cycle.
     #[serde(rename = "too few epochs left to gain anything")]
     TooFewLeft,
-    /// The observer asked for it.
+    /// The observer requested it.
     #[serde(rename = "stopped by Ctrl-C")]
     Interrupted,
     /// The coefficients of a dictionary have no epochs: they are the solution of one least-squares problem.
     #[serde(rename = "least squares solved")]
     Solved,
-    /// A loss was infinite or not a number.
+    /// A loss was infinite or NaN.
     #[serde(rename = "the loss became infinite: lower the learning rate")]
     Diverged,
 }
@@ -163,7 +163,7 @@ impl Outcome {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainingError {
-    /// Rows that are no rows.
+    /// Input and output values that do not form the same number of whole rows.
     #[error("{inputs} input and {outputs} output values are not the same number of rows of {n_inputs} and {n_outputs}")]
     Shape {
         /// Input columns.
@@ -211,7 +211,7 @@ pub enum TrainingError {
         /// In the network.
         expected: usize,
     },
-    /// A checkpoint that cannot be written or gone on from.
+    /// A checkpoint that cannot be written or resumed.
     #[error("the checkpoint cannot be used: {problem}")]
     Checkpoint {
         /// The problem.

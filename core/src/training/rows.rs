@@ -17,7 +17,7 @@ pub struct TrainingRows {
     tangents: Option<Tangents>,
 }
 
-/// Derivatives of the rows along some directions: what a network is to have beside its outputs.
+/// Derivatives of the rows along some directions, which the network is to match in addition to its outputs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tangents {
     /// Number of directions.
@@ -105,7 +105,7 @@ impl TrainingRows {
         self.recurrence.as_ref()
     }
 
-    /// Number of what is trained on: rows, or stretches of them.
+    /// Number of training items: rows, or stretches of them.
     pub fn len(&self) -> usize {
         self.recurrence.as_ref().map_or(self.inputs.len() / self.n_inputs, |recurrence| recurrence.starts.len())
     }
@@ -140,7 +140,7 @@ impl TrainingRows {
         &self.outputs
     }
 
-    /// A number that differs, in all likelihood, if any value does: tells apart data, keeps no secrets.
+    /// A hash of all values: distinguishes data, but is not cryptographic.
     pub fn digest(&self) -> u64 {
         let sizes = [self.n_inputs as u64, self.n_outputs as u64];
         let tangents = self.tangents.iter().flat_map(|tangents| tangents.inputs.iter().chain(&tangents.outputs));
@@ -166,7 +166,7 @@ impl TrainingRows {
     }
 }
 
-/// The network with zero for outputs that are constant in the rows, as initial values are at their instant: an exact constant.
+/// The network with an exact zero for outputs that are constant in the rows, as initial values are at their time point.
 pub fn without_constants(network: &Network, rows: &TrainingRows) -> Network {
     let mut network = network.clone();
     for output in 0..rows.n_outputs() {

@@ -1,5 +1,5 @@
-//! The driver: any coordinate of the mechanism moves as a function of time prescribes, or has a prescribed acceleration, which is no
-//! constraint of positions ([`Prescribed`](crate::multibody::model::Prescribed)).
+//! The driver: any coordinate of the mechanism follows a function of time, or has a prescribed acceleration, which is
+//! not a constraint of positions ([`Prescribed`](crate::multibody::model::Prescribed)).
 
 use super::{Coordinate, Measure, Measures};
 use crate::multibody::constraint::{BoundExpression, Target};

@@ -26,9 +26,9 @@ use std::ops::Range;
 /// The two points that a joint connects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ends {
-    /// The first body's.
+    /// Point of the first body.
     pub from: BodyPoint,
-    /// The second body's, whose motion relative to the first is meant.
+    /// Point of the second body. Relative motion is that of the second body against the first.
     pub to: BodyPoint,
 }
 

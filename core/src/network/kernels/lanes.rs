@@ -5,7 +5,7 @@
 
 pub(crate) use crate::network::layout::WIDTH;
 
-/// Numbers in single precision, and what one instruction (or a few) for each register does to them.
+/// Numbers in single precision, and the operations that take an instruction (or a few) for each register.
 ///
 /// Code for registers is only to be reached through [`InstructionSet::run`](super::InstructionSet::run), which has made
 /// sure that the processor has the instructions.

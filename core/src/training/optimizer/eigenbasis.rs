@@ -123,7 +123,7 @@ fn complete(simd: InstructionSet, vector: &mut [f32], done: &[f32], stride: usiz
     }
 }
 
-/// Divides a vector by its length, unless its square is not above `least` or not a number; whether it did.
+/// Divides a vector by its length if its square is finite and above `least`; returns true if it did.
 fn normalize(simd: InstructionSet, vector: &mut [f32], least: f32) -> bool {
     let square = simd.run(Dot { a: vector, b: vector });
     let good = square > least && square.is_finite() && square > f32::MIN_POSITIVE;

@@ -315,7 +315,7 @@ impl<'a> MatrixRows<'a> {
     /// The values of some rows.
     ///
     /// # Safety
-    /// As long as the result lives, no rows that overlap with these are asked for.
+    /// As long as the result lives, no rows that overlap with these are requested.
     #[expect(clippy::mut_from_ref, reason = "the caller keeps the rows apart")]
     unsafe fn get(&self, rows: Range<usize>) -> &mut [f32] {
         // SAFETY: as the caller promises
