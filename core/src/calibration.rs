@@ -103,7 +103,7 @@ pub fn coverage(surrogate: &Surrogate, calibration: &Dataset) -> Vec<KindCoverag
 /// Intervals of the time since the start.
 const INTERVALS: usize = 20;
 
-/// Where intervals end: as many rows in each, up to one.
+/// Ends of the intervals, whose numbers of time points differ by at most one.
 fn ends(calibration: &Dataset) -> Vec<f64> {
     let mut times: Vec<f64> = calibration.runs.iter().flat_map(|run| run.times.iter().copied()).collect();
     times.retain(|time| *time > 0.0);

@@ -97,7 +97,7 @@ pub struct Accuracy {
     pub given_rows: usize,
     /// Content digest of the surrogate, so that figures of one are not taken for those of another.
     pub content_digest: String,
-    /// How errors grow along roll-outs, of a surrogate with states.
+    /// Growth of errors along roll-outs, for a surrogate with states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub roll_outs: Option<RollOuts>,
     /// Origin of the rows, if they belong to no runs.

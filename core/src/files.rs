@@ -15,7 +15,7 @@ use std::{
 };
 use tempfile::NamedTempFile;
 
-/// How the names of files begin that are not complete yet.
+/// Prefix of the names of incomplete files.
 const UNFINISHED: &str = ".metafmu-";
 
 /// Writes a file, see [`write_with`].

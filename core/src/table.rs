@@ -114,7 +114,7 @@ impl Table {
         }
     }
 
-    /// Where the row is.
+    /// Location of the row.
     pub fn place(&self) -> Place {
         match &self.rows {
             FormatReader::Csv(csv) => csv.place(),

@@ -7,7 +7,7 @@ use super::{
 };
 use std::path::{Path, PathBuf};
 
-/// Everything that can go wrong in the tool.
+/// Every error of the tool.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -37,7 +37,7 @@ pub enum Error {
         /// The cause of the failure.
         message: String,
     },
-    /// More runs failed than may.
+    /// More runs failed than allowed.
     #[error(
         "{source_name}: {failed} of {total} runs failed, at most {allowed} may (source.max_failed = {share}); the last one \
          with {parameters}: {reason}"
@@ -45,23 +45,23 @@ pub enum Error {
     FailedRuns {
         /// The FMU, the mechanism file or the built-in system.
         source_name: String,
-        /// How many, so far.
+        /// The number of failed runs so far.
         failed: usize,
         /// The total number of runs.
         total: usize,
-        /// How many may.
+        /// The allowed number.
         allowed: usize,
-        /// The share that may.
+        /// The allowed share.
         share: f64,
         /// The parameter values of the last one that failed.
         parameters: String,
-        /// Why it did.
+        /// The reason of the last failure.
         reason: String,
     },
     /// The process that runs an FMU could not begin.
     #[error("{message}")]
     Worker {
-        /// Why.
+        /// The reason.
         message: String,
     },
     /// Stopped by the user.
@@ -72,7 +72,7 @@ pub enum Error {
     Table {
         /// The table's file.
         path: PathBuf,
-        /// Where in it.
+        /// The location in the table.
         place: Place,
         /// Found and expected values.
         message: String,
@@ -90,7 +90,7 @@ pub enum Error {
     Plot {
         /// The plot's file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         message: String,
     },
     /// A model file is wrong.
@@ -125,7 +125,7 @@ pub enum Error {
     Rows {
         /// The table.
         path: PathBuf,
-        /// Where, and what was found and what was expected.
+        /// The locations, with found and expected values.
         problems: Vec<(Place, String)>,
     },
     /// A model of another tool that cannot be imported.
@@ -145,7 +145,7 @@ pub enum Error {
     /// The parts of a surrogate do not fit each other.
     #[error("surrogate: {source}")]
     Surrogate {
-        /// How they do not.
+        /// The mismatch.
         source: metafmu_runtime::FormatError,
     },
     /// A file is not a zip archive, or is damaged.
@@ -189,7 +189,7 @@ pub enum Error {
     /// An FMU that is run by model exchange cannot be integrated.
     #[error("model exchange failed at {time} s: {message}")]
     Integration {
-        /// When.
+        /// The time of the failure, in seconds.
         time: f64,
         /// The cause of the failure.
         message: String,
@@ -219,7 +219,7 @@ pub enum Error {
     Baseline {
         /// The model's name.
         model: &'static str,
-        /// Why not.
+        /// The reason.
         problem: String,
     },
     /// A library that cannot go into an FMU.
@@ -227,7 +227,7 @@ pub enum Error {
     Binary {
         /// Its file.
         path: PathBuf,
-        /// Why not.
+        /// The reason.
         problem: String,
     },
     /// An FMU has no binary for this platform.
@@ -324,7 +324,7 @@ pub enum Error {
     Variable {
         /// The variable.
         name: String,
-        /// Why not.
+        /// The reason.
         problem: String,
     },
     /// Times that make no simulation.

@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// How errors grow along the test runs.
+/// Growth of errors along the test runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RollOuts {
     /// At a sixth of the runs' length, and at their end; once if there is no row between.
@@ -195,7 +195,7 @@ fn deviations(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| value - mean).collect()
 }
 
-/// When a roll-out has diverged, whose predictions begin at row `first`; infinite if it has not.
+/// Time at which a roll-out diverges whose predictions begin at row `first`; infinite if it does not.
 fn divergence(run: &Run, found: &[f64], first: usize, ranges: &[f64]) -> f64 {
     let width = ranges.len();
     let of = |column: usize| {
@@ -280,7 +280,7 @@ pub struct RollOut<'a> {
     tolerance: Option<f64>,
     /// Number of steps of the solver so far.
     steps: u64,
-    /// Why it went no further.
+    /// The error that stopped it, if one did.
     failure: Option<StepError>,
 }
 

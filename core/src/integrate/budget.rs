@@ -26,7 +26,7 @@ const LOOK: u64 = 1 << 8;
 #[derive(Debug, Default)]
 pub struct Budget<'a> {
     stops: &'a [&'a AtomicBool],
-    /// When the run began, and how long it may take.
+    /// The time at which the run began, and its time limit.
     clock: Option<(Instant, Duration)>,
     start: Cell<f64>,
     duration: Cell<f64>,
@@ -95,7 +95,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// When the run began, in its own time.
+    /// The simulated time at which the run begins.
     pub(crate) fn start(&self) -> f64 {
         self.start.get()
     }
@@ -119,12 +119,12 @@ impl<'a> Budget<'a> {
         self.evaluations.get()
     }
 
-    /// How far the run has come.
+    /// The simulated time that the run has reached.
     pub(crate) fn reached(&self) -> f64 {
         self.reached.get()
     }
 
-    /// How far it came last at once.
+    /// Length of the latest step.
     pub(crate) fn last_step(&self) -> f64 {
         self.last_step.get()
     }

@@ -92,7 +92,7 @@ impl BoundExpression {
     }
 }
 
-/// Where a constraint holds its coordinate.
+/// Target of a constrained coordinate.
 #[derive(Clone, Debug)]
 pub enum Target {
     /// At a value and a rate.
@@ -124,7 +124,7 @@ impl Target {
 pub struct Constraint {
     /// The constrained coordinate.
     pub coordinate: Coordinate,
-    /// Where.
+    /// Its target.
     pub target: Target,
     /// Key of what it belongs to in the description, for messages: `joints.A`.
     pub owner: String,

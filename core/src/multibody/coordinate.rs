@@ -77,9 +77,9 @@ struct VectorMotion {
 pub enum Coordinate {
     /// `a . (r_to - r_from)` with the vector `a` fixed in a frame: components of points, displacements of slides.
     Projection {
-        /// Where the difference begins.
+        /// Beginning of the difference.
         from: BodyPoint,
-        /// Where it ends.
+        /// End of the difference.
         to: BodyPoint,
         /// Frame in which the axis is fixed.
         frame: Frame,

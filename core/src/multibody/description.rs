@@ -63,7 +63,7 @@ pub struct Description {
     /// One sentence for people.
     #[serde(default)]
     pub description: String,
-    /// How the equations of motion are solved.
+    /// Formulation of the equations of motion.
     #[serde(default)]
     pub formulation: FormulationKind,
     /// Start in the static equilibrium to which the forces lead from the guesses of positions. Inputs and states have their values of the
@@ -128,7 +128,7 @@ pub struct Description {
     pub outputs: IndexMap<String, MechanismOutput>,
 }
 
-/// How the equations of motion are solved (Choi et al. 2021, section 2).
+/// Formulation of the equations of motion (Choi et al. 2021, section 2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FormulationKind {
@@ -459,7 +459,7 @@ pub struct ContactOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceOptions {
-    /// Where it acts.
+    /// Point of application.
     pub point: String,
     /// Components in the ground frame; of the parameters, `time`, positions and velocities.
     #[schemars(extend("x-unit" = "N"))]

@@ -207,7 +207,7 @@ pub fn mobility(model: &MultibodyModel, q: &DVector<f64>, coordinate: &Coordinat
     Some(qdd.dot(&force))
 }
 
-/// Why the equations of motion have no solution.
+/// The reason why the equations of motion have no solution.
 fn without_solution(model: &MultibodyModel, t: f64, gradients: &SparseGradients) -> String {
     match model.deciding.first_dependent(gradients) {
         Some(_) => model.deciding.name_singular(t, gradients),

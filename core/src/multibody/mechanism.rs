@@ -415,7 +415,7 @@ impl Mechanism {
     }
 }
 
-/// Where a run starts.
+/// Initial state of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct RunStart<'a> {
     /// Names of independent coordinates, as in [`Mechanism::reduced`].
@@ -515,7 +515,7 @@ fn within([low, high]: [f64; 2], [min, max]: [f64; 2], start: f64) -> [f64; 2] {
     [low.max((min - into).min(start)), high.min((max + into).max(start))]
 }
 
-/// How far a coordinate can be moved towards `end`, with a tenth to spare if that is not all the way.
+/// Distance by which a coordinate can move towards `end`, with a tenth to spare if that is not all the way.
 fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
     const PARTS: u32 = 32;
     let is_reached = |share: f64| {

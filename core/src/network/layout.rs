@@ -142,7 +142,7 @@ impl NetworkLayout {
 }
 
 impl LayerShape {
-    /// Where a weight lies within the layer's part.
+    /// Position of a weight within the layer's part.
     fn weight(&self, output: usize, input: usize) -> usize {
         if self.by_rows {
             output * padded(self.inputs) + input

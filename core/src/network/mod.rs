@@ -33,7 +33,7 @@ pub struct Network {
     parameters: Vec<f32>,
 }
 
-/// Why a network cannot be built.
+/// Reason why a network cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NetworkError {
@@ -69,9 +69,9 @@ pub enum NetworkError {
         layer: usize,
         /// Counted items: `inputs`, `weights` or `biases`.
         what: &'static str,
-        /// How many there should be.
+        /// The expected number.
         expected: usize,
-        /// How many there are.
+        /// The number found.
         found: usize,
     },
 }

@@ -325,7 +325,7 @@ pub struct Svr {
     /// Maximum number of rows: the time grows with their square.
     #[schemars(range(min = 2))]
     pub rows: usize,
-    /// How much an error counts beside the flatness of the model.
+    /// Weight of the errors against the flatness of the model.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub c: f64,
     /// Errors up to this one, in standard deviations, count nothing.
@@ -358,7 +358,7 @@ impl Svr {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Knn {
-    /// How many.
+    /// Number of neighbors.
     #[schemars(range(min = 1))]
     pub neighbours: usize,
     /// Maximum number of rows.
@@ -469,7 +469,7 @@ pub struct GradientBoosting {
     /// Most splits from the root to a leaf.
     #[schemars(range(min = 1))]
     pub depth: u16,
-    /// How much of its correction a tree makes.
+    /// Share of its correction that a tree makes.
     #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub learning_rate: f64,
     /// Maximum number of rows.
@@ -503,7 +503,7 @@ pub struct GaussianProcess {
     /// Maximum number of rows: the time grows with their cube.
     #[schemars(range(min = 2, max = MAX_PROCESS))]
     pub rows: usize,
-    /// How many of them decide the kernel.
+    /// Number of rows that determine the kernel.
     #[schemars(range(min = 2, max = MAX_PROCESS))]
     pub kernel_rows: usize,
     /// Steps of the search for the greatest likelihood.

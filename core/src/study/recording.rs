@@ -79,7 +79,7 @@ impl Recording {
             .then(|| format!("{}: {duration} s, expected at least {run} s, the length of a run", path.display()))
     }
 
-    /// Why it is not one of an input with this unit and range.
+    /// The reason why it does not suit an input with this unit and range; none if it does.
     pub fn unfit(&self, unit: &str, [min, max]: [f64; 2]) -> Option<String> {
         let TableColumn { name, unit: own } = &self.column;
         let path = self.path.display();

@@ -23,7 +23,7 @@ use std::{
     sync::Arc,
 };
 
-/// How a table is written.
+/// Format of a written table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Text.

@@ -100,7 +100,7 @@ pub struct EpochRecord {
     pub best: bool,
 }
 
-/// Why a training ended.
+/// Reason for the end of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StopReason {
     /// All epochs are done.
@@ -145,7 +145,7 @@ pub struct Outcome {
     pub history: Vec<EpochRecord>,
     /// The epoch that `network` is from; 0 if there was no validation yet.
     pub best_epoch: usize,
-    /// Why the training ended.
+    /// Reason for the end of the training.
     pub reason: StopReason,
 }
 
@@ -159,7 +159,7 @@ impl Outcome {
     }
 }
 
-/// Why a network cannot be trained.
+/// Reason why a network cannot be trained.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainingError {
@@ -196,7 +196,7 @@ pub enum TrainingError {
     /// More rows than can be numbered.
     #[error("{rows} training rows are too many, expected fewer than 2^32")]
     TooManyRows {
-        /// How many.
+        /// Their number.
         rows: usize,
     },
     /// Rows that do not fit the network.
@@ -220,7 +220,7 @@ pub enum TrainingError {
     /// A training that ended before its first epoch was complete.
     #[error("no epoch was completed: {reason}")]
     NoEpoch {
-        /// Why it ended.
+        /// Reason for the end.
         reason: StopReason,
     },
     /// An option that makes no sense.

@@ -5,7 +5,7 @@ use metafmu_runtime::Activation;
 
 /// An activation function.
 pub(crate) trait ActivationFunction {
-    /// How its derivative is found in the backward pass.
+    /// Method that computes its derivative in the backward pass.
     type Derivative: Derivative;
 
     fn value<L: SimdLanes>(x: L) -> L;

@@ -10,7 +10,7 @@ pub(crate) use crate::network::layout::WIDTH;
 /// Code for registers is only to be reached through [`InstructionSet::run`](super::InstructionSet::run), which has made
 /// sure that the processor has the instructions.
 pub(crate) trait SimdLanes: Copy {
-    /// How many numbers.
+    /// Number of lanes.
     const COUNT: usize;
     /// Rows of a product worked on together: with [`WIDTH`] columns, as many sums as registers can hold.
     const ROWS: usize;

@@ -164,7 +164,7 @@ impl SoapLayer {
         self.gradient_transposed.set_transpose(&self.gradient);
     }
 
-    /// How many times [`CHUNK`] rows.
+    /// Number of chunks of [`CHUNK`] rows.
     fn row_chunks(&self) -> usize {
         self.gradient.rows.div_ceil(CHUNK)
     }
