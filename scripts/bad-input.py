@@ -39,6 +39,13 @@ FOUR_BAR = MECHANISM.replace("L = {", "crank_length = {").replace("max = 0.2", "
 CRANK_STUDY = MECHANISM.replace("L = { min = 0.1, max = 0.2", "r = { min = 1, max = 2").replace("stop = 1\n", "stop = 5\n")
 FMU_STUDY = STUDY.replace('system = "single-pendulum"', 'fmu = "model.fmu"').replace("L = { min = 0.1, max = 0.2, unit = \"m\" }", "mu = { min = 0.5, max = 1 }")
 FMU_STUDY = FMU_STUDY.replace('theta = { unit = "rad" }', "x0 = {}")
+COMMAND = STUDY.replace('system = "single-pendulum"', 'command = ["python3", "model.py"]')
+PROGRAM = """import json, sys
+DESCRIPTION = {"protocol": 1, "parameters": {"L": {"min": 0.15, "max": 0.2, "unit": "mm"}}, "outputs": {"omega": {}}}
+for line in sys.stdin:
+    request = json.loads(line)
+    print(json.dumps({"id": request["id"]} | (DESCRIPTION if request["request"] == "describe" else {"outputs": {"theta": [0, 1]}})), flush=True)
+"""
 RUNS = "run,time,L,theta\na,0,0.1,1\na,0.5,0.1,2\na,1,0.1,3\nb,0,0.2,4\nb,1,0.2,5\nc,0,0.15,6\nc,1,0.15,7\n"
 PENDULUM = (ROOT / "examples" / "mechanisms" / "single-pendulum.toml").read_text()
 CRANK = (ROOT / "examples" / "mechanisms" / "slider-crank.toml").read_text()
@@ -113,6 +120,11 @@ def cell(row, column, value):
 def study(old, new, text=STUDY):
     assert old in text, old
     return {"study.toml": text.replace(old, new, 1)}
+
+
+def command(old="", new="", program=PROGRAM):
+    """A study of a program, and the program."""
+    return study(old, new, COMMAND) | {"model.py": program}
 
 
 def mechanism(old, new, text=PENDULUM, about=MECHANISM):
@@ -494,7 +506,7 @@ SECTIONS = {
             more="[bounds]\ncoverage = 1.5\n",
         ),
         "keys that are not known in three sections": dynamics(
-            ("max = 5 }", "max = 5, unit = \"m\" }"), ("bandwidth = 1.0", "frequency = 1.0"), ("test_runs", "tests")
+            ("max = 5 }", "max = 5, units = \"m\" }"), ("bandwidth = 1.0", "frequency = 1.0"), ("test_runs", "tests")
         ),
         "names that the mechanism does not know": dynamics(
             ('"rope.angle"', '"rod.angle"'), ("force = {", "torque = {"), ("l = {", "length = {"), ("theta = {", "omega = {")
@@ -638,6 +650,18 @@ SECTIONS = {
         "a share of failed runs that is none": of_fmu("[time]", "max_failed = 10\n[time]"),
         "retries without an FMU": study("[time]", "retries = 2\n[time]"),
         "a time limit of recorded runs": {"study.toml": RECORDED.replace("[time]", "time_limit = 10\n[time]"), "runs.csv": RUNS},
+    },
+    "Studies of programs": {
+        "a program and an FMU": command("[time]", 'fmu = "model.fmu"\n[time]'),
+        "no program": command('["python3", "model.py"]', "[]"),
+        "a program that is not there": command('"python3", "model.py"', '"./model"'),
+        "a file that is not there": command("[time]", 'files = ["data.csv"]\n[time]'),
+        "a tolerance for a program": command("[time]", "tolerance = 1e-6\n[time]"),
+        "names, units and ranges that the program has not": command(),
+        "a program that prints": command(program="print('loading')"),
+        "a program that ends": command(program="raise SystemExit('no license')"),
+        "a program without a protocol": command(program="input(); print('{\"id\": 1}')"),
+        "a parameter that no argument has": command('"model.py"', '"model.py", "{result}"'),
     },
     "Outputs": {
         "in a folder that is not there": {},

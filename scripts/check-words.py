@@ -56,7 +56,7 @@ def sentences(paragraph):
     text = re.sub(r"!?\[([^\]]*)\](?:\([^)]*\)|\[[^\]]*\])?", r"\1", text)
     text = re.sub(r"[*_]{1,2}(\w[^*_]*)[*_]{1,2}", r"\1", text)
     start = 0
-    for match in re.finditer(r"[.!?][)\"”']*(?=\s+[A-Z\"“(`]|\s*$)|:\s*$", text):
+    for match in re.finditer(r"[.!?][)\"”']*(?=\s+(?:[A-Z\"“(`]|metafmu\b|onnx2fmu\b)|\s*$)|:\s*$", text):
         if ABBREVIATION.search(text[: match.start() + 1]):
             continue
         yield text[start : match.end()].strip()

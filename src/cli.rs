@@ -1,7 +1,7 @@
 //! The command line: definitions only.
 
 use clap::{
-    ArgGroup, Args, Parser, Subcommand, ValueEnum, ValueHint,
+    ArgGroup, Args, ColorChoice, Parser, Subcommand, ValueEnum, ValueHint,
     builder::{PossibleValue, PossibleValuesParser},
 };
 use clap_complete::Shell;
@@ -35,8 +35,28 @@ Review the file that this writes, then:
 Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, also where the stages after a training that it shortened were done."
 )]
 pub struct Cli {
+    #[command(flatten)]
+    pub global: GlobalArgs,
     #[command(subcommand)]
     pub command: Command,
+}
+
+/// Options of every verb.
+#[derive(Clone, Copy, Debug, Args)]
+#[command(next_help_heading = "Options of every verb")]
+pub struct GlobalArgs {
+    /// Write warnings and errors to stderr only, without progress and notes
+    #[arg(short, long, global = true, conflicts_with = "verbose")]
+    pub quiet: bool,
+    /// Write notes in addition to the progress bar; with --version, platforms and threads as well
+    #[arg(short, long, global = true)]
+    pub verbose: bool,
+    /// Color of verdicts, warnings and errors
+    #[arg(long, global = true, value_name = "WHEN", value_enum, default_value_t = ColorChoice::Auto)]
+    pub color: ColorChoice,
+    /// Number of threads [default: one for each core]
+    #[arg(long, global = true, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -246,22 +266,25 @@ pub struct NewArgs {
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
     #[arg(long, value_name = "FILE.fmu", groups = ["source", "samples"])]
     pub fmu: Option<PathBuf>,
+    /// Program to sample, with its arguments: the last option. It answers requests in lines of JSON; docs/command-sources.md
+    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, groups = ["source", "samples"])]
+    pub command: Vec<String>,
     /// Table of recorded runs, with a row for each time of each run, or of rows without a time: CSV or Parquet
     #[arg(long, value_name = "FILE", groups = ["source", "samples"])]
     pub table: Option<PathBuf>,
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
-    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
     pub time: Option<String>,
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
-    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu"])]
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
     pub run: Option<String>,
     /// Columns of the table that drive the runs, with --structure discrete [default: those that are called `u`, `input`, `force` or the like];
     /// of a table without a time those that the others follow from
-    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu"])]
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
     pub inputs: Vec<String>,
     /// Columns of a table without a time that follow from the others [default: those that are called `y`, `output`, `result` or the like, else the
     /// last one]
-    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu"])]
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
     pub outputs: Vec<String>,
 }
 

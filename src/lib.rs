@@ -61,6 +61,7 @@ pub mod fmi;
 mod html;
 pub mod import;
 pub mod pipeline;
+mod process;
 pub mod report;
 pub mod search;
 pub mod source;

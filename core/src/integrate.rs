@@ -113,41 +113,87 @@ where
     };
     let spacing = (stop - start) / (times.len() - 1) as f64;
     // ode_solvers extrapolates a row at the very end of the integration from the step before it: no row is there
-    let end = stop + 0.01 * spacing;
-    // all but the number of steps is what `Dop853::new` takes
-    let mut solver = Dop853::from_param(
-        Budgeted { problem, budget },
-        start,
-        end,
-        spacing,
-        initial,
-        tolerance,
-        tolerance,
-        0.9,
-        0.0,
-        0.333,
-        6.0,
-        end - start,
-        0.0,
-        MAX_STEPS,
-        1000,
-        OutputType::Dense,
-    );
-    let (evaluations, failure, is_stiff) = match solver.integrate() {
-        Ok(statistics) => (statistics.num_eval, None, false),
-        Err(error) => {
-            let is_stiff = matches!(error, IntegrationError::StiffnessDetected { .. });
-            let (IntegrationError::MaxNumStepReached { x, .. }
-            | IntegrationError::StepSizeUnderflow { x }
-            | IntegrationError::StiffnessDetected { x }) = &error;
-            (0, Some(format!("{} at t = {x} s", in_words(&error))), is_stiff)
-        }
-    };
-    let finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());
-    let states: Vec<_> = solver.y_out().iter().take(times.len()).take_while(finite).cloned().collect();
+    let run = OdeRun { start, end: stop + 0.01 * spacing, spacing, tolerance, output: OutputType::Dense };
+    let IntegrationResult { mut states, failure, is_stiff, evaluations } = run.solve(problem, initial, budget);
+    states.truncate(times.len());
     // nothing is wrong if only the way past the last row failed
     let failure = failure.filter(|_| states.len() < times.len());
     IntegrationResult { states, failure, is_stiff, evaluations }
+}
+
+/// Integration as by [`advance`] between two times, where the last step ends at the second one: nothing is evaluated beyond it.
+pub(crate) fn advance_to<D: Dim>(
+    problem: impl System<f64, OVector<f64, D>>,
+    initial: OVector<f64, D>,
+    [start, end]: [f64; 2],
+    tolerance: f64,
+    budget: &Budget,
+) -> IntegrationResult<OVector<f64, D>>
+where
+    DefaultAllocator: Allocator<D>,
+{
+    let run = OdeRun { start, end, spacing: end - start, tolerance, output: OutputType::Sparse };
+    let IntegrationResult { mut states, failure, is_stiff, evaluations } = run.solve(problem, initial.clone(), budget);
+    let last = states.pop().filter(|_| failure.is_none() && !budget.is_over());
+    let states = [initial].into_iter().chain(last).collect();
+    IntegrationResult { states, failure, is_stiff, evaluations }
+}
+
+/// An integration by `ode_solvers`.
+struct OdeRun {
+    start: f64,
+    end: f64,
+    spacing: f64,
+    tolerance: f64,
+    /// Rows, or the ends of all steps.
+    output: OutputType,
+}
+
+impl OdeRun {
+    /// States until the first that is not finite.
+    fn solve<D: Dim>(
+        self,
+        problem: impl System<f64, OVector<f64, D>>,
+        initial: OVector<f64, D>,
+        budget: &Budget,
+    ) -> IntegrationResult<OVector<f64, D>>
+    where
+        DefaultAllocator: Allocator<D>,
+    {
+        let Self { start, end, spacing, tolerance, output } = self;
+        // all but the number of steps is what `Dop853::new` takes
+        let mut solver = Dop853::from_param(
+            Budgeted { problem, budget },
+            start,
+            end,
+            spacing,
+            initial,
+            tolerance,
+            tolerance,
+            0.9,
+            0.0,
+            0.333,
+            6.0,
+            end - start,
+            0.0,
+            MAX_STEPS,
+            1000,
+            output,
+        );
+        let (evaluations, failure, is_stiff) = match solver.integrate() {
+            Ok(statistics) => (statistics.num_eval, None, false),
+            Err(error) => {
+                let is_stiff = matches!(error, IntegrationError::StiffnessDetected { .. });
+                let (IntegrationError::MaxNumStepReached { x, .. }
+                | IntegrationError::StepSizeUnderflow { x }
+                | IntegrationError::StiffnessDetected { x }) = &error;
+                (0, Some(format!("{} at t = {x} s", in_words(&error))), is_stiff)
+            }
+        };
+        let is_finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());
+        let states = solver.y_out().iter().take_while(is_finite).cloned().collect();
+        IntegrationResult { states, failure, is_stiff, evaluations }
+    }
 }
 
 /// Why a method gave up, without the time.

@@ -1,6 +1,6 @@
 //! `metafmu import`: a trained model of another tool becomes a model file.
 
-use super::{CommandOutcome, print, print_json, say};
+use super::{CommandOutcome, heard, print, print_json};
 use crate::cli::ImportArgs;
 use metafmu::{
     Error, Result, files,
@@ -45,7 +45,7 @@ fn report(imported: &ImportedSurrogate, json: bool) -> Result<CommandOutcome> {
         }
     }
     if !fits {
-        say("the model does not give what the table says: nothing was written");
+        heard("the model does not give what the table says: nothing was written");
         return Ok(CommandOutcome::ProblemsFound);
     }
     Ok(CommandOutcome::Fine)

@@ -8,6 +8,7 @@ pub mod export;
 pub mod import;
 mod interrupt;
 pub mod man;
+mod messages;
 pub mod new;
 pub mod plan;
 pub mod predict;
@@ -23,13 +24,19 @@ pub mod train;
 pub mod validate;
 
 use crate::cli::{Cli, Command, StudyArgs};
-use clap::Parser;
-use metafmu::{Error, Result, evaluation::Verdict, export::serve_worker, pipeline, pipeline::Project};
+use clap::{ColorChoice, CommandFactory, FromArgMatches, error::ErrorKind};
+use messages::{complain, graded, heard, say, visible, warn};
+use metafmu::{
+    Error, Result,
+    evaluation::Verdict,
+    export::{Binary, serve_worker},
+    pipeline,
+    pipeline::Project,
+};
+use rayon::ThreadPoolBuilder;
 use std::{
-    borrow::Cow,
     ffi::OsString,
-    fmt::Display,
-    io::{ErrorKind, Write},
+    io::{self, Write},
     path::Path,
 };
 
@@ -42,10 +49,14 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
     }
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let json = arguments.iter().any(|argument| argument == "--json");
-    let command = match Cli::try_parse_from(arguments) {
-        Ok(cli) => cli.command,
+    let parsed = Cli::command().color(color_of(&arguments)).try_get_matches_from(&arguments);
+    let Cli { global, command } = match parsed.and_then(|matches| Cli::from_arg_matches(&matches)) {
+        Ok(cli) => cli,
+        // help and version are two of these errors
+        Err(error) if error.kind() == ErrorKind::DisplayVersion && is_verbose(&arguments) => {
+            return u8::from(print(&version()).is_err()) * 2;
+        }
         Err(error) => {
-            // help is one of these errors
             let _ = error.print();
             let code = error.exit_code() as u8;
             if json && error.use_stderr() {
@@ -54,15 +65,19 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
             return code;
         }
     };
+    messages::set(global);
+    let threads = global.threads.map(|threads| ThreadPoolBuilder::new().num_threads(threads.into()).build_global());
+    if let Some(Err(reason)) = threads {
+        complain(format_args!("--threads: {reason}"));
+        return 2;
+    }
     match run(command) {
         Ok(CommandOutcome::Fine) => 0,
         Ok(CommandOutcome::ProblemsFound) => 1,
         Ok(CommandOutcome::Interrupted) => 130,
         Err(error) => {
             terminal::end();
-            for line in error.to_string().lines() {
-                say(format_args!("error: {line}"));
-            }
+            complain(&error);
             let code = if matches!(error, Error::Interrupted) { 130 } else { 2 };
             if json {
                 print_problems(&error.to_string(), code);
@@ -70,6 +85,31 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
             code
         }
     }
+}
+
+/// The color that the arguments ask for; a wrong one is refused later.
+fn color_of(arguments: &[OsString]) -> ColorChoice {
+    let texts: Vec<&str> = arguments.iter().filter_map(|argument| argument.to_str()).collect();
+    let apart = texts.windows(2).find(|pair| pair[0] == "--color").map(|pair| pair[1]);
+    let joined = texts.iter().find_map(|argument| argument.strip_prefix("--color="));
+    apart.or(joined).and_then(|choice| choice.parse().ok()).unwrap_or(ColorChoice::Auto)
+}
+
+fn is_verbose(arguments: &[OsString]) -> bool {
+    arguments.iter().any(|argument| argument == "--verbose" || argument == "-v")
+}
+
+/// Version, platforms of the embedded libraries, threads: what a report of a problem needs.
+fn version() -> String {
+    let platforms: Vec<String> = Binary::embedded().into_iter().map(|binary| binary.platform.tuple.into()).collect();
+    format!(
+        "metafmu {}\nFMUs for: {}\nthis program: {}-{}, {} threads\nFMI: 2.0, 3.0\n",
+        env!("CARGO_PKG_VERSION"),
+        platforms.join(", "),
+        std::env::consts::ARCH,
+        std::env::consts::OS,
+        rayon::current_num_threads(),
+    )
 }
 
 /// Prints what is on stderr to stdout as well, where a reader of JSON expects an object.
@@ -125,73 +165,36 @@ fn conclude(verdict: &Verdict, json: bool) -> Result<CommandOutcome> {
     if json {
         verdict.text().lines().for_each(say);
     } else {
-        print(&verdict.text())?;
+        print_styled(&graded(verdict))?;
     }
     Ok(if verdict.accepted { CommandOutcome::Fine } else { CommandOutcome::ProblemsFound })
 }
 
 /// Prints to stdout; a reader that has seen enough (`| head`) is not an error, a stdout that is closed (`>&-`) is one.
 fn print(text: &str) -> Result<()> {
-    match write(visible(text).as_bytes()) {
-        Err(error) if error.kind() != ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), "write")(error)),
+    print_styled(&visible(text))
+}
+
+/// Prints a text whose control characters are ours.
+fn print_styled(text: &str) -> Result<()> {
+    match write(text.as_bytes()) {
+        Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(Error::io(Path::new("stdout"), "write")(error)),
         _ => Ok(()),
     }
 }
 
 /// Writes to stdout.
-fn write(bytes: &[u8]) -> std::io::Result<()> {
+fn write(bytes: &[u8]) -> io::Result<()> {
     if stdout::was_closed() {
-        return Err(std::io::Error::other("it is closed"));
+        return Err(io::Error::other("it is closed"));
     }
-    let mut stdout = std::io::stdout();
+    let mut stdout = io::stdout();
     stdout.write_all(bytes)?;
     stdout.flush()
 }
 
-/// Prints a line of progress, a warning or an error to stderr. A closed stderr (`2>&1 | head`) does not stop the program.
-pub fn say(line: impl Display) {
-    let _ = writeln!(std::io::stderr(), "{}", visible(&line.to_string()));
-}
-
-/// Prints a line of an FMU.
-fn heard(line: &str) {
-    say(line);
-}
-
-/// A text of others' names and messages with its control characters as they are written in JSON, so that they do nothing to
-/// a terminal; line breaks and tabs stay.
-fn visible(text: &str) -> Cow<'_, str> {
-    let hidden = |c: char| c.is_control() && !matches!(c, '\n' | '\t');
-    if !text.contains(hidden) {
-        return text.into();
-    }
-    let mut visible = String::with_capacity(text.len());
-    for c in text.chars() {
-        if hidden(c) {
-            visible.push_str(&format!("\\u{:04x}", u32::from(c)));
-        } else {
-            visible.push(c);
-        }
-    }
-    visible.into()
-}
-
 /// Prints a value as indented JSON.
 fn print_json(value: &impl serde::Serialize) -> Result<()> {
-    let text = serde_json::to_string_pretty(value).map_err(std::io::Error::from);
+    let text = serde_json::to_string_pretty(value).map_err(io::Error::from);
     print(&(text.map_err(Error::io(Path::new("stdout"), "write"))? + "\n"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn control_characters_of_others_are_shown_and_not_sent_to_the_terminal() {
-        assert_eq!(
-            visible("a \u{1b}[2J\u{9b}31m\r\u{7}b\n\tc\u{7f} é"),
-            "a \\u001b[2J\\u009b31m\\u000d\\u0007b\n\tc\\u007f é"
-        );
-        assert!(matches!(visible("one\ntwo\tthree"), Cow::Borrowed(_)));
-    }
 }

@@ -1,5 +1,6 @@
 //! `metafmu new`: writes a commented study file.
 
+mod command;
 mod dynamics;
 mod fmu;
 mod motions;
@@ -42,6 +43,7 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     let target = &StudyTarget { name, folder };
     let structure = args.structure.as_deref().unwrap_or(RESPONSE);
     let Proposal { text, trial } = match (&args.mechanism, &args.fmu, &args.table) {
+        (None, None, None) if !args.command.is_empty() => command::study(target, &args.command, structure)?.into(),
         (Some(file), _, _) if structure == "dynamics" => dynamics::of_mechanism(target, file)?,
         (Some(file), _, _) => of_mechanism(target, file)?.into(),
         (None, Some(file), _) if structure == "dynamics" => fmu::study_of_states(target, file)?.into(),

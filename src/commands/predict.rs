@@ -1,6 +1,6 @@
 //! `metafmu predict`: computes a surrogate's outputs for every row of a table.
 
-use super::{CommandOutcome, print, print_json, say, stdout::write_result, terminal};
+use super::{CommandOutcome, print, print_json, say, stdout::write_result, terminal, warn};
 use crate::cli::PredictArgs;
 use metafmu::{
     Result, files,
@@ -23,7 +23,7 @@ pub fn run(args: &PredictArgs) -> Result<CommandOutcome> {
         terminal::end();
         return Ok(CommandOutcome::Fine);
     };
-    warn(&predicted);
+    warn_of(&predicted);
     match out {
         Some(_) if args.json => print_json(&predicted)?,
         Some(path) => print(&format!("{}: {}\n", path.display(), summary(&predicted)))?,
@@ -38,19 +38,19 @@ fn summary(Predicted { rows, runs, seconds, .. }: &Predicted) -> String {
 }
 
 /// Says what would be overlooked in a long table.
-fn warn(Predicted { rows, outside, not_finite, .. }: &Predicted) {
+fn warn_of(Predicted { rows, outside, not_finite, .. }: &Predicted) {
     let first = |found: &Found| found.first.unwrap_or_default();
     if outside.rows > 0 {
-        say(format_args!(
-            "warning: outside the domain of validity: {} of {rows} rows, the first is row {} (`in_domain` is \
+        warn(format_args!(
+            "outside the domain of validity: {} of {rows} rows, the first is row {} (`in_domain` is \
              false): outputs there cannot be trusted",
             outside.rows,
             first(outside)
         ));
     }
     if not_finite.rows > 0 {
-        say(format_args!(
-            "warning: outputs that cannot be computed (NaN or infinite): {} of {rows} rows, the first is row {}",
+        warn(format_args!(
+            "outputs that cannot be computed (NaN or infinite): {} of {rows} rows, the first is row {}",
             not_finite.rows,
             first(not_finite)
         ));

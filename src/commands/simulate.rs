@@ -1,6 +1,6 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
-use super::{CommandOutcome, heard, say, stdout::write_result, terminal::workers};
+use super::{CommandOutcome, heard, say, stdout::write_result, terminal::workers, warn};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result,
@@ -128,8 +128,8 @@ impl DomainWarning {
     fn warn(&self) {
         let Self { rows, outside, first, .. } = self;
         if *outside > 0 {
-            say(format_args!(
-                "warning: outside the ranges that the FMU is made for in {outside} of {rows} rows, at {first} s for the first \
+            warn(format_args!(
+                "outside the ranges that the FMU is made for in {outside} of {rows} rows, at {first} s for the first \
                  time (`{}` is false): its outputs there cannot be trusted",
                 BuiltIn::InDomain.name()
             ));

@@ -1,6 +1,6 @@
 //! `metafmu swap`: simulates a system with a component's source and with a surrogate in its place.
 
-use super::{CommandOutcome, heard, print, print_json, say, terminal::workers};
+use super::{CommandOutcome, heard, print, print_json, say, terminal::workers, warn};
 use crate::cli::SwapArgs;
 use metafmu::{
     Error, Result, files,
@@ -24,10 +24,10 @@ pub fn run(args: &SwapArgs) -> Result<CommandOutcome> {
     })?;
     let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let comparison = swap.compare(watch, |fmu| say(format_args!("simulating with {}", fmu.display())))?;
-    comparison.warnings.iter().for_each(|warning| say(format_args!("warning: {warning}")));
+    comparison.warnings.iter().for_each(warn);
     if let Some(Outside { rows, first }) = comparison.outside_domain {
-        say(format_args!(
-            "warning: the surrogate is outside the ranges that it is made for in {rows} of {} rows, at {first} s for the first time \
+        warn(format_args!(
+            "the surrogate is outside the ranges that it is made for in {rows} of {} rows, at {first} s for the first time \
              (`{}` is false): its outputs there cannot be trusted",
             comparison.with_surrogate.times.len(),
             BuiltIn::InDomain.name()

@@ -1,7 +1,11 @@
 //! What a pipeline tells, on stderr: a bar on a terminal, a few lines elsewhere.
 
-use super::{heard, interrupt, say};
-use indicatif::{HumanCount, HumanDuration, ProgressBar, ProgressState, ProgressStyle};
+use super::{
+    heard, interrupt,
+    messages::{Verbosity, verbosity},
+    say, warn,
+};
+use indicatif::{HumanCount, HumanDuration, ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use metafmu::{
     Error, Result,
     fmi::Workers,
@@ -77,10 +81,12 @@ impl PipelineObserver for Terminal {
             Event::Advance => shown.bar.iter().for_each(|bar| bar.inc(1)),
             Event::Progress { done, about } => shown.set(done, about),
             Event::End => shown.end(),
-            Event::Note(line) if !shown.on_terminal => shown.say(line),
+            Event::Note(line) if !shown.on_terminal || verbosity() == Verbosity::Verbose => {
+                shown.write(|| say(line));
+            }
             Event::Note(_) => {}
-            Event::Message(line) => shown.say(line),
-            Event::Warning(line) => shown.say(format_args!("warning: {line}")),
+            Event::Message(line) => shown.write(|| say(line)),
+            Event::Warning(line) => shown.write(|| warn(line)),
         }
     }
 }
@@ -100,6 +106,9 @@ impl ProgressBarState {
         };
         let length = total as u64;
         let bar = ProgressBar::new(length);
+        if verbosity() == Verbosity::Quiet {
+            bar.set_draw_target(ProgressDrawTarget::hidden());
+        }
         let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
         let style = style.with_key("speed", |state: &ProgressState, text: &mut dyn Write| {
             let _ = write!(text, "{}/s", rounded(speed(state)));
@@ -130,11 +139,11 @@ impl ProgressBarState {
         }
     }
 
-    /// A line that stays.
-    fn say(&self, line: Arguments<'_>) {
+    /// Writes a line that stays.
+    fn write(&self, line: impl FnOnce()) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| say(line)),
-            None => say(line),
+            Some(bar) => bar.suspend(line),
+            None => line(),
         }
     }
 

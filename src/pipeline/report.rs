@@ -124,6 +124,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         (Some(system), _) => format!("built-in system {system}"),
         (None, Some(_)) => "mechanism".into(),
         (None, None) if study.source.fmu.is_some() => "FMU".into(),
+        (None, None) if study.source.command.is_some() => "program".into(),
         (None, None) if study.is_static() => "table of rows".into(),
         (None, None) => "recorded runs".into(),
     };

@@ -12,15 +12,15 @@ use std::time::{Duration, Instant};
 
 /// Time after which a measurement is not repeated, and most repetitions; the shortest counts.
 const ENOUGH: (Duration, usize) = (Duration::from_millis(100), 20);
-/// Further runs of an FMU, whose time is that of a run: the first one also loads it.
-const RUNS: usize = 3;
-/// Seconds of a run of an FMU that is not repeated.
-const LONG: f64 = 2.0;
+/// Runs of an FMU or a program.
+const RUNS: usize = 4;
+/// Time of a run of an FMU or a program that is not repeated.
+const LONG: Duration = Duration::from_secs(2);
 
 /// Measures both; none of recorded runs, whose source cannot be run, or where a run fails.
 ///
 /// # Errors
-/// Those of an FMU that cannot be loaded, [`Error::Interrupted`](crate::Error::Interrupted).
+/// Those of an FMU or a program that cannot be started, [`Error::Interrupted`](crate::Error::Interrupted).
 pub(super) fn measure(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
     let Source::Simulation(simulation) = &project.source else { return Ok(None) };
     let Some(run) = test.runs.first() else { return Ok(None) };
@@ -52,31 +52,12 @@ fn shortest(mut work: impl FnMut()) -> f64 {
 
 /// Seconds of a run of the source; none if it fails.
 fn of_source(project: &Project, simulation: &Simulation) -> Result<Option<f64>> {
-    let points: Vec<Vec<f64>> = simulation.plan(&project.study).test.into_iter().take(1 + RUNS).collect();
-    let Some((first, others)) = points.split_first() else { return Ok(None) };
-    let Some(fmu) = simulation.fmu() else {
+    let points: Vec<Vec<f64>> = simulation.plan(&project.study).test.into_iter().take(RUNS).collect();
+    let Some(first) = points.first() else { return Ok(None) };
+    let Some(model) = simulation.worker_model() else {
         let mut fails = false;
         let seconds = shortest(|| fails |= simulation.run(first).is_err());
         return Ok((!fails).then_some(seconds));
     };
-    let time = |points: &[Vec<f64>]| -> Result<(f64, bool)> {
-        let began = Instant::now();
-        let outcomes = fmu.run_all(points, None, project.workers(), &|_, _| Ok(()), || ())?;
-        Ok((began.elapsed().as_secs_f64(), outcomes.iter().any(|outcome| outcome.is_err())))
-    };
-    // as many processes as threads
-    let Ok(alone) = rayon::ThreadPoolBuilder::new().num_threads(1).build() else { return Ok(None) };
-    let (once, fails) = alone.install(|| time(&points[..1]))?;
-    if fails || others.is_empty() {
-        return Ok(None);
-    }
-    // beside so long a run loading takes no time
-    if once > LONG {
-        return Ok(Some(once));
-    }
-    let (all, fails) = alone.install(|| time(&points))?;
-    if fails {
-        return Ok(None);
-    }
-    Ok(Some((all - once) / others.len() as f64).filter(|seconds| *seconds > 0.0))
+    model.seconds(&points, LONG, project.workers())
 }

@@ -3,6 +3,7 @@
 use super::Control;
 use crate::{
     Error, Result,
+    multibody::Mechanism,
     sampling::Plan,
     search,
     source::{Simulation, Source},
@@ -43,8 +44,7 @@ pub fn attempt(study: &Study, control: Control<'_>) -> Result<Trial> {
             return Ok(Trial::default());
         }
     };
-    let Plan { train, test, .. } = Plan::new(study);
-    let points: Vec<Vec<f64>> = train.into_iter().take(RUNS / 2).chain(test.into_iter().take(RUNS / 2)).collect();
+    let points = points(study);
     let found: Vec<_> = points.par_iter().filter_map(|point| simulation.attempt(point, LIMIT, control.stop)).collect();
     if control.stop.load(Ordering::Relaxed) {
         return Err(Error::Interrupted);
@@ -54,4 +54,20 @@ pub fn attempt(study: &Study, control: Control<'_>) -> Result<Trial> {
         Some(format!("{}: {reason}", simulation.values(point)))
     });
     Ok(Trial { runs: found.len(), failures: failures.collect() })
+}
+
+/// Smallest and largest value that each coordinate of a study of a mechanism reaches in the same runs; none if a run fails.
+pub fn reached(study: &Study, mechanism: &Mechanism) -> Option<Vec<[f64; 2]>> {
+    let Source::Simulation(simulation) = Source::new(study).ok()? else { return None };
+    let points = points(study);
+    let runs: Vec<_> = points.iter().map(|point| (&point[..], simulation.times())).collect();
+    let mut reached = simulation.driven()?.reached(mechanism, &runs).ok()?;
+    reached.truncate(study.coordinates().count());
+    Some(reached)
+}
+
+/// Parameters of the runs that are tried.
+fn points(study: &Study) -> Vec<Vec<f64>> {
+    let Plan { train, test, .. } = Plan::new(study);
+    train.into_iter().take(RUNS / 2).chain(test.into_iter().take(RUNS / 2)).collect()
 }

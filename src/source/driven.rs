@@ -83,7 +83,8 @@ impl DrivingInput {
         problems.extend(wrong_unit(&key, options.unit.as_deref(), &unit));
         let ends = (options.min.or(range[0]), options.max.or(range[1]));
         let (Some(min), Some(max)) = ends else {
-            problems.add(&key, "has no range in the source either, expected `min` and `max`");
+            let elsewhere = if study.source.command.is_some() { "" } else { " in the source either" };
+            problems.add(&key, format!("has no range{elsewhere}, expected `min` and `max`"));
             return Err(problems);
         };
         let start = options.start.or(start).unwrap_or(0.5 * (min + max));
@@ -218,11 +219,11 @@ impl Driven {
         }
     }
 
-    /// The study's inputs and an FMU's states, with the values that they have at the start, or none where the FMU does not say.
+    /// The study's inputs and the states of an FMU or program, with the values that they have at the start, or none where these are unknown.
     ///
     /// # Errors
-    /// Every range that is not known or empty, every unit that is not the FMU's, by dotted key.
-    pub fn of_fmu(
+    /// Every range that is not known or empty, every unit that is not the source's, by dotted key.
+    pub fn of_states(
         study: &Study,
         states: Vec<(SourceVariable, Option<f64>)>,
         inputs: Vec<OwnInput>,
@@ -345,11 +346,40 @@ impl Driven {
         mechanism.simulate_from(values, launch.start(), &launch.signals, times, integration)
     }
 
+    /// Smallest and largest value of each coordinate, each velocity, then each actuator state in runs of the mechanism with these
+    /// parameters and times.
+    ///
+    /// # Errors
+    /// A sentence, as [`Mechanism::states_from`].
+    pub fn reached(&self, mechanism: &Mechanism, runs: &[(&[f64], &[f64])]) -> Result<Vec<[f64; 2]>, String> {
+        let region = self.region.as_ref().ok_or("expected a mechanism")?;
+        let reached = runs.par_iter().map(|(parameters, times)| {
+            let value = |(name, value): &(String, f64)| {
+                let varied = region.parameters.iter().position(|range| range.name == *name);
+                varied.map_or(*value, |index| parameters[index])
+            };
+            let values: Vec<f64> = region.constants.iter().map(value).collect();
+            let launch = self.launch(parameters, times)?;
+            let integration = (ROUGH, &Budget::default());
+            let states = mechanism.states_from(&values, launch.start(), &launch.signals, times, integration)?;
+            let width = states.len() / times.len();
+            let range = |k: usize| {
+                let column = states.iter().skip(k).step_by(width);
+                column.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(*x), high.max(*x)])
+            };
+            Ok((0..width).map(range).collect())
+        });
+        let reached: Vec<Vec<[f64; 2]>> = reached.collect::<Result<_, String>>()?;
+        let both = |[a, b]: [f64; 2], [c, d]: [f64; 2]| [a.min(c), b.max(d)];
+        let all = reached.into_iter().reduce(|all, one| all.into_iter().zip(one).map(|(a, b)| both(a, b)).collect());
+        Ok(all.unwrap_or_default())
+    }
+
     /// Ranges of the coordinates' velocities, and of actuator states: the study's own, or else what they reach in these runs of the mechanism,
     /// in either direction, and half as much more.
     ///
     /// # Errors
-    /// A sentence, as [`Mechanism::rates_from`].
+    /// As [`reached`](Self::reached).
     pub fn velocities(&self, study: &Study, mechanism: &Mechanism, runs: &[Run]) -> Result<Vec<[f64; 2]>, String> {
         let of_actuators = study.actuator_states().map(|(_, state)| state.range());
         let own: Vec<Option<[f64; 2]>> =
@@ -357,25 +387,11 @@ impl Driven {
         if own.iter().all(Option::is_some) {
             return Ok(own.into_iter().flatten().collect());
         }
-        let region = self.region.as_ref().ok_or("expected a mechanism")?;
-        let reached = runs.par_iter().map(|run| {
-            let value = |(name, value): &(String, f64)| {
-                let varied = region.parameters.iter().position(|range| range.name == *name);
-                varied.map_or(*value, |index| run.parameters[index])
-            };
-            let values: Vec<f64> = region.constants.iter().map(value).collect();
-            let launch = self.launch(&run.parameters, &run.times)?;
-            let integration = (ROUGH, &Budget::default());
-            let rates = mechanism.rates_from(&values, launch.start(), &launch.signals, &run.times, integration)?;
-            let largest = |k: usize| rates.iter().skip(k).step_by(own.len()).fold(0.0f64, |max, v| max.max(v.abs()));
-            Ok((0..own.len()).map(largest).collect())
-        });
-        let reached: Vec<Vec<f64>> = reached.collect::<Result<_, String>>()?;
-        let range = |(k, own): (usize, Option<[f64; 2]>)| {
-            let largest = reached.iter().map(|largest| 1.5 * largest[k]).fold(SLOWEST, f64::max);
-            own.unwrap_or([-largest, largest])
-        };
-        Ok(own.into_iter().enumerate().map(range).collect())
+        let runs: Vec<_> = runs.iter().map(|run| (&run.parameters[..], &run.times[..])).collect();
+        let reached = self.reached(mechanism, &runs)?;
+        let rates = reached.iter().skip(study.coordinates().count());
+        let largest = rates.map(|[low, high]| (1.5 * high.max(-low)).max(SLOWEST));
+        Ok(own.into_iter().zip(largest).map(|(own, largest)| own.unwrap_or([-largest, largest])).collect())
     }
 
     /// How the run with these parameters begins and is driven.

@@ -5,11 +5,14 @@ pub mod driven;
 pub mod fmu;
 mod journal;
 mod kinds;
+mod launch;
 mod point;
+pub mod program;
 pub mod recorded;
 pub mod rows;
 pub mod shard;
 pub mod simulation;
+pub mod worker;
 
 use crate::{
     Result,
@@ -29,7 +32,7 @@ use std::path::Path;
 /// Where a study's runs come from, its parameters and outputs resolved.
 #[derive(Clone, Debug)]
 pub enum Source {
-    /// A system or mechanism that is simulated here, or an FMU that is run.
+    /// A system or mechanism that is simulated here, or an FMU or program that is run.
     Simulation(Simulation),
     /// Tables of runs that were simulated elsewhere.
     Recorded(Box<Recorded>),

@@ -3,8 +3,9 @@
 use super::{
     Journal, MovingPoint, before_start, calibration_runs,
     driven::Driven,
-    fmu::{self, FmuModel},
-    list, wrong_unit,
+    list,
+    worker::{OutputsOrReason, WorkerModel},
+    wrong_unit,
 };
 use crate::{
     Error, Result,
@@ -54,36 +55,37 @@ pub struct Simulation {
 enum SimulationModel {
     /// This program.
     Equations(Box<SimulatedEquations>),
-    /// An FMU.
-    Fmu(Box<FmuModel>),
+    /// Worker processes, for an FMU or a program.
+    Apart(Box<WorkerModel>),
 }
 
 /// A run, or the reason of its failure.
 pub type RunOutcome = std::result::Result<Run, String>;
 
 impl Simulation {
-    /// Finds the study's system, mechanism or FMU and in it the study's parameters, constants and outputs.
+    /// Finds the study's system, mechanism, FMU or program and in it the study's parameters, constants and outputs.
     ///
     /// # Errors
     /// [`Error::Study`] with every name the source does not know and every unit that is not the source's; the errors of an
     /// FMU that cannot be read.
     pub fn new(study: &Study) -> Result<Self> {
         let times = study.time.training_grid().into();
-        let SourceOptions { system, mechanism, fmu, .. } = &study.source;
+        let SourceOptions { system, mechanism, fmu, command, .. } = &study.source;
         let max_failed = study.source.max_failed.unwrap_or(MAX_FAILED);
-        let source = match fmu.as_ref().or(mechanism.as_ref()) {
-            Some(file) => study.beside(file).display().to_string(),
-            None => system.clone().unwrap_or_default(),
+        let source = match (fmu.as_ref().or(mechanism.as_ref()), command) {
+            (Some(file), _) => study.beside(file).display().to_string(),
+            (None, Some(command)) => command.join(" "),
+            (None, None) => system.clone().unwrap_or_default(),
         };
-        let (model, parameters, outputs) = match fmu {
-            Some(file) => {
-                let (model, parameters, outputs) = FmuModel::new(study, &study.beside(file))?;
-                (SimulationModel::Fmu(Box::new(model)), parameters, outputs)
-            }
-            None => {
-                let (equations, parameters, outputs) = SimulatedEquations::new(study)?;
-                (SimulationModel::Equations(Box::new(equations)), parameters, outputs)
-            }
+        let (model, parameters, outputs) = if study.source.is_run_apart() {
+            let (model, parameters, outputs) = match fmu {
+                Some(file) => WorkerModel::of_fmu(study, &study.beside(file))?,
+                None => WorkerModel::of_program(study)?,
+            };
+            (SimulationModel::Apart(Box::new(model)), parameters, outputs)
+        } else {
+            let (equations, parameters, outputs) = SimulatedEquations::new(study)?;
+            (SimulationModel::Equations(Box::new(equations)), parameters, outputs)
         };
         let planned = study.planned().map(|(name, _)| name.to_owned()).collect();
         let (inputs, is_discrete) = (Vec::new(), study.is_discrete());
@@ -108,7 +110,7 @@ impl Simulation {
     fn driven_mut(&mut self) -> Option<&mut Driven> {
         match &mut self.model {
             SimulationModel::Equations(equations) => equations.driven.as_mut(),
-            SimulationModel::Fmu(model) => model.driven_mut(),
+            SimulationModel::Apart(model) => model.driven_mut(),
         }
     }
 
@@ -121,7 +123,7 @@ impl Simulation {
     pub fn driven(&self) -> Option<&Driven> {
         match &self.model {
             SimulationModel::Equations(equations) => equations.driven.as_ref(),
-            SimulationModel::Fmu(model) => model.driven(),
+            SimulationModel::Apart(model) => model.driven(),
         }
     }
 
@@ -129,15 +131,15 @@ impl Simulation {
     pub fn quantities(&self) -> &[f64] {
         match &self.model {
             SimulationModel::Equations(equations) => &equations.quantities,
-            SimulationModel::Fmu(_) => &[],
+            SimulationModel::Apart(_) => &[],
         }
     }
 
-    /// The FMU, if it is one.
-    pub fn fmu(&self) -> Option<&FmuModel> {
+    /// The model that worker processes run, if it is one.
+    pub fn worker_model(&self) -> Option<&WorkerModel> {
         match &self.model {
             SimulationModel::Equations(_) => None,
-            SimulationModel::Fmu(model) => Some(model),
+            SimulationModel::Apart(model) => Some(model),
         }
     }
 
@@ -151,7 +153,7 @@ impl Simulation {
         &self.outputs
     }
 
-    /// Points whose paths follow from the outputs; an FMU does not describe any.
+    /// Points whose paths follow from the outputs; FMUs and programs do not describe any.
     pub fn points(&self) -> Vec<MovingPoint> {
         let outputs: Vec<&str> = self.outputs.iter().map(|output| output.name.as_str()).collect();
         match &self.model {
@@ -159,7 +161,7 @@ impl Simulation {
                 let SimulatedEquations { simulator, quantities, parameter_positions, .. } = &**equations;
                 simulator.points(quantities, parameter_positions, &outputs)
             }
-            SimulationModel::Fmu(_) => Vec::new(),
+            SimulationModel::Apart(_) => Vec::new(),
         }
     }
 
@@ -171,8 +173,8 @@ impl Simulation {
     /// Simulates one run of a system or a mechanism.
     ///
     /// # Errors
-    /// [`Error::Run`] with the parameter values if the simulation fails, [`Error::Worker`] for an FMU: its runs need worker
-    /// processes, see [`Simulation::run_all`].
+    /// [`Error::Run`] with the parameter values if the simulation fails, [`Error::Worker`] for an FMU or a program: their runs need
+    /// worker processes, see [`Simulation::run_all`].
     pub fn run(&self, parameters: &[f64]) -> Result<Run> {
         match &self.model {
             SimulationModel::Equations(equations) => {
@@ -180,14 +182,14 @@ impl Simulation {
                 let outputs = outputs.map_err(|message| self.failure(&equations.name, parameters, message))?;
                 Ok(self.run_of(parameters, outputs))
             }
-            SimulationModel::Fmu(_) => {
-                let message = "runs of an FMU need worker processes".into();
+            SimulationModel::Apart(_) => {
+                let message = "runs of an FMU or a program need worker processes".into();
                 Err(Error::Worker { message })
             }
         }
     }
 
-    /// Tries a run of a system or mechanism: why it fails, if that takes no longer than `limit`; none of an FMU.
+    /// Tries a run of a system or mechanism: why it fails, if that takes no longer than `limit`; none of an FMU or a program.
     pub fn attempt(
         &self,
         point: &[f64],
@@ -238,7 +240,7 @@ impl Simulation {
     ///
     /// # Errors
     /// [`Error::FailedRuns`] as soon as more runs have failed than may, [`Error::Interrupted`], [`Error::Io`] of the journal; of
-    /// an FMU as [`FmuModel::run_all`].
+    /// an FMU or a program as [`WorkerModel::run_all`].
     pub fn run_all(
         &self,
         points: &[Vec<f64>],
@@ -251,7 +253,7 @@ impl Simulation {
             SimulationModel::Equations(equations) => {
                 self.solve_all(equations, points, total, journal, workers.stop, done)?
             }
-            SimulationModel::Fmu(model) => {
+            SimulationModel::Apart(model) => {
                 let failed = AtomicUsize::new(0);
                 let failure = |point: &[f64], reason: &str| {
                     self.allow(failed.fetch_add(1, Ordering::Relaxed) + 1, total, point, reason)
@@ -259,7 +261,7 @@ impl Simulation {
                 model.run_all(points, Some(journal), workers, &failure, done)?
             }
         };
-        let made = |(outcome, point): (fmu::FmuOutcome, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
+        let made = |(outcome, point): (OutputsOrReason, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
         Ok(outcomes.into_iter().zip(points).map(made).collect())
     }
 
@@ -273,7 +275,7 @@ impl Simulation {
         journal: &Journal,
         stop: &AtomicBool,
         done: impl Fn() + Sync,
-    ) -> Result<Vec<fmu::FmuOutcome>> {
+    ) -> Result<Vec<OutputsOrReason>> {
         let solve = |point: &Vec<f64>| {
             if let Some(outputs) = journal.get(point) {
                 return Ok(Ok(outputs.to_vec()));
@@ -425,7 +427,7 @@ impl EquationSolver {
         }
     }
 
-    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> fmu::FmuOutcome {
+    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> OutputsOrReason {
         match self {
             Self::System(system) => (system.simulate)(quantities, times, tolerance, budget),
             Self::Mechanism(mechanism) => mechanism.simulate(quantities, times, tolerance, budget),
@@ -483,7 +485,7 @@ impl SimulatedEquations {
     }
 
     /// Outputs of a run, row by row, in the study's order; any of the flags ends it early.
-    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> fmu::FmuOutcome {
+    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> OutputsOrReason {
         let mut quantities = self.quantities.clone();
         for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
             quantities[position] = value;

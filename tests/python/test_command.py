@@ -1,6 +1,7 @@
 """The command around its verbs, and the scripts beside it: errors as JSON, folders that are missing, usage."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -53,3 +54,39 @@ def test_the_fmus_of_c_are_made_without_mujoco(tmp_path):
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["chain.fmu", "van_der_pol.fmu"]
     assert "no Pendulum.fmu, which needs mujoco" in run.stderr
+
+
+def test_quiet_leaves_warnings_and_errors(tmp_path):
+    (tmp_path / "points.csv").write_text("x,y\n" + "".join(f"{i},{i * i}\n" for i in range(30)))
+    said = metafmu("new", "loud", "--table", "points.csv", cwd=tmp_path).stderr
+    assert said
+    assert metafmu("new", "still", "--table", "points.csv", "--quiet", cwd=tmp_path).stderr == ""
+    assert metafmu("build", "none.toml", "-q", cwd=tmp_path, check=False).stderr.startswith("error: none.toml")
+    assert "cannot be used with" in metafmu("build", "none.toml", "-q", "-v", check=False).stderr
+
+
+def test_color_is_where_it_is_asked_for(tmp_path):
+    plain = metafmu("build", "none.toml", cwd=tmp_path, check=False).stderr
+    assert metafmu("build", "none.toml", "--color", "never", cwd=tmp_path, check=False).stderr == plain
+    colored = metafmu("build", "none.toml", "--color", "always", cwd=tmp_path, check=False).stderr
+    assert colored.startswith("\x1b[") and re.sub(r"\x1b\[[0-9;]*m", "", colored) == plain
+    # usage errors, which clap writes
+    assert metafmu("bild", "--color", "always", check=False).stderr.startswith("\x1b[")
+    assert "\x1b" not in metafmu("bild", check=False).stderr
+    assert "invalid value 'blue'" in metafmu("build", "x.toml", "--color", "blue", check=False).stderr
+
+
+def test_the_number_of_threads_changes_no_byte(tmp_path):
+    (tmp_path / "points.csv").write_text("x,z,y\n" + "".join(f"{i % 7},{i},{(i % 7) * i / 50}\n" for i in range(60)))
+    metafmu("new", "map", "--table", "points.csv", cwd=tmp_path)
+    for threads in ("1", "3"):
+        metafmu("build", "map.toml", "--out", threads, "--threads", threads, cwd=tmp_path, check=False)
+    one, three = ((tmp_path / threads / "map.safetensors").read_bytes() for threads in ("1", "3"))
+    assert one == three
+    assert "0 is not in 1..=1024" in metafmu("build", "map.toml", "--threads", "0", cwd=tmp_path, check=False).stderr
+
+
+def test_version_answers_what_a_report_of_a_problem_needs():
+    assert re.fullmatch(r"metafmu \d+\.\d+\.\d+\n", metafmu("--version").stdout)
+    told = metafmu("--version", "--verbose").stdout
+    assert "FMUs for: " in told and "x86_64-linux" in told and "threads" in told

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import re
 import subprocess
 
@@ -84,6 +85,17 @@ def test_an_angle_whose_spring_is_not_periodic_is_learned_in_its_range(tmp_path)
     metrics = json.loads((tmp_path / "out" / "proposed" / "metrics.json").read_text())
     assert metrics["motion"]["error"] < 1e-11, metrics["motion"]
     assert all(horizon["median"] < 1e-5 for horizon in metrics["roll_outs"]["horizons"]), metrics["roll_outs"]
+
+
+@pytest.mark.parametrize(("stiffness", "turns"), [(50, 1), (2, 2), (0.6, 3)])
+def test_an_angle_with_a_torsion_spring_has_the_turns_that_its_motion_reaches(tmp_path, stiffness, turns):
+    of_mechanism(tmp_path, TORSION.replace("stiffness = 5", f"stiffness = {stiffness}"))
+    (low, high) = re.search(r'"pivot.angle" = { min = (.*?), max = (.*?),', (tmp_path / "proposed.toml").read_text()).groups()
+    assert float(high) - float(low) == pytest.approx(2 * math.pi * turns, abs=1e-9)
+    assert (float(high) + float(low)) / 2 == pytest.approx(0.5, abs=1e-9)
+    metafmu("build", "proposed.toml", cwd=tmp_path)
+    metrics = json.loads((tmp_path / "out" / "proposed" / "metrics.json").read_text())
+    assert metrics["motion"]["error"] < 1e-11, metrics["motion"]
 
 
 def test_ranges_of_a_five_bar_linkage_have_no_singular_positions(tmp_path):

@@ -288,11 +288,11 @@ impl Mechanism {
         self.rows(&model, &measures, &samples)
     }
 
-    /// The rates of the coordinates in the same run, and the actuator states: shape `[times, coordinates + states]`.
+    /// The coordinates in the same run, their rates, then the actuator states: shape `[times, 2 coordinates + states]`.
     ///
     /// # Errors
     /// As [`simulate_from`](Self::simulate_from).
-    pub fn rates_from(
+    pub fn states_from(
         &self,
         values: &[f64],
         start: RunStart,
@@ -302,8 +302,10 @@ impl Mechanism {
     ) -> std::result::Result<Vec<f64>, String> {
         let (.., samples, reduced) = self.run_from(values, start, signals, times, (tolerance, budget))?;
         let of_sample = |sample: &Sample| {
-            let rates = reduced.coordinates().iter().map(|coordinate| coordinate.rate(&sample.q, &sample.v));
-            rates.chain(sample.z.iter().copied()).collect::<Vec<_>>()
+            let coordinates = reduced.coordinates().iter();
+            let rates = coordinates.clone().map(|coordinate| coordinate.rate(&sample.q, &sample.v));
+            let positions = coordinates.map(|coordinate| coordinate.value(&sample.q));
+            positions.chain(rates).chain(sample.z.iter().copied()).collect::<Vec<_>>()
         };
         Ok(samples.iter().flat_map(of_sample).collect())
     }

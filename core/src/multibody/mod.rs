@@ -8,6 +8,7 @@ pub mod build;
 pub mod constraint;
 pub mod coordinate;
 pub mod description;
+mod enclosure;
 mod equilibrium;
 pub mod expression;
 pub mod formulation;
@@ -24,6 +25,7 @@ pub mod review;
 pub mod simulate;
 mod start;
 mod stepper;
+mod switches;
 mod tables;
 mod variables;
 

@@ -9,6 +9,7 @@ use super::{
     kinematics,
     method::{Lap, MethodChoice},
     model::{ActuatorState, MultibodyModel, Sample, Spring},
+    switches::{Branch, Stops},
 };
 use crate::integrate::{self, Budget, IntegrationResult, radau};
 use nalgebra::{DMatrix, DVector};
@@ -63,21 +64,25 @@ pub(super) fn continue_from(
     let has_kinks = model.inputs.iter().any(|input| input.signal.has_knots());
     let has_bends = model.has_bends();
     let rows = if has_kinks || has_bends { 2 } else { times.len() };
+    let mut stops = Stops::new(model, times)?;
+    let run = ModelRun { model, budget, has_bends, has_stops: stops.has_any() };
+    // where the run is, if that is not a row
+    let mut between: Option<Sample> = None;
     while samples.len() < times.len() {
-        let from = &samples[samples.len() - 1];
-        let ahead = &times[samples.len() - 1..];
-        let ahead = &ahead[..rows.min(ahead.len())];
-        let run = ModelRun { model, budget };
-        let next = run.rows(has_bends, from, ahead, choice).or_else(|message| {
+        let from = between.as_ref().unwrap_or(&samples[samples.len() - 1]);
+        let stretch = stops.next(from.t, &times[samples.len()..], if between.is_some() { 2 } else { rows });
+        let next = run.rows(from, &stretch.times, choice).or_else(|message| {
             // where stability could not be checked, the implicit method may succeed
             budget.renew();
             if choice.is_stiff() || budget.is_over() || !choice.is_suspect() {
                 return Err(message);
             }
             choice.set_stiff();
-            run.rows(has_bends, from, ahead, choice).map_err(|_| message)
+            run.rows(from, &stretch.times, choice).map_err(|_| message)
         });
-        samples.extend(next?);
+        let mut next = next?;
+        between = if stretch.has_rows { None } else { next.pop() };
+        samples.extend(next);
     }
     Ok(samples)
 }
@@ -90,18 +95,16 @@ const SHORTEST: f64 = 1e-12;
 struct ModelRun<'a> {
     model: &'a MultibodyModel,
     budget: &'a Budget<'a>,
+    /// True if tables may be stepped over.
+    has_bends: bool,
+    /// True if steps end at switches of formulas.
+    has_stops: bool,
 }
 
 impl ModelRun<'_> {
     /// The samples after one, at least one of them.
-    fn rows(
-        self,
-        has_bends: bool,
-        from: &Sample,
-        ahead: &[f64],
-        choice: &mut MethodChoice,
-    ) -> Result<Vec<Sample>, String> {
-        let Self { model, budget } = self;
+    fn rows(self, from: &Sample, ahead: &[f64], choice: &mut MethodChoice) -> Result<Vec<Sample>, String> {
+        let Self { model, budget, has_bends, .. } = self;
         let next = match has_bends {
             true => self.over_bends(from, ahead[1], choice).map(|sample| vec![sample]),
             false => self.stretch(model.formulation, from, ahead, choice),
@@ -162,10 +165,11 @@ impl ModelRun<'_> {
         times: &[f64],
         choice: &mut MethodChoice,
     ) -> Result<Vec<Sample>, String> {
-        let Self { model, budget } = self;
+        let Self { model, budget, has_stops, .. } = self;
         let formulation = Formulation::new(kind, model, from.t, &from.q)?;
         let (guess, undefined) = (RefCell::new(from.q.clone()), RefCell::default());
-        let stretch = Stretch { model, formulation, guess, z: &from.z, budget, undefined };
+        let branch = has_stops.then(|| Branch::of(times));
+        let stretch = Stretch { model, formulation, guess, z: &from.z, budget, undefined, branch };
         let states = stretch.integrate(from, times, choice)?;
         let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
         for (state, &t) in states.iter().zip(times).skip(1) {
@@ -205,6 +209,8 @@ struct Stretch<'a> {
     budget: &'a Budget<'a>,
     /// A force that was not a number where the integrator has been.
     undefined: RefCell<Option<String>>,
+    /// Where formulas of time are on one branch, if they switch.
+    branch: Option<Branch>,
 }
 
 impl Stretch<'_> {
@@ -219,9 +225,15 @@ impl Stretch<'_> {
             }
         }
         let lap = Lap::begin(self.budget, from.t);
-        let problem = StretchProblem { stretch: self, start: from.t };
-        let IntegrationResult { states, failure, is_stiff, .. } =
-            integrate::advance(problem, state.clone(), times, self.model.tolerance, self.budget);
+        let ends_exactly = self.branch.is_some() && times.len() == 2;
+        let problem = StretchProblem { stretch: self, start: if ends_exactly { f64::INFINITY } else { from.t } };
+        let tolerance = self.model.tolerance;
+        let IntegrationResult { states, failure, is_stiff, .. } = match times {
+            &[begin, end] if ends_exactly => {
+                integrate::advance_to(problem, state.clone(), [begin, end], tolerance, self.budget)
+            }
+            times => integrate::advance(problem, state.clone(), times, tolerance, self.budget),
+        };
         let gave_up = is_stiff || self.budget.is_spent();
         if !choice.is_stiff()
             && choice.note(lap.end(self.budget), gave_up, || self.jacobian(states.last().unwrap_or(&state)))
@@ -334,6 +346,7 @@ impl Stretch<'_> {
 
     fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, String> {
         let (t, state, z) = split(state, self.z.len());
+        let t = self.branch.map_or(t, |branch| branch.nearest(t));
         let mut guess = self.guess.borrow_mut();
         let (q, v) = self.formulation.complete(self.model, t, &state, &guess)?;
         let u = self.model.at(t, &z);
@@ -358,6 +371,7 @@ impl Stretch<'_> {
 /// A stretch in the form that `ode_solvers` needs.
 struct StretchProblem<'a> {
     stretch: &'a Stretch<'a>,
+    /// Rows up to this time are no end of the stretch.
     start: f64,
 }
 

@@ -458,3 +458,4 @@ fn no_step_goes_over_a_pulse_in_a_table_of_time() {
 }
 
 mod stiff;
+mod switches;

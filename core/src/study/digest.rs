@@ -53,7 +53,7 @@ struct DigestedInput<'a> {
 struct DigestedSource<'a> {
     system: &'a Option<String>,
     mechanism: Option<&'a Description>,
-    /// SHA-256 of the FMU or of the recorded runs, those of the tests among them.
+    /// SHA-256 of the FMU, of the command and its files, or of the recorded runs, those of the tests among them.
     files: Option<&'a str>,
     columns: &'a IndexMap<String, String>,
     constants: &'a IndexMap<String, f64>,
@@ -155,6 +155,8 @@ fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> DigestedSource
         system,
         mechanism: _,
         fmu: _,
+        command: _,
+        files: _,
         table: _,
         index: _,
         outliers: _,

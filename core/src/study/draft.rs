@@ -139,7 +139,7 @@ impl Draft {
         match error {
             Error::Study { problems } => self.problems.extend(problems),
             other => {
-                let key = self.study.source.file().map_or("source".into(), |(key, _)| format!("source.{key}"));
+                let key = self.study.source.key();
                 self.problems.extend(self.study.origin.locate(Problems::one(key, other.to_string())));
             }
         }

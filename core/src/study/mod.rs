@@ -10,6 +10,7 @@
 //! system = "single-pendulum"            # a built-in system; `metafmu new --help` lists them; or
 //! # mechanism = "four-bar.toml"         # a mechanism file (see `multibody::description`), relative to this file; or
 //! # fmu = "model.fmu"                   # an FMU of any tool (see `source::fmu`); or
+//! # command = ["python", "model.py"]    # a program that answers requests (see `source::command`); or
 //! # table = "runs.csv"                  # recorded runs, CSV or Parquet (see `source::recorded`), or an `index` of files
 //! constants = { m = 0.3 }               # quantities that are no parameters; there are defaults
 //!
@@ -111,7 +112,7 @@ use schemars::JsonSchema;
 pub use search::set;
 pub use search::{SearchMethod, SearchOptions, SearchRange, SearchScale, Space};
 use serde::{Deserialize, Serialize};
-pub use source::SourceOptions;
+pub use source::{RESULT, SourceOptions};
 pub use states::{StateOptions, is_angle, velocity_name};
 pub use static_map::{ModelKind, NETWORK, SmallNetworks, StaticOptions};
 use std::{
@@ -138,7 +139,7 @@ pub struct Study {
     /// What the surrogate is a function of.
     #[serde(default)]
     pub structure: StudyStructure,
-    /// What is sampled, by one of `system`, `mechanism`, `fmu`, `table` and `index`.
+    /// What is sampled, by one of `system`, `mechanism`, `fmu`, `command`, `table` and `index`.
     pub source: SourceOptions,
     /// The rows of a run: `0, step, ..., stop`. Required, but of the structure "static".
     #[serde(default = "TimeOptions::of_rows")]
@@ -212,7 +213,7 @@ pub struct Study {
     /// The recorded signals, by the inputs that have one.
     #[serde(skip)]
     recordings: IndexMap<String, Arc<Recording>>,
-    /// Digest of the FMU or of the tables of recorded runs.
+    /// Digest of the FMU, of the command and its files, or of the tables of recorded runs.
     #[serde(skip)]
     source_files: Option<String>,
     /// `true` if the study has `training.epochs`.
@@ -233,7 +234,7 @@ pub enum StudyStructure {
     /// Equations of motion: derivatives are functions of states, inputs and parameters, learned by their structure from a mechanism.
     Dynamics,
     /// Discrete-time model: outputs are functions of past outputs, past inputs and parameters, learned from recorded runs of a component with
-    /// inputs, or from runs of an FMU for co-simulation.
+    /// inputs, or from runs of a program or an FMU for co-simulation.
     Discrete,
     /// Static map: outputs are functions of inputs, learned from the rows of a table without a time.
     Static,
@@ -289,6 +290,9 @@ impl Study {
     /// Reads the mechanism, or the digest of other files of the source. False if that failed: problems of a mechanism are in its own
     /// file.
     fn load_source(&mut self, found: &mut Problems, problems: &mut Vec<Problem>, may_lack_table: bool) -> bool {
+        if self.source.command.is_some() {
+            return self.load_command(found);
+        }
         let Some((key, file)) = self.source.file() else { return self.load_system(found) };
         let (key, path) = (format!("source.{key}"), self.beside(file));
         if may_lack_table && self.source.table.is_some() && !path.exists() {
@@ -317,6 +321,30 @@ impl Study {
             Err(error) => found.add("source.system", error.to_string()),
         }
         self.mechanism.is_some()
+    }
+
+    /// Takes the digest of the command and its files. False if a file cannot be read.
+    fn load_command(&mut self, found: &mut Problems) -> bool {
+        let (mut digests, mut problems) = (Vec::new(), Problems::default());
+        for argument in self.source.command.iter().flatten() {
+            let path = self.beside(Path::new(argument));
+            // a file counts by its content, as it may be moved
+            let content = path.is_file().then(|| files::digest(&path));
+            match content.transpose() {
+                Ok(content) => digests.push(content.unwrap_or_else(|| argument.clone())),
+                Err(error) => problems.add("source.command", error.to_string()),
+            }
+        }
+        for file in &self.source.files {
+            match files::digest(&self.beside(file)) {
+                Ok(content) => digests.push(content),
+                Err(error) => problems.add("source.files", error.to_string()),
+            }
+        }
+        self.source_files = Some(digest::digest(&digests));
+        let is_read = problems.is_empty();
+        found.extend(problems);
+        is_read
     }
 
     /// Takes ranges of states that are not given from the study's table. False if that failed.

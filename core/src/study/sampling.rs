@@ -16,11 +16,11 @@ pub struct SamplingOptions {
     #[schemars(range(min = 2))]
     pub levels: Option<usize>,
     /// Number of training runs of the methods that have neither levels nor a file. Of the structure "dynamics": runs from which the
-    /// ranges of the outputs and the steps of the solver are known, 8 unless given. Of the structure "discrete" of an FMU: training runs,
+    /// ranges of the outputs and the steps of the solver are known, 8 unless given. Of the structure "discrete" of an FMU or a program: training runs,
     /// 30 unless given.
     #[schemars(range(min = 2, max = MAX_RUNS))]
     pub runs: Option<usize>,
-    /// Of the structure "dynamics": number of states, with inputs and parameters, at which an FMU is asked for its equations, 5000
+    /// Of the structure "dynamics": number of states, with inputs and parameters, at which an FMU or a program is asked for its equations, 5000
     /// unless given, or a mechanism for what its networks learn, 20000 unless given. A tenth of them is held out.
     #[schemars(range(min = 100, max = MAX_RUNS))]
     pub states: Option<usize>,
@@ -130,7 +130,7 @@ impl SamplingOptions {
         let Self { method, levels, runs, states, file, faces, test, train_stop, .. } = self;
         let mut problems = Problems::default();
         let is_asked = study.has_states() && !study.source.is_recorded();
-        let message = "belongs to the structure \"dynamics\" of an FMU or a mechanism";
+        let message = "belongs to the structure \"dynamics\" of an FMU, a program or a mechanism";
         problems.expect_absent(states.is_some() && !is_asked, "sampling.states", message);
         let message = "belongs to the structure \"dynamics\" of a table";
         problems.expect_absent(

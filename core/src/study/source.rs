@@ -7,7 +7,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::{path::PathBuf, time::Duration};
 
-/// `[source]`: what is sampled, by one of `system`, `mechanism`, `fmu`, `table` and `index`.
+/// `[source]`: what is sampled, by one of `system`, `mechanism`, `fmu`, `command`, `table` and `index`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SourceOptions {
@@ -19,6 +19,15 @@ pub struct SourceOptions {
     /// An FMU to run, relative to the study's folder.
     #[schemars(extend("format" = "path"))]
     pub fmu: Option<PathBuf>,
+    /// A program to run, with its arguments, in the study's folder. It answers requests in lines of JSON; with `{result}` in an argument it is
+    /// started for each run and writes a CSV file. docs/command-sources.md has the protocol.
+    #[schemars(extend("examples" = [["python", "model.py"]]))]
+    pub command: Option<Vec<String>>,
+    /// Further files that the program reads, relative to the study's folder. They count by their content, as do arguments of `command` that are
+    /// files: runs of other content are not resumed.
+    #[serde(default)]
+    #[schemars(extend("examples" = [["arm.xml"]]))]
+    pub files: Vec<PathBuf>,
     /// A table of recorded runs, CSV or Parquet, relative to the study's folder.
     #[schemars(extend("format" = "path"))]
     pub table: Option<PathBuf>,
@@ -44,10 +53,10 @@ pub struct SourceOptions {
     /// else 1e-8.
     #[schemars(range(min = 1e-13, max = 0.1))]
     pub tolerance: Option<f64>,
-    /// Time after which a run, or the loading of the FMU, is given up; of an FMU 60 s unless given, else none.
+    /// Time after which a run, or the start of an FMU or program, is given up; of an FMU or program 60 s unless given, else none.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub time_limit: Option<f64>,
-    /// How often a failed run of the FMU is repeated, in a fresh process; 1 unless given.
+    /// How often a failed run of an FMU or program is repeated, in a fresh process; 1 unless given.
     pub retries: Option<usize>,
     /// Share of the runs that may fail, 0.1 unless given; they are left out. If more do, the sampling fails.
     #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
@@ -58,7 +67,10 @@ pub struct SourceOptions {
 const MAX_STEPS: f64 = 1e8;
 
 /// Who has options of a simulation.
-const SIMULATED: &str = "belongs to `system`, `mechanism` and `fmu`";
+const SIMULATED: &str = "belongs to `system`, `mechanism`, `fmu` and `command`";
+
+/// Placeholder in `source.command` for the file that a program writes if it is started for each run.
+pub const RESULT: &str = "{result}";
 
 impl SourceOptions {
     /// How long a run may take, if that is limited.
@@ -76,6 +88,28 @@ impl SourceOptions {
         self.system.is_some() || self.mechanism.is_some()
     }
 
+    /// Returns true if runs are made by worker processes: of an FMU or a program.
+    pub fn is_run_apart(&self) -> bool {
+        self.fmu.is_some() || self.command.is_some()
+    }
+
+    /// Returns true if the command is started for each run, and writes a file.
+    pub fn runs_once(&self) -> bool {
+        self.command.iter().flatten().any(|argument| argument.contains(RESULT))
+    }
+
+    /// The key that names the source.
+    pub(super) fn key(&self) -> &'static str {
+        match self.file() {
+            Some(("mechanism", _)) => "source.mechanism",
+            Some(("fmu", _)) => "source.fmu",
+            Some(("table", _)) => "source.table",
+            Some(_) => "source.index",
+            None if self.command.is_some() => "source.command",
+            None => "source",
+        }
+    }
+
     /// The key that names the source, and the file that it names, if it is one.
     pub(super) fn file(&self) -> Option<(&'static str, &PathBuf)> {
         let Self { mechanism, fmu, table, index, .. } = self;
@@ -85,17 +119,20 @@ impl SourceOptions {
 
     /// How many sources are given; it should be one.
     pub(super) fn count(&self) -> usize {
-        let Self { system, mechanism, fmu, table, index, .. } = self;
-        [mechanism, fmu, table, index].into_iter().flatten().count() + usize::from(system.is_some())
+        let Self { system, mechanism, fmu, command, table, index, .. } = self;
+        let files = [mechanism, fmu, table, index].into_iter().flatten().count();
+        files + usize::from(system.is_some()) + usize::from(command.is_some())
     }
 
     /// Every mistake, by dotted key.
     pub(super) fn problems(&self) -> Problems {
-        let Self { fmu, columns, outliers, constants, step, tolerance, time_limit, retries, max_failed, .. } = self;
+        let Self {
+            fmu, command, columns, outliers, constants, step, tolerance, time_limit, retries, max_failed, ..
+        } = self;
         let mut problems = Problems::default();
         let is_recorded = self.is_recorded();
         if self.count() != 1 {
-            problems.add("source", "expected one of `system`, `mechanism`, `fmu`, `table` and `index`");
+            problems.add("source", "expected one of `system`, `mechanism`, `fmu`, `command`, `table` and `index`");
         } else {
             let tables = "belongs to `table` and `index`";
             problems.expect_absent(!is_recorded && !columns.is_empty(), "source.columns", tables);
@@ -103,9 +140,15 @@ impl SourceOptions {
             problems.expect_absent(is_recorded && !constants.is_empty(), "source.constants", SIMULATED);
         }
         problems.expect_absent(step.is_some() && fmu.is_none(), "source.step", "belongs to `fmu`");
-        if retries.is_some() && fmu.is_none() {
+        if retries.is_some() && !self.is_run_apart() {
             let reason = if is_recorded { "" } else { ": a simulation that failed would fail again" };
-            problems.add("source.retries", format!("belongs to `fmu`{reason}"));
+            problems.add("source.retries", format!("belongs to `fmu` and `command`{reason}"));
+        }
+        problems.expect_absent(!self.files.is_empty() && command.is_none(), "source.files", "belongs to `command`");
+        let integrates = "belongs to sources that metafmu integrates: a program integrates by itself";
+        problems.expect_absent(tolerance.is_some() && command.is_some(), "source.tolerance", integrates);
+        if command.as_ref().is_some_and(|command| command.first().is_none_or(|program| program.trim().is_empty())) {
+            problems.add("source.command", "no program, expected a program and its arguments");
         }
         let given = [("tolerance", tolerance), ("time_limit", time_limit), ("max_failed", max_failed)];
         for (key, value) in given {
@@ -132,14 +175,18 @@ impl SourceOptions {
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
         if study.has_states() && self.count() == 1 && self.index.is_some() {
-            let message = "the structure \"dynamics\" is learned from a system, a mechanism, an FMU or one table of all runs, expected \
-                           `system`, `mechanism`, `fmu` or `table`";
+            let message = "the structure \"dynamics\" is learned from a system, a mechanism, an FMU, a program or one table of all runs, \
+                           expected `system`, `mechanism`, `fmu`, `command` or `table`";
             problems.add("source", message);
         }
         if study.is_discrete() && self.count() == 1 && self.is_of_equations() {
-            let message = "the structure \"discrete\" is learned from recorded runs or an FMU for co-simulation, expected `table`, `index` \
-                           or `fmu`";
+            let message = "the structure \"discrete\" is learned from recorded runs, a program or an FMU for co-simulation, expected \
+                           `table`, `index`, `command` or `fmu`";
             problems.add("source", message);
+        }
+        if study.has_states() && self.count() == 1 && self.runs_once() {
+            let message = "`{result}`: a program that is started for each run has no equations, expected one that answers requests";
+            problems.add("source.command", message);
         }
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };
         let steps = study.time.stop / step;

@@ -20,7 +20,7 @@ use toml::{
 };
 
 /// An entry of `[states]`: of a mechanism an independent coordinate, by the measure that names it, and its velocity, or an actuator state, by
-/// its name; of an FMU a continuous state, by its name; of a table the column of a generalized coordinate.
+/// its name; of an FMU or a program a continuous state, by its name; of a table the column of a generalized coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"min": -5.0, "max": 5.0}]))]
@@ -45,11 +45,14 @@ pub struct StateOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity_range: Option<[f64; 2]>,
-    /// Of an FMU or a table: whether the state is an angle in rad, and the equations are the same a turn later. Of an FMU the range then is a
-    /// turn; of a table an angle is not wound back into a turn, and has no range, and both are tried unless given: what continues rows better
+    /// Of an FMU, a program or a table: whether the state is an angle in rad, and the equations are the same a turn later. Of an FMU or a program
+    /// the range then is a turn; of a table an angle is not wound back into a turn, and has no range, and both are tried unless given: what continues rows better
     /// that were held out is taken.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub periodic: Option<bool>,
+    /// Of a program: its unit. Other sources know the units of their states.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub unit: Option<String>,
     /// Of a table: the column of the coordinate's derivative with respect to time. Without it the derivative is found by differences and
     /// called `NAME_rate`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -113,8 +116,8 @@ pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
     let range = |name: &str, [min, max]: [f64; 2]| (State::start_name(name), ParameterOptions::range(min, max));
     let own = study.coordinates().map(|(name, state)| range(name, state.start()));
     let of_actuators = study.actuator_states().map(|(name, state)| range(name, state.start()));
-    // those of an FMU are states by themselves
-    let coordinates = study.coordinates().filter(|_| study.source.fmu.is_none());
+    // those of an FMU or a program are states by themselves
+    let coordinates = study.coordinates().filter(|_| !study.source.is_run_apart());
     let velocities = coordinates.map(|(name, state)| {
         let velocity = match study.source.is_recorded() {
             true => state.rate_name(name),
@@ -184,7 +187,8 @@ fn add_joined<'a>(table: DeTable<'a>, prefix: &str, joined: &mut DeTable<'a>) {
 pub(super) fn problems(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let of_table = study.source.is_recorded();
-    for (name, StateOptions { min, max, start, velocity, velocity_range, periodic, rate: _ }) in &study.states {
+    for (name, StateOptions { min, max, start, velocity, velocity_range, periodic, unit: _, rate: _ }) in &study.states
+    {
         let key = format!("states.{name}");
         if of_table && (min.is_nan() || max.is_nan()) {
             continue;
@@ -236,19 +240,21 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
         return problems;
     }
     if study.coordinates().next().is_none() {
-        let expected = if study.source.fmu.is_some() {
-            "every continuous state of the FMU"
-        } else {
-            "a coordinate for each degree of freedom"
+        let expected = match (&study.source.fmu, &study.source.command) {
+            (Some(_), _) => "every continuous state of the FMU",
+            (_, Some(_)) => "every state of the program",
+            _ => "a coordinate for each degree of freedom",
         };
         let found = if states.is_empty() { "no state" } else { "no coordinate" };
         problems.add("states", format!("{found}, expected {expected}"));
     }
-    let (is_fmu, of_table) = (study.source.fmu.is_some(), study.source.is_recorded());
+    let (is_run_apart, of_table) = (study.source.is_run_apart(), study.source.is_recorded());
     for (name, state) in states {
         let key = format!("states.{name}");
         let message = "belongs to tables: the source knows the derivatives of its states";
         problems.expect_absent(state.rate.is_some() && !of_table, format!("{key}.rate"), message);
+        let message = "belongs to `source.command`: the source knows the units of its states";
+        problems.expect_absent(state.unit.is_some() && study.source.command.is_none(), format!("{key}.unit"), message);
         if of_table {
             let message = "belongs to sources that are simulated: recorded runs start where they start";
             problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
@@ -256,8 +262,8 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             problems.expect_absent(state.start.is_some(), format!("{key}.start"), message);
             check_variable_name(&mut problems, &key, name);
             check_variable_name(&mut problems, &format!("{key}.rate"), &state.rate_name(name));
-        } else if is_fmu {
-            let message = "belongs to mechanisms: every state of an FMU has a range of its own";
+        } else if is_run_apart {
+            let message = "belongs to mechanisms: every state of an FMU or a program has a range of its own";
             problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
             problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
         } else if study.mechanism().is_some_and(|mechanism| mechanism.actuator_states().contains_key(name)) {
@@ -276,15 +282,15 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             };
             problems.add(&key, format!("`{name}` is not a coordinate, {expected}{known}"));
         } else {
-            let message = "belongs to FMUs: an angle of a mechanism is periodic";
+            let message = "belongs to FMUs and programs: an angle of a mechanism is periodic";
             problems.expect_absent(state.is_periodic(), format!("{key}.periodic"), message);
         }
     }
     for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
         problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
     }
-    let has_no_structure = study.source.fmu.is_some() && study.dynamics.model == DynamicsModel::Accelerations;
-    let message = "\"accelerations\" belongs to mechanisms: of an FMU nothing else is learned";
+    let has_no_structure = study.source.is_run_apart() && study.dynamics.model == DynamicsModel::Accelerations;
+    let message = "\"accelerations\" belongs to mechanisms: of an FMU or a program nothing else is learned";
     problems.expect_absent(has_no_structure, "dynamics.model", message);
     let of_network = "belongs to the structure \"response\"";
     if of_table {

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ._onnx import from_onnx
     from ._regressor import AccuracyWarning, Regressor, fit
     from ._sklearn import from_sklearn
+    from ._source import source
     from ._study import Study, Validation, validate
     from ._surrogate import Surrogate
     from ._torch import from_torch
@@ -35,6 +36,7 @@ _PLACES = {
     "from_onnx": "_onnx",
     "from_sklearn": "_sklearn",
     "from_torch": "_torch",
+    "source": "_source",
     "validate": "_study",
 }
 

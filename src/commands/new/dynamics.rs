@@ -9,7 +9,12 @@ use metafmu::{
     study::{Study, is_angle},
     systems::System,
 };
-use std::{collections::HashMap, f64::consts::TAU, fmt::Write, path::Path};
+use std::{
+    collections::HashMap,
+    f64::consts::{PI, TAU},
+    fmt::Write,
+    path::Path,
+};
 
 /// A study of a mechanism file.
 pub fn of_mechanism(target: &StudyTarget, file: &Path) -> Result<Proposal> {
@@ -45,14 +50,22 @@ fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &s
         .map_err(|message| metafmu::Error::Study { problems: vec![mechanism.located(&message)] })?;
     describe(mechanism, control()?);
     let stop = duration(&coordinates);
-    let ranges = NonsingularRanges::new(mechanism, coordinates);
+    let mut ranges = NonsingularRanges::new(mechanism, coordinates);
     if let Some(why) = &ranges.narrowed {
         say(format_args!("ranges are narrowed to positions that are not singular: {why}"));
     }
     let outputs = mechanism.outputs().iter().map(|output| output.name.clone()).collect();
     // a build reports what is wrong with the equations, with its place
     let checked = dynamics::check(mechanism, &ranges.region(outputs), SEED).unwrap_or_default();
-    let study = |share: f64| study(target.name, mechanism, (&ranges, &checked), (stop, share * stop), [option, source]);
+    let text = |ranges: &NonsingularRanges, share: f64| {
+        study(target.name, mechanism, (ranges, &checked), (stop, share * stop), [option, source])
+    };
+    if ranges.coordinates.iter().zip(&checked.is_periodic).any(|(one, periodic)| goes_around(one) && !periodic) {
+        let reached = Study::parse(&text(&ranges, 1.0), &target.file()).ok();
+        let reached = reached.and_then(|study| trial::reached(&study, mechanism)).unwrap_or_default();
+        ranges.widen(&checked.is_periodic, &reached);
+    }
+    let study = |share: f64| text(&ranges, share);
     let mut proposal = None;
     for share in SHORTER {
         let text = study(share);
@@ -101,7 +114,8 @@ step = {:<20?} # s
     for (k, coordinate) in ranges.coordinates.iter().enumerate() {
         let ([low, high], rate) = (coordinate.reach, coordinate.rate);
         let unit = if is_angle(&coordinate.name) { "rad" } else { "m" };
-        let reach = 0.1 * (high - low);
+        // wider ranges of turns are what motions reach
+        let reach = 0.1 * if goes_around(coordinate) { TAU } else { high - low };
         let start = [coordinate.start - reach, coordinate.start + reach].map(|end| end.clamp(low, high));
         let spread = 0.5 * rate.abs().max(10.0 / usual);
         let is_periodic = checked.is_periodic.get(k).copied().unwrap_or(is_angle(&coordinate.name));
@@ -181,6 +195,9 @@ const LEAST: f64 = 0.01;
 const BISECTIONS: u32 = 7;
 const SPARE: f64 = 0.9;
 
+/// Turns of an angle with a range at most: a motion that reaches more has no end.
+const MOST_TURNS: f64 = 20.0;
+
 impl NonsingularRanges {
     /// The ranges in which each coordinate can go alone, narrowed about the start if positions are singular where all of them are elsewhere,
     /// or other parameters have other values.
@@ -251,6 +268,21 @@ impl NonsingularRanges {
 
     fn is_narrowed(&self, k: usize) -> bool {
         self.coordinates[k].reach != self.alone[k]
+    }
+
+    /// Gives angles whose forces differ a turn later whole turns about the start, as many as have what runs reach.
+    fn widen(&mut self, is_periodic: &[bool], reached: &[[f64; 2]]) {
+        let coordinates = self.coordinates.iter_mut().zip(&mut self.alone).zip(is_periodic).zip(reached);
+        for (((coordinate, alone), is_periodic), [low, high]) in coordinates {
+            let [before, behind] = coordinate.reach.map(|end| (end - coordinate.start).abs());
+            let is_about_start = (before - behind).abs() < 1e-6;
+            let farthest = (high - coordinate.start).max(coordinate.start - low);
+            let turns = (farthest / (SPARE * PI)).ceil();
+            if goes_around(coordinate) && !is_periodic && is_about_start && (1.0..=MOST_TURNS).contains(&turns) {
+                coordinate.reach = [coordinate.start - turns * PI, coordinate.start + turns * PI];
+                *alone = coordinate.reach;
+            }
+        }
     }
 
     fn region(&self, outputs: Vec<String>) -> Region {

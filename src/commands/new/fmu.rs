@@ -310,7 +310,7 @@ impl Times {
 }
 
 /// A number without the digits that rounding has left.
-fn short(number: f64) -> f64 {
+pub(super) fn short(number: f64) -> f64 {
     format!("{number:.11e}").parse().unwrap_or(number)
 }
 

@@ -1,9 +1,6 @@
-//! What a process needs that runs other people's machine code, and the one that watches over it.
+//! What a process needs that runs third-party machine code.
 
-use std::{
-    fs::File,
-    process::{Child, Command},
-};
+use std::fs::File;
 
 /// A worker's ways from and to the process that started it.
 #[derive(Debug)]
@@ -52,33 +49,6 @@ impl Pipes {
         let (input, output) = (std::io::stdin(), std::io::stdout());
         Ok(Self { requests: duplicate(input.as_handle())?, replies: duplicate(output.as_handle())? })
     }
-}
-
-/// Makes a command start a group of processes of its own: Ctrl-C in a terminal does not reach it, and [`kill`] ends what it
-/// starts in turn, such as the simulation tool behind an FMU.
-pub fn in_own_group(command: &mut Command) {
-    #[cfg(unix)]
-    std::os::unix::process::CommandExt::process_group(command, 0);
-    #[cfg(not(unix))]
-    let _ = command;
-}
-
-/// Ends a child that [`in_own_group`] was applied to, at once and with all its group.
-pub fn kill(child: &mut Child) {
-    #[cfg(unix)]
-    {
-        unsafe extern "C" {
-            fn kill(process: i32, signal: i32) -> i32;
-        }
-        const KILL: i32 = 9;
-        // a child that was waited for is gone, and its number may be another's
-        if let (Ok(None), Ok(group)) = (child.try_wait(), i32::try_from(child.id())) {
-            // SAFETY: the function takes numbers
-            unsafe { kill(-group, KILL) };
-        }
-    }
-    // fails if it is gone already
-    let _ = child.kill();
 }
 
 /// Ends this process at once: neither destructors nor exit handlers run, which may wait for ever on what an FMU does.

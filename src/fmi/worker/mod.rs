@@ -11,7 +11,7 @@ mod simulation;
 mod system;
 mod validation;
 
-pub use process::{ReplyStatus, Watch, Worker, Workers};
+pub use process::{Watch, Worker, Workers};
 pub use simulation::simulate_apart;
 pub use system::run_system_apart;
 pub use validation::validate_apart;

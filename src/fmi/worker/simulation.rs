@@ -1,9 +1,10 @@
 //! One run of an FMU in a process of its own, row by row.
 
-use super::{Job, Replies, ReplyStatus, Watch, Worker};
+use super::{Job, Replies, Watch, Worker};
 use crate::{
     Error, Result,
     fmi::host::{Fmu, InterfaceKind, RecordedColumn, RowSink, SimulationOptions, Unpacked, simulate_into},
+    process::ReplyStatus,
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -90,7 +91,7 @@ pub(super) fn follow(
         let (reply, numbers) = match worker.reply(left, watch.workers.stop) {
             // replies may follow each other without end
             _ if watch.workers.stop.load(Ordering::Relaxed) => return Err(Error::Interrupted),
-            ReplyStatus::Reply(SimulationReply::Rows, _) | ReplyStatus::TimedOut
+            ReplyStatus::Reply((SimulationReply::Rows, _)) | ReplyStatus::TimedOut
                 if left.is_some_and(|left| left.is_zero()) =>
             {
                 let seconds = watch.limit.unwrap_or_default().as_secs_f64();
@@ -100,8 +101,8 @@ pub(super) fn follow(
                     format!("it took longer than {seconds} s (--time-limit)"),
                 ));
             }
-            ReplyStatus::Reply(reply, numbers) => (reply, numbers),
-            ReplyStatus::Died(reason) => return Err(failed(reached, width.is_some(), reason)),
+            ReplyStatus::Reply(reply) => reply,
+            ReplyStatus::Died(end) => return Err(failed(reached, width.is_some(), end.message)),
             ReplyStatus::TimedOut => continue,
             ReplyStatus::Stopped => return Err(Error::Interrupted),
         };

@@ -1,6 +1,6 @@
 //! Checks of a binary in a process of its own.
 
-use super::{Job, Replies, ReplyStatus, Watch, Worker};
+use super::{Job, Replies, Watch, Worker};
 use crate::{
     Error, Result,
     fmi::{
@@ -8,6 +8,7 @@ use crate::{
         host::Unpacked,
         validate::{Area, Checks, Note, Notes, Report, examine, run},
     },
+    process::ReplyStatus,
 };
 use serde::{Deserialize, Serialize};
 use std::{
@@ -48,13 +49,13 @@ fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<(
     let mut doing = "loading the FMU".to_owned();
     let problem = loop {
         match worker.reply(watch.limit, watch.workers.stop) {
-            ReplyStatus::Reply(ValidationReply::Note(Note::Doing(what)), _) => doing = what,
-            ReplyStatus::Reply(ValidationReply::Note(note), _) => report.add(note),
-            ReplyStatus::Reply(ValidationReply::Done, _) => {
+            ReplyStatus::Reply((ValidationReply::Note(Note::Doing(what)), _)) => doing = what,
+            ReplyStatus::Reply((ValidationReply::Note(note), _)) => report.add(note),
+            ReplyStatus::Reply((ValidationReply::Done, _)) => {
                 worker.finish();
                 return Ok(());
             }
-            ReplyStatus::Died(reason) => break reason,
+            ReplyStatus::Died(end) => break end.message,
             ReplyStatus::TimedOut => {
                 let seconds = watch.limit.unwrap_or_default().as_secs_f64();
                 break format!("took longer than {seconds} s (--time-limit)");

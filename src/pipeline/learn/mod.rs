@@ -40,7 +40,7 @@ pub(super) struct Beginning<'a> {
 /// The method of a study.
 pub(super) fn method(study: &Study) -> &'static dyn LearningMethod {
     match study.structure {
-        StudyStructure::Dynamics if study.source.fmu.is_some() => &state_space::StateEquations,
+        StudyStructure::Dynamics if study.source.is_run_apart() => &state_space::StateEquations,
         StudyStructure::Dynamics if study.source.is_recorded() => &trajectories::RecordedMotions,
         StudyStructure::Dynamics => &motion::EquationsOfMotion,
         StudyStructure::Discrete => &discrete::DiscreteTime,

@@ -1,4 +1,4 @@
-//! Learns the equations of an FMU for model exchange: derivatives of its states and outputs, from the states themselves.
+//! Learns the equations of an FMU for model exchange, or of a program: derivatives of its states and outputs, from the states themselves.
 
 use super::{
     Beginning, LearningMethod,
@@ -18,7 +18,7 @@ use crate::{
         solver,
     },
     scaling,
-    source::{Source, driven::Driven, fmu::FmuModel},
+    source::{Source, driven::Driven, worker::WorkerModel},
     surrogate,
     training::{EpochRecord, Outcome, StopReason},
 };
@@ -33,7 +33,7 @@ use std::{f64::consts::TAU, time::Instant};
 /// Two values that differ by less of the largest one are the same.
 const SAME: f64 = 1e-12;
 
-/// Derivatives of the states of an FMU.
+/// Derivatives of the states of an FMU or a program.
 pub(super) struct StateEquations;
 
 impl LearningMethod for StateEquations {
@@ -42,18 +42,18 @@ impl LearningMethod for StateEquations {
     }
 }
 
-/// Asks the FMU for its equations, learns them, chooses how the solver integrates them.
+/// Asks the source for its equations, learns them, chooses how the solver integrates them.
 fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
     let study = &project.study;
     let Source::Simulation(simulation) = &project.source else {
         return Err(study.refusal("source", "recorded runs cannot be asked for their equations"));
     };
-    let (Some(driven), Some(fmu)) = (simulation.driven(), simulation.fmu()) else {
-        return Err(study.refusal("source", "expected an FMU"));
+    let (Some(driven), Some(model)) = (simulation.driven(), simulation.worker_model()) else {
+        return Err(study.refusal("source", "expected an FMU or a program"));
     };
     let began = Instant::now();
     let space = StateSpaceColumns::new(project, driven);
-    let samples = space.ask(project, fmu)?;
+    let samples = space.ask(project, model)?;
     let (given, samples) = recognise(samples, &space.counts);
     let mut learned = space.learn(project, &samples, checkpoints)?;
     let best = learned::chosen(&learned.records, &study.dynamics);
@@ -67,7 +67,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         .collect();
     let assemble = |integration: Integration| {
         let graph = Graph::of_rates(&dictionary, network.as_ref().map(Graph::from), space.counts[2], &given);
-        // an FMU without states provides outputs
+        // a source without states provides outputs
         let clock = if space.counts[2] > 0 { Clock::Continuous(integration) } else { Clock::Static };
         let program = Program { graph, clock };
         surrogate::assemble_with_states(study, (dataset, samples.points.len()), (driven, &ranges), program)
@@ -142,14 +142,14 @@ impl StateSpaceColumns {
         }
     }
 
-    /// Derivatives and outputs of the FMU at random points, the same ones for the same seed.
-    fn ask(&self, project: &Project, fmu: &FmuModel) -> Result<EquationSamples> {
+    /// Derivatives and outputs of the source at random points, the same ones for the same seed.
+    fn ask(&self, project: &Project, model: &WorkerModel) -> Result<EquationSamples> {
         let count = learned::states(&project.study);
         let mut random = ChaCha8Rng::seed_from_u64(project.study.seed ^ 0x5354_4154);
         let point = |_| self.ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
         let points: Vec<Vec<f64>> = (0..count).map(point).collect();
-        project.begin(CountedWork::Equations, fmu.batches(count));
-        let labels = fmu.derivatives(&points, project.workers(), || project.event(Event::Advance));
+        project.begin(CountedWork::Equations, model.batches(count));
+        let labels = model.derivatives(&points, project.workers(), || project.event(Event::Advance));
         let labels = labels.inspect_err(|_| project.event(Event::End))?;
         project.event(Event::End);
         Ok(EquationSamples { points, labels })

@@ -147,7 +147,7 @@ impl Resolver<'_> {
         let names = self.study.inputs.keys().cloned().collect();
         self.task.driven =
             Some(sampling::DrivenRuns { states: Vec::new(), inputs: names, held: true, derivatives: false });
-        Driven::of_fmu(self.study, Vec::new(), inputs)
+        Driven::of_states(self.study, Vec::new(), inputs)
     }
 
     /// The study's inputs as the FMU has them, which are scalars.
@@ -230,7 +230,7 @@ impl Resolver<'_> {
         let names = study.inputs.keys().cloned().collect();
         self.task.driven =
             Some(sampling::DrivenRuns { states: positions, inputs: names, held: false, derivatives: false });
-        Driven::of_fmu(study, states, inputs)
+        Driven::of_states(study, states, inputs)
     }
 
     fn outputs(&mut self) -> Problems {

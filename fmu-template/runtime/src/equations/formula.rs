@@ -207,7 +207,7 @@ impl Formula {
 
 impl FormulaStep {
     /// Number of values that the step takes from the stack.
-    fn operands(&self) -> usize {
+    pub fn operands(&self) -> usize {
         match self {
             Self::Constant(_) | Self::Column(_) => 0,
             Self::Call(_) | Self::Negate => 1,

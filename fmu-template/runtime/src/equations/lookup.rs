@@ -3,7 +3,7 @@
 use crate::FormatError;
 use crate::{
     check::{expect_finite, expect_shape},
-    numbers::jet::Number,
+    numbers::jet::{Jet, Number},
 };
 
 /// Interpolation between knots.
@@ -264,6 +264,14 @@ impl LookupTable {
         }
         let of_node = |position: usize| derivatives.iter().map(move |numbers| numbers[position]);
         (0..self.values.len()).flat_map(of_node).collect()
+    }
+
+    /// Value with derivatives along a curve of the arguments, of which there is one for each axis.
+    ///
+    /// # Panics
+    /// If there are fewer arguments than axes.
+    pub fn series(&self, x: &[Jet]) -> Jet {
+        self.at(x)
     }
 
     /// Value at one or two arguments.

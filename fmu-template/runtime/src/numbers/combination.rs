@@ -58,6 +58,11 @@ impl Combination {
         (power.fract() == 0.0 && (1.0..=LARGEST_POWER).contains(&power)).then_some(power as u32)
     }
 
+    /// Value at two numbers.
+    pub fn value(self, a: f64, b: f64) -> f64 {
+        self.of(a, b)
+    }
+
     /// Value of the function.
     pub(crate) fn of<T: Number>(self, a: T, b: T) -> T {
         match self {

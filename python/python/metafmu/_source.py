@@ -1,0 +1,152 @@
+"""A function or class as the source of a study: it answers the requests of docs/command-sources.md.
+
+Nothing of the package is imported here but numpy, so that a worker starts fast.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import os
+import sys
+import traceback
+
+import numpy as np
+
+PROTOCOL = 1
+
+
+def source(*, parameters=None, outputs, inputs=None, states=None, stop=None, step=None, description=None):
+    """Turns a function or class into a source that `metafmu` samples.
+
+    >>> @source(parameters={"k": {"min": 1.0, "max": 2.0, "unit": "1/s"}}, outputs={"x": "m"}, stop=2.0, step=0.01)
+    ... def decay(times, parameters):
+    ...     return {"x": np.exp(-parameters["k"] * times)}
+    >>> decay(np.array([0.0, 1.0]), {"k": 1.0})["x"]
+    array([1.        , 0.36787944])
+
+    A function has the arguments ``times`` and ``parameters``, then ``inputs`` and ``states`` if there are any, and returns an array for each
+    output. ``times`` is an array, ``parameters`` and ``states`` are dicts of numbers, ``inputs`` is a dict of arrays with the values at the
+    times. A class has this function as its method ``run``, and for `structure = "dynamics"` a method ``equations`` of ``parameters``,
+    ``inputs`` and ``states``, dicts of numbers, that returns two dicts: derivatives of the states, and outputs. With ``equations``, ``run``
+    may be missing: scipy integrates then.
+
+    ``parameters``, ``inputs``, ``states`` and ``outputs``: a dict of a unit, or of a dict with ``unit``, ``min``, ``max``, ``start`` and
+    ``description``, for each name. ``stop`` and ``step``: length of a run and time between two rows, in s.
+
+    The script ends with ``if __name__ == "__main__": decay.serve()``; then `metafmu new NAME --command python SCRIPT` writes its study.
+    """
+
+    def decorate(model):
+        about = {"description": _sentence(model) if description is None else description}
+        about |= {"stop": stop} if stop is not None else {}
+        about |= {"step": step} if step is not None else {}
+        sections = {"parameters": parameters, "inputs": inputs, "states": states, "outputs": outputs}
+        return Source(model, about | {section: _quantities(known) for section, known in sections.items()})
+
+    return decorate
+
+
+class Source:
+    """A function or class with the names, units and ranges of what it has."""
+
+    def __init__(self, model, about):
+        self._about = about
+        self._model = model() if isinstance(model, type) else model
+        self.__doc__ = model.__doc__
+        has_equations = hasattr(self._model, "equations")
+        if about["states"] and not has_equations:
+            raise TypeError("states without equations, expected a class with a method `equations`")
+        if isinstance(model, type) and not (has_equations or hasattr(self._model, "run")):
+            raise TypeError("the class has neither `run` nor `equations`")
+
+    def __call__(self, times, parameters, inputs=None, states=None):
+        """Outputs of a run. Parameters that are missing have their start values."""
+        times = np.asarray(times, float)
+        parameters = self._complete(parameters)
+        inputs = {name: np.asarray(values, float) for name, values in (inputs or {}).items()}
+        run = getattr(self._model, "run", None) or (None if hasattr(self._model, "equations") else self._model)
+        if run is None:
+            return self._integrate(times, parameters, inputs, states or {})
+        further = ([inputs] if self._about["inputs"] else []) + ([states or {}] if self._about["states"] else [])
+        return run(times, parameters, *further)
+
+    def equations(self, parameters, inputs, states):
+        """Derivatives of the states, and outputs. Parameters that are missing have their start values."""
+        return self._model.equations(self._complete(parameters), inputs, states)
+
+    def serve(self):
+        """Answers requests on standard input until it is closed; what the model prints goes to standard error."""
+        if sys.stdin.isatty():
+            sys.exit(f"this program answers requests of metafmu: metafmu new NAME --command python {sys.argv[0]}")
+        sys.stdout.flush()
+        replies = os.fdopen(os.dup(1), "w", encoding="utf-8")
+        os.dup2(2, 1)
+        for line in sys.stdin:
+            request = json.loads(line)
+            try:
+                reply = self._reply(request)
+            except Exception as error:
+                traceback.print_exc()
+                reply = {"error": f"{type(error).__name__}: {error}"}
+            replies.write(json.dumps({"id": request["id"]} | reply) + "\n")
+            replies.flush()
+
+    def _reply(self, request):
+        if request["request"] == "describe":
+            return {"protocol": PROTOCOL} | self._about
+        parameters, inputs, states = (request.get(section, {}) for section in ("parameters", "inputs", "states"))
+        if request["request"] == "run":
+            found = self(request["times"], parameters, inputs, states)
+            return {"outputs": {name: _list(found[name]) for name in request["outputs"]}}
+        if request["request"] == "equations":
+            columns = [*parameters.values(), *inputs.values(), *states.values()]
+            at = lambda values, point: {name: column[point] for name, column in values.items()}
+            points = [[at(values, point) for values in (parameters, inputs, states)] for point in range(len(columns[0]))]
+            found = [self.equations(*point) for point in points]
+            column = lambda name, which: [float(pair[which][name]) for pair in found]
+            return {
+                "derivatives": {name: column(name, 0) for name in states},
+                "outputs": {name: column(name, 1) for name in request["outputs"]},
+            }
+        return {"error": f"unknown request {request['request']!r}"}
+
+    def _complete(self, parameters):
+        known = self._about["parameters"].items()
+        return {name: _start(options) for name, options in known if _start(options) is not None} | dict(parameters)
+
+    def _integrate(self, times, parameters, inputs, states):
+        from scipy.integrate import solve_ivp
+
+        names = list(self._about["states"])
+        start = {name: _start(options) or 0.0 for name, options in self._about["states"].items()} | states
+        at = lambda t: {name: float(np.interp(t, times, values)) for name, values in inputs.items()}
+        evaluate = lambda t, x: self._model.equations(parameters, at(t), dict(zip(names, map(float, x))))
+        rates = lambda t, x: [evaluate(t, x)[0][name] for name in names]
+        # inputs have kinks at the times
+        step = np.diff(times).max() if inputs and len(times) > 1 else np.inf
+        options = {"method": "DOP853", "t_eval": times, "rtol": 1e-9, "atol": 1e-9, "max_step": step}
+        solution = solve_ivp(rates, (times[0], times[-1]), [start[name] for name in names], **options)
+        if not solution.success:
+            raise RuntimeError(solution.message)
+        rows = [evaluate(t, x)[1] for t, x in zip(solution.t, solution.y.T)]
+        return {name: [row[name] for row in rows] for name in rows[0]}
+
+
+def _sentence(model):
+    lines = (inspect.getdoc(model) or "").strip().splitlines()
+    return lines[0] if lines else ""
+
+
+def _quantities(known):
+    return {name: {"unit": options} if isinstance(options, str) else dict(options) for name, options in (known or {}).items()}
+
+
+def _start(options):
+    if "start" in options or "min" not in options or "max" not in options:
+        return options.get("start")
+    return 0.5 * (options["min"] + options["max"])
+
+
+def _list(values):
+    return np.asarray(values, float).tolist()

@@ -1,0 +1,215 @@
+//! A study of a program, from the program's description of itself.
+
+use super::{DISCRETE, RESPONSE, RUNS, StudyTarget, fmu::short, key, quoted, rest, sampling};
+use crate::commands::interrupt;
+use indexmap::IndexMap;
+use metafmu::{
+    Error, Result,
+    source::program::{ProgramCommand, ProgramDescription, ProgramQuantity, describe},
+    study::RESULT,
+};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+    time::Duration,
+};
+
+/// Time that the program has for its description.
+const LIMIT: Duration = Duration::from_secs(60);
+/// Length of a run that the program does not give, in s.
+const STOP: f64 = 1.0;
+/// Rows of a run if the program gives no step.
+const ROWS: f64 = 200.0;
+/// States at which the program evaluates its equations.
+const STATES: usize = 5000;
+
+pub fn study(target: &StudyTarget, command: &[String], structure: &str) -> Result<String> {
+    let refuse = |message: String| Error::Stale { path: PathBuf::from(command.join(" ")), message };
+    if command.iter().any(|argument| argument.contains(RESULT)) {
+        let message = "a program that is started for each run does not describe itself: docs/command-sources.md has a study of one";
+        return Err(refuse(message.into()));
+    }
+    let arguments = command.iter().map(|argument| of_study(target, argument)).collect::<Vec<String>>();
+    let program = ProgramCommand::new(arguments.clone(), target.folder);
+    let description = describe(&program, LIMIT, interrupt::flag())?.ok_or(Error::Interrupted)?;
+    let proposal = ProgramProposal { description, structure };
+    let missing = proposal.missing();
+    if !missing.is_empty() {
+        return Err(refuse(missing.join("; ")));
+    }
+    Ok(proposal.text(target.name, command, &arguments))
+}
+
+/// An argument as the study has it: a file is relative to the study's folder.
+fn of_study(target: &StudyTarget, argument: &str) -> String {
+    let file = Path::new(argument);
+    if file.is_file() { target.path_from(file) } else { argument.to_owned() }
+}
+
+/// Offer of a program for a structure.
+struct ProgramProposal<'a> {
+    description: ProgramDescription,
+    structure: &'a str,
+}
+
+impl ProgramProposal<'_> {
+    /// Needs of the structure that the program does not meet.
+    fn missing(&self) -> Vec<String> {
+        let ProgramDescription { parameters, inputs, states, outputs, .. } = &self.description;
+        let no_range = |quantities: &IndexMap<String, ProgramQuantity>, section: &str| {
+            let open = quantities.iter().filter(|(_, quantity)| quantity.range().is_none());
+            open.map(|(name, _)| format!("{section}.{name}: no range, expected `min` and `max` in the description"))
+                .collect::<Vec<String>>()
+        };
+        let mut missing = Vec::new();
+        if outputs.is_empty() {
+            missing.push("the program describes no outputs".to_owned());
+        }
+        match self.structure {
+            RESPONSE if parameters.values().all(|parameter| parameter.range().is_none()) => {
+                missing
+                    .push("the program describes no parameter with `min` and `max`: there is nothing to vary".into());
+            }
+            "dynamics" if states.is_empty() => missing.push("the program describes no states".into()),
+            "discrete" if inputs.is_empty() => {
+                missing.push("the program describes no inputs: nothing drives it".into())
+            }
+            _ => {}
+        }
+        if self.structure != RESPONSE {
+            missing.extend(no_range(inputs, "inputs"));
+        }
+        if self.structure == "dynamics" {
+            missing.extend(no_range(states, "states"));
+        }
+        missing
+    }
+
+    fn text(&self, name: &str, command: &[String], arguments: &[String]) -> String {
+        let ProgramDescription { description, parameters, inputs, states, outputs, stop, step, .. } = &self.description;
+        let structure = self.structure;
+        let stop = stop.filter(|stop| *stop > 0.0 && stop.is_finite()).unwrap_or(STOP);
+        let step = step.filter(|step| *step > 0.0 && *step <= stop).unwrap_or(stop / ROWS);
+        let option = if structure == RESPONSE { String::new() } else { format!(" --structure {structure}") };
+        let of_structure =
+            if structure == RESPONSE { String::new() } else { format!("structure = {}\n", quoted(structure)) };
+        let list: Vec<String> = arguments.iter().map(|argument| quoted(argument)).collect();
+        let margin = match structure {
+            RESPONSE => {
+                "margin = 0.05               # training runs are longer by this share of `stop`; without it, errors are largest at the end\n"
+            }
+            _ => "",
+        };
+        let mut text = format!(
+            "# Made by `metafmu new {name}{option} --command {}`; build it with `metafmu build {name}.toml`.
+
+name = \"{name}\"    # names the outputs and the FMU
+description = {}
+seed = 1                    # everything random follows from it
+{of_structure}
+[source]
+command = [{}]    # started in the folder of this file
+# files = []                # further files that the program reads: runs of other content are not resumed
+# time_limit = 60           # s; a run that takes longer, crashes or fails
+# retries = 1               # a run that failed is retried so many times, then left out and reported
+# max_failed = 0.1          # share of the runs that may fail
+# constants = {{ NAME = VALUE }}    # values of parameters that do not vary; the program's else
+
+[time]                      # rows of a run: 0, step, 2 step, ..., stop
+stop = {stop:?}                  # s
+step = {step:?}                 # s
+{margin}",
+            command.join(" "),
+            quoted(description),
+            list.join(", "),
+        );
+        let mut section = |head: &str, lines: String| {
+            if !lines.is_empty() || head.starts_with("[outputs]") {
+                text += &format!("\n{head}\n{lines}");
+            }
+        };
+        if structure == "dynamics" {
+            let head = "[states]                    # every state of the program, and the range in which the equations are learned";
+            section(head, of_states(states));
+        }
+        if structure != RESPONSE {
+            let head =
+                "[inputs]                    # `bandwidth` in Hz and kinds of `excitation` of runs; docs/dynamics.md";
+            section(head, of_inputs(inputs, stop));
+        }
+        section("[parameters]                # those with a range in the program", of_parameters(parameters));
+        section(
+            "[outputs]",
+            outputs.iter().fold(String::new(), |lines, (name, output)| lines + &line(name, &[], output)),
+        );
+        text.push('\n');
+        text += &match structure {
+            RESPONSE => sampling() + &rest(RUNS, stop / step),
+            "dynamics" => format!(
+                "[sampling]\nstates = {STATES}               # at which the program is asked for its equations\ntest_runs = 20              # random \
+                 starts, parameters and inputs\n\n{}",
+                rest(STATES, 1.0)
+            ),
+            _ => format!(
+                "[sampling]\nruns = 30                   # to train and to choose a model with\ntest_runs = 10              # never part of \
+                 training\n\n{DISCRETE}"
+            ),
+        };
+        text
+    }
+}
+
+fn of_parameters(parameters: &IndexMap<String, ProgramQuantity>) -> String {
+    let line = |(name, parameter): (&String, &ProgramQuantity)| match parameter.range() {
+        Some([min, max]) => line(name, &[format!("min = {min:?}, max = {max:?}")], parameter),
+        None => format!("# {}", line(name, &["min = ..., max = ...".into()], parameter)),
+    };
+    parameters.iter().map(line).collect()
+}
+
+fn of_states(states: &IndexMap<String, ProgramQuantity>) -> String {
+    let line = |(name, state): (&String, &ProgramQuantity)| {
+        let [min, max] = state.range().unwrap_or_default();
+        let mut keys = vec![format!("min = {min:?}, max = {max:?}")];
+        if let Some(start) = state.start {
+            let spread = 0.1 * (max - min);
+            let ends = [start - spread, start + spread].map(|end| short(end.clamp(min, max)));
+            keys.push(format!("start = {ends:?}"));
+        }
+        if state.periodic {
+            keys.push("periodic = true".into());
+        }
+        line(name, &keys, state)
+    };
+    states.iter().map(line).collect()
+}
+
+fn of_inputs(inputs: &IndexMap<String, ProgramQuantity>, stop: f64) -> String {
+    let bandwidth = short(10.0 / stop);
+    let line = |(name, input): (&String, &ProgramQuantity)| {
+        let [min, max] = input.range().unwrap_or_default();
+        let mut keys = vec![format!("min = {min:?}, max = {max:?}")];
+        keys.extend(input.start.map(|start| format!("start = {start:?}")));
+        keys.push(format!("bandwidth = {bandwidth:?}, excitation = [\"multisine\", \"steps\", \"spline\"]"));
+        line(name, &keys, input)
+    };
+    inputs.iter().map(line).collect()
+}
+
+/// A variable with its keys, its unit, and its description as a comment.
+fn line(name: &str, keys: &[String], quantity: &ProgramQuantity) -> String {
+    let mut keys = keys.to_vec();
+    if !quantity.unit.is_empty() {
+        keys.push(format!("unit = {}", quoted(&quantity.unit)));
+    }
+    let mut text = if keys.is_empty() {
+        format!("{} = {{}}", key(name))
+    } else {
+        format!("{} = {{ {} }}", key(name), keys.join(", "))
+    };
+    if !quantity.description.is_empty() {
+        // writing to a string does not fail
+        let _ = write!(text, "    # {}", quantity.description.replace(char::is_control, " "));
+    }
+    text + "\n"
+}

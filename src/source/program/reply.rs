@@ -1,0 +1,286 @@
+//! Requests to a program and its replies, each a line of JSON.
+
+use crate::{study::Study, table::Table};
+use indexmap::IndexMap;
+use serde::{
+    Deserialize, Serialize,
+    de::{DeserializeOwned, IgnoredAny},
+};
+use std::path::{Path, PathBuf};
+
+/// Characters of a line that a message shows.
+const SHOWN: usize = 120;
+
+/// Largest difference of a time in a file from that of a row, relative to the step between two rows.
+const SAME_TIME: f64 = 1e-6;
+
+/// A request.
+#[derive(Debug, Serialize)]
+#[serde(tag = "request", rename_all = "lowercase")]
+pub(super) enum Request<'a> {
+    /// For what the program has.
+    Describe { protocol: u32 },
+    /// For the outputs of a run at some times.
+    Run {
+        parameters: IndexMap<&'a str, f64>,
+        times: &'a [f64],
+        /// At the start.
+        #[serde(skip_serializing_if = "IndexMap::is_empty")]
+        states: IndexMap<&'a str, f64>,
+        /// At the times.
+        #[serde(skip_serializing_if = "IndexMap::is_empty")]
+        inputs: IndexMap<&'a str, Vec<f64>>,
+        /// Inputs between two times: "hold" or "linear".
+        #[serde(skip_serializing_if = "Option::is_none")]
+        interpolation: Option<&'a str>,
+        outputs: Vec<&'a str>,
+    },
+    /// For derivatives and outputs at some points.
+    Equations {
+        #[serde(skip)]
+        points: usize,
+        parameters: IndexMap<&'a str, Vec<f64>>,
+        inputs: IndexMap<&'a str, Vec<f64>>,
+        states: IndexMap<&'a str, Vec<f64>>,
+        outputs: Vec<&'a str>,
+    },
+}
+
+/// Values by name; none where they are not finite.
+type NamedValues = IndexMap<String, Vec<Option<f64>>>;
+
+/// A reply to [`Request::Run`] or [`Request::Equations`].
+#[derive(Debug, Deserialize)]
+pub(super) struct ProgramReply {
+    id: Option<u64>,
+    error: Option<String>,
+    outputs: Option<NamedValues>,
+    derivatives: Option<NamedValues>,
+    file: Option<PathBuf>,
+}
+
+/// Reads the reply to the request of a number.
+///
+/// # Errors
+/// The program's own message, or what is wrong with the line.
+pub(super) fn parse(line: &[u8], id: u64) -> Result<ProgramReply, String> {
+    let reply: ProgramReply = from_json(line)?;
+    check_id(reply.id, id)?;
+    match reply.error {
+        Some(error) => Err(error),
+        None => Ok(reply),
+    }
+}
+
+/// Reads a line of JSON, in which numbers may be `NaN` or `Infinity` as some programs write them.
+///
+/// # Errors
+/// A sentence that shows the line.
+pub(super) fn from_json<T: DeserializeOwned>(line: &[u8]) -> Result<T, String> {
+    let error = match serde_json::from_slice(line) {
+        Ok(reply) => return Ok(reply),
+        Err(error) => error,
+    };
+    let finite = without_nan(line);
+    if let Ok(reply) = serde_json::from_slice(&finite) {
+        return Ok(reply);
+    }
+    let text = shown(line);
+    if serde_json::from_slice::<IgnoredAny>(&finite).is_err() {
+        let expected = "expected a reply in JSON: print everything else to standard error";
+        return Err(format!("the program printed `{text}` to standard output, {expected}"));
+    }
+    Err(format!("the reply `{text}` has a wrong shape: {error}"))
+}
+
+/// Compares the number of a reply with that of the request.
+pub(super) fn check_id(found: Option<u64>, expected: u64) -> Result<(), String> {
+    match found {
+        Some(found) if found == expected => Ok(()),
+        Some(found) => Err(format!("the reply has `id` {found}, expected {expected}, that of the request")),
+        None => Err(format!("the reply has no `id`, expected {expected}, that of the request")),
+    }
+}
+
+impl ProgramReply {
+    /// Outputs of a run, row by row, in the study's order; `folder` is that of relative paths.
+    pub(super) fn run(&self, study: &Study, times: &[f64], folder: &Path) -> Result<Vec<f64>, String> {
+        let columns = match (&self.outputs, &self.file) {
+            (Some(outputs), _) => {
+                let place = |row: usize| format!("{} s", times.get(row).copied().unwrap_or_default());
+                found(outputs, "output", study.outputs.keys(), times.len(), &place)?
+            }
+            (None, Some(file)) => return rows_of(&folder.join(file), study, times),
+            (None, None) => return Err("the reply has no `outputs`, expected `outputs`, `file` or `error`".into()),
+        };
+        Ok(rows(&columns, times.len()))
+    }
+
+    /// Derivatives, then outputs, for each point.
+    pub(super) fn equations(&self, study: &Study, points: usize) -> Result<Vec<f64>, String> {
+        let place = |point: usize| format!("point {point}");
+        let derivatives = self.derivatives.as_ref().ok_or("the reply has no `derivatives`")?;
+        let mut columns = found(derivatives, "derivative", study.states.keys(), points, &place)?;
+        let outputs = self.outputs.as_ref().ok_or("the reply has no `outputs`")?;
+        columns.extend(found(outputs, "output", study.outputs.keys(), points, &place)?);
+        Ok(rows(&columns, points))
+    }
+}
+
+/// Columns of these names, each of `expected` finite values.
+fn found<'a>(
+    columns: &NamedValues,
+    what: &str,
+    names: impl Iterator<Item = &'a String>,
+    expected: usize,
+    place: &dyn Fn(usize) -> String,
+) -> Result<Vec<Vec<f64>>, String> {
+    let column = |name: &String| {
+        let values = columns.get(name).ok_or_else(|| format!("the reply has no {what} `{name}`"))?;
+        if values.len() != expected {
+            return Err(format!("{what} `{name}` has {} values, expected {expected}", values.len()));
+        }
+        let finite = |(row, value): (usize, &Option<f64>)| {
+            value.filter(|v| v.is_finite()).ok_or_else(|| format!("{what} `{name}` is not finite at {}", place(row)))
+        };
+        values.iter().enumerate().map(finite).collect()
+    };
+    names.map(column).collect()
+}
+
+fn rows(columns: &[Vec<f64>], count: usize) -> Vec<f64> {
+    (0..count).flat_map(|row| columns.iter().filter_map(move |column| column.get(row).copied())).collect()
+}
+
+/// Outputs in a file with a column `time` and one for each output, row by row.
+pub(super) fn rows_of(path: &Path, study: &Study, times: &[f64]) -> Result<Vec<f64>, String> {
+    let read = || -> crate::Result<Vec<f64>> {
+        let mut table = Table::open(path)?;
+        let time = table.column("time")?;
+        let columns = study.outputs.keys().map(|name| table.column(name)).collect::<crate::Result<Vec<usize>>>()?;
+        for (&column, output) in columns.iter().zip(study.outputs.values()) {
+            table.check_unit(column, output.unit.as_deref())?;
+        }
+        let (mut values, mut row) = (Vec::with_capacity(times.len() * columns.len()), 0);
+        while table.next_row()? {
+            let found = table.number(time)?;
+            match times.get(row) {
+                Some(expected) if (found - expected).abs() <= SAME_TIME * study.time.step => {}
+                Some(expected) => {
+                    return Err(table.mistake(&format!("column `time`: {found}, expected {expected}")));
+                }
+                None => return Err(table.mistake(&format!("a row after the last one, expected {}", times.len()))),
+            }
+            for &column in &columns {
+                values.push(table.number(column)?);
+            }
+            row += 1;
+        }
+        if row < times.len() {
+            return Err(table.mistake(&format!("{row} rows, expected {}", times.len())));
+        }
+        Ok(values)
+    };
+    read().map_err(|error| error.to_string())
+}
+
+/// The beginning of a line as text.
+fn shown(line: &[u8]) -> String {
+    let text = String::from_utf8_lossy(&line[..line.len().min(4 * SHOWN)]);
+    let text = text.trim_end().replace(char::is_control, " ");
+    match text.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text,
+    }
+}
+
+/// JSON with `null` where numbers are `NaN`, `Infinity` or `-Infinity`.
+fn without_nan(line: &[u8]) -> Vec<u8> {
+    let (mut cleaned, mut place, mut is_text) = (Vec::with_capacity(line.len()), 0, false);
+    while let Some(&byte) = line.get(place) {
+        let rest = &line[place..];
+        let token = [&b"NaN"[..], b"Infinity", b"-Infinity"].into_iter().find(|token| rest.starts_with(token));
+        match (is_text, token) {
+            (false, Some(token)) => {
+                cleaned.extend_from_slice(b"null");
+                place += token.len();
+                continue;
+            }
+            (true, _) if byte == b'\\' => {
+                cleaned.extend_from_slice(&rest[..rest.len().min(2)]);
+                place += 2;
+                continue;
+            }
+            _ => {}
+        }
+        is_text ^= byte == b'"';
+        cleaned.push(byte);
+        place += 1;
+    }
+    cleaned
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    const STUDY: &str = "name = \"s\"\n[source]\ncommand = [\"python\", \"model.py\"]\n[time]\nstop = 1\nstep = 0.5\n[parameters]\n\
+        p = { min = 0, max = 1 }\n[outputs]\nx = { unit = \"m\" }\ny = {}\n[sampling]\nmethod = \"sobol\"\nruns = 2\n";
+
+    fn run(line: &str) -> Result<Vec<f64>, String> {
+        let study = Study::parse(STUDY, Path::new("s.toml")).unwrap();
+        parse(line.as_bytes(), 3)?.run(&study, &study.time.grid(), Path::new(""))
+    }
+
+    #[test]
+    fn outputs_become_rows_in_the_order_of_the_study() {
+        let line = r#"{"id": 3, "outputs": {"y": [4, 5, 6], "x": [1, 2.5, 3], "z": []}}"#;
+        assert_eq!(run(line).unwrap(), [1.0, 4.0, 2.5, 5.0, 3.0, 6.0]);
+    }
+
+    #[test]
+    fn a_wrong_reply_is_shown() {
+        for (line, says) in [
+            ("step 1 of 10", "the program printed `step 1 of 10` to standard output, expected a reply in JSON"),
+            (r#"{"id": 3, "outputs": {"x": 1}}"#, "has a wrong shape: invalid type: integer `1`, expected a sequence"),
+            ("7", "the reply `7` has a wrong shape: invalid type: integer `7`"),
+            (r#"{"id": 2, "outputs": {}}"#, "the reply has `id` 2, expected 3, that of the request"),
+            (r#"{"outputs": {}}"#, "the reply has no `id`, expected 3"),
+            (r#"{"id": 3}"#, "expected `outputs`, `file` or `error`"),
+            (r#"{"id": 3, "outputs": {"x": [1, 2, 3]}}"#, "the reply has no output `y`"),
+            (r#"{"id": 3, "outputs": {"x": [1, 2], "y": [1]}}"#, "output `x` has 2 values, expected 3"),
+            (r#"{"id": 3, "outputs": {"x": [1, NaN, -Infinity], "y": [1]}}"#, "output `x` is not finite at 0.5 s"),
+            (r#"{"id": 3, "error": "NaN \" in the \\"}"#, "NaN \" in the \\"),
+            (r#"{"id": 3, "file": "none.csv"}"#, "none.csv"),
+        ] {
+            let message = run(line).unwrap_err();
+            assert!(message.contains(says), "{line}: {message}");
+        }
+        let message = run(&"x".repeat(500)).unwrap_err();
+        assert!(message.len() < 300, "{message}");
+    }
+
+    #[test]
+    fn a_file_has_the_rows_of_the_study() {
+        let folder = tempfile::tempdir().unwrap();
+        let study = Study::parse(STUDY, &folder.path().join("s.toml")).unwrap();
+        let path = folder.path().join("rows.csv");
+        let read = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            rows_of(&path, &study, &study.time.grid())
+        };
+        assert_eq!(read("y,time,x [m]\n4,0,1\n5,0.5,2\n6,1,3\n").unwrap(), [1.0, 4.0, 2.0, 5.0, 3.0, 6.0]);
+        for (text, says) in [
+            ("time,x\n0,1\n", "no column `y`"),
+            ("time,x [mm],y\n0,1,2\n", "mm"),
+            ("time,x,y\n0,1,2\n0.4,1,2\n", "rows.csv:3: column `time`: 0.4, expected 0.5"),
+            ("time,x,y\n0,1,2\n0.5,1,2\n", "2 rows, expected 3"),
+            ("time,x,y\n0,1,2\n0.5,1,2\n1,1,2\n1.5,1,2\n", "rows.csv:5: a row after the last one, expected 3"),
+            ("time,x,y\n0,1,nan\n", "rows.csv:2: column `y`"),
+        ] {
+            let message = read(text).unwrap_err();
+            assert!(message.contains(says), "{text}: {message}");
+        }
+    }
+}

@@ -1,0 +1,342 @@
+//! Runs by worker processes, one for each thread: of an FMU, or of a program.
+//!
+//! A run that fails, ends its process or takes longer than `source.time_limit` is repeated `source.retries` times, in a fresh process; then it is
+//! left out and reported. Results do not depend on which process makes which run, unless the FMU or program keeps something from run to run.
+
+use super::{
+    Journal,
+    driven::Driven,
+    fmu::{FmuRuns, ResolvedFmu},
+    launch::{Launcher, WorkerProcess, WorkerReply},
+    program::{ProgramRuns, ResolvedProgram},
+};
+use crate::{Error, Result, fmi::Workers, study::Study, variable::SourceVariable};
+use std::{
+    borrow::Cow,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicUsize, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+/// Time limit of a run unless `source.time_limit` sets it.
+const TIME_LIMIT: Duration = Duration::from_secs(60);
+/// Points at which a process evaluates the equations for one request, if it can make several runs.
+const BATCH: usize = 64;
+/// `source.retries` unless given.
+const RETRIES: usize = 1;
+
+/// Outputs of a run, row by row, or the reason of its failure.
+pub type OutputsOrReason = std::result::Result<Vec<f64>, String>;
+
+/// Model whose runs are made by worker processes.
+#[derive(Clone, Debug)]
+pub struct WorkerModel {
+    runner: Runner,
+    /// Parameters of the study.
+    parameters: usize,
+    outputs: usize,
+    times: Arc<[f64]>,
+    /// Numbers of a reply.
+    values: usize,
+    /// `true` if processes evaluate the equations and make no runs.
+    is_of_equations: bool,
+    time_limit: Duration,
+    retries: usize,
+    /// How runs start and what drives them, if inputs do.
+    driven: Option<Driven>,
+}
+
+/// Model that the processes run.
+#[derive(Clone, Debug)]
+enum Runner {
+    Fmu(FmuRuns),
+    Program(ProgramRuns),
+}
+
+impl WorkerModel {
+    /// Finds the study's parameters, constants and outputs in the FMU at `path`; loads nothing. Also the variables of the
+    /// parameters and outputs, in the study's order.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every name that the FMU does not have, or not for that purpose, and every unit that is not the FMU's; the
+    /// errors of an FMU that cannot be read.
+    pub fn of_fmu(study: &Study, path: &Path) -> Result<(Self, Vec<SourceVariable>, Vec<SourceVariable>)> {
+        let ResolvedFmu { runs, driven, parameters, outputs } = FmuRuns::resolve(study, path)?;
+        Ok((Self::new(study, Runner::Fmu(runs), driven), parameters, outputs))
+    }
+
+    /// Takes parameters, constants and outputs of a program from the study; starts nothing. Also the variables of the parameters and outputs, in
+    /// the study's order. Each process is asked what it has before its first run.
+    ///
+    /// # Errors
+    /// [`Error::Study`] with every mistake in the command and in the inputs.
+    pub fn of_program(study: &Study) -> Result<(Self, Vec<SourceVariable>, Vec<SourceVariable>)> {
+        let ResolvedProgram { runs, driven, parameters, outputs } = ProgramRuns::resolve(study)?;
+        Ok((Self::new(study, Runner::Program(runs), driven), parameters, outputs))
+    }
+
+    fn new(study: &Study, runner: Runner, driven: Option<Driven>) -> Self {
+        let (times, outputs): (Arc<[f64]>, usize) = (study.time.training_grid().into(), study.outputs.len());
+        Self {
+            runner,
+            parameters: study.parameters.len(),
+            outputs,
+            values: times.len() * outputs,
+            times,
+            is_of_equations: false,
+            time_limit: study.source.time_limit().unwrap_or(TIME_LIMIT),
+            retries: study.source.retries.unwrap_or(RETRIES),
+            driven,
+        }
+    }
+
+    /// How runs start and what drives them, if inputs do.
+    pub fn driven(&self) -> Option<&Driven> {
+        self.driven.as_ref()
+    }
+
+    /// [`WorkerModel::driven`], to change it.
+    pub(super) fn driven_mut(&mut self) -> Option<&mut Driven> {
+        self.driven.as_mut()
+    }
+
+    /// Number of times that [`WorkerModel::derivatives`] calls `done` for a number of points.
+    pub fn batches(&self, points: usize) -> usize {
+        points.div_ceil(self.batch())
+    }
+
+    /// The equations at points, each parameters, inputs and states: derivatives, then outputs, for each point.
+    ///
+    /// # Errors
+    /// Those of [`WorkerModel::run_all`]; [`Error::Worker`] if a derivative does not exist at a point, or an FMU has events or depends on the
+    /// time.
+    pub fn derivatives(
+        &self,
+        points: &[Vec<f64>],
+        workers: Workers<'_>,
+        done: impl Fn() + Sync,
+    ) -> Result<Vec<Vec<f64>>> {
+        let (Some(driven), Some(last)) = (&self.driven, points.last()) else { return Ok(Vec::new()) };
+        let (width, size) = (driven.states().len() + self.outputs, self.batch());
+        let runner = match &self.runner {
+            Runner::Fmu(runs) => Runner::Fmu(runs.of_equations()),
+            Runner::Program(runs) => Runner::Program(runs.of_equations()),
+        };
+        let model = Self { runner, values: size * width, is_of_equations: true, ..self.clone() };
+        // the last batch is filled up
+        let batch = |points: &[Vec<f64>]| {
+            let more = std::iter::repeat_n(last, size - points.len());
+            points.iter().chain(more).flatten().copied().collect::<Vec<f64>>()
+        };
+        let batches: Vec<Vec<f64>> = points.chunks(size).map(batch).collect();
+        let failure = |_: &[f64], reason: &str| Err(Error::Worker { message: format!("{}: {reason}", self.name()) });
+        let replies = model.run_all(&batches, None, workers, &failure, done)?;
+        let rows = replies
+            .into_iter()
+            .flatten()
+            .flat_map(|reply| reply.chunks_exact(width).map(<[f64]>::to_vec).collect::<Vec<_>>());
+        Ok(rows.take(points.len()).collect())
+    }
+
+    /// Makes the run of each point, by a process for each thread; runs that are in the journal are taken from it. `done` is called after each
+    /// run. When the token of `workers` turns true, runs that have begun are abandoned. `failure` is called with the point and the reason of
+    /// each run that failed; its error ends everything.
+    ///
+    /// # Errors
+    /// - Those of `failure`, of the journal and of an FMU that cannot be unpacked;
+    /// - [`Error::Worker`] if an FMU cannot be loaded;
+    /// - [`Error::Study`] if a program does not answer, or does not have what the study names;
+    /// - [`Error::Interrupted`], [`Error::Io`] of the processes.
+    pub fn run_all(
+        &self,
+        points: &[Vec<f64>],
+        journal: Option<&Journal>,
+        workers: Workers<'_>,
+        failure: &(dyn Fn(&[f64], &str) -> Result<()> + Sync),
+        done: impl Fn() + Sync,
+    ) -> Result<Vec<OutputsOrReason>> {
+        let kept = |point: &Vec<f64>| Some(journal?.get(point)?.to_vec());
+        let mut outcomes: Vec<Option<OutputsOrReason>> = points.iter().map(|point| kept(point).map(Ok)).collect();
+        let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
+        (missing.len()..points.len()).for_each(|_| done());
+        if !missing.is_empty() {
+            let launcher = self.launcher()?;
+            let campaign = Campaign {
+                model: self,
+                launcher: &*launcher,
+                points,
+                missing: &missing,
+                next: AtomicUsize::new(0),
+                failure,
+                journal,
+                workers,
+                halt: AtomicBool::new(false),
+                done: &done,
+            };
+            for (index, outcome) in campaign.run()? {
+                outcomes[index] = Some(outcome);
+            }
+        }
+        outcomes.into_iter().map(|outcome| outcome.ok_or(Error::Interrupted)).collect()
+    }
+
+    /// Seconds of the shortest of these runs, one after the other, without the start of the process; none if one fails. A run that takes longer
+    /// than `long` is the last one.
+    ///
+    /// # Errors
+    /// Those of [`WorkerModel::run_all`], but of the runs.
+    pub fn seconds(&self, points: &[Vec<f64>], long: Duration, workers: Workers<'_>) -> Result<Option<f64>> {
+        let launcher = self.launcher()?;
+        let (mut shortest, mut idle) = (None, None);
+        for point in points {
+            let started = match idle.take() {
+                Some(process) => Some(process),
+                None => launcher.start(self.time_limit, workers)?,
+            };
+            let Some(mut process) = started else { return Err(Error::Interrupted) };
+            let request = self.request(point);
+            let begin = Instant::now();
+            match process.run(&request, self.time_limit, workers.stop) {
+                WorkerReply::Done(outputs) if outputs.len() == self.values => {}
+                WorkerReply::Stopped => return Err(Error::Interrupted),
+                _ => return Ok(None),
+            }
+            let time = begin.elapsed();
+            shortest = Some(shortest.map_or(time, |shortest: Duration| shortest.min(time)));
+            if time > long {
+                break;
+            }
+            idle = (!process.is_spent()).then_some(process);
+        }
+        if let Some(process) = idle {
+            process.finish();
+        }
+        Ok(shortest.map(|time| time.as_secs_f64()))
+    }
+
+    fn launcher(&self) -> Result<Box<dyn Launcher + '_>> {
+        Ok(match &self.runner {
+            Runner::Fmu(runs) => Box::new(runs.launcher()?),
+            Runner::Program(runs) => Box::new(runs),
+        })
+    }
+
+    /// Request to a process for a point.
+    fn request<'p>(&self, point: &'p [f64]) -> Cow<'p, [f64]> {
+        match &self.driven {
+            Some(driven) if !self.is_of_equations => {
+                // a number from which only the signals follow is no value of the model
+                let values = &point[..self.parameters + driven.states().len()];
+                [values, &driven.inputs(point, &self.times)].concat().into()
+            }
+            _ => point.into(),
+        }
+    }
+
+    /// Points that a process evaluates for one request: of an FMU each takes a separate instance.
+    fn batch(&self) -> usize {
+        match &self.runner {
+            Runner::Fmu(runs) if runs.one_run_per_process => 1,
+            _ => BATCH,
+        }
+    }
+
+    /// The FMU or program, for messages.
+    fn name(&self) -> String {
+        match &self.runner {
+            Runner::Fmu(runs) => runs.task.path.display().to_string(),
+            Runner::Program(runs) => runs.name(),
+        }
+    }
+}
+
+/// Runs on their way.
+struct Campaign<'a> {
+    model: &'a WorkerModel,
+    launcher: &'a dyn Launcher,
+    points: &'a [Vec<f64>],
+    /// Positions of the points to run, and which of these is next.
+    missing: &'a [usize],
+    next: AtomicUsize,
+    failure: &'a (dyn Fn(&[f64], &str) -> Result<()> + Sync),
+    journal: Option<&'a Journal>,
+    workers: Workers<'a>,
+    /// Another thread met an error.
+    halt: AtomicBool,
+    done: &'a (dyn Fn() + Sync),
+}
+
+impl Campaign<'_> {
+    fn run(&self) -> Result<Vec<(usize, OutputsOrReason)>> {
+        let threads = rayon::current_num_threads().min(self.missing.len());
+        let results: Vec<Result<Vec<_>>> = std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.work())).collect();
+            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|p| std::panic::resume_unwind(p))).collect()
+        });
+        // threads that were halted do not know why
+        let mut outcomes = Vec::new();
+        for result in results {
+            outcomes.extend(result?);
+        }
+        if self.workers.stop.load(Ordering::Relaxed) && outcomes.len() < self.missing.len() {
+            return Err(Error::Interrupted);
+        }
+        Ok(outcomes)
+    }
+
+    /// Makes one run after the other with a separate process.
+    fn work(&self) -> Result<Vec<(usize, OutputsOrReason)>> {
+        let (mut outcomes, mut worker) = (Vec::new(), None);
+        while !self.workers.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {
+            let Some(&index) = self.missing.get(self.next.fetch_add(1, Ordering::Relaxed)) else { break };
+            match self.attempt(&self.points[index], &mut worker) {
+                Ok(Some(outcome)) => outcomes.push((index, outcome)),
+                Ok(None) => return Ok(outcomes),
+                Err(error) => {
+                    self.halt.store(true, Ordering::Relaxed);
+                    return Err(error);
+                }
+            }
+            (self.done)();
+        }
+        if let Some(process) = worker {
+            process.finish();
+        }
+        Ok(outcomes)
+    }
+
+    /// One run, with retries; none if the program is to stop.
+    fn attempt(&self, point: &[f64], worker: &mut Option<Box<dyn WorkerProcess>>) -> Result<Option<OutputsOrReason>> {
+        let (limit, stop) = (self.model.time_limit, self.workers.stop);
+        let mut reason = String::new();
+        for _ in 0..=self.model.retries {
+            let begin = Instant::now();
+            let started = match worker.take() {
+                Some(process) => Some(process),
+                None => self.launcher.start(limit, self.workers)?,
+            };
+            // a process in which something goes wrong is not trusted any more
+            let Some(mut process) = started else { return Ok(None) };
+            reason = match process.run(&self.model.request(point), limit, stop) {
+                WorkerReply::Done(outputs) if outputs.len() == self.model.values => {
+                    if !process.is_spent() {
+                        *worker = Some(process);
+                    }
+                    if let Some(journal) = self.journal {
+                        journal.keep(point, &outputs, begin.elapsed())?;
+                    }
+                    return Ok(Some(Ok(outputs)));
+                }
+                WorkerReply::Done(_) => "the worker's reply made no sense".into(),
+                WorkerReply::Failed(reason) => reason,
+                WorkerReply::TimedOut => format!("took longer than {limit:?} (source.time_limit)"),
+                WorkerReply::Stopped => return Ok(None),
+            };
+        }
+        (self.failure)(point, &reason)?;
+        Ok(Some(Err(reason)))
+    }
+}
