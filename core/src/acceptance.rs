@@ -11,7 +11,7 @@ use crate::{
 use metafmu_runtime::{Output, Surrogate};
 use std::f64::consts::{PI, TAU};
 
-/// What is known of a training apart from the accuracy.
+/// Findings about a training other than its accuracy.
 #[derive(Clone, Debug, Default)]
 pub struct OfTraining {
     /// Reasons for a rejection.
@@ -203,7 +203,7 @@ impl Judged<'_> {
     }
 }
 
-/// A number with three decimals, or as many as tell it from another one.
+/// A number with three decimals, or as many as distinguish it from another one.
 fn told_apart(value: f64, other: f64) -> String {
     if value.abs() >= 1e4 {
         return format!("{value:.2e}");

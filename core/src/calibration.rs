@@ -12,13 +12,13 @@ use rayon::prelude::*;
 ///
 /// `1 / (n + 1) sum_k share of the rows of run k with |y - prediction| <= q  >=  coverage`,
 ///
-/// as if the next run lay outside altogether. If the next run is exchangeable with these, that is drawn in the same way,
-/// then the expected share of its rows within `q` is at least `coverage`, for any surrogate; the rows of a run need
-/// not be independent. It says nothing about a particular run, nor about runs from other ranges.
+/// as if the next run had infinite error. If the next run is exchangeable with these runs (drawn in the same way), the
+/// expected share of its rows within `q` is at least `coverage`, for any surrogate. The rows of a run need not be
+/// independent. The bound does not cover a particular run, nor runs from other ranges.
 ///
-/// The errors of a surrogate that goes on from its own state grow with the time since the start: there is a `q` for the rows of each of
-/// twenty intervals, and the bound is the smallest function of the time that is nowhere below them, nowhere falls, and is linear
-/// between the intervals' ends.
+/// The errors of a surrogate that advances from its own state grow with the time since the start. Each of twenty
+/// intervals therefore has its own `q` for its rows. The bound is the smallest nondecreasing function of time that is
+/// nowhere below these values and is linear between the ends of the intervals.
 ///
 /// Vovk, Gammerman, Shafer, *Algorithmic Learning in a Random World* (2005); Dunn, Wasserman, Ramdas, *Distribution-Free
 /// Prediction Sets for Two-Layer Hierarchical Models* (2022), for runs with several rows each.
@@ -103,7 +103,7 @@ pub fn coverage(surrogate: &Surrogate, calibration: &Dataset) -> Vec<KindCoverag
 /// Intervals of the time since the start.
 const INTERVALS: usize = 20;
 
-/// Where intervals end: as many rows in each, up to one.
+/// Ends of the intervals, whose numbers of time points differ by at most one.
 fn ends(calibration: &Dataset) -> Vec<f64> {
     let mut times: Vec<f64> = calibration.runs.iter().flat_map(|run| run.times.iter().copied()).collect();
     times.retain(|time| *time > 0.0);
@@ -192,7 +192,7 @@ fn growing(ends: &[f64], mut half_widths: Vec<f64>, width: usize) -> (Vec<f64>, 
     ([0.0].iter().chain(ends).copied().collect(), half_widths)
 }
 
-/// Smallest value up to which the weights sum to what is needed; none if they never do.
+/// Smallest value up to which the weights sum to `needed`; none if they never do.
 fn quantile(mut rows: Vec<(f64, f64)>, needed: f64) -> Option<f64> {
     rows.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
     let sums = rows.iter().scan(0.0, |sum, &(value, weight)| {

@@ -34,7 +34,7 @@ pub struct Run {
 pub struct Dataset {
     /// The parameters.
     pub parameters: Vec<SourceVariable>,
-    /// What drives the runs.
+    /// The inputs, which drive the runs.
     pub inputs: Vec<SourceVariable>,
     /// The outputs.
     pub outputs: Vec<SourceVariable>,
@@ -47,7 +47,7 @@ pub struct Dataset {
 pub struct DatasetColumns<'a> {
     /// The parameters.
     pub parameters: &'a [SourceVariable],
-    /// What drives the runs.
+    /// The inputs, which drive the runs.
     pub inputs: &'a [SourceVariable],
     /// The outputs.
     pub outputs: &'a [SourceVariable],
@@ -312,7 +312,7 @@ fn number(field: &[u8]) -> std::result::Result<f64, String> {
 
 /// Collects rows into runs.
 struct RunReader {
-    /// Of parameters and inputs.
+    /// Numbers of parameters and inputs.
     counts: [usize; 2],
     number: Option<f64>,
     parameters: Vec<f64>,

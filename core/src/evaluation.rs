@@ -32,7 +32,8 @@ pub struct OutputMetrics {
     pub mse: f64,
     /// Largest absolute error.
     pub max_abs_error: f64,
-    /// The same as a share of the output's range in training; none for a constant output, or without a surrogate.
+    /// Largest absolute error as a share of the output's range in training; none for a constant output, or without a
+    /// surrogate.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub relative_max_error: Option<f64>,
     /// Test run in which the largest error stands.
@@ -83,7 +84,8 @@ pub enum TestRows {
 pub struct Accuracy {
     /// Accuracy of each output, by name.
     pub outputs: IndexMap<String, OutputMetrics>,
-    /// The same over the runs that are not chaotic, see [`RollOuts::chaotic_runs`]; empty if all or none are.
+    /// Accuracy of each output over the runs that are not chaotic, see [`RollOuts::chaotic_runs`]; empty if all or none
+    /// are.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
     pub regular_outputs: IndexMap<String, OutputMetrics>,
     /// Number of test runs; of rows without runs each is one.
@@ -95,10 +97,10 @@ pub struct Accuracy {
     pub given_rows: usize,
     /// Content digest of the surrogate, so that figures of one are not taken for those of another.
     pub content_digest: String,
-    /// How errors grow along roll-outs, of a surrogate with states.
+    /// Growth of errors along roll-outs, for a surrogate with states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub roll_outs: Option<RollOuts>,
-    /// What the rows are, if they belong to no runs.
+    /// Origin of the rows, if they belong to no runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rows: Option<TestRows>,
     /// End of the rows of the test runs that were learned from, in seconds, if runs were divided in time.
@@ -107,7 +109,7 @@ pub struct Accuracy {
     /// Share of the calibration runs' rows within the error bounds, by kind of signal, if bounds were measured on several kinds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub calibration: Vec<KindCoverage>,
-    /// What is thought of it, if it has been judged.
+    /// Verdict on the surrogate, if it has been judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
 }
@@ -118,7 +120,7 @@ impl Accuracy {
         Self::from_predictions(surrogate, test, &predict_all(surrogate, test))
     }
 
-    /// The same from [`predict_all`]'s predictions.
+    /// Measures a surrogate by the predictions of [`predict_all`].
     pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
         let roll_outs = surrogate.program().has_memory().then(|| RollOuts::of(surrogate, test, predictions));
         let chaotic = roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
@@ -151,7 +153,7 @@ impl Accuracy {
         Self::of_row_predictions(surrogate, rows, &predict_rows(surrogate, points), labels)
     }
 
-    /// The same from predictions of the rows, each with a number for each output.
+    /// Measures a surrogate by its predictions of the rows, each with a number for each output.
     pub fn of_row_predictions(
         surrogate: &Surrogate,
         rows: TestRows,
@@ -193,8 +195,8 @@ impl Accuracy {
     }
 }
 
-/// Predictions of the surrogate for a run: shape `[times, outputs]`. With states it is rolled out from the start of the run, the inputs
-/// being linear between two rows; what cannot be computed is not a number.
+/// Predictions of the surrogate for a run: shape `[times, outputs]`. With states, it is rolled out from the start of
+/// the run, with inputs that are linear between two rows. Values that cannot be computed are NaN.
 pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
     if surrogate.program().has_memory() {
         return RollOut::along(surrogate, evaluator, run).predictions();
@@ -241,7 +243,7 @@ pub fn compare(test: &Dataset, predictions: &[Vec<f64>], surrogate: Option<&Surr
     compare_runs(test, &all, predictions, surrogate)
 }
 
-/// The same over some of the runs.
+/// Metrics of each output over some of the runs.
 fn compare_runs(
     test: &Dataset,
     runs: &[usize],

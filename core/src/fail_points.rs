@@ -1,8 +1,8 @@
-//! Moments at which a process ends as if it were killed, for tests of what is left behind.
+//! Points at which a process aborts as if it were killed, for tests of the files that it leaves behind.
 //!
-//! The environment variable `METAFMU_ABORT_AT` says when: a [`Moment`], the name of a file, and after how many times, once
-//! if not given: `replaced checkpoint.safetensors 2`. Released programs have these moments, too, so that the tests are of what
-//! is released; nothing happens unless the variable is set.
+//! The environment variable `METAFMU_ABORT_AT` selects one: a [`Moment`], the name of a file, and the number of times
+//! it is reached, once by default: `replaced checkpoint.safetensors 2`. Released programs contain these points, too, so
+//! that the tests cover released programs. They have no effect unless the variable is set.
 
 use std::{
     env,
@@ -11,7 +11,7 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-/// What has just been done to a file.
+/// The latest change to a file.
 #[derive(Clone, Copy, Debug)]
 pub enum Moment {
     /// Its new content is complete, under another name.

@@ -15,7 +15,7 @@ use std::{
 };
 use tempfile::NamedTempFile;
 
-/// How the names of files begin that are not complete yet.
+/// Prefix of the names of incomplete files.
 const UNFINISHED: &str = ".metafmu-";
 
 /// Writes a file, see [`write_with`].
@@ -46,9 +46,9 @@ pub fn write_with(path: &Path, write: impl FnOnce(&mut dyn Write) -> io::Result<
     })
 }
 
-/// Writes a file at a path that the user gave: as [`write_with`], but also where that file itself must be written to, because it
-/// has other names (hard links), which shall all have the new content, or because its folder takes no new file. Then a
-/// process that is killed while it copies the complete content leaves a file of old and new; a full disk does not.
+/// Writes a file at a path that the user gave. Unlike [`write_with`], it also writes into the existing file if that has
+/// other names (hard links), which shall all have the new content, or if its folder accepts no new file. In that case a
+/// process that is killed while it copies the complete content leaves a mixture of old and new; a full disk does not.
 ///
 /// # Errors
 /// [`Error::Io`]; a file that was at `path` is still there.
@@ -80,8 +80,8 @@ fn write_at(path: &Path, write: impl FnOnce(&Destination) -> io::Result<()>) -> 
     Destination::find(path).and_then(|destination| write(&destination)).map_err(Error::io(path, "write"))
 }
 
-/// Puts a file in the place of another one, or of none; `in_place`, that is written to if it has other names or its folder takes
-/// no new file.
+/// Replaces or creates a file. With `in_place`, it writes into the existing file if that has other names or its folder
+/// accepts no new file.
 fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> io::Result<()> {
     let old = match OpenOptions::new().write(true).open(path) {
         Ok(file) => Some(file.metadata()?),
@@ -111,7 +111,8 @@ fn replace(path: &Path, in_place: bool, write: impl FnOnce(&mut dyn Write) -> io
     }
 }
 
-/// Copies a file into another one. The part beyond its end is written first, so that nothing has changed if there is no room for it.
+/// Copies a file into another one. Writes the part beyond its end first, so that nothing has changed if there is no
+/// room for it.
 fn overwrite(path: &Path, from: &mut File) -> io::Result<()> {
     let mut to = OpenOptions::new().write(true).open(path)?;
     let (old, new) = (to.metadata()?.len(), from.metadata()?.len());
@@ -191,14 +192,14 @@ fn has_other_names(_: &Metadata) -> bool {
     false
 }
 
-/// Whether a folder refuses new files, although the file to be replaced may still be writable: one that is mounted into a
-/// container, for instance.
+/// Returns true if a folder refuses new files, although the file to be replaced may still be writable: for instance a
+/// file that is mounted into a container.
 fn is_of_folder(error: &io::Error) -> bool {
     use ErrorKind::{CrossesDevices, PermissionDenied, ReadOnlyFilesystem, ResourceBusy};
     matches!(error.kind(), PermissionDenied | ReadOnlyFilesystem | ResourceBusy | CrossesDevices)
 }
 
-/// Whether there was no room for a file.
+/// Returns true if there was no room for a file.
 pub fn is_full(error: &Error) -> bool {
     matches!(error, Error::Io { source, .. } if no_room(source))
 }
@@ -244,7 +245,7 @@ pub fn digest(path: &Path) -> Result<String> {
     }
 }
 
-/// What was hashed, in hexadecimal digits.
+/// Hash in hexadecimal digits.
 pub fn digits(hash: Sha256) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -283,7 +284,7 @@ pub fn writable_folder(path: &Path) -> Result<()> {
     Ok(())
 }
 
-/// The same of a folder whose parent has to be there: a mistyped path makes none.
+/// Makes a folder as [`writable_folder`] does, but requires its parent to exist: a mistyped path makes none.
 ///
 /// # Errors
 /// [`Error::Io`].

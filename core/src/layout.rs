@@ -1,7 +1,7 @@
-//! What a row is: which columns it has, which of them is the time, and how they are encoded. Nothing else knows the order.
+//! Layout of a row: its columns, the column of time, and the encodings. The order of columns is defined here only.
 //!
-//! The inputs of a surrogate are the parameters in order, then the time. A row of a model has the columns that the inputs
-//! become by their encodings; that of a model for a single instant has no time.
+//! The inputs of a surrogate are the parameters in order, then the time. A row of a model has the columns that the
+//! inputs become by their encodings. A row of a model for a single time point has no time.
 
 use crate::dataset::Run;
 use metafmu_runtime::Encoder;
@@ -39,7 +39,7 @@ impl InputPoint {
 /// The rows of runs that a model learns, and their columns.
 #[derive(Clone, Debug)]
 pub struct RowLayout {
-    /// Of the parameters.
+    /// Encoder of the parameters.
     encoder: Encoder,
     rows: RowSelection,
 }

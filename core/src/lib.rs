@@ -1,4 +1,5 @@
-//! What metafmu computes with, and what a study says: tables, mechanisms, equations of motion, networks and their training.
+//! Numerics and studies of metafmu: tables, mechanisms, equations of motion, networks and their training, and the
+//! options of a study.
 //!
 //! Everything here is part of the crate `metafmu` too, whose documentation has the whole way from a study to an FMU.
 

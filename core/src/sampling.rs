@@ -8,7 +8,7 @@ use rand::{Rng, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use sobol::{Sobol, params::JoeKuoD6};
 use std::collections::HashSet;
 
-/// What a study's runs are for; no run is for two of it.
+/// Sets of a study's runs by purpose; no run belongs to two of them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sets<T> {
     /// Training, the runs held out for validation included.
@@ -40,7 +40,7 @@ pub type Plan = Sets<Vec<Vec<f64>>>;
 /// Bases of Halton's sequences. Larger ones fill the ranges only after very many points.
 const HALTON_BASES: [u8; MAX_HALTON_PARAMETERS] = [2, 3, 5, 7, 11, 13, 17, 19, 23, 29, 31, 37, 41, 43, 47, 53];
 
-/// What a stream of random numbers is for; streams of one seed are independent of each other.
+/// Purpose of a stream of random numbers; streams of one seed are independent of each other.
 #[derive(Clone, Copy, Debug)]
 pub enum Stream {
     /// Placing training runs.
@@ -74,7 +74,7 @@ impl Plan {
         Self::with_calibration(study, study.calibration_runs())
     }
 
-    /// The same with as many calibration runs as these; more begin with the same ones.
+    /// The plan of a study with this number of calibration runs; a larger number begins with the same runs.
     pub fn with_calibration(study: &Study, calibration_runs: usize) -> Self {
         let parameters: Vec<&ParameterOptions> = study.planned().map(|(_, options)| options).collect();
         let (count, runs) = (parameters.len(), study.sampling.runs.unwrap_or(0));
@@ -175,8 +175,9 @@ pub fn uniform(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<It
     std::iter::repeat_with(move || (0..parameters).map(|_| unit_interval(&mut generator)).collect())
 }
 
-/// Sobol's sequence with the direction numbers of Joe and Kuo (2008), each coordinate shifted by a random binary number
-/// (digital shift), which keeps its even spread: any first `n` points of a longer plan are the plan of `n`.
+/// Sobol's sequence with the direction numbers of Joe and Kuo (2008). Each coordinate is shifted by a random binary
+/// number (digital shift), which keeps its even spread. The first `n` points of a longer plan are the plan of `n`
+/// points.
 fn sobol(parameters: usize, mut generator: ChaCha8Rng) -> impl Iterator<Item = Vec<f64>> {
     const BITS: f64 = (1u64 << 53) as f64;
     let shifts: Vec<u64> = (0..parameters).map(|_| generator.next_u64() >> 11).collect();

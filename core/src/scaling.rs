@@ -8,12 +8,12 @@ use crate::{
 };
 use metafmu_runtime::Scaling;
 
-/// Largest magnitude of a parameter or an output, and the inverse of the smallest spread of one: squares of them, and of what a
-/// network makes of them, are still numbers.
+/// Largest magnitude of a parameter or an output, and the inverse of its smallest spread. Squares of them, and of the
+/// values that a network computes from them, are still finite.
 pub const LARGEST: f64 = 1e100;
 
-/// What is wrong with the outputs of runs: `outputs.NAME` with values of which neither scaling nor errors can be computed. An output
-/// may have one value in all rows.
+/// Problems of the outputs of runs: `outputs.NAME` with values for which neither scaling nor errors can be computed. An
+/// output may have one value in all rows.
 pub fn problems(dataset: &Dataset) -> Problems {
     let width = dataset.outputs.len();
     let mut ranges = vec![(f64::INFINITY, f64::NEG_INFINITY); width];

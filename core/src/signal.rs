@@ -1,11 +1,11 @@
-//! Signals: values in the course of time, of the inputs that act on a component while it runs.
+//! Signals: values over time of the inputs that act on a component while it runs.
 
 use std::f64::consts::TAU;
 
-/// A value in the course of time.
+/// A value over time.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Signal {
-    /// The same at all times.
+    /// Constant value.
     Constant(f64),
     /// The value of the last knot that is not after the time: steps, pseudo-random binary signals, sampled data with a
     /// zero-order hold. Before the first knot, its value.
@@ -35,7 +35,7 @@ pub enum Signal {
     },
 }
 
-/// Values at instants.
+/// Values at time points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Knots {
     times: Vec<f64>,
@@ -54,10 +54,11 @@ pub struct SineTerm {
 }
 
 impl Knots {
-    /// Values at ascending instants, in s.
+    /// Values at ascending time points, in s.
     ///
     /// # Errors
-    /// A sentence: there is none, there are more or fewer values than instants, one is not finite, or the instants do not ascend.
+    /// A sentence: there is no value, the numbers of values and time points differ, one is not finite, or the time
+    /// points do not ascend.
     pub fn new(times: Vec<f64>, values: Vec<f64>) -> Result<Self, String> {
         if times.is_empty() || times.len() != values.len() {
             return Err(format!(
@@ -96,7 +97,7 @@ impl Knots {
 }
 
 impl Signal {
-    /// Whether it has instants at which it is not smooth.
+    /// Returns true if it has time points at which it is not smooth.
     pub fn has_knots(&self) -> bool {
         matches!(self, Self::Held(_) | Self::Linear(_))
     }

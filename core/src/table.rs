@@ -114,7 +114,7 @@ impl Table {
         }
     }
 
-    /// Where the row is.
+    /// Location of the row.
     pub fn place(&self) -> Place {
         match &self.rows {
             FormatReader::Csv(csv) => csv.place(),
@@ -175,7 +175,7 @@ impl Table {
         self.unit_problem(column, expected).map_or(Ok(()), |problem| Err(self.mistake_in_header(&problem)))
     }
 
-    /// What is wrong with a column's unit, if it has one, and one is expected.
+    /// The problem of a column's unit, if it has one, and one is expected.
     pub fn unit_problem(&self, column: usize, expected: Option<&str>) -> Option<String> {
         let column = &self.columns[column];
         let (found, expected) = (column.unit()?, expected?);
@@ -235,7 +235,7 @@ fn bracketed(text: &str) -> Option<&str> {
     square.or_else(|| text.strip_prefix('(').and_then(|text| text.strip_suffix(')'))).map(str::trim)
 }
 
-/// What is wrong with the names of the columns: each has one, no two the same.
+/// Checks the names of the columns: each has one, and no two are equal.
 fn check_names(columns: &[TableColumn]) -> std::result::Result<(), String> {
     let mut before = HashSet::with_capacity(columns.len());
     for (index, TableColumn { name, .. }) in columns.iter().enumerate() {
@@ -263,7 +263,7 @@ pub fn has_commas(text: &str) -> bool {
     text.contains(',') && text.replace(',', "").parse::<f64>().is_ok()
 }
 
-/// Returns true for what is neither empty nor a number, whatever its commas are.
+/// Returns true if a text is neither empty nor a number, whatever its commas are.
 pub fn is_text(text: &str) -> bool {
     !(text.is_empty() || text.parse::<f64>().is_ok() || has_commas(text))
 }

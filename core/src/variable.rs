@@ -1,4 +1,4 @@
-//! What a quantity is called, in which unit, and what it means.
+//! Named quantities, with their units and meanings.
 
 /// A named quantity of a source: a parameter or an output column of a dataset.
 #[derive(Clone, Debug, PartialEq)]

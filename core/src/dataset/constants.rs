@@ -18,11 +18,11 @@ pub struct Rounding {
 const MOTION: [&str; 6] = ["m", "rad", "m/s", "rad/s", "m/s2", "rad/s2"];
 
 impl Rounding {
-    /// Of values that come from elsewhere: a few units in the last place of a double.
+    /// Rounding of third-party values: a few units in the last place of a double.
     pub const OF_DOUBLES: Self = Self { own: 1e-14, of_unit: 1e-15, of_motion: 0.0 };
 
-    /// Of mechanisms and built-in systems: ten times what the finest tolerance of the integration resolves, and in m and rad a
-    /// thousandth of it where no other value of the unit is known.
+    /// Rounding of mechanisms and built-in systems: ten times the resolution of the finest integration tolerance. In m
+    /// and rad it is a thousandth of that where no other value of the unit is known.
     pub const OF_SIMULATIONS: Self = Self { own: 1e-12, of_unit: 1e-12, of_motion: 1e-16 };
 
     /// Largest difference of each output's values that is rounding.
@@ -55,8 +55,9 @@ impl Rounding {
     }
 }
 
-/// Gives outputs that do not vary in the training runs but for rounding the constant that they are: in these runs, and in those of each
-/// other set where they do not differ from it by more. Returns the positions of the constant outputs, and the constants.
+/// Replaces outputs that vary in the training runs by rounding only with their constant. This applies to these runs,
+/// and to the runs of each other set that differ from the constant by rounding only. Returns the positions of the
+/// constant outputs, and the constants.
 pub fn settle(train: &mut Dataset, others: [&mut Dataset; 2], rounding: Rounding) -> Vec<(usize, f64)> {
     let limits = rounding.limits(train);
     let (mut constants, mut changed) = (Vec::new(), Vec::new());

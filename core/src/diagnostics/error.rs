@@ -7,7 +7,7 @@ use super::{
 };
 use std::path::{Path, PathBuf};
 
-/// Everything that can go wrong in the tool.
+/// Every error of the tool.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -16,7 +16,7 @@ pub enum Error {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried, for instance `read`.
+        /// The attempted operation, for instance `read`.
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
@@ -34,10 +34,10 @@ pub enum Error {
         system: String,
         /// The parameter values.
         values: String,
-        /// What happened.
+        /// The cause of the failure.
         message: String,
     },
-    /// More runs failed than may.
+    /// More runs failed than allowed.
     #[error(
         "{source_name}: {failed} of {total} runs failed, at most {allowed} may (source.max_failed = {share}); the last one \
          with {parameters}: {reason}"
@@ -45,23 +45,23 @@ pub enum Error {
     FailedRuns {
         /// The FMU, the mechanism file or the built-in system.
         source_name: String,
-        /// How many, so far.
+        /// The number of failed runs so far.
         failed: usize,
-        /// Of how many.
+        /// The total number of runs.
         total: usize,
-        /// How many may.
+        /// The allowed number.
         allowed: usize,
-        /// The share that may.
+        /// The allowed share.
         share: f64,
         /// The parameter values of the last one that failed.
         parameters: String,
-        /// Why it did.
+        /// The reason of the last failure.
         reason: String,
     },
     /// The process that runs an FMU could not begin.
     #[error("{message}")]
     Worker {
-        /// Why.
+        /// The reason.
         message: String,
     },
     /// Stopped by the user.
@@ -72,9 +72,9 @@ pub enum Error {
     Table {
         /// The table's file.
         path: PathBuf,
-        /// Where in it.
+        /// The location in the table.
         place: Place,
-        /// What was found and what was expected.
+        /// Found and expected values.
         message: String,
     },
     /// The result of an earlier stage is missing, belongs to another study, or was changed since.
@@ -82,7 +82,7 @@ pub enum Error {
     Stale {
         /// The file.
         path: PathBuf,
-        /// What to do about it.
+        /// The remedy.
         message: String,
     },
     /// A plot could not be made.
@@ -90,7 +90,7 @@ pub enum Error {
     Plot {
         /// The plot's file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         message: String,
     },
     /// A model file is wrong.
@@ -98,7 +98,7 @@ pub enum Error {
     Model {
         /// The model file.
         path: PathBuf,
-        /// How it is wrong.
+        /// The format error.
         source: Box<metafmu_runtime::FormatError>,
     },
     /// A file that cannot be a surrogate by its name.
@@ -106,10 +106,10 @@ pub enum Error {
     OtherFile {
         /// The file.
         path: PathBuf,
-        /// What it is, as far as that is known, what is expected, and what to do with it.
+        /// The kind of file, if it is known, the expected kind, and the remedy.
         message: String,
     },
-    /// What has a state is no function of its inputs.
+    /// A surrogate with states, memory, or a network for each time point, which ONNX cannot represent.
     #[error(
         "the surrogate has states, a memory, or a network for each instant, which an ONNX model has not: expected one of the structure \
          \"response\""
@@ -125,7 +125,7 @@ pub enum Error {
     Rows {
         /// The table.
         path: PathBuf,
-        /// Where, and what was found and what was expected.
+        /// The locations, with found and expected values.
         problems: Vec<(Place, String)>,
     },
     /// A model of another tool that cannot be imported.
@@ -133,7 +133,7 @@ pub enum Error {
     Import {
         /// The file.
         path: PathBuf,
-        /// What does not fit.
+        /// The mismatches.
         problems: Vec<String>,
     },
     /// An output would take the place of the file that it is made of.
@@ -145,15 +145,15 @@ pub enum Error {
     /// The parts of a surrogate do not fit each other.
     #[error("surrogate: {source}")]
     Surrogate {
-        /// How they do not.
+        /// The mismatch.
         source: metafmu_runtime::FormatError,
     },
-    /// A file is no zip archive, or a damaged one.
+    /// A file is not a zip archive, or is damaged.
     #[error("{}: not an {}: {}", path.display(), archive_kind(path), no_zip(source))]
     Archive {
         /// The file.
         path: PathBuf,
-        /// What the zip reader found.
+        /// The error of the zip reader.
         source: zip::result::ZipError,
     },
     /// Something about one entry of an FMU archive.
@@ -163,7 +163,7 @@ pub enum Error {
         path: PathBuf,
         /// Name of the entry.
         entry: String,
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
     /// An FMU's modelDescription.xml cannot be used.
@@ -173,7 +173,7 @@ pub enum Error {
         path: PathBuf,
         /// Line in modelDescription.xml, counted from 1.
         line: usize,
-        /// What is wrong there.
+        /// The problem.
         problem: String,
     },
     /// An FMU does not offer the interface needed.
@@ -181,29 +181,29 @@ pub enum Error {
     Interface {
         /// The FMU.
         path: PathBuf,
-        /// What it offers.
+        /// The interface of the FMU.
         found: String,
-        /// What was needed.
+        /// The required interface.
         expected: String,
     },
     /// An FMU that is run by model exchange cannot be integrated.
     #[error("model exchange failed at {time} s: {message}")]
     Integration {
-        /// When.
+        /// The time of the failure, in seconds.
         time: f64,
-        /// What is wrong.
+        /// The cause of the failure.
         message: String,
     },
-    /// A platform that there is no library for in this program.
+    /// A platform without an embedded library in this program.
     #[error(
         "platform `{tuple}` is not embedded in this program, which has {}: add a library with --binary {tuple}=FILE, or \
          build metafmu with METAFMU_RUNTIMES",
         list_or_none(known)
     )]
     NotEmbedded {
-        /// The platform asked for.
+        /// The requested platform.
         tuple: String,
-        /// The platforms there are.
+        /// The embedded platforms.
         known: Vec<String>,
     },
     /// Two libraries that belong in the same place.
@@ -219,7 +219,7 @@ pub enum Error {
     Baseline {
         /// The model's name.
         model: &'static str,
-        /// Why not.
+        /// The reason.
         problem: String,
     },
     /// A library that cannot go into an FMU.
@@ -227,7 +227,7 @@ pub enum Error {
     Binary {
         /// Its file.
         path: PathBuf,
-        /// Why not.
+        /// The reason.
         problem: String,
     },
     /// An FMU has no binary for this platform.
@@ -249,7 +249,7 @@ pub enum Error {
         binary: String,
         /// The system's reason.
         source: libloading::Error,
-        /// What to do about it, if that is known.
+        /// The remedy, if one is known.
         hint: Option<String>,
     },
     /// The binary of an FMU lacks a function.
@@ -276,9 +276,9 @@ pub enum Error {
     UnknownComponent {
         /// The system's description.
         path: PathBuf,
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// The names there are.
+        /// The known names.
         known: Vec<String>,
     },
     /// A component cannot be replaced by another FMU.
@@ -294,7 +294,7 @@ pub enum Error {
     Component {
         /// Its name.
         name: String,
-        /// How it failed.
+        /// The failure.
         source: Box<Self>,
     },
     /// A function of an FMU failed.
@@ -302,9 +302,9 @@ pub enum Error {
     Fmi {
         /// The function.
         function: &'static str,
-        /// What it returned.
+        /// The returned status.
         status: &'static str,
-        /// What the FMU logged.
+        /// The messages that the FMU logged.
         messages: Vec<String>,
     },
     /// A variable that the FMU does not have.
@@ -314,17 +314,17 @@ pub enum Error {
         did_you_mean(name, known.iter().map(String::as_str))
     )]
     UnknownVariable {
-        /// The name asked for.
+        /// The requested name.
         name: String,
-        /// The names there are.
+        /// The known names.
         known: Vec<String>,
     },
-    /// A value or variable that cannot be used as was asked.
+    /// A value or variable that cannot be used as requested.
     #[error("variable `{name}`: {problem}")]
     Variable {
         /// The variable.
         name: String,
-        /// Why not.
+        /// The reason.
         problem: String,
     },
     /// Times that make no simulation.
@@ -336,7 +336,7 @@ pub enum Error {
         stop: f64,
         /// Communication step size.
         step: f64,
-        /// What was expected.
+        /// The expected times.
         expected: &'static str,
     },
     /// The network cannot be built.
@@ -357,18 +357,18 @@ fn list_or_none(items: &[String]) -> String {
     }
 }
 
-/// Problems of a file, each in a line of its own.
+/// Problems of a file, one per line.
 fn lines_of(path: &Path, problems: &[(usize, String)]) -> String {
     let line = |(line, problem): &(usize, String)| format!("{}:{line}: {problem}", path.display());
     problems.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// What an archive of that name is expected to be.
+/// Kind of archive expected for a file name: an SSP archive or an FMU.
 fn archive_kind(path: &Path) -> &'static str {
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ssp")) { "SSP archive" } else { "FMU" }
 }
 
-/// Why something is no zip archive that can be read.
+/// The reason why a file cannot be read as a zip archive.
 fn no_zip(error: &zip::result::ZipError) -> String {
     use zip::result::ZipError;
     match error {
@@ -381,7 +381,7 @@ fn no_zip(error: &zip::result::ZipError) -> String {
     }
 }
 
-/// What is behind an error.
+/// The underlying cause of an error, after a colon; empty if it has none.
 fn cause(error: &dyn std::error::Error) -> String {
     error.source().map_or(String::new(), |source| format!(": {source}"))
 }

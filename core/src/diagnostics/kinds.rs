@@ -1,4 +1,4 @@
-//! Files of other kinds than expected, by their names: what they are, and what is done with them.
+//! Files of unexpected kinds, recognized by their names, and the commands that handle them.
 
 use crate::Error;
 use std::path::Path;
@@ -72,7 +72,7 @@ impl FileKind {
         matches!(self, Self::Onnx | Self::Arrays | Self::Tensors | Self::Fmu)
     }
 
-    /// What it is.
+    /// The kind as text, with its article.
     fn what(self) -> &'static str {
         match self {
             Self::Table => "a table",
@@ -93,7 +93,7 @@ impl FileKind {
         }
     }
 
-    /// What is done with it.
+    /// The `metafmu` command or the conversion that handles a file of this kind.
     fn advice(self) -> &'static str {
         match self {
             Self::Table => "`metafmu new NAME --table FILE` writes a study of it",

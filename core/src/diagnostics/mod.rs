@@ -1,4 +1,4 @@
-//! Where a mistake is and what it is: the one error type, problems by key, lines and keys of files, "did you mean".
+//! Errors and their locations: the one error type, problems by key, lines and keys of files, "did you mean".
 
 pub mod error;
 pub mod kinds;

@@ -1,8 +1,8 @@
-//! Names for people: lists of those there are, and the one that was probably meant.
+//! Names for people: lists of known names, and the one that was probably meant.
 
 use std::collections::HashMap;
 
-/// What to say behind a name that is not known: those that are, and the one that was probably meant.
+/// Text after an unknown name: the known names, and the closest one.
 pub fn expected_one_of(found: &str, known: &[&str]) -> String {
     if known.is_empty() {
         return "there are none".into();
@@ -24,8 +24,8 @@ pub fn listed(names: &[&str]) -> String {
     }
 }
 
-/// The known name that differs from `found` by case only, by few letters, or in that one of them goes on; the first of several that
-/// are equally close.
+/// The known name that differs from `found` only in case, by a few letters, or because one extends the other. Of
+/// several equally close names, the first.
 pub fn closest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let found = folded(found);
     let ranked = known.into_iter().filter_map(|name| Some((difference(&found, &folded(name))?, name)));

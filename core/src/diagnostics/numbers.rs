@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-/// Four digits, which is what a reader takes in.
+/// Formats a number with four digits.
 pub fn number(value: f64) -> String {
     let magnitude = value.abs();
     let mut text = String::new();

@@ -85,7 +85,8 @@ impl Origin {
         }
     }
 
-    /// What is wrong with the structure: unknown and missing keys, values of the wrong type. Also the sections where something is.
+    /// Problems of the structure (unknown and missing keys, values of the wrong type), and the sections that have
+    /// problems.
     pub fn structure(
         &self,
         root: &DeTable,
@@ -117,7 +118,7 @@ impl Origin {
         })
     }
 
-    /// A problem for each line that is no TOML; only the first if nothing is.
+    /// A problem for each line that is not TOML; only the first if no line is.
     fn of_syntax(&self, root: &DeTable, errors: &[toml::de::Error]) -> Vec<Problem> {
         const MOST: usize = 10;
         let mut problems: Vec<Problem> = Vec::new();
@@ -185,7 +186,8 @@ impl Origin {
         self.text.match_indices('\n').map(|(offset, _)| offset).collect()
     }
 
-    /// Dotted key of the innermost name or value that the span lies in; empty if there is none, or if the text is no TOML.
+    /// Dotted key of the innermost name or value that contains the span; empty if there is none, or if the text is not
+    /// TOML.
     fn key_at(&self, span: &Range<usize>) -> String {
         let root = DeTable::parse(&self.text).ok();
         root.and_then(|root| innermost(root.get_ref(), "", span)).map_or(String::new(), |(_, key)| key)
@@ -222,7 +224,7 @@ fn offset_of(root: &DeTable, key: &str) -> usize {
     offset
 }
 
-/// The element of an array that the rest of a key begins with, `[1]` say, and what is behind that.
+/// The array element that the rest of a key begins with, for instance `[1]`, and the remainder of the key.
 fn element<'a, 'k>(value: &'a Spanned<DeValue<'a>>, rest: &'k str) -> Option<(&'a Spanned<DeValue<'a>>, &'k str)> {
     let (index, behind) = rest.strip_prefix('[')?.split_once(']')?;
     Some((value.get_ref().get(index.parse::<usize>().ok()?)?, behind))

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-/// Where in a table. Displayed as `line 3` or `row 3`.
+/// Location in a table. Displayed as `line 3` or `row 3`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Place {
     /// A line of text, counted from 1.
@@ -14,7 +14,7 @@ pub enum Place {
 }
 
 impl Place {
-    /// What is counted.
+    /// The unit in which the location is counted.
     pub fn unit(self) -> &'static str {
         match self {
             Self::Line(_) => "line",

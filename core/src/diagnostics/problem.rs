@@ -9,7 +9,7 @@ pub struct Problem {
     pub path: PathBuf,
     /// Line, counted from 1.
     pub line: usize,
-    /// Dotted key, for instance `parameters.L.max`; empty if the text is no TOML.
+    /// Dotted key, for instance `parameters.L.max`; empty if the text is not TOML.
     pub key: String,
     /// Message: the value found and the value expected.
     pub message: String,

@@ -1,4 +1,4 @@
-//! What is wrong with a file, by key, before the lines are known.
+//! Problems of a file by key, before their lines are known.
 
 use std::fmt::Display;
 
@@ -11,7 +11,7 @@ pub struct Problems(Vec<KeyProblem>);
 pub struct KeyProblem {
     /// Dotted key, for instance `parameters.L.max`.
     pub key: String,
-    /// What was found and what was expected.
+    /// Found and expected values.
     pub message: String,
 }
 
@@ -51,7 +51,7 @@ impl Problems {
         self.0.extend(problems.into_iter().map(within));
     }
 
-    /// Whether there are none.
+    /// Returns true if there are no problems.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }

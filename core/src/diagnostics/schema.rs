@@ -53,7 +53,8 @@ fn remove_null(schema: &mut Value) {
     }
 }
 
-/// What is wrong with a text of a format that the schema names: the format's name and the text in, a message out.
+/// Function that checks a text against a format of the schema: takes the format's name and the text, returns the
+/// problem.
 pub type Formats = fn(&str, &str) -> Option<String>;
 
 /// One mistake.
@@ -63,9 +64,9 @@ pub struct Mistake {
     pub key: String,
     /// Byte offset in the text.
     pub offset: usize,
-    /// What was found and what was expected.
+    /// Found and expected values.
     pub message: String,
-    /// Whether a key is missing there, instead of something being wrong.
+    /// `true` if the mistake is a missing key.
     pub is_missing: bool,
 }
 
@@ -87,7 +88,7 @@ impl Check<'_> {
         self.mistakes.push(Mistake { key: key.into(), offset, message, is_missing: false });
     }
 
-    /// A value and what is in it; `offset` is where its key is.
+    /// Checks a value and its content; `offset` is the position of its key.
     fn value(&mut self, schema: &Value, value: &Spanned<DeValue>, key: &str, offset: usize) {
         let alternatives = schema.get("anyOf").and_then(Value::as_array);
         let fitting = alternatives.and_then(|all| all.iter().find(|one| is_of_type(one, value.get_ref())));
@@ -143,7 +144,7 @@ impl Check<'_> {
         }
     }
 
-    /// What is wrong with a value that has no others in it, or is of another type than the schema's.
+    /// The problem of a value that has no nested values, or whose type differs from the schema's.
     fn problem_of(&self, schema: &Value, found: &DeValue, range: &Range<usize>) -> Option<String> {
         let shown = match found {
             DeValue::Array(_) => "a list".to_owned(),
@@ -198,7 +199,7 @@ fn most(schema: &Value) -> Option<f64> {
     }
 }
 
-/// Whether a value is of the schema's type, whatever is in it.
+/// Returns true if a value has the schema's type, whatever its content.
 fn is_of_type(schema: &Value, value: &DeValue) -> bool {
     if let Some(all) = schema.get("anyOf").and_then(Value::as_array) {
         return all.iter().any(|one| is_of_type(one, value));
@@ -236,7 +237,7 @@ fn lengths(schema: &Value) -> Option<[u64; 2]> {
     number("minItems").map(|least| [least, number("maxItems").unwrap_or(least)])
 }
 
-/// The type in words.
+/// The type as text.
 pub fn expected(schema: &Value) -> String {
     if let Some(all) = schema.get("anyOf").and_then(Value::as_array) {
         let all: Vec<String> = all.iter().map(expected).collect();
@@ -280,7 +281,7 @@ pub fn inline(value: &Value) -> String {
     }
 }
 
-/// What to do about a value of the wrong type, where that is clear.
+/// The remedy for a value of the wrong type, where it is clear.
 fn hint(schema: &Value, found: &DeValue) -> String {
     let name = schema.get("type").and_then(Value::as_str);
     match (name, found) {

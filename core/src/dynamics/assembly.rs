@@ -8,7 +8,7 @@ use nalgebra::DVector;
 /// A mechanism that is put together at given independent coordinates: its closed loops are closed.
 pub struct Assembly<'a>(MechanismRegion<'a>);
 
-/// The same with values for the parameters.
+/// An [`Assembly`] with values for the parameters.
 pub struct Assembled<'a> {
     reduced: Reduced,
     positions: Vec<Coordinate>,

@@ -18,14 +18,14 @@ pub struct Equations<'a> {
     region: &'a Region,
 }
 
-/// Configurations at which it is looked for what a column changes.
+/// Number of configurations at which the effect of a column is checked.
 const COMPARED: usize = 12;
 
 /// Function of a state with inputs: shape `[columns]` to `[functions]`.
 type StateFunction<'f> = dyn Fn(&[f64]) -> Result<Vec<f64>, String> + Sync + 'f;
 
 impl<'a> Equations<'a> {
-    /// Of a region with ranges of velocities and inputs.
+    /// The equations in a region with ranges of velocities and inputs.
     ///
     /// # Errors
     /// A sentence, as [`fit`](super::fit).
@@ -39,7 +39,7 @@ impl<'a> Equations<'a> {
         Ok(Self { labels, region })
     }
 
-    /// What each coordinate and parameter contributes to a dictionary.
+    /// The factor of each coordinate and parameter in a dictionary.
     pub fn factors(&self) -> Vec<Factor> {
         self.labels.factors()
     }
@@ -65,12 +65,12 @@ impl<'a> Equations<'a> {
         Ok(samples)
     }
 
-    /// Whether the derivatives of each function with respect to the coordinates are known.
+    /// For each function, true if its derivatives with respect to the coordinates are known.
     pub fn known(&self) -> Vec<bool> {
         self.labels.known()
     }
 
-    /// What a unit of each coordinate is in which derivatives are of the size of the functions: a radian, or half of the range.
+    /// Coordinate scales that make derivatives comparable in size to the functions: a radian, or half of the range.
     pub fn units(&self) -> Vec<f64> {
         let units = self.labels.factors().into_iter().take(self.labels.coordinates()).map(|factor| match factor {
             Factor::Angle => 1.0,
@@ -79,7 +79,7 @@ impl<'a> Equations<'a> {
         units.collect()
     }
 
-    /// Of the functions in such samples: largest magnitudes, shared by those of a kind.
+    /// Largest magnitudes of the functions in these samples, shared by those of a kind.
     pub fn scales(&self, samples: &EquationSamples) -> Vec<f64> {
         self.labels.scales(samples.labels.iter())
     }
@@ -141,7 +141,7 @@ impl<'a> Equations<'a> {
         errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
 
-    /// Whether each coordinate and parameter changes each function: shape `[columns, functions]`.
+    /// For each coordinate and parameter, true for the functions that it changes: shape `[columns, functions]`.
     ///
     /// # Errors
     /// As [`fit`](super::fit).
@@ -150,7 +150,7 @@ impl<'a> Equations<'a> {
         dependencies(samples, &functions, &self.scales(samples))
     }
 
-    /// Whether each of `(q, p, v, u)` changes the accelerations.
+    /// For each of `(q, p, v, u)`, true if it changes the accelerations.
     ///
     /// # Errors
     /// As [`fit`](super::fit).

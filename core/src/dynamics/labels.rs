@@ -1,4 +1,4 @@
-//! What a mechanism's equations of motion are in a configuration.
+//! Equations of motion of a mechanism in a configuration.
 
 use super::{
     QuantityRange, Region,
@@ -48,14 +48,14 @@ pub(super) struct MechanismRegion<'a> {
     actuator_starts: Vec<f64>,
 }
 
-/// What the equations are at a point.
+/// Values of the equations at a point.
 pub(super) struct Label {
     /// In the order of [`Dynamics`], then the positions.
     pub(super) functions: Vec<f64>,
     /// Derivatives with respect to the coordinates: shape `[functions, coordinates]`; zero where they are not
     /// [known](MechanismRegion::known).
     pub(super) gradients: Vec<f64>,
-    /// Of forces of joints and springs.
+    /// Forces of joints and springs.
     pub(super) reactions: Forces,
 }
 
@@ -124,7 +124,7 @@ impl<'a> MechanismRegion<'a> {
         Ok(labels)
     }
 
-    /// Of the columns of a point.
+    /// Ranges of the columns of a point.
     pub(super) fn ranges(&self) -> impl Iterator<Item = &QuantityRange> {
         self.region.coordinates.iter().chain(&self.region.parameters)
     }
@@ -157,12 +157,12 @@ impl<'a> MechanismRegion<'a> {
         self.efforts.has_parameter(self.varied[parameter])
     }
 
-    /// Of the equations of motion.
+    /// Number of functions of the equations of motion.
     pub(super) fn functions_of_equations(&self) -> usize {
         Dynamics::functions(self.coordinates(), self.efforts()) + self.efforts.positions()
     }
 
-    /// Of the equations and of the positions that the outputs need.
+    /// Number of functions of the equations and of the positions that the outputs need.
     pub(super) fn functions(&self) -> usize {
         self.functions_of_equations() + self.outputs.positions.len()
     }
@@ -216,8 +216,9 @@ impl<'a> MechanismRegion<'a> {
         })
     }
 
-    /// Returns true if what is learned of the positions is the same a turn later, with the parameters of a point: a rack whose pinion has
-    /// another radius than in the middle of the ranges goes another way. An angle that cannot go around repeats.
+    /// Returns true if the learned positions are equal a turn later, with the parameters of a point. A rack whose
+    /// pinion has a different radius than in the middle of the ranges travels a different distance. An angle that
+    /// cannot go around repeats.
     fn positions_repeat(&self, point: &[f64], k: usize) -> Result<bool, String> {
         let reduced = self.reduced(point)?;
         let before = reduced.start().0.clone();
@@ -237,7 +238,7 @@ impl<'a> MechanismRegion<'a> {
         }))
     }
 
-    /// Whether each coordinate is an angle with equations that are the same a turn later.
+    /// For each coordinate, true if it is an angle whose equations repeat after a turn.
     pub(super) fn is_periodic(&self) -> &[bool] {
         &self.is_periodic
     }

@@ -53,7 +53,7 @@ pub struct Region {
     pub outputs: Vec<String>,
     /// Ranges of the velocities, and of the inputs and then the actuator states, in which accelerations are sampled.
     pub velocities: Vec<[f64; 2]>,
-    /// See there.
+    /// Ranges of the inputs, then of the actuator states.
     pub inputs: Vec<[f64; 2]>,
 }
 
@@ -82,13 +82,13 @@ pub struct FittedEquations {
     pub dynamics: Dynamics,
     /// The positions that the outputs need, in whole turns `windings`, shape `[positions, coordinates]`, beside a dictionary.
     pub positions: Dictionary,
-    /// See there.
+    /// Whole turns of the positions, shape `[positions, coordinates]`.
     pub windings: Vec<f64>,
     /// Forces of joints, drivers and springs, if there are any among the outputs.
     pub reactions: Option<FittedReactions>,
     /// Number of actuator states: the last inputs of the equations.
     pub actuator_states: usize,
-    /// What the outputs of the region are.
+    /// Quantity that each output of the region shows.
     pub outputs: Vec<Shown>,
     /// Highest harmonic of the angles, and highest power of the others.
     pub order: [usize; 2],
@@ -131,7 +131,7 @@ const REACHED: usize = 300;
 /// Corners of the ranges that are checked for them as well, at most.
 const MOST_CORNERS: usize = 256;
 
-/// Of them those at which it is looked for what each parameter changes.
+/// Number of the [`CHECKED`] configurations at which the effect of each parameter is checked.
 const COMPARED: usize = 4;
 
 /// Largest change of a function, relative to its largest value, that is rounding.
@@ -265,12 +265,12 @@ fn raise_order(
     Ok(best)
 }
 
-/// What a few configurations say of equations.
+/// Properties of the equations, checked at a few configurations.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Checked {
     /// Parameters on which neither the equations nor the outputs depend.
     pub idle: Vec<String>,
-    /// Whether each coordinate is an angle with equations that are the same a turn later.
+    /// For each coordinate, true if it is an angle whose equations repeat after a turn.
     pub is_periodic: Vec<bool>,
 }
 
@@ -297,7 +297,7 @@ pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -
     reached.into_iter().collect()
 }
 
-/// Whether the equations can be learned at all: evaluates them at a few configurations.
+/// Checks that the equations can be learned, by evaluating them at a few configurations.
 ///
 /// # Errors
 /// As [`fit`].
@@ -327,7 +327,7 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
     Ok(Checked { idle, is_periodic: labels.is_periodic().to_vec() })
 }
 
-/// Configurations from which so many terms are found.
+/// Number of configurations that determine these terms.
 fn rows(exponents: &[Vec<i16>]) -> usize {
     3 * exponents.len() + 50
 }
@@ -350,7 +350,7 @@ pub struct OfEquations {
     pub gradients: Vec<Vec<f64>>,
     /// Functions of the forces of joints and springs.
     reactions: Vec<Vec<f64>>,
-    /// Of forces anywhere in the mechanism, part by part, the largest.
+    /// Largest force anywhere in the mechanism, part by part.
     sizes: [f64; reactions::PARTS],
 }
 

@@ -1,5 +1,5 @@
-//! What of the outputs of a mechanism is learned: positions, of which velocities and accelerations are exact derivatives, and forces of
-//! joints, drivers and springs.
+//! Learned part of a mechanism's outputs: positions, whose exact derivatives are velocities and accelerations, and
+//! forces of joints, drivers and springs.
 
 use super::windings::Windings;
 use crate::multibody::{Mechanism, coordinate::Coordinate, measure::Measure};
@@ -12,11 +12,11 @@ pub(super) struct Outputs {
     pub positions: Vec<Coordinate>,
     /// Which of the mechanism's outputs measures each, or its velocity or acceleration.
     measures: Vec<usize>,
-    /// Whether parameters that vary move the points between which they are measured.
+    /// `true` if parameters that vary move the points between which they are measured.
     vary: bool,
     /// Different forces of joints, drivers and springs.
     pub reactions: Vec<Measure>,
-    /// What each output is.
+    /// Quantity that each output shows.
     pub shown: Vec<Shown>,
     /// Windings of the positions.
     pub windings: Windings,

@@ -11,7 +11,7 @@ pub struct Trajectory {
     pub coordinates: usize,
     /// Generalized coordinates, row by row: shape `[rows, coordinates]`.
     pub q: Vec<f64>,
-    /// Their rates, likewise.
+    /// Rates of the generalized coordinates, row by row: shape `[rows, coordinates]`.
     pub v: Vec<f64>,
     /// Inputs, row by row: shape `[rows, inputs]`. Between two rows they are linear.
     pub u: Vec<f64>,

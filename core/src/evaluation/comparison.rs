@@ -23,14 +23,14 @@ pub struct Comparison {
     pub models: Vec<ModelRow>,
 }
 
-/// What became of one model.
+/// Result of one model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ModelRow {
     /// [`NETWORK`], or the baseline's name as in the study.
     pub model: String,
-    /// Whether there are figures.
+    /// Status; [`ModelStatus::Fine`] if there are metrics.
     pub status: ModelStatus,
-    /// What a reader must know beside the figures, for instance `on 2000 of 267531 rows`, or why there are none.
+    /// Remark on the metrics, for instance `on 2000 of 267531 rows`, or the reason why there are none.
     pub note: String,
     /// Number of rows it was fitted to; 0 if it was not.
     pub rows: usize,
@@ -40,7 +40,7 @@ pub struct ModelRow {
     pub predict_seconds_per_point: Option<f64>,
     /// Bytes of the fitted model.
     pub memory_bytes: Option<u64>,
-    /// Whether `metafmu export --model` packages it.
+    /// `true` if `metafmu export --model` packages it.
     pub exportable: bool,
     /// Accuracy of each output, by name; empty if there is none.
     pub outputs: IndexMap<String, ModelAccuracy>,
@@ -108,7 +108,7 @@ impl ModelRow {
 }
 
 impl Comparison {
-    /// Whether the user stopped it before every model was measured.
+    /// Returns true if the user stopped it before every model was measured.
     pub fn was_interrupted(&self) -> bool {
         self.models.iter().any(|row| row.status == ModelStatus::Stopped)
     }

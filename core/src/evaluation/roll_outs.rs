@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
-/// How errors grow along the test runs.
+/// Growth of errors along the test runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RollOuts {
     /// At a sixth of the runs' length, and at their end; once if there is no row between.
@@ -26,16 +26,16 @@ pub struct RollOuts {
     /// dissipates or drives it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub energy_drift: Option<f64>,
-    /// Largest difference of an output that is a position from the mechanism's at the surrogate's own coordinates, relative to the output's
-    /// range: what is left of the constraints of closed loops; none without a mechanism or such an output.
+    /// Residual of the loop constraints: the largest difference between a position output and the mechanism's value at
+    /// the surrogate's own coordinates, relative to the output's range; none without a mechanism or such an output.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub constraint_residual: Option<f64>,
     /// Number of runs, and of those that are still finite, after ten times their length, their inputs being repeated.
     pub long_runs: [usize; 2],
 }
 
-/// Relative root mean square errors of predicted rows up to a time, each the largest of the run's outputs: of the difference over that of
-/// the truth around its mean, or, of an output that does not vary, over its range in training.
+/// Relative root mean square errors of predicted rows up to a time, each the largest over the run's outputs. The scale
+/// is the root mean square of the truth around its mean or, for an output that does not vary, its range in training.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Horizon {
     /// Time since the start.
@@ -47,13 +47,14 @@ pub struct Horizon {
     /// Median over the runs relative to the truth of the whole run, where that varies more than up to this time.
     #[serde(default)]
     pub of_run: f64,
-    /// The same of what a start that is off by 1e-9 in every state changes: the motion's own sensitivity.
+    /// Median and 90 % quantile for an initial state perturbed by 1e-9 in every state: the sensitivity of the motion
+    /// itself.
     pub sensitivity: [f64; 2],
 }
 
-/// What a start is off by where a motion's own sensitivity is measured.
+/// Perturbation of the initial state by which the sensitivity of a motion is measured.
 pub const OFF: f64 = 1e-9;
-/// Sensitivity of a motion, its answer to an initial state perturbed by 1e-9, from which on it is chaotic.
+/// Sensitivity of a motion, its response to an initial state perturbed by 1e-9, from which on it is chaotic.
 pub const CHAOTIC: f64 = 1e-3;
 /// Part of its standard deviation that an error of an output has when a roll-out has diverged.
 const DIVERGED: f64 = 0.1;
@@ -134,8 +135,8 @@ impl RollOuts {
     }
 }
 
-/// Part of its own tolerance with which a surrogate's sensitivity is measured: what the solver adds is much less than what a start that is
-/// off by [`OFF`] changes.
+/// Fraction of a surrogate's tolerance at which its sensitivity is measured. It keeps the error of the solver
+/// well below the effect of the perturbation [`OFF`].
 const TIGHT: f64 = 1e-2;
 
 fn tight(roll_out: RollOut<'_>) -> RollOut<'_> {
@@ -144,7 +145,7 @@ fn tight(roll_out: RollOut<'_>) -> RollOut<'_> {
     RollOut { tolerance, ..roll_out }
 }
 
-/// The roll-out along a run, as [`predict`](super::predict), from a start that is off by [`OFF`] in every state.
+/// The roll-out along a run, as [`predict`](super::predict), from an initial state perturbed by [`OFF`] in every state.
 fn predict_off(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f64> {
     tight(RollOut::along(surrogate, evaluator, run).off()).predictions()
 }
@@ -156,8 +157,8 @@ fn quantiles(mut values: Vec<f64>) -> [f64; 2] {
     [at(0.5), at(0.9)].map(|value| if value.is_nan() { f64::MAX } else { value.min(f64::MAX) })
 }
 
-/// The largest of the outputs' relative errors in the first `rows`: relative to the larger of the truth's variations in these and in the first
-/// `varying` rows or, if it does not vary, to the output's range in training.
+/// The largest relative error of the outputs in the first `rows`. The scale is the larger variation of the truth, in
+/// these rows or in the first `varying` rows; if the truth does not vary, it is the output's range in training.
 fn relative_error(truth: &[f64], found: &[f64], ranges: &[f64], (rows, varying): (usize, usize)) -> f64 {
     let width = ranges.len();
     let of = |column: usize| {
@@ -178,7 +179,8 @@ fn relative_error(truth: &[f64], found: &[f64], ranges: &[f64], (rows, varying):
     (0..width).map(of).fold(0.0, |largest, error| if error > largest || error.is_nan() { error } else { largest })
 }
 
-/// What errors of an output are relative to: the standard deviation of the truth or, if it does not vary, the output's range in training.
+/// Scale of an output's errors: the standard deviation of the truth or, if it does not vary, the output's range in
+/// training.
 fn scale(truth: &[f64], range: f64) -> f64 {
     let squares: f64 = deviations(truth).iter().map(|value| value * value).sum();
     match varies(truth, range) {
@@ -193,7 +195,7 @@ fn deviations(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| value - mean).collect()
 }
 
-/// When a roll-out has diverged, whose predictions begin at row `first`; infinite if it has not.
+/// Time at which a roll-out diverges whose predictions begin at row `first`; infinite if it does not.
 fn divergence(run: &Run, found: &[f64], first: usize, ranges: &[f64]) -> f64 {
     let width = ranges.len();
     let of = |column: usize| {
@@ -232,8 +234,9 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
     Some(test.runs.par_iter().map(drift).reduce(|| 0.0, f64::max).min(f64::MAX))
 }
 
-/// How far positions are from those of the mechanism it was learned from, at the coordinates that the test runs' roll-outs come to: see
-/// [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the largest number.
+/// Largest deviation of positions from those of the mechanism it was learned from, at the coordinates of the test runs'
+/// roll-outs: see [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the
+/// largest number.
 pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Dataset) -> Option<f64> {
     let motion = surrogate.program().motion()?;
     if !motion.outputs.iter().any(|shown| matches!(shown, Shown::Position(_))) {
@@ -273,17 +276,17 @@ pub struct RollOut<'a> {
     constant: Vec<f64>,
     /// Outputs and the states' derivatives.
     results: Vec<f64>,
-    /// What the solver is to keep to, if not its own tolerance.
+    /// Tolerance of the solver, if not the surrogate's own.
     tolerance: Option<f64>,
-    /// Of the solver so far.
+    /// Number of steps of the solver so far.
     steps: u64,
-    /// Why it went no further.
+    /// The error that stopped it, if one did.
     failure: Option<StepError>,
 }
 
 impl<'a> RollOut<'a> {
-    /// Begins at the start of a run, whose parameters are those of the surrogate, then the values of its states or outputs, then those of inputs
-    /// before the start, which do not count for a model of a single past sample.
+    /// Begins at the start of a run. Its parameters are those of the surrogate, the initial values of its states or
+    /// outputs, and the values of its inputs before the start, which a model of a single past sample ignores.
     pub fn along(surrogate: &'a Surrogate, evaluator: &Evaluator, run: &'a Run) -> Self {
         let inputs = run.inputs.len() / run.times.len().max(1);
         let first = surrogate.inputs().iter().filter(|input| input.role != Role::Input).count();
@@ -308,14 +311,14 @@ impl<'a> RollOut<'a> {
         }
     }
 
-    /// The same with this tolerance of the solver, where the surrogate's own is not smaller.
+    /// Sets the tolerance of the solver, where the surrogate's own is not smaller.
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = Some(tolerance);
         self
     }
 
-    /// The same from a start that is off by [`OFF`] in every state.
+    /// Perturbs the initial state by [`OFF`] in every state.
     #[must_use]
     pub fn off(mut self) -> Self {
         self.disturb(std::iter::repeat(OFF));
@@ -332,12 +335,12 @@ impl<'a> RollOut<'a> {
         self.steps
     }
 
-    /// Why the motion could not be computed to the last row that was asked for, if the solver knows.
+    /// The reason why the motion could not be computed to the last requested row, if the solver knows.
     pub fn failure(&self) -> Option<StepError> {
         self.failure
     }
 
-    /// The outputs at all rows: shape `[times, outputs]`. What cannot be computed is not a number.
+    /// The outputs at all rows: shape `[times, outputs]`. Values that cannot be computed are NaN.
     pub(super) fn predictions(mut self) -> Vec<f64> {
         let width = self.surrogate.outputs().len();
         let mut predictions = vec![f64::NAN; self.run.times.len() * width];
@@ -384,7 +387,7 @@ impl<'a> RollOut<'a> {
         self.evaluator.measure(&mut self.point, given);
     }
 
-    /// The whole run so many times; none if the motion cannot be computed to the end.
+    /// Repeats the whole run `count` times; none if the motion cannot be computed to the end.
     fn repeated(mut self, count: usize) -> Option<()> {
         for _ in 0..count {
             for row in 0..self.run.times.len() {

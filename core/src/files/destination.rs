@@ -1,4 +1,4 @@
-//! What a path refers to when something is to be written there.
+//! Destination of a path to be written to, with links followed.
 
 use std::{
     fs::{self, OpenOptions},
@@ -9,7 +9,7 @@ use std::{
 /// As many symbolic links in a row as Linux follows.
 const LINKS: usize = 40;
 
-/// Where a path leads, symbolic links followed.
+/// Destination of a path, with symbolic links followed.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) enum Destination {
     /// A file, or nothing yet.

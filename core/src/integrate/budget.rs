@@ -1,8 +1,9 @@
-//! What a run may cost before it is given up.
+//! Cost limit of a run.
 //!
-//! Counted in evaluations of the right-hand side, so that the same runs are given up on every machine; seconds count only where
-//! a study says so. A run may take [`EVALUATIONS`] in all, spread evenly over its time but for [`AHEAD`], so that one which
-//! would need many more is given up early; and at any place it must get on at a rate that would end it at all.
+//! Cost is counted in evaluations of the right-hand side, so that the same runs are abandoned on every machine. Seconds
+//! count only where a study limits them. A run may take [`EVALUATIONS`] in all. They are spread evenly over its time,
+//! with an allowance of [`AHEAD`], so that a run that would need many more is abandoned early. At every time it must
+//! progress at a rate that would complete it.
 
 use std::{
     cell::Cell,
@@ -21,11 +22,11 @@ const STANDSTILL: f64 = 1e10;
 /// Evaluations between two looks at the clock and at the flags.
 const LOOK: u64 = 1 << 8;
 
-/// What a run may cost, and what it has cost.
+/// Cost limit of a run, and its cost so far.
 #[derive(Debug, Default)]
 pub struct Budget<'a> {
     stops: &'a [&'a AtomicBool],
-    /// When the run began, and how long it may take.
+    /// The time at which the run began, and its time limit.
     clock: Option<(Instant, Duration)>,
     start: Cell<f64>,
     duration: Cell<f64>,
@@ -60,7 +61,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// Counts an evaluation; false if the run must be given up.
+    /// Counts an evaluation; returns false if the run must be abandoned.
     pub(crate) fn spend(&self) -> bool {
         let spent = self.evaluations.get() + 1;
         self.evaluations.set(spent);
@@ -86,7 +87,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// Notes a time that the run has come to.
+    /// Notes the time that the run has reached.
     pub(crate) fn arrive(&self, t: f64) {
         if t > self.reached.get() {
             self.last_step.set(t - self.reached.get());
@@ -94,7 +95,7 @@ impl<'a> Budget<'a> {
         }
     }
 
-    /// When the run began, in its own time.
+    /// The simulated time at which the run begins.
     pub(crate) fn start(&self) -> f64 {
         self.start.get()
     }
@@ -118,12 +119,12 @@ impl<'a> Budget<'a> {
         self.evaluations.get()
     }
 
-    /// How far the run has come.
+    /// The simulated time that the run has reached.
     pub(crate) fn reached(&self) -> f64 {
         self.reached.get()
     }
 
-    /// How far it came last at once.
+    /// Length of the latest step.
     pub(crate) fn last_step(&self) -> f64 {
         self.last_step.get()
     }
@@ -133,15 +134,15 @@ impl<'a> Budget<'a> {
         matches!(self.end.get(), Some(StopCause::Evaluations))
     }
 
-    /// Whether the run must be given up.
+    /// Returns true if the run must be abandoned.
     pub(crate) fn is_over(&self) -> bool {
         self.end.get().is_some()
     }
 
-    /// Fails if the run must be given up; `cause` may explain why the equations cannot be integrated.
+    /// Fails if the run must be abandoned; `cause` may explain why the equations cannot be integrated.
     ///
     /// # Errors
-    /// A sentence that says what was tried and why the run is given up.
+    /// A sentence that says what was tried and why the run is abandoned.
     pub(crate) fn check(&self, cause: impl FnOnce() -> Option<String>) -> Result<(), String> {
         let t = self.reached.get();
         Err(match (self.end.get(), self.clock) {

@@ -14,7 +14,7 @@ use nalgebra::{Complex, DMatrix, DVector, Dyn, LU};
 
 /// Part of the tolerance that Newton's method may leave.
 const CONVERGED: f64 = 0.02;
-/// The same where rounding prevents further convergence.
+/// Part of the tolerance that Newton's method may leave where rounding prevents further convergence.
 const ROUNDED: f64 = 0.3;
 /// Iterations of Newton's method at most.
 const ITERATIONS: usize = 12;

@@ -34,7 +34,7 @@ pub enum Torsion {
     /// The potential, as any other stiffness.
     #[default]
     InPotential,
-    /// Efforts: formulas, whose energy is no part of the potential.
+    /// Efforts: formulas, whose energy is not part of the potential.
     AsForces,
 }
 
@@ -107,7 +107,7 @@ pub fn free_coordinates(description: &Description, values: &[f64]) -> Vec<Coordi
     MultibodyBuilder::new(description, values).joints.iter().filter_map(Joint::free).collect()
 }
 
-/// Limits of coordinates by stops, the lower and the upper one; those that cannot be built are left out.
+/// Limits of coordinates by stops, the lower and the upper one; stops that cannot be built are ignored.
 pub fn limits(description: &Description, values: &[f64]) -> Vec<(Coordinate, [f64; 2])> {
     let mut builder = MultibodyBuilder::new(description, values);
     let stops = description.stops.values();
@@ -402,7 +402,7 @@ impl<'a> MultibodyBuilder<'a> {
         (positions.into_iter().collect(), velocities.into_iter().collect())
     }
 
-    /// What a name refers to; see [`super::measure`].
+    /// Resolves the name of a measure; see [`super::measure`].
     fn measure(&mut self, name: &str) -> Result<Measure, String> {
         match name {
             "kinetic_energy" => return Ok(Measure::KineticEnergy),
@@ -509,7 +509,8 @@ impl<'a> MultibodyBuilder<'a> {
         }
     }
 
-    /// Whether a coordinate is that of a joint whose points are not found, so that nothing follows from where it is.
+    /// Returns true if a coordinate belongs to a joint whose points are unknown, so that nothing follows from its
+    /// value.
     fn is_broken_joint(&self, coordinate: &str) -> bool {
         let owner = coordinate.rsplit_once('.').map_or("", |(owner, _)| owner);
         let key = format!("joints.{owner}.between");

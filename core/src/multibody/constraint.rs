@@ -1,4 +1,4 @@
-//! Constraints `C(q, t) = 0` of joints and drivers, and what the solvers need of them.
+//! Constraints `C(q, t) = 0` of joints and drivers, with the terms that the solvers need.
 //!
 //! A constraint holds a scalar [`Coordinate`] at a target: `C = s(q) - f(t)`. Differentiated twice
 //! (Haug: *Computer-Aided Kinematics and Dynamics of Mechanical Systems*, chapter 3):
@@ -92,7 +92,7 @@ impl BoundExpression {
     }
 }
 
-/// Where a constraint holds its coordinate.
+/// Target of a constrained coordinate.
 #[derive(Clone, Debug)]
 pub enum Target {
     /// At a value and a rate.
@@ -122,9 +122,9 @@ impl Target {
 /// One scalar constraint.
 #[derive(Clone, Debug)]
 pub struct Constraint {
-    /// What is held.
+    /// The constrained coordinate.
     pub coordinate: Coordinate,
-    /// Where.
+    /// Its target.
     pub target: Target,
     /// Key of what it belongs to in the description, for messages: `joints.A`.
     pub owner: String,
@@ -180,8 +180,9 @@ impl FromIterator<Constraint> for Constraints {
 /// Constraints hold to this in every row: positions in m and rad, velocities in m/s and rad/s.
 pub const CONSTRAINT_TOLERANCE: f64 = 1e-10;
 
-/// Constraints hold to this part of the largest coordinate or velocity where that is more than [`CONSTRAINT_TOLERANCE`],
-/// beyond 10 km, 10 000 rad, or these in a second: doubles have 16 digits, and a constraint is a difference of coordinates.
+/// Constraints hold to this fraction of the largest coordinate or velocity where it exceeds [`CONSTRAINT_TOLERANCE`],
+/// that is beyond 10 km, 10 000 rad, or these per second. Doubles have 16 digits, and a constraint is a difference of
+/// coordinates.
 pub const CONSTRAINT_ROUNDING: f64 = 1e-14;
 
 /// A row of the Jacobian counts as dependent on those before it if its component outside their span is below this fraction of it.
@@ -233,8 +234,8 @@ impl Constraints {
         self.violations(t, q, v).into_iter().max_by(f64::total_cmp).unwrap_or(0.0)
     }
 
-    /// Whether a state is a row of a run: no violation above [`CONSTRAINT_TOLERANCE`], or above [`CONSTRAINT_ROUNDING`] of
-    /// the largest coordinate or velocity where that is more.
+    /// Checks that a state meets the constraints: no violation exceeds [`CONSTRAINT_TOLERANCE`] or, if that is more,
+    /// the fraction [`CONSTRAINT_ROUNDING`] of the largest coordinate or velocity.
     ///
     /// # Errors
     /// Which constraint is violated, and by how much.

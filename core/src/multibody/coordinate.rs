@@ -77,9 +77,9 @@ struct VectorMotion {
 pub enum Coordinate {
     /// `a . (r_to - r_from)` with the vector `a` fixed in a frame: components of points, displacements of slides.
     Projection {
-        /// Where the difference begins.
+        /// Beginning of the difference.
         from: BodyPoint,
-        /// Where it ends.
+        /// End of the difference.
         to: BodyPoint,
         /// Frame in which the axis is fixed.
         frame: Frame,
@@ -135,7 +135,7 @@ impl Coordinate {
         Self::Projection { from: BodyPoint::ORIGIN, to: point, frame: None, axis }
     }
 
-    /// Whether it is an angle; otherwise it is a length.
+    /// Returns true if it is an angle; otherwise it is a length.
     pub fn is_angle(&self) -> bool {
         matches!(self, Self::Angle { .. })
     }
@@ -148,7 +148,7 @@ impl Coordinate {
         }
     }
 
-    /// Whether any body's motion changes it; otherwise it is of the ground alone.
+    /// Returns true if the motion of a body changes it; otherwise it belongs to the ground alone.
     pub fn is_of_body(&self) -> bool {
         match self {
             Self::Projection { from, to, .. } | Self::Distance { from, to } => from.frame.or(to.frame).is_some(),

@@ -63,7 +63,7 @@ pub struct Description {
     /// One sentence for people.
     #[serde(default)]
     pub description: String,
-    /// How the equations of motion are solved.
+    /// Formulation of the equations of motion.
     #[serde(default)]
     pub formulation: FormulationKind,
     /// Start in the static equilibrium to which the forces lead from the guesses of positions. Inputs and states have their values of the
@@ -74,10 +74,10 @@ pub struct Description {
     #[schemars(extend("x-unit" = "m/s²"))]
     #[serde(default)]
     pub gravity: PlaneVector,
-    /// What a study may vary.
+    /// Parameters that a study may vary.
     #[serde(default)]
     pub parameters: IndexMap<String, MechanismParameter>,
-    /// What acts on the mechanism from outside while it runs; forces, efforts and accelerations of drivers may name it.
+    /// Inputs that act on the mechanism while it runs; forces, efforts and accelerations of drivers may name them.
     #[serde(default)]
     pub inputs: IndexMap<String, MechanismInput>,
     /// Functions of one or two variables by their values at some points; expressions may call them.
@@ -86,7 +86,7 @@ pub struct Description {
     /// Expressions with a name, for other expressions.
     #[serde(default)]
     pub variables: IndexMap<String, Expression>,
-    /// What does not move.
+    /// The ground, which does not move.
     #[serde(default)]
     pub ground: GroundOptions,
     /// Rigid bodies.
@@ -124,11 +124,11 @@ pub struct Description {
     /// Coordinates and velocities at the start, by the name of what they belong to and their own.
     #[serde(default)]
     pub initial: IndexMap<String, IndexMap<String, Expression>>,
-    /// What a study may have as outputs.
+    /// Outputs that a study may use.
     pub outputs: IndexMap<String, MechanismOutput>,
 }
 
-/// How the equations of motion are solved (Choi et al. 2021, section 2).
+/// Formulation of the equations of motion (Choi et al. 2021, section 2).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FormulationKind {
@@ -290,7 +290,7 @@ pub struct BodyOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointOptions {
-    /// What it leaves free.
+    /// Kind of joint.
     #[serde(rename = "type")]
     pub joint: JointType,
     /// The points it connects.
@@ -302,7 +302,7 @@ pub struct JointOptions {
     pub angle: Option<Expression>,
 }
 
-/// What a joint leaves free; see [`super::joints`].
+/// Motion that a joint leaves free; see [`super::joints`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum JointType {
@@ -336,8 +336,8 @@ pub struct DriverOptions {
     pub coordinate: String,
     /// Its value, of the parameters and `time`.
     pub motion: Option<Expression>,
-    /// Or its second derivative, of the parameters, inputs, `time`, positions and velocities: it goes on from its value and rate at the
-    /// start.
+    /// Or its second derivative, of the parameters, inputs, `time`, positions and velocities; the coordinate continues
+    /// from its value and rate at the start.
     #[schemars(extend("x-unit" = "m/s² or rad/s²"))]
     #[serde(skip_serializing_if = "Option::is_none")]
     pub acceleration: Option<Expression>,
@@ -459,7 +459,7 @@ pub struct ContactOptions {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ForceOptions {
-    /// Where it acts.
+    /// Point of application.
     pub point: String,
     /// Components in the ground frame; of the parameters, `time`, positions and velocities.
     #[schemars(extend("x-unit" = "N"))]

@@ -103,7 +103,7 @@ impl Expression {
         found
     }
 
-    /// The same expression with the expressions of variables in the place of their names.
+    /// Replaces the names of variables with their expressions.
     ///
     /// # Errors
     /// A sentence if it becomes too long.

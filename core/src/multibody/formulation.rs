@@ -10,9 +10,10 @@
 //! `(T^T M T) qdd_i = T^T F_a - T^T M r` (Wehage, Haug 1982: generalized coordinate partitioning). The dependent
 //! coordinates are chosen by Gaussian elimination with full pivoting, and again when `C_d` degrades.
 //!
-//! A driver that gives the acceleration `a` of a coordinate `s(q)` adds `s_q qdd = a - (s_q qd)_q qd` with a multiplier `mu` to the
-//! rows of either: of the augmented equations like a constraint, whose position and velocity are those of the start; of the
-//! others, with `G = s_q T`, as `[T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]`.
+//! A driver that gives the acceleration `a` of a coordinate `s(q)` adds the row `s_q qdd = a - (s_q qd)_q qd` with a
+//! multiplier `mu` to either formulation. In the augmented equations it is a constraint whose position and velocity are
+//! those of the start. In the embedding, with `G = s_q T`, it is
+//! `[T^T M T G^T; G 0] [qdd_i; mu] = [T^T F_a - T^T M r; a - (s_q qd)_q qd - s_q r]`.
 
 use super::{
     coordinate::{Coordinate, TurnedBodies},
@@ -84,7 +85,7 @@ impl Formulation {
         })
     }
 
-    /// What is integrated: `(q, qd)` or `(q_i, qd_i)`; of `(qd, qdd)` its derivative.
+    /// The integrated state: `(q, qd)` or `(q_i, qd_i)`; for `(qd, qdd)` its derivative.
     pub fn state(&self, q: &DVector<f64>, v: &DVector<f64>) -> DVector<f64> {
         match self {
             Self::Augmented => stack(q, v),
@@ -127,7 +128,7 @@ impl Formulation {
         }
     }
 
-    /// Whether it is time to project a state, or to choose other independent coordinates.
+    /// Returns true if a state needs to be projected, or other independent coordinates have to be chosen.
     pub fn is_worn(&self, model: &MultibodyModel, t: f64, state: &DVector<f64>) -> bool {
         match self {
             Self::Augmented => {
@@ -206,7 +207,7 @@ pub fn mobility(model: &MultibodyModel, q: &DVector<f64>, coordinate: &Coordinat
     Some(qdd.dot(&force))
 }
 
-/// Why the equations of motion have no solution.
+/// The reason why the equations of motion have no solution.
 fn without_solution(model: &MultibodyModel, t: f64, gradients: &SparseGradients) -> String {
     match model.deciding.first_dependent(gradients) {
         Some(_) => model.deciding.name_singular(t, gradients),

@@ -1,8 +1,9 @@
 //! Sparse gradients of scalar functions of the coordinates, and the elimination of accelerations and corrections with them.
 //!
-//! A constraint depends on two bodies, one that follows others on a few more. With weights `W` of the coordinates, `C_q W C_q^T` has an
-//! entry where two constraints share a body. Its factors `L D L^T` are found in an order of least degree, which adds no entries
-//! in a chain, and few in trees and loops (George, Liu: *Computer Solution of Large Sparse Positive Definite Systems*, chapter 5).
+//! A constraint depends on two bodies; one that follows other coordinates depends on a few more. With weights `W` of
+//! the coordinates, `C_q W C_q^T` has an entry where two constraints share a body. Its factors `L D L^T` use a
+//! minimum-degree ordering, which adds no fill-in for a chain, and little for trees and loops (George, Liu: *Computer
+//! Solution of Large Sparse Positive Definite Systems*, chapter 5).
 
 use nalgebra::{DMatrix, DVector, Vector3};
 use std::collections::BTreeSet;
@@ -94,7 +95,7 @@ impl SparseGradients {
         sum
     }
 
-    /// The same as a matrix, shape `[coordinates, gradients]`: a gradient is a column.
+    /// The gradients as columns of a matrix of shape `[coordinates, gradients]`.
     pub fn dense(&self) -> DMatrix<f64> {
         let mut matrix = DMatrix::zeros(self.coordinates, self.len());
         for (gradient, mut column) in matrix.column_iter_mut().enumerate() {

@@ -51,7 +51,7 @@ struct Loop {
 struct Way<'a> {
     model: &'a MultibodyModel,
     loops: Vec<Loop>,
-    /// What counts as 1 in each coordinate: a radian or the longest lever arm.
+    /// Scale of each coordinate: a radian or the longest lever arm.
     scale: DVector<f64>,
     /// Corrections are what counts.
     budget: &'a Budget<'a>,
@@ -173,7 +173,7 @@ impl<'a> Way<'a> {
         vector.iter().zip(&self.scale).fold(0.0, largest)
     }
 
-    /// Why there is no way from a position to a time right after it.
+    /// The reason why no path leads from a position to a time right after it.
     fn obstacle(&self, from: f64, to: f64, q: &DVector<f64>) -> String {
         let constraints = &self.model.constraints;
         if let Some(message) = constraints.undefined_motion(to) {

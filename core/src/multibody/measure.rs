@@ -1,4 +1,4 @@
-//! What outputs, formulas and initial conditions can name.
+//! Names that outputs, formulas and initial conditions can use.
 //!
 //! | name | what |
 //! |---|---|

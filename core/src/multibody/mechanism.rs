@@ -31,8 +31,9 @@ use indexmap::IndexMap;
 use nalgebra::DVector;
 use std::{borrow::Cow, path::Path, sync::LazyLock};
 
-/// Revolute joints between moving bodies from which on the angles of bodies are better coordinates of a tree than those of joints: the
-/// inertia of a chain then is `cos(q_i - q_j)` of pairs, and of joints' angles a product of all in between.
+/// Number of revolute joints between moving bodies from which body angles are better coordinates of a tree than joint
+/// angles. In body angles, the inertia of a chain has terms `cos(q_i - q_j)` of pairs; in joint angles, it has products
+/// over all joints in between.
 const LONG_CHAIN: usize = 3;
 
 static SCHEMA: LazyLock<serde_json::Value> = LazyLock::new(schema::of::<Description>);
@@ -42,7 +43,7 @@ pub fn json_schema() -> &'static serde_json::Value {
     &SCHEMA
 }
 
-/// What is wrong with a number or a text of a format of the schema.
+/// The problem of a number or a text that has a format of the schema.
 fn format_problem(format: &str, text: &str) -> Option<String> {
     match format {
         "expression" => Expression::parse(text).err(),
@@ -130,12 +131,12 @@ impl Mechanism {
         Ok(Self { description, torsion, outputs, degrees_of_freedom: model.degrees_of_freedom(), warnings, origin })
     }
 
-    /// What is odd in the file but may be meant.
+    /// Unusual parts of the file that may be intended.
     pub fn warnings(&self) -> &[Problem] {
         &self.warnings
     }
 
-    /// What the mechanism consists of, for people: "3 bodies, 4 joints, 1 degree of freedom".
+    /// Summary of the parts for people: "3 bodies, 4 joints, 1 degree of freedom".
     pub fn summary(&self) -> String {
         let Description { bodies, joints, couplings, drivers, states, .. } = &self.description;
         let mut parts = vec![counted(bodies.len(), "body", "bodies"), counted(joints.len(), "joint", "joints")];
@@ -160,7 +161,8 @@ impl Mechanism {
         self.origin.refuse(problems)
     }
 
-    /// What is wrong with the equations of motion, with the line of the part that a sentence names in backticks: `forces.wind`.
+    /// A problem of the equations of motion, at the line of the part that the message names in backticks:
+    /// `forces.wind`.
     pub fn located(&self, message: &str) -> Problem {
         let Description { joints, couplings, drivers, springs, bushings, stops, .. } = &self.description;
         let Description { contacts, forces, actuators, states, .. } = &self.description;
@@ -189,8 +191,9 @@ impl Mechanism {
         &self.description
     }
 
-    /// The same mechanism with the stiffness of springs along angles as forces, which stay formulas: the energy of such a spring is no harmonic
-    /// of its angle. Where one of these outputs measures the potential energy, it is the mechanism itself.
+    /// The mechanism with the stiffness of springs along angles as forces, which stay formulas: the energy of such a
+    /// spring is not a harmonic of its angle. Returns the mechanism itself if one of these outputs measures the
+    /// potential energy.
     pub fn with_torsion_as_forces(&self, outputs: &[String]) -> Cow<'_, Self> {
         let measures_energy = |name: &String| {
             self.description
@@ -210,12 +213,12 @@ impl Mechanism {
         Cow::Owned(mechanism)
     }
 
-    /// What a study may vary.
+    /// Parameters that a study may vary.
     pub fn parameters(&self) -> &IndexMap<String, MechanismParameter> {
         &self.description.parameters
     }
 
-    /// What acts on it from outside while it runs.
+    /// Inputs that act on the mechanism while it runs.
     pub fn inputs(&self) -> &IndexMap<String, MechanismInput> {
         &self.description.inputs
     }
@@ -225,13 +228,13 @@ impl Mechanism {
         &self.description.states
     }
 
-    /// What a study may have as outputs.
+    /// Outputs that a study may use.
     pub fn outputs(&self) -> &[SourceVariable] {
         &self.outputs
     }
 
-    /// Simulates one run with all inputs at their start values: a value for each parameter, evenly spaced times, the integration's
-    /// tolerance and what the run may cost in; rows of all outputs out, one after the other.
+    /// Simulates one run with all inputs at their start values. Takes a value for each parameter, evenly spaced times,
+    /// the tolerance of the integration and the cost limit. Returns the rows of all outputs, one after the other.
     ///
     /// # Errors
     /// A sentence that says what failed, when, and at which joint.
@@ -246,8 +249,8 @@ impl Mechanism {
         self.simulate_driven(values, &start.collect::<Vec<_>>(), times, tolerance, budget)
     }
 
-    /// Simulates one run with a signal for each input. Where a signal jumps, the integrator finds the instant by itself, at the
-    /// cost of steps that it has to repeat.
+    /// Simulates one run with a signal for each input. The integrator detects the jumps of a signal without knowing
+    /// them in advance, at the cost of repeated steps.
     ///
     /// # Errors
     /// A sentence that says what failed, when, and at which joint.
@@ -347,7 +350,7 @@ impl Mechanism {
         Ok((model, measures))
     }
 
-    /// What the outputs measure, in their order, with a value for each parameter.
+    /// The measures of the outputs, in their order, with a value for each parameter.
     ///
     /// # Errors
     /// A sentence that says what cannot be built of these values.
@@ -392,9 +395,10 @@ impl Mechanism {
         position_coordinates(&self.description, values, names).map(|_| ())
     }
 
-    /// The equations of motion in independent coordinates, with a value for each parameter. `coordinates` names as many measures of
-    /// positions (`JOINT.angle`, `BODY.x`) as there are degrees of freedom; if it is empty, the first independent ones are
-    /// taken of those that drivers accelerate, then of those that the joints leave free, in the order of the file, then of the bodies.
+    /// The equations of motion in independent coordinates, with a value for each parameter. `coordinates` names a
+    /// measure of a position (`JOINT.angle`, `BODY.x`) for each degree of freedom. If it is empty, the first
+    /// independent coordinates are taken of those that drivers accelerate, then of those that the joints leave free, in
+    /// the order of the file, then of the bodies.
     ///
     /// # Errors
     /// A sentence: a name is not that of a position, or as [`Reduced::new`].
@@ -413,7 +417,7 @@ impl Mechanism {
     }
 }
 
-/// Where a run starts.
+/// Initial state of a run.
 #[derive(Clone, Copy, Debug)]
 pub struct RunStart<'a> {
     /// Names of independent coordinates, as in [`Mechanism::reduced`].
@@ -442,9 +446,10 @@ pub struct FreeCoordinate {
 }
 
 impl Mechanism {
-    /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters: those that drivers accelerate, then
-    /// the first independent ones of those that the joints leave free, in the order of the file and those that follow others last, then of
-    /// the bodies. In long chains, angles of bodies against the ground replace those of revolute joints.
+    /// Independent coordinates, one for each degree of freedom, with the defaults of all parameters. Those that drivers
+    /// accelerate come first, then the first independent ones of those that the joints leave free, then those of the
+    /// bodies. Joints are in the order of the file, except that coordinates that follow others come last. In long
+    /// chains, angles of bodies against the ground replace those of revolute joints.
     ///
     /// # Errors
     /// A sentence, as [`Reduced::new`].
@@ -512,7 +517,7 @@ fn within([low, high]: [f64; 2], [min, max]: [f64; 2], start: f64) -> [f64; 2] {
     [low.max((min - into).min(start)), high.min((max + into).max(start))]
 }
 
-/// How far a coordinate can be moved towards `end`, with a tenth to spare if that is not all the way.
+/// Distance by which a coordinate can move towards `end`, with a tenth to spare if that is not all the way.
 fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
     const PARTS: u32 = 32;
     let is_reached = |share: f64| {
@@ -670,7 +675,7 @@ fn name_problems(description: &Description) -> Problems {
     problems
 }
 
-/// What [`is_plain`] takes.
+/// Requirement of [`is_plain`] in messages.
 const PLAIN: &str = "expected a letter or `_`, then letters, digits and `_`";
 
 fn is_plain(name: &str) -> bool {

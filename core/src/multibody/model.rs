@@ -116,7 +116,7 @@ pub struct MultibodyModel {
     pub springs: Vec<Spring>,
     /// Forces at points and actuators.
     pub efforts: Vec<Effort>,
-    /// What acts on it from outside.
+    /// Inputs that act on the mechanism.
     pub inputs: Vec<MultibodyInput>,
     /// States of actuators and controllers.
     pub actuator_states: Vec<ActuatorState>,
@@ -284,7 +284,7 @@ impl MultibodyModel {
         0.5 * self.mass.component_mul(v).dot(v)
     }
 
-    /// Of gravity, zero at the ground's origin, and of the springs, in J.
+    /// Potential energy of gravity, zero at the ground's origin, and of the springs, in J.
     pub fn potential_energy(&self, q: &DVector<f64>) -> f64 {
         let bodies = q.as_slice().chunks(3).zip(self.mass.as_slice().chunks(3));
         let height: f64 = bodies.map(|(q, mass)| -mass[0] * (self.gravity.x * q[0] + self.gravity.y * q[1])).sum();

@@ -1,4 +1,4 @@
-//! The equations of motion in independent coordinates: what a component with states integrates, and what a surrogate of it learns.
+//! Equations of motion in independent coordinates, which components with states integrate and surrogates learn.
 //!
 //! A mechanism without prescribed motion and without time in its forces has `n` degrees of freedom. With `n` coordinates `s(q)`
 //! that are independent of the constraints, `J = [C_q; s_q]` is square, and all velocities follow from those of `s`:
@@ -19,8 +19,8 @@
 //! Everything but the velocities and the efforts is a function of the configuration. The derivatives of `M` are exact (Wehage, Haug 1982
 //! for the partition of coordinates; Shabana: *Computational Dynamics*, chapter 5, for the quadratic velocity terms).
 //!
-//! A driver may give the acceleration of one of these coordinates: `sdd_d = a(s, sd, u)` then is its row, the other rows are as they stand,
-//! and nothing is singular where the driven coordinate has no mass of its own:
+//! A driver may give the acceleration of one of these coordinates. Its row then is `sdd_d = a(s, sd, u)`, and the other
+//! rows are unchanged. Nothing is singular, even if the driven coordinate has no mass:
 //!
 //! ```text
 //! M_ff sdd_f = Q_f - h_f - M_fd a
@@ -67,7 +67,7 @@ pub struct Reduced {
     start_rates: DVector<f64>,
     /// Determinant of `J` at the start.
     determinant: f64,
-    /// The configuration found last, from where the next one is looked for if it is closer than the start.
+    /// The latest configuration, from which the search for the next one begins if it is closer than the start.
     last: RefCell<Configuration>,
 }
 
@@ -95,8 +95,8 @@ pub struct Terms {
     pub potential_force: DVector<f64>,
     /// `D`, the springs' damping; zero in the row of a driven coordinate: shape `[n, n]`.
     pub damping: DMatrix<f64>,
-    /// `B`: what a unit of each effort, and after them of each prescribed acceleration, gives, and zero for each further known expression:
-    /// shape `[n, efforts]`.
+    /// `B`: forces of a unit of each effort, then of each prescribed acceleration, then zero for each further known
+    /// expression: shape `[n, efforts]`.
     pub effort_map: DMatrix<f64>,
     /// Potential energy of gravity and springs, in J.
     pub potential: f64,
@@ -125,8 +125,9 @@ impl Reduced {
     /// more.
     ///
     /// # Errors
-    /// A sentence: a motion is prescribed, a force or prescribed acceleration depends on time, the mechanism cannot be assembled, there
-    /// are fewer independent coordinates than degrees of freedom, or the acceleration of another coordinate is prescribed.
+    /// A sentence if a motion is prescribed, a force or prescribed acceleration depends on time, or the mechanism
+    /// cannot be assembled. Also if there are fewer independent coordinates than degrees of freedom, or the
+    /// acceleration of another coordinate is prescribed.
     pub fn new(model: MultibodyModel, candidates: &[Coordinate]) -> Result<Self, String> {
         refuse_time(&model)?;
         let (q, v) = model.initial_state(0.0)?;
@@ -161,8 +162,8 @@ impl Reduced {
         (&self.start.s, &self.start_rates)
     }
 
-    /// All coordinates of the bodies for independent coordinates `s`, on the assembly of the start: they are followed along the
-    /// straight line in `s` from the configuration that is closest to them, the start or the one asked for last.
+    /// All coordinates of the bodies for independent coordinates `s`, on the assembly of the start. They are followed
+    /// along the straight line in `s` from the closer of two configurations, the start or the latest one.
     ///
     /// # Errors
     /// A sentence that names the constraint that is singular on the way.
@@ -405,8 +406,8 @@ fn jacobian(model: &MultibodyModel, coordinates: &[Coordinate], q: &DVector<f64>
     transposed.transpose()
 }
 
-/// The first candidates that are independent of the constraints and of each other at the start, as many as there are degrees of
-/// freedom. Lengths are taken as parts of the mechanism's size, so that the choice does not depend on the unit.
+/// The first candidates that are independent of the constraints and of each other at the start, one for each degree of
+/// freedom. Lengths are relative to the mechanism's size, so that the choice does not depend on the unit.
 fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<Vec<Coordinate>, String> {
     let count = model.degrees_of_freedom();
     if count == 0 {

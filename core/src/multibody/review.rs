@@ -21,7 +21,7 @@ pub fn idle_parts(description: &Description) -> Problems {
     problems
 }
 
-/// What is odd but may be intended: dotted keys and messages.
+/// Unusual parts of a description that may be intended: dotted keys and messages.
 pub fn oddities(description: &Description) -> Problems {
     let names = Names::of(description);
     let Description {
@@ -75,7 +75,7 @@ pub(super) fn is_zero(expression: &Expression) -> bool {
     formula.is_some_and(|formula| formula.value(|_| f64::NAN) == 0.0)
 }
 
-/// What a description names.
+/// Names used in a description.
 struct Names<'a> {
     /// In expressions: parameters, inputs, `time`, coordinates.
     values: BTreeSet<&'a str>,
@@ -129,18 +129,18 @@ impl<'a> Names<'a> {
         Self { parts: named.chain(conditions).chain(measured).collect(), values, tables, attached }
     }
 
-    /// Whether anything names the part or point, or a measure of it.
+    /// Returns true if a name refers to the part or point, or to a measure of it.
     fn has(&self, part: &str) -> bool {
         self.parts.iter().any(|name| is_of(name, part))
     }
 
-    /// Whether anything acts on the body.
+    /// Returns true if something acts on the body.
     fn holds_or_moves(&self, body: &str) -> bool {
         self.attached.iter().any(|name| is_of(name, body))
     }
 }
 
-/// Whether a name is a part's, or continues with a dot after it.
+/// Returns true if a name is that of the part, or continues it after a dot.
 fn is_of(name: &str, part: &str) -> bool {
     name.strip_prefix(part).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
 }

@@ -29,7 +29,7 @@ pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Resul
     simulate_from(model, (q, v, model.actuator_starts()), times, budget)
 }
 
-/// The same from a given state, which must be consistent.
+/// Samples at evenly spaced times, from a given state, which must be consistent.
 ///
 /// # Errors
 /// As [`simulate`].
@@ -42,7 +42,7 @@ pub fn simulate_from(
     continue_from(model, state, times, budget, &mut MethodChoice::default())
 }
 
-/// The same with the choice of the method so far.
+/// Samples at evenly spaced times, from a given state, with the latest choice of the method.
 ///
 /// # Errors
 /// As [`simulate`].
@@ -251,7 +251,7 @@ impl Stretch<'_> {
         if states.len() >= 2 { Ok(states) } else { Err(self.explain(failed.or(failure), from.t)) }
     }
 
-    /// The same by the implicit method, or its message.
+    /// A stretch by the implicit method, or its message.
     ///
     /// # Errors
     /// The budget is over.
@@ -296,7 +296,7 @@ impl Stretch<'_> {
         format!("integration failed after t = {t} s: {error}{reason}")
     }
 
-    /// What prevents the integration from progressing, if that is known.
+    /// The cause that prevents the integration from progressing, if it is known.
     fn cause(&self) -> Option<String> {
         let message = "the motion is too fast";
         self.stiffest_part().map(|part| format!("{message}; {part}")).or_else(|| self.singular())

@@ -62,7 +62,7 @@ impl Stepper {
         self.go_on(&[self.now.t])
     }
 
-    /// Goes on to a later time.
+    /// Advances to a later time.
     ///
     /// # Errors
     /// A sentence, as [`Mechanism::simulate`].

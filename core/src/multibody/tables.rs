@@ -98,7 +98,7 @@ fn read_grid(table: &mut Table, of_knots: [usize; 2], of_values: usize) -> crate
     Ok((x, Some(y), values))
 }
 
-/// The tables by their names, and what is wrong with the others.
+/// The tables by their names, and the problems of the others.
 pub fn tables(description: &Description) -> (Tables, Problems) {
     let (mut tables, mut problems) = (Tables::new(), Problems::default());
     for (name, options) in &description.tables {

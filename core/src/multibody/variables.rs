@@ -4,7 +4,7 @@ use super::expression::Expression;
 use crate::diagnostics::Problems;
 use indexmap::IndexMap;
 
-/// The variables with those that they name in their places, and what is wrong with the others.
+/// The variables with the variables that they name substituted, and the problems of the others.
 pub fn variables(variables: &IndexMap<String, Expression>) -> (IndexMap<String, Expression>, Problems) {
     let (mut expanded, mut problems) = (IndexMap::new(), Problems::default());
     let mut left: Vec<(&String, &Expression)> = variables.iter().collect();

@@ -34,7 +34,7 @@ pub(crate) struct LayerShape {
     pub(crate) inputs: usize,
     pub(crate) outputs: usize,
     pub(crate) by_rows: bool,
-    /// Of all weights and biases, padding included, within the block of parameters.
+    /// Range of all weights and biases, padding included, within the block of parameters.
     range: Range<usize>,
     weights: usize,
     pub(crate) normalized: bool,
@@ -142,7 +142,7 @@ impl NetworkLayout {
 }
 
 impl LayerShape {
-    /// Where a weight lies within the layer's part.
+    /// Position of a weight within the layer's part.
     fn weight(&self, output: usize, input: usize) -> usize {
         if self.by_rows {
             output * padded(self.inputs) + input

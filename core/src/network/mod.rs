@@ -33,7 +33,7 @@ pub struct Network {
     parameters: Vec<f32>,
 }
 
-/// Why a network cannot be built.
+/// Reason why a network cannot be built.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum NetworkError {
@@ -67,11 +67,11 @@ pub enum NetworkError {
     LayerShape {
         /// Counted from the inputs, which are layer 0.
         layer: usize,
-        /// What was counted: `inputs`, `weights` or `biases`.
+        /// Counted items: `inputs`, `weights` or `biases`.
         what: &'static str,
-        /// How many there should be.
+        /// The expected number.
         expected: usize,
-        /// How many there are.
+        /// The number found.
         found: usize,
     },
 }
@@ -108,8 +108,8 @@ impl Network {
     /// The network of a surrogate, for instance to train it further.
     ///
     /// # Errors
-    /// A [`NetworkError`] if there are no layers, a layer is empty, layers do not fit each other, a hidden layer has another
-    /// activation, the last one is not linear, or weights are in double precision.
+    /// A [`NetworkError`] if there are no layers, a layer is empty, or layers do not fit each other. Also if a hidden
+    /// layer has another activation, the last one is not linear, or weights are in double precision.
     pub fn from_layers(layers: &[Layer], activation: Activation) -> Result<Self, NetworkError> {
         let mut sizes = vec![layers.first().ok_or(NetworkError::NoLayers)?.inputs];
         let mut parameters = Vec::new();

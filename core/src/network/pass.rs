@@ -38,18 +38,18 @@ pub(crate) struct Workspace {
     pub(super) deltas: Vec<Buffer>,
     /// `f'` of each hidden layer, unless it follows from `y`.
     slopes: Vec<Buffer>,
-    /// Of each hidden layer that is normalised.
+    /// Normalized values of each hidden layer that is normalized.
     normalized: Vec<Buffer>,
     statistics: Vec<Buffer>,
     /// Derivatives by the biases of the layer at hand.
     pub(super) bias: Buffer,
 }
 
-/// What decides which nodes are left out for which rows: the same for any number of threads.
+/// Selects the dropped nodes of each row: the same for any number of threads.
 #[derive(Clone, Copy)]
 pub(crate) struct DropoutMask<'a> {
     pub(crate) seed: u64,
-    /// Of the optimizer.
+    /// Step number of the optimizer.
     pub(crate) step: u64,
     /// The numbers of the rows.
     pub(crate) rows: &'a [u32],
@@ -235,7 +235,7 @@ impl SimdKernel for BackwardPass<'_> {
 struct InputDeltas<'a> {
     network: &'a Packed,
     rows: usize,
-    /// Of the first layer.
+    /// Deltas of the first layer.
     deltas: &'a [f32],
     columns: usize,
     to: &'a mut [f32],
@@ -289,7 +289,7 @@ impl Workspace {
         &mut self.values[0]
     }
 
-    /// What [`Packed::forward`] computed: rows of `stride(outputs)`.
+    /// Outputs of [`Packed::forward`]: rows of `stride(outputs)`.
     pub(crate) fn outputs(&self) -> &[f32] {
         &self.values[self.values.len() - 1]
     }
@@ -300,7 +300,7 @@ impl Workspace {
         (&self.values[last + 1], &mut self.deltas[last])
     }
 
-    /// Of the layers that are normalised: mean, variance and more of each node over the last block.
+    /// Statistics of the normalized layers: mean, variance and more of each node over the last block.
     pub(crate) fn statistics(&self) -> impl Iterator<Item = &[f32]> {
         self.statistics.iter().map(|statistics| &**statistics)
     }

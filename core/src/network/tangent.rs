@@ -48,14 +48,14 @@ impl Curved for IdentityActivation {
     }
 }
 
-/// Rows that pass together with so many directions.
+/// Number of rows that pass together with this number of directions.
 pub(crate) fn block_rows(directions: usize) -> usize {
     BLOCK_ROWS / (1 + directions)
 }
 
 impl Packed {
-    /// Whether rows with so many directions can pass: of smooth activations that are their own derivatives' source, without
-    /// normalisation and dropout.
+    /// Returns true if rows with this number of directions can pass: with smooth activations whose derivatives follow
+    /// from their values, without normalization and dropout.
     pub(crate) fn takes_tangents(&self, directions: usize) -> bool {
         let is_curved = matches!(self.activation, Activation::Tanh | Activation::Sigmoid | Activation::Identity);
         is_curved && !self.stores_slopes() && block_rows(directions) > 0
@@ -174,7 +174,7 @@ impl SimdKernel for TangentBackward<'_> {
     }
 }
 
-/// From derivatives by what an activation made to those by what it was made of; `y` is what it made.
+/// Turns derivatives by an activation's outputs `y` into derivatives by its inputs.
 #[inline(always)]
 fn bend<L: SimdLanes, F: Curved>(nodes: usize, rows: usize, directions: usize, y: &[f32], d: &mut [f32]) {
     let distance = stride(nodes);

@@ -20,7 +20,7 @@ pub struct Baselines {
     pub models: Vec<BaselineKind>,
     /// Those of them that `metafmu build` fits.
     pub build: Vec<BaselineKind>,
-    /// What each may take to fit and to predict the test rows.
+    /// Time limit of each model for the fit and the prediction of the test rows.
     #[serde(rename = "time_budget")]
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub time_budget: f64,
@@ -144,7 +144,7 @@ impl FromStr for BaselineKind {
 }
 
 impl Baselines {
-    /// What is wrong beside so many inputs.
+    /// Problems with this number of inputs.
     pub(super) fn problems_beside(&self, inputs: usize) -> Problems {
         let mut problems = Problems::default();
         if let Some(message) = self.polynomial.degree_problem(inputs) {
@@ -286,7 +286,7 @@ pub struct Polynomial {
     /// Strength of the penalty.
     #[schemars(range(min = 0))]
     pub alpha: f64,
-    /// At most so many rows.
+    /// Maximum number of rows.
     #[schemars(range(min = 2))]
     pub rows: usize,
 }
@@ -308,7 +308,8 @@ impl Polynomial {
         problems
     }
 
-    /// What is wrong with the degree beside so many inputs: it has `(inputs + degree)! / (inputs! degree!)` terms.
+    /// Problem of the degree with this number of inputs: a polynomial has `(inputs + degree)! / (inputs! degree!)`
+    /// terms.
     fn degree_problem(&self, inputs: usize) -> Option<String> {
         let degree = self.degree?;
         let terms = (1..=usize::from(degree)).fold(1.0, |terms, index| terms * (inputs + index) as f64 / index as f64);
@@ -321,10 +322,10 @@ impl Polynomial {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Svr {
-    /// At most so many rows: the time grows with their square.
+    /// Maximum number of rows: the time grows with their square.
     #[schemars(range(min = 2))]
     pub rows: usize,
-    /// How much an error counts beside the flatness of the model.
+    /// Weight of the errors against the flatness of the model.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub c: f64,
     /// Errors up to this one, in standard deviations, count nothing.
@@ -357,10 +358,10 @@ impl Svr {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Knn {
-    /// How many.
+    /// Number of neighbors.
     #[schemars(range(min = 1))]
     pub neighbours: usize,
-    /// At most so many rows.
+    /// Maximum number of rows.
     #[schemars(range(min = 2))]
     pub rows: usize,
 }
@@ -387,7 +388,7 @@ pub struct DecisionTree {
     /// Fewest rows of a leaf.
     #[schemars(range(min = 1))]
     pub leaf: usize,
-    /// At most so many rows.
+    /// Maximum number of rows.
     #[schemars(range(min = 2))]
     pub rows: usize,
 }
@@ -414,7 +415,7 @@ pub struct RandomForest {
     /// Fewest rows of a leaf.
     #[schemars(range(min = 1))]
     pub leaf: usize,
-    /// At most so many rows.
+    /// Maximum number of rows.
     #[schemars(range(min = 2))]
     pub rows: usize,
 }
@@ -441,7 +442,7 @@ pub struct ExtraTrees {
     /// Fewest rows of a leaf.
     #[schemars(range(min = 1))]
     pub leaf: usize,
-    /// At most so many rows.
+    /// Maximum number of rows.
     #[schemars(range(min = 2))]
     pub rows: usize,
 }
@@ -468,10 +469,10 @@ pub struct GradientBoosting {
     /// Most splits from the root to a leaf.
     #[schemars(range(min = 1))]
     pub depth: u16,
-    /// How much of its correction a tree makes.
+    /// Share of its correction that a tree makes.
     #[schemars(range(max = 1), extend("exclusiveMinimum" = 0))]
     pub learning_rate: f64,
-    /// At most so many rows.
+    /// Maximum number of rows.
     #[schemars(range(min = 2))]
     pub rows: usize,
 }
@@ -499,10 +500,10 @@ impl GradientBoosting {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GaussianProcess {
-    /// At most so many rows: time grows with their cube.
+    /// Maximum number of rows: the time grows with their cube.
     #[schemars(range(min = 2, max = MAX_PROCESS))]
     pub rows: usize,
-    /// How many of them decide the kernel.
+    /// Number of rows that determine the kernel.
     #[schemars(range(min = 2, max = MAX_PROCESS))]
     pub kernel_rows: usize,
     /// Steps of the search for the greatest likelihood.

@@ -5,8 +5,8 @@ use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `[bounds]`: error bounds of the outputs, measured on runs of their own; without this section there are none. Of a surrogate with a
-/// state they grow with the time since the start.
+/// `[bounds]`: error bounds of the outputs, measured on separate runs; without this section there are none. The bounds
+/// of a surrogate with a state grow with the time since the start.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BoundsOptions {

@@ -1,5 +1,5 @@
-//! What decides which results. Every key of the study is in one of these structures, or named here as one that decides nothing: a
-//! key that is added does not compile before that is said.
+//! Digests of the keys that affect results. Every key of the study is in one of these structures, or named here as one
+//! without effect: a new key does not compile until that is stated.
 
 use super::{
     BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, Excitation, ExportOptions, InputOptions,

@@ -1,4 +1,4 @@
-//! `[discrete]`: models of recorded runs, or of runs of an FMU, that go on from sample to sample.
+//! `[discrete]`: discrete-time models of recorded runs, or of runs of an FMU.
 
 use super::{Baselines, NetworkOptions, StaticOptions, Study, StudyStructure, inputs};
 use crate::diagnostics::Problems;
@@ -6,7 +6,7 @@ use metafmu_runtime::{Precision, State};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `[discrete]`: models of recorded runs, or of runs of an FMU, that go on from sample to sample, of the structure "discrete".
+/// `[discrete]`: discrete-time models of recorded runs, or of runs of an FMU, of the structure "discrete".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DiscreteOptions {
@@ -16,7 +16,7 @@ pub struct DiscreteOptions {
     /// Number of past samples of the inputs that the next outputs follow from, in the model without feedback.
     #[schemars(range(min = 1, max = MOST))]
     pub window: usize,
-    /// Samples of a stretch: so many predictions in a row are trained at a time, each from those before.
+    /// Length of a stretch: number of consecutive predictions that are trained at a time, each from those before.
     #[schemars(range(min = 1, max = MOST))]
     pub stretch: usize,
     /// About how many seconds of two cores the models take together, counted in multiplications: what is learned does not depend on the machine.
@@ -97,7 +97,7 @@ impl DiscreteOptions {
     }
 }
 
-/// What is wrong beside the other sections.
+/// Problems that depend on the other sections.
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();
     if study.structure != StudyStructure::Discrete {

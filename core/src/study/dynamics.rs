@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DynamicsOptions {
-    /// What the functions in the equations are.
+    /// Form of the functions in the equations.
     pub model: DynamicsModel,
-    /// Whether all ways are compared although the dictionary is exact, which no network can improve.
+    /// `true` if all forms are compared although the dictionary is exact, which no network can improve.
     pub compare: bool,
     /// Fixed step of the solver inside the FMU, for real time: every communication step then takes the same time. It is refused where it is
     /// unstable or wrong at a corner of the domain. Unless given the solver controls its error.
@@ -19,7 +19,7 @@ pub struct DynamicsOptions {
     pub solver_step: Option<f64>,
 }
 
-/// What the functions in equations are.
+/// Form of the functions in the equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub enum DynamicsModel {
     /// The one of the others that is best at states that were held out.
@@ -32,7 +32,7 @@ pub enum DynamicsModel {
     /// A network.
     #[serde(rename = "network")]
     Network,
-    /// Sums of the lowest order, and a network for what they leave over.
+    /// Sums of the lowest order, and a network for the residual.
     #[serde(rename = "dictionary and network")]
     Both,
     /// The accelerations as a network of coordinates, parameters, velocities and inputs, without the structure of the equations: of a
@@ -64,7 +64,8 @@ impl DynamicsOptions {
         problems
     }
 
-    /// Whether a way of this name is tried; the dictionary always is, `exact` being whether it needs no network.
+    /// Returns true if the form of this name is tried; the dictionary always is. `exact` is true if the dictionary
+    /// needs no network.
     pub fn tries(&self, name: &str, exact: bool) -> bool {
         match self.model.name() {
             _ if self.compare => true,

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 pub struct ExportOptions {
     /// Version of the standard.
     pub fmi: FmiChoice,
-    /// What the FMU computes in.
+    /// Floating-point precision of the FMU's computations.
     #[schemars(schema_with = "precisions")]
     pub precision: Precision,
     /// Author of the model.

@@ -109,7 +109,7 @@ pub(super) fn range_problems(study: &Study) -> Problems {
     problems
 }
 
-/// What is wrong beside the other sections.
+/// Problems that depend on the other sections.
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();
     for (name, input) in &study.inputs {

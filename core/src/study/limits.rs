@@ -6,7 +6,7 @@ pub(super) const MAX_RUNS: usize = 10_000_000;
 /// Parameters, inputs or outputs at most: each takes a few kilobytes where an FMU is made and in every host.
 pub const MAX_VARIABLES: usize = 200_000;
 
-/// Parameters a Sobol plan can have: as many as there are direction numbers for.
+/// Maximum number of parameters of a Sobol plan, which needs direction numbers for each.
 pub const MAX_SOBOL_PARAMETERS: usize = 100;
 
 /// Parameters a Halton plan can have: larger bases fill the ranges only after very many points.

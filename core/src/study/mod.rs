@@ -51,11 +51,11 @@
 //! With `structure = "static"` the surrogate is a function of its inputs alone, fitted to the rows of a table; see [`StaticOptions`]. There are
 //! `[inputs]` and `[outputs]`, and neither `[time]`, `[parameters]` nor `[sampling]`.
 //!
-//! With `structure = "discrete"` it goes on from sample to sample, learned from a table with columns of inputs, or from an FMU; see
-//! [`DiscreteOptions`].
+//! With `structure = "discrete"` it is discrete-time, learned from a table with columns of inputs, or from an FMU or a
+//! program; see [`DiscreteOptions`].
 //!
-//! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A section's `problems` are
-//! those that it has by itself, its `problems_beside` those that it has beside the others.
+//! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A
+//! section's `problems` follow from the section alone, its `problems_beside` from the other sections as well.
 
 mod accept;
 pub mod baselines;
@@ -136,10 +136,10 @@ pub struct Study {
     /// Everything random follows from it.
     #[serde(default = "default_seed")]
     pub seed: u64,
-    /// What the surrogate is a function of.
+    /// Structure of the surrogate.
     #[serde(default)]
     pub structure: StudyStructure,
-    /// What is sampled, by one of `system`, `mechanism`, `fmu`, `command`, `table` and `index`.
+    /// Source of the runs, one of `system`, `mechanism`, `fmu`, `command`, `table` and `index`.
     pub source: SourceOptions,
     /// The rows of a run: `0, step, ..., stop`. Required, but of the structure "static".
     #[serde(default = "TimeOptions::of_rows")]
@@ -165,7 +165,7 @@ pub struct Study {
     #[serde(default)]
     #[schemars(extend("examples" = [{"angles": ["theta1", "theta2"]}]))]
     pub arrays: IndexMap<String, Vec<String>>,
-    /// Models that go on from sample to sample, of the structure "discrete".
+    /// Discrete-time models, of the structure "discrete".
     #[serde(default)]
     pub discrete: DiscreteOptions,
     /// The model of the rows of a table, of the structure "static".
@@ -174,9 +174,9 @@ pub struct Study {
     /// Where in the parameters' ranges runs are placed.
     #[serde(default)]
     pub sampling: SamplingOptions,
-    /// The feed-forward network. Without this section, those in the equations of motion of a mechanism have `hidden = [64, 64, 64]`;
-    /// without `[training]` as well, they first have one hidden layer with random weights, and are trained only where that is not exact
-    /// enough.
+    /// The feed-forward network. Without this section, those in the equations of motion of a mechanism have
+    /// `hidden = [64, 64, 64]`. Without `[training]` as well, they first have one hidden layer with random weights, and
+    /// are trained only if that is not exact enough.
     #[serde(default)]
     pub network: NetworkOptions,
     /// How the network is trained. Without this section, those in the equations of motion of a mechanism are trained with
@@ -192,7 +192,7 @@ pub struct Study {
     /// code 1.
     #[serde(default)]
     pub accept: AcceptOptions,
-    /// What kind of FMU is made, and what it says about itself.
+    /// Kind and metadata of the FMU.
     #[serde(default)]
     pub export: ExportOptions,
     /// Models that are compared with the network.
@@ -224,7 +224,7 @@ pub struct Study {
     small_networks: SmallNetworks,
 }
 
-/// What a surrogate is a function of.
+/// Structure of a surrogate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum StudyStructure {
@@ -243,7 +243,7 @@ pub enum StudyStructure {
 /// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
 const MOTION_RUNS: usize = 8;
 
-/// Runs of an FMU from which a model is learned that goes on from sample to sample, unless given.
+/// Default number of runs of an FMU or a program from which a discrete-time model is learned.
 const DISCRETE_RUNS: usize = 30;
 
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
@@ -497,7 +497,7 @@ impl Study {
         problems
     }
 
-    /// What is wrong with each section by itself.
+    /// Problems of each section alone.
     fn section_problems(&self) -> Problems {
         let mut problems = self.name_problems();
         problems.extend(self.source.problems());
@@ -523,7 +523,7 @@ impl Study {
         problems
     }
 
-    /// What is wrong with the sections beside each other.
+    /// Problems of the sections in combination.
     fn problems_beside(&self) -> Problems {
         if self.is_static() {
             return static_map::problems_beside(self);
@@ -545,13 +545,13 @@ impl Study {
         problems
     }
 
-    /// What is sampled, in order: the parameters, then the values of the states at the start.
+    /// The sampled quantities in order: the parameters, then the values of the states at the start.
     pub fn sampled(&self) -> impl Iterator<Item = (&String, &ParameterOptions)> {
         self.parameters.iter().chain(&self.starts)
     }
 
-    /// What the points of a plan have, in order: what is sampled and, of runs of the structure "discrete", which nothing else may tell apart,
-    /// a number from which their signals follow.
+    /// The quantities of a plan's points in order: the sampled ones and, for runs of the structure "discrete", a number
+    /// that determines their signals, since nothing else may distinguish these runs.
     pub fn planned(&self) -> impl Iterator<Item = (&str, &ParameterOptions)> {
         static NUMBER: ParameterOptions = ParameterOptions::range(0.0, 1.0);
         let sampled = self.sampled().map(|(name, options)| (name.as_str(), options));
@@ -563,7 +563,8 @@ impl Study {
         &self.starts
     }
 
-    /// Whether it says how networks in the equations of motion of a mechanism are trained: has a section for that other than the defaults.
+    /// Returns true if the study sets how networks in the equations of motion of a mechanism are trained: a section
+    /// differs from the defaults.
     pub fn trains_networks(&self) -> bool {
         self.network != NetworkOptions::of_equations() || self.training != TrainingOptions::of_equations()
     }
@@ -590,17 +591,17 @@ impl Study {
         self.starts = states::starts(self);
     }
 
-    /// Whether the surrogate has states.
+    /// Returns true if the surrogate has states.
     pub fn has_states(&self) -> bool {
         self.structure == StudyStructure::Dynamics
     }
 
-    /// Whether the surrogate goes on from sample to sample.
+    /// Returns true if the surrogate is discrete-time.
     pub fn is_discrete(&self) -> bool {
         self.structure == StudyStructure::Discrete
     }
 
-    /// Whether outputs follow from what was before: from states, or from samples.
+    /// Returns true if outputs follow from the past: from states, or from samples.
     pub fn has_memory(&self) -> bool {
         self.has_states() || self.is_discrete()
     }

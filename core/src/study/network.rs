@@ -60,7 +60,7 @@ const MAX_NODES: usize = 16384;
 /// Weights and biases of all networks: training holds several copies of them in single precision.
 const MAX_WEIGHTS: f64 = 1e8;
 
-/// Epochs of all networks where there is one for each instant: each has its history.
+/// Maximum number of epochs of all networks if there is one for each time point: each has its history.
 const MAX_HISTORIES: f64 = 1e8;
 
 impl NetworkOptions {
@@ -77,7 +77,7 @@ impl NetworkOptions {
         problems
     }
 
-    /// What is wrong beside the other sections, by dotted key.
+    /// Problems that depend on the other sections, by dotted key.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let Self { structure, .. } = self;
         let instants = match structure {
@@ -94,7 +94,7 @@ impl NetworkOptions {
         problems
     }
 
-    /// What is wrong with so many networks between so many inputs and outputs, by dotted key.
+    /// Problems of `instants` networks with these numbers of inputs and outputs, by dotted key.
     pub fn problems_between(
         &self,
         [inputs, outputs]: [usize; 2],

@@ -30,7 +30,7 @@ pub(super) fn problems(outputs: &IndexMap<String, OutputOptions>) -> Problems {
     problems
 }
 
-/// Every mistake in `[arrays]` by itself, by dotted key.
+/// Every mistake within `[arrays]`, by dotted key.
 pub(super) fn array_problems(arrays: &IndexMap<String, Vec<String>>) -> Problems {
     let mut problems = Problems::default();
     for (name, outputs) in arrays {
@@ -46,7 +46,7 @@ pub(super) fn array_problems(arrays: &IndexMap<String, Vec<String>>) -> Problems
     problems
 }
 
-/// What is wrong beside the other sections: names of variables must be unique.
+/// Problems that depend on the other sections: names of variables must be unique.
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let Study { parameters, outputs, arrays, .. } = study;

@@ -18,7 +18,7 @@ pub struct ParameterOptions {
     pub max: f64,
     /// The values of a nominal parameter, which has no others; none: it has a range.
     pub values: Vec<f64>,
-    /// Whether `max` is `min` again, as of an angle of a full turn.
+    /// `true` if `max` is equivalent to `min`, as for an angle of a full turn.
     pub periodic: bool,
     /// Unit; must be the source's own.
     pub unit: Option<String>,
@@ -42,7 +42,7 @@ pub enum ParameterVariability {
     Fixed,
     /// Also between two steps and at events. The FMU warns and is outside its domain from then on.
     Tunable,
-    /// Any time: an input, which another component may drive. Likewise.
+    /// Any time: an input, which another component may drive. The FMU warns and is outside its domain from then on.
     Continuous,
 }
 
@@ -60,7 +60,7 @@ struct ParameterEntry {
     /// The values of a nominal parameter, at least 2; it has no others.
     #[schemars(extend("x-unit" = "the parameter's"))]
     values: Option<Vec<f64>>,
-    /// Whether `max` is `min` again, as of an angle of a full turn.
+    /// `true` if `max` is equivalent to `min`, as for an angle of a full turn.
     #[serde(default)]
     periodic: bool,
     /// Unit; must be the source's own, which it is unless given.
@@ -95,7 +95,7 @@ impl From<ParameterEntry> for ParameterOptions {
 }
 
 impl ParameterOptions {
-    /// What has nothing but a range.
+    /// Options with a range only.
     pub(super) const fn range(min: f64, max: f64) -> Self {
         Self {
             min,
@@ -121,12 +121,12 @@ impl ParameterOptions {
         }
     }
 
-    /// Whether it has `values` instead of a range.
+    /// Returns true if it has `values` instead of a range.
     pub fn is_nominal(&self) -> bool {
         !self.values.is_empty()
     }
 
-    /// Whether its range has ends.
+    /// Returns true if its range has ends.
     pub fn has_faces(&self) -> bool {
         !self.is_nominal() && !self.periodic
     }
@@ -159,7 +159,7 @@ impl ParameterOptions {
         (0..levels).map(|i| min + (max - min) * i as f64 / steps as f64).collect()
     }
 
-    /// What is wrong with the range or the values.
+    /// Problem of the range or the values.
     fn problem(&self) -> Option<String> {
         let Self { min, max, values, problem, .. } = self;
         if let Some(problem) = problem {
@@ -217,7 +217,7 @@ pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>, structur
     problems
 }
 
-/// What is wrong beside the other sections.
+/// Problems that depend on the other sections.
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let Study { parameters, sampling, .. } = study;

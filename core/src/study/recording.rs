@@ -72,14 +72,14 @@ impl Recording {
         &self.digest
     }
 
-    /// Why runs of so many seconds cannot take stretches of it.
+    /// The reason why runs of `run` seconds cannot take stretches of it; none if they can.
     pub(super) fn too_short(&self, run: f64) -> Option<String> {
         let Self { path, duration, .. } = self;
         (*duration < run * (1.0 - 1e-9))
             .then(|| format!("{}: {duration} s, expected at least {run} s, the length of a run", path.display()))
     }
 
-    /// Why it is not one of an input with this unit and range.
+    /// The reason why it does not suit an input with this unit and range; none if it does.
     pub fn unfit(&self, unit: &str, [min, max]: [f64; 2]) -> Option<String> {
         let TableColumn { name, unit: own } = &self.column;
         let path = self.path.display();

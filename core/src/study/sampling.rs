@@ -12,19 +12,20 @@ use std::path::PathBuf;
 pub struct SamplingOptions {
     /// How the training runs are placed; recorded runs have no method.
     pub method: Option<Method>,
-    /// Of the method "mesh": levels of each parameter, both ends of its range included.
+    /// Method "mesh": levels of each parameter, both ends of its range included.
     #[schemars(range(min = 2))]
     pub levels: Option<usize>,
-    /// Number of training runs of the methods that have neither levels nor a file. Of the structure "dynamics": runs from which the
-    /// ranges of the outputs and the steps of the solver are known, 8 unless given. Of the structure "discrete" of an FMU or a program: training runs,
-    /// 30 unless given.
+    /// Number of training runs of the methods that have neither levels nor a file. Structure "dynamics": runs that
+    /// determine the ranges of the outputs and the steps of the solver, 8 unless given. Structure "discrete" of an FMU
+    /// or a program: training runs, 30 unless given.
     #[schemars(range(min = 2, max = MAX_RUNS))]
     pub runs: Option<usize>,
-    /// Of the structure "dynamics": number of states, with inputs and parameters, at which an FMU or a program is asked for its equations, 5000
-    /// unless given, or a mechanism for what its networks learn, 20000 unless given. A tenth of them is held out.
+    /// Structure "dynamics": number of states, with inputs and parameters, at which the equations are evaluated. An FMU
+    /// or a program is queried at 5000 unless given, a mechanism for the functions that its networks learn at 20000. A
+    /// tenth of them is held out.
     #[schemars(range(min = 100, max = MAX_RUNS))]
     pub states: Option<usize>,
-    /// Of the method "list": CSV or Parquet file with a column for each parameter, relative to the study's folder.
+    /// Method "list": CSV or Parquet file with a column for each parameter, relative to the study's folder.
     #[schemars(extend("format" = "path"))]
     pub file: Option<PathBuf>,
     /// Share of the training runs that lie on the ends of each parameter's range, half of them on either end, from 0 to 0.5; none
@@ -39,8 +40,8 @@ pub struct SamplingOptions {
     /// source are for the training then, and there are no `test_runs`.
     #[schemars(extend("format" = "path"))]
     pub test: Option<PathBuf>,
-    /// Of the structure "dynamics" of a table: the equations are learned from the rows of all runs up to this time, and all runs are test
-    /// runs to their end. For tables of one run or few; there are no `test_runs` then.
+    /// Structure "dynamics" of a table: the equations are learned from the rows of all runs up to this time, and all
+    /// runs are test runs to their end. For tables of one run or few; there are no `test_runs` then.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub train_stop: Option<f64>,
 }
@@ -125,7 +126,7 @@ impl SamplingOptions {
         problems
     }
 
-    /// What is wrong beside the other sections.
+    /// Problems that depend on the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let Self { method, levels, runs, states, file, faces, test, train_stop, .. } = self;
         let mut problems = Problems::default();

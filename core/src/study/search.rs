@@ -17,11 +17,11 @@ pub struct SearchOptions {
     /// Number of trials, 2 to 10,000; a grid has as many as it has points.
     #[schemars(range(min = 2, max = MAX_TRIALS))]
     pub trials: Option<usize>,
-    /// Of the method "halving": how often the trials are compared, the last time after all epochs.
+    /// Method "halving": number of comparisons of the trials, the last one after all epochs.
     #[serde(default = "default_rungs")]
     #[schemars(range(min = 1, max = MAX_RUNGS))]
     pub rungs: u32,
-    /// Of the method "halving": one trial in so many goes on, and is trained for so many times the epochs.
+    /// Method "halving": factor by which each comparison reduces the number of trials and increases their epochs.
     #[serde(default = "default_reduction")]
     #[schemars(range(min = 2))]
     pub reduction: usize,
@@ -196,10 +196,10 @@ pub fn set(table: &mut toml::Table, key: &str, value: toml::Value) -> Option<()>
 /// Trials of a search: each is a study in memory.
 const MAX_TRIALS: usize = 10_000;
 
-/// The first of so many rungs is a millionth of the epochs or less.
+/// Maximum number of rungs: the first of 20 trains for a millionth of the epochs or less.
 const MAX_RUNGS: u32 = 20;
 
-/// Whether a key decides something about a baseline.
+/// Returns true if a key affects a baseline.
 fn concerns(key: &str, model: &str) -> bool {
     match key.split_once('.') {
         Some(("baselines", rest)) => rest == "time_budget" || rest.split('.').next() == Some(model),

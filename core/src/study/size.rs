@@ -1,4 +1,4 @@
-//! What would take more memory than machines have, or more time than anyone has.
+//! Limits of memory and computing time.
 
 use super::{
     Method, Study,

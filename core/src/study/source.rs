@@ -78,12 +78,12 @@ impl SourceOptions {
         self.time_limit.map(|limit| Duration::from_secs_f64(limit.min(1e9)))
     }
 
-    /// Whether runs are read from tables instead of being simulated.
+    /// Returns true if runs are read from tables instead of being simulated.
     pub fn is_recorded(&self) -> bool {
         self.table.is_some() || self.index.is_some()
     }
 
-    /// Whether it is simulated by equations that are known here.
+    /// Returns true if the source has known equations: a built-in system or a mechanism.
     pub fn is_of_equations(&self) -> bool {
         self.system.is_some() || self.mechanism.is_some()
     }
@@ -171,7 +171,7 @@ impl SourceOptions {
         problems
     }
 
-    /// What is wrong beside the other sections.
+    /// Problems that depend on the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
         if study.has_states() && self.count() == 1 && self.index.is_some() {

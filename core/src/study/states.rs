@@ -19,8 +19,9 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-/// An entry of `[states]`: of a mechanism an independent coordinate, by the measure that names it, and its velocity, or an actuator state, by
-/// its name; of an FMU or a program a continuous state, by its name; of a table the column of a generalized coordinate.
+/// An entry of `[states]`. For a mechanism, an independent coordinate with its velocity, by the measure that names it,
+/// or an actuator state, by its name. For an FMU or a program, a continuous state, by its name. For a table, the column
+/// of a generalized coordinate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[schemars(extend("examples" = [{"min": -5.0, "max": 5.0}]))]
@@ -37,7 +38,7 @@ pub struct StateOptions {
     /// Where runs start that the surrogate is tested with; the middle fifth of the range unless given.
     #[schemars(extend("x-unit" = "rad or m"))]
     pub start: Option<[f64; 2]>,
-    /// Of a mechanism: the velocities with which they start; 0 unless given. They belong to the domain of validity.
+    /// Mechanism: velocities with which these runs start; 0 unless given. They belong to the domain of validity.
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity: Option<[f64; 2]>,
     /// Velocities of a mechanism in the domain of validity, for which the solver's error is measured. Unless given, 1.5 times what the
@@ -45,16 +46,16 @@ pub struct StateOptions {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(extend("x-unit" = "rad/s or m/s"))]
     pub velocity_range: Option<[f64; 2]>,
-    /// Of an FMU, a program or a table: whether the state is an angle in rad, and the equations are the same a turn later. Of an FMU or a program
-    /// the range then is a turn; of a table an angle is not wound back into a turn, and has no range, and both are tried unless given: what continues rows better
-    /// that were held out is taken.
+    /// FMU, program or table: true if the state is an angle in rad, and the equations are the same a turn later. The
+    /// range of an FMU's or a program's angle is a turn. A table's angle is not wound back into a turn, and has no
+    /// range. Unless given, both are tried for a table, and the one that better continues held-out rows is taken.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub periodic: Option<bool>,
-    /// Of a program: its unit. Other sources know the units of their states.
+    /// Program: unit of the state. Other sources know the units of their states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
-    /// Of a table: the column of the coordinate's derivative with respect to time. Without it the derivative is found by differences and
-    /// called `NAME_rate`.
+    /// Table: column of the coordinate's derivative with respect to time. Without it, the derivative is computed by
+    /// differences and called `NAME_rate`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rate: Option<String>,
 }
@@ -68,7 +69,7 @@ fn is_not_given(end: &f64) -> bool {
     end.is_nan()
 }
 
-/// What an independent coordinate may be, and its velocity.
+/// Measures of independent coordinates and of their velocities.
 const MEASURES: [(&str, &str); 4] = [("angle", "angular_velocity"), ("position", "velocity"), ("x", "vx"), ("y", "vy")];
 
 /// The name of a coordinate's velocity, in the terms of a mechanism file; none if it is no coordinate.
@@ -78,18 +79,18 @@ pub fn velocity_name(coordinate: &str) -> Option<String> {
     Some(format!("{part}.{velocity}"))
 }
 
-/// Whether a coordinate is an angle.
+/// Returns true if a coordinate is an angle.
 pub fn is_angle(coordinate: &str) -> bool {
     coordinate.ends_with(".angle")
 }
 
 impl StateOptions {
-    /// Whether the coordinate is an angle whose range is a full turn: every number is a good value of it.
+    /// Returns true if the coordinate is an angle whose range is a full turn: every number is a valid value of it.
     pub fn goes_around(&self, name: &str) -> bool {
         self.is_periodic() || is_angle(name) && self.max - self.min > TAU - 1e-6
     }
 
-    /// Whether the study says that it is an angle.
+    /// Returns true if the study declares it an angle.
     pub fn is_periodic(&self) -> bool {
         self.periodic.unwrap_or(false)
     }
@@ -132,7 +133,7 @@ pub(super) fn starts(study: &Study) -> IndexMap<String, ParameterOptions> {
 /// number is a good value of it. Rows after `stop` are not looked at.
 ///
 /// # Errors
-/// [`Error::Table`](crate::Error::Table) with the column that is missing, or the line of a value that is no number.
+/// [`Error::Table`](crate::Error::Table) with the missing column, or the line of a value that is not a finite number.
 pub(super) fn complete(
     states: &mut IndexMap<String, StateOptions>,
     columns: &IndexMap<String, String>,
@@ -224,7 +225,7 @@ pub(super) fn problems(study: &Study) -> Problems {
     problems
 }
 
-/// What is wrong beside the other sections.
+/// Problems that depend on the other sections.
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let Study { states, inputs, structure, .. } = study;

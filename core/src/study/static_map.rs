@@ -159,13 +159,13 @@ pub(super) fn set_defaults(study: &mut Study, [hidden, schedule, batch]: [bool; 
     }
 }
 
-/// Epochs of a training on so many rows, unless given.
+/// Default number of epochs of a training on `rows` rows.
 pub(super) fn epochs(rows: usize, batch: usize) -> usize {
     let steps = rows.div_ceil(batch.max(1)).max(1);
     STEPS.div_ceil(steps).max(FEWEST_EPOCHS)
 }
 
-/// What is wrong beside the other sections.
+/// Problems that depend on the other sections.
 pub(super) fn problems_beside(study: &Study) -> Problems {
     let mut problems = Problems::default();
     if study.source.count() == 1 && study.source.table.is_none() {

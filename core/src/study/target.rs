@@ -5,8 +5,8 @@ use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// `[target]`: how good the surrogate is to be; runs are added, and the training goes on, until it is. Without this section the
-/// plan's runs are all.
+/// `[target]`: required accuracy of the surrogate. Runs are added, and the training continues, until it is reached.
+/// Without this section, no runs are added to the plan.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TargetOptions {
@@ -19,7 +19,7 @@ pub struct TargetOptions {
     /// Most training runs, those of the plan included.
     #[schemars(range(max = MAX_RUNS))]
     pub max_runs: usize,
-    /// Whether the added runs go where the error is large; else the plan goes on.
+    /// `true` if runs are added where the error is large; otherwise the plan continues.
     #[serde(default = "default_adaptive")]
     pub adaptive: bool,
 }
@@ -31,8 +31,8 @@ fn default_adaptive() -> bool {
 /// Runs that are added each time: the places of each are chosen among thirty.
 const MAX_ADDED_RUNS: usize = 100_000;
 
-/// Fewest held-out runs a `[target]` is judged on. Errors differ from run to run: that the next run is worse than the worst of
-/// `n` has a chance of `1 / (n + 1)`, which is below a tenth from here on; of three runs it is a quarter.
+/// Minimum number of held-out runs for a `[target]`. Errors differ from run to run: the next run is worse than the
+/// worst of `n` with a probability of `1 / (n + 1)`. This is below a tenth from here on, and a quarter for three runs.
 const LEAST_JUDGES: usize = 10;
 
 impl TargetOptions {
@@ -47,7 +47,7 @@ impl TargetOptions {
         problems
     }
 
-    /// What is wrong beside the other sections.
+    /// Problems that depend on the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
         if study.network.structure == TimeStructure::Fixed {
@@ -68,7 +68,7 @@ impl TargetOptions {
     }
 }
 
-/// Whether too few of the plan's runs are held out.
+/// The problem if too few of the plan's runs are held out.
 fn too_few_judges(study: &Study, runs: u64) -> Option<String> {
     let share = study.training.validation;
     let held_out = study.training.held_out(runs as usize);

@@ -26,14 +26,14 @@ pub struct TimeOptions {
 /// Steps of a run.
 const MAX_STEPS: f64 = 1e7;
 
-/// Whether `part` divides `whole` but for rounding.
+/// Returns true if `part` divides `whole` up to rounding.
 pub(super) fn divides(part: f64, whole: f64) -> bool {
     let count = whole / part;
     count >= 0.5 && (count.round() - count).abs() <= 1e-9 * count
 }
 
 impl TimeOptions {
-    /// Of a static map: the experiment that its FMU suggests to hosts.
+    /// Experiment that the FMU of a static map suggests to hosts.
     pub(super) fn of_rows() -> Self {
         Self { stop: 1.0, step: 0.01, margin: 0.0 }
     }
@@ -83,7 +83,7 @@ impl TimeOptions {
         problems
     }
 
-    /// What is wrong beside the other sections.
+    /// Problems that depend on the other sections.
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
         if self.margin > 0.0 && study.source.is_recorded() {

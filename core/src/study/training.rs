@@ -8,9 +8,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct TrainingOptions {
-    /// What the training minimises.
+    /// Loss function that the training minimizes.
     pub loss: Loss,
-    /// Of the loss "huber": error, in standard deviations, from which on it grows linearly.
+    /// Loss "huber": error, in standard deviations, above which it grows linearly.
     #[schemars(extend("exclusiveMinimum" = 0))]
     pub huber_delta: f64,
     /// Weights of the outputs in the loss, in the order of the outputs; empty: all 1.
@@ -26,7 +26,7 @@ pub struct TrainingOptions {
     /// the optimizer's own: 0.99 of RMSprop, 0.999 of Adam and AdamW, 0.95 of SOAP.
     #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub beta2: Option<f64>,
-    /// Of the optimizer "soap": steps between two refreshes of its eigenbases.
+    /// Optimizer "soap": steps between two refreshes of its eigenbases.
     #[schemars(range(min = 1))]
     pub refresh: u64,
     /// Highest learning rate.
@@ -48,11 +48,12 @@ pub struct TrainingOptions {
     /// Share of the training runs, of the structure "static" of the rows, that is held out to choose the best epoch, between 0 and 1.
     #[schemars(extend("exclusiveMinimum" = 0, "exclusiveMaximum" = 1))]
     pub validation: f64,
-    /// Of the other schedules than "restarts": stop after this many epochs without a better validation loss; 0: never.
+    /// Schedules other than "restarts": stop after this many epochs without a better validation loss; 0: never.
     pub patience: usize,
-    /// Of the schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. So is a cycle, from the
-    /// third on and of 100 optimizer steps at least, that is hardly better than the one before: less than a quarter, if it was twice as long. The
-    /// training also ends when the loss on held-out runs stays 1.5 times above the best one, while that of the training falls, for 5 epochs and 50 steps.
+    /// Schedule "restarts": validation loss, about 1 - R², at which a cycle is the last; 1e-7 unless given. A cycle is
+    /// also the last if it hardly improves on the one before: by less than a quarter, if it was twice as long. This
+    /// applies from the third cycle on, to cycles of at least 100 optimizer steps. The training also ends when, for 5
+    /// epochs and 50 steps, the loss on held-out runs stays above 1.5 times the best one while the training loss falls.
     #[schemars(range(min = 0))]
     pub enough: Option<f64>,
     /// Weight of the sum of all parameters' magnitudes in the loss.
@@ -61,20 +62,21 @@ pub struct TrainingOptions {
     /// Weight of half the sum of all parameters' squares in the loss.
     #[schemars(range(min = 0))]
     pub l2: f64,
-    /// Of the optimizers "adamw" and "soap": what a parameter loses in a step, relative to itself and to the learning rate.
+    /// Optimizers "adamw" and "soap": decay of a parameter in a step, relative to itself and to the learning rate.
     #[schemars(range(min = 0))]
     pub weight_decay: f64,
     /// Share of the hidden nodes that is left out in a step, others in each row; at least 0 and below 1.
     #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub dropout: f64,
-    /// Whether hidden layers are normalised over the rows of a block. In the FMU, weights and biases contain it.
+    /// `true` if hidden layers are normalized over the rows of a block. In the FMU, weights and biases contain the
+    /// normalization.
     pub batch_norm: bool,
     /// Longer gradients are shortened to this length; 0: none is. Of the structure "discrete" 1 unless given.
     #[schemars(range(min = 0))]
     pub clip_norm: f64,
 }
 
-/// What the training minimises: the mean over rows and outputs of a function of the error `e` of the standardised output.
+/// Loss function: the mean over rows and outputs of a function of the error `e` of the standardized output.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Loss {
@@ -112,9 +114,10 @@ pub enum Schedule {
     Step,
     /// Half a cosine down to (nearly) zero.
     Cosine,
-    /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero again and again, first over a thirtieth of the
-    /// epochs, then over a fifteenth, then over as many as
-    /// the first two say it takes until the validation loss is `enough`. The training ends when it is, when a cycle gains nothing any more, or with the epochs.
+    /// Loshchilov and Hutter, arXiv:1608.03983 (SGDR): half a cosine down to (nearly) zero in each cycle. The first
+    /// cycle takes a thirtieth of the epochs, the second a fifteenth. Each later cycle is twice as long as the one
+    /// before, or as long as the losses so far predict for `enough`, if that is longer. The training ends at that
+    /// validation loss, when a cycle gains nothing any more, or with the epochs.
     Restarts,
     /// Smith and Topin, arXiv:1708.07120: half a cosine up from a 25th of the learning rate, then half a cosine down to (nearly) zero.
     OneCycle,
@@ -152,13 +155,13 @@ impl Default for TrainingOptions {
 pub(super) const MAX_EPOCHS: usize = 1_000_000;
 
 impl TrainingOptions {
-    /// Of networks in the equations of motion of a mechanism: their labels are exact, and errors add up along a motion, so that the last
-    /// digits count.
+    /// Options for networks in the equations of motion of a mechanism. Their samples are exact, and errors add up along
+    /// a motion, so that the last digits count.
     pub fn of_equations() -> Self {
         Self { learning_rate: 1e-2, schedule: Schedule::Cosine, batch: 256, epochs: 600, ..Self::default() }
     }
 
-    /// Of networks of static maps: of few rows the losses of restarts rise and fall too much to judge by.
+    /// Options for networks of static maps: with few rows, the losses of restarts rise and fall too much to judge by.
     pub(super) fn of_rows() -> Self {
         Self { schedule: Schedule::Cosine, batch: 256, ..Self::default() }
     }
@@ -171,7 +174,7 @@ impl TrainingOptions {
         problems
     }
 
-    /// What is wrong beside the outputs, of which there are so many; by key within the section.
+    /// Problems with this number of outputs, by key within the section.
     pub fn problems_beside(&self, outputs: usize) -> Problems {
         let mut problems = Problems::default();
         let weights = self.output_weights.len();
@@ -251,7 +254,7 @@ impl TrainingOptions {
         );
     }
 
-    /// How many of so many training runs are held out for validation: at least one, and not all.
+    /// Number of training runs that are held out for validation out of `runs`: at least one, and not all.
     pub fn held_out(&self, runs: usize) -> usize {
         ((self.validation * runs as f64).round() as usize).clamp(1, runs.saturating_sub(1).max(1))
     }

@@ -20,14 +20,15 @@ pub struct System {
     pub quantities: &'static [SystemQuantity],
     /// Every output, in the order in which `simulate` writes them.
     pub outputs: &'static [SystemOutput],
-    /// The same system as a mechanism file, with these quantities as parameters and these outputs: what the structure "dynamics" learns.
+    /// Mechanism file of the system, with these quantities as parameters and these outputs, for the structure
+    /// "dynamics".
     pub mechanism: &'static str,
     /// Points whose paths reports show.
     pub points: &'static [SystemPoint],
     /// The commented study that `metafmu new` writes.
     pub study: &'static str,
-    /// Simulates one run: values of `quantities`, evenly spaced times, the integration's tolerance and what the run may cost in;
-    /// rows of all outputs out, one after the other.
+    /// Simulates one run. Takes values of `quantities`, evenly spaced times, the tolerance of the integration and the
+    /// cost limit. Returns the rows of all outputs, one after the other.
     pub simulate: Simulate,
 }
 

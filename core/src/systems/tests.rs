@@ -62,7 +62,7 @@ fn the_slider_crank_is_its_mechanism() {
     assert!(largest < 1e-11, "{largest:e}");
 }
 
-/// What is packed with this crate are copies of what people find in the repository.
+/// The files packed with this crate are copies of the examples in the repository.
 #[test]
 fn the_files_of_systems_are_those_among_the_examples() {
     let examples = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples"));

@@ -211,7 +211,7 @@ impl Csv {
     }
 }
 
-/// What the first line ends with.
+/// Byte that ends the first line.
 fn line_end(text: &[u8]) -> u8 {
     let end = text.iter().position(|byte| b"\r\n".contains(byte));
     match end.map(|end| &text[end..]) {
@@ -220,7 +220,8 @@ fn line_end(text: &[u8]) -> u8 {
     }
 }
 
-/// What separates the columns of a header: the first of these outside of quotes.
+/// Separator of the columns of a header: the first of semicolon, tab and comma that occurs outside of quotes, else a
+/// comma.
 fn separator(header: &[u8]) -> u8 {
     let mut is_quoted = false;
     let plain: Vec<u8> = header

@@ -29,12 +29,12 @@ use std::{
 /// Rows of a column that are decoded at once: little memory, and little to do for each time.
 const CHUNK: usize = 8192;
 
-/// Types of numbers, and of what may be asked for as text.
+/// Types that are read as numbers, and types that are read as text.
 const NUMBERS: &str = "DOUBLE, FLOAT, INT32, INT64 or BOOLEAN";
 const TEXTS: &str = "BYTE_ARRAY (String), DOUBLE, FLOAT, INT32, INT64 or BOOLEAN";
 
-/// Whether a file that begins so is a Parquet file: its mark, and then in Thrift's compact protocol the first field of a
-/// structure, an integer. No text has such a character.
+/// Returns true if a file with this beginning is a Parquet file: its mark, then in Thrift's compact protocol the first
+/// field of a structure, an integer. No text has such a character.
 pub(super) fn begins(bytes: &[u8]) -> bool {
     bytes.starts_with(b"PAR1\x15")
 }
@@ -67,7 +67,7 @@ struct Leaf {
     chunk: Chunk,
 }
 
-/// What a column holds.
+/// Type of the values of a column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum ColumnType {
     Number { is_unsigned: bool },

@@ -1,4 +1,4 @@
-//! What rows of one run have to be: in one place of the table, in the order of time, of the same parameters.
+//! Checks that the rows of a run are contiguous in the table, in the order of time, and have the same parameters.
 
 use super::Table;
 use crate::{Result, diagnostics::Place};

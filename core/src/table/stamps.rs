@@ -42,8 +42,8 @@ impl StampUnit {
     }
 }
 
-/// The time between two rows, in seconds, if the stamps are those of rows that are equally far apart, but for rounding: that of least
-/// squares over all rows, or the number with the fewest digits that gives the same stamps.
+/// Sampling period in seconds, if the stamps belong to rows at equal distances, up to rounding. It is the least-squares
+/// period over all rows, or the number with the fewest digits that gives the same stamps.
 pub fn period(stamps: &[f64]) -> Option<f64> {
     let count = stamps.len();
     let &[first, _, ..] = stamps else { return None };

@@ -23,7 +23,7 @@ use std::{
     sync::Arc,
 };
 
-/// How a table is written.
+/// Format of a written table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Text.
@@ -51,9 +51,9 @@ impl Format {
 pub enum Values {
     /// Labels.
     Labels(Labels),
-    /// Numbers; what could not be computed is not a number.
+    /// Numbers; NaN if they could not be computed.
     Numbers(Vec<f64>),
-    /// Whether something is so.
+    /// Truth values.
     Flags(Vec<bool>),
 }
 
@@ -65,7 +65,7 @@ pub struct Labels {
 }
 
 impl Labels {
-    /// The same text in so many rows.
+    /// One text in each of `count` rows.
     pub fn repeated(label: &str, count: usize) -> Self {
         Self { text: label.repeat(count), ends: (1..=count).map(|row| row * label.len()).collect() }
     }
@@ -103,7 +103,7 @@ pub type Block = Vec<Values>;
 pub struct Writer {
     format: Format,
     names: Vec<String>,
-    /// None before the first rows, whose values tell the types of the columns.
+    /// None before the first rows, whose values determine the types of the columns.
     written: Option<FormatWriter>,
 }
 
@@ -122,7 +122,7 @@ impl Writer {
     /// Writes rows, the first time with a header.
     ///
     /// # Errors
-    /// Those of `to`; of Parquet, if a label is no whole number although all of the first rows' are.
+    /// Errors of `to`; for Parquet also a label that is not a whole number although all labels of the first rows are.
     pub fn write(&mut self, blocks: &[Block], to: &mut dyn Write) -> io::Result<()> {
         if blocks.iter().all(|block| block.first().is_none_or(|values| values.len() == 0)) {
             return Ok(());
@@ -220,7 +220,7 @@ fn parquet(names: &[String], first: &[Block]) -> Result<SerializedFileWriter<Vec
     SerializedFileWriter::new(Vec::new(), Arc::new(schema), Arc::new(properties.build()))
 }
 
-/// Whether a label is a whole number that is written as others write it: not `007`.
+/// Returns true if a label is a whole number in its usual form: not `007`.
 fn is_whole(label: &str) -> bool {
     label.parse::<i64>().is_ok_and(|number| number.to_string() == label)
 }

@@ -21,7 +21,7 @@ pub(super) const FORMAT: u32 = 2;
 
 const HEADER_KEY: &str = "metafmu_training";
 
-/// What a checkpoint is of.
+/// Header of a checkpoint: the training that it belongs to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Header {
     pub(super) format: u32,
@@ -34,7 +34,7 @@ pub(super) struct Header {
     /// [`TrainingRows::digest`](super::TrainingRows::digest) of both, as text: JSON's numbers are not that long
     /// everywhere.
     pub(super) digests: [String; 2],
-    /// Of the optimizer.
+    /// Steps of the optimizer.
     pub(super) steps: u64,
     pub(super) best_epoch: usize,
     /// Hexadecimal digits of the SHA-256; [`NO_DIGEST`] until there is one.

@@ -6,10 +6,10 @@
 //! w_ki uniform in [-scale_i, scale_i] for the columns i that function f depends on, otherwise 0;  b_k uniform in [-1, 1]
 //! ```
 //!
-//! The coefficients are those of values and derivatives together. Of smooth functions of a few columns this is far more exact than a
-//! network of which all weights are trained: gradients, also preconditioned ones, come to a halt where the problem, ill-conditioned as it
-//! is, has most of its error left (Huang, Zhu, Siew 2006, doi:10.1016/j.neucom.2005.12.126, call it an extreme learning machine).
-//! How steep the nodes are and how many there are is chosen by samples that are held out.
+//! The coefficients fit values and derivatives together. For smooth functions of a few columns this is far more exact
+//! than a network whose weights are all trained. Gradient methods, even preconditioned ones, stall where the
+//! ill-conditioned problem has most of its error left. The method is known as an extreme learning machine (Huang, Zhu,
+//! Siew 2006, doi:10.1016/j.neucom.2005.12.126). Held-out samples determine the steepness and the number of the nodes.
 
 use metafmu_runtime::{Activation, Layer};
 use nalgebra::{DMatrix, DVector};
@@ -22,9 +22,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct FunctionSamples {
     /// Number of directions.
     pub directions: usize,
-    /// Of each sample the columns, then their derivatives along each direction: shape `[samples, 1 + directions, columns]`.
+    /// Columns of each sample, then their derivatives along each direction: shape `[samples, 1 + directions, columns]`.
     pub inputs: Vec<f64>,
-    /// Of each sample the functions, then their derivatives, likewise.
+    /// Functions of each sample, then their derivatives along each direction: shape
+    /// `[samples, 1 + directions, functions]`.
     pub outputs: Vec<f64>,
 }
 
@@ -34,46 +35,48 @@ struct FunctionGroup {
     columns: Vec<usize>,
 }
 
-/// Nodes of one group, and what each of its outputs has of them: shape `[outputs, nodes + 1]`, the last one being the constant.
+/// Nodes of one group, and their coefficients in each of its outputs: shape `[outputs, nodes + 1]`, the last one being
+/// the constant.
 struct RandomFeatures {
     /// `[nodes, columns]`
     weights: Vec<f64>,
     bias: Vec<f64>,
     coefficients: Vec<DVector<f64>>,
-    /// Root mean square error of the worst output in the samples that are held out.
+    /// Root mean square error of the worst output in the held-out samples.
     error: f64,
 }
 
-/// Half the range of weights: what is tried with the fewest nodes. With more nodes steeper ones pay. The least steep ones are nearly
-/// polynomials.
+/// Half the ranges of weights that are tried with the fewest nodes. With more nodes, steeper ones pay. The least steep
+/// ones are nearly polynomials.
 const SCALES: [f64; 9] = [0.0125, 0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2];
-/// Numbers of nodes that are tried, and how much the best scales before are changed from the second on.
+/// Numbers of nodes that are tried, and factors by which the previous best scales change from the second number on.
 const NODES: [usize; 10] = [32, 64, 96, 128, 192, 256, 384, 512, 768, 1024];
 const STEEPER: [f64; 3] = [0.5, 1.0, 2.0];
-/// How much that of one column is changed, with so many nodes at most: what a function depends on otherwise, as on an angle and on a
-/// stiffness that is a factor, wants other weights. What was found holds with more nodes, where a solution takes longer.
+/// Changes of the scale of a single column, for at most [`FEW_NODES`] nodes. A function may depend on each column
+/// differently, as on an angle and on a stiffness that is a factor, and then needs other weights. The scales found hold
+/// with more nodes, where a solution takes longer.
 const OF_ONE_COLUMN: [f64; 3] = [0.25, 0.5, 2.0];
 const FEW_NODES: usize = 256;
-/// Rows for each node, and samples at the least.
+/// Minimum numbers of rows and of samples for each node.
 const ROWS: usize = 4;
 const SAMPLES: usize = 2;
 /// Error, of standardised outputs, at which more nodes cost more than they are worth.
 const ENOUGH: f64 = 1e-8;
-/// What is added to the diagonal of the normal equations, relative to its largest element: nodes are nearly dependent.
+/// Term added to the diagonal of the normal equations, relative to its largest element: nodes are nearly dependent.
 const RIDGE: f64 = 1e-14;
 /// Normal equations alone have half the digits of the problem; those of what the first factors make of it have the others.
 const FACTORS: usize = 2;
-/// Solutions, each for what is left by those before: they take most of the ridge's effect away.
+/// Number of solutions, each for the residual of those before: they remove most of the ridge's effect.
 const SOLUTIONS: usize = 3;
-/// Parts of the samples that are summed by themselves, whatever the number of threads.
+/// Parts of the samples that are summed separately, whatever the number of threads.
 const PARTS: usize = 8;
 /// Samples of which the nodes are computed together, and columns that are divided by factors together.
 const BLOCK: usize = 128;
 const COLUMNS: usize = 64;
 
-/// The layers of a network for standardised samples, and its root mean square error, of the worst output, in those that are held out.
-/// `depends[output][column]` says which columns change an output, all of them if none does, and `known` of which outputs derivatives are
-/// known. None if no coefficients can be found, or `stop` turned true.
+/// The layers of a network for standardized samples, and its root mean square error, of the worst output, in the
+/// held-out samples. `depends[output][column]` says which columns change an output; if none does, all are used. `known`
+/// marks the outputs whose derivatives are known. None if no coefficients can be found, or `stop` turned true.
 ///
 /// # Panics
 /// If the samples have no rows or other shapes.
@@ -247,7 +250,7 @@ impl GroupRegression {
 
 /// Some rows, which are values and derivatives.
 struct RowBlock {
-    /// Of the nodes and of the constant: shape `[rows, nodes + 1]`.
+    /// Values of the nodes and of the constant: shape `[rows, nodes + 1]`.
     nodes: DMatrix<f64>,
     /// Shape `[rows, outputs]`.
     outputs: DMatrix<f64>,
@@ -268,7 +271,7 @@ fn sum(
     sums.into_iter().fold(zeros(), |sum, part| sum + part)
 }
 
-/// `A R^-1` in the place of `A`, for an upper triangle `R`.
+/// Replaces `A` with `A R^-1`, for an upper triangle `R`.
 fn divide(a: &mut DMatrix<f64>, r: &DMatrix<f64>) {
     let columns = r.ncols();
     for first in (0..columns).step_by(COLUMNS) {
@@ -286,7 +289,8 @@ fn divide(a: &mut DMatrix<f64>, r: &DMatrix<f64>) {
 }
 
 impl RandomFeatures {
-    /// Of each node and of the constant, at rows of columns, sample by sample, of which the first of each are values.
+    /// Values of each node and of the constant at rows of columns, sample by sample. The first row of a sample has
+    /// values, the others derivatives.
     fn values(&self, inputs: &[f64], columns: usize, parts: usize) -> DMatrix<f64> {
         let count = self.bias.len();
         let mut values = DMatrix::zeros(inputs.len() / columns, count + 1);

@@ -1,7 +1,7 @@
 //! The loss of a batch and its gradient, on all members of a team, with the same bits for any number of them.
 //!
-//! A batch is cut into parts whose number depends on the batch alone. Each part adds up its gradient block by block in a
-//! buffer of its own, whichever thread works on it; the parts are added in their order, by [`Gradients::sum_piece`].
+//! A batch is cut into parts whose number depends on the batch alone. Each part adds up its gradient block by block in
+//! a separate buffer, whichever thread works on it; the parts are added in their order, by [`Gradients::sum_piece`].
 
 use super::{
     Tangents, TrainingRows,
@@ -43,7 +43,7 @@ struct BatchPart {
     gradient: Buffer,
     /// Sum over its rows.
     loss: f64,
-    /// Of each normalised layer: means and variances, `[2, padded(outputs)]`, summed over its rows.
+    /// Means and variances of each normalized layer, `[2, padded(outputs)]`, summed over its rows.
     statistics: Vec<Buffer>,
 }
 
@@ -74,7 +74,7 @@ impl Gradients {
     }
 
     /// Mean loss over the outputs of the rows with the given numbers; leaves the gradients of its parts for
-    /// [`sum`](Self::sum). `seed` and `step` decide which nodes are left out.
+    /// [`sum`](Self::sum). `seed` and `step` decide which nodes are dropped.
     pub(super) fn compute(
         &mut self,
         team: &mut Team,
@@ -269,7 +269,7 @@ impl Sum<'_> {
     /// The gradient of a piece of the parameters.
     ///
     /// # Safety
-    /// As long as the result lives, no other piece that overlaps with this one is asked for.
+    /// As long as the result lives, no other piece that overlaps with this one is requested.
     #[expect(clippy::mut_from_ref, reason = "the caller keeps the pieces apart")]
     pub(super) unsafe fn piece(&self, range: Range<usize>) -> &mut [f32] {
         // SAFETY: as the caller promises

@@ -23,7 +23,7 @@ impl LossFunction {
         Self { loss: options.loss, delta: options.huber_delta as f32, weights }
     }
 
-    /// The same of some of the outputs.
+    /// The loss of the known outputs alone.
     pub(super) fn of(&self, known: &[bool]) -> Self {
         let weights = self.weights.iter().zip(known).map(|(weight, known)| if *known { *weight } else { 0.0 });
         Self { weights: weights.collect(), ..self.clone() }

@@ -1,9 +1,9 @@
 //! Training: turns rows into a network.
 //!
-//! The loss is a mean over rows and outputs of a function of the standardised outputs' errors, their square by default.
-//! Each epoch goes once
-//! through all training rows in a new random order, in batches of (nearly) equal size with one optimizer step each, and
-//! ends with the loss on the held-out validation rows; the network with the smallest validation loss is the result.
+//! The loss is a mean over rows and outputs of a function of the standardized outputs' errors, their square by default.
+//! Each epoch passes once through all training rows in a new random order, in batches of (nearly) equal size with one
+//! optimizer step each. It ends with the loss on the held-out validation rows. The network with the smallest validation
+//! loss is the result.
 //!
 //! Rows with a [`Recurrence`] are trained by stretches: what the network gives at one row is an input of the rows that follow.
 //!
@@ -73,7 +73,7 @@ impl Observer for () {
 pub struct Progress {
     /// Epoch under way, counted from 1.
     pub epoch: usize,
-    /// Epochs asked for.
+    /// Requested epochs.
     pub epochs: usize,
     /// Steps done in this epoch.
     pub step: usize,
@@ -96,11 +96,11 @@ pub struct EpochRecord {
     pub learning_rate: f64,
     /// Wall time since the training began, in seconds.
     pub seconds: f64,
-    /// Whether no earlier epoch had a validation loss as small.
+    /// `true` if no earlier epoch had a validation loss as small.
     pub best: bool,
 }
 
-/// Why a training ended.
+/// Reason for the end of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum StopReason {
     /// All epochs are done.
@@ -112,19 +112,19 @@ pub enum StopReason {
     /// The validation loss stayed far above the best one while the training loss was below that of the best epoch.
     #[serde(rename = "overfitting: the loss on held-out runs rose")]
     Overfitted,
-    /// The validation loss at the end of a cycle is as small as is asked for.
+    /// The validation loss at the end of a cycle is as small as requested.
     #[serde(rename = "good enough")]
     Enough,
     /// Too few epochs are left for another cycle.
     #[serde(rename = "too few epochs left to gain anything")]
     TooFewLeft,
-    /// The observer asked for it.
+    /// The observer requested it.
     #[serde(rename = "stopped by Ctrl-C")]
     Interrupted,
     /// The coefficients of a dictionary have no epochs: they are the solution of one least-squares problem.
     #[serde(rename = "least squares solved")]
     Solved,
-    /// A loss was infinite or not a number.
+    /// A loss was infinite or NaN.
     #[serde(rename = "the loss became infinite: lower the learning rate")]
     Diverged,
 }
@@ -135,7 +135,7 @@ impl fmt::Display for StopReason {
     }
 }
 
-/// What a training gives.
+/// Result of a training.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// The network with the smallest validation loss. If there was no validation yet: the current network after an
@@ -145,12 +145,12 @@ pub struct Outcome {
     pub history: Vec<EpochRecord>,
     /// The epoch that `network` is from; 0 if there was no validation yet.
     pub best_epoch: usize,
-    /// Why the training ended.
+    /// Reason for the end of the training.
     pub reason: StopReason,
 }
 
 impl Outcome {
-    /// The same, if an epoch was completed.
+    /// The outcome, if an epoch was completed.
     ///
     /// # Errors
     /// [`TrainingError::NoEpoch`]: the network is not trained.
@@ -159,11 +159,11 @@ impl Outcome {
     }
 }
 
-/// Why a network cannot be trained.
+/// Reason why a network cannot be trained.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum TrainingError {
-    /// Rows that are no rows.
+    /// Input and output values that do not form the same number of whole rows.
     #[error("{inputs} input and {outputs} output values are not the same number of rows of {n_inputs} and {n_outputs}")]
     Shape {
         /// Input columns.
@@ -196,7 +196,7 @@ pub enum TrainingError {
     /// More rows than can be numbered.
     #[error("{rows} training rows are too many, expected fewer than 2^32")]
     TooManyRows {
-        /// How many.
+        /// Their number.
         rows: usize,
     },
     /// Rows that do not fit the network.
@@ -211,16 +211,16 @@ pub enum TrainingError {
         /// In the network.
         expected: usize,
     },
-    /// A checkpoint that cannot be written or gone on from.
+    /// A checkpoint that cannot be written or resumed.
     #[error("the checkpoint cannot be used: {problem}")]
     Checkpoint {
-        /// What is wrong with it.
+        /// The problem.
         problem: String,
     },
     /// A training that ended before its first epoch was complete.
     #[error("no epoch was completed: {reason}")]
     NoEpoch {
-        /// Why it ended.
+        /// Reason for the end.
         reason: StopReason,
     },
     /// An option that makes no sense.
@@ -228,7 +228,7 @@ pub enum TrainingError {
     Option {
         /// The option's key in the study file.
         name: String,
-        /// What was given and what it should be.
+        /// Given and expected values.
         problem: String,
     },
 }

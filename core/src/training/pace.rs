@@ -1,8 +1,8 @@
-//! Whether a training's steps are faster on all members of a team or on the caller alone.
+//! Choice between all members of a team and the caller alone for a training's steps.
 //!
-//! Together, members divide the arithmetic of a step but have to exchange gradients and parameters through the caches,
-//! which takes longer than a small step if their cores are far apart or busy with something else. So both are tried, again
-//! and again. The network is the same, since results do not depend on who does what.
+//! Together, members divide the arithmetic of a step but have to exchange gradients and parameters through the caches.
+//! This takes longer than a small step if their cores are far apart or busy with other work. So both are tried, again
+//! and again. The network is the same, since results do not depend on the members that compute them.
 
 /// Seconds of a trial's steps of each kind: enough for threads that were asleep to be given a core.
 const TRIAL: f64 = 0.01;
@@ -36,7 +36,7 @@ impl Pace {
         Self { phase: Phase::TryTogether, seconds: 0.0, times: Vec::with_capacity(STEPS[1]), together: 0.0 }
     }
 
-    /// Whether the caller should do the next step alone.
+    /// Returns true if the caller should do the next step alone.
     pub(super) fn alone(&self) -> bool {
         matches!(self.phase, Phase::TryAlone | Phase::Decided { alone: true })
     }

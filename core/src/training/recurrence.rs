@@ -120,7 +120,7 @@ impl StretchBlock<'_> {
         }
     }
 
-    /// Predictions for row `j` from what the network gave, their losses, and the derivatives of `scale` times them.
+    /// Predictions for row `j` from the network's outputs, their losses, and the derivatives of `scale` times them.
     fn predict(&self, j: usize, workspace: usize, scale: f32, unrolled: &mut Unrolled) -> f64 {
         let (n_inputs, n_outputs) = (self.rows.n_inputs(), self.rows.n_outputs());
         let Recurrence { linear, gains, .. } = self.recurrence;

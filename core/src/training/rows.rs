@@ -17,16 +17,16 @@ pub struct TrainingRows {
     tangents: Option<Tangents>,
 }
 
-/// Derivatives of the rows along some directions: what a network is to have beside its outputs.
+/// Derivatives of the rows along some directions, which the network is to match in addition to its outputs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tangents {
     /// Number of directions.
     pub directions: usize,
-    /// Of the standardised inputs: shape `[rows, directions, n_inputs]`.
+    /// Derivatives of the standardized inputs: shape `[rows, directions, n_inputs]`.
     pub inputs: Vec<f32>,
-    /// Of the standardised outputs: shape `[rows, directions, n_outputs]`.
+    /// Derivatives of the standardized outputs: shape `[rows, directions, n_outputs]`.
     pub outputs: Vec<f32>,
-    /// Whether those of each output are known; the others are ignored.
+    /// `true` for each output whose derivatives are known; the others are ignored.
     pub known: Vec<bool>,
 }
 
@@ -67,7 +67,7 @@ impl TrainingRows {
         Ok(Self { n_inputs, n_outputs, inputs, outputs, recurrence: None, tangents: None })
     }
 
-    /// The same with derivatives. They are learned by networks with tanh or sigmoid, without normalisation and dropout.
+    /// Adds derivatives. Networks with tanh or sigmoid learn them, without normalization and dropout.
     ///
     /// # Errors
     /// As [`TrainingRows::new`].
@@ -86,7 +86,7 @@ impl TrainingRows {
         self.tangents.as_ref()
     }
 
-    /// The same rows, to be trained on by stretches.
+    /// Adds a recurrence: the rows are trained by stretches.
     ///
     /// # Panics
     /// If the recurrence does not fit the rows.
@@ -105,7 +105,7 @@ impl TrainingRows {
         self.recurrence.as_ref()
     }
 
-    /// Number of what is trained on: rows, or stretches of them.
+    /// Number of training items: rows, or stretches of them.
     pub fn len(&self) -> usize {
         self.recurrence.as_ref().map_or(self.inputs.len() / self.n_inputs, |recurrence| recurrence.starts.len())
     }
@@ -115,7 +115,7 @@ impl TrainingRows {
         self.len() * self.n_outputs * self.recurrence.as_ref().map_or(1, |recurrence| recurrence.stretch)
     }
 
-    /// Whether there are no rows, or no stretches.
+    /// Returns true if there are no rows, or no stretches.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
@@ -140,7 +140,7 @@ impl TrainingRows {
         &self.outputs
     }
 
-    /// A number that differs, in all likelihood, if any value does: tells apart data, keeps no secrets.
+    /// A hash of all values: distinguishes data, but is not cryptographic.
     pub fn digest(&self) -> u64 {
         let sizes = [self.n_inputs as u64, self.n_outputs as u64];
         let tangents = self.tangents.iter().flat_map(|tangents| tangents.inputs.iter().chain(&tangents.outputs));
@@ -166,7 +166,7 @@ impl TrainingRows {
     }
 }
 
-/// The network with zero for outputs that are constant in the rows, as initial values are at their instant: an exact constant.
+/// The network with an exact zero for outputs that are constant in the rows, as initial values are at their time point.
 pub fn without_constants(network: &Network, rows: &TrainingRows) -> Network {
     let mut network = network.clone();
     for output in 0..rows.n_outputs() {

@@ -35,8 +35,8 @@ pub fn train(
     Ok(TrainingRun::new(network, training, validation, options, seed)?.run(observer))
 }
 
-/// Goes on with a training from what [`Observer::checkpoint`] was given; the other arguments must be those of the
-/// beginning. The outcome has the same bits, apart from wall times, as if nothing had happened.
+/// Resumes a training from the checkpoint that [`Observer::checkpoint`] received; the other arguments must be those of
+/// the beginning. Apart from wall times, the outcome has the same bits as without the interruption.
 ///
 /// # Errors
 /// As [`train`], and [`TrainingError::Checkpoint`] if the checkpoint is damaged or that of another training.
@@ -69,16 +69,16 @@ struct TrainingRun<'a> {
     order: Vec<u32>,
     /// Steps of an epoch.
     steps: usize,
-    /// Of the learning rate, in epochs.
+    /// Cycle of the learning rate, in epochs.
     cycle: Range<usize>,
     validation_sums: Vec<f64>,
-    /// Of the training and the validation rows.
+    /// Digests of the training and the validation rows.
     digests: [String; 2],
     /// Seconds before this run.
     seconds: f64,
 }
 
-/// What an epoch leaves for its record.
+/// Losses and learning rate of an epoch for its record.
 struct Epoch {
     train_loss: f64,
     validation_loss: f64,
@@ -167,8 +167,8 @@ impl<'a> TrainingRun<'a> {
         Ok(())
     }
 
-    /// Whether the last epochs of a schedule with restarts fit the training rows better than the best epoch did, and the held-out ones
-    /// much worse. A high learning rate makes both worse.
+    /// Returns true if the last epochs of a schedule with restarts fit the training rows better than the best epoch
+    /// did, and the held-out ones much worse. A high learning rate makes both worse.
     fn overfits(&self) -> bool {
         let (factor, epochs, steps) = OVERFITTED;
         // simulations may be bad for long while the learning rate is high

@@ -33,9 +33,9 @@ const SAFETY: f64 = 1.25;
 /// The epochs, counted from 0, of the cycle that a training is in, or why it ends here; `losses` are the validation losses of its
 /// epochs so far, `steps` the optimizer steps of an epoch.
 ///
-/// Only a schedule with restarts has more than one cycle. Each is twice as long as the one before, or, where the loss falls steadily, as
-/// long as it takes to reach [`TrainingOptions::enough`] in inverse proportion to the epochs of a cycle. The last is one that gained
-/// nothing, unless it is the second or has too few steps to tell.
+/// Only a schedule with restarts has more than one cycle. Each is twice as long as the one before, or, where the loss
+/// falls steadily, as long as it takes to reach [`TrainingOptions::enough`] in inverse proportion to the epochs of a
+/// cycle. The last is one that gained nothing, unless it is the second or has too few steps to judge.
 pub(super) fn cycle(options: &TrainingOptions, losses: &[f64], steps: usize) -> Result<Range<usize>, StopReason> {
     let epochs = options.epochs;
     if losses.len() >= epochs {

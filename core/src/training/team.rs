@@ -1,8 +1,8 @@
 //! Threads that stay awake between the pieces of a step.
 //!
-//! A step takes some ten microseconds, and twice in it the threads have to meet. Members of a team wait for work by
-//! spinning for a short while, then by offering their core to others, and at last asleep; so meeting costs a fraction of a
-//! microsecond as long as the team has its cores to itself, and little more when it has not.
+//! A step takes some ten microseconds, and the threads have to meet twice in it. Members of a team wait for work by
+//! spinning for a short while, then by offering their core to others, and at last asleep. Meeting therefore costs a
+//! fraction of a microsecond while the team has its cores to itself, and little more otherwise.
 //!
 //! Work is a number of items, each done once, by whichever member comes for it first. A member that is late because its
 //! core was taken away is not waited for: the others do its items. Results therefore must not depend on who does an item.
@@ -18,19 +18,19 @@ use std::{
     thread::{self, JoinHandle, Thread},
 };
 
-/// The caller and `members - 1` threads of its own.
+/// The caller and `members - 1` separate threads.
 pub(super) struct Team {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
     sleepers: Vec<(Thread, Arc<AtomicBool>)>,
     round: u32,
-    /// Whether the caller does all items itself.
+    /// `true` if the caller does all items itself.
     alone: bool,
 }
 
 type TeamWork<'a> = dyn Fn(usize, usize) + Sync + 'a;
 
-/// On cache lines of their own: what is written often would slow down the reading of its neighbours.
+/// On separate cache lines: frequent writes would slow down the reading of neighboring values.
 #[repr(align(128))]
 struct Alone<T>(T);
 
@@ -80,7 +80,7 @@ impl Team {
         Self { shared, threads, sleepers, round: 0, alone }
     }
 
-    /// Whether the caller does all items itself from now on.
+    /// Sets whether the caller does all items itself from now on.
     pub(super) fn set_alone(&mut self, alone: bool) {
         self.alone = alone || self.threads.is_empty();
     }
@@ -185,7 +185,7 @@ fn wait(looks: &mut u32) {
     if *looks <= SPINS { std::hint::spin_loop() } else { thread::yield_now() }
 }
 
-/// A slice that several members write to, each to a range of its own.
+/// A slice that several members write to, each to a separate range.
 pub(super) struct Divided<'a, T> {
     begin: *mut T,
     len: usize,
@@ -203,7 +203,7 @@ impl<'a, T> Divided<'a, T> {
     /// The elements in `range`.
     ///
     /// # Safety
-    /// As long as the result lives, no other range that overlaps with this one is asked for.
+    /// As long as the result lives, no other range that overlaps with this one is requested.
     ///
     /// # Panics
     /// If the range is not within the slice.

@@ -20,9 +20,9 @@ pub struct Trainer {
     /// Without its parameters, which are elsewhere.
     network: Network,
     packed: Packed,
-    /// Of each normalised layer: running means and variances, `[2, padded(outputs)]`.
+    /// Running means and variances of each normalized layer, `[2, padded(outputs)]`.
     running: Vec<Buffer>,
-    /// What is validated: the network with the normalisation in its weights; none without normalisation.
+    /// The validated network, with the normalization in its weights; none without normalization.
     folded: Option<Packed>,
     updater: Updater,
     gradients: Gradients,
@@ -33,7 +33,7 @@ pub struct Trainer {
 
 impl Trainer {
     /// For batches of at most `batch` rows, on `threads` threads, the caller's included. `seed` decides which nodes are
-    /// left out by dropout.
+    /// dropped.
     ///
     /// # Errors
     /// [`TrainingError::Option`] if an option makes no sense.
@@ -94,7 +94,7 @@ impl Trainer {
     }
 
     /// One optimizer step on the rows with the given numbers. Returns their loss before the step; if it is infinite or
-    /// not a number, the network stays as it is.
+    /// NaN, the network stays unchanged.
     ///
     /// # Panics
     /// If the rows do not fit the network, a number is too large, or there are none or more than `batch` of them.

@@ -1,4 +1,4 @@
-//! What the TOML parser says, in words of the file.
+//! Messages of the TOML parser in the vocabulary of the file.
 
 use crate::diagnostics::schema::shortened;
 
@@ -39,7 +39,7 @@ pub fn of_syntax(message: &str, text: &str, start: usize, in_value: bool) -> Str
 
 const VALUE: &str = "expected a number, a text in quotes, true, false, a list in [ ] or a table in { }";
 
-/// How the parser begins what it says about numbers.
+/// Beginnings of the parser's messages about numbers.
 const NUMBERS: [&str; 6] = [
     "invalid mantissa",
     "invalid fraction",

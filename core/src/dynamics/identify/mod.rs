@@ -1,13 +1,14 @@
 //! Equations of motion from recorded motions.
 //!
-//! The Euler-Lagrange equations are linear in the coefficients of their functions (module `system`), and homogeneous: the coefficients are the
-//! singular vector of the smallest singular value. Nothing but a common factor of all functions is lost, on which no acceleration depends.
-//! Where several vectors solve the equations (masses that nothing couples, modes of a linear system, a single orbit of a conservative
-//! one), that combination is taken whose mass matrix is next to a constant diagonal one and positive definite.
+//! The Euler-Lagrange equations are linear in the coefficients of their functions (module `system`), and homogeneous:
+//! the coefficients are the singular vector of the smallest singular value. Only a common factor of all functions is
+//! lost, on which no acceleration depends. Several vectors may solve the equations: uncoupled masses, modes of a linear
+//! system, or a single orbit of a conservative one. Then the combination is taken whose mass matrix is closest to a
+//! constant diagonal one and positive definite.
 //!
-//! Coefficients whose absence costs no accuracy are left out, from the smallest on: what is not there cannot go wrong beyond the rows. What is
-//! compared, of orders, windows and sets of coefficients, is how well the equations continue the last quarter of the motions, which is
-//! held out, and is added once all that is settled.
+//! Coefficients whose absence costs no accuracy are removed, starting with the smallest: absent terms cannot go wrong
+//! beyond the rows. Orders, windows and sets of coefficients are compared by how well the equations continue the last
+//! quarter of the motions. This quarter is held out until the choice is made, and then added.
 
 mod roll_out;
 mod system;
@@ -137,7 +138,8 @@ fn of_order(factors: &[Factor], trajectories: &[Trajectory], order: [usize; 2]) 
     Ok(Some(Identified { law, order, coefficients: active.len(), solutions: *independent, error }))
 }
 
-/// Of candidates with a number of coefficients and an error each the one with the fewest coefficients whose error is as good as the least.
+/// The candidate with the fewest coefficients whose error is as good as the least; `of` returns the number of
+/// coefficients and the error.
 fn simplest<T>(candidates: Vec<T>, of: impl Fn(&T) -> (usize, f64)) -> Option<T> {
     let least = candidates.iter().map(|candidate| of(candidate).1).fold(f64::INFINITY, f64::min);
     let good = candidates.into_iter().filter(|candidate| of(candidate).1 <= AS_GOOD * least.max(SAME));
@@ -153,7 +155,7 @@ struct WeakEquations<'a> {
     norms: Vec<f64>,
     /// Entries of the mass matrix at some rows of the motions, shape `[rows, coefficients]`.
     masses: DMatrix<f64>,
-    /// What a mass is compared with: rates are the larger, the smaller it is.
+    /// Scale of each coordinate in the mass matrix: the inverse of its root mean square rate, or 1 without motion.
     sizes: Vec<f64>,
 }
 
@@ -161,7 +163,7 @@ struct WeakEquations<'a> {
 struct Choice {
     /// Those that are not zero.
     active: Vec<usize>,
-    /// Of all.
+    /// All coefficients.
     coefficients: Vec<f64>,
     /// Largest singular value that counts as zero.
     limit: f64,
@@ -296,8 +298,8 @@ impl<'a> WeakEquations<'a> {
         Some(values)
     }
 
-    /// Coefficients that solve the equations but for singular values up to `limit`, of which at least so many count, and whose mass matrix
-    /// is positive definite; none if there are none.
+    /// Coefficients that solve the equations up to singular values of `limit`, with at least `at_least` singular
+    /// values, and whose mass matrix is positive definite; none if they do not exist.
     fn solve(&self, active: &[usize], limit: f64, at_least: usize) -> Option<Choice> {
         if active.len() < at_least {
             return None;
@@ -326,8 +328,9 @@ impl<'a> WeakEquations<'a> {
         Some(Choice { active: active.to_vec(), coefficients, limit, solutions, independent: solutions })
     }
 
-    /// The combination of solutions whose mass matrix is next to the identity at all rows, in coordinates in which rates are alike, and
-    /// positive definite: projected in turn on what is definite and on the solutions.
+    /// The combination of solutions whose mass matrix is closest to the identity at all rows and positive definite, in
+    /// coordinates whose rates are of similar size. Projects in turn on the positive definite matrices and on the
+    /// solutions.
     fn definite(&self, active: &[usize], space: &DMatrix<f64>) -> Option<DVector<f64>> {
         let (n, rows) = (self.coordinates, self.masses.nrows());
         // entries of the lower triangle, row by row, of each solution: shape [entries rows, solutions]

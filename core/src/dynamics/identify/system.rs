@@ -6,8 +6,8 @@
 //! d/dt (sum over j of M_ij v_j) - sum over j, k of dM_jk/dq_i v_j v_k / 2 + dV/dq_i - F_i + (D v)_i - (B u)_i = 0
 //! ```
 //!
-//! It is asked for in weak form: multiplied by a window `w(t) = (1 - s^2)^8`, `s` from -1 to 1, and integrated by parts, so that no
-//! acceleration is needed. The trapezoidal rule is nearly exact for such windows.
+//! The weak form is solved: the equation is multiplied by a window `w(t) = (1 - s^2)^8`, `s` from -1 to 1, and
+//! integrated by parts, so that no acceleration is needed. The trapezoidal rule is nearly exact for such windows.
 
 use super::super::{terms, trajectory::Trajectory};
 use metafmu_runtime::{
@@ -34,7 +34,7 @@ pub(super) struct Basis {
     factors: Vec<Factor>,
     coordinates: usize,
     inputs: usize,
-    /// Of all products, derivatives of each among them.
+    /// Exponents of all products, with the derivatives of each.
     exponents: Vec<Vec<i16>>,
     /// Function and product of each coefficient.
     pub(super) unknowns: Vec<(EquationPart, usize)>,

@@ -59,7 +59,7 @@ impl MultibodyBuilder<'_> {
     /// Position or velocity that a contact measures.
     ///
     /// # Errors
-    /// Which names there are, or why there is no such contact.
+    /// The known names, or the reason why the contact does not exist.
     pub(super) fn contact_measure(&mut self, name: &str, what: &str) -> Result<Measure, String> {
         let [x, y, angle] = self.contact_coordinates(name).map_err(|(_, message)| message)?;
         match what {

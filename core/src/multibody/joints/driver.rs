@@ -1,5 +1,5 @@
-//! The driver: any coordinate of the mechanism moves as a function of time prescribes, or has a prescribed acceleration, which is no
-//! constraint of positions ([`Prescribed`](crate::multibody::model::Prescribed)).
+//! The driver: any coordinate of the mechanism follows a function of time, or has a prescribed acceleration, which is
+//! not a constraint of positions ([`Prescribed`](crate::multibody::model::Prescribed)).
 
 use super::{Coordinate, Measure, Measures};
 use crate::multibody::constraint::{BoundExpression, Target};
@@ -14,12 +14,12 @@ pub struct Driver {
 }
 
 impl Driver {
-    /// What its constraint holds, and at what.
+    /// The coordinate that its constraint prescribes, and its motion.
     pub fn held(self) -> (Coordinate, Target) {
         (self.coordinate, Target::Motion(self.motion))
     }
 
-    /// What can be measured of a driver of either kind whose multiplier is `row`.
+    /// Measures of a driver of either kind whose multiplier is `row`.
     pub fn measures(row: usize) -> Measures {
         vec![("effort", Measure::DriverEffort(row))]
     }

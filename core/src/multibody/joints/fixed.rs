@@ -8,7 +8,7 @@ pub(super) const OPTIONS: &[JointOption] = &[JointOption::Angle];
 /// Holds both components of the difference of its points, and the angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FixedJoint {
-    /// What it connects.
+    /// The connected points.
     pub ends: Ends,
     /// Angle of the second body relative to the first, in rad.
     pub angle: f64,

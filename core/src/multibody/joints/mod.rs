@@ -1,9 +1,9 @@
-//! What joints and drivers hold and what can be measured of them: one file each.
+//! Constraints and measures of joints and drivers: one file each.
 //!
-//! A joint gives the [coordinates](super::coordinate) that it holds, from which its constraints have their residual, their
-//! row of the Jacobian and the right-hand side of their accelerations; the coordinate that it leaves free, relative
-//! between its two bodies; and the names of its measures (Haug: *Computer-Aided Kinematics and Dynamics of Mechanical
-//! Systems*, chapter 3). Both formulations work on the constraints alone: a new joint needs nothing there.
+//! A joint gives the [coordinates](super::coordinate) that it constrains, which define the residual of its constraints,
+//! their row of the Jacobian and the right-hand side of their accelerations. It also gives the free coordinate between
+//! its two bodies, and the names of its measures (Haug: *Computer-Aided Kinematics and Dynamics of Mechanical Systems*,
+//! chapter 3). Both formulations use the constraints only: a new joint needs no change there.
 
 mod driver;
 mod fixed;
@@ -26,9 +26,9 @@ use std::ops::Range;
 /// The two points that a joint connects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ends {
-    /// The first body's.
+    /// Point of the first body.
     pub from: BodyPoint,
-    /// The second body's, whose motion relative to the first is meant.
+    /// Point of the second body. Relative motion is that of the second body against the first.
     pub to: BodyPoint,
 }
 
@@ -84,7 +84,7 @@ impl Joint {
         }
     }
 
-    /// What can be measured of it; `rows` are its constraints.
+    /// Measures of the joint; `rows` are its constraints.
     pub fn measures(&self, rows: Range<usize>) -> Measures {
         match self {
             Self::Revolute(joint) => joint.measures(rows),

@@ -9,7 +9,7 @@ pub(super) const OPTIONS: &[JointOption] = &[JointOption::Axis, JointOption::Ang
 /// Holds the component of the difference of its points across the axis, and the angle; leaves the component along the axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prismatic {
-    /// What it connects.
+    /// The connected points.
     pub ends: Ends,
     /// Direction of the translation, in the frame of the first body; a unit vector.
     pub axis: Vector2<f64>,

@@ -8,7 +8,7 @@ pub(super) const OPTIONS: &[JointOption] = &[];
 /// Holds both components of the difference of its points, and leaves the angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Revolute {
-    /// What it connects.
+    /// The connected points.
     pub ends: Ends,
 }
 

@@ -1,4 +1,5 @@
-//! Drivers that give accelerations, which inputs may do: against equations and an integrator of their own, and against drivers of motions.
+//! Drivers that prescribe accelerations, also by inputs, against equations with a separate integrator, and against
+//! drivers of motions.
 
 use super::*;
 use crate::signal::{Signal, SineTerm};

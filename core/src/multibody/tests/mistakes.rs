@@ -1,4 +1,4 @@
-//! What is wrong with a mechanism, or happens to it in a run, is named.
+//! Messages about mistakes in a mechanism and about failures in a run.
 
 use super::*;
 

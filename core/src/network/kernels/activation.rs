@@ -5,7 +5,7 @@ use metafmu_runtime::Activation;
 
 /// An activation function.
 pub(crate) trait ActivationFunction {
-    /// How its derivative is found in the backward pass.
+    /// Method that computes its derivative in the backward pass.
     type Derivative: Derivative;
 
     fn value<L: SimdLanes>(x: L) -> L;
@@ -16,7 +16,7 @@ pub(crate) trait ActivationFunction {
 
 /// The derivative of an activation function times something: `d f'(x)`.
 pub(crate) trait Derivative {
-    /// Whether it is computed from the function's value; otherwise from the derivative, stored in the forward pass.
+    /// `true` if it is computed from the function's value; otherwise from the derivative, stored in the forward pass.
     const FOLLOWS_FROM_VALUE: bool;
 
     /// `from`: what the derivative is computed from.
@@ -26,7 +26,7 @@ pub(crate) trait Derivative {
 /// Work with an activation function that is known when the program is compiled. Its fields are its arguments: a closure would
 /// not be compiled with the caller's instruction set.
 pub(crate) trait ActivationVisitor {
-    /// What it computes.
+    /// Result of the work.
     type Output;
 
     /// Does the work with the function `F`. To be marked `#[inline(always)]`, as
@@ -48,7 +48,7 @@ pub(crate) fn visit<L: SimdLanes, V: ActivationVisitor>(activation: Activation, 
     }
 }
 
-/// Whether the derivative of an activation follows from its value.
+/// Returns true if the derivative of an activation follows from its value.
 pub(crate) fn slope_follows_from_value(activation: Activation) -> bool {
     struct FollowsFromValue;
 

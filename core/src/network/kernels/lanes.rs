@@ -5,12 +5,12 @@
 
 pub(crate) use crate::network::layout::WIDTH;
 
-/// Numbers in single precision, and what one instruction (or a few) for each register does to them.
+/// Numbers in single precision, and the operations that take an instruction (or a few) for each register.
 ///
 /// Code for registers is only to be reached through [`InstructionSet::run`](super::InstructionSet::run), which has made
 /// sure that the processor has the instructions.
 pub(crate) trait SimdLanes: Copy {
-    /// How many numbers.
+    /// Number of lanes.
     const COUNT: usize;
     /// Rows of a product worked on together: with [`WIDTH`] columns, as many sums as registers can hold.
     const ROWS: usize;
@@ -46,8 +46,9 @@ pub(crate) trait SimdLanes: Copy {
     fn sum(self) -> f32;
 }
 
-/// Twice as many numbers. Nested pairs instead of an array of registers: a loop over the array, for each of thousands of
-/// operations that are inlined into one function, took the compiler a quarter of the time it has for the whole crate.
+/// Registers with twice the numbers. Nested pairs replace an array of registers, because loops over the array are
+/// slow to compile. In thousands of operations inlined into one function, they took a quarter of the crate's compile
+/// time.
 #[derive(Clone, Copy)]
 pub(crate) struct Pair<L>(L, L);
 

@@ -17,7 +17,7 @@ use super::{
 use crate::network::layout::{LayerShape, padded, stride};
 use metafmu_runtime::Activation;
 
-/// What the backward pass multiplies by: the derivative of the activation `f` that made the layer's inputs.
+/// Factor of the backward pass: the derivative of the activation `f` that made the layer's inputs.
 #[derive(Clone, Copy)]
 pub(crate) enum Slope<'a> {
     /// It follows from the activation's value.

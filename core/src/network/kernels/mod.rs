@@ -1,10 +1,11 @@
 //! Compute kernels: matrix products in single precision with everything that surrounds them in a network's training.
 //!
-//! All products are of the same kind: rows times a panel of [`WIDTH`] = 32 columns, summed up in registers over the inner dimension. What makes this faster than a general product on networks as small as ours: weights
-//! are kept in panels, so nothing is packed; products with few inputs or outputs are not padded; a block's panel gets its
+//! All products are of the same kind: rows times a panel of [`WIDTH`] = 32 columns, summed up in registers over the
+//! inner dimension. Three choices make this faster than a general product on networks as small as these. Weights are
+//! kept in panels, so nothing is packed. Products with few inputs or outputs are not padded. A block's panel gets its
 //! activation or derivative while it is in the cache nearest to the core.
 //!
-//! Activations are not applied in the registers of the product, although that would save a load and a store: seven
+//! Activations are not applied in the registers of the product, although that would save a load and a store. Seven
 //! activations in every tile of every instruction set took the compiler minutes, for one percent of a step.
 //!
 //! - [`lanes`](mod@lanes): SIMD registers of each instruction set

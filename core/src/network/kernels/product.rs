@@ -19,7 +19,7 @@ pub(crate) struct Panel<'a> {
     pub(crate) stride: usize,
 }
 
-/// What becomes of the values that are already in the result.
+/// Treatment of the values that are already in the result.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Store {
     Replace,

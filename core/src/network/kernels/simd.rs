@@ -7,7 +7,7 @@ use super::{Pair, Portable, SimdLanes};
 
 /// Work on numbers. Its fields are its arguments.
 pub(crate) trait SimdKernel {
-    /// What it computes.
+    /// Result of the work.
     type Output;
 
     /// Does the work with [`L`](super::SimdLanes). To be marked `#[inline(always)]`, so that it is compiled with
@@ -22,7 +22,7 @@ pub(crate) enum InstructionSet {
     Avx512,
     #[cfg(target_arch = "x86_64")]
     Avx2,
-    /// What every processor of the target has: SSE2 or NEON.
+    /// Baseline of every processor of the target: SSE2 or NEON.
     Portable,
 }
 

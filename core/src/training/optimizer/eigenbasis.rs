@@ -107,8 +107,8 @@ pub(super) fn all(matrix: &Matrix) -> Left<'_> {
     }
 }
 
-/// Puts a unit vector orthogonal to all of `done` into `vector`: what is left of `wish`, or of the first unit vector of
-/// which enough is left. There is one, because fewer than `size` vectors are done.
+/// Puts a unit vector orthogonal to all of `done` into `vector`: the remainder of `wish`, or of the first unit vector
+/// whose remainder is large enough. There is one, because fewer than `size` vectors are done.
 fn complete(simd: InstructionSet, vector: &mut [f32], done: &[f32], stride: usize, wish: &[f32], size: usize) {
     vector.copy_from_slice(wish);
     for unit in 0..=size {
@@ -123,7 +123,7 @@ fn complete(simd: InstructionSet, vector: &mut [f32], done: &[f32], stride: usiz
     }
 }
 
-/// Divides a vector by its length, unless its square is not above `least` or not a number; whether it did.
+/// Divides a vector by its length if its square is finite and above `least`; returns true if it did.
 fn normalize(simd: InstructionSet, vector: &mut [f32], least: f32) -> bool {
     let square = simd.run(Dot { a: vector, b: vector });
     let good = square > least && square.is_finite() && square > f32::MIN_POSITIVE;

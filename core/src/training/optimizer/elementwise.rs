@@ -14,9 +14,9 @@ pub(super) struct ElementwiseStep {
     rule: Optimizer,
     simd: InstructionSet,
     rate: f32,
-    /// What is kept of the mean.
+    /// Share of the mean that is kept.
     momentum: f32,
-    /// What is not kept of the mean square.
+    /// Share of the mean square that is replaced: `1 - β2`.
     square_share: f32,
     /// `1 / (1 - β1^t)`
     mean_correction: f32,

@@ -51,7 +51,7 @@ enum OptimizerState {
     Soap(Box<Soap>),
 }
 
-/// What is done to a gradient before it is used: `g = factor g + l2 p + l1 sign(p)`.
+/// Correction of a gradient before its use: `g = factor g + l2 p + l1 sign(p)`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Penalty {
     factor: f32,

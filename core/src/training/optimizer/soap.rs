@@ -164,7 +164,7 @@ impl SoapLayer {
         self.gradient_transposed.set_transpose(&self.gradient);
     }
 
-    /// How many times [`CHUNK`] rows.
+    /// Number of chunks of [`CHUNK`] rows.
     fn row_chunks(&self) -> usize {
         self.gradient.rows.div_ceil(CHUNK)
     }
@@ -315,7 +315,7 @@ impl<'a> MatrixRows<'a> {
     /// The values of some rows.
     ///
     /// # Safety
-    /// As long as the result lives, no rows that overlap with these are asked for.
+    /// As long as the result lives, no rows that overlap with these are requested.
     #[expect(clippy::mut_from_ref, reason = "the caller keeps the rows apart")]
     unsafe fn get(&self, rows: Range<usize>) -> &mut [f32] {
         // SAFETY: as the caller promises
