@@ -22,7 +22,7 @@ use std::{path::PathBuf, time::Duration};
   metafmu import net.onnx --new interface.toml       a trained network
   metafmu new my-study --table runs.csv              recorded runs
   metafmu new my-study --table points.csv            rows of inputs and outputs
-  metafmu new my-study --fmu model.fmu               an FMU of another tool
+  metafmu new my-study --fmu model.fmu               a third-party FMU
   metafmu new my-study --mechanism mechanism.toml    bodies, joints and forces
   metafmu new my-study --system single-pendulum      a built-in system
 
@@ -68,7 +68,7 @@ pub enum Command {
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
   metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
-  metafmu new my-component --fmu model.fmu --structure discrete    # from sample to sample, for co-simulation
+  metafmu new my-component --fmu model.fmu --structure discrete    # discrete-time, for co-simulation
   metafmu new my-surrogate --table runs.csv
   metafmu new my-surrogate --table runs.csv --time Zeit --run Case
   metafmu new my-component --table motions.csv --structure dynamics    # coordinates, their rates and inputs in the columns
@@ -171,13 +171,13 @@ study's surrogate of the same variables is measured on the same test runs.")]
   metafmu export out/single-pendulum/single-pendulum.safetensors --fmi 3 --sources
   metafmu export examples/single-pendulum.toml --fmi both --binary aarch64-linux=libfmu_template.so
   metafmu export examples/single-pendulum.toml --model ridge
-  metafmu export examples/single-pendulum.toml --onnx single-pendulum.onnx    # for other tools: no states
+  metafmu export examples/single-pendulum.toml --onnx single-pendulum.onnx    # for third-party tools: no states
 
 The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise. Instead of a study, a model \
 file or an FMU made by metafmu may be given: its FMUs are written to the working directory, or to that of --out, and their model cards \
 do not say what was measured.")]
     Export(ExportModelArgs),
-    /// Read a trained network of another tool and write NAME.safetensors, which `export` takes
+    /// Read a third-party network and write NAME.safetensors, which `export` takes
     #[command(after_help = "Examples:
   metafmu import model.onnx --new interface.toml --data training.csv    # write a starter for the interface
   metafmu import model.onnx --interface interface.toml --data training.csv --check expected.csv
@@ -207,7 +207,7 @@ crashes, exits or hangs is reported as a problem. What it prints goes to stderr.
   metafmu simulate plant.fmu --input force.csv --interface me
   metafmu simulate discrete.fmu --input record.csv    # from measured outputs in rows before time 0
 
-The FMU runs in a process of its own; what it prints goes to stderr.")]
+The FMU runs in a separate process; its output goes to stderr.")]
     Simulate(SimulateArgs),
     /// Compute a surrogate's outputs for every row of a table, on all cores
     #[command(after_help = "Examples:
@@ -293,9 +293,8 @@ fn structures() -> [PossibleValue; 4] {
         PossibleValue::new("response").help("Plays back runs: outputs are functions of parameters and time"),
         PossibleValue::new("dynamics")
             .help("Has states and inputs: of a system or mechanism, an FMU for model exchange, or a table of motions"),
-        PossibleValue::new("discrete").help(
-            "Goes on from sample to sample, driven by inputs of an FMU for co-simulation or by columns of a table",
-        ),
+        PossibleValue::new("discrete")
+            .help("Is discrete-time, driven by inputs of an FMU for co-simulation or by columns of a table"),
         PossibleValue::new("static").help("Has no time: outputs follow from inputs alone, as in the rows of a table"),
     ]
 }
@@ -344,7 +343,7 @@ pub enum SchemaOf {
     Study,
     /// A mechanism: bodies, joints, springs, forces and drivers
     Mechanism,
-    /// The interface of a trained model of another tool
+    /// The interface of a third-party model
     Interface,
 }
 

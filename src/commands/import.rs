@@ -1,4 +1,4 @@
-//! `metafmu import`: a trained model of another tool becomes a model file.
+//! `metafmu import`: a third-party model becomes a model file.
 
 use super::{CommandOutcome, heard, print, print_json};
 use crate::cli::ImportArgs;

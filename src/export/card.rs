@@ -53,7 +53,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
                 Clock::Continuous(_) =>
                     "It integrates its states, driven by its inputs; any communication step size will do",
                 Clock::Sampled(_) =>
-                    "It goes on from sample to sample, driven by its inputs; between samples outputs are linear in time, and any \
+                    "It is discrete-time, driven by its inputs; between samples outputs are linear in time, and any \
                      communication step size will do",
                 Clock::Static if surrogate.time_column().is_none() => {
                     "It computes its outputs directly from its inputs and parameters, any step size will do"
@@ -98,7 +98,7 @@ fn what(program: &Program) -> &'static str {
     match &program.clock {
         Clock::Static if program.graph.is_network() || program.graph.instants().is_some() => "a neural network",
         Clock::Static if program.graph.dictionary().is_some() => "learned functions of its inputs",
-        Clock::Static => of_baseline(&program.graph).map_or("a model of another tool", |(what, _)| what),
+        Clock::Static => of_baseline(&program.graph).map_or("a third-party model", |(what, _)| what),
         Clock::Continuous(_) if program.motion().is_some() => {
             "equations of motion with learned functions of the configuration"
         }

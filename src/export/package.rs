@@ -148,7 +148,7 @@ pub fn find_surrogate(path: &Path) -> Result<Option<Surrogate>> {
 /// damaged one.
 pub fn read_surrogate(path: &Path) -> Result<Surrogate> {
     find_surrogate(path)?.ok_or_else(|| {
-        let problem = "expected a surrogate of metafmu, this FMU was made by another tool: `metafmu simulate` runs it";
+        let problem = "expected a surrogate of metafmu, this is a third-party FMU: `metafmu simulate` runs it";
         of_model(path, problem.into())
     })
 }

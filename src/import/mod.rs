@@ -90,7 +90,7 @@ fn into_graph(
     // products of finite weights may not be finite
     graph
         .check(width, outputs)
-        .map_err(|problem| format!("constants of the graph, taken together, are no numbers: {problem}"))?;
+        .map_err(|problem| format!("constant folding of the graph produced NaN or infinity: {problem}"))?;
     Ok(graph)
 }
 

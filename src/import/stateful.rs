@@ -61,7 +61,7 @@ fn evolution(interface: &ModelInterface, recurrences: &[RecurrentState]) -> Resu
             problems.add(
                 "states",
                 format!(
-                    "have a `derivative`, but `{name}` of a recurrent cell goes on from sample to sample: expected one kind of states"
+                    "have a `derivative`, but `{name}` of a recurrent cell is discrete-time: expected one kind of states"
                 ),
             );
             Evolution::Continuous

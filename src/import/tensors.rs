@@ -38,7 +38,7 @@ pub fn is_safetensors(bytes: &[u8]) -> bool {
 
 /// Message for a file that is an FMU, or a model file of metafmu: there is nothing to import.
 pub fn made_already(bytes: &[u8]) -> Option<String> {
-    let expected = "expected a trained network of another tool: ONNX, .npz or .safetensors";
+    let expected = "expected a third-party network: ONNX, .npz or .safetensors";
     if is_npz(bytes) {
         let archive = ZipArchive::new(Cursor::new(bytes)).ok()?;
         let is_fmu = archive.index_for_name("modelDescription.xml").is_some();

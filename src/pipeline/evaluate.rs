@@ -207,7 +207,7 @@ fn roll_out_table(
     RollOuts { horizons, divergence_time, energy_drift, constraint_residual, long_runs: [runs, finite], .. }: &RollOuts,
 ) -> String {
     let mut text =
-        format!("{:<10} {:>15} {:>10}   start off by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
+        format!("{:<10} {:>15} {:>10}   start perturbed by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
     for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. } in horizons {
         let time = format!("{} s", number(*seconds));
         let _ = writeln!(text, "{time:<10} {median:>15.1e} {q90:>10.1e}   {changed:.1e}, {changed_q90:.1e}");

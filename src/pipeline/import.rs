@@ -1,4 +1,4 @@
-//! Trained models of other tools become surrogates, without a study.
+//! Third-party models become surrogates, without a study.
 
 use super::predict::roll_outs;
 use crate::{
@@ -76,7 +76,7 @@ const RUN: &str = "run";
 /// Tolerance of a check: of a model in single precision, and of one in double.
 const TOLERANCES: [f64; 2] = [1e-5, 1e-9];
 
-/// Reads a trained model of another tool and writes it as a model file.
+/// Reads a third-party model and writes it as a model file.
 ///
 /// # Errors
 /// [`Error::Import`] with the problems of the model, [`Error::Study`] with the keys of the interface that do not fit,

@@ -484,7 +484,7 @@ def test_a_cell_and_derivatives_do_not_go_together(tmp_path):
     (tmp_path / "model.onnx").write_bytes(cell("rnn", explicit=False).SerializeToString())
     (tmp_path / "interface.toml").write_text(text)
     run = metafmu("import", "model.onnx", "--interface", "interface.toml", cwd=tmp_path, check=False)
-    assert run.returncode == 2 and "states: have a `derivative`, but `Y.h` of a recurrent cell goes on from sample to sample" in run.stderr, run.stderr
+    assert run.returncode == 2 and "states: have a `derivative`, but `Y.h` of a recurrent cell is discrete-time" in run.stderr, run.stderr
 
 
 def test_a_model_with_states_is_not_exported_to_onnx(tmp_path):

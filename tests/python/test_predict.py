@@ -219,7 +219,7 @@ def test_what_is_no_surrogate_and_no_output_is_refused(pendulum, designs, tmp_pa
         archive.writestr("modelDescription.xml", "<fmiModelDescription/>")
     (tmp_path / "text.fmu").write_text("text")
     for model, options, says in [
-        (tmp_path / "other.fmu", [], "this FMU was made by another tool: `metafmu simulate` runs it"),
+        (tmp_path / "other.fmu", [], "this is a third-party FMU: `metafmu simulate` runs it"),
         (tmp_path / "text.fmu", [], "not an FMU"),
         (tmp_path / "in.csv", [], "expected a surrogate, a file that ends in .fmu or .safetensors"),
         (tmp_path / "none.safetensors", [], "none.safetensors: cannot read"),

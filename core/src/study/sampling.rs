@@ -142,7 +142,7 @@ impl SamplingOptions {
         let is_read = study.source.is_recorded() && !study.has_states();
         let message = "belongs to recorded runs without states";
         problems.expect_absent(test.is_some() && !is_read, "sampling.test", message);
-        let message = "is measured on runs of its own: with `sampling.train_stop` every run is learned from";
+        let message = "is measured on separate runs: with `sampling.train_stop` every run is learned from";
         problems.expect_absent(train_stop.is_some() && study.bounds.is_some(), "bounds", message);
         if let Some(train_stop) = train_stop.filter(|train_stop| *train_stop >= study.time.stop) {
             let message = format!(

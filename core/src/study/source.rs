@@ -145,7 +145,7 @@ impl SourceOptions {
             problems.add("source.retries", format!("belongs to `fmu` and `command`{reason}"));
         }
         problems.expect_absent(!self.files.is_empty() && command.is_none(), "source.files", "belongs to `command`");
-        let integrates = "belongs to sources that metafmu integrates: a program integrates by itself";
+        let integrates = "belongs to sources that metafmu integrates: a program has its own solver";
         problems.expect_absent(tolerance.is_some() && command.is_some(), "source.tolerance", integrates);
         if command.as_ref().is_some_and(|command| command.first().is_none_or(|program| program.trim().is_empty())) {
             problems.add("source.command", "no program, expected a program and its arguments");

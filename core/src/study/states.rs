@@ -264,7 +264,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             check_variable_name(&mut problems, &key, name);
             check_variable_name(&mut problems, &format!("{key}.rate"), &state.rate_name(name));
         } else if is_run_apart {
-            let message = "belongs to mechanisms: every state of an FMU or a program has a range of its own";
+            let message = "belongs to mechanisms: every state of an FMU or a program has its own range";
             problems.expect_absent(state.velocity.is_some(), format!("{key}.velocity"), message);
             problems.expect_absent(state.velocity_range.is_some(), format!("{key}.velocity_range"), message);
         } else if study.mechanism().is_some_and(|mechanism| mechanism.actuator_states().contains_key(name)) {

@@ -159,8 +159,7 @@ step = {:<20?} # s
     // the others are constants
     for QuantityRange { name, min, max } in &ranges.parameters {
         if checked.idle.contains(name) {
-            let _ =
-                writeln!(text, "# {name}: acts on nothing but the start, for which the FMU has parameters of its own");
+            let _ = writeln!(text, "# {name}: acts on the start only, for which the FMU has separate parameters");
         } else {
             let _ = writeln!(text, "{name} = {{ min = {min:?}, max = {max:?} }}");
         }

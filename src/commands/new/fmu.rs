@@ -189,7 +189,7 @@ pub fn study_of_samples(target: &StudyTarget, file: &Path) -> Result<String> {
 name = \"{name}\"    # names the outputs and the FMU
 description = {}
 seed = 1                    # everything random follows from it
-structure = \"discrete\"      # goes on from sample to sample, driven by the inputs
+structure = \"discrete\"      # discrete-time, driven by the inputs
 
 [source]
 fmu = {}    # relative to this file; runs by co-simulation

@@ -354,10 +354,7 @@ fn text(target: &StudyTarget, file: &Path, runs: &RunsProfile, roles: &Roles) ->
     // of a single run that is cut
     let run_count = runs.count.max(pieces as usize);
     let (structure, option) = match is_discrete {
-        true => (
-            "structure = \"discrete\"      # goes on from sample to sample, driven by the inputs\n",
-            " --structure discrete",
-        ),
+        true => ("structure = \"discrete\"      # discrete-time, driven by the inputs\n", " --structure discrete"),
         false => ("", ""),
     };
     let steps = match is_discrete {

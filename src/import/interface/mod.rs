@@ -1,4 +1,4 @@
-//! The interface of a model of another tool: which of its columns is which variable of the FMU.
+//! The interface of a third-party model: which of its columns is which variable of the FMU.
 
 mod of_study;
 mod read;
@@ -203,7 +203,7 @@ pub struct InterfaceState {
 /// Evolution of the states of an interface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Evolution {
-    /// From sample to sample.
+    /// Discrete-time.
     Discrete,
     /// By their derivatives.
     Continuous,

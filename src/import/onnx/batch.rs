@@ -19,7 +19,7 @@ const FIRST: u8 = 1;
 const SECOND: u8 = 2;
 const BOTH: u8 = FIRST | SECOND;
 
-const EXPECTED: &str = "expected an operator on each row by itself, or inputs with a fixed first dimension";
+const EXPECTED: &str = "expected an operator on each row separately, or inputs with a fixed first dimension";
 
 /// Operators whose inputs are broadcast to each other.
 const BROADCASTING: [&str; 18] = [

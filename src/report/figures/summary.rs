@@ -183,7 +183,7 @@ fn network(material: &Material) -> String {
             ),
             None if graph.dictionary().is_some() => "Sums of products, and what networks add to them, give".into(),
             None if graph.is_network() => format!("A feed-forward network ({layers}) gives"),
-            None => "A model of another tool gives".into(),
+            None => "A third-party model gives".into(),
         },
         Clock::Continuous(_) => match (program.motion(), called, called.and_then(Graph::network)) {
             (Some(motion), ..) => {
@@ -197,18 +197,18 @@ fn network(material: &Material) -> String {
                 "States whose derivatives are sums of products and a feed-forward network ({}) give",
                 sizes(&network)
             ),
-            (None, Some(_), None) => "States whose derivatives are those of a model of another tool give".into(),
+            (None, Some(_), None) => "States whose derivatives are those of a third-party model give".into(),
             (None, None, None) => "States whose derivatives are sums of products give".into(),
         },
         Clock::Sampled(_) => match (called, called.and_then(Graph::network)) {
             (_, Some(network)) => {
-                format!("A linear model and a feed-forward network ({}), from sample to sample, give", sizes(&network))
+                format!("A linear discrete-time model and a feed-forward network ({}) give", sizes(&network))
             }
             (Some(called), None) if called.steps.iter().any(|step| matches!(step, Step::Products { .. })) => {
-                "A polynomial of past samples, from sample to sample, gives".into()
+                "A polynomial of past samples gives".into()
             }
-            (Some(_), None) => "A model of another tool, from sample to sample, gives".into(),
-            (None, None) => "A linear model, from sample to sample, gives".into(),
+            (Some(_), None) => "A discrete-time third-party model gives".into(),
+            (None, None) => "A linear discrete-time model gives".into(),
         },
     }
 }

@@ -67,7 +67,7 @@ impl FmuRuns {
         task.path = path.to_owned();
         task.interface = interface;
         if interface == InterfaceKind::CoSimulation && options.tolerance.is_some() {
-            let message = "belongs to model exchange; this FMU is for co-simulation and integrates by itself";
+            let message = "belongs to model exchange; this FMU is for co-simulation and has its own solver";
             study.refuse(Problems::one("source.tolerance", message))?;
         }
         task.stop = stop;
