@@ -629,11 +629,11 @@ third,1,3,-0.5,8
             ("table = \"missing.csv\"", "missing.csv: cannot read"),
             (
                 "table = \"i.csv\"\nindex = \"i.csv\"",
-                "s.toml:2: source: expected one of `system`, `mechanism`, `fmu`, `table`",
+                "s.toml:2: source: expected one of `system`, `mechanism`, `fmu`, `command`, `table`",
             ),
             (
                 "table = \"i.csv\"\nconstants = { m = 1 }",
-                "s.toml:4: source.constants: belongs to `system`, `mechanism` and `fmu`",
+                "s.toml:4: source.constants: belongs to `system`, `mechanism`, `fmu` and `command`",
             ),
             (
                 "table = \"1.csv\"\ncolumns = { z = \"y\" }",

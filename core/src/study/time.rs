@@ -87,7 +87,10 @@ impl TimeOptions {
     pub(super) fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
         if self.margin > 0.0 && study.source.is_recorded() {
-            problems.add("margin", "belongs to `system`, `mechanism` and `fmu`: recorded runs end where they end");
+            problems.add(
+                "margin",
+                "belongs to `system`, `mechanism`, `fmu` and `command`: recorded runs end where they end",
+            );
         } else if self.margin > 0.0 && study.network.structure == TimeStructure::Fixed {
             problems.add("margin", "belongs to the structure \"full\"");
         }
