@@ -500,7 +500,7 @@ def test_a_study_of_a_built_in_system_is_written_and_built(tmp_path):
     assert result.returncode == 0, result.stderr
     text = (tmp_path / "pendulum.toml").read_text()
     # an initial velocity
-    assert "# thetad0: acts on nothing but the start" in text
+    assert "# thetad0: acts on the start only" in text
     (tmp_path / "pendulum.toml").write_text(text.replace("stop = 10.0", "stop = 1.0").replace("test_runs = 20", "test_runs = 2"))
     result = run("build", "pendulum.toml", "--out", "out")
     assert result.returncode == 0, result.stderr
