@@ -40,7 +40,7 @@ PHRASES = {
     r"\b(?:that|so) many\b": "out of N; the number",
     r"\bcame of\b": "result of",
     r"\bdid not fail\b": "successful",
-    r"\bas there\b|\blikewise\b|\bsee there\b": "repeat the noun, or link to the item",
+    r"\bas there\b(?! (?:is|are)\b)|\blikewise\b|\bsee there\b": "repeat the noun, or link to the item",
     r"\bas it is today\b|\bwhat is not done\b": "a limit, once",
 }
 OPENINGS = re.compile(r"^(?:Of |Likewise|As there|What |Whether |The same\b|As above)")

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Runs the tests: format, imports, lints, documentation, Rust tests, then the FMU in other people's tools.
+# Runs the tests: format, imports, words, lints, documentation, Rust tests, then the FMU in other people's tools.
 # Usage: scripts/test.sh [--quick | --ci | --all] [OPTION OF PYTEST]...
-#   --quick   format, imports, lints, Rust unit tests, and one small build whose FMU is checked by fmpy
+#   --quick   format, imports, words, lints, Rust unit tests, and one small build whose FMU is checked by fmpy
 #   --ci      also the Python package, the FMU's library with debug assertions, builds that are killed at random moments, the host fmi-sim,
 #             which takes a minute to compile, and other platforms
 #   --all     also fuzzing, for which everything is compiled once more
@@ -57,6 +57,7 @@ lints() { step "lints"; cargo clippy --workspace --all-targets --release --locke
 
 step "format";              cargo fmt --all --check
 step "imports";             python3 scripts/check-imports.py
+step "words";               python3 scripts/check-words.py
 if [ $extent = quick ]; then
   step "Rust unit tests";   unit_tests
   step "command";           cargo build --release --locked

@@ -225,8 +225,8 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
                 "{share} % of further rows inside the ranges are expected within each (conformal, from the errors of these {runs} rows)"
             ),
             None => format!(
-                "Of a further run inside the ranges, {share} % of the points are expected within each (split-conformal, from {runs} runs \
-                 of their own)"
+                "Of a further run inside the ranges, {share} % of the points are expected within each (split-conformal, from {runs} separate \
+                 runs)"
             ),
         };
         line(

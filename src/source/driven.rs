@@ -193,8 +193,8 @@ impl Driven {
                 Ok(Checked { idle, is_periodic }) => {
                     problems.extend(starts_outside(&|k, name, state| !state.goes_around(name) || is_periodic[k]));
                     for name in idle {
-                        let message = "acts neither on the equations of motion nor on an output; states have parameters of their \
-                                       own for their values at the start";
+                        let message = "acts neither on the equations of motion nor on an output; states have separate parameters for \
+                                       their initial values";
                         problems.add(format!("parameters.{name}"), message);
                     }
                 }

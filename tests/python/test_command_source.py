@@ -376,7 +376,6 @@ def test_what_a_model_prints_goes_to_standard_error(tmp_path, package):
 
 
 def test_the_arm_in_mujoco_has_equations_and_runs(tmp_path, package):
-    pytest.importorskip("mujoco")
     study = new(tmp_path, "my-arm", "arm/arm.py", "--structure", "dynamics")
     change(study, (r"# files = \[\]", 'files = ["arm.xml"]'), (r"test_runs = \d+", "test_runs = 2"), (r"\nstates = \d+", "\nstates = 200"))
     metafmu("sample", study, "--out", tmp_path / "out")
@@ -394,7 +393,6 @@ def test_the_arm_in_mujoco_has_equations_and_runs(tmp_path, package):
 
 
 def test_a_flexible_cable_in_exudyn_is_sampled(tmp_path, package):
-    pytest.importorskip("exudyn")
     study = new(tmp_path, "my-cable", "cable.py")
     change(study, (r"\nruns = \d+", "\nruns = 4"), (r"test_runs = \d+", "test_runs = 2"))
     metafmu("sample", study, "--out", tmp_path / "out")

@@ -15,7 +15,7 @@ pub fn section(evaluated: &Evaluated) -> Option<Section> {
     let stated = *coverage;
     let text = format!(
         "The truth is expected within the bound around the prediction in {} of the rows of a further run inside the ranges \
-         (split-conformal, from {runs} runs of their own). This is how often it is, on the test runs: over all rows, at the worst \
+         (split-conformal, from {runs} separate runs). This is how often it is, on the test runs: over all rows, at the worst \
          instant, and at all instants of a run.",
         percent(stated)
     );
