@@ -172,11 +172,11 @@ static inline Jet jet_quotient(Jet a, Jet b)
 }
 
 /*
- * First of the two knots around x; weights of value and slope at both, and the first and second derivative of the weights:
+ * First of the two knots around x; weights of value and slope at both, and the first three derivatives of the weights:
  * weights[order][knot][value or slope].
  */
 static inline size_t lookup_weights(const LookupTable *table, const Real *knots, size_t count, Real x,
-                                    Real weights[3][2][2])
+                                    Real weights[4][2][2])
 {
     const Real start = knots[0];
     const Real end = knots[count - 1];
@@ -193,7 +193,7 @@ static inline size_t lookup_weights(const LookupTable *table, const Real *knots,
             after = middle;
         }
     }
-    for (size_t order = 0; order < 3; order++) {
+    for (size_t order = 0; order < 4; order++) {
         for (size_t knot = 0; knot < 2; knot++) {
             weights[order][knot][0] = R(0.0);
             weights[order][knot][1] = R(0.0);
@@ -227,20 +227,22 @@ static inline size_t lookup_weights(const LookupTable *table, const Real *knots,
             weights[1][knot][1] = to * (to - R(2.0) * from);
             weights[2][knot][0] = R(6.0) * (from - to) / (h * h);
             weights[2][knot][1] = sign * R(2.0) * (from - R(2.0) * to) / h;
+            weights[3][knot][0] = sign * R(12.0) / (h * h * h);
+            weights[3][knot][1] = R(6.0) / (h * h);
         }
     }
     return at;
 }
 
 /*
- * The first so many of the value of a table and its derivatives along x, x x, y, x y and y y. A table of one argument is
- * constant along y.
+ * The first numbers of the value of a table and its derivatives along x, x x, y, x y, y y and x x x. A table of one
+ * argument is constant along y.
  */
 static inline void lookup_series(const LookupTable *table, Real x, Real y, Real series[], size_t orders)
 {
-    static const size_t of_orders[6][2] = {{0, 0}, {1, 0}, {2, 0}, {0, 1}, {1, 1}, {0, 2}};
-    Real of_x[3][2][2];
-    Real of_y[3][2][2] = {{{R(0.0)}}};
+    static const size_t of_orders[7][2] = {{0, 0}, {1, 0}, {2, 0}, {0, 1}, {1, 1}, {0, 2}, {3, 0}};
+    Real of_x[4][2][2];
+    Real of_y[4][2][2] = {{{R(0.0)}}};
     of_y[0][0][0] = R(1.0);
     const size_t rows = table->y_count > 0 ? table->y_count : 1;
     const size_t row = lookup_weights(table, table->x, table->x_count, x, of_x);
@@ -278,6 +280,23 @@ static inline Jet jet_lookup(const LookupTable *table, Jet x, Jet y)
     const Real first = series[1] * x.first + series[3] * y.first;
     const Real bent = series[2] * x.first * x.first + R(2.0) * series[4] * x.first * y.first + series[5] * y.first * y.first;
     return (Jet){series[0], first, bent + series[1] * x.second + series[3] * y.second};
+}
+
+/* A table of one argument. Its fourth derivative is zero. */
+static inline Nested nested_lookup(const LookupTable *table, Nested x)
+{
+    Real series[7];
+    lookup_series(table, x.value.value, R(0.0), series, 7);
+    const Real first = x.value.first;
+    const Real second = x.value.second;
+    const Real slope = series[1];
+    const Real curvature = series[2];
+    const Real third = series[6];
+    const Jet value = {series[0], slope * first, curvature * first * first + slope * second};
+    const Jet slopes = {slope, curvature * first, third * first * first + curvature * second};
+    const Jet curvatures = {curvature, third * first, third * second};
+    const Jet bent = jet_product(jet_product(curvatures, x.first), x.first);
+    return (Nested){value, jet_product(slopes, x.first), jet_sum(bent, jet_product(slopes, x.second))};
 }
 
 static inline Real real_power(Real a, Real b)

@@ -1,8 +1,14 @@
 #include "evaluator.h"
 
+/* Splines are the only operations of positions from TAPE_RECIPROCAL on. */
+static void nested_call(const Operation *operation, Nested *registers)
+{
+    registers[operation->to] = nested_lookup(&model_tables[operation->data], registers[operation->a]);
+}
+
 #define NUMBER Nested
 #define OF(name) nested_##name
-#define CALL(operation, registers) break /* positions have no formulas */
+#define CALL nested_call
 #include "jet_activation.h"
 #include "tape_run.h"
 #undef NUMBER

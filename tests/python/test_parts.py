@@ -16,6 +16,8 @@ STOP = 2.0
 ROWS = np.linspace(0.0, STOP, 201)
 TABLE = tomllib.loads((PARTS / "suspension.toml").read_text())["tables"]["damper"]
 DAMPER = CubicSpline(TABLE["x"], TABLE["values"])
+TABLE = tomllib.loads((PARTS / "cam.toml").read_text())["tables"]["lift"]
+LIFT = CubicSpline(TABLE["x"], TABLE["values"], bc_type="periodic")
 
 
 def stop(x, v, low, high, stiffness, damping):
@@ -84,12 +86,34 @@ def motor(p, state):
     return [omega, torque / (0.5 * p["L"] ** 2 + 900.0 * 2e-5), rate, p["speed"] - omega]
 
 
+def cam(p, state):
+    angle, speed = state
+    _, slope, curvature = (LIFT(angle, order) for order in range(3))
+    torque = p["torque"] - 0.02 * speed - slope * (load(p, state) + p["m"] * curvature * speed**2)
+    return [speed, torque / (0.002 + p["m"] * slope**2)]
+
+
+def load(p, state):
+    """Force on the cam at a constant speed of the valve."""
+    lift, slope = LIFT(state[0]), LIFT(state[0], 1)
+    return p["k"] * (lift + 0.02) + 3.0 * slope * state[1] + 9.81 * p["m"]
+
+
+def force_on_cam(p, state):
+    slope, curvature = LIFT(state[0], 1), LIFT(state[0], 2)
+    return load(p, state) + p["m"] * (curvature * state[1] ** 2 + slope * cam(p, state)[1])
+
+
 # coordinates and actuator states, what is compared and which coordinate it is, points at corners of parameters, inputs and speeds
 CASES = {
     "rack": (rack, ["shaft.angle"], {"x": lambda p, s: p["r"] * s[0], "speed": lambda p, s: s[1]}, [
         ({"r": 0.1, "m": 8.0, "torque": 2.0}, [0.5, 3.0]),
         ({"r": 0.3, "m": 3.0, "torque": -2.0}, [-1.0, -4.0]),
         ({"r": 0.3, "m": 8.0, "torque": 0.0}, [1.6, 2.0]),
+    ]),
+    "cam": (cam, ["camshaft.angle"], {"angle": lambda p, s: s[0], "lift": lambda p, s: LIFT(s[0]), "force": force_on_cam}, [
+        ({"m": 0.1, "k": 1200.0, "torque": 2.0}, [0.3, 18.0]),
+        ({"m": 0.4, "k": 600.0, "torque": -2.0}, [-3.0, 22.0]),
     ]),
     "suspension": (suspension, ["guide.position", "axle.position"], {"z": lambda p, s: s[0], "travel": lambda p, s: s[0] - s[1]}, [
         ({"m": 250.0, "road": 0.05}, [0.95, 0.34, 1.0, -1.0]),

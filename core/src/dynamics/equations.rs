@@ -105,8 +105,9 @@ impl<'a> Equations<'a> {
             let exponents: Vec<Vec<i16>> =
                 terms::exponents(&factors, FIRST_ORDER).into_iter().filter(is_used).collect();
             let scales = &scales[range.clone()];
-            let (coefficients, _) = least_squares::solve(&factors, &exponents, &part(samples), &part(unseen), scales)?;
-            least_squares::dictionary(&factors, &exponents, &coefficients, 0..scales.len())
+            let set = factors[..].into();
+            let (coefficients, _) = least_squares::solve(set, &exponents, &part(samples), &part(unseen), scales)?;
+            least_squares::dictionary(set, &exponents, &coefficients, 0..scales.len())
         };
         Ok([of(&ranges[0], &dependencies[0])?, of(&ranges[1], &dependencies[1])?])
     }

@@ -9,12 +9,17 @@ use super::{
 };
 use crate::multibody::{
     Mechanism,
+    constraint::{Slot, Target},
     coordinate::Coordinate,
     reduced::{Reduced, Terms},
 };
-use metafmu_runtime::{Dynamics, Efforts, dictionary::Factor};
+use metafmu_runtime::{
+    Dynamics, Efforts,
+    dictionary::{Factor, SplineFactor},
+    formula::FormulaStep,
+};
 use nalgebra::DVector;
-use std::{borrow::Cow, f64::consts::TAU};
+use std::{borrow::Cow, f64::consts::TAU, sync::Arc};
 
 /// Point of a region: coordinates, then parameters.
 pub(super) type RegionPoint = Vec<f64>;
@@ -259,6 +264,33 @@ impl<'a> MechanismRegion<'a> {
         };
         let ranges = self.ranges().enumerate();
         ranges.map(|(column, range)| if is_angle(column) { Factor::Angle } else { power(range) }).collect()
+    }
+
+    /// Splines by which coordinates of the mechanism follow those of the region: lifts of cams. Splines whose slope or
+    /// curvature jumps in the range are excluded.
+    pub(super) fn splines(&self) -> Result<Vec<SplineFactor>, String> {
+        let middle: RegionPoint = self.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
+        let reduced = self.reduced(&middle)?;
+        let mut splines: Vec<SplineFactor> = Vec::new();
+        for constraint in reduced.model().constraints.iter() {
+            let Target::Follows(bound) = &constraint.target else { continue };
+            for pair in bound.formula.steps().windows(2) {
+                let [FormulaStep::Column(argument), FormulaStep::Lookup(table)] = pair else { continue };
+                let Slot::Position(argument) = bound.slots[*argument] else { continue };
+                let Some(column) = reduced.coordinates().iter().position(|known| *known == argument) else { continue };
+                let QuantityRange { min, max, .. } = self.region.coordinates[column];
+                let is_inside = || {
+                    let knots = &table.axes()[0];
+                    knots[0] <= min && max <= knots[knots.len() - 1]
+                };
+                let spline = SplineFactor { column, table: Arc::clone(table) };
+                let is_smooth = table.derivatives().is_ok() && (table.period(0).is_some() || is_inside());
+                if is_smooth && !splines.contains(&spline) {
+                    splines.push(spline);
+                }
+            }
+        }
+        Ok(splines)
     }
 
     /// Values of all parameters of the mechanism at a point.

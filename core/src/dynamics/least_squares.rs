@@ -1,24 +1,75 @@
 //! Coefficients of a dictionary from labels.
 
-use super::{EquationSamples, terms};
-use metafmu_runtime::dictionary::{Dictionary, Factor, Term};
+use super::{
+    EquationSamples,
+    terms::{self, FactorSet},
+};
+use metafmu_runtime::dictionary::{Dictionary, Term};
 use nalgebra::DMatrix;
 use std::ops::Range;
+
+/// Contribution of a product, relative to a function's scale, below which it may be dropped.
+const LITTLE: f64 = 1e-9;
+
+/// Error that rounding makes, relative to a function's scale.
+const ROUNDING: f64 = 1e-13;
 
 /// The coefficients of least squares, shape `[products, functions]`, and the largest error of any function at unseen points, relative
 /// to its scale.
 ///
+/// Splines are nearly sums of harmonics, so rounding causes large coefficients of products that cancel each other.
+/// Products with small contributions are dropped if the error does not grow.
+///
 /// # Errors
 /// A sentence if the points do not determine the coefficients.
 pub(super) fn solve(
-    factors: &[Factor],
+    set: FactorSet,
     exponents: &[Vec<i16>],
     samples: &EquationSamples,
     unseen: &EquationSamples,
     scales: &[f64],
 ) -> Result<(DMatrix<f64>, f64), String> {
+    let Solved { coefficients, sizes, error } = solve_for(set, exponents, samples, unseen, scales)?;
+    if set.splines.is_empty() {
+        return Ok((coefficients, error));
+    }
+    let matters = |term: &usize| {
+        let row = coefficients.row(*term);
+        row.iter().zip(scales).any(|(value, scale)| value.abs() * sizes[*term] > LITTLE * scale)
+    };
+    let kept: Vec<usize> = (0..exponents.len()).filter(matters).collect();
+    let fewer: Vec<Vec<i16>> = kept.iter().map(|term| exponents[*term].clone()).collect();
+    match solve_for(set, &fewer, samples, unseen, scales) {
+        Ok(found) if found.error <= 2.0 * error.max(ROUNDING) => {
+            let mut all = DMatrix::zeros(exponents.len(), scales.len());
+            kept.iter().zip(found.coefficients.row_iter()).for_each(|(term, row)| all.set_row(*term, &row));
+            Ok((all, found.error))
+        }
+        _ => Ok((coefficients, error)),
+    }
+}
+
+/// Coefficients of products, shape `[products, functions]`, largest magnitudes of the products, and the error.
+struct Solved {
+    coefficients: DMatrix<f64>,
+    sizes: Vec<f64>,
+    error: f64,
+}
+
+fn solve_for(
+    set: FactorSet,
+    exponents: &[Vec<i16>],
+    samples: &EquationSamples,
+    unseen: &EquationSamples,
+    scales: &[f64],
+) -> Result<Solved, String> {
     let (rows, functions) = (samples.points.len(), scales.len());
-    let matrix = terms::values(factors, exponents, &samples.points).map_err(|error| error.to_string())?;
+    let matrix = terms::values(set, exponents, &samples.points).map_err(|error| error.to_string())?;
+    let has_splines = |exponents: &Vec<i16>| exponents[set.factors.len()..].iter().any(|power| *power != 0);
+    // powers of splines may be small or large; sines, cosines and other powers are one at most
+    let columns = exponents.iter().zip(matrix.column_iter());
+    let sizes = columns.map(|(exponents, column)| if has_splines(exponents) { column.amax() } else { 1.0 });
+    let sizes: Vec<f64> = sizes.collect();
     let mut sides = DMatrix::from_fn(rows, functions, |row, function| samples.labels[row][function]);
     let decomposition = matrix.qr();
     decomposition.q_tr_mul(&mut sides);
@@ -29,18 +80,19 @@ pub(super) fn solve(
         .filter(|solution| solution.iter().all(|value| value.is_finite()))
         .ok_or("the terms depend on each other in these configurations")?;
     // coefficients that together are far below the error cost time and are worth nothing
-    let error = error_of(&dictionary(factors, exponents, &coefficients, 0..functions)?, unseen, scales);
+    let error = error_of(&dictionary(set, exponents, &coefficients, 0..functions)?, unseen, scales);
     let negligible = (0.1 * error / exponents.len() as f64).max(1e-14);
     for (mut column, scale) in coefficients.column_iter_mut().zip(scales) {
-        column.iter_mut().filter(|value| value.abs() < negligible * scale).for_each(|value| *value = 0.0);
+        let small = column.iter_mut().zip(&sizes).filter(|(value, size)| value.abs() * **size < negligible * scale);
+        small.for_each(|(value, _)| *value = 0.0);
     }
-    let error = error_of(&dictionary(factors, exponents, &coefficients, 0..functions)?, unseen, scales);
-    Ok((coefficients, error))
+    let error = error_of(&dictionary(set, exponents, &coefficients, 0..functions)?, unseen, scales);
+    Ok(Solved { coefficients, sizes, error })
 }
 
 /// The functions of some columns of the coefficients.
 pub(super) fn dictionary(
-    factors: &[Factor],
+    set: FactorSet,
     exponents: &[Vec<i16>],
     coefficients: &DMatrix<f64>,
     columns: Range<usize>,
@@ -52,7 +104,7 @@ pub(super) fn dictionary(
             coefficients: row.columns_range(columns.clone()).iter().copied().collect(),
         })
         .collect();
-    Dictionary::new(factors, columns.len(), &terms).map_err(|error| error.to_string())
+    Dictionary::with_splines(set.factors, set.splines, columns.len(), &terms).map_err(|error| error.to_string())
 }
 
 /// Largest error of any function at unseen points, relative to its scale.

@@ -39,6 +39,7 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use reactions::Forces;
 pub use state_space::{FittedFunctions, fit_functions};
+use terms::FactorSet;
 
 /// Where the equations are learned.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -150,14 +151,16 @@ const WORTH_IT: f64 = 0.7;
 /// the region cannot be reached.
 pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEquations, String> {
     let labels = MechanismRegion::new(mechanism, region)?;
-    let factors = labels.factors();
+    let (factors, splines) = (labels.factors(), labels.splines()?);
+    let set = FactorSet { factors: &factors, splines: &splines };
     let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
     let mut samples = OfEquations::default();
-    let equations = raise_order(&factors, FIRST_ORDER, |exponents| {
+    // accelerations have derivatives of the functions, reactions do not
+    let equations = raise_order((set, 1), FIRST_ORDER, |exponents| {
         samples.extend(&labels, rows(exponents), seed)?;
         let scales = labels.scales(samples.samples.labels.iter().chain(&unseen.samples.labels));
-        least_squares::solve(&factors, exponents, &samples.samples.first(rows(exponents)), &unseen.samples, &scales)
+        least_squares::solve(set, exponents, &samples.samples.first(rows(exponents)), &unseen.samples, &scales)
     })?;
     let counts = [labels.coordinates(), labels.efforts()];
     let of_reactions = |exponents: &[Vec<i16>]| {
@@ -165,21 +168,21 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         let [seen, unseen] = [samples.reactions(rows(exponents)), unseen.reactions(UNSEEN)];
         let sizes = samples.sizes;
         let scales = reactions::scales(counts, &sizes, seen.labels.iter().chain(&unseen.labels));
-        least_squares::solve(&factors, exponents, &seen, &unseen, &scales)
+        least_squares::solve(set, exponents, &seen, &unseen, &scales)
     };
     let has_reactions = !labels.outputs().reactions.is_empty();
     // what makes one of them hard to learn does so with both
     let first = equations.order;
-    let reactions = has_reactions.then(|| raise_order(&factors, first, of_reactions)).transpose()?;
+    let reactions = has_reactions.then(|| raise_order((set, 2), first, of_reactions)).transpose()?;
     let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
     let [dynamics, positions] =
-        [0..of_equations, of_equations..functions].map(|columns| equations.dictionary(&factors, columns));
+        [0..of_equations, of_equations..functions].map(|columns| equations.dictionary(set, columns));
     let [coordinates, efforts] = counts;
     let dynamics = Dynamics::with_efforts(labels.formulas()?, dynamics?);
     let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(labels.driven()));
     let dynamics = dynamics.map_err(|error| error.to_string())?;
     let reactions = reactions.map(|found| {
-        let functions = found.dictionary(&factors, 0..found.coefficients.ncols())?;
+        let functions = found.dictionary(set, 0..found.coefficients.ncols())?;
         let reactions = Reactions::new(coordinates, efforts, functions).map_err(|error| error.to_string())?;
         Ok::<_, String>(FittedReactions { reactions, order: found.order, error: found.error })
     });
@@ -208,18 +211,19 @@ struct Solution {
 
 impl Solution {
     /// Some of the functions.
-    fn dictionary(&self, factors: &[Factor], columns: std::ops::Range<usize>) -> Result<Dictionary, String> {
-        least_squares::dictionary(factors, &self.exponents, &self.coefficients, columns)
+    fn dictionary(&self, set: FactorSet, columns: std::ops::Range<usize>) -> Result<Dictionary, String> {
+        least_squares::dictionary(set, &self.exponents, &self.coefficients, columns)
     }
 }
 
-/// Solves for coefficients of higher and higher orders, as long as that is worth it.
+/// Solves for coefficients of higher and higher orders, as long as that is worth it. Products have
+/// derivatives of splines up to the order `derivatives`.
 fn raise_order(
-    factors: &[Factor],
+    (set, derivatives): (FactorSet, usize),
     first: [usize; 2],
     mut solve: impl FnMut(&[Vec<i16>]) -> Result<(DMatrix<f64>, f64), String>,
 ) -> Result<Solution, String> {
-    let has = |is_angle: bool| factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
+    let has = |is_angle: bool| set.factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
     let (has_angles, has_powers) = (has(true), has(false));
     let mut tried: Vec<[usize; 2]> = Vec::new();
     let mut try_order = |[harmonics, powers]: [usize; 2]| {
@@ -228,7 +232,7 @@ fn raise_order(
             return Ok(None);
         }
         tried.push(order);
-        let exponents = terms::exponents(factors, order);
+        let exponents = terms::exponents_with_splines(set, order, derivatives);
         if exponents.len() > MOST_TERMS {
             return Ok(None);
         }

@@ -42,9 +42,9 @@ pub fn fit_functions(
         if exponents.len() > MOST_TERMS || needed > samples.points.len() {
             return None;
         }
-        let found = least_squares::solve(factors, &exponents, samples, unseen, &scales);
+        let found = least_squares::solve(factors.into(), &exponents, samples, unseen, &scales);
         Some(found.and_then(|(coefficients, error)| {
-            let dictionary = least_squares::dictionary(factors, &exponents, &coefficients, 0..functions)?;
+            let dictionary = least_squares::dictionary(factors.into(), &exponents, &coefficients, 0..functions)?;
             Ok(FittedFunctions { dictionary, order, error })
         }))
     };

@@ -2,9 +2,44 @@
 
 use metafmu_runtime::{
     FormatError,
-    dictionary::{Dictionary, Factor, Term},
+    dictionary::{Dictionary, Factor, SPLINE_POWERS, SplineFactor, Term},
 };
 use nalgebra::DMatrix;
+
+/// Factors of products.
+#[derive(Clone, Copy)]
+pub(super) struct FactorSet<'a> {
+    /// Contribution of each column.
+    pub(super) factors: &'a [Factor],
+    /// Splines of columns.
+    pub(super) splines: &'a [SplineFactor],
+}
+
+impl<'a> From<&'a [Factor]> for FactorSet<'a> {
+    fn from(factors: &'a [Factor]) -> Self {
+        Self { factors, splines: &[] }
+    }
+}
+
+/// Largest sum of the powers of splines and their derivatives in a product: a mass matrix is quadratic in velocities of
+/// bodies.
+const SPLINE_ORDER: usize = 2;
+
+/// Exponents of the products of [`exponents`] with powers of splines and of their derivatives up to the order
+/// `derivatives`.
+pub(super) fn exponents_with_splines(set: FactorSet, order: [usize; 2], derivatives: usize) -> Vec<Vec<i16>> {
+    let mut powers = vec![(Vec::new(), SPLINE_ORDER)];
+    for position in 0..SPLINE_POWERS * set.splines.len() {
+        let most = if position % SPLINE_POWERS <= derivatives { SPLINE_ORDER } else { 0 };
+        let with = |(powers, rest): &(Vec<i16>, usize)| {
+            let one = |power: usize| ([&powers[..], &[power as i16]].concat(), rest - power);
+            (0..=most.min(*rest)).map(one).collect::<Vec<_>>()
+        };
+        powers = powers.iter().flat_map(with).collect();
+    }
+    let of_columns = exponents(set.factors, order);
+    of_columns.iter().flat_map(|own| powers.iter().map(|(powers, _)| [&own[..], powers].concat())).collect()
+}
 
 /// The exponents of all products whose harmonics have at most the first order in sum, and whose powers at most the second.
 pub(super) fn exponents(factors: &[Factor], [harmonics, powers]: [usize; 2]) -> Vec<Vec<i16>> {
@@ -37,17 +72,13 @@ pub(super) fn exponents(factors: &[Factor], [harmonics, powers]: [usize; 2]) -> 
 ///
 /// # Errors
 /// What [`Dictionary::new`] says.
-pub(super) fn values(
-    factors: &[Factor],
-    exponents: &[Vec<i16>],
-    points: &[Vec<f64>],
-) -> Result<DMatrix<f64>, FormatError> {
+pub(super) fn values(set: FactorSet, exponents: &[Vec<i16>], points: &[Vec<f64>]) -> Result<DMatrix<f64>, FormatError> {
     let count = exponents.len();
     let unit = |term: usize| (0..count).map(|output| f64::from(u8::from(output == term))).collect();
     let terms = exponents.iter().enumerate();
     let terms: Vec<Term> =
         terms.map(|(term, exponents)| Term { exponents: exponents.clone(), coefficients: unit(term) }).collect();
-    let dictionary = Dictionary::new(factors, count, &terms)?;
+    let dictionary = Dictionary::with_splines(set.factors, set.splines, count, &terms)?;
     let mut transposed = DMatrix::zeros(count, points.len());
     for (point, mut column) in points.iter().zip(transposed.column_iter_mut()) {
         dictionary.evaluate(point, column.as_mut_slice());

@@ -546,6 +546,51 @@ fn prescribed_accelerations_are_exact_however_large_the_forces_are() {
 }
 
 /// In angles of bodies, the inertia of a chain has products of two sines or cosines at most.
+/// A cam with ten knots that lifts a follower against a spring, and turns by a torque.
+fn cam(more: &str) -> String {
+    let knots: Vec<f64> = (0..=10).map(|k| f64::from(k) * TAU / 10.0).collect();
+    let lift = [0.0, 0.4, 2.6, 6.1, 9.2, 10.0, 8.4, 5.3, 2.2, 0.3, 0.0].map(|lift| 1e-3 * lift);
+    format!(
+        r#"
+        gravity = [0, -9.81]
+        parameters = {{ m = {{ default = 0.2, min = 0.1, max = 0.4 }} }}
+        inputs.torque = {{ min = -2, max = 2 }}
+        tables.lift = {{ x = {knots:?}, values = {lift:?}, interpolation = "cubic", extrapolation = "periodic" }}
+        bodies = {{ disk = {{ inertia = 0.001 }}, valve = {{ mass = "m" }} }}
+        joints.camshaft = {{ type = "revolute", between = ["ground", "disk"] }}
+        joints.follower = {{ type = "prismatic", between = ["ground", "valve"], axis = [0, 1] }}
+        couplings.cam = {{ coordinate = "follower.position", follows = "lift(camshaft.angle)" }}
+        springs.spring = {{ coordinate = "follower.position", stiffness = 900, damping = 3, rest = -0.005 }}
+        outputs = {{ position = {{ measure = "follower.position" }}, effort = {{ measure = "cam.effort" }} }}
+        {more}
+    "#
+    )
+}
+
+#[test]
+fn the_lift_of_a_cam_and_its_derivatives_are_exact_in_equations_and_reactions() {
+    let region = Region {
+        coordinates: vec![QuantityRange::new("camshaft.angle", 0.0, TAU)],
+        parameters: vec![QuantityRange::new("m", 0.1, 0.4)],
+        outputs: named(&["effort"]),
+        ..Region::default()
+    };
+    let free = cam("actuators.motor = { coordinate = \"camshaft.angle\", effort = \"torque\" }");
+    let driven = cam("drivers.speed = { coordinate = \"camshaft.angle\", acceleration = \"100*torque\" }");
+    for text in [free, driven] {
+        let fitted = fit(&parse(&text), &region, 1).unwrap();
+        let reactions = fitted.reactions.as_ref().unwrap();
+        assert!(fitted.error < 1e-11 && reactions.error < 1e-11, "{:e} {:e}", fitted.error, reactions.error);
+        let products = fitted.dynamics.law().dictionary().products();
+        assert!(products < 20, "{products}: {:?}", fitted.dynamics.law().dictionary().terms().collect::<Vec<_>>());
+        for (q, v, m) in [(0.4, 30.0, 0.1), (2.9, -70.0, 0.33), (5.9, 5.0, 0.4)] {
+            let state: [&[f64]; 4] = [&[q], &[v], &[1.3], &[m]];
+            assert_exact(&text, &region, state, 1e-10);
+            assert_alike(forces(&text, &region, state), 1e-9);
+        }
+    }
+}
+
 #[test]
 fn a_long_chain_is_exact_in_the_proposed_coordinates() {
     let path = format!("{}/../examples/dynamics/parts/chain.toml", env!("CARGO_MANIFEST_DIR"));

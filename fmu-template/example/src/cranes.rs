@@ -4,7 +4,7 @@ use super::{shown, surrogate, uniform_sequence, variable};
 use metafmu_runtime::{
     Activation, Dynamics, Efforts, Integration, Layer, Metadata, Motion, Program, Reactions, Role, ScaledNetwork,
     Scaling, Shown, State, Surrogate, Tunability,
-    dictionary::{Dictionary, Factor, Term},
+    dictionary::{Dictionary, Factor, SPLINE_POWERS, SplineFactor, Term},
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
 };
@@ -201,6 +201,36 @@ pub fn crane_with_efforts() -> Surrogate {
     let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
     let motion = Motion { dynamics, ..motion.clone() };
     with_motion(&crane, crane.metadata().clone(), motion)
+}
+
+/// [`crane_with_reactions`] with a spline of the angle, its square and its slopes in equations, positions and reactions.
+pub fn crane_with_splines() -> Surrogate {
+    let crane = crane_with_reactions();
+    let motion = crane.program().motion().expect("the crane moves");
+    let [.., periodic] = lookup_tables();
+    let splines = [SplineFactor { column: 1, table: periodic }];
+    let with = |dictionary: &Dictionary, more: &[([i16; 6], usize, f64)]| {
+        let factors: Vec<Factor> = dictionary.factors().collect();
+        let mut terms: Vec<Term> = dictionary.terms().collect();
+        terms.iter_mut().for_each(|term| term.exponents.extend([0; SPLINE_POWERS]));
+        terms.extend(more.iter().map(|(exponents, output, value)| {
+            let mut coefficients = vec![0.0; dictionary.outputs()];
+            coefficients[*output] = *value;
+            Term { exponents: exponents.to_vec(), coefficients }
+        }));
+        Dictionary::with_splines(&factors, &splines, dictionary.outputs(), &terms).expect("the example is valid")
+    };
+    // M_00, M_11, V; the first position; the first force
+    let of_motion = [([0, 0, 0, 0, 2, 0], 0, 0.02), ([0, -1, 1, 1, 1, 0], 2, 0.01), ([0, 0, 1, 2, 0, 0], 3, 3.0)];
+    let law = with(motion.dynamics.law().dictionary(), &of_motion);
+    let dynamics = Dynamics::with_efforts(motion.dynamics.efforts().clone(), law).expect("the example is valid");
+    let positions = with(motion.positions.dictionary(), &[([0, 0, 0, 1, 0, 0], 0, 0.25)]).into();
+    let reactions = motion.reactions.as_ref().map(|reactions| {
+        let each = Reactions::functions_of_each(2, 1);
+        let functions = with(reactions.functions(), &[([0, 0, 0, 0, 1, 1], 1, 0.01), ([0, 1, 0, 0, 0, 1], each, 0.02)]);
+        Reactions::new(2, 1, functions).expect("the example is valid")
+    });
+    with_motion(&crane, crane.metadata().clone(), Motion { dynamics, positions, reactions, ..motion.clone() })
 }
 
 /// [`crane`] with a motor: the input is its voltage, its current is a state, the force is 4 times the current, and the electrical power is a

@@ -3,7 +3,8 @@
 mod cranes;
 
 pub use cranes::{
-    crane, crane_with_efforts, crane_with_motor, crane_with_networks, crane_with_reactions, with_prescribed_trolley,
+    crane, crane_with_efforts, crane_with_motor, crane_with_networks, crane_with_reactions, crane_with_splines,
+    with_prescribed_trolley,
 };
 use metafmu_runtime::{
     Activation, Bounds, Clock, Cover, Encoder, Encoding, Graph, Input, Integration, Layer, Metadata, Output,

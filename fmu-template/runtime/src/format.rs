@@ -62,6 +62,8 @@
 //! | tensor | type | shape | |
 //! |---|---|---|---|
 //! | `X.columns` | | | as those of a dictionary |
+//! | `X.splines.columns` | U32 | `[splines]` | argument of each spline; three exponents of each, powers of its value and its two derivatives, follow those of the columns; absent without splines |
+//! | `X.splines.K.x`, `X.splines.K.values`, `X.splines.K.kinds` | | | spline K, as `X.efforts.tables.K` |
 //! | `X.law.exponents`, `X.positions.exponents` | | | as `X.exponents` of a dictionary |
 //! | `X.law.coefficients`, `X.positions.coefficients` | | | in the order of [`Dynamics`](crate::Dynamics); positions |
 //! | `X.law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; missing if there are none |

@@ -264,8 +264,7 @@ impl<'a> Asked<'a> {
         let (seen, unseen) = (examples(&self.seen, &rests[0]), examples(&self.unseen, &rests[1]));
         // what a dictionary makes of columns that do not change a function is small, but changes what it leaves over
         let changes = |column: &NetworkColumn, output: &usize| {
-            dictionary.terms().any(|term| term.exponents[column.of] != 0)
-                || self.changes[column.of][range.start + output]
+            dictionary.depends_on(column.of) || self.changes[column.of][range.start + output]
         };
         let of_output = |output: &usize| columns.iter().map(|column| changes(column, output)).collect();
         let depends: Vec<Vec<bool>> = outputs.iter().map(of_output).collect();
@@ -390,9 +389,9 @@ fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
     }
     let mut coefficients = vec![0.0; known.outputs()];
     (0..n).for_each(|row| coefficients[row * (row + 1) / 2 + row] = 1.0);
-    terms.push(Term { exponents: vec![0; known.columns()], coefficients });
+    terms.push(Term { exponents: vec![0; known.exponents()], coefficients });
     let factors: Vec<Factor> = known.factors().collect();
-    Dictionary::new(&factors, known.outputs(), &terms).map_err(invalid)
+    Dictionary::with_splines(&factors, known.splines(), known.outputs(), &terms).map_err(invalid)
 }
 
 /// Residuals of a dictionary in some functions.

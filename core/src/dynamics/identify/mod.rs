@@ -440,8 +440,8 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
         if exponents.len() > MOST_COEFFICIENTS || samples.points.len() < 2 * exponents.len() {
             return None;
         }
-        let (coefficients, _) = least_squares::solve(factors, &exponents, samples, &unseen, &scales).ok()?;
-        least_squares::dictionary(factors, &exponents, &coefficients, 0..scales.len()).ok()
+        let (coefficients, _) = least_squares::solve(factors.into(), &exponents, samples, &unseen, &scales).ok()?;
+        least_squares::dictionary(factors.into(), &exponents, &coefficients, 0..scales.len()).ok()
     };
     let mut order = [if has(true) { 2 } else { 0 }, 1];
     let mut best: Option<Identified> = None;

@@ -6,13 +6,21 @@
 //! power: f(e, x) = ((x - middle) / half)^e
 //! ```
 //!
+//! Splines `s` of columns, such as lifts of cams, may be factors, too: powers of `s(x)`, `s'(x)` and `s''(x)`.
+//!
 //! The entries of a mass matrix of revolute and prismatic joints are exactly such sums, with harmonics of order two at
 //! most. The entries of a closed loop are analytic and periodic, so their series converge geometrically.
 
-use super::tape::{Register, SumTerm, TapeBuilder};
-use crate::FormatError;
-use crate::check::{expect_finite, expect_positive, expect_shape};
-use std::ops::Range;
+use super::{
+    lookup::LookupTable,
+    tape::{Register, SumTerm, TapeBuilder},
+};
+use crate::{
+    FormatError,
+    check::{expect_below, expect_finite, expect_positive, expect_shape},
+    numbers::jet::Jet,
+};
+use std::{ops::Range, sync::Arc};
 
 /// Contribution of a column to the products.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,10 +36,22 @@ pub enum Factor {
     },
 }
 
+/// A spline whose powers are factors, together with powers of its first two derivatives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SplineFactor {
+    /// Position of the column that is its argument.
+    pub column: usize,
+    /// The spline, of one argument.
+    pub table: Arc<LookupTable>,
+}
+
+/// Exponents of a [`SplineFactor`] in a term: of the value and of two derivatives.
+pub const SPLINE_POWERS: usize = 3;
+
 /// A product and its coefficient in each output.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Term {
-    /// `e_ti`, one for each column: a harmonic, negative for a sine, or a power.
+    /// `e_ti`, one for each column: a harmonic, negative for a sine, or a power. Then three powers for each spline.
     pub exponents: Vec<i16>,
     /// `c_tj`, one for each output.
     pub coefficients: Vec<f64>,
@@ -40,7 +60,9 @@ pub struct Term {
 /// A linear combination of products.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dictionary {
+    /// Columns of the arguments, then three of each spline.
     columns: Vec<Column>,
+    splines: Vec<SplineFactor>,
     outputs: usize,
     /// Number of atoms of all columns.
     atoms: usize,
@@ -54,10 +76,20 @@ pub struct Dictionary {
 /// A column and the functions of it that are computed.
 #[derive(Clone, Debug, PartialEq)]
 struct Column {
-    factor: Factor,
+    /// Position of its argument.
+    of: usize,
+    factor: ColumnFactor,
     /// Positions of the atoms. Those of an angle are cos and sin of 1, cos and sin of 2, ...; those of a power are 1,
     /// 2, ...
     atoms: Range<usize>,
+}
+
+/// Functions whose values are the atoms of a column.
+#[derive(Clone, Debug, PartialEq)]
+enum ColumnFactor {
+    Own(Factor),
+    /// Powers of a spline or of a derivative of one.
+    Spline(Arc<LookupTable>),
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -79,39 +111,61 @@ impl Dictionary {
     /// # Errors
     /// [`FormatError`] if a term has not an exponent for each column and a coefficient for each output, or a number is not finite.
     pub fn new(factors: &[Factor], outputs: usize, terms: &[Term]) -> Result<Self, FormatError> {
+        Self::with_splines(factors, &[], outputs, terms)
+    }
+
+    /// A dictionary with splines: the exponents of a term are those of the columns, then those of the splines.
+    ///
+    /// # Errors
+    /// [`FormatError`] as from [`new`](Self::new), and if a table is not a spline of one argument or its column does not
+    /// exist.
+    pub fn with_splines(
+        factors: &[Factor],
+        splines: &[SplineFactor],
+        outputs: usize,
+        terms: &[Term],
+    ) -> Result<Self, FormatError> {
         let rows = terms.iter().map(|term| (term.exponents.as_slice(), term.coefficients.as_slice()));
-        Self::from_rows(factors, outputs, rows)
+        Self::from_rows((factors, splines), outputs, rows)
     }
 
     /// A dictionary from the exponents and coefficients of each term.
     pub(crate) fn from_rows<'a>(
-        factors: &[Factor],
+        (factors, splines): (&[Factor], &[SplineFactor]),
         outputs: usize,
         terms: impl Iterator<Item = (&'a [i16], &'a [f64])> + Clone,
     ) -> Result<Self, FormatError> {
         let count = terms.size_hint().0;
-        let mut columns: Vec<Column> = Vec::with_capacity(factors.len());
-        for (index, factor) in factors.iter().enumerate() {
+        let mut all: Vec<(usize, ColumnFactor)> =
+            factors.iter().enumerate().map(|(of, factor)| (of, ColumnFactor::Own(*factor))).collect();
+        for (index, SplineFactor { column, table }) in splines.iter().enumerate() {
+            expect_below("splines.columns", index, *column, factors.len())?;
+            let [first, second] = table.derivatives()?.map(Arc::new);
+            all.extend([Arc::clone(table), first, second].map(|table| (*column, ColumnFactor::Spline(table))));
+        }
+        let mut columns: Vec<Column> = Vec::with_capacity(all.len());
+        for (index, (of, factor)) in all.into_iter().enumerate() {
             let largest = terms.clone().filter_map(|(exponents, _)| exponents.get(index)).map(|e| e.unsigned_abs());
             let largest = usize::from(largest.max().unwrap_or(0));
             let first = columns.last().map_or(0, |column| column.atoms.end);
-            let atoms = if *factor == Factor::Angle { 2 * largest } else { largest };
-            columns.push(Column { factor: *factor, atoms: first..first + atoms });
-            if let Factor::Power { middle, half } = factor {
-                expect_finite("middle", [*middle].into_iter())?;
-                expect_positive("half", &[*half])?;
+            let atoms = if factor == ColumnFactor::Own(Factor::Angle) { 2 * largest } else { largest };
+            if let ColumnFactor::Own(Factor::Power { middle, half }) = factor {
+                expect_finite("middle", [middle].into_iter())?;
+                expect_positive("half", &[half])?;
             }
+            columns.push(Column { of, factor, atoms: first..first + atoms });
         }
         let mut dictionary = Self {
             atoms: columns.last().map_or(0, |column| column.atoms.end),
             columns,
+            splines: splines.to_vec(),
             outputs,
             products: Vec::with_capacity(count),
             factors: Vec::with_capacity(2 * count),
             coefficients: Vec::with_capacity(2 * count),
         };
         for (exponents, coefficients) in terms {
-            expect_shape("exponents", &[exponents.len()], &[factors.len()])?;
+            expect_shape("exponents", &[exponents.len()], &[dictionary.columns.len()])?;
             expect_shape("coefficients", &[coefficients.len()], &[outputs])?;
             expect_finite("coefficients", coefficients.iter().copied())?;
             dictionary.add(exponents, coefficients)?;
@@ -131,15 +185,15 @@ impl Dictionary {
             let within = match column.factor {
                 _ if exponent == 0 => continue,
                 // its opposite, that of its derivative, must be an exponent as well
-                Factor::Angle if exponent == i16::MIN => {
+                ColumnFactor::Own(Factor::Angle) if exponent == i16::MIN => {
                     let limit = u64::from(i16::MIN.unsigned_abs());
                     return Err(FormatError::Index { name: "exponents".into(), index, found: order as u64, limit });
                 }
-                Factor::Angle => 2 * (order - 1) + usize::from(exponent < 0),
-                Factor::Power { .. } if exponent < 0 => {
+                ColumnFactor::Own(Factor::Angle) => 2 * (order - 1) + usize::from(exponent < 0),
+                _ if exponent < 0 => {
                     return Err(FormatError::NotPositive { name: "exponents".into(), index, value: exponent.into() });
                 }
-                Factor::Power { .. } => order - 1,
+                _ => order - 1,
             };
             self.factors.push((index, column.atoms.start + within));
         }
@@ -154,9 +208,33 @@ impl Dictionary {
         Ok(())
     }
 
-    /// Number of columns.
+    /// Number of columns: arguments.
     pub fn columns(&self) -> usize {
+        self.columns.len() - SPLINE_POWERS * self.splines.len()
+    }
+
+    /// Number of exponents of a term: one for each column, and three for each spline.
+    pub fn exponents(&self) -> usize {
         self.columns.len()
+    }
+
+    /// Splines that are factors.
+    pub fn splines(&self) -> &[SplineFactor] {
+        &self.splines
+    }
+
+    /// Checks that no product has the second derivative of a spline, whose slope jumps.
+    pub(crate) fn expect_differentiable(&self) -> Result<(), FormatError> {
+        let first = self.columns();
+        for (index, &(column, _)) in self.factors.iter().enumerate().filter(|(_, (column, _))| *column >= first) {
+            expect_below("exponents", index, (column - first) % SPLINE_POWERS, SPLINE_POWERS - 1)?;
+        }
+        Ok(())
+    }
+
+    /// Returns true if an output depends on a column.
+    pub fn depends_on(&self, column: usize) -> bool {
+        self.factors.iter().any(|(of, _)| self.columns[*of].of == column)
     }
 
     /// Number of outputs.
@@ -166,13 +244,16 @@ impl Dictionary {
 
     /// Contribution of each column.
     pub fn factors(&self) -> impl Iterator<Item = Factor> + '_ {
-        self.columns.iter().map(|column| column.factor)
+        self.columns.iter().filter_map(|column| match column.factor {
+            ColumnFactor::Own(factor) => Some(factor),
+            ColumnFactor::Spline(_) => None,
+        })
     }
 
     /// The products with their coefficients, as [`Dictionary::new`] takes them.
     pub fn terms(&self) -> impl Iterator<Item = Term> + '_ {
         self.products.iter().map(|product| {
-            let mut term = Term { exponents: vec![0; self.columns.len()], coefficients: vec![0.0; self.outputs] };
+            let mut term = Term { exponents: vec![0; self.exponents()], coefficients: vec![0.0; self.outputs] };
             for &(column, atom) in &self.factors[product.factors.clone()] {
                 term.exponents[column] = self.columns[column].exponent(atom);
             }
@@ -207,12 +288,12 @@ impl Dictionary {
     }
 
     fn add_up(&self, x: &[f64], y: &mut [f64], gradient: &mut [f64], first: usize) {
-        assert_eq!(x.len(), self.columns.len(), "number of columns");
+        assert_eq!(x.len(), self.columns(), "number of columns");
         assert_eq!(y.len(), self.outputs, "number of outputs");
         y.fill(0.0);
         let mut atoms = vec![Atom { value: 0.0, slope: 0.0 }; self.atoms];
-        for (column, &x) in self.columns.iter().zip(x) {
-            column.compute(x, &mut atoms[column.atoms.clone()]);
+        for column in &self.columns {
+            column.compute(x[column.of], &mut atoms[column.atoms.clone()]);
         }
         for product in &self.products {
             let (factors, coefficients) =
@@ -221,7 +302,11 @@ impl Dictionary {
             for (output, coefficient) in coefficients {
                 y[*output] += coefficient * value;
             }
-            for (index, &(column, atom)) in factors.iter().enumerate().filter(|(_, (column, _))| *column < first) {
+            for (index, &(column, atom)) in factors.iter().enumerate() {
+                let column = self.columns[column].of;
+                if column >= first {
+                    continue;
+                }
                 let others = factors.iter().enumerate().filter(|(other, _)| *other != index);
                 let others: f64 = others.map(|(_, (_, atom))| atoms[*atom].value).product();
                 for (output, coefficient) in coefficients {
@@ -233,16 +318,33 @@ impl Dictionary {
 
     /// Writes the factors of these columns on a tape.
     pub(crate) fn write(&self, columns: &[Register], tape: &mut TapeBuilder) -> WrittenDictionary<'_> {
-        let write = |(column, register): (&Column, &Register)| match column.factor {
-            Factor::Angle => WrittenColumn::Angle(tape.harmonics(*register, column.atoms.len() / 2)),
-            Factor::Power { middle, half } => {
-                let (middle, scale) = (tape.constant(-middle), half.recip());
-                let shifted = tape.add_product(middle, *register, tape.one);
-                let by = tape.constant(scale);
-                WrittenColumn::Power(tape.product(shifted, by), scale)
-            }
-        };
-        WrittenDictionary { columns: self.columns.iter().zip(columns).map(write).collect(), dictionary: self }
+        let is_used = |index: usize| self.factors.iter().any(|(column, _)| *column == index);
+        // the derivative of the last one is not needed
+        let mut slope = tape.zero;
+        let mut written: Vec<WrittenColumn> = Vec::with_capacity(self.columns.len());
+        for (index, column) in self.columns.iter().enumerate().rev() {
+            let register = columns[column.of];
+            written.push(match &column.factor {
+                ColumnFactor::Own(Factor::Angle) => {
+                    WrittenColumn::Angle(tape.harmonics(register, column.atoms.len() / 2))
+                }
+                ColumnFactor::Own(Factor::Power { middle, half }) => {
+                    let (middle, scale) = (tape.constant(-middle), half.recip());
+                    let shifted = tape.add_product(middle, register, tape.one);
+                    let by = tape.constant(scale);
+                    WrittenColumn::Power(tape.product(shifted, by), scale)
+                }
+                ColumnFactor::Spline(table) => {
+                    let order = (index - self.columns()) % SPLINE_POWERS;
+                    let is_needed = is_used(index) || order > 0 && is_used(index - 1);
+                    let of_next = if order + 1 == SPLINE_POWERS { tape.zero } else { slope };
+                    slope = if is_needed { tape.lookup(table, &[register]) } else { tape.zero };
+                    WrittenColumn::Spline(slope, of_next)
+                }
+            });
+        }
+        written.reverse();
+        WrittenDictionary { columns: written, dictionary: self }
     }
 }
 
@@ -259,6 +361,9 @@ enum WrittenColumn {
     Angle(Vec<Register>),
     /// `(x - middle) / half`, and its derivative.
     Power(Register, f64),
+    /// A spline or a derivative of one, and its derivative. The derivative of a second derivative is zero: functions
+    /// that are differentiated have no second derivatives.
+    Spline(Register, Register),
 }
 
 impl WrittenDictionary<'_> {
@@ -286,42 +391,63 @@ impl WrittenDictionary<'_> {
 
     /// Terms share a coefficient if they differ in fixed factors only.
     fn add(&self, to: Register, output: usize, along: Option<usize>, factor: f64, tape: &mut TapeBuilder) -> Register {
-        let Dictionary { products, factors, coefficients, .. } = self.dictionary;
+        let Dictionary { columns, products, factors, coefficients, .. } = self.dictionary;
         let mut terms: Vec<SumTerm> = Vec::new();
         for product in products {
             let coefficients = &coefficients[product.coefficients.clone()];
             let factors = &factors[product.factors.clone()];
             let Some((_, coefficient)) = coefficients.iter().find(|(of, _)| *of == output) else { continue };
-            if along.is_some_and(|along| factors.iter().all(|(column, _)| *column != along)) {
-                continue;
-            }
-            let mut coefficient = factor * coefficient;
-            let (mut of_fixed, mut of_others) = (tape.one, tape.one);
-            for &(column, atom) in factors {
-                let mut exponent = self.dictionary.columns[column].exponent(atom);
-                let written = &self.columns[column];
-                if along == Some(column) {
-                    coefficient *= written.differentiate(&mut exponent);
+            let coefficient = factor * coefficient;
+            match along {
+                None => self.add_product(&mut terms, factors, None, coefficient, tape),
+                Some(along) => {
+                    let changing = (0..factors.len()).filter(|&index| columns[factors[index].0].of == along);
+                    changing.for_each(|index| self.add_product(&mut terms, factors, Some(index), coefficient, tape));
                 }
-                let factor = written.factor(exponent, tape);
-                let product = if tape.varies(factor) { &mut of_others } else { &mut of_fixed };
-                *product = tape.product(*product, factor);
             }
-            let place = terms.binary_search_by_key(&of_others, |term| term.of).unwrap_or_else(|place| {
-                terms.insert(place, SumTerm { of: of_others, constant: 0.0, fixed: tape.zero });
-                place
-            });
-            let SumTerm { constant, fixed, .. } = &mut terms[place];
-            if of_fixed == tape.one {
-                *constant += coefficient;
-                continue;
-            }
-            if tape.is_zero(*fixed) {
-                *fixed = tape.constant(std::mem::take(constant));
-            }
-            *fixed = tape.add_scaled(*fixed, of_fixed, coefficient);
         }
         tape.sum(to, &terms)
+    }
+
+    /// Adds a product of factors, one of which may be replaced by its derivative.
+    fn add_product(
+        &self,
+        terms: &mut Vec<SumTerm>,
+        factors: &[(usize, usize)],
+        differentiated: Option<usize>,
+        mut coefficient: f64,
+        tape: &mut TapeBuilder,
+    ) {
+        let (mut of_fixed, mut of_others) = (tape.one, tape.one);
+        let multiply = |factor: Register, of: [&mut Register; 2], tape: &mut TapeBuilder| {
+            let [of_fixed, of_others] = of;
+            let product = if tape.varies(factor) { of_others } else { of_fixed };
+            *product = tape.product(*product, factor);
+        };
+        for (index, &(column, atom)) in factors.iter().enumerate() {
+            let mut exponent = self.dictionary.columns[column].exponent(atom);
+            let written = &self.columns[column];
+            if differentiated == Some(index) {
+                coefficient *= written.differentiate(&mut exponent);
+                if let WrittenColumn::Spline(_, slope) = written {
+                    multiply(*slope, [&mut of_fixed, &mut of_others], tape);
+                }
+            }
+            multiply(written.factor(exponent, tape), [&mut of_fixed, &mut of_others], tape);
+        }
+        let place = terms.binary_search_by_key(&of_others, |term| term.of).unwrap_or_else(|place| {
+            terms.insert(place, SumTerm { of: of_others, constant: 0.0, fixed: tape.zero });
+            place
+        });
+        let SumTerm { constant, fixed, .. } = &mut terms[place];
+        if of_fixed == tape.one {
+            *constant += coefficient;
+            return;
+        }
+        if tape.is_zero(*fixed) {
+            *fixed = tape.constant(std::mem::take(constant));
+        }
+        *fixed = tape.add_scaled(*fixed, of_fixed, coefficient);
     }
 }
 
@@ -338,6 +464,11 @@ impl WrittenColumn {
                 *exponent -= 1;
                 f64::from(*exponent + 1) * slope
             }
+            // times the spline's derivative
+            Self::Spline(..) => {
+                *exponent -= 1;
+                f64::from(*exponent + 1)
+            }
         }
     }
 
@@ -347,7 +478,7 @@ impl WrittenColumn {
             _ if exponent == 0 => tape.one,
             Self::Angle(block) if exponent < 0 => block[block.len() / 2 + order - 1],
             Self::Angle(block) => block[order - 1],
-            Self::Power(x, _) => (1..order).fold(*x, |power, _| tape.product(power, *x)),
+            Self::Power(x, _) | Self::Spline(x, _) => (1..order).fold(*x, |power, _| tape.product(power, *x)),
         }
     }
 }
@@ -358,15 +489,23 @@ impl Column {
         let within = atom - self.atoms.start;
         // each was made from an exponent, so it fits
         match self.factor {
-            Factor::Angle if within.is_multiple_of(2) => (within / 2 + 1) as i16,
-            Factor::Angle => -((within / 2 + 1) as i16),
-            Factor::Power { .. } => (within + 1) as i16,
+            ColumnFactor::Own(Factor::Angle) if within.is_multiple_of(2) => (within / 2 + 1) as i16,
+            ColumnFactor::Own(Factor::Angle) => -((within / 2 + 1) as i16),
+            _ => (within + 1) as i16,
         }
     }
 
     fn compute(&self, x: f64, atoms: &mut [Atom]) {
-        match self.factor {
-            Factor::Angle => {
+        let powers = |z: f64, scale: f64, atoms: &mut [Atom]| {
+            let mut power = 1.0;
+            for (order, atom) in (1u32..).zip(atoms) {
+                let slope = power * f64::from(order) * scale;
+                power *= z;
+                *atom = Atom { value: power, slope };
+            }
+        };
+        match &self.factor {
+            ColumnFactor::Own(Factor::Angle) => {
                 let pairs = atoms.as_chunks_mut::<2>().0;
                 if pairs.is_empty() {
                     return;
@@ -382,161 +521,18 @@ impl Column {
                     pairs[order - 1] = pair(order as f64, (s * other_c + c * other_s, c * other_c - s * other_s));
                 }
             }
-            Factor::Power { middle, half } => {
+            ColumnFactor::Own(Factor::Power { middle, half }) => {
                 let scale = half.recip();
-                let z = (x - middle) * scale;
-                let mut power = 1.0;
-                for (order, atom) in (1u32..).zip(atoms) {
-                    let slope = power * f64::from(order) * scale;
-                    power *= z;
-                    *atom = Atom { value: power, slope };
-                }
+                powers((x - middle) * scale, scale, atoms);
+            }
+            ColumnFactor::Spline(_) if atoms.is_empty() => {}
+            ColumnFactor::Spline(table) => {
+                let Jet { value, first, .. } = table.series(&[Jet { value: x, first: 1.0, second: 0.0 }]);
+                powers(value, first, atoms);
             }
         }
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::Jet;
-
-    fn term(exponents: &[i16], coefficients: &[f64]) -> Term {
-        Term { exponents: exponents.to_vec(), coefficients: coefficients.to_vec() }
-    }
-
-    fn example() -> Dictionary {
-        let factors = [Factor::Angle, Factor::Power { middle: 1.0, half: 2.0 }, Factor::Angle];
-        let terms = [
-            term(&[0, 0, 0], &[0.5, -1.0]),
-            term(&[2, 1, 0], &[1.5, 0.0]),
-            term(&[-3, 2, 1], &[-0.7, 0.2]),
-            term(&[1, 3, -1], &[0.0, 2.0]),
-        ];
-        Dictionary::new(&factors, 2, &terms).unwrap()
-    }
-
-    fn formula([a, b, c]: [f64; 3]) -> [f64; 2] {
-        let z = (b - 1.0) / 2.0;
-        let (third, fourth) = ((3.0 * a).sin() * z * z * c.cos(), a.cos() * z.powi(3) * c.sin());
-        [0.5 + 1.5 * (2.0 * a).cos() * z - 0.7 * third, -1.0 + 0.2 * third + 2.0 * fourth]
-    }
-
-    const POINT: [f64; 3] = [0.8, 2.3, -1.1];
-
-    #[test]
-    fn values_are_those_of_the_formula() {
-        let mut y = [0.0; 2];
-        example().evaluate(&POINT, &mut y);
-        for (found, expected) in y.iter().zip(formula(POINT)) {
-            assert!((found - expected).abs() < 1e-15, "{found} {expected}");
-        }
-    }
-
-    #[test]
-    fn on_a_tape_values_slopes_and_series_are_the_same() {
-        let dictionary = example();
-        for fixed in [0..0, 1..3, 0..1, 0..3] {
-            let columns = [0, 1, 2].map(Register::input);
-            let mut tape = TapeBuilder::new(3, fixed.clone());
-            let written = dictionary.write(&columns, &mut tape);
-            let values = [0, 1].map(|output| written.value(output, &mut tape));
-            let slopes: Vec<Register> = (0..6).map(|index| written.slope(index / 3, index % 3, &mut tape)).collect();
-            let tape = tape.finish();
-            let (mut plain, mut series) = (tape.work(), tape.work());
-            for shift in [0.0, 0.3, 0.3, -0.2] {
-                // some columns keep their values while others change
-                let point = [POINT[0] + shift, POINT[1] + 0.5 * shift, POINT[2] + (2.0 * shift).round()];
-                let (expected, gradient) = dictionary.with_gradient(&point, 3);
-                plain.inputs_mut()[..3].copy_from_slice(&point);
-                tape.run(&mut plain);
-                for (register, expected) in values.iter().chain(&slopes).zip(expected.iter().chain(&gradient)) {
-                    let found = plain.get(*register);
-                    assert!((found - expected).abs() < 1e-13, "{found} {expected}");
-                }
-                let direction = [0.3, -0.4, 1.2];
-                for (k, column) in series.inputs_mut()[..3].iter_mut().enumerate() {
-                    *column = Jet { value: point[k], first: direction[k], second: 0.0 };
-                }
-                tape.run(&mut series);
-                for (output, value) in values.iter().enumerate() {
-                    let along = |slope: &dyn Fn(usize) -> f64| (0..3).map(|k| slope(k) * direction[k]).sum::<f64>();
-                    let (found, expected) = (series.get(*value), along(&|k| gradient[3 * output + k]));
-                    assert!((found.first - expected).abs() < 1e-13, "{found:?} {expected}");
-                    let expected = along(&|k| series.get(slopes[3 * output + k]).first);
-                    assert!((found.second - expected).abs() < 1e-12, "{found:?} {expected}");
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn long_sums_are_the_same_on_a_tape() {
-        // harmonics of an angle, some of them missing, and a coefficient that follows from a parameter
-        let factors = [Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
-        let terms: Vec<Term> = (-40..=40)
-            .filter(|k| k % 7 != 3 && !(10..20).contains(k))
-            .map(|k: i16| term(&[k, k.rem_euclid(3)], &[1.0 / (1.0 + f64::from(k).abs())]))
-            .collect();
-        let dictionary = Dictionary::new(&factors, 1, &terms).unwrap();
-        let mut tape = TapeBuilder::new(2, 1..2);
-        let written = dictionary.write(&[0, 1].map(Register::input), &mut tape);
-        let registers = [written.value(0, &mut tape), written.slope(0, 0, &mut tape)];
-        let tape = tape.finish();
-        let mut work = tape.work();
-        for point in [[0.4, 0.9], [2.9, 0.9], [-1.7, 0.6]] {
-            work.inputs_mut()[..2].copy_from_slice(&point);
-            tape.run(&mut work);
-            let (y, gradient) = dictionary.with_gradient(&point, 1);
-            for (register, expected) in registers.iter().zip([y[0], gradient[0]]) {
-                assert!((work.get(*register) - expected).abs() < 1e-12, "{} {expected}", work.get(*register));
-            }
-        }
-    }
-
-    #[test]
-    fn gradients_are_those_of_finite_differences() {
-        let (_, gradient) = example().with_gradient(&POINT, 3);
-        let step = 1e-4;
-        for column in 0..3 {
-            let moved = |by: f64| {
-                let mut point = POINT;
-                point[column] += by;
-                formula(point)
-            };
-            let [far, near] = [2.0, 1.0].map(|k| [moved(k * step), moved(-k * step)]);
-            for output in 0..2 {
-                let expected =
-                    (8.0 * (near[0][output] - near[1][output]) - far[0][output] + far[1][output]) / (12.0 * step);
-                let found = gradient[3 * output + column];
-                assert!((found - expected).abs() < 1e-11, "{output} {column}: {found} {expected}");
-            }
-        }
-    }
-
-    #[test]
-    fn terms_that_do_not_fit_are_refused_and_those_without_coefficients_dropped() {
-        let factors = [Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
-        for (factor, wrong) in [
-            (factors, term(&[1], &[1.0])),
-            (factors, term(&[1, 1], &[1.0, 2.0])),
-            (factors, term(&[1, -1], &[1.0])),
-            (factors, term(&[i16::MIN, 1], &[1.0])),
-            (factors, term(&[1, 1], &[f64::NAN])),
-            ([Factor::Angle, Factor::Power { middle: 0.0, half: 0.0 }], term(&[1, 1], &[1.0])),
-        ] {
-            assert!(Dictionary::new(&factor, 1, std::slice::from_ref(&wrong)).is_err(), "{wrong:?}");
-        }
-        let dictionary = Dictionary::new(&factors, 1, &[term(&[4, 2], &[0.0]), term(&[1, 0], &[2.0])]).unwrap();
-        assert_eq!(dictionary.products(), 1);
-    }
-
-    #[test]
-    fn terms_give_the_dictionary_back() {
-        let dictionary = example();
-        let factors: Vec<Factor> = dictionary.factors().collect();
-        let terms: Vec<Term> = dictionary.terms().collect();
-        assert_eq!(terms[2], term(&[-3, 2, 1], &[-0.7, 0.2]));
-        assert_eq!(Dictionary::new(&factors, 2, &terms).unwrap(), dictionary);
-    }
-}
+mod tests;

@@ -61,8 +61,10 @@ impl Law {
     /// The functions of a dictionary, to which a network may add.
     ///
     /// # Errors
-    /// [`FormatError`] if the network has columns or functions that the dictionary does not have.
+    /// [`FormatError`] if the network has columns or functions that the dictionary does not have, or the dictionary has
+    /// second derivatives of splines: it is differentiated.
     pub fn new(dictionary: Dictionary, network: Option<NetworkTerm>) -> Result<Self, FormatError> {
+        dictionary.expect_differentiable()?;
         if let Some(network) = &network {
             network.check_limits(dictionary.columns(), dictionary.outputs())?;
         }
@@ -81,8 +83,7 @@ impl Law {
 
     /// Returns true if any function depends on a column.
     pub fn depends_on(&self, column: usize) -> bool {
-        self.dictionary.terms().any(|term| term.exponents[column] != 0)
-            || self.network.as_ref().is_some_and(|network| network.depends_on(column))
+        self.dictionary.depends_on(column) || self.network.as_ref().is_some_and(|network| network.depends_on(column))
     }
 
     /// Returns true if a function is zero everywhere.

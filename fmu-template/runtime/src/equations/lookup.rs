@@ -102,6 +102,44 @@ impl LookupTable {
         Ok(table)
     }
 
+    /// First and second derivative of a table of one argument that is a spline, as tables with the same knots. Beyond
+    /// the ends they keep the values at the ends. They have no bends: the table itself has the bends that a solver must
+    /// not step over.
+    ///
+    /// # Errors
+    /// [`FormatError::Shape`] if it has two arguments or is not a spline.
+    pub fn derivatives(&self) -> Result<[Self; 2], FormatError> {
+        expect_shape(
+            "lookup.axes",
+            &[self.axes.len(), self.interpolation as usize],
+            &[1, Interpolation::Cubic as usize],
+        )?;
+        let slopes: Vec<f64> = self.nodes.as_chunks::<2>().0.iter().map(|node| node[1]).collect();
+        let (knots, last) = (&self.axes[0], self.axes[0].len() - 1);
+        // the second derivative is continuous: that at a knot is that of either interval beside it
+        let second = |knot: usize| {
+            let (from, to) = if knot < last { (knot, knot + 1) } else { (knot - 1, knot) };
+            let h = knots[to] - knots[from];
+            let chord = (self.values[to] - self.values[from]) / h;
+            let both = if knot < last { 2.0 * slopes[from] + slopes[to] } else { -slopes[from] - 2.0 * slopes[to] };
+            (if knot < last { 6.0 } else { -6.0 } * chord - 2.0 * both) / h
+        };
+        let mut seconds: Vec<f64> = (0..=last).map(second).collect();
+        let extrapolation = match self.extrapolation {
+            Extrapolation::Periodic => Extrapolation::Periodic,
+            Extrapolation::Hold | Extrapolation::Linear => Extrapolation::Hold,
+        };
+        let mut first = Self { values: slopes, extrapolation, bends: vec![Vec::new()], ..self.clone() };
+        if extrapolation == Extrapolation::Periodic {
+            seconds[last] = seconds[0];
+            first.values[last] = first.values[0];
+        }
+        first.nodes = first.values.iter().zip(&seconds).flat_map(|(value, slope)| [*value, *slope]).collect();
+        let second =
+            Self { values: seconds.clone(), nodes: seconds, interpolation: Interpolation::Linear, ..first.clone() };
+        Ok([first, second])
+    }
+
     /// Knots of an axis at which the slope changes much, in their order. Features between them are so narrow that a solver may step over them.
     pub fn bends(&self, axis: usize) -> &[Bend] {
         &self.bends[axis]
@@ -507,6 +545,29 @@ mod tests {
             assert!((before.first - after.first).abs() < 1e-7, "{count}: {before:?} {after:?}");
             assert!((before.second - after.second).abs() < 1e-7, "{count}: {before:?} {after:?}");
         }
+    }
+
+    #[test]
+    fn derivatives_of_splines_are_those_of_their_series() {
+        let ways = [
+            (&X[..], [1.0, -2.0, 0.5, 3.0, 1.0], Extrapolation::Periodic),
+            (&X, [1.0, 2.0, 0.0, 1.0, 4.0], Extrapolation::Linear),
+        ];
+        for (knots, values, extrapolation) in ways {
+            let spline = table(&[knots], &values, (Interpolation::Cubic, extrapolation));
+            let [first, second] = spline.derivatives().unwrap();
+            let ends = if extrapolation == Extrapolation::Periodic { [-7.3, 9.1] } else { [-1.0, 3.0] };
+            for k in 0..200 {
+                let x = ends[0] + (f64::from(k) + 0.5) / 200.0 * (ends[1] - ends[0]);
+                let at = |table: &LookupTable| table.series(&[Jet { value: x, first: 1.0, second: 0.0 }]);
+                let expected = at(&spline);
+                assert!((at(&first).value - expected.first).abs() < 1e-12, "{x}");
+                assert!((at(&first).first - expected.second).abs() < 1e-12, "{x}");
+                assert!((at(&second).value - expected.second).abs() < 1e-12, "{x}: {expected:?}");
+            }
+            assert!(first.bends(0).is_empty() && second.bends(0).is_empty());
+        }
+        assert!(table(&[&X], &[0.0; 5], (Interpolation::Linear, Extrapolation::Hold)).derivatives().is_err());
     }
 
     #[test]

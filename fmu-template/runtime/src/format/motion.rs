@@ -4,7 +4,7 @@ use super::{Tensor, Views, bytes, counts, elements, exactly, joined, take, whole
 use crate::{
     Efforts, FormatError, Graph, Integration, Motion, Reactions, Shown,
     check::{expect_finite, expect_shape},
-    dictionary::{Dictionary, Factor, Term},
+    dictionary::{Dictionary, Factor, SPLINE_POWERS, SplineFactor, Term},
     equations::dynamics::Dynamics,
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
     law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
@@ -34,6 +34,7 @@ impl Motion {
             double(&name("positions.windings"), &[positions.dictionary().outputs(), dynamics.coordinates()], windings),
             (name("outputs.shown"), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
         ];
+        tensors.extend(of_splines(prefix, dynamics.law().dictionary()));
         for (what, law) in [("law.", dynamics.law()), ("positions.", positions)] {
             tensors.extend(of_dictionary(&name(what), law.dictionary()));
             tensors.extend(law.network().into_iter().flat_map(|network| of_network(&name(what), network)));
@@ -59,12 +60,14 @@ impl Motion {
     pub(crate) fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
         let name = |what: &str| joined([prefix, what]);
         let factors = factors(tensors, prefix)?;
+        let splines = splines(tensors, prefix)?;
+        let factors = (&factors[..], &splines[..]);
         let (windings, winding_shape) = doubles(tensors, &name("positions.windings"), 2)?;
-        let law = law(tensors, &name("law."), &factors)?;
-        let positions = self::law(tensors, &name("positions."), &factors)?;
+        let law = law(tensors, &name("law."), factors)?;
+        let positions = self::law(tensors, &name("positions."), factors)?;
         let forces = network(tensors, &name("forces."))?;
         let coordinates = winding_shape[1];
-        let efforts = efforts(tensors, prefix, factors.len().saturating_sub(coordinates), coordinates)?;
+        let efforts = efforts(tensors, prefix, factors.0.len().saturating_sub(coordinates), coordinates)?;
         let count = efforts.count();
         expect_shape(name("positions.windings"), &winding_shape, &[positions.dictionary().outputs(), coordinates])?;
         let shown = whole_rows(tensors, &name("outputs.shown"))?;
@@ -95,7 +98,7 @@ impl Motion {
         let dynamics = Dynamics::with_efforts(efforts, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
         let of_reactions = name("reactions.");
         let has_reactions = tensors.names().any(|name| name.starts_with(&of_reactions));
-        let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, &factors)).transpose()?;
+        let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, count, functions)).transpose()?;
         Ok(Self { dynamics, positions, windings, reactions, actuator_states, outputs })
     }
@@ -131,8 +134,15 @@ fn of_efforts(prefix: &str, efforts: &Efforts) -> Vec<Tensor> {
         whole("steps", vec![steps.len() / 2, 2], &steps),
         double(&name("constants"), &[constants.len()], &constants),
     ];
-    for (index, table) in tables.into_iter().enumerate() {
-        let name = |what: &str| name(&format!("tables.{index}.{what}"));
+    tensors.extend(of_tables(&name("tables"), tables.into_iter()));
+    tensors
+}
+
+/// Lookup tables under a name.
+fn of_tables<'a>(prefix: &str, tables: impl Iterator<Item = &'a Arc<LookupTable>>) -> Vec<Tensor> {
+    let mut tensors = Vec::new();
+    for (index, table) in tables.enumerate() {
+        let name = |what: &str| format!("{prefix}.{index}.{what}");
         let shape: Vec<usize> = table.axes().iter().map(Vec::len).collect();
         let kinds = [table.interpolation() as u32, table.extrapolation() as u32];
         let axes = AXES.iter().zip(table.axes()).map(|(axis, knots)| double(&name(axis), &[knots.len()], knots));
@@ -149,13 +159,13 @@ const FIRST_COMBINATION: u32 = 5;
 /// Names of a table's axes.
 const AXES: [&str; 2] = ["x", "y"];
 
-/// The tables of the efforts.
+/// The inverse of [`of_tables`].
 #[inline(never)]
 fn lookup_tables(tensors: &mut Views, prefix: &str) -> Result<Vec<Arc<LookupTable>>, FormatError> {
     let mut tables = Vec::new();
     loop {
         let number = tables.len().to_string();
-        let name = |what: &str| joined([prefix, "efforts.tables.", &number, ".", what]);
+        let name = |what: &str| joined([prefix, ".", &number, ".", what]);
         if !tensors.contain(&name("values")) {
             return Ok(tables);
         }
@@ -183,7 +193,7 @@ fn efforts(tensors: &mut Views, prefix: &str, parameters: usize, coordinates: us
     let (windings, shape) = doubles(tensors, &name("windings"), 2)?;
     expect_shape(name("windings"), &shape[1..], &[coordinates])?;
     let (constants, _) = doubles(tensors, &name("constants"), 1)?;
-    let tables = lookup_tables(tensors, prefix)?;
+    let tables = lookup_tables(tensors, &name("tables"))?;
     let steps = whole_rows(tensors, &name("steps"))?;
     let mut known_steps = Vec::with_capacity(steps.len());
     for (index, &[kind, argument]) in steps.iter().enumerate() {
@@ -247,7 +257,10 @@ fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, For
     NetworkTerm::new(columns, outputs, network).map(Some)
 }
 
-fn law(tensors: &mut Views, prefix: &str, factors: &[Factor]) -> Result<Law, FormatError> {
+/// Contributions of the columns of a dictionary, and its splines.
+type KnownFactors<'a> = (&'a [Factor], &'a [SplineFactor]);
+
+fn law(tensors: &mut Views, prefix: &str, factors: KnownFactors) -> Result<Law, FormatError> {
     Law::new(dictionary(tensors, prefix, factors)?, network(tensors, prefix)?)
 }
 
@@ -256,14 +269,14 @@ pub(super) fn double(name: &str, shape: &[usize], values: &[f64]) -> Tensor {
 }
 
 impl Dictionary {
-    /// Tensors whose names begin with this.
+    /// Tensors whose names begin with this, of a dictionary without splines.
     pub(crate) fn tensors(&self, prefix: &str) -> Vec<Tensor> {
         [columns(prefix, self)].into_iter().chain(of_dictionary(prefix, self)).collect()
     }
 
     pub(crate) fn read(tensors: &mut Views, prefix: &str) -> Result<Self, FormatError> {
         let factors = factors(tensors, prefix)?;
-        dictionary(tensors, prefix, &factors)
+        dictionary(tensors, prefix, (&factors, &[]))
     }
 }
 
@@ -277,11 +290,38 @@ fn columns(prefix: &str, dictionary: &Dictionary) -> Tensor {
     double(&format!("{prefix}columns"), &[pairs.len() / 2, 2], &pairs)
 }
 
+/// Splines of a dictionary; nothing if there are none.
+fn of_splines(prefix: &str, dictionary: &Dictionary) -> Vec<Tensor> {
+    let splines = dictionary.splines();
+    if splines.is_empty() {
+        return Vec::new();
+    }
+    let columns: Vec<u32> = splines.iter().map(|spline| spline.column as u32).collect();
+    let content = bytes(&columns, u32::to_le_bytes);
+    let columns = (format!("{prefix}splines.columns"), Dtype::U32, vec![columns.len()], content);
+    let tables = of_tables(&format!("{prefix}splines"), splines.iter().map(|spline| &spline.table));
+    [columns].into_iter().chain(tables).collect()
+}
+
+/// The inverse of [`of_splines`].
+#[inline(never)]
+fn splines(tensors: &mut Views, prefix: &str) -> Result<Vec<SplineFactor>, FormatError> {
+    let name = joined([prefix, "splines.columns"]);
+    if !tensors.contain(&name) {
+        return Ok(Vec::new());
+    }
+    let columns = elements(take(tensors, &name, Dtype::U32, 1)?.data(), u32::from_le_bytes);
+    let tables = lookup_tables(tensors, &joined([prefix, "splines"]))?;
+    expect_shape(&name, &[columns.len()], &[tables.len()])?;
+    let spline = |(column, table)| SplineFactor { column: column as usize, table };
+    Ok(columns.into_iter().zip(tables).map(spline).collect())
+}
+
 fn of_dictionary(prefix: &str, dictionary: &Dictionary) -> [Tensor; 2] {
     let terms: Vec<Term> = dictionary.terms().collect();
     let exponents: Vec<i16> = terms.iter().flat_map(|term| term.exponents.iter().copied()).collect();
     let coefficients: Vec<f64> = terms.iter().flat_map(|term| term.coefficients.iter().copied()).collect();
-    let shape = vec![terms.len(), dictionary.columns()];
+    let shape = vec![terms.len(), dictionary.exponents()];
     let exponents = (format!("{prefix}exponents"), Dtype::I16, shape, bytes(&exponents, i16::to_le_bytes));
     [exponents, double(&format!("{prefix}coefficients"), &[terms.len(), dictionary.outputs()], &coefficients)]
 }
@@ -340,16 +380,17 @@ fn factors(tensors: &mut Views, prefix: &str) -> Result<Vec<Factor>, FormatError
 }
 
 #[inline(never)]
-fn dictionary(tensors: &mut Views, prefix: &str, factors: &[Factor]) -> Result<Dictionary, FormatError> {
+fn dictionary(tensors: &mut Views, prefix: &str, factors: KnownFactors) -> Result<Dictionary, FormatError> {
     let (coefficients_name, exponents_name) = (joined([prefix, "coefficients"]), joined([prefix, "exponents"]));
     let view = take(tensors, &exponents_name, Dtype::I16, 2)?;
     let (exponents, shape) = (elements(view.data(), i16::from_le_bytes), view.shape().to_vec());
     let view = take(tensors, &coefficients_name, Dtype::F64, 2)?;
-    expect_shape(&exponents_name, &shape, &[view.shape()[0], factors.len()])?;
+    let width = factors.0.len() + SPLINE_POWERS * factors.1.len();
+    expect_shape(&exponents_name, &shape, &[view.shape()[0], width])?;
     let functions = view.shape()[1];
     let coefficients = elements(view.data(), f64::from_le_bytes);
     // chunks of no length are not allowed
     let rows = |index: usize, width: usize| index * width..(index + 1) * width;
-    let term = |index| (&exponents[rows(index, factors.len())], &coefficients[rows(index, functions)]);
+    let term = |index| (&exponents[rows(index, width)], &coefficients[rows(index, functions)]);
     Dictionary::from_rows(factors, functions, (0..shape[0]).map(term))
 }

@@ -9,10 +9,11 @@ use super::{
 };
 use metafmu_runtime::{
     EffortColumn, Integration, Motion, Reactions, Shown, Surrogate,
-    dictionary::{Dictionary, Factor},
+    dictionary::{Dictionary, Factor, SplineFactor},
     law::Law,
-    listing::Listing,
+    listing::{InstructionKind, Listing},
 };
+use std::f64::consts::TAU;
 
 const NAMES: [&str; 8] = [
     "model_arguments",
@@ -71,7 +72,30 @@ fn listings(motion: &Motion) -> [Listing; 3] {
         Law::from(Dictionary::new(&columns, 0, &[]).expect("nothing is wrong with no functions")).listing(0..0)
     };
     let reactions = motion.reactions.as_ref().map_or_else(none, Reactions::listing);
-    [dynamics.listing(), motion.listing_of_positions(), reactions]
+    let mut listings = [dynamics.listing(), motion.listing_of_positions(), reactions];
+    share_tables(&mut listings);
+    listings
+}
+
+/// Gives all listings the tables of all of them, as `model_tables` has them.
+fn share_tables(listings: &mut [Listing]) {
+    let mut tables = Vec::new();
+    for listing in &mut *listings {
+        let first = tables.len() as u32;
+        tables.append(&mut listing.tables);
+        for instruction in listing.instructions.iter_mut().flatten() {
+            if instruction.kind == InstructionKind::Lookup {
+                instruction.data += first;
+            }
+        }
+    }
+    listings.iter_mut().for_each(|listing| listing.tables.clone_from(&tables));
+}
+
+/// Returns true if a turn has a whole number of periods of a spline.
+fn repeats_each_turn(spline: &SplineFactor) -> bool {
+    let periods = spline.table.period(0).map_or(f64::NAN, |period| TAU / period);
+    (periods - periods.round()).abs() <= 4.0 * f64::EPSILON * periods
 }
 
 fn write_shown(text: &mut String, motion: &Motion) {
@@ -84,10 +108,12 @@ fn write_shown(text: &mut String, motion: &Motion) {
     let turning: Vec<usize> = columns
         .filter_map(|column| if let EffortColumn::Position(position) = column { Some(position) } else { None })
         .collect();
-    let factors = motion.dynamics.law().dictionary().factors().take(n).enumerate();
+    let dictionary = motion.dynamics.law().dictionary();
+    let factors = dictionary.factors().take(n).enumerate();
     let periodic = factors.map(|(k, factor)| {
         let is_free = turning.iter().all(|position| efforts.windings()[position * n + k] == 0.0);
-        u8::from(factor == Factor::Angle && is_free).to_string()
+        let repeats = dictionary.splines().iter().all(|spline| spline.column != k || repeats_each_turn(spline));
+        u8::from(factor == Factor::Angle && is_free && repeats).to_string()
     });
     let periodic: Vec<String> = periodic.collect();
     push(text, format_args!("\nconst int model_periodic[COORDINATE_COUNT] = {{{}}};\n", periodic.join(", ")));

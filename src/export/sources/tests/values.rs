@@ -73,6 +73,7 @@ fn the_results_and_derivatives_of_a_motion_are_those_of_the_evaluator() {
     compare(&example::crane_with_networks(), [10.0, 1.0], &SANITIZERS);
     compare(&example::crane_with_reactions(), [1.0, 1.0], &SANITIZERS);
     compare(&example::crane_with_efforts(), [1.0, 1.0], &SANITIZERS);
+    compare(&example::crane_with_splines(), [1.0, 1.0], &SANITIZERS);
     compare(&example::crane_with_motor(), [1.0, 1.0], &SANITIZERS);
     compare(&example::with_prescribed_trolley(&example::crane_with_reactions()), [1.0, 1.0], &SANITIZERS);
     compare(&example::with_prescribed_trolley(&example::crane_with_networks()), [10.0, 1.0], &SANITIZERS);

@@ -21,6 +21,7 @@ fn a_motion_survives_the_round_trip_with_and_without_networks() {
         example::crane_with_networks(),
         example::crane_with_reactions(),
         example::crane_with_efforts(),
+        example::crane_with_splines(),
         example::crane_with_motor(),
     ] {
         let surrogate = surrogate.sealed().unwrap();
