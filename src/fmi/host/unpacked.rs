@@ -133,8 +133,9 @@ pub fn remove(folder: &Path) {
 fn remove_stale(own: &Path, parent: &Path) {
     let others = std::fs::read_dir(parent).into_iter().flatten().flatten().map(|entry| entry.path());
     for other in others.filter(|other| other != own && have_one_owner(own, other)) {
-        let lock = OpenOptions::new().read(true).write(true).open(other.join(LOCK));
-        if lock.is_ok_and(|lock| lock.try_lock().is_ok()) {
+        let Ok(lock) = OpenOptions::new().read(true).write(true).open(other.join(LOCK)) else { continue };
+        // the lock is held until the folder is gone: its owner may be between making the folder and locking it
+        if lock.try_lock().is_ok() {
             remove(&other);
         }
     }
