@@ -43,7 +43,7 @@ PHRASES = {
     r"\bas there\b(?! (?:is|are)\b)|\blikewise\b|\bsee there\b": "repeat the noun, or link to the item",
     r"\bas it is today\b|\bwhat is not done\b": "a limit, once",
 }
-OPENINGS = re.compile(r"^(?:Of |Likewise|As there|What |Whether |The same\b|As above)")
+OPENINGS = re.compile(r"^(?:Of |That of |Those of |Likewise|As there|What |Whether |The same\b|As above)")
 # pages whose sentences may be long: messages list every name that is expected
 LISTS = {ROOT / "docs" / "bad-input.md"}
 # regular expressions of sentences, each with its reason

@@ -23,6 +23,7 @@ use std::{path::PathBuf, time::Duration};
   metafmu new my-study --table runs.csv              recorded runs
   metafmu new my-study --table points.csv            rows of inputs and outputs
   metafmu new my-study --fmu model.fmu               a third-party FMU
+  metafmu new my-study --command python model.py     a program: MuJoCo, a script, an in-house code
   metafmu new my-study --mechanism mechanism.toml    bodies, joints and forces
   metafmu new my-study --system single-pendulum      a built-in system
 
@@ -32,7 +33,7 @@ Review the file that this writes, then:
   metafmu export NAME.safetensors                    an FMU of what `import` wrote
 
 `metafmu help VERB` has examples of each verb. Results go to stdout, progress to stderr.
-Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, also where the stages after a training that it shortened were done."
+Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, even if the later stages completed."
 )]
 pub struct Cli {
     #[command(flatten)]

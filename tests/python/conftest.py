@@ -30,6 +30,16 @@ if IS_WORKER:
 OTHER_THREADS = {"RAYON_NUM_THREADS": "2" if os.environ.get("RAYON_NUM_THREADS") == "1" else "1"}
 # accepts whatever little training gives
 ANY = "\n[accept]\nr2 = -inf\nbaseline_factor = inf\nangle_error = inf\n"
+# the end of a study of runs, whose training takes no time
+SMALL = """[sampling]
+method = "sobol"
+runs = 60
+test_runs = 10
+[network]
+hidden = [8]
+[training]
+epochs = 2
+"""
 PARAMETERS = ["L", "c", "thetad0"]
 OUTPUTS = ["theta", "thetad", "thetadd"]
 

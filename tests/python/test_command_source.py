@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 import pytest
-from conftest import METAFMU, OTHER_THREADS, ROOT, metafmu
+from conftest import METAFMU, OTHER_THREADS, ROOT, SMALL, metafmu
 
 COMMANDS = ROOT / "examples" / "commands"
 # where the program goes wrong: range of k, what it does, and what is reported
@@ -57,15 +57,7 @@ k = {{ min = 0, max = 1, unit = "1/s" }}
 [outputs]
 x = {{ unit = "m" }}
 y = {{}}
-[sampling]
-method = "sobol"
-runs = 60
-test_runs = 10
-[network]
-hidden = [8]
-[training]
-epochs = 2
-"""
+""" + SMALL
 
 
 def write_study(folder, faults="", study=STUDY):

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import METAFMU, OTHER_THREADS, ROOT, metafmu
+from conftest import METAFMU, OTHER_THREADS, ROOT, SMALL, metafmu
 from fmpy import read_model_description, simulate_fmu
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
@@ -47,15 +47,7 @@ step = 0.05
 [outputs]
 "tip.y[1,2]" = { unit = "m" }
 "der(z)" = {}
-[sampling]
-method = "sobol"
-runs = 60
-test_runs = 10
-[network]
-hidden = [8]
-[training]
-epochs = 2
-"""
+""" + SMALL
 
 
 def fault(k1):

@@ -207,7 +207,7 @@ impl<'a> MultibodyBuilder<'a> {
         }
     }
 
-    /// Those of the joints, of the couplings, and of the drivers of motions: the order of [`MultibodyBuilder::joint_rows`].
+    /// Constraints of the joints, of the couplings, and of the drivers of motions, in the order of [`MultibodyBuilder::joint_rows`].
     fn constraints(&mut self) -> Constraints {
         let mut constraints = Vec::new();
         for (name, joint) in self.description.joints.keys().zip(&self.joints) {

@@ -19,12 +19,12 @@ pub(super) struct Enclosure {
     pub value: Interval,
     /// Interval of the slope between any two times of the interval.
     pub rate: Interval,
-    /// Values at the begin, the middle and the end.
+    /// Values at the beginning, the middle and the end.
     pub points: [f64; 3],
 }
 
 impl Enclosure {
-    /// That of a formula over an interval of time; `column` gives the value of a column, or none of the time.
+    /// Enclosure of a formula over an interval of time; `column` returns the value of a column, none for the time.
     pub fn of(formula: &Formula, interval: Interval, column: impl Fn(usize) -> Option<f64>) -> Self {
         let half = 0.5 * (interval[1] - interval[0]);
         let mut stack: Vec<Self> = Vec::with_capacity(formula.steps().len());
@@ -67,7 +67,7 @@ impl Enclosure {
         Self { value: ALL, rate: ALL, points }
     }
 
-    /// With the bounds that follow from the points and the rate.
+    /// Tightens the bounds by those that follow from the points and the rate.
     fn tightened(mut self, half: f64) -> Self {
         let is_wrong = |[low, high]: Interval| low.is_nan() || high.is_nan() || low > high;
         if is_wrong(self.value) || is_wrong(self.rate) {

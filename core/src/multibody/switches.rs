@@ -35,12 +35,12 @@ pub(super) struct Stops {
 pub(super) struct StretchTimes {
     /// Where it begins, then the times at which samples are needed.
     pub times: Vec<f64>,
-    /// True if these are rows; else it is a stop.
+    /// `true` if these are rows; else the only one is a stop.
     pub has_rows: bool,
 }
 
 impl Stops {
-    /// Those of a run with these rows: the [switches] of formulas of time.
+    /// Stops of a run with these rows: the [switches] of formulas of time.
     ///
     /// # Errors
     /// As [`switches`].
@@ -74,7 +74,7 @@ impl Stops {
 pub(super) struct Branch([f64; 2]);
 
 impl Branch {
-    /// That of a stretch with these times. A stretch of several rows is integrated a little beyond the last one.
+    /// Branch of a stretch with these times. A stretch of several rows is integrated a little beyond the last one.
     pub fn of(times: &[f64]) -> Self {
         let keep = 16.0 * rounding([times[0], times[times.len() - 1]]);
         let end = if times.len() == 2 { times[1] - keep } else { f64::INFINITY };
@@ -87,7 +87,7 @@ impl Branch {
     }
 }
 
-/// Time points in a run at which its formulas of time switch, in ascending order; none where no formula does.
+/// Time points in a run at which its formulas of time switch, in ascending order; none if no formula does.
 ///
 /// # Errors
 /// A sentence: there are too many.
@@ -135,7 +135,7 @@ enum Levels {
 }
 
 impl Switch {
-    /// Those of an expression: inner ones before those around them.
+    /// Switches of an expression, inner ones before those around them.
     fn all(bound: &BoundExpression) -> Vec<Self> {
         if !bound.slots.iter().any(|slot| matches!(slot, Slot::Time)) {
             return Vec::new();

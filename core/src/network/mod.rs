@@ -51,9 +51,9 @@ pub enum NetworkError {
     LayerActivation {
         /// Counted from the inputs, which are layer 0.
         layer: usize,
-        /// That of the hidden layers, or the identity for the last one.
+        /// Activation of the hidden layers, or the identity for the last one.
         expected: Activation,
-        /// That of the layer.
+        /// Activation of the layer.
         found: Activation,
     },
     /// Weights that this network, which is trained in single precision, cannot hold.

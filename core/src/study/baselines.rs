@@ -16,9 +16,9 @@ pub const MAX_TERMS: usize = 5000;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
 pub struct Baselines {
-    /// Those that `metafmu compare` fits.
+    /// Models that `metafmu compare` fits.
     pub models: Vec<BaselineKind>,
-    /// Those of them that `metafmu build` fits.
+    /// Models among them that `metafmu build` fits.
     pub build: Vec<BaselineKind>,
     /// Time limit of each model for the fit and the prediction of the test rows.
     #[serde(rename = "time_budget")]

@@ -100,7 +100,7 @@ pub enum SmallNetworks {
 }
 
 impl SmallNetworks {
-    /// Those of a study; whether it has hidden layers and options of the training.
+    /// Choice for a study: `has_hidden` if it has hidden layers, `has_training` if it has options of the training.
     pub(super) fn of(has_hidden: bool, has_training: bool) -> Self {
         match (has_training, has_hidden) {
             (true, _) => Self::Never,

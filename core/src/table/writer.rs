@@ -33,7 +33,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// That of a file by the end of its name: `.parquet`, else `.csv` or none.
+    /// Format of a file by the end of its name: `.parquet`, else `.csv` or none.
     ///
     /// # Errors
     /// If its name ends otherwise.

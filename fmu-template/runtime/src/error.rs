@@ -254,7 +254,7 @@ pub enum FormatError {
         instant: usize,
         /// Lengths of its columns and of the values that its steps make.
         found: Vec<usize>,
-        /// Those of the first instant.
+        /// Lengths at the first time point.
         expected: Vec<usize>,
     },
     /// Networks of different steps.

@@ -184,7 +184,7 @@ impl Evaluator {
 }
 
 impl Domain {
-    /// That of a surrogate.
+    /// Domain of a surrogate.
     pub fn of(surrogate: &Surrogate) -> Self {
         let ranges = Self::new(surrogate.inputs(), surrogate.states());
         let cover = surrogate.metadata.cover.iter();

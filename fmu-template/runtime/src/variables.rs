@@ -70,7 +70,8 @@ pub struct Known {
 }
 
 impl BuiltIn {
-    /// Those of every FMU, in order; [`BuiltIn::Time`] is added where no input is the time, [`BuiltIn::UseMeasured`] to discrete-time ones.
+    /// Built-in variables of every FMU, in order; [`BuiltIn::Time`] is added if no input is the time, and
+    /// [`BuiltIn::UseMeasured`] to discrete-time FMUs.
     pub const ALWAYS: [Self; 3] = [Self::DomainPolicy, Self::InDomain, Self::DomainDistance];
 
     /// Variable name; no variable of a surrogate may have it.

@@ -44,7 +44,7 @@ pub(super) fn bushing_coordinates([from, to]: [BodyPoint; 2]) -> [Coordinate; 3]
 }
 
 impl MultibodyBuilder<'_> {
-    /// Those of the description, then three for each bushing; and the efforts that act beside their stiffness and damping.
+    /// Springs of the description, then three for each bushing; and the efforts besides their stiffness and damping.
     pub(super) fn springs(&mut self) -> (Vec<Spring>, Vec<Effort>) {
         let (mut springs, mut efforts) = (Vec::new(), Vec::new());
         for (name, spring) in &self.description.springs {

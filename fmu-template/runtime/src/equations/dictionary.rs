@@ -484,7 +484,7 @@ impl WrittenColumn {
 }
 
 impl Column {
-    /// That of one of its atoms.
+    /// Exponent of one of its atoms.
     fn exponent(&self, atom: usize) -> i16 {
         let within = atom - self.atoms.start;
         // each was made from an exponent, so it fits

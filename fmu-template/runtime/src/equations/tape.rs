@@ -22,7 +22,7 @@ use std::{
 pub(crate) struct Register(u32);
 
 impl Register {
-    /// That of an input.
+    /// Register of an input.
     pub(crate) fn input(index: usize) -> Self {
         // no model has so many columns
         Self(index as u32)
