@@ -153,9 +153,9 @@ impl<M: Send + 'static> ChildProcess<M> {
         ReplyStatus::Died(self.obituary())
     }
 
-    /// After the last reply: closes standard input and reads the remaining output.
+    /// Waits for the end after the last reply, and reads the remaining output. Standard input stays open unless it was
+    /// [closed](Self::close): a worker of an FMU takes its end for the end of this process, and removes the FMU's files.
     pub fn finish(mut self) {
-        self.close();
         self.wait();
     }
 
@@ -240,4 +240,35 @@ fn kill(child: &mut Child) {
     }
     // fails if it is gone already
     let _ = child.kill();
+}
+
+#[cfg(all(test, unix))]
+mod tests {
+    use super::*;
+
+    /// Starts a shell that replies with a line, then makes a file if its standard input is closed.
+    fn shell(file: &std::path::Path) -> ChildProcess<String> {
+        let mut command = Command::new("sh");
+        command.args(["-c", "read request; echo done; read request || : > \"$0\""]).arg(file);
+        let read = |output: &mut ReplyStream| {
+            let mut line = String::new();
+            output.read_line(&mut line).ok().filter(|count| *count > 0).map(|_| line)
+        };
+        let mut process = ChildProcess::start(command, "the shell ended", read, |_| {}).unwrap();
+        process.ask(&1);
+        let reply = process.reply(None, &AtomicBool::new(false));
+        assert!(matches!(reply, ReplyStatus::Reply(text) if text == "done\n"));
+        process
+    }
+
+    #[test]
+    fn standard_input_stays_open_until_it_is_closed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (open, closed) = (folder.path().join("open"), folder.path().join("closed"));
+        shell(&open).finish();
+        let mut process = shell(&closed);
+        process.close();
+        process.finish();
+        assert!(closed.exists() && !open.exists());
+    }
 }

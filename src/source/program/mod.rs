@@ -179,7 +179,7 @@ impl Launcher for &ProgramRuns {
 pub fn describe(command: &ProgramCommand, limit: Duration, stop: &AtomicBool) -> Result<Option<ProgramDescription>> {
     let started = RunningProgram::start(command, 0, limit, stop)?;
     Ok(started.map(|(program, description)| {
-        program.process.finish();
+        program.finish();
         description
     }))
 }
@@ -261,6 +261,12 @@ impl RunningProgram {
         Ok(Some((program, described)))
     }
 
+    /// Closes standard input, at whose end the program ends.
+    fn finish(mut self) {
+        self.process.close();
+        self.process.finish();
+    }
+
     fn ask(&mut self, request: Request, limit: Duration, stop: &AtomicBool) -> Answer {
         self.id += 1;
         self.process.ask(&Numbered { id: self.id, request });
@@ -309,7 +315,7 @@ impl WorkerProcess for ProgramProcess {
     }
 
     fn finish(self: Box<Self>) {
-        self.program.process.finish();
+        self.program.finish();
     }
 }
 
