@@ -16,8 +16,8 @@ use metafmu_runtime::{
     Bounds, BuiltIn, Clock, Encoding, Graph, Input, Integration, Layer, Motion, Output, Precision, Program, Role,
     Sampling, State, Surrogate, Tunability,
     dictionary::Dictionary,
+    function_set::NetworkTerm,
     graph::{Elementwise, Forest, Step},
-    law::NetworkTerm,
 };
 
 const STYLE: &str = "\
@@ -433,7 +433,7 @@ fn size_of_motion(motion: &Motion, integration: Integration) -> String {
         term.map_or(String::new(), |term| format!(", a network for {what}, {}", nodes(&term.network().layers)))
     };
     let networks = [
-        network("the equations", dynamics.law().network()),
+        network("the equations", dynamics.function_set().network()),
         network("positions", positions.network()),
         network("forces", dynamics.forces()),
     ];
@@ -443,7 +443,7 @@ fn size_of_motion(motion: &Motion, integration: Integration) -> String {
     format!(
         "equations of motion in {} generalized coordinates, {} products of sines, cosines and powers ({} for positions{of_reactions}){}; {}",
         dynamics.coordinates(),
-        dynamics.law().dictionary().products(),
+        dynamics.function_set().dictionary().products(),
         positions.dictionary().products(),
         networks.concat(),
         integrated(integration),

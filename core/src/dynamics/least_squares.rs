@@ -108,11 +108,11 @@ pub(super) fn dictionary(
 }
 
 /// Largest error of any function at unseen points, relative to its scale.
-fn error_of(law: &Dictionary, unseen: &EquationSamples, scales: &[f64]) -> f64 {
+fn error_of(function_set: &Dictionary, unseen: &EquationSamples, scales: &[f64]) -> f64 {
     let mut found = vec![0.0; scales.len()];
     let mut error = 0.0f64;
     for (point, expected) in unseen.points.iter().zip(&unseen.labels) {
-        law.evaluate(point, &mut found);
+        function_set.evaluate(point, &mut found);
         for ((found, expected), scale) in found.iter().zip(expected).zip(scales) {
             error = error.max((found - expected).abs() / scale);
         }

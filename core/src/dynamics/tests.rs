@@ -581,8 +581,12 @@ fn the_lift_of_a_cam_and_its_derivatives_are_exact_in_equations_and_reactions() 
         let fitted = fit(&parse(&text), &region, 1).unwrap();
         let reactions = fitted.reactions.as_ref().unwrap();
         assert!(fitted.error < 1e-11 && reactions.error < 1e-11, "{:e} {:e}", fitted.error, reactions.error);
-        let products = fitted.dynamics.law().dictionary().products();
-        assert!(products < 20, "{products}: {:?}", fitted.dynamics.law().dictionary().terms().collect::<Vec<_>>());
+        let products = fitted.dynamics.function_set().dictionary().products();
+        assert!(
+            products < 20,
+            "{products}: {:?}",
+            fitted.dynamics.function_set().dictionary().terms().collect::<Vec<_>>()
+        );
         for (q, v, m) in [(0.4, 30.0, 0.1), (2.9, -70.0, 0.33), (5.9, 5.0, 0.4)] {
             let state: [&[f64]; 4] = [&[q], &[v], &[1.3], &[m]];
             assert_exact(&text, &region, state, 1e-10);

@@ -6,7 +6,7 @@ use metafmu_runtime::{
     Scaling, Shown, State, Surrogate, Tunability,
     dictionary::{Dictionary, Factor, SPLINE_POWERS, SplineFactor, Term},
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
-    law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
+    function_set::{ColumnKind, FunctionSet, NetworkColumn, NetworkTerm},
 };
 use std::sync::Arc;
 
@@ -64,7 +64,7 @@ pub fn crane() -> Surrogate {
         Dictionary::new(&factors, functions, &terms.iter().map(term).collect::<Vec<_>>()).expect("the example is valid")
     };
     // M = [3; l cos, l²], V = -g l cos, D_xx = 0.3, B_x = 1
-    let law = dictionary(
+    let function_set = dictionary(
         Dynamics::functions(2, 1),
         &[
             ([0, 0, 0], &[(0, 3.0), (6, 0.3), (10, 1.0)]),
@@ -73,7 +73,7 @@ pub fn crane() -> Surrogate {
         ],
     );
     let motion = Motion {
-        dynamics: Dynamics::new(2, 1, law).expect("the example is valid"),
+        dynamics: Dynamics::new(2, 1, function_set).expect("the example is valid"),
         // x, theta and the load's x: what is not a winding is l sin theta
         positions: dictionary(3, &[([0, -1, 1], &[(2, 1.0)])]).into(),
         windings: vec![1.0, 0.0, 0.0, 1.0, 1.0, 0.0],
@@ -187,7 +187,7 @@ pub fn crane_with_efforts() -> Surrogate {
         coefficients[7..13].copy_from_slice(&term.coefficients[4..10]);
         Term { coefficients, ..term }
     };
-    let mut terms: Vec<Term> = motion.dynamics.law().dictionary().terms().map(widened).collect();
+    let mut terms: Vec<Term> = motion.dynamics.function_set().dictionary().terms().map(widened).collect();
     let mut more = |exponents: [i16; 3], values: &[(usize, f64)]| {
         let mut coefficients = vec![0.0; functions];
         values.iter().for_each(|(index, value)| coefficients[*index] = *value);
@@ -196,9 +196,9 @@ pub fn crane_with_efforts() -> Surrogate {
     // l sin theta of the load; B = [1 0 0.5; 0 1 0]
     more([0, -1, 1], &[(5, 1.0)]);
     more([0, 0, 0], &[(13, 1.0), (15, 0.5), (17, 1.0)]);
-    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
-    let law = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
-    let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
+    let factors: Vec<Factor> = motion.dynamics.function_set().dictionary().factors().collect();
+    let function_set = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    let dynamics = Dynamics::with_efforts(efforts, function_set).expect("the example is valid");
     let motion = Motion { dynamics, ..motion.clone() };
     with_motion(&crane, crane.metadata().clone(), motion)
 }
@@ -222,8 +222,9 @@ pub fn crane_with_splines() -> Surrogate {
     };
     // M_00, M_11, V; the first position; the first force
     let of_motion = [([0, 0, 0, 0, 2, 0], 0, 0.02), ([0, -1, 1, 1, 1, 0], 2, 0.01), ([0, 0, 1, 2, 0, 0], 3, 3.0)];
-    let law = with(motion.dynamics.law().dictionary(), &of_motion);
-    let dynamics = Dynamics::with_efforts(motion.dynamics.efforts().clone(), law).expect("the example is valid");
+    let function_set = with(motion.dynamics.function_set().dictionary(), &of_motion);
+    let dynamics =
+        Dynamics::with_efforts(motion.dynamics.efforts().clone(), function_set).expect("the example is valid");
     let positions = with(motion.positions.dictionary(), &[([0, 0, 0, 1, 0, 0], 0, 0.25)]).into();
     let reactions = motion.reactions.as_ref().map(|reactions| {
         let each = Reactions::functions_of_each(2, 1);
@@ -261,10 +262,10 @@ pub fn crane_with_motor() -> Surrogate {
         coefficients[12] = term.coefficients[10];
         Term { coefficients, ..term }
     };
-    let terms: Vec<Term> = motion.dynamics.law().dictionary().terms().map(widened).collect();
-    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
-    let law = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
-    let dynamics = Dynamics::with_efforts(efforts, law).expect("the example is valid");
+    let terms: Vec<Term> = motion.dynamics.function_set().dictionary().terms().map(widened).collect();
+    let factors: Vec<Factor> = motion.dynamics.function_set().dictionary().factors().collect();
+    let function_set = Dictionary::new(&factors, functions, &terms).expect("the example is valid");
+    let dynamics = Dynamics::with_efforts(efforts, function_set).expect("the example is valid");
     let outputs = motion.outputs.iter().copied().chain([Shown::Effort(1)]).collect();
     let motion = Motion { dynamics, outputs, actuator_states: 1, ..motion.clone() };
     let mut metadata = crane.metadata().clone();
@@ -328,7 +329,7 @@ pub fn crane_with_reactions() -> Surrogate {
         term([1, -2, 0], &[(each + 6, 0.125), (each + 7, 0.5)]),
         term([0, 0, 2], &[(each + 8, 0.25)]),
     ];
-    let factors: Vec<Factor> = motion.dynamics.law().dictionary().factors().collect();
+    let factors: Vec<Factor> = motion.dynamics.function_set().dictionary().factors().collect();
     let functions = Dictionary::new(&factors, 2 * each, &terms).expect("the example is valid");
     let reactions = Reactions::new(2, 1, functions).expect("the example is valid");
     let mut metadata = crane.metadata().clone();
@@ -369,12 +370,13 @@ pub fn crane_with_networks() -> Surrogate {
     let of_positions = term(&[(1, sine), (2, plain)], &[2], Activation::Silu);
     let columns = [(0, plain), (1, cosine), (2, plain), (3, plain), (4, plain), (5, plain)];
     let forces = term(&columns, &[1, 0], Activation::Tanh);
-    let law = Law::new(motion.dynamics.law().dictionary().clone(), Some(of_law)).expect("the example is valid");
+    let function_set = FunctionSet::new(motion.dynamics.function_set().dictionary().clone(), Some(of_law))
+        .expect("the example is valid");
     let positions = motion.positions.dictionary().clone();
-    let dynamics = Dynamics::new(2, 1, law).and_then(|dynamics| dynamics.with_forces(Some(forces)));
+    let dynamics = Dynamics::new(2, 1, function_set).and_then(|dynamics| dynamics.with_forces(Some(forces)));
     let motion = Motion {
         dynamics: dynamics.expect("the example is valid"),
-        positions: Law::new(positions, Some(of_positions)).expect("the example is valid"),
+        positions: FunctionSet::new(positions, Some(of_positions)).expect("the example is valid"),
         ..motion.clone()
     };
     with_motion(&crane, crane.metadata().clone(), motion)

@@ -3,7 +3,7 @@
 use safetensors::SafeTensorError;
 
 /// Version of the layout described in this module.
-pub const FORMAT: u32 = 6;
+pub const FORMAT: u32 = 7;
 
 pub(crate) const METADATA_KEY: &str = "metafmu";
 

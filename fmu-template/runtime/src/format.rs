@@ -64,9 +64,9 @@
 //! | `X.columns` | | | as those of a dictionary |
 //! | `X.splines.columns` | U32 | `[splines]` | argument of each spline; three exponents of each, powers of its value and its two derivatives, follow those of the columns; absent without splines |
 //! | `X.splines.K.x`, `X.splines.K.values`, `X.splines.K.kinds` | | | spline K, as `X.efforts.tables.K` |
-//! | `X.law.exponents`, `X.positions.exponents` | | | as `X.exponents` of a dictionary |
-//! | `X.law.coefficients`, `X.positions.coefficients` | | | in the order of [`Dynamics`](crate::Dynamics); positions |
-//! | `X.law.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; missing if there are none |
+//! | `X.functions.exponents`, `X.positions.exponents` | | | as `X.exponents` of a dictionary |
+//! | `X.functions.coefficients`, `X.positions.coefficients` | | | in the order of [`Dynamics`](crate::Dynamics); positions |
+//! | `X.functions.prescribed` | U32 | `[drivers]` | coordinates whose accelerations are prescribed; missing if there are none |
 //! | `X.efforts.inputs` | U32 | `[1]` | number of inputs |
 //! | `X.efforts.windings` | F64 | `[positions, coordinates]` | of the positions in the [`Efforts`](crate::Efforts), as those of the positions |
 //! | `X.efforts.steps` | U32 | `[steps, 2]` | formulas of the efforts, one after the other in postfix notation: kind and argument of each step, see below |
@@ -90,7 +90,7 @@
 //! | 4 | lookup table K |
 //! | 5 and more | combination: 5 plus the position in [`Combination::ALL`](crate::formula::Combination::ALL) |
 //!
-//! A network may add to the law, to the positions and to the forces: Y is `X.law`, `X.positions` or `X.forces`. The
+//! A network may add to the function set, to the positions and to the forces: Y is `X.functions`, `X.positions` or `X.forces`. The
 //! columns of the last one are coordinates, parameters, velocities and inputs; its results are the forces on the
 //! coordinates.
 //!
@@ -126,7 +126,7 @@
 //!
 //! | field | |
 //! |---|---|
-//! | `format` | 6, the version of this layout |
+//! | `format` | 7, the version of this layout |
 //! | `clock` | `"static"`, `"continuous"` or `"sampled"` |
 //!
 //! Older formats are refused: the program that made a file can make it again.

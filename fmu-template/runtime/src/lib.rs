@@ -57,7 +57,7 @@ pub use encoding::Encoder;
 pub use equations::{
     EffortColumn, Efforts, Motion, Reactions, Shown, dictionary,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
-    formula, law,
+    formula, function_set,
     tape::listing,
 };
 pub use error::FormatError;

@@ -432,6 +432,17 @@ pub(crate) fn share<const SIMD: u8>(compute: impl Compute) {
     }
 }
 
+/// [`share`] with AVX2 where there is AVX-512, of what is rarely called: one function less in every FMU. The result is the
+/// same, since lanes are added up in the same order.
+#[inline(always)]
+pub(crate) fn share_narrow<const SIMD: u8>(compute: impl Compute) {
+    match SIMD {
+        #[cfg(target_arch = "x86_64")]
+        AVX512 => share::<AVX2>(compute),
+        _ => share::<SIMD>(compute),
+    }
+}
+
 #[cfg(target_arch = "x86_64")]
 #[inline(never)]
 #[target_feature(enable = "avx512f,avx512dq,avx2,fma")]
@@ -476,6 +487,15 @@ impl Simd {
             }
         }
         Self::Portable
+    }
+
+    /// AVX2 instead of AVX-512, for what has few numbers at a time: it is not compiled once more. The result is the same.
+    pub(crate) fn narrow(self) -> Self {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => Self::Avx2,
+            other => other,
+        }
     }
 
     /// Runs what is compiled for this set.

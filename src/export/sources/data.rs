@@ -282,7 +282,8 @@ fn largest_sum(surrogate: &Surrogate) -> f64 {
     let largest = |network: &ScaledNetwork| network::sums(network).into_iter().fold(0.0, f64::max);
     match program.motion() {
         Some(motion) => {
-            let terms = [motion.dynamics.law().network(), motion.positions.network(), motion.dynamics.forces()];
+            let terms =
+                [motion.dynamics.function_set().network(), motion.positions.network(), motion.dynamics.forces()];
             terms.into_iter().flatten().map(|term| largest(term.network())).fold(0.0, f64::max)
         }
         None => program.graph.called().and_then(Graph::network).map_or(0.0, |network| largest(&network)),

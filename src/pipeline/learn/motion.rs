@@ -71,7 +71,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let motion = MotionRecord {
         harmonics: fitted.order[0],
         powers: fitted.order[1],
-        products: [dynamics.law().dictionary().products(), positions.dictionary().products()],
+        products: [dynamics.function_set().dictionary().products(), positions.dictionary().products()],
         error: fitted.error,
         reactions: fitted.reactions.as_ref().map(|FittedReactions { reactions, order, error }| ReactionRecord {
             harmonics: order[0],

@@ -18,7 +18,7 @@ use crate::{
 use metafmu_runtime::{
     Dynamics, FormatError,
     dictionary::{Dictionary, Factor, Term},
-    law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
+    function_set::{ColumnKind, FunctionSet, NetworkColumn, NetworkTerm},
 };
 use std::{ops::Range, time::Instant};
 
@@ -36,7 +36,7 @@ pub(super) struct Learned {
     /// The equations that are exported.
     pub dynamics: Dynamics,
     /// The positions that are exported.
-    pub positions: Law,
+    pub positions: FunctionSet,
     /// Ranges of the velocities, then of actuator states, if accelerations were learned in them.
     pub velocities: Option<Vec<[f64; 2]>>,
     /// All that were compared; none if the dictionary is exact.
@@ -109,7 +109,7 @@ pub(super) fn learn(
     let equations = Equations::new(mechanism, &region).map_err(refuse)?;
     let asked = Asked::new(project, &equations, checkpoints)?;
     let mut last = Last { history: Vec::new(), best_epoch: 0, stopped: StopReason::Solved };
-    let known = [fitted.dynamics.law().dictionary().clone(), fitted.positions.clone()];
+    let known = [fitted.dynamics.function_set().dictionary().clone(), fitted.positions.clone()];
     let mut all = vec![asked.candidate((DICTIONARY, began), &fitted, known, None, [None, None])?];
     for name in [DICTIONARY_AND_NETWORK, NETWORK] {
         if tries(name) && last.stopped != StopReason::Interrupted {
@@ -348,13 +348,14 @@ impl<'a> Asked<'a> {
         [equations, positions]: [Dictionary; 2],
         forces: Option<NetworkTerm>,
         [of_equations, of_positions]: [Option<NetworkTerm>; 2],
-    ) -> Result<(Candidate, Dynamics, Law)> {
+    ) -> Result<(Candidate, Dynamics, FunctionSet)> {
         let efforts = fitted.dynamics.efforts().clone();
-        let dynamics = Law::new(equations, of_equations).and_then(|law| Dynamics::with_efforts(efforts, law));
+        let dynamics = FunctionSet::new(equations, of_equations)
+            .and_then(|function_set| Dynamics::with_efforts(efforts, function_set));
         let dynamics = dynamics.and_then(|dynamics| dynamics.with_forces(forces));
         let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(self.equations.prescribed()));
         let dynamics = dynamics.map_err(invalid)?;
-        let positions = Law::new(positions, of_positions).map_err(invalid)?;
+        let positions = FunctionSet::new(positions, of_positions).map_err(invalid)?;
         let of_accelerations = self.equations.error(&dynamics, &self.accelerations);
         let of_positions = self.error_of_positions(&positions);
         let error = if of_accelerations >= of_positions { of_accelerations } else { of_positions };
@@ -362,7 +363,7 @@ impl<'a> Asked<'a> {
     }
 
     /// Root mean square error, relative to the largest value, of the worst position.
-    fn error_of_positions(&self, positions: &Law) -> f64 {
+    fn error_of_positions(&self, positions: &FunctionSet) -> f64 {
         let [first, count] = self.equations.counts();
         let (mut found, mut squares) = (vec![0.0; count], vec![0.0; count]);
         for (point, label) in self.unseen.samples.points.iter().zip(&self.unseen.samples.labels) {
@@ -380,7 +381,7 @@ impl<'a> Asked<'a> {
 
 /// An identity mass matrix, the positions in the efforts, and nothing else in the equations.
 fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
-    let (n, known) = (dynamics.coordinates(), dynamics.law().dictionary());
+    let (n, known) = (dynamics.coordinates(), dynamics.function_set().dictionary());
     let positions = n * (n + 1) / 2 + 1..n * (n + 1) / 2 + 1 + dynamics.efforts().positions();
     let mut terms: Vec<Term> = known.terms().collect();
     for term in &mut terms {

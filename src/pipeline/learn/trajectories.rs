@@ -83,10 +83,10 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         return Err(study.refusal("source.table", refused.join("; ")));
     };
     let model = |integration| {
-        columns.program(study, driven, &identified.law, integration).map_err(|source| Error::Surrogate { source })
+        columns.program(study, driven, &identified.model, integration).map_err(|source| Error::Surrogate { source })
     };
     let n = study.states.len();
-    let is_limited = columns.is_limited(&identified.law);
+    let is_limited = columns.is_limited(&identified.model);
     let range = |state: usize, is_limited: bool| match study.states.get_index(state) {
         Some((_, options)) => (is_limited && !angles[state]).then_some([options.min, options.max]),
         // beyond the rows equations of motion hold, as rates enter them as they stand, and the solver is measured half as far again
@@ -256,9 +256,9 @@ impl ColumnFactors {
     }
 
     /// Returns true for each coordinate, then for each rate, that functions depend on.
-    fn is_limited(&self, law: &AccelerationModel) -> Vec<bool> {
-        let (first, functions, count) = match law {
-            AccelerationModel::Motion(dynamics) => (0, dynamics.law().dictionary(), self.coordinates.len()),
+    fn is_limited(&self, model: &AccelerationModel) -> Vec<bool> {
+        let (first, functions, count) = match model {
+            AccelerationModel::Motion(dynamics) => (0, dynamics.function_set().dictionary(), self.coordinates.len()),
             AccelerationModel::Functions(functions) => {
                 (self.parameters.len() + self.inputs.len(), functions.as_ref(), 2 * self.coordinates.len())
             }
@@ -271,13 +271,13 @@ impl ColumnFactors {
         &self,
         study: &Study,
         driven: &Driven,
-        law: &AccelerationModel,
+        model: &AccelerationModel,
         integration: Integration,
     ) -> std::result::Result<Program, FormatError> {
         let n = self.coordinates.len();
         let state = |name: &String| driven.states().iter().position(|state| state.name == *name);
         let shown = study.outputs.keys().filter_map(state);
-        Ok(match law {
+        Ok(match model {
             AccelerationModel::Motion(dynamics) => {
                 let outputs =
                     shown.map(|state| if state < n { Shown::Position(state) } else { Shown::Velocity(state - n) });

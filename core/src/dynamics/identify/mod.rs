@@ -30,7 +30,7 @@ use system::{Basis, EquationPart};
 #[derive(Clone, Debug)]
 pub struct Identified {
     /// The equations.
-    pub law: AccelerationModel,
+    pub model: AccelerationModel,
     /// Highest harmonic of the angles, and highest power of the others; of equations of motion that of the mass matrix, and the potential
     /// has two more.
     pub order: [usize; 2],
@@ -122,20 +122,20 @@ fn of_order(factors: &[Factor], trajectories: &[Trajectory], order: [usize; 2]) 
     };
     let found: Result<Vec<_>, FormatError> = WINDOWS.into_par_iter().map(of_window).collect();
     let found = found.map_err(explain)?.into_iter().flatten().collect();
-    let law =
-        |choice: &Choice| basis.dynamics(&choice.coefficients).map(|law| AccelerationModel::Motion(Box::new(law)));
+    let model =
+        |choice: &Choice| basis.dynamics(&choice.coefficients).map(|model| AccelerationModel::Motion(Box::new(model)));
     let Some((choice, error, half)) = simplest(found, |(choice, error, _)| (choice.active.len(), *error)) else {
-        let law = law(&Choice::none(&basis)).map_err(explain)?;
-        return Ok(Some(Identified { law, order, coefficients: 0, solutions: 0, error: f64::INFINITY }));
+        let model = model(&Choice::none(&basis)).map_err(explain)?;
+        return Ok(Some(Identified { model, order, coefficients: 0, solutions: 0, error: f64::INFINITY }));
     };
     // with the rows that were held out, if that is a solution as well
     let whole = WeakEquations::new(&basis, trajectories, half).map_err(explain)?;
     let refitted = whole.and_then(|problem| problem.solve(&choice.active, choice.limit, choice.solutions));
-    let refitted = refitted.map(|choice| law(&choice)).transpose().map_err(explain)?;
-    let refitted = refitted.filter(|law| roll_out::error(law, trajectories, split) <= 2.0 * error.max(SAME));
+    let refitted = refitted.map(|choice| model(&choice)).transpose().map_err(explain)?;
+    let refitted = refitted.filter(|model| roll_out::error(model, trajectories, split) <= 2.0 * error.max(SAME));
     let Choice { active, independent, .. } = &choice;
-    let law = refitted.map_or_else(|| law(&choice), Ok).map_err(explain)?;
-    Ok(Some(Identified { law, order, coefficients: active.len(), solutions: *independent, error }))
+    let model = refitted.map_or_else(|| model(&choice), Ok).map_err(explain)?;
+    Ok(Some(Identified { model, order, coefficients: active.len(), solutions: *independent, error }))
 }
 
 /// The candidate with the fewest coefficients whose error is as good as the least; `of` returns the number of
@@ -230,8 +230,8 @@ impl<'a> WeakEquations<'a> {
     /// The coefficients that continue the rows that are held out best, as few as are as good.
     fn choose(&self, trajectories: &[Trajectory]) -> Result<Option<(Choice, f64)>, FormatError> {
         let error = |choice: &Choice| {
-            let law = self.basis.dynamics(&choice.coefficients)?;
-            Ok(roll_out::error(&AccelerationModel::Motion(Box::new(law)), trajectories, split))
+            let model = self.basis.dynamics(&choice.coefficients)?;
+            Ok(roll_out::error(&AccelerationModel::Motion(Box::new(model)), trajectories, split))
         };
         let largest = self.norms.iter().copied().fold(0.0, f64::max);
         let all: Vec<usize> = (0..self.norms.len()).filter(|unknown| self.norms[*unknown] > 1e-14 * largest).collect();
@@ -457,8 +457,8 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
             let functions = again.unwrap_or(functions);
             let coefficients =
                 functions.terms().flat_map(|term| term.coefficients).filter(|value| *value != 0.0).count();
-            let law = AccelerationModel::Functions(Box::new(functions));
-            best = Some(Identified { law, order, coefficients, solutions: 1, error: error_unseen });
+            let model = AccelerationModel::Functions(Box::new(functions));
+            best = Some(Identified { model, order, coefficients, solutions: 1, error: error_unseen });
             without_gain = 0;
         } else {
             without_gain += 1;
@@ -475,7 +475,7 @@ impl AccelerationModel {
     /// The number of products of sines, cosines and powers.
     pub fn products(&self) -> usize {
         match self {
-            Self::Motion(dynamics) => dynamics.law().dictionary().products(),
+            Self::Motion(dynamics) => dynamics.function_set().dictionary().products(),
             Self::Functions(functions) => functions.products(),
         }
     }

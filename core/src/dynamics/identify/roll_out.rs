@@ -24,7 +24,7 @@ const LONGEST: usize = 100;
 
 /// Root mean square error of coordinates along stretches of the rows from `split` on, in the last part of each motion: relative to the
 /// standard deviation of each coordinate. Infinite if a motion cannot be continued.
-pub(super) fn error(law: &AccelerationModel, trajectories: &[Trajectory], split: impl Fn(usize) -> usize) -> f64 {
+pub(super) fn error(model: &AccelerationModel, trajectories: &[Trajectory], split: impl Fn(usize) -> usize) -> f64 {
     let stride = trajectories.len().div_ceil(MOTIONS);
     let (mut sum, mut count) = (0.0, 0usize);
     for trajectory in trajectories.iter().step_by(stride) {
@@ -35,7 +35,7 @@ pub(super) fn error(law: &AccelerationModel, trajectories: &[Trajectory], split:
         for stretch in 0..STRETCHES {
             let begin = first + stretch * length / (STRETCHES - 1);
             let mut state: Vec<f64> = [&trajectory.q[begin * n..][..n], &trajectory.v[begin * n..][..n]].concat();
-            let mut derivatives = Derivatives::new(law, trajectory);
+            let mut derivatives = Derivatives::new(model, trajectory);
             for row in begin..(begin + length.min(LONGEST)).min(rows - 1) {
                 derivatives.advance(row, &mut state);
                 let truth = &trajectory.q[(row + 1) * n..][..n];
@@ -64,7 +64,7 @@ pub(super) fn deviations(trajectory: &Trajectory) -> Vec<f64> {
 
 /// Accelerations along a motion, and steps of the classical Runge-Kutta method.
 struct Derivatives<'a> {
-    law: &'a AccelerationModel,
+    model: &'a AccelerationModel,
     trajectory: &'a Trajectory,
     scratch: Option<metafmu_runtime::DynamicsScratch>,
     inputs: Vec<f64>,
@@ -72,12 +72,12 @@ struct Derivatives<'a> {
 }
 
 impl<'a> Derivatives<'a> {
-    fn new(law: &'a AccelerationModel, trajectory: &'a Trajectory) -> Self {
-        let scratch = match law {
+    fn new(model: &'a AccelerationModel, trajectory: &'a Trajectory) -> Self {
+        let scratch = match model {
             AccelerationModel::Motion(dynamics) => Some(dynamics.scratch()),
             AccelerationModel::Functions(_) => None,
         };
-        Self { law, trajectory, scratch, inputs: vec![0.0; trajectory.inputs()], columns: Vec::new() }
+        Self { model, trajectory, scratch, inputs: vec![0.0; trajectory.inputs()], columns: Vec::new() }
     }
 
     /// From a row to the next one.
@@ -102,7 +102,7 @@ impl<'a> Derivatives<'a> {
 
     /// Derivatives of a state, at a share of the time from a row to the next one.
     fn rates(&mut self, (row, share): (usize, f64), state: &[f64], rates: &mut [f64]) {
-        let Self { law, trajectory: Trajectory { parameters, u, coordinates, .. }, scratch, inputs, columns } = self;
+        let Self { model, trajectory: Trajectory { parameters, u, coordinates, .. }, scratch, inputs, columns } = self;
         let m = inputs.len();
         for (k, input) in inputs.iter_mut().enumerate() {
             *input = u[row * m + k] + share * (u[(row + 1) * m + k] - u[row * m + k]);
@@ -110,7 +110,7 @@ impl<'a> Derivatives<'a> {
         let (q, v) = state.split_at(*coordinates);
         let (velocities, accelerations) = rates.split_at_mut(*coordinates);
         velocities.copy_from_slice(v);
-        match (law, scratch) {
+        match (model, scratch) {
             (AccelerationModel::Motion(dynamics), Some(scratch)) => {
                 dynamics.accelerations(StatePoint { q, v, u: inputs, p: parameters }, accelerations, scratch);
             }

@@ -51,15 +51,15 @@ fn mbd_node() -> Trajectory {
     motion_of(double_pendulum, (&[0.5 * PI, 0.25 * PI], &[0.0; 2]), (4.0 / 399.0, 300), None)
 }
 
-fn equations(law: &AccelerationModel) -> &Dynamics {
-    match law {
+fn equations(model: &AccelerationModel) -> &Dynamics {
+    match model {
         AccelerationModel::Motion(dynamics) => dynamics,
         AccelerationModel::Functions(_) => panic!("functions, expected equations of motion"),
     }
 }
 
-fn coefficient(law: &AccelerationModel, exponents: &[i16], function: usize) -> f64 {
-    let term = equations(law).law().dictionary().terms().find(|term: &Term| term.exponents == exponents);
+fn coefficient(model: &AccelerationModel, exponents: &[i16], function: usize) -> f64 {
+    let term = equations(model).function_set().dictionary().terms().find(|term: &Term| term.exponents == exponents);
     term.map_or(0.0, |term| term.coefficients[function])
 }
 
@@ -77,7 +77,7 @@ fn the_coefficients_of_a_double_pendulum_are_found_from_one_motion() {
         (&[0, 1], 3, -4.9),
     ];
     for (exponents, function, expected) in expected {
-        let found = coefficient(&found.law, exponents, function);
+        let found = coefficient(&found.model, exponents, function);
         assert!((found - expected).abs() < 1e-6, "{exponents:?}: {found} {expected}");
     }
 }
@@ -106,7 +106,7 @@ fn what_nothing_couples_has_a_factor_of_its_own() {
     let (q, v) = (&motion.q[700..702], &motion.v[700..702]);
     let mut accelerations = [0.0; 2];
     let point = metafmu_runtime::StatePoint { q, v, u: &[], p: &[] };
-    equations(&found.law).accelerations(point, &mut accelerations, &mut equations(&found.law).scratch());
+    equations(&found.model).accelerations(point, &mut accelerations, &mut equations(&found.model).scratch());
     let expected = pair(q, v, 0.0);
     assert!((0..2).all(|k| (accelerations[k] - expected[k]).abs() < 1e-4), "{accelerations:?} {expected:?}");
 }
@@ -122,10 +122,10 @@ fn an_input_is_found_with_what_it_acts_on() {
     let motion = motion_of(crane, (&[0.0, 0.5], &[0.0; 2]), (0.01, 600), Some(&push));
     let found = fit_motion(&[POWER, Factor::Angle], &[motion]).unwrap();
     assert!(found.error < 1e-5 && found.coefficients <= 8, "{found:?}");
-    let whole = coefficient(&found.law, &[0, 0], 0);
+    let whole = coefficient(&found.model, &[0, 0], 0);
     // damping and input of the cart, over its mass
     for (function, expected) in [(6, 0.1), (10, 1.0 / 3.0)] {
-        let found = coefficient(&found.law, &[0, 0], function) / whole;
+        let found = coefficient(&found.model, &[0, 0], function) / whole;
         assert!((found - expected).abs() < 1e-4, "{function}: {found} {expected}");
     }
 }

@@ -20,7 +20,7 @@
 
 use super::{
     efforts::Efforts,
-    law::{Law, NetworkTerm, WrittenNetwork},
+    function_set::{FunctionSet, NetworkTerm, WrittenNetwork},
     lookup::LookupTable,
     tape::{Register, Tape, TapeBuilder, TapeWork, listing::Listing},
 };
@@ -37,7 +37,7 @@ pub struct Dynamics {
     coordinates: usize,
     efforts: Efforts,
     /// From `(q, p)` to the lower triangle of `M` row by row, `V`, the positions in the efforts, `F`, `D` row by row and `B` row by row.
-    law: Law,
+    function_set: FunctionSet,
     /// From `(q, p, v, u)` to further forces.
     forces: Option<NetworkTerm>,
     /// `true` for each coordinate whose acceleration is prescribed.
@@ -80,35 +80,35 @@ pub struct Point<'a> {
 }
 
 impl Dynamics {
-    /// Number of functions of the law for given numbers of coordinates and efforts, without the positions in formulas.
+    /// Number of functions of the function set for given numbers of coordinates and efforts, without the positions in formulas.
     pub fn functions(coordinates: usize, efforts: usize) -> usize {
         let n = coordinates;
         n * (n + 1) / 2 + 1 + n + n * n + n * efforts
     }
 
-    /// The equations from a law of `(q, p)`, whose efforts are the inputs; see the module for the order of what it gives.
+    /// The equations from a function set of `(q, p)`, whose efforts are the inputs; see the module for the order of what it gives.
     ///
     /// # Errors
-    /// [`FormatError`] if the law has another number of outputs, or fewer columns than coordinates.
-    pub fn new(coordinates: usize, inputs: usize, law: impl Into<Law>) -> Result<Self, FormatError> {
-        let law: Law = law.into();
-        let parameters = law.dictionary().columns().saturating_sub(coordinates);
-        Self::with_efforts(Efforts::of_inputs([parameters, inputs, coordinates]), law)
+    /// [`FormatError`] if the function set has another number of outputs, or fewer columns than coordinates.
+    pub fn new(coordinates: usize, inputs: usize, function_set: impl Into<FunctionSet>) -> Result<Self, FormatError> {
+        let function_set: FunctionSet = function_set.into();
+        let parameters = function_set.dictionary().columns().saturating_sub(coordinates);
+        Self::with_efforts(Efforts::of_inputs([parameters, inputs, coordinates]), function_set)
     }
 
-    /// The equations from a law of `(q, p)`; see the module for the order of what it gives.
+    /// The equations from a function set of `(q, p)`; see the module for the order of what it gives.
     ///
     /// # Errors
-    /// [`FormatError`] if the law has another number of outputs or columns than the efforts need, or there are no coordinates.
-    pub fn with_efforts(efforts: Efforts, law: impl Into<Law>) -> Result<Self, FormatError> {
-        let law: Law = law.into();
+    /// [`FormatError`] if the function set has another number of outputs or columns than the efforts need, or there are no coordinates.
+    pub fn with_efforts(efforts: Efforts, function_set: impl Into<FunctionSet>) -> Result<Self, FormatError> {
+        let function_set: FunctionSet = function_set.into();
         let [parameters, _, coordinates] = efforts.counts();
-        let dictionary = law.dictionary();
+        let dictionary = function_set.dictionary();
         let functions = Self::functions(coordinates, efforts.count()) + efforts.positions();
-        expect_shape("law", &[dictionary.outputs()], &[functions])?;
+        expect_shape("functions", &[dictionary.outputs()], &[functions])?;
         if dictionary.columns() != coordinates + parameters || coordinates == 0 {
             return Err(FormatError::Shape {
-                name: "law".into(),
+                name: "functions".into(),
                 found: vec![dictionary.columns()],
                 expected: vec![(coordinates + parameters).max(1)],
             });
@@ -116,7 +116,7 @@ impl Dynamics {
         let dynamics = Self {
             coordinates,
             efforts,
-            law,
+            function_set,
             forces: None,
             prescribed: vec![false; coordinates],
             is_driven: false,
@@ -134,9 +134,10 @@ impl Dynamics {
         let (q, v) = (input(0..n), input(n + p..2 * n + p));
         let [parameters, u] = [input(n..n + p), input(2 * n + p..2 * n + p + m)];
         let (zero, one) = (tape.zero, tape.one);
-        let law = self.law.dictionary().write(&input(0..n + p), &mut tape);
+        let function_set = self.function_set.dictionary().write(&input(0..n + p), &mut tape);
         let differentiated = self.differentiated();
-        let network = self.law.network().map(|network| network.write(&input(0..n + p), n, differentiated, &mut tape));
+        let network =
+            self.function_set.network().map(|network| network.write(&input(0..n + p), n, differentiated, &mut tape));
         let columns = input(0..self.force_columns());
         let forces = self.forces.as_ref().map(|network| network.write(&columns, 0, 0, &mut tape));
         let added = |network: &Option<WrittenNetwork>, to, index, column, tape: &mut TapeBuilder| match network {
@@ -144,11 +145,11 @@ impl Dynamics {
             None => to,
         };
         let function = |index: usize, tape: &mut TapeBuilder| {
-            let value = law.value(index, tape);
+            let value = function_set.value(index, tape);
             added(&network, value, index, None, tape)
         };
         let slope = |index: usize, k: usize, tape: &mut TapeBuilder| {
-            let value = law.slope(index, k, tape);
+            let value = function_set.slope(index, k, tape);
             added(&network, value, index, Some(k), tape)
         };
         let potential = n * (n + 1) / 2;
@@ -187,7 +188,7 @@ impl Dynamics {
             }
             // inertia and potential do not act on what is prescribed
             if !self.prescribed[i] {
-                side = law.add_slope(side, potential, i, -1.0, &mut tape);
+                side = function_set.add_slope(side, potential, i, -1.0, &mut tape);
                 let of_network = added(&network, zero, potential, Some(i), &mut tape);
                 side = tape.add_scaled(side, of_network, -1.0);
                 for (j, k) in (0..n).flat_map(|j| (0..=j).map(move |k| (j, k))) {
@@ -228,7 +229,7 @@ impl Dynamics {
         tape.listing([accelerations, efforts, energies].into_iter().flatten().copied())
     }
 
-    /// Number of functions whose derivatives enter the equations: the first ones of the law.
+    /// Number of functions whose derivatives enter the equations: the first ones of the function set.
     fn differentiated(&self) -> usize {
         self.coordinates * (self.coordinates + 1) / 2 + 1 + self.efforts.positions()
     }
@@ -276,12 +277,12 @@ impl Dynamics {
 
     /// Number of parameters.
     pub fn parameters(&self) -> usize {
-        self.law.dictionary().columns() - self.coordinates
+        self.function_set.dictionary().columns() - self.coordinates
     }
 
     /// The functions of the configuration.
-    pub fn law(&self) -> &Law {
-        &self.law
+    pub fn function_set(&self) -> &FunctionSet {
+        &self.function_set
     }
 
     /// Network of further forces, if there is one.
@@ -296,7 +297,7 @@ impl Dynamics {
 
     /// Returns true if a function or an effort depends on a coordinate or parameter, by its position among both.
     pub fn depends_on(&self, column: usize) -> bool {
-        self.law.depends_on(column)
+        self.function_set.depends_on(column)
             || self.efforts.depends_on(column)
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
@@ -311,9 +312,9 @@ impl Dynamics {
     /// Returns true if an input has an effect.
     pub fn is_driven_by(&self, input: usize) -> bool {
         let (n, e) = (self.coordinates, self.efforts.count());
-        let first = self.law.dictionary().outputs() - n * e;
+        let first = self.function_set.dictionary().outputs() - n * e;
         let column = 2 * n + self.parameters() + input;
-        let acts = |effort: usize| (0..n).any(|row| !self.law.is_zero(first + row * e + effort));
+        let acts = |effort: usize| (0..n).any(|row| !self.function_set.is_zero(first + row * e + effort));
         (0..e).any(|effort| self.efforts.follows_input(effort, input) && acts(effort))
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
@@ -323,7 +324,7 @@ impl Dynamics {
         let (n, first) = (self.coordinates, self.differentiated());
         let mut forces = first..first + n + n * n;
         let is_free = self.forces.is_none() && !self.is_driven && self.efforts.are_inputs();
-        is_free && forces.all(|function| self.law.is_zero(function))
+        is_free && forces.all(|function| self.function_set.is_zero(function))
     }
 
     /// Number of columns `(q, p, v, u)`.

@@ -4,7 +4,7 @@ pub mod dictionary;
 pub(crate) mod dynamics;
 pub(crate) mod efforts;
 pub mod formula;
-pub mod law;
+pub mod function_set;
 pub(crate) mod lookup;
 pub(crate) mod motion;
 pub(crate) mod reactions;

@@ -16,7 +16,7 @@
 
 use super::{
     dynamics::Dynamics,
-    law::{Law, PreparedLaw},
+    function_set::{FunctionSet, PreparedFunctions},
     reactions::Reactions,
     tape::{TapeWork, listing::Listing},
 };
@@ -35,7 +35,7 @@ pub struct Motion {
     /// The equations.
     pub dynamics: Dynamics,
     /// `r`, from `(q, p)`.
-    pub positions: Law,
+    pub positions: FunctionSet,
     /// `w` of each position, shape `[positions, n]`.
     pub windings: Vec<f64>,
     /// Forces of joints and springs, if outputs show any.
@@ -120,7 +120,7 @@ impl Motion {
 
     /// Returns true if any function has a network.
     pub fn has_networks(&self) -> bool {
-        let networks = [self.dynamics.law().network(), self.dynamics.forces(), self.positions.network()];
+        let networks = [self.dynamics.function_set().network(), self.dynamics.forces(), self.positions.network()];
         networks.into_iter().any(|network| network.is_some())
     }
 
@@ -129,7 +129,7 @@ impl Motion {
         self.prepared_positions().listing()
     }
 
-    fn prepared_positions(&self) -> PreparedLaw {
+    fn prepared_positions(&self) -> PreparedFunctions {
         let (n, columns) = (self.dynamics.coordinates(), self.positions.dictionary().columns());
         self.positions.with_windings(0, n..columns, &self.windings)
     }
@@ -184,7 +184,7 @@ impl Motion {
 #[derive(Clone, Debug)]
 pub(crate) struct PreparedMotion {
     motion: Motion,
-    positions: PreparedLaw,
+    positions: PreparedFunctions,
     /// Columns `(q, p, v, u)` of the equations.
     inputs: Vec<usize>,
 }
@@ -516,7 +516,7 @@ mod tests {
         let motion = |surrogate: &Surrogate| surrogate.program().motion().expect("the crane moves").clone();
         let (with, without) = (motion(&with).dynamics, motion(&without).dynamics);
         let [l, _, _, _, _, force, x, theta, v, omega] = POINT;
-        let term = Graph::from(with.law().network().unwrap().network());
+        let term = Graph::from(with.function_set().network().unwrap().network());
         // M and dV/dq, D, B by differences of what the network gives
         let of_law = |x: f64, theta: f64| term.evaluate(&[vec![theta.sin(), theta.cos(), x, l]]).remove(0);
         let exact = |theta: f64| [3.0, l * theta.cos(), l * l, -9.81 * l * theta.cos()];
@@ -631,7 +631,7 @@ mod tests {
         ];
         let formulas = vec![Formula::new(steps.to_vec()).unwrap()];
         let efforts = Efforts::new([1, 1, 2], Vec::new(), formulas).unwrap();
-        let dynamics = Dynamics::with_efforts(efforts, motion.dynamics.law().clone()).unwrap();
+        let dynamics = Dynamics::with_efforts(efforts, motion.dynamics.function_set().clone()).unwrap();
         let program =
             Program::of_motion(Motion { dynamics, ..motion.clone() }, surrogate.program().integration().unwrap());
         let surrogate = Surrogate::new(surrogate.metadata().clone(), program).unwrap();

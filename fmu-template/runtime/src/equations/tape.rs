@@ -171,7 +171,7 @@ impl Tape {
 
     fn run_part<T: Number>(&self, part: &Part, registers: &mut [T]) {
         // series are compiled once, and FMUs stay small
-        let simd = if T::DEPTH < 1 { Simd::detect() } else { Simd::Portable };
+        let simd = if T::DEPTH < 1 { Simd::detect().narrow() } else { Simd::Portable };
         simd.run(RunPart { tape: self, part, registers });
     }
 }

@@ -7,7 +7,7 @@ use crate::{
     dictionary::{Dictionary, Factor, SPLINE_POWERS, SplineFactor, Term},
     equations::dynamics::Dynamics,
     formula::{Combination, ElementaryFunction, Extrapolation, Formula, FormulaStep, Interpolation, LookupTable},
-    law::{ColumnKind, Law, NetworkColumn, NetworkTerm},
+    function_set::{ColumnKind, FunctionSet, NetworkColumn, NetworkTerm},
 };
 use safetensors::Dtype;
 use std::sync::Arc;
@@ -30,14 +30,14 @@ impl Motion {
             })
             .collect();
         let mut tensors = vec![
-            columns(prefix, dynamics.law().dictionary()),
+            columns(prefix, dynamics.function_set().dictionary()),
             double(&name("positions.windings"), &[positions.dictionary().outputs(), dynamics.coordinates()], windings),
             (name("outputs.shown"), Dtype::U32, vec![outputs.len(), 2], bytes(&shown, u32::to_le_bytes)),
         ];
-        tensors.extend(of_splines(prefix, dynamics.law().dictionary()));
-        for (what, law) in [("law.", dynamics.law()), ("positions.", positions)] {
-            tensors.extend(of_dictionary(&name(what), law.dictionary()));
-            tensors.extend(law.network().into_iter().flat_map(|network| of_network(&name(what), network)));
+        tensors.extend(of_splines(prefix, dynamics.function_set().dictionary()));
+        for (what, function_set) in [("functions.", dynamics.function_set()), ("positions.", positions)] {
+            tensors.extend(of_dictionary(&name(what), function_set.dictionary()));
+            tensors.extend(function_set.network().into_iter().flat_map(|network| of_network(&name(what), network)));
         }
         tensors.extend(of_efforts(prefix, dynamics.efforts()));
         let prescribed =
@@ -45,7 +45,7 @@ impl Motion {
         let prescribed: Vec<u32> = prescribed.collect();
         if !prescribed.is_empty() {
             let content = bytes(&prescribed, u32::to_le_bytes);
-            tensors.push((name("law.prescribed"), Dtype::U32, vec![prescribed.len()], content));
+            tensors.push((name("functions.prescribed"), Dtype::U32, vec![prescribed.len()], content));
         }
         if *actuator_states > 0 {
             let content = bytes(&[*actuator_states as u32], u32::to_le_bytes);
@@ -63,8 +63,8 @@ impl Motion {
         let splines = splines(tensors, prefix)?;
         let factors = (&factors[..], &splines[..]);
         let (windings, winding_shape) = doubles(tensors, &name("positions.windings"), 2)?;
-        let law = law(tensors, &name("law."), factors)?;
-        let positions = self::law(tensors, &name("positions."), factors)?;
+        let function_set = function_set(tensors, &name("functions."), factors)?;
+        let positions = self::function_set(tensors, &name("positions."), factors)?;
         let forces = network(tensors, &name("forces."))?;
         let coordinates = winding_shape[1];
         let efforts = efforts(tensors, prefix, factors.0.len().saturating_sub(coordinates), coordinates)?;
@@ -85,7 +85,7 @@ impl Motion {
                 found => return Err(FormatError::Unknown { name: name("outputs.shown"), index: 2 * index, found }),
             });
         }
-        let [actuator_states, prescribed] = ["states.actuators", "law.prescribed"].map(|what| {
+        let [actuator_states, prescribed] = ["states.actuators", "functions.prescribed"].map(|what| {
             let name = name(what);
             // empty tensors are omitted
             let numbers = match tensors.contain(&name) {
@@ -95,7 +95,8 @@ impl Motion {
             Ok(numbers.into_iter().map(|number| number as usize).collect::<Vec<_>>())
         });
         let (actuator_states, prescribed) = (actuator_states?.first().copied().unwrap_or(0), prescribed?);
-        let dynamics = Dynamics::with_efforts(efforts, law)?.with_forces(forces)?.with_prescribed(&prescribed)?;
+        let dynamics =
+            Dynamics::with_efforts(efforts, function_set)?.with_forces(forces)?.with_prescribed(&prescribed)?;
         let of_reactions = name("reactions.");
         let has_reactions = tensors.names().any(|name| name.starts_with(&of_reactions));
         let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, factors)).transpose()?;
@@ -260,8 +261,8 @@ fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, For
 /// Contributions of the columns of a dictionary, and its splines.
 type KnownFactors<'a> = (&'a [Factor], &'a [SplineFactor]);
 
-fn law(tensors: &mut Views, prefix: &str, factors: KnownFactors) -> Result<Law, FormatError> {
-    Law::new(dictionary(tensors, prefix, factors)?, network(tensors, prefix)?)
+fn function_set(tensors: &mut Views, prefix: &str, factors: KnownFactors) -> Result<FunctionSet, FormatError> {
+    FunctionSet::new(dictionary(tensors, prefix, factors)?, network(tensors, prefix)?)
 }
 
 pub(super) fn double(name: &str, shape: &[usize], values: &[f64]) -> Tensor {

@@ -14,7 +14,7 @@ use crate::{
     Activation, Layer, Precision,
     equations::motion::PreparedMotion,
     numbers::activation::{Kernel, Pass, activate},
-    simd::{Compute, Lanes, Real, Simd, flat, flat_mut, flush, fma, share},
+    simd::{Compute, Lanes, Real, Simd, flat, flat_mut, flush, fma, share, share_narrow},
     task::Task,
 };
 pub(super) use interpolate::check as check_instants;
@@ -318,7 +318,7 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
         if let Task::Adjoint { weights, .. } = &task {
             scratch.values.iter_mut().for_each(|value| value.second.fill(Lanes::ZERO));
             load_scaled(&mut scratch.values[end].second, weights, scales(&self.last), |x, scale| x * scale);
-            self.backward::<SIMD>(scratch);
+            share_narrow::<SIMD>(Backward { steps: self, scratch });
         }
         let outputs = &scratch.values[end];
         match task {
@@ -452,6 +452,19 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
                 Kind::Nested { step, memory } => step.backward(&mut before[step.of], change, &mut nested[*memory]),
             }
         }
+    }
+}
+
+/// [`PreparedSteps::backward`].
+struct Backward<'a, T, const WIDTH: usize> {
+    steps: &'a PreparedSteps<T, WIDTH>,
+    scratch: &'a mut StepsScratch<T, WIDTH>,
+}
+
+impl<T: Real, const WIDTH: usize> Compute for Backward<'_, T, WIDTH> {
+    #[inline(always)]
+    fn run<const SIMD: u8>(self) {
+        self.steps.backward::<SIMD>(self.scratch);
     }
 }
 

@@ -10,8 +10,8 @@ use super::{
 };
 use metafmu_runtime::{
     dictionary::Dictionary,
+    function_set::FunctionSet,
     graph::{Elementwise, Graph, LEAF, Node, Operation, Step, Tree},
-    law::Law,
     listing::Listing,
 };
 
@@ -294,7 +294,7 @@ pub(super) fn sums(graph: &Graph) -> Vec<f64> {
 
 /// Tape of a dictionary without fixed inputs.
 fn listing(dictionary: &Dictionary) -> Listing {
-    Law::from(dictionary.clone()).listing(0..0)
+    FunctionSet::from(dictionary.clone()).listing(0..0)
 }
 
 /// The counts that `graph.c` states.

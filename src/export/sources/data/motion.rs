@@ -10,7 +10,7 @@ use super::{
 use metafmu_runtime::{
     EffortColumn, Integration, Motion, Reactions, Shown, Surrogate,
     dictionary::{Dictionary, Factor, SplineFactor},
-    law::Law,
+    function_set::FunctionSet,
     listing::{InstructionKind, Listing},
 };
 use std::f64::consts::TAU;
@@ -69,7 +69,7 @@ fn listings(motion: &Motion) -> [Listing; 3] {
     let dynamics = &motion.dynamics;
     let none = || {
         let columns = vec![Factor::Angle; dynamics.coordinates() + dynamics.parameters()];
-        Law::from(Dictionary::new(&columns, 0, &[]).expect("nothing is wrong with no functions")).listing(0..0)
+        FunctionSet::from(Dictionary::new(&columns, 0, &[]).expect("nothing is wrong with no functions")).listing(0..0)
     };
     let reactions = motion.reactions.as_ref().map_or_else(none, Reactions::listing);
     let mut listings = [dynamics.listing(), motion.listing_of_positions(), reactions];
@@ -108,7 +108,7 @@ fn write_shown(text: &mut String, motion: &Motion) {
     let turning: Vec<usize> = columns
         .filter_map(|column| if let EffortColumn::Position(position) = column { Some(position) } else { None })
         .collect();
-    let dictionary = motion.dynamics.law().dictionary();
+    let dictionary = motion.dynamics.function_set().dictionary();
     let factors = dictionary.factors().take(n).enumerate();
     let periodic = factors.map(|(k, factor)| {
         let is_free = turning.iter().all(|position| efforts.windings()[position * n + k] == 0.0);

@@ -87,9 +87,9 @@ mod tests {
     fn operations_are_those_of_a_count_by_hand() {
         let oscillator = example::oscillator(None);
         let dictionary = oscillator.program().graph.dictionary().unwrap();
-        let law = metafmu_runtime::law::Law::from(dictionary.clone());
+        let function_set = metafmu_runtime::function_set::FunctionSet::from(dictionary.clone());
         // -mu x^2 v + mu v - x + force: -mu once; x^2, x^2 v, and the force begins a sum of three more terms
-        let found = tape::operations(&law.listing(0..1)).map(|of| of.arithmetic);
+        let found = tape::operations(&function_set.listing(0..1)).map(|of| of.arithmetic);
         assert_eq!(found, [2.0, 2.0 * (1 + 1 + 3) as f64, 0.0]);
         // two steps of four stages, two states, an input
         let fixed = Integration::Fixed { step: 0.005 };

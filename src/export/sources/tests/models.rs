@@ -176,13 +176,13 @@ pub(super) fn no_tree() -> Surrogate {
 pub(super) fn pushed_by_nothing() -> Surrogate {
     let crane = example::crane();
     let motion = crane.program().motion().unwrap();
-    let law = motion.dynamics.law().dictionary();
-    let factors: Vec<_> = law.factors().collect();
-    let mut terms: Vec<_> = law.terms().collect();
+    let function_set = motion.dynamics.function_set().dictionary();
+    let factors: Vec<_> = function_set.factors().collect();
+    let mut terms: Vec<_> = function_set.terms().collect();
     terms.iter_mut().for_each(|term| term.coefficients.truncate(Dynamics::functions(2, 0)));
-    let law = Dictionary::new(&factors, Dynamics::functions(2, 0), &terms).unwrap();
+    let function_set = Dictionary::new(&factors, Dynamics::functions(2, 0), &terms).unwrap();
     let motion = Motion {
-        dynamics: Dynamics::new(2, 0, law).unwrap(),
+        dynamics: Dynamics::new(2, 0, function_set).unwrap(),
         positions: Dictionary::new(&factors, 0, &[]).unwrap().into(),
         windings: Vec::new(),
         reactions: None,

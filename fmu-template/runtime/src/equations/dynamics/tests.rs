@@ -2,7 +2,7 @@ use super::*;
 use crate::dictionary::{Dictionary, Factor, Term};
 
 /// A cart of 2 kg with damping 0.3, pushed by the input, and a load of 1 kg on a rope of length `l`, a parameter. The
-/// columns are x, theta, l; the law is `M = [3; l cos, l²]`, `V = -g l cos`.
+/// columns are x, theta, l; the function set is `M = [3; l cos, l²]`, `V = -g l cos`.
 fn crane() -> Dynamics {
     let factors = [Factor::Power { middle: 0.0, half: 1.0 }, Factor::Angle, Factor::Power { middle: 0.0, half: 1.0 }];
     let functions = Dynamics::functions(2, 1);
@@ -141,8 +141,9 @@ fn a_mass_that_is_not_positive_gives_no_number() {
     let factors = [Factor::Angle];
     let mut coefficients = vec![0.0; Dynamics::functions(1, 0)];
     coefficients[0] = 1.0;
-    let law = Dictionary::new(&factors, coefficients.len(), &[Term { exponents: vec![1], coefficients }]).unwrap();
-    let dynamics = Dynamics::new(1, 0, law).unwrap();
+    let function_set =
+        Dictionary::new(&factors, coefficients.len(), &[Term { exponents: vec![1], coefficients }]).unwrap();
+    let dynamics = Dynamics::new(1, 0, function_set).unwrap();
     let (mut scratch, mut found) = (dynamics.scratch(), [0.0]);
     for (q, is_finite) in [(0.3, true), (2.0, false)] {
         dynamics.accelerations(Point { q: &[q], v: &[0.1], u: &[], p: &[] }, &mut found, &mut scratch);
@@ -152,6 +153,6 @@ fn a_mass_that_is_not_positive_gives_no_number() {
 
 #[test]
 fn a_law_of_another_shape_is_refused() {
-    let law = Dictionary::new(&[Factor::Angle], 3, &[]).unwrap();
-    assert!(Dynamics::new(1, 0, law.clone()).is_err() && Dynamics::new(0, 0, law).is_err());
+    let function_set = Dictionary::new(&[Factor::Angle], 3, &[]).unwrap();
+    assert!(Dynamics::new(1, 0, function_set.clone()).is_err() && Dynamics::new(0, 0, function_set).is_err());
 }

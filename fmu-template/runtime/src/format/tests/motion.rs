@@ -45,9 +45,9 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;
     let header = std::str::from_utf8(&bytes[8..8 + length]).unwrap();
     for (name, index, number, expected) in [
-        ("law.network.columns", 0, 3, "tensor `network.columns`, element 0: 3, expected less than 3"),
-        ("law.network.columns", 1, 3, "tensor `graph.0.law.network.columns`, element 1: 3 is not known"),
-        ("law.network.outputs", 5, 12, "tensor `network.outputs`, element 5: 12, expected less than 12"),
+        ("functions.network.columns", 0, 3, "tensor `network.columns`, element 0: 3, expected less than 3"),
+        ("functions.network.columns", 1, 3, "tensor `graph.0.functions.network.columns`, element 1: 3 is not known"),
+        ("functions.network.outputs", 5, 12, "tensor `network.outputs`, element 5: 12, expected less than 12"),
         (
             "positions.network.graph.steps",
             4,
@@ -71,7 +71,11 @@ fn networks_of_a_motion_that_make_no_sense_are_refused() {
     }
     for (from, to, expected) in [
         ("forces.network.outputs", "forces.network.output", "tensor `graph.0.forces.network.outputs` is missing"),
-        ("law.network.graph.0.mean", "law.network.graph.0.means", "`graph.0.law.network.graph.0.mean` is missing"),
+        (
+            "functions.network.graph.0.mean",
+            "functions.network.graph.0.means",
+            "`graph.0.functions.network.graph.0.mean` is missing",
+        ),
         ("positions.network.graph.3.bias", "positions.network.graph.3.bia", "`graph.0.positions.network.graph.3.bias`"),
     ] {
         let found = rebuilt(&header.replacen(from, to, 1), &bytes[8 + length..]).to_string();
@@ -155,7 +159,7 @@ fn a_motion_that_makes_no_sense_is_refused() {
         assert!(found.starts_with(expected), "{found} instead of {expected}");
     }
     let bytes = example::with_prescribed_trolley(&example::crane()).to_bytes().unwrap();
-    let found = Surrogate::from_bytes(&patched(bytes, "graph.0.law.prescribed", 0, 2)).unwrap_err().to_string();
+    let found = Surrogate::from_bytes(&patched(bytes, "graph.0.functions.prescribed", 0, 2)).unwrap_err().to_string();
     assert_eq!(found, "tensor `prescribed`, element 0: 2, expected less than 2");
     let bytes = example::crane().to_bytes().unwrap();
     let length = u64::from_le_bytes(*bytes.first_chunk().unwrap()) as usize;

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     Jet, Precision,
     equations::{
-        law::{Law, PreparedLaw},
+        function_set::{FunctionSet, PreparedFunctions},
         motion::{MotionScratch, PreparedMotion},
         tape::TapeWork,
     },
@@ -29,7 +29,7 @@ pub(super) struct NestedStep {
 enum PreparedFunction {
     Call(PreparedGraph, Simd),
     Interpolate(PreparedInstants),
-    Dictionary(Box<PreparedLaw>),
+    Dictionary(Box<PreparedFunctions>),
     Motion(Box<PreparedMotion>),
 }
 
@@ -70,7 +70,7 @@ impl NestedStep {
                 (of, PreparedFunction::Interpolate(PreparedInstants::new(instants, *column, functions, precision)))
             }
             Step::Dictionary { of, dictionary } => {
-                (of, PreparedFunction::Dictionary(Box::new(Law::from(dictionary.clone()).prepared(0, 0..0))))
+                (of, PreparedFunction::Dictionary(Box::new(FunctionSet::from(dictionary.clone()).prepared(0, 0..0))))
             }
             Step::Motion { of, motion } => {
                 (of, PreparedFunction::Motion(Box::new(PreparedMotion::new(motion.as_ref().clone()))))
@@ -96,9 +96,9 @@ impl NestedStep {
                 PreparedFunction::Interpolate(instants) => {
                     Work::Interpolate(Box::new(instants.sides(columns, outputs)))
                 }
-                PreparedFunction::Dictionary(law) => Work::Dictionary(Box::new(DictionaryWork {
-                    plain: law.work(),
-                    series: law.work(),
+                PreparedFunction::Dictionary(function_set) => Work::Dictionary(Box::new(DictionaryWork {
+                    plain: function_set.work(),
+                    series: function_set.work(),
                     columns: vec![Jet::from(0.0); columns],
                     results: vec![Jet::from(0.0); outputs],
                 })),
@@ -163,7 +163,9 @@ impl NestedStep {
                 program.perform(*simd, point, task, scratch)
             }
             (PreparedFunction::Interpolate(instants), Work::Interpolate(sides)) => instants.perform(point, task, sides),
-            (PreparedFunction::Dictionary(law), Work::Dictionary(work)) => dictionary(law, point, task, work),
+            (PreparedFunction::Dictionary(function_set), Work::Dictionary(work)) => {
+                dictionary(function_set, point, task, work)
+            }
             (PreparedFunction::Motion(motion), Work::Motion(scratch)) => motion.perform(point, task, scratch),
             _ => panic!("the scratch belongs to another graph"),
         }
@@ -188,16 +190,16 @@ impl NestedStep {
     }
 }
 
-fn dictionary(law: &PreparedLaw, point: &[f64], task: Task, work: &mut DictionaryWork) {
+fn dictionary(function_set: &PreparedFunctions, point: &[f64], task: Task, work: &mut DictionaryWork) {
     let DictionaryWork { plain, series, columns, results } = work;
     match task {
-        Task::Outputs(outputs) => law.compute(point, outputs, &mut [], plain),
+        Task::Outputs(outputs) => function_set.compute(point, outputs, &mut [], plain),
         Task::Series { rates, first, second } => {
             for (index, column) in columns.iter_mut().enumerate() {
                 let [first, second] = rates.map(|rates| rates.get(index).copied().unwrap_or(0.0));
                 *column = Jet { value: point[index], first, second };
             }
-            law.compute(columns, results, &mut [], series);
+            function_set.compute(columns, results, &mut [], series);
             first.iter_mut().zip(&*results).for_each(|(to, from)| *to = from.first);
             second.into_iter().flatten().zip(&*results).for_each(|(to, from)| *to = from.second);
         }

@@ -15,7 +15,7 @@ use std::ops::Range;
 
 /// Functions of some columns.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Law {
+pub struct FunctionSet {
     dictionary: Dictionary,
     network: Option<NetworkTerm>,
 }
@@ -48,16 +48,16 @@ pub enum ColumnKind {
     Cosine,
 }
 
-/// A [`Law`] as it is computed: with derivatives with respect to the first columns, if they are wanted.
+/// A [`FunctionSet`] as it is computed: with derivatives with respect to the first columns, if they are wanted.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct PreparedLaw {
+pub(crate) struct PreparedFunctions {
     tape: Tape,
     values: Vec<Register>,
     /// Shape `[functions, first]`.
     slopes: Vec<Register>,
 }
 
-impl Law {
+impl FunctionSet {
     /// The functions of a dictionary, to which a network may add.
     ///
     /// # Errors
@@ -103,12 +103,12 @@ impl Law {
 
     /// Functions prepared for evaluation, with derivatives with respect to the first `first` columns. The part that depends on fixed
     /// columns alone runs only when they change.
-    pub(crate) fn prepared(&self, first: usize, fixed: Range<usize>) -> PreparedLaw {
+    pub(crate) fn prepared(&self, first: usize, fixed: Range<usize>) -> PreparedFunctions {
         self.with_windings(first, fixed, &[])
     }
 
     /// Functions `f(x) + w^T x` on a tape, with the first columns `x`. `windings` are the `w` of all functions, or empty.
-    pub(crate) fn with_windings(&self, first: usize, fixed: Range<usize>, windings: &[f64]) -> PreparedLaw {
+    pub(crate) fn with_windings(&self, first: usize, fixed: Range<usize>, windings: &[f64]) -> PreparedFunctions {
         let Self { dictionary, network } = self;
         let mut tape = TapeBuilder::new(dictionary.columns(), fixed.clone());
         let columns: Vec<Register> = (0..dictionary.columns()).map(Register::input).collect();
@@ -130,7 +130,7 @@ impl Law {
                 *value = tape.add_scaled(*value, *column, *winding);
             }
         }
-        PreparedLaw { tape: tape.finish(), values, slopes }
+        PreparedFunctions { tape: tape.finish(), values, slopes }
     }
 
     /// The functions as data, evaluated with these columns fixed.
@@ -139,7 +139,7 @@ impl Law {
     }
 }
 
-impl PreparedLaw {
+impl PreparedFunctions {
     pub(crate) fn work<T: Number>(&self) -> TapeWork<T> {
         self.tape.work()
     }
@@ -152,7 +152,7 @@ impl PreparedLaw {
     /// functions as it has. Does not allocate.
     ///
     /// # Panics
-    /// If a slice has the wrong length, or the working memory is that of another law.
+    /// If a slice has the wrong length, or the working memory is that of another function set.
     pub(crate) fn compute<T: Number>(&self, x: &[T], y: &mut [T], gradient: &mut [T], work: &mut TapeWork<T>) {
         work.inputs_mut()[..x.len()].copy_from_slice(x);
         self.tape.run(work);
@@ -161,7 +161,7 @@ impl PreparedLaw {
     }
 }
 
-impl From<Dictionary> for Law {
+impl From<Dictionary> for FunctionSet {
     fn from(dictionary: Dictionary) -> Self {
         Self { dictionary, network: None }
     }
@@ -252,8 +252,8 @@ mod tests {
     const SMOOTH: [Activation; 5] =
         [Activation::Tanh, Activation::Sigmoid, Activation::Gelu, Activation::Silu, Activation::Sine];
 
-    /// Law of an angle, a coordinate and a parameter. Its network has the angle and the parameter.
-    fn law(activation: Activation) -> Law {
+    /// FunctionSet of an angle, a coordinate and a parameter. Its network has the angle and the parameter.
+    fn function_set(activation: Activation) -> FunctionSet {
         let mut state = 0.3f64;
         let mut number = || {
             state = (state + 0.618_033_988_749_894_9).fract();
@@ -268,9 +268,9 @@ mod tests {
         with_network(layers)
     }
 
-    /// Law of the same columns, with nodes of the angle, of the parameter, of both and of neither, for one function or
+    /// FunctionSet of the same columns, with nodes of the angle, of the parameter, of both and of neither, for one function or
     /// both.
-    fn nodes() -> Law {
+    fn nodes() -> FunctionSet {
         let columns = |node: usize| [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0; 3]][node % 4];
         let functions = |node: usize| [[1.0, 0.0], [1.0, 1.0], [0.0, 1.0]][node / 4 % 3];
         let number = |index: usize| (1.7 * index as f64).sin();
@@ -286,11 +286,11 @@ mod tests {
         ])
     }
 
-    fn laws() -> impl Iterator<Item = Law> {
-        SMOOTH.map(law).into_iter().chain([nodes()])
+    fn function_sets() -> impl Iterator<Item = FunctionSet> {
+        SMOOTH.map(function_set).into_iter().chain([nodes()])
     }
 
-    fn with_network(layers: Vec<Layer>) -> Law {
+    fn with_network(layers: Vec<Layer>) -> FunctionSet {
         let scaling = Scaling {
             input_mean: vec![0.1, -0.2, 1.0],
             input_scale: vec![0.7, 0.6, 2.0],
@@ -307,29 +307,29 @@ mod tests {
         };
         let terms = [term([-1, 1, 1], [0.3, 1.0, 0.0]), term([2, 0, 1], [0.0, -2.0, 0.7])];
         let dictionary = Dictionary::new(&[Factor::Angle, power, power], 3, &terms).unwrap();
-        Law::new(dictionary, Some(network)).unwrap()
+        FunctionSet::new(dictionary, Some(network)).unwrap()
     }
 
     const POINT: [f64; 3] = [0.8, 1.3, -1.1];
 
-    /// Computes a law with derivatives with respect to the first columns, `first` in number.
-    fn compute<T: Number>(law: &Law, first: usize, x: &[T], y: &mut [T], gradient: &mut [T]) {
-        let prepared = law.prepared(first, 0..0);
+    /// Computes a function set with derivatives with respect to the first columns, `first` in number.
+    fn compute<T: Number>(function_set: &FunctionSet, first: usize, x: &[T], y: &mut [T], gradient: &mut [T]) {
+        let prepared = function_set.prepared(first, 0..0);
         prepared.compute(x, y, gradient, &mut prepared.work());
     }
 
-    fn values(law: &Law, point: [f64; 3]) -> [f64; 3] {
+    fn values(function_set: &FunctionSet, point: [f64; 3]) -> [f64; 3] {
         let mut y = [0.0; 3];
-        law.evaluate(&point, &mut y);
+        function_set.evaluate(&point, &mut y);
         y
     }
 
     #[test]
     fn values_are_those_of_the_dictionary_and_the_network() {
-        for law in Activation::ALL.map(law).into_iter().chain([nodes()]) {
-            let (found, mut expected) = (values(&law, POINT), [0.0; 3]);
-            law.dictionary().evaluate(&POINT, &mut expected);
-            let term = law.network().unwrap();
+        for function_set in Activation::ALL.map(function_set).into_iter().chain([nodes()]) {
+            let (found, mut expected) = (values(&function_set, POINT), [0.0; 3]);
+            function_set.dictionary().evaluate(&POINT, &mut expected);
+            let term = function_set.network().unwrap();
             let (sine, cosine) = POINT[0].sin_cos();
             let more = Graph::from(term.network()).evaluate(&[vec![sine, cosine, POINT[2]]]);
             for (output, more) in term.outputs().iter().zip(&more[0]) {
@@ -343,9 +343,9 @@ mod tests {
 
     #[test]
     fn gradients_and_series_are_those_of_finite_differences() {
-        for law in laws() {
+        for function_set in function_sets() {
             let (mut y, mut gradient) = ([0.0; 3], [0.0; 6]);
-            compute(&law, 2, &POINT, &mut y, &mut gradient);
+            compute(&function_set, 2, &POINT, &mut y, &mut gradient);
             let step = 1e-3;
             let derivative = |column: usize, of: &dyn Fn([f64; 3]) -> f64| {
                 let moved = |by: f64| {
@@ -357,7 +357,7 @@ mod tests {
             };
             for output in 0..3 {
                 for column in 0..2 {
-                    let expected = derivative(column, &|point| values(&law, point)[output]);
+                    let expected = derivative(column, &|point| values(&function_set, point)[output]);
                     let found = gradient[2 * output + column];
                     assert!((found - expected).abs() < 1e-9, "{output} {column}: {found} {expected}");
                 }
@@ -367,12 +367,12 @@ mod tests {
             let along: [Jet; 3] =
                 std::array::from_fn(|i| Jet { value: POINT[i], first: direction[i], second: bend[i] });
             let (mut series, mut of_gradient) = ([Jet::default(); 3], [Jet::default(); 6]);
-            compute(&law, 2, &along, &mut series, &mut of_gradient);
+            compute(&function_set, 2, &along, &mut series, &mut of_gradient);
             let at =
                 |h: f64| -> [f64; 3] { std::array::from_fn(|i| POINT[i] + h * direction[i] + 0.5 * h * h * bend[i]) };
             let gradient_at = |h: f64| {
                 let (mut y, mut gradient) = ([0.0; 3], [0.0; 6]);
-                compute(&law, 2, &at(h), &mut y, &mut gradient);
+                compute(&function_set, 2, &at(h), &mut y, &mut gradient);
                 gradient
             };
             let five = |of: &dyn Fn(f64) -> f64| {
@@ -382,7 +382,7 @@ mod tests {
                 [first, sum / (12.0 * step * step)]
             };
             for (output, found) in series.iter().enumerate() {
-                let [first, second] = five(&|h| values(&law, at(h))[output]);
+                let [first, second] = five(&|h| values(&function_set, at(h))[output]);
                 assert!((found.first - first).abs() < 1e-9, "{} {first}", found.first);
                 assert!((found.second - second).abs() < 1e-6, "{} {second}", found.second);
             }
@@ -396,7 +396,7 @@ mod tests {
 
     #[test]
     fn jets_of_jets_have_the_series_of_derivatives() {
-        let law = law(Activation::Tanh);
+        let function_set = function_set(Activation::Tanh);
         let (direction, other) = ([0.3, -0.4, 1.2], [0.7, 0.2, -0.5]);
         let nested: [Jet<Jet>; 3] = std::array::from_fn(|i| Jet {
             value: Jet { value: POINT[i], first: other[i], second: 0.0 },
@@ -404,12 +404,12 @@ mod tests {
             second: Jet::from(0.0),
         });
         let mut series = [Jet::<Jet>::from(0.0); 3];
-        compute(&law, 0, &nested, &mut series, &mut []);
+        compute(&function_set, 0, &nested, &mut series, &mut []);
         let second_along = |h: f64| {
             let along: [Jet; 3] =
                 std::array::from_fn(|i| Jet { value: POINT[i] + h * other[i], first: direction[i], second: 0.0 });
             let mut series = [Jet::default(); 3];
-            compute(&law, 0, &along, &mut series, &mut []);
+            compute(&function_set, 0, &along, &mut series, &mut []);
             series.map(|jet| jet.second)
         };
         let (after, before) = (second_along(1e-4), second_along(-1e-4));
@@ -422,9 +422,9 @@ mod tests {
 
     #[test]
     fn what_follows_from_columns_that_change_rarely_is_computed_again_when_they_do() {
-        let law = nodes();
+        let function_set = nodes();
         for fixed in 1..3 {
-            let prepared = law.prepared(1, fixed..3);
+            let prepared = function_set.prepared(1, fixed..3);
             let mut work = prepared.work();
             for (index, value) in [1.3, 1.3, 0.2, f64::NAN, 0.2].into_iter().enumerate() {
                 for column in fixed..3 {
@@ -433,7 +433,7 @@ mod tests {
                     let (mut y, mut gradient) = ([0.0; 3], [0.0; 3]);
                     prepared.compute(&point, &mut y, &mut gradient, &mut work);
                     let (mut expected, mut of_gradient) = ([0.0; 3], [0.0; 3]);
-                    compute(&law, 1, &point, &mut expected, &mut of_gradient);
+                    compute(&function_set, 1, &point, &mut expected, &mut of_gradient);
                     for (found, expected) in y.iter().chain(&gradient).zip(expected.iter().chain(&of_gradient)) {
                         let is_same = (found - expected).abs() < 1e-14 || found.is_nan() && expected.is_nan();
                         assert!(is_same, "{fixed} {index} {column}: {found} {expected}");
@@ -445,21 +445,23 @@ mod tests {
 
     #[test]
     fn derivatives_of_the_first_functions_alone_are_the_same() {
-        for law in laws() {
+        for function_set in function_sets() {
             let (mut y, mut all, mut two) = ([0.0; 3], [0.0; 6], [0.0; 4]);
-            compute(&law, 2, &POINT, &mut y, &mut all);
-            compute(&law, 2, &POINT, &mut y, &mut two);
+            compute(&function_set, 2, &POINT, &mut y, &mut all);
+            compute(&function_set, 2, &POINT, &mut y, &mut two);
             assert_eq!(all[..4], two);
         }
     }
 
     #[test]
     fn networks_that_do_not_fit_are_refused() {
-        let law = law(Activation::Tanh);
-        let NetworkTerm { columns, outputs, network, .. } = law.network().unwrap().clone();
+        let function_set = function_set(Activation::Tanh);
+        let NetworkTerm { columns, outputs, network, .. } = function_set.network().unwrap().clone();
         let message = |columns: &[NetworkColumn], outputs: &[usize]| {
             let term = NetworkTerm::new(columns.to_vec(), outputs.to_vec(), network.clone());
-            term.and_then(|term| Law::new(law.dictionary().clone(), Some(term))).unwrap_err().to_string()
+            term.and_then(|term| FunctionSet::new(function_set.dictionary().clone(), Some(term)))
+                .unwrap_err()
+                .to_string()
         };
         assert!(message(&columns[..2], &outputs).contains("`input_mean` has shape [3], expected [2]"));
         assert!(message(&columns, &[0]).contains("`output_mean` has shape [2], expected [1]"));
