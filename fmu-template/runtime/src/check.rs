@@ -9,11 +9,11 @@ pub(crate) fn expect_shape(name: impl Display, found: &[usize], expected: &[usiz
 
 /// Refuses the element of a tensor at `index` unless it is below a limit.
 #[inline(never)]
-pub(crate) fn expect_below(name: &str, index: usize, found: usize, limit: usize) -> Result<(), FormatError> {
+pub(crate) fn expect_below(name: &dyn Display, index: usize, found: usize, limit: usize) -> Result<(), FormatError> {
     if found < limit {
         return Ok(());
     }
-    Err(FormatError::Index { name: name.into(), index, found: found as u64, limit: limit as u64 })
+    Err(FormatError::Index { name: name.to_string(), index, found: found as u64, limit: limit as u64 })
 }
 
 pub(crate) fn expect_finite(name: impl Display, values: impl Iterator<Item = f64>) -> Result<(), FormatError> {

@@ -139,7 +139,7 @@ impl Dictionary {
         let mut all: Vec<(usize, ColumnFactor)> =
             factors.iter().enumerate().map(|(of, factor)| (of, ColumnFactor::Own(*factor))).collect();
         for (index, SplineFactor { column, table }) in splines.iter().enumerate() {
-            expect_below("splines.columns", index, *column, factors.len())?;
+            expect_below(&"splines.columns", index, *column, factors.len())?;
             let [first, second] = table.derivatives()?.map(Arc::new);
             all.extend([Arc::clone(table), first, second].map(|table| (*column, ColumnFactor::Spline(table))));
         }
@@ -227,7 +227,7 @@ impl Dictionary {
     pub(crate) fn expect_differentiable(&self) -> Result<(), FormatError> {
         let first = self.columns();
         for (index, &(column, _)) in self.factors.iter().enumerate().filter(|(_, (column, _))| *column >= first) {
-            expect_below("exponents", index, (column - first) % SPLINE_POWERS, SPLINE_POWERS - 1)?;
+            expect_below(&"exponents", index, (column - first) % SPLINE_POWERS, SPLINE_POWERS - 1)?;
         }
         Ok(())
     }

@@ -240,7 +240,7 @@ impl Dynamics {
     /// [`FormatError`] if there is no such coordinate.
     pub fn with_prescribed(mut self, coordinates: &[usize]) -> Result<Self, FormatError> {
         for (index, &found) in coordinates.iter().enumerate() {
-            expect_below("prescribed", index, found, self.coordinates)?;
+            expect_below(&"prescribed", index, found, self.coordinates)?;
             self.prescribed[found] = true;
         }
         self.is_driven = self.prescribed.contains(&true);

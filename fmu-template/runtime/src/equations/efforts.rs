@@ -54,7 +54,7 @@ impl Efforts {
         windings: Vec<f64>,
         formulas: Vec<Formula>,
     ) -> Result<Self, FormatError> {
-        expect_below("efforts.inputs", 0, inputs, MOST_INPUTS)?;
+        expect_below(&"efforts.inputs", 0, inputs, MOST_INPUTS)?;
         let positions = windings.len().checked_div(coordinates).unwrap_or(0);
         expect_shape("efforts.windings", &[windings.len()], &[positions * coordinates])?;
         expect_finite("efforts.windings", windings.iter().copied())?;
@@ -62,7 +62,7 @@ impl Efforts {
         let limit = parameters + inputs + 2 * positions;
         for (index, formula) in efforts.formulas.iter().enumerate() {
             for column in formula.columns() {
-                expect_below("efforts.steps", index, column, limit)?;
+                expect_below(&"efforts.steps", index, column, limit)?;
             }
         }
         Ok(efforts)

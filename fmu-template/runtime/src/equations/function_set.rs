@@ -183,10 +183,10 @@ impl NetworkTerm {
     /// [`FormatError`].
     pub(crate) fn check_limits(&self, columns: usize, functions: usize) -> Result<(), FormatError> {
         for (index, column) in self.columns.iter().enumerate() {
-            expect_below("network.columns", index, column.of, columns)?;
+            expect_below(&"network.columns", index, column.of, columns)?;
         }
         for (index, output) in self.outputs.iter().enumerate() {
-            expect_below("network.outputs", index, *output, functions)?;
+            expect_below(&"network.outputs", index, *output, functions)?;
         }
         Ok(())
     }

@@ -158,7 +158,7 @@ impl Motion {
         let columns = coordinates + self.dynamics.parameters();
         let positions = self.positions.dictionary();
         let efforts = self.dynamics.efforts();
-        expect_below("states.actuators", 0, self.actuator_states, efforts.inputs().min(efforts.count()) + 1)?;
+        expect_below(&"states.actuators", 0, self.actuator_states, efforts.inputs().min(efforts.count()) + 1)?;
         expect_shape("positions", &[positions.columns()], &[columns])?;
         expect_shape("windings", &[self.windings.len()], &[positions.outputs() * coordinates])?;
         expect_finite("windings", self.windings.iter().copied())?;
@@ -174,7 +174,7 @@ impl Motion {
                 Shown::Effort(effort) => (effort, efforts.count()),
                 Shown::KineticEnergy | Shown::PotentialEnergy => continue,
             };
-            expect_below("shown", index, found, limit)?;
+            expect_below(&"shown", index, found, limit)?;
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ mod other;
 
 use super::{Elementwise, Graph, Step, series::Series};
 use crate::{
-    Activation, Layer, Precision,
+    Activation, Precision,
     equations::motion::PreparedMotion,
     numbers::activation::{Kernel, Pass, activate},
     simd::{Compute, Lanes, Real, Simd, flat, flat_mut, flush, fma, share, share_narrow},
@@ -232,13 +232,14 @@ impl<T: Real, const WIDTH: usize> PreparedSteps<T, WIDTH> {
         let end = graph.steps.len() - usize::from(last.is_some());
         let product = |of: usize, to: usize, step: &Step, activation| {
             let Step::Affine { weight, bias, .. } = step else { unreachable!("a product is made of an affine step") };
-            let (weight, bias) = (weight.clone(), bias.clone());
-            let layer = Layer { inputs: widths[of], outputs: bias.len(), weight, bias, activation };
             let (is_few, kernel) = match is_network {
                 true => (to == end, Kernel::of_network(activation)),
-                false => (layer.outputs <= FEW, Kernel::of_graph(activation)),
+                false => (bias.len() <= FEW, Kernel::of_graph(activation)),
             };
-            let product = if is_few { Product::Few(DenseRows::new(&layer)) } else { Product::Many(Dense::new(&layer)) };
+            let product = match is_few {
+                true => Product::Few(DenseRows::new(widths[of], weight, bias)),
+                false => Product::Many(Dense::new(widths[of], weight, bias)),
+            };
             Kind::Dense { of, product, kernel }
         };
         let mut nested = 0;

@@ -41,9 +41,9 @@ impl Forest {
     pub(super) fn check(&self, inputs: usize, outputs: usize) -> Result<(), FormatError> {
         expect_finite("forest.number", self.nodes.iter().map(|node| node.number))?;
         for (position, node) in self.nodes.iter().enumerate().filter(|(_, node)| node.column != LEAF) {
-            expect_below("forest.column", position, node.column as usize, inputs)?;
+            expect_below(&"forest.column", position, node.column as usize, inputs)?;
             for (side, &below) in node.below.iter().enumerate() {
-                expect_below("forest.below", 2 * position + side, below as usize, self.nodes.len())?;
+                expect_below(&"forest.below", 2 * position + side, below as usize, self.nodes.len())?;
                 // else a walk down the tree might never end
                 if below as usize <= position {
                     return Err(FormatError::Upwards { node: position, below });
@@ -51,8 +51,8 @@ impl Forest {
             }
         }
         for (index, tree) in self.trees.iter().enumerate() {
-            expect_below("forest.root", index, tree.root as usize, self.nodes.len())?;
-            expect_below("forest.output", index, tree.output as usize, outputs)?;
+            expect_below(&"forest.root", index, tree.root as usize, self.nodes.len())?;
+            expect_below(&"forest.output", index, tree.output as usize, outputs)?;
         }
         Ok(())
     }

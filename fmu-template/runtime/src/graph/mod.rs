@@ -405,7 +405,7 @@ impl Step {
     /// Length of what the step makes, of the values before it; its shape is checked.
     fn width(&self, number: usize, widths: &[usize]) -> Result<usize, FormatError> {
         let name = |what: &'static str| StepName { number, what };
-        let width = |of: usize| expect_below("graph.steps", number, of, widths.len()).map(|()| widths[of]);
+        let width = |of: usize| expect_below(&"graph.steps", number, of, widths.len()).map(|()| widths[of]);
         match self {
             Self::Affine { of, weight, bias } => {
                 expect_shape(name("weight"), &[weight.len()], &[bias.len() * width(*of)?])?;
@@ -429,7 +429,7 @@ impl Step {
             }
             Self::Columns { columns } => {
                 for (index, [of, column]) in columns.iter().enumerate() {
-                    expect_below(&name("columns").to_string(), index, *column as usize, width(*of as usize)?)?;
+                    expect_below(&name("columns"), index, *column as usize, width(*of as usize)?)?;
                 }
                 not_empty(columns.len())
             }

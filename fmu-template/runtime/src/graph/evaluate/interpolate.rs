@@ -16,7 +16,7 @@ pub(in crate::graph) fn check(
     instants: &[f64],
     functions: &[Graph],
 ) -> Result<usize, FormatError> {
-    expect_below(name, 0, time, columns)?;
+    expect_below(&name, 0, time, columns)?;
     if columns == 1 {
         return Err(FormatError::OnlyTime);
     }

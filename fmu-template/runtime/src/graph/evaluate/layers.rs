@@ -2,7 +2,7 @@
 
 use crate::simd::{Lanes, Real, flat, flat_mut, flush, fma};
 use crate::{
-    Layer,
+    Numbers,
     numbers::activation::{Kernel, activate},
 };
 
@@ -48,21 +48,21 @@ impl Order {
 }
 
 impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
-    pub(crate) fn new(layer: &Layer) -> Self {
-        let lanes = layer.outputs.div_ceil(WIDTH).next_multiple_of(NARROW);
+    /// `weight` row by row.
+    pub(crate) fn new(inputs: usize, weight: &Numbers, bias: &Numbers) -> Self {
+        let lanes = bias.len().div_ceil(WIDTH).next_multiple_of(NARROW);
         let block = if lanes.is_multiple_of(WIDE) { WIDE } else { NARROW };
         let rows_per_block = block * WIDTH;
-        let mut weights = vec![Lanes::ZERO; lanes * layer.inputs];
-        let mut bias = vec![Lanes::ZERO; lanes];
-        flat_mut(&mut bias).iter_mut().zip(layer.bias.iter()).for_each(|(to, from)| *to = flush(T::narrow(from)));
-        let mut numbers = layer.weight.iter();
-        for row in 0..layer.outputs {
+        let (mut weights, mut padded) = (vec![Lanes::ZERO; lanes * inputs], vec![Lanes::ZERO; lanes]);
+        flat_mut(&mut padded).iter_mut().zip(bias.iter()).for_each(|(to, from)| *to = flush(T::narrow(from)));
+        let mut numbers = weight.iter();
+        for row in 0..bias.len() {
             let (number, within) = (row / rows_per_block, row % rows_per_block);
-            let first = number * layer.inputs * block + within / WIDTH;
+            let first = number * inputs * block + within / WIDTH;
             let of_row = flat_mut(&mut weights)[first * WIDTH + within % WIDTH..].iter_mut().step_by(block * WIDTH);
-            of_row.zip(numbers.by_ref().take(layer.inputs)).for_each(|(to, from)| *to = flush(T::narrow(from)));
+            of_row.zip(numbers.by_ref().take(inputs)).for_each(|(to, from)| *to = flush(T::narrow(from)));
         }
-        Self { inputs: layer.inputs, block, weights, bias }
+        Self { inputs, block, weights, bias: padded }
     }
 
     /// Number of lanes of the result.
@@ -186,15 +186,16 @@ impl<T: Real, const WIDTH: usize> Dense<T, WIDTH> {
 }
 
 impl<T: Real, const WIDTH: usize> DenseRows<T, WIDTH> {
-    pub(crate) fn new(layer: &Layer) -> Self {
-        let lanes = layer.inputs.div_ceil(WIDTH);
-        let mut weights = vec![Lanes::ZERO; lanes * layer.outputs];
-        for (index, value) in layer.weight.iter().enumerate() {
-            let (row, column) = (index / layer.inputs, index % layer.inputs);
-            flat_mut(&mut weights)[row * lanes * WIDTH + column] = flush(T::narrow(value));
+    /// `weight` row by row.
+    pub(crate) fn new(inputs: usize, weight: &Numbers, bias: &Numbers) -> Self {
+        let lanes = inputs.div_ceil(WIDTH);
+        let mut weights = vec![Lanes::ZERO; lanes * bias.len()];
+        let mut numbers = weight.iter();
+        for row in flat_mut(&mut weights).chunks_exact_mut(lanes * WIDTH) {
+            row.iter_mut().zip(numbers.by_ref().take(inputs)).for_each(|(to, from)| *to = flush(T::narrow(from)));
         }
-        let bias = layer.bias.iter().map(|bias| flush(T::narrow(bias))).collect();
-        Self { inputs: layer.inputs, lanes, weights, bias }
+        let bias = bias.iter().map(|bias| flush(T::narrow(bias))).collect();
+        Self { inputs, lanes, weights, bias }
     }
 
     pub(crate) fn outputs(&self) -> usize {
