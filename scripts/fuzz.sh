@@ -15,8 +15,10 @@ if ! grep -qs "^\"cargo-fuzz $version " target/tools/.crates.toml; then
 fi
 
 mkdir -p fuzz/corpus/model_file fuzz/corpus/model_description fuzz/corpus/onnx
-cargo run --quiet --release --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/seed.safetensors 3 2 >/dev/null
-cargo run --quiet --release --locked --package metafmu-runtime --example model_file -- fuzz/corpus/model_file/per-instant.safetensors per-instant 3 >/dev/null
+model_file() { cargo run --quiet --release --locked --package metafmu-runtime --example model_file -- "fuzz/corpus/model_file/$1.safetensors" "${@:2}" >/dev/null; }
+model_file seed 3 2
+model_file per-instant per-instant 3
+for name in covered encoded crane motor splines reactions networks oscillator supported cell; do model_file "$name" "$name"; done
 cp tests/data/modelDescription-fmi*.xml examples/embedding/load/modelDescription.xml fuzz/corpus/model_description/
 scripts/venv.sh
 PYTHONPATH=tests/python .venv/bin/python -c 'import pathlib, graphs; [pathlib.Path(f"fuzz/corpus/onnx/{name}.onnx").write_bytes(m.SerializeToString()) for name, m in graphs.fitting()]'

@@ -11,10 +11,14 @@ use std::{env, error::Error, fs};
 type Named = (&'static str, fn() -> Surrogate);
 
 /// Surrogates by name: of each clock, with inputs, and with all that the domain of validity can know.
-const NAMED: [Named; 6] = [
+const NAMED: [Named; 10] = [
     ("covered", || example::with_cover(&example::with_input())),
     ("encoded", || example::encoded(&example::with_input())),
     ("crane", example::with_growing_bounds),
+    ("motor", example::crane_with_motor),
+    ("splines", example::crane_with_splines),
+    ("reactions", example::crane_with_reactions),
+    ("networks", example::crane_with_networks),
     ("oscillator", example::oscillator_by_graph),
     ("supported", example::supported),
     ("cell", example::cell),
