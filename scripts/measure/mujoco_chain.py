@@ -17,6 +17,7 @@ It needs `pip install mujoco`.
 import argparse
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from pathlib import Path
@@ -204,6 +205,8 @@ def main():
     parser.add_argument("--simulation", type=Path, nargs="?", const=PROGRAM, metavar="PROGRAM", help=help)
     arguments = parser.parse_args()
     if arguments.simulation:
+        if not arguments.simulation.exists():
+            sys.exit(f"{arguments.simulation} is missing: cargo build --release -p metafmu-core --example run_mechanism")
         compare_simulation(arguments.simulation)
     else:
         compare_fmu(arguments.out / "out" / "chain" / "chain.fmu")

@@ -39,6 +39,8 @@ pub struct WorkerModel {
     /// Parameters of the study.
     parameters: usize,
     outputs: usize,
+    /// Numbers of the lower triangle of the mass matrix, if the source gives it.
+    masses: usize,
     times: Arc<[f64]>,
     /// Numbers of a reply.
     values: usize,
@@ -81,10 +83,12 @@ impl WorkerModel {
 
     fn new(study: &Study, runner: Runner, driven: Option<Driven>) -> Self {
         let (times, outputs): (Arc<[f64]>, usize) = (study.time.training_grid().into(), study.outputs.len());
+        let rates = study.states.len() / 2;
         Self {
             runner,
             parameters: study.parameters.len(),
             outputs,
+            masses: if study.has_mass_matrix() { rates * (rates + 1) / 2 } else { 0 },
             values: times.len() * outputs,
             times,
             is_of_equations: false,
@@ -109,7 +113,8 @@ impl WorkerModel {
         points.div_ceil(self.batch())
     }
 
-    /// The equations at points, each parameters, inputs and states: derivatives, then outputs, for each point.
+    /// The equations at points, each parameters, inputs and states: derivatives, outputs, then the lower triangle of the mass matrix row by
+    /// row if the source gives it, for each point.
     ///
     /// # Errors
     /// Those of [`WorkerModel::run_all`]; [`Error::Worker`] if a derivative does not exist at a point, or an FMU has events or depends on the
@@ -121,7 +126,7 @@ impl WorkerModel {
         done: impl Fn() + Sync,
     ) -> Result<Vec<Vec<f64>>> {
         let (Some(driven), Some(last)) = (&self.driven, points.last()) else { return Ok(Vec::new()) };
-        let (width, size) = (driven.states().len() + self.outputs, self.batch());
+        let (width, size) = (driven.states().len() + self.outputs + self.masses, self.batch());
         let runner = match &self.runner {
             Runner::Fmu(runs) => Runner::Fmu(runs.of_equations()),
             Runner::Program(runs) => Runner::Program(runs.of_equations()),

@@ -4,10 +4,7 @@ use super::{
     EquationSamples, FIRST_ORDER, OfEquations, Region, UNCHANGED, labels::MechanismRegion, least_squares, terms,
 };
 use crate::multibody::Mechanism;
-use metafmu_runtime::{
-    Dynamics, StatePoint,
-    dictionary::{Dictionary, Factor},
-};
+use metafmu_runtime::dictionary::{Dictionary, Factor};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -118,28 +115,6 @@ impl<'a> Equations<'a> {
     /// As [`fit`](super::fit).
     pub fn accelerations(&self, count: usize, seed: u64) -> Result<EquationSamples, String> {
         self.ask(count, seed, &|point| self.accelerations_at(point))
-    }
-
-    /// Root mean square error of some equations' accelerations, relative to the standard deviation of the exact ones, of the worst
-    /// coordinate.
-    pub fn error(&self, dynamics: &Dynamics, exact: &EquationSamples) -> f64 {
-        let (n, mut scratch) = (dynamics.coordinates(), dynamics.scratch());
-        let count = exact.points.len().max(1) as f64;
-        let (mut squares, mut found) = (vec![0.0; n], vec![0.0; n]);
-        for (point, label) in exact.points.iter().zip(&exact.labels) {
-            let (configuration, v, u) = self.parts(point);
-            let (q, p) = configuration.split_at(n);
-            dynamics.accelerations(StatePoint { q, v, u, p }, &mut found, &mut scratch);
-            squares.iter_mut().zip(found.iter().zip(label)).for_each(|(sum, (a, b))| *sum += (a - b) * (a - b));
-        }
-        let deviation = |k: usize| {
-            let mean = exact.labels.iter().map(|label| label[k]).sum::<f64>() / count;
-            let variance = exact.labels.iter().map(|label| (label[k] - mean).powi(2)).sum::<f64>() / count;
-            variance.sqrt().max(f64::MIN_POSITIVE)
-        };
-        let errors = squares.iter().enumerate().map(|(k, sum)| (sum / count).sqrt() / deviation(k));
-        // a maximum would leave out what is not a number
-        errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
     }
 
     /// For each coordinate and parameter, true for the functions that it changes: shape `[columns, functions]`.

@@ -16,6 +16,7 @@ mod equations;
 pub mod identify;
 mod labels;
 mod least_squares;
+mod mass_matrix;
 mod outputs;
 mod reactions;
 mod state_space;
@@ -30,6 +31,7 @@ use crate::multibody::Mechanism;
 pub use assembly::{Assembled, Assembly};
 pub use equations::Equations;
 use labels::{Label, MechanismRegion, RegionPoint};
+pub use mass_matrix::{ENOUGH, FittedMassMatrix, MassMatrixProblem, acceleration_error};
 use metafmu_runtime::{
     Dynamics, Reactions, Shown,
     dictionary::{Dictionary, Factor},
@@ -157,7 +159,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
     let mut samples = OfEquations::default();
     // accelerations have derivatives of the functions, reactions do not
-    let equations = raise_order((set, 1), FIRST_ORDER, |exponents| {
+    let equations = raise_order((set, 1), (FIRST_ORDER, EXACT), |exponents| {
         samples.extend(&labels, rows(exponents), seed)?;
         let scales = labels.scales(samples.samples.labels.iter().chain(&unseen.samples.labels));
         least_squares::solve(set, exponents, &samples.samples.first(rows(exponents)), &unseen.samples, &scales)
@@ -173,7 +175,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let has_reactions = !labels.outputs().reactions.is_empty();
     // what makes one of them hard to learn does so with both
     let first = equations.order;
-    let reactions = has_reactions.then(|| raise_order((set, 2), first, of_reactions)).transpose()?;
+    let reactions = has_reactions.then(|| raise_order((set, 2), (first, EXACT), of_reactions)).transpose()?;
     let (functions, of_equations) = (labels.functions(), labels.functions_of_equations());
     let [dynamics, positions] =
         [0..of_equations, of_equations..functions].map(|columns| equations.dictionary(set, columns));
@@ -216,11 +218,11 @@ impl Solution {
     }
 }
 
-/// Solves for coefficients of higher and higher orders, as long as that is worth it. Products have
-/// derivatives of splines up to the order `derivatives`.
+/// Solves for coefficients of higher and higher orders, as long as that is worth it and the error is above `enough`.
+/// Products have derivatives of splines up to the order `derivatives`.
 fn raise_order(
     (set, derivatives): (FactorSet, usize),
-    first: [usize; 2],
+    (first, enough): ([usize; 2], f64),
     mut solve: impl FnMut(&[Vec<i16>]) -> Result<(DMatrix<f64>, f64), String>,
 ) -> Result<Solution, String> {
     let has = |is_angle: bool| set.factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
@@ -241,7 +243,7 @@ fn raise_order(
     let too_many =
         format!("more than {MOST_TERMS} terms even at the lowest order: fewer coordinates or parameters are needed");
     let mut best = try_order(first)?.ok_or(too_many)?;
-    while best.error > EXACT {
+    while best.error > enough {
         let [harmonics, powers] = best.order;
         // what limits the error is not known; neither alone may lower it
         let higher = [[2 * harmonics, powers], [harmonics, powers + 1], [2 * harmonics, powers + 1]];

@@ -167,9 +167,10 @@ impl ModelRun<'_> {
     ) -> Result<Vec<Sample>, String> {
         let Self { model, budget, has_stops, .. } = self;
         let formulation = Formulation::new(kind, model, from.t, &from.q)?;
-        let (guess, undefined) = (RefCell::new(from.q.clone()), RefCell::default());
+        let [guess, speeds] = [&from.q, &from.v].map(|from| RefCell::new(from.clone()));
+        let undefined = RefCell::default();
         let branch = has_stops.then(|| Branch::of(times));
-        let stretch = Stretch { model, formulation, guess, z: &from.z, budget, undefined, branch };
+        let stretch = Stretch { model, formulation, guess, speeds, z: &from.z, budget, undefined, branch };
         let states = stretch.integrate(from, times, choice)?;
         let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
         for (state, &t) in states.iter().zip(times).skip(1) {
@@ -204,6 +205,8 @@ struct Stretch<'a> {
     formulation: Formulation,
     /// Coordinates found last: where the search for dependent coordinates begins.
     guess: RefCell<DVector<f64>>,
+    /// Velocities found last.
+    speeds: RefCell<DVector<f64>>,
     /// Actuator states at the start.
     z: &'a [f64],
     budget: &'a Budget<'a>,
@@ -299,7 +302,19 @@ impl Stretch<'_> {
     /// The cause that prevents the integration from progressing, if it is known.
     fn cause(&self) -> Option<String> {
         let message = "the motion is too fast";
-        self.stiffest_part().map(|part| format!("{message}; {part}")).or_else(|| self.singular())
+        let stiffest = || self.stiffest_part().map(|part| format!("{message}; {part}"));
+        stiffest()
+            .or_else(|| self.singular())
+            .or_else(|| self.largest_force().map(|force| format!("{message}; {force}")))
+    }
+
+    /// Names the force or torque that has become largest, if it is a formula.
+    fn largest_force(&self) -> Option<String> {
+        let (q, v, t) = (self.guess.borrow(), self.speeds.borrow(), self.budget.reached());
+        let u = self.model.at(t, self.z);
+        let values = self.model.acting_expressions().map(|(bound, owner)| (owner, bound.value(t, &*q, &v, &u)));
+        let (owner, value) = values.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+        Some(format!("`{owner}` is the largest force, {value:.1e}"))
     }
 
     /// Names the spring or actuator state that alone makes the fastest motion or decay, if that decides the length of the steps.
@@ -364,7 +379,9 @@ impl Stretch<'_> {
         }
         let Acceleration { qdd, .. } = acceleration?;
         *guess = q;
-        Ok(joined(&self.formulation.state(&v, &qdd), &rates, 1.0))
+        let derivative = joined(&self.formulation.state(&v, &qdd), &rates, 1.0);
+        self.speeds.replace(v);
+        Ok(derivative)
     }
 }
 

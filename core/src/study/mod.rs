@@ -591,6 +591,11 @@ impl Study {
         self.starts = states::starts(self);
     }
 
+    /// Returns true if the source gives a mass matrix: some states are rates of others.
+    pub fn has_mass_matrix(&self) -> bool {
+        self.states.values().any(|state| state.rate_of.is_some())
+    }
+
     /// Returns true if the surrogate has states.
     pub fn has_states(&self) -> bool {
         self.structure == StudyStructure::Dynamics

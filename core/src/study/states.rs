@@ -54,6 +54,9 @@ pub struct StateOptions {
     /// Program: unit of the state. Other sources know the units of their states.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
+    /// Program: coordinate whose rate this state is. The program then gives its mass matrix as well, and equations of motion are learned.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate_of: Option<String>,
     /// Table: column of the coordinate's derivative with respect to time. Without it, the derivative is computed by
     /// differences and called `NAME_rate`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -188,7 +191,8 @@ fn add_joined<'a>(table: DeTable<'a>, prefix: &str, joined: &mut DeTable<'a>) {
 pub(super) fn problems(study: &Study) -> Problems {
     let mut problems = Problems::default();
     let of_table = study.source.is_recorded();
-    for (name, StateOptions { min, max, start, velocity, velocity_range, periodic, unit: _, rate: _ }) in &study.states
+    for (name, StateOptions { min, max, start, velocity, velocity_range, periodic, unit: _, rate_of: _, rate: _ }) in
+        &study.states
     {
         let key = format!("states.{name}");
         if of_table && (min.is_nan() || max.is_nan()) {
@@ -287,6 +291,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
             problems.expect_absent(state.is_periodic(), format!("{key}.periodic"), message);
         }
     }
+    problems.extend(of_rates(study));
     for name in study.starts.keys().filter(|name| study.parameters.contains_key(*name)) {
         problems.add(format!("parameters.{name}"), format!("`{name}` is the name of a state's value at the start"));
     }
@@ -314,6 +319,37 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     problems.expect_absent(study.time.margin > 0.0, "time.margin", of_network);
     let is_single = study.export.precision == Precision::Single;
     problems.expect_absent(is_single, "export.precision", "\"single\" belongs to networks");
+    problems
+}
+
+/// Every mistake in `rate_of`: coordinates come first, then the rate of each in the same order.
+fn of_rates(study: &Study) -> Problems {
+    let mut problems = Problems::default();
+    if !study.has_mass_matrix() {
+        return problems;
+    }
+    let coordinates: Vec<&str> = study.states.keys().take(study.states.len().div_ceil(2)).map(String::as_str).collect();
+    for (position, (name, state)) in study.states.iter().enumerate() {
+        let key = format!("states.{name}.rate_of");
+        let message = "belongs to `source.command`: other sources have no mass matrix";
+        problems.expect_absent(state.rate_of.is_some() && study.source.command.is_none(), &key, message);
+        let expected = position.checked_sub(coordinates.len()).and_then(|position| coordinates.get(position));
+        let order = "coordinates come first, then the rate of each in the same order";
+        match (state.rate_of.as_deref(), expected) {
+            (found, expected) if found == expected.copied() => {}
+            (Some(found), Some(expected)) => problems.add(key, format!("`{found}`, expected `{expected}`: {order}")),
+            (None, Some(expected)) => problems.add(key, format!("missing, expected `{expected}`: {order}")),
+            (_, None) => problems.add(key, format!("`{name}` is among the coordinates: {order}")),
+        }
+    }
+    if !study.states.len().is_multiple_of(2) {
+        problems.add("states", format!("{} states, expected a rate of each coordinate", study.states.len()));
+    }
+    let (found, expected) =
+        (study.dynamics.model, "expected \"best\", \"dictionary\" or \"dictionary and network\" with `rate_of`");
+    if matches!(found, DynamicsModel::Network | DynamicsModel::Accelerations) {
+        problems.add("dynamics.model", format!("\"{}\", {expected}", found.name().unwrap_or_default()));
+    }
     problems
 }
 

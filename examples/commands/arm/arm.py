@@ -19,7 +19,7 @@ START = {"turn": 0.0, "shoulder": 0.0, "elbow": 0.8}
 RATES = {"turn": 1.2, "shoulder": 1.5, "elbow": 2.5}
 
 states = {name: {"min": low, "max": high, "start": START[name], "unit": "rad"} for name, (low, high) in JOINTS.items()}
-states |= {f"{name}.rate": {"min": -rate, "max": rate, "start": 0.0, "unit": "rad/s"} for name, rate in RATES.items()}
+rates = {f"{name}.rate": {"min": -rate, "max": rate, "start": 0.0, "unit": "rad/s", "rate_of": name} for name, rate in RATES.items()}
 parameters = {"payload.mass": {"min": 0.2, "max": 1.0, "start": 0.5, "unit": "kg"}}
 if CONTACT:
     parameters |= {"shoulder.start": {"min": -0.6, "max": 0.4, "start": 0.0, "unit": "rad", "description": "initial angle"}}
@@ -28,7 +28,7 @@ if CONTACT:
 @metafmu.source(
     parameters=parameters,
     inputs={name: {"min": -1.0, "max": 1.0, "start": 0.0, "description": "share of the torque of the motor"} for name in map("{}.motor".format, JOINTS)},
-    states=None if CONTACT else states,
+    states=None if CONTACT else states | rates,
     outputs={"tip.x": "m", "tip.y": "m", "tip.z": "m"},
     stop=2.0,
     step=0.01,
@@ -66,7 +66,8 @@ class Arm:
             while data.time < time - 1e-9:
                 # with contact the structure is "discrete": inputs hold from row to row; else they are linear
                 held = signals[:, row - 1]
-                share = (data.time - times[row - 1]) / (time - times[row - 1])
+                # in the middle of the step
+                share = (data.time + 0.5 * model.opt.timestep - times[row - 1]) / (time - times[row - 1])
                 data.ctrl[:] = held if CONTACT else held + share * (signals[:, row] - held)
                 mujoco.mj_step(model, data)
             data.ctrl[:] = signals[:, row]
@@ -80,8 +81,10 @@ class Arm:
         data.qvel[:] = [states[f"{name}.rate"] for name in JOINTS]
         data.ctrl[:] = [inputs[f"{name}.motor"] for name in JOINTS]
         mujoco.mj_forward(model, data)
-        rates = dict(zip(JOINTS, data.qvel.tolist())) | dict(zip(map("{}.rate".format, JOINTS), data.qacc.tolist()))
-        return rates, dict(zip(("tip.x", "tip.y", "tip.z"), data.site("tip").xpos.tolist()))
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        derivatives = dict(zip(JOINTS, data.qvel.tolist())) | dict(zip(rates, data.qacc.tolist()))
+        return derivatives, dict(zip(("tip.x", "tip.y", "tip.z"), data.site("tip").xpos.tolist())), mass
 
 
 if __name__ == "__main__":

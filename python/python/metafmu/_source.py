@@ -29,10 +29,11 @@ def source(*, parameters=None, outputs, inputs=None, states=None, stop=None, ste
     output. ``times`` is an array, ``parameters`` and ``states`` are dicts of numbers, ``inputs`` is a dict of arrays with the values at the
     times. A class has this function as its method ``run``, and for `structure = "dynamics"` a method ``equations`` of ``parameters``,
     ``inputs`` and ``states``, dicts of numbers, that returns two dicts: derivatives of the states, and outputs. With ``equations``, ``run``
-    may be missing: scipy integrates then.
+    may be missing: scipy integrates then. If states have ``rate_of``, the coordinate whose rate they are, ``equations`` returns a third value:
+    the mass matrix of these rates, in their order.
 
     ``parameters``, ``inputs``, ``states`` and ``outputs``: a dict of a unit, or of a dict with ``unit``, ``min``, ``max``, ``start`` and
-    ``description``, for each name. ``stop`` and ``step``: length of a run and time between two rows, in s.
+    ``description``, for each name; of a state also ``periodic`` and ``rate_of``. ``stop`` and ``step``: length of a run and time between two rows, in s.
 
     The script ends with ``if __name__ == "__main__": decay.serve()``; then `metafmu new NAME --command python SCRIPT` writes its study.
     """
@@ -105,11 +106,23 @@ class Source:
             points = [[at(values, point) for values in (parameters, inputs, states)] for point in range(len(columns[0]))]
             found = [self.equations(*point) for point in points]
             column = lambda name, which: [float(pair[which][name]) for pair in found]
-            return {
+            reply = {
                 "derivatives": {name: column(name, 0) for name in states},
                 "outputs": {name: column(name, 1) for name in request["outputs"]},
             }
+            return reply | ({"mass": self._mass(found)} if request.get("mass") else {})
         return {"error": f"unknown request {request['request']!r}"}
+
+    def _mass(self, found):
+        """Elements of the mass matrices by the rates of their rows and columns."""
+        states = self._about["states"]
+        rates = [name for name, options in states.items() if "rate_of" in options]
+        if any(len(values) < 3 for values in found):
+            raise TypeError("`equations` returns two values, expected the mass matrix as the third: states have `rate_of`")
+        masses = np.array([values[2] for values in found], float)
+        if masses.shape[1:] != (len(rates), len(rates)):
+            raise ValueError(f"the mass matrix has shape {masses.shape[1:]}, expected {(len(rates), len(rates))}")
+        return {row: {column: masses[:, i, k].tolist() for k, column in enumerate(rates)} for i, row in enumerate(rates)}
 
     def _complete(self, parameters):
         known = self._about["parameters"].items()

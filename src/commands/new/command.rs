@@ -179,9 +179,13 @@ fn of_states(states: &IndexMap<String, ProgramQuantity>) -> String {
         if state.periodic {
             keys.push("periodic = true".into());
         }
+        keys.extend(state.rate_of.as_deref().map(|coordinate| format!("rate_of = {}", quoted(coordinate))));
         line(name, &keys, state)
     };
-    states.iter().map(line).collect()
+    // rates in the order of their coordinates, which come first
+    let mut ordered: Vec<(&String, &ProgramQuantity)> = states.iter().collect();
+    ordered.sort_by_key(|(_, state)| state.rate_of.as_ref().map(|coordinate| states.get_index_of(coordinate)));
+    ordered.into_iter().map(line).collect()
 }
 
 fn of_inputs(inputs: &IndexMap<String, ProgramQuantity>, stop: f64) -> String {

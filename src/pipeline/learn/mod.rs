@@ -2,6 +2,7 @@
 
 mod discrete;
 pub(super) mod learned;
+mod mass_matrix;
 mod motion;
 mod motion_networks;
 mod network;
@@ -40,6 +41,7 @@ pub(super) struct Beginning<'a> {
 /// The method of a study.
 pub(super) fn method(study: &Study) -> &'static dyn LearningMethod {
     match study.structure {
+        StudyStructure::Dynamics if study.has_mass_matrix() => &mass_matrix::EquationsWithMassMatrix,
         StudyStructure::Dynamics if study.source.is_run_apart() => &state_space::StateEquations,
         StudyStructure::Dynamics if study.source.is_recorded() => &trajectories::RecordedMotions,
         StudyStructure::Dynamics => &motion::EquationsOfMotion,

@@ -4,7 +4,7 @@ use super::learned::{self, Directions, EXACT, Examples, held_out};
 use crate::{
     Error, Result,
     dataset::Dataset,
-    dynamics::{EquationSamples, Equations, FittedEquations, OfEquations, Region, fit},
+    dynamics::{EquationSamples, Equations, FittedEquations, OfEquations, Region, acceleration_error, fit},
     multibody::Mechanism,
     pipeline::{
         follower::Checkpoints,
@@ -356,7 +356,7 @@ impl<'a> Asked<'a> {
         let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(self.equations.prescribed()));
         let dynamics = dynamics.map_err(invalid)?;
         let positions = FunctionSet::new(positions, of_positions).map_err(invalid)?;
-        let of_accelerations = self.equations.error(&dynamics, &self.accelerations);
+        let of_accelerations = acceleration_error(&dynamics, &self.accelerations);
         let of_positions = self.error_of_positions(&positions);
         let error = if of_accelerations >= of_positions { of_accelerations } else { of_positions };
         Ok((Candidate { name: name.into(), error, seconds: began.elapsed().as_secs_f64() }, dynamics, positions))

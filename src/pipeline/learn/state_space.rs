@@ -31,7 +31,7 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::{f64::consts::TAU, time::Instant};
 
 /// Two values that differ by less of the largest one are the same.
-const SAME: f64 = 1e-12;
+pub(super) const SAME: f64 = 1e-12;
 
 /// Derivatives of the states of an FMU or a program.
 pub(super) struct StateEquations;
@@ -45,12 +45,7 @@ impl LearningMethod for StateEquations {
 /// Asks the source for its equations, learns them, chooses how the solver integrates them.
 fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Result<Trained> {
     let study = &project.study;
-    let Source::Simulation(simulation) = &project.source else {
-        return Err(study.refusal("source", "recorded runs cannot be asked for their equations"));
-    };
-    let (Some(driven), Some(model)) = (simulation.driven(), simulation.worker_model()) else {
-        return Err(study.refusal("source", "expected an FMU or a program"));
-    };
+    let (driven, model) = asked(project)?;
     let began = Instant::now();
     let space = StateSpaceColumns::new(project, driven);
     let samples = space.ask(project, model)?;
@@ -104,6 +99,16 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));
     Ok(Trained { surrogate, history: learned.history, record })
+}
+
+/// The FMU or program of a study, with its states and inputs.
+pub(super) fn asked<'a>(project: &'a Project) -> Result<(&'a Driven, &'a WorkerModel)> {
+    let study = &project.study;
+    let Source::Simulation(simulation) = &project.source else {
+        return Err(study.refusal("source", "recorded runs cannot be asked for their equations"));
+    };
+    let found = Option::zip(simulation.driven(), simulation.worker_model());
+    found.ok_or_else(|| study.refusal("source", "expected an FMU or a program"))
 }
 
 /// Columns of the functions: parameters, inputs and states.

@@ -50,6 +50,8 @@ pub struct ProgramQuantity {
     pub start: Option<f64>,
     /// `true` for a state that is an angle in rad, if the equations are the same a turn later.
     pub periodic: bool,
+    /// Coordinate whose rate a state is, if the program gives the mass matrix.
+    pub rate_of: Option<String>,
 }
 
 impl ProgramDescription {
@@ -104,6 +106,13 @@ pub(super) fn differences(description: &ProgramDescription, study: &Study) -> Pr
     for (name, options) in &study.states {
         // the range of the equations may be narrower or wider than that of usual runs
         comparison.check(&format!("states.{name}"), "state", name, states, options.unit.as_deref(), None);
+        let own = states.get(name).and_then(|state| state.rate_of.as_deref());
+        if let Some(found) = options.rate_of.as_deref().filter(|found| Some(*found) != own) {
+            let own = own.map_or("none".into(), |own| format!("`{own}`"));
+            let message =
+                format!("`{found}`, but the program's `rate_of` is {own}: it gives a mass matrix for its own");
+            comparison.problems.add(format!("states.{name}.rate_of"), message);
+        }
     }
     for (name, options) in &study.outputs {
         comparison.check(&format!("outputs.{name}"), "output", name, outputs, options.unit.as_deref(), None);

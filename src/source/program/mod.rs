@@ -153,6 +153,7 @@ impl ProgramRuns {
             inputs: of(names(&self.study.inputs).collect(), counts[0]),
             states: of(names(&self.study.states).collect(), counts[0] + counts[1]),
             outputs: names(&self.study.outputs).collect(),
+            mass: self.study.has_mass_matrix(),
         }
     }
 }
@@ -163,7 +164,8 @@ impl Launcher for &ProgramRuns {
             return Ok(Some(Box::new(OneShot::new(self)?)));
         }
         // numbers of up to 25 characters, and what else a program adds
-        let numbers = self.times.len().max(64) * (self.study.outputs.len() + self.study.states.len());
+        let states = self.study.states.len();
+        let numbers = self.times.len().max(64) * (self.study.outputs.len() + states + states * states);
         let started = RunningProgram::start(&self.command, numbers, limit, workers.stop);
         let refused = |error: Error| self.study.refusal("source.command", error.to_string());
         let Some((program, description)) = started.map_err(refused)? else { return Ok(None) };

@@ -43,6 +43,9 @@ pub(super) enum Request<'a> {
         inputs: IndexMap<&'a str, Vec<f64>>,
         states: IndexMap<&'a str, Vec<f64>>,
         outputs: Vec<&'a str>,
+        /// `true` if the mass matrix is wanted.
+        #[serde(skip_serializing_if = "std::ops::Not::not")]
+        mass: bool,
     },
 }
 
@@ -56,6 +59,8 @@ pub(super) struct ProgramReply {
     error: Option<String>,
     outputs: Option<NamedValues>,
     derivatives: Option<NamedValues>,
+    /// Rows by the rate of their coordinate, each with its columns.
+    mass: Option<IndexMap<String, NamedValues>>,
     file: Option<PathBuf>,
 }
 
@@ -116,13 +121,25 @@ impl ProgramReply {
         Ok(rows(&columns, times.len()))
     }
 
-    /// Derivatives, then outputs, for each point.
+    /// Derivatives, then outputs, then the lower triangle of the mass matrix if the study needs it, for each point.
     pub(super) fn equations(&self, study: &Study, points: usize) -> Result<Vec<f64>, String> {
         let place = |point: usize| format!("point {point}");
         let derivatives = self.derivatives.as_ref().ok_or("the reply has no `derivatives`")?;
         let mut columns = found(derivatives, "derivative", study.states.keys(), points, &place)?;
         let outputs = self.outputs.as_ref().ok_or("the reply has no `outputs`")?;
         columns.extend(found(outputs, "output", study.outputs.keys(), points, &place)?);
+        if study.has_mass_matrix() {
+            let mass = self
+                .mass
+                .as_ref()
+                .ok_or("the reply has no `mass`, expected the mass matrix for states with `rate_of`")?;
+            let rates = study.states.keys().skip(study.states.len() / 2);
+            for (count, row) in (1..).zip(rates.clone()) {
+                let columns_of_row = mass.get(row).ok_or_else(|| format!("`mass` has no row `{row}`"))?;
+                let what = format!("`mass` of `{row}`, column");
+                columns.extend(found(columns_of_row, &what, rates.clone().take(count), points, &place)?);
+            }
+        }
         Ok(rows(&columns, points))
     }
 }
