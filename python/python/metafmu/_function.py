@@ -45,7 +45,7 @@ def write(source, name, folder, structure, sections, program):
 
         raise Error(made.stderr.strip().removeprefix("error: "))
     text = path.read_text(encoding="utf-8").split("\n", 1)[1]
-    files = [str(file) for file in modules]
+    files = [*map(str, modules), *source.files]
     given = dict(sections.get("source", {}))
     if files or "files" in given:
         sections = {**sections, "source": {**given, "files": [*files, *map(str, given.get("files", []))]}}

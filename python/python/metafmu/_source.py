@@ -54,6 +54,8 @@ class Source:
 
     def __init__(self, model, about):
         self._about, self._origin = about, model
+        #: Paths of files that the model reads: a :class:`metafmu.Study` has them, so that runs of other content are not used.
+        self.files = []
         self.__doc__ = model.__doc__
         has_equations = hasattr(self._model, "equations")
         if about["states"] and not has_equations:
