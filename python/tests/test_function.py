@@ -116,6 +116,17 @@ def test_equal_code_has_an_equal_copy_in_another_session(tmp_path):
     assert copies[0] == copies[1] != copies[2]
 
 
+def test_equal_classes_have_an_equal_copy_in_another_session(tmp_path):
+    lines = ["class Base:", "    factor = 2", "class cell(Base):", "    run = lambda self, times, parameters: {'x': self.factor * times + isinstance(self, Base)}"]
+    decorator = "@metafmu.source(parameters={'k': {'min': 1, 'max': 2}}, outputs={'x': 'm'}, stop=1, step=0.1)"
+    script = "\n".join(["import metafmu", *lines[:2], decorator, *lines[2:], f"metafmu.Study(cell, folder={str(tmp_path)!r})"])
+    copies = set()
+    for _ in range(2):
+        subprocess.run([sys.executable, "-c", script], check=True)
+        copies.add((tmp_path / "cell-source.pickle").read_bytes())
+    assert len(copies) == 1 and asked(tmp_path, "cell")["outputs"]["x"] == [1.0, 2.0, 3.0]
+
+
 def test_modules_are_imported_and_their_changes_count(tmp_path, monkeypatch):
     library = tmp_path / "library"
     library.mkdir()

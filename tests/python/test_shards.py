@@ -216,7 +216,7 @@ def wait_until(condition, seconds=60):
 
 
 def test_two_of_four_workers_that_are_killed_lose_nothing(slow_study, tmp_path, monkeypatch):
-    for name, value in environment(RUN_SECONDS="0.2", RAYON_NUM_THREADS="1").items():
+    for name, value in environment(RUN_SECONDS="0.4", RAYON_NUM_THREADS="1").items():
         monkeypatch.setenv(name, value)
     out, shards = tmp_path / "out", 8
     unfinished = lambda shard: out / f"unfinished-runs-{shard.replace('/', '-of-')}.bin"

@@ -71,9 +71,9 @@ def _copied(source, name):
     except ImportError:
         raise ImportError("a study of a function needs cloudpickle, which copies it to other processes: pip install cloudpickle") from None
 
-    class Pickler(cloudpickle.Pickler):
-        modules = set()
+    modules = set()
 
+    class Pickler(cloudpickle.Pickler):
         def reducer_override(self, value):
             if isinstance(value, types.CodeType):
                 # another session has another file of a notebook's cell: equal code has equal content
@@ -82,18 +82,25 @@ def _copied(source, name):
             if reduced is NotImplemented:
                 # a module, or what is imported from one
                 self.modules.add(_module_of(value))
+            elif isinstance(value, type):
+                # a class has a random number in each session, by which equal ones are found again: a count serves as well
+                number = lambda part: f"{self.classes.setdefault(part, len(self.classes)):032x}"
+                is_random = lambda part: isinstance(part, str) and re.fullmatch("[0-9a-f]{32}", part)
+                reduced = (reduced[0], tuple(number(part) if is_random(part) else part for part in reduced[1]), *reduced[2:])
             return reduced
 
     def dump(value):
         file = io.BytesIO()
-        Pickler(file, protocol=5).dump(value)
+        pickler = Pickler(file, protocol=5)
+        pickler.modules, pickler.classes = modules, {}
+        pickler.dump(value)
         return file.getvalue()
 
     try:
         content = dump(source)
     except Exception as error:
         raise TypeError(_refusal(source._origin, name, dump, error)) from error
-    modules = _with_their_imports(Pickler.modules)
+    modules = _with_their_imports(modules)
     roots = [os.path.abspath(folder) for folder in sys.path if _is_own(os.path.abspath(folder))] if modules else []
     return pickle.dumps(roots, protocol=5) + content, modules
 
