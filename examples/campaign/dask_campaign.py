@@ -1,45 +1,55 @@
-"""Samples a study on a Dask cluster: one task for each shard, then the merge.
+"""Samples, searches or compares on a Dask cluster: one task for each unit of work, then the merge.
 
-Usage: dask_campaign.py STUDY OUT SHARDS [SCHEDULER]
+Usage: dask_campaign.py VERB STUDY OUT [--shards 8] [--scheduler ADDRESS | --workers 2]
+
+The verb is `sample`, with a task for each shard; `search` of a grid, with one for each combination of listed values; or `compare`, with one
+for each model, after `metafmu build` or `sample` into OUT.
 
 Without the address of a scheduler, it starts a cluster of processes on this machine. The workers of any other cluster must share the study,
 its files and OUT under the same paths. They must have `metafmu` on their PATH, or the variable METAFMU must name it.
 """
 
-import os
-import subprocess
-import sys
+import argparse
 
+import cloudpickle
+import tasks
 from dask.distributed import Client, LocalCluster, as_completed
 
 
-def sample(study, out, shard, shards):
-    """Samples one shard; returns the last message of the command."""
-    command = [os.environ.get("METAFMU", "metafmu"), "sample", study, "--out", out, "--shard", f"{shard}/{shards}"]
-    result = subprocess.run(command, capture_output=True, text=True)
-    if result.returncode != 0:
-        raise RuntimeError(f"shard {shard}/{shards}: {result.stderr.strip()}")
-    return result.stderr.strip().splitlines()[-1]
+def campaign(client, verb, study, out, shards):
+    """Runs all units, in any order, and merges them.
 
-
-def campaign(client, study, out, shards):
-    """Samples all shards, in any order. A task whose worker is lost runs again and continues after the finished runs."""
-    numbers = range(1, shards + 1)
+    A command ends with its worker. Its task runs again on another worker, and continues after the runs that were finished.
+    """
+    # workers have no copy of this module
+    cloudpickle.register_pickle_by_value(tasks)
+    names = tasks.units(verb, study, shards)
+    # a finished shard whose worker is lost before it has answered is not sampled again
+    old = [tasks.shard_version(out, name) if verb == "sample" else None for name in names]
     # each task uses all processors of its worker
-    tasks = [client.submit(sample, study, out, number, shards, pure=False, retries=2) for number in numbers]
-    for task in as_completed(tasks):
+    work = [client.submit(tasks.run, verb, study, out, *unit, pure=False, retries=2) for unit in zip(names, old)]
+    for task in as_completed(work):
         print(task.result(), flush=True)
-    subprocess.run([os.environ.get("METAFMU", "metafmu"), "sample", study, "--out", out, "--merge"], check=True)
+    tasks.merge(verb, study, out)
 
 
 def main():
-    study, out, shards, *scheduler = sys.argv[1:]
-    if scheduler:
-        with Client(scheduler[0]) as client:
-            campaign(client, study, out, int(shards))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("verb", choices=tasks.VERBS)
+    parser.add_argument("study")
+    parser.add_argument("out")
+    parser.add_argument("--shards", type=int, default=8, help="number of shards of a sampling")
+    parser.add_argument("--scheduler", help="address of the scheduler of a cluster")
+    parser.add_argument("--workers", type=int, default=2, help="processes on this machine, without a scheduler")
+    options = parser.parse_args()
+    arguments = options.verb, options.study, options.out, options.shards
+    if options.scheduler:
+        with Client(options.scheduler) as client:
+            campaign(client, *arguments)
     else:
-        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
-            campaign(client, study, out, int(shards))
+        threads = {"n_workers": options.workers, "threads_per_worker": 1, "dashboard_address": None}
+        with LocalCluster(**threads) as cluster, Client(cluster) as client:
+            campaign(client, *arguments)
 
 
 if __name__ == "__main__":

@@ -17,6 +17,8 @@ NOTEBOOKS = Path(__file__).parents[2] / "examples" / "notebooks"
 def test_a_notebook_runs(name, tmp_path, monkeypatch):
     if name == "torch":
         pytest.importorskip("torch")
+    if name == "function":
+        pytest.importorskip("cloudpickle")
     # the command beside the interpreter
     monkeypatch.setenv("PATH", os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]]))
     notebook = nbformat.read(NOTEBOOKS / f"{name}.ipynb", 4)

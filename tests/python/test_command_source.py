@@ -8,10 +8,12 @@ import signal
 import subprocess
 import sys
 import time
+import types
 
 import numpy as np
 import pytest
 from conftest import METAFMU, OTHER_THREADS, ROOT, SMALL, metafmu
+from scipy.integrate import solve_ivp
 
 COMMANDS = ROOT / "examples" / "commands"
 # where the program goes wrong: range of k, what it does, and what is reported
@@ -393,3 +395,45 @@ def test_a_flexible_cable_in_exudyn_is_sampled(tmp_path, package):
     begin = rows[rows["time"] == 0]
     assert np.abs(begin["tipx"] - begin["length"]).max() < 1e-12 and np.abs(begin["tipy"]).max() < 1e-12
     assert (np.hypot(rows["tipx"], rows["tipy"]) < 1.001 * rows["length"]).all() and rows["tipy"].min() < -0.1
+
+
+def reduced_crank(model, times, crank, rod, speed):
+    """Position and speed of the slider and speed of the crank by conservation of energy, which Exudyn knows nothing of."""
+    count = 256
+    angles, waves = 2 * np.pi * np.arange(count) / count, np.fft.rfftfreq(count, 1 / count)
+    pin = np.array([0 * angles, crank * np.cos(angles), crank * np.sin(angles)])
+    toward = model.OFFSET[:, None] - pin
+    along = -model.GUIDE @ toward + np.sqrt((model.GUIDE @ toward) ** 2 - (toward**2).sum(0) + rod**2)
+    # functions of the angle are periodic, and their Fourier series exact to rounding
+    slope = lambda values: np.fft.irfft(1j * waves * np.fft.rfft(values), count)
+    pin_slope, along_slope = np.array([slope(row) for row in pin]), slope(along)
+    slider_slope = model.GUIDE[:, None] * along_slope
+    slender = ((pin_slope**2).sum(0) + (pin_slope * slider_slope).sum(0) + (slider_slope**2).sum(0)) / 3
+    inertia = model.ROTOR_INERTIA + model.ROD_MASS * slender + model.SLIDER_MASS * along_slope**2
+    potential = model.ROD_MASS * 9.81 * pin[2] / 2
+
+    def at(values, angle):
+        terms = np.fft.rfft(values) / count
+        terms[1:] *= 2
+        return (terms * np.exp(1j * np.outer(angle, waves))).sum(1).real
+
+    energy = at(inertia, [0.0]) * speed**2 / 2 + at(potential, [0.0])
+    rate = lambda _, angle: np.sqrt(2 * (energy - at(potential, angle)) / at(inertia, angle))
+    angle = solve_ivp(rate, (0, times[-1]), [0.0], "DOP853", times, rtol=1e-11, atol=1e-11).y[0]
+    return at(along, angle), at(along_slope, angle) * rate(0, angle), rate(0, angle)
+
+
+def test_a_spatial_slider_crank_in_exudyn_conserves_its_energy(tmp_path, package):
+    study = new(tmp_path, "my-crank", "spatial_crank.py")
+    change(study, (r"\nruns = \d+", "\nruns = 4"), (r"test_runs = \d+", "test_runs = 3"))
+    metafmu("sample", study, "--out", tmp_path / "out")
+    rows = np.genfromtxt(tmp_path / "out" / "test.csv", delimiter=",", names=True)
+    # constants of the model, without what it imports
+    constants = (COMMANDS / "spatial_crank.py").read_text().split("GRAVITY = ")[1].split("STEPS_PER_ROW")[0]
+    model = types.SimpleNamespace()
+    exec("GRAVITY = " + constants, {"np": np}, vars(model))
+    for run in range(3):
+        found = rows[rows["run"] == run]
+        expected = reduced_crank(model, found["time"], *(found[name][0] for name in ("crank", "rod", "speed")))
+        for name, values in zip(("slider", "sliderspeed", "crankspeed"), expected):
+            assert np.abs(found[name] - values).max() < 3e-4 * np.ptp(values), name

@@ -1,12 +1,21 @@
 """Samplings spread over machines: shards, their merge, and the campaigns in examples/campaign."""
 
+import csv
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 
+import psutil
 import pytest
-from conftest import METAFMU, ROOT, metafmu
+from conftest import ANY, METAFMU, ROOT, SMALL, metafmu
+from dask.distributed import Client, LocalCluster
+
+CAMPAIGN = ROOT / "examples" / "campaign"
+sys.path.insert(0, str(CAMPAIGN))
+import tasks
 
 SHARDS = 4
 TABLES = ["train.csv", "test.csv", "calibration.csv"]
@@ -107,23 +116,256 @@ def test_what_does_not_belong_together_is_refused(study, tmp_path):
         assert "expected I/N" in refusal("sample", study, "--shard", shard)
 
 
+# each run leaves a byte in the file `calls`
+SLOW_PROGRAM = """
+import json, os, sys, time
+for line in sys.stdin:
+    request = json.loads(line)
+    if request["request"] == "describe":
+        reply = {"protocol": 1, "parameters": {"k": {}}, "outputs": {"x": {}}}
+    else:
+        time.sleep(float(os.environ.get("RUN_SECONDS", 0)))
+        with open("calls", "a") as file:
+            file.write(".")
+        reply = {"outputs": {"x": [request["parameters"]["k"] * t for t in request["times"]]}}
+    print(json.dumps({"id": request["id"], **reply}), flush=True)
+"""
+SLOW_STUDY = f"""name = "s"
+[source]
+command = ["{sys.executable}", "program.py"]
+[time]
+stop = 1
+step = 0.1
+[parameters]
+k = {{ min = 0, max = 1 }}
+[outputs]
+x = {{}}
+[bounds]
+runs = 19
+{SMALL}"""
+SLOW_RUNS = 89
+# the journal begins with 32 bytes; a record has 1 + 11 numbers and a checksum of 8 bytes
+JOURNAL_BYTES, RECORD_BYTES = 32, 104
+
+
 def environment(**variables):
-    return {**os.environ, "PATH": f"{METAFMU.parent}:{os.environ['PATH']}", **variables}
+    return {**os.environ, "PATH": f"{METAFMU.parent}:{os.environ['PATH']}", "METAFMU": str(METAFMU), **variables}
+
+
+def dask_campaign(*arguments, **variables):
+    command = [sys.executable, CAMPAIGN / "dask_campaign.py", *map(str, arguments)]
+    result = subprocess.run(command, env=environment(**variables), capture_output=True, text=True, timeout=240)
+    assert result.returncode == 0, result.stderr
+    return result
+
+
+def slurm(*arguments):
+    """The array job, then the job that depends on it."""
+    for number in range(1, SHARDS + 1):
+        task = {"SLURM_ARRAY_TASK_ID": str(number), "SLURM_ARRAY_TASK_COUNT": str(SHARDS), "SLURM_CPUS_PER_TASK": "1"}
+        subprocess.run([CAMPAIGN / "slurm.sh", *arguments], check=True, env=environment(**task), cwd=ROOT)
+    subprocess.run([CAMPAIGN / "slurm.sh", *arguments], check=True, env=environment(), cwd=ROOT)
 
 
 def test_the_array_job_for_slurm(study, tmp_path):
-    script = ROOT / "examples" / "campaign" / "slurm.sh"
-    for number in range(1, SHARDS + 1):
-        task = {"SLURM_ARRAY_TASK_ID": str(number), "SLURM_ARRAY_TASK_COUNT": str(SHARDS), "SLURM_CPUS_PER_TASK": "1"}
-        subprocess.run([script, study, tmp_path], check=True, env=environment(**task))
-    subprocess.run([script, study, tmp_path], check=True, env=environment())
+    slurm("sample", study, tmp_path)
     assert tables(tmp_path) == tables(study.parent / "whole")
+    # one of the four again
+    (tmp_path / "shard-3-of-4.bin").unlink()
+    task = {"SLURM_ARRAY_TASK_ID": "3", "SLURM_ARRAY_TASK_COUNT": "1", "TASKS": str(SHARDS)}
+    subprocess.run([CAMPAIGN / "slurm.sh", "sample", study, tmp_path], check=True, env=environment(**task), cwd=ROOT)
+    assert (tmp_path / "shard-3-of-4.bin").exists()
 
 
 def test_the_campaign_on_a_dask_cluster(study, tmp_path):
-    script = ROOT / "examples" / "campaign" / "dask_campaign.py"
-    command = [sys.executable, script, study, tmp_path, str(SHARDS)]
-    result = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=120)
-    assert result.returncode == 0, result.stderr
+    result = dask_campaign("sample", study, tmp_path, "--shards", SHARDS)
     assert result.stdout.count("sampled shard") == SHARDS
     assert tables(tmp_path) == tables(study.parent / "whole")
+
+
+@pytest.fixture
+def slow_study(tmp_path):
+    (tmp_path / "program.py").write_text(SLOW_PROGRAM)
+    path = tmp_path / "study.toml"
+    path.write_text(SLOW_STUDY)
+    metafmu("sample", path, "--out", tmp_path / "whole")
+    assert (tmp_path / "calls").stat().st_size == SLOW_RUNS
+    (tmp_path / "calls").unlink()
+    return path
+
+
+def shards_below(worker):
+    """The shards that a process samples, and the processes of metafmu that do."""
+    found = {}
+    for process in psutil.Process(worker).children(recursive=True):
+        try:
+            command = process.cmdline()
+        except psutil.Error:
+            continue
+        if command and command[0] == str(METAFMU) and "--shard" in command:
+            found[command[command.index("--shard") + 1]] = process
+    return found
+
+
+def wait_until(condition, seconds=60):
+    end = time.monotonic() + seconds
+    while not (found := condition()):
+        assert time.monotonic() < end, "waited too long"
+        time.sleep(0.02)
+    return found
+
+
+def test_two_of_four_workers_that_are_killed_lose_nothing(slow_study, tmp_path, monkeypatch):
+    for name, value in environment(RUN_SECONDS="0.4", RAYON_NUM_THREADS="1").items():
+        monkeypatch.setenv(name, value)
+    out, shards = tmp_path / "out", 8
+    unfinished = lambda shard: out / f"unfinished-runs-{shard.replace('/', '-of-')}.bin"
+    finished = lambda shard: out / f"shard-{shard.replace('/', '-of-')}.bin"
+    runs = lambda shard: (unfinished(shard).stat().st_size - JOURNAL_BYTES) // RECORD_BYTES if unfinished(shard).exists() else 0
+    with LocalCluster(n_workers=4, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        workers = list(client.run(os.getpid).values())
+        command = [CAMPAIGN / "dask_campaign.py", "sample", slow_study, out, "--shards", shards, "--scheduler", cluster.scheduler_address]
+        campaign = subprocess.Popen([sys.executable, *map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        try:
+            killed = {}
+            for worker in workers[:2]:
+                # two runs of eleven or twelve are finished
+                begun = wait_until(lambda: {shard: process for shard, process in shards_below(worker).items() if runs(shard) >= 2})
+                os.kill(worker, signal.SIGKILL)
+                assert all(2 <= runs(shard) < SLOW_RUNS // shards and not finished(shard).exists() for shard in begun)
+                # its command ends with it, and holds no lock
+                wait_until(lambda: not any(map(is_alive, begun.values())), 10)
+                assert not any(finished(shard).exists() for shard in begun)
+                killed |= begun
+            assert len(killed) == 2
+            output, messages = campaign.communicate(timeout=120)
+        finally:
+            campaign.kill()
+        assert campaign.returncode == 0, messages
+        assert not set(client.run(os.getpid).values()) & set(workers[:2]), "the cluster replaced both"
+    assert tables(out) == tables(tmp_path / "whole")
+    assert output.count("sampled shard") == shards
+    # only the run that a killed command was at is simulated again
+    again = (tmp_path / "calls").stat().st_size - SLOW_RUNS
+    assert again <= len(killed), again
+
+
+def is_alive(process):
+    return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+
+
+def test_a_unit_waits_for_the_command_that_holds_its_lock(slow_study, tmp_path, monkeypatch):
+    """A scheduler may lose a worker that is still at work."""
+    monkeypatch.setenv("METAFMU", str(METAFMU))
+    out = tmp_path / "out"
+    command = [METAFMU, "sample", slow_study, "--out", out, "--shard", "1/4"]
+    slow = environment(RUN_SECONDS="0.2", RAYON_NUM_THREADS="1")
+    other = subprocess.Popen(command, env=slow, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    wait_until((out / "unfinished-runs-1-of-4.bin").exists)
+    with pytest.raises(tasks.Busy):
+        tasks.sample_shard(slow_study, out, "1/4")
+    assert tasks.run("sample", slow_study, out, "1/4") == "sample 1/4: finished already"
+    assert other.wait(10) == 0 and (tmp_path / "calls").stat().st_size == 23
+    # from here on the shard is an old one
+    old = tasks.shard_version(out, "1/4")
+    assert "sampled shard 1/4: 23 runs" in tasks.run("sample", slow_study, out, "1/4", old)
+
+
+GRID_STUDY = f"""name = "grid"
+[source]
+system = "single-pendulum"
+[time]
+stop = 1
+step = 0.05
+[parameters]
+L = {{ min = 0.1, max = 0.2 }}
+c = {{ min = 0.0, max = 0.15 }}
+[outputs]
+theta = {{}}
+[search] # trials that fail among them
+method = "grid"
+[search.space]
+"training.optimizer" = ["adam", "adamw"]
+"training.learning_rate" = {{ min = 1e-3, max = 1e-2, scale = "log", levels = 3 }}
+"training.weight_decay" = [0.0, 0.01]
+"network.hidden" = [
+  [8],
+  [6, 6],
+]
+{SMALL}"""
+
+
+@pytest.fixture(scope="module")
+def grid(tmp_path_factory):
+    path = tmp_path_factory.mktemp("grid") / "study.toml"
+    path.write_text(GRID_STUDY)
+    assert metafmu("search", path, "--out", path.parent / "whole", check=False).returncode == 1
+    return path
+
+
+def searched(folder):
+    with open(folder / "search.csv", newline="") as file:
+        rows = [{**row, "seconds": None} for row in csv.DictReader(file)]
+    return rows, (folder / "grid-best.toml").read_bytes()
+
+
+def test_a_grid_that_is_divided_is_the_search(grid, tmp_path):
+    expected = searched(grid.parent / "whole")
+    assert len(expected[0]) == 24 and sum(row["status"] == "failed" for row in expected[0]) == 6
+    slurm("search", grid, tmp_path / "slurm")
+    assert searched(tmp_path / "slurm") == expected
+    result = dask_campaign("search", grid, tmp_path / "dask")
+    assert result.stdout.count("on held-out runs") == 6
+    assert searched(tmp_path / "dask") == expected
+    # nothing else is left
+    assert sorted(path.name for path in [*(tmp_path / "dask").iterdir(), *grid.parent.iterdir()]) == ["grid-best.toml", "search.csv", "study.toml", "whole"]
+
+
+def test_a_search_continues_where_tasks_are_missing_and_is_new_after_a_change(grid, tmp_path):
+    study = tmp_path / "study.toml"
+    study.write_bytes(grid.read_bytes())
+    run = lambda *arguments: subprocess.run(
+        [sys.executable, CAMPAIGN / "tasks.py", "search", study, tmp_path / "out", *arguments], capture_output=True, text=True, env=environment()
+    )
+    run("2/2")
+    assert "search: 4 of 8 are missing: 0, 2, 4, 6" in run("merge").stderr
+    assert run("2/2").stdout.splitlines() == [f"search {part}: finished already" for part in (1, 3, 5, 7)]
+    run("1/2")
+    study.write_text(study.read_text().replace("epochs = 2", "epochs = 3"))
+    assert "search: 8 of 8 are missing" in run("merge").stderr
+    study.write_bytes(grid.read_bytes())
+    assert "is the best" in run("merge").stdout
+    assert searched(tmp_path / "out")[0][9] == searched(grid.parent / "whole")[0][9]
+    study.write_text(study.read_text().replace('method = "grid"', 'method = "halving"'))
+    assert "search.method: found 'halving', expected \"grid\"" in run("1/2").stderr
+
+
+def compared(folder):
+    """The comparison but for times."""
+    found = json.loads((folder / "comparison.json").read_text())
+    for row in found["models"]:
+        del row["predict_seconds_per_point"], row["fit_seconds"]
+    with open(folder / "comparison.csv", newline="") as file:
+        rows = [{**row, "fit_seconds": None, "predict_seconds_per_point": None} for row in csv.DictReader(file)]
+    return found, rows
+
+
+def test_a_comparison_that_is_divided_is_the_comparison(study, tmp_path, monkeypatch):
+    monkeypatch.setenv("METAFMU", str(METAFMU))
+    models = ["linear", "knn", "polynomial", "decision-tree"]
+    path = tmp_path / "study.toml"
+    path.write_text(STUDY + f"[network]\nhidden = [8]\n[training]\nepochs = 2\n[baselines]\nmodels = {models}\n{ANY}")
+    out = tmp_path / "out"
+    metafmu("sample", path, "--out", out)
+    metafmu("train", path, "--out", out)
+    metafmu("compare", path, "--out", out)
+    expected = compared(out)
+    assert [row["model"] for row in expected[0]["models"]] == ["network", *models]
+    before = sorted(out.iterdir())
+    for spread in (lambda: slurm("compare", path, out), lambda: dask_campaign("compare", path, out)):
+        (out / "comparison.json").unlink()
+        (out / "comparison.csv").unlink()
+        spread()
+        assert compared(out) == expected
+        assert sorted(out.iterdir()) == before
+    assert len(tasks.models(study)) == 12

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ._graph import Graph
     from ._jax import from_jax
     from ._keras import from_keras
+    from ._mujoco import mujoco
     from ._onnx import from_onnx
     from ._regressor import AccuracyWarning, Regressor, fit
     from ._sklearn import from_sklearn
@@ -36,6 +37,7 @@ _PLACES = {
     "from_onnx": "_onnx",
     "from_sklearn": "_sklearn",
     "from_torch": "_torch",
+    "mujoco": "_mujoco",
     "source": "_source",
     "validate": "_study",
 }

@@ -5,6 +5,7 @@ Nothing of the package is imported here but numpy, so that a worker starts fast.
 
 from __future__ import annotations
 
+import functools
 import inspect
 import json
 import os
@@ -35,7 +36,8 @@ def source(*, parameters=None, outputs, inputs=None, states=None, stop=None, ste
     ``parameters``, ``inputs``, ``states`` and ``outputs``: a dict of a unit, or of a dict with ``unit``, ``min``, ``max``, ``start`` and
     ``description``, for each name; of a state also ``periodic`` and ``rate_of``. ``stop`` and ``step``: length of a run and time between two rows, in s.
 
-    The script ends with ``if __name__ == "__main__": decay.serve()``; then `metafmu new NAME --command python SCRIPT` writes its study.
+    :class:`metafmu.Study` builds a surrogate of it. Or a script ends with ``if __name__ == "__main__": decay.serve()``; then
+    `metafmu new NAME --command python SCRIPT` writes its study.
     """
 
     def decorate(model):
@@ -52,14 +54,23 @@ class Source:
     """A function or class with the names, units and ranges of what it has."""
 
     def __init__(self, model, about):
-        self._about = about
-        self._model = model() if isinstance(model, type) else model
+        self._about, self._origin = about, model
+        #: Paths of files that the model reads: a :class:`metafmu.Study` has them, so that runs of other content are not used.
+        self.files = []
         self.__doc__ = model.__doc__
         has_equations = hasattr(self._model, "equations")
         if about["states"] and not has_equations:
             raise TypeError("states without equations, expected a class with a method `equations`")
         if isinstance(model, type) and not (has_equations or hasattr(self._model, "run")):
             raise TypeError("the class has neither `run` nor `equations`")
+
+    @functools.cached_property
+    def _model(self):
+        return self._origin() if isinstance(self._origin, type) else self._origin
+
+    def __getstate__(self):
+        # each process makes an object of a class
+        return {key: value for key, value in self.__dict__.items() if key != "_model"}
 
     def __call__(self, times, parameters, inputs=None, states=None):
         """Outputs of a run. Parameters that are missing have their start values."""

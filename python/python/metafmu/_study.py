@@ -8,27 +8,45 @@ import os
 from pathlib import Path
 
 from . import _metafmu
+from ._function import write
 from ._program import program
+from ._source import Source
 from ._surrogate import Surrogate
 
 
 class Study:
-    """A study file: sampling, training and export of a surrogate.
+    """A study: sampling, training and export of a surrogate, of a function or class with the decorator :func:`metafmu.source`.
 
-    >>> result = metafmu.Study.load("study.toml").build()
+    >>> result = metafmu.Study(decay, sampling={"runs": 200}).build()
+    >>> result = metafmu.Study.load("study.toml").build()       # of a file
     >>> result.metrics["outputs"], result.fmus
     >>> result.report                                           # shows itself in a notebook
+
+    The source may be defined in a notebook, a script or another function. cloudpickle copies it with the variables that it uses, as they are
+    now, to `NAME-source.pickle` in ``folder``, beside the study `NAME.toml`. Processes that sample it import its modules. Variables that
+    cannot be copied, such as locks and sockets, are refused by name.
+
+    ``name``: by default that of the function. ``structure``: "response", "discrete" or "dynamics". Other arguments are sections or keys of a
+    study file: ``sampling={"runs": 200, "test_runs": 50}``, ``source={"time_limit": 10}``, ``parameters={"k": {"min": 1, "max": 2}}``,
+    ``seed=2``. A key that is None is left out.
     """
 
-    def __init__(self, path, name):
-        self.path, self.name = path, name
+    def __init__(self, source: Source, /, *, name: str | None = None, folder: str | os.PathLike[str] = ".", structure: str | None = None, **sections):
+        if not isinstance(source, Source):
+            hint = ": metafmu.Study.load reads a file" if isinstance(source, (str, os.PathLike)) else ""
+            raise TypeError(f"found {source!r}, expected a function or class with the decorator metafmu.source{hint}")
+        self._open(write(source, name, Path(folder), structure, sections, program()))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Study:
         """Reads and checks a study. :class:`metafmu.Error` lists every mistake with its line."""
-        path = Path(path)
-        name, _ = _metafmu.study(path, None, program())
-        return cls(path, name)
+        study = cls.__new__(cls)
+        study._open(Path(path))
+        return study
+
+    def _open(self, path):
+        self.path = path
+        self.name, _ = _metafmu.study(path, None, program())
 
     def build(
         self, out: str | os.PathLike[str] | None = None, *, fmi: str | None = None, resume: bool = False, verbose: bool = True
