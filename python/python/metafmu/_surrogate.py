@@ -53,6 +53,8 @@ def rows_of(x, names, what="X"):
             raise _metafmu.Error(f"{what} has no column {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(known)}")
         of_name = dict(zip(known, x.columns))
         x = np.column_stack([numbers_of(x[of_name[name]], f"{what}: `{name}`") for name in names])
+    if isinstance(x, Mapping):
+        raise _metafmu.Error(f"{what} is a dict, expected an array or a DataFrame with the columns {', '.join(names[:20])}")
     x = numbers_of(x, what)
     if x.ndim == 1 and len(names) > 1:
         hint = f"expected rows of {len(names)} columns: for a single row, {what}[None, :]"
