@@ -83,7 +83,7 @@ const ROWS: usize = 1200;
 
 fn main() -> Result<(), Box<dyn Error>> {
     println!(
-        "| mechanism | harmonics, powers | products | fit, s | unseen error | 10 s, median, 90 % | 60 s, median, 90 % | start off by 1e-9 | energy |"
+        "| mechanism | harmonics, powers | products | fit, s | unseen error | 10 s, median, 90 % | 60 s, median, 90 % | start perturbed by 1e-9 | energy |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
     for case in &CASES {

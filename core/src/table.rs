@@ -256,7 +256,7 @@ fn wrong(path: &Path, place: Place, message: String) -> Error {
 }
 
 /// Advice on commas within numbers.
-const COMMAS: &str = " without commas; where commas are decimal, columns are separated by semicolons or tabs";
+const COMMAS: &str = " without separators of thousands; decimal commas require semicolons or tabs between columns";
 
 /// Returns true for a number with separators of thousands, or with a decimal comma.
 pub fn has_commas(text: &str) -> bool {

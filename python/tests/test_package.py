@@ -243,6 +243,8 @@ def test_wrong_input_is_a_value_error_with_a_reason(surrogate, tmp_path):
     assert issubclass(metafmu.Error, ValueError) and metafmu.Error.__module__ == "metafmu"
     with pytest.raises(metafmu.Error, match=r"shape \(2, 2\), expected \(rows, 3\): a, b, c"):
         surrogate.predict(np.ones((2, 2)))
+    with pytest.raises(metafmu.Error, match="X is a dict, expected an array or a DataFrame with the columns a, b, c"):
+        surrogate.predict({"a": 1.0, "b": 1.0, "c": 1.0})
     with pytest.raises(metafmu.Error, match="none.safetensors"):
         metafmu.Surrogate.load(tmp_path / "none.safetensors")
     (tmp_path / "bad.fmu").write_bytes(b"no zip")

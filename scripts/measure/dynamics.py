@@ -18,7 +18,7 @@ from common import METAFMU, ROOT
 MECHANISMS = ["pendulum", "crane", "servo-crane", "double-pendulum", "quarter-car", "slider-crank", "four-bar"]
 
 
-HORIZONS = "10 s: median, 90 % (start off by 1e-9) | 60 s"
+HORIZONS = "10 s: median, 90 % (start perturbed by 1e-9) | 60 s"
 HEADINGS = {
     False: f"| mechanism | products: equations + positions | error at unseen configurations | {HORIZONS} | energy | build, s of processor time |",
     True: f"| mechanism | accelerations at unseen states | {HORIZONS} | energy | build, s of processor time |",

@@ -454,7 +454,7 @@ fn size_of_motion(motion: &Motion, integration: Integration) -> String {
 fn accuracy_of_solver(error: Option<f64>) -> String {
     let text = |error| {
         format!(
-            "; in the training runs, and at corners of parameters, inputs and velocities, outputs change by it as by a start off by {error:.1e} at most"
+            "; in the training runs, and at corners of parameters, inputs and velocities, its effect is that of an initial state perturbed by at most {error:.1e}"
         )
     };
     error.map_or(String::new(), text)

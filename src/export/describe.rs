@@ -336,7 +336,9 @@ fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
 fn of_fixed_steps(surrogate: &Surrogate) -> String {
     match (surrogate.program().integration(), surrogate.metadata().solver_error) {
         (Some(Integration::Fixed { step }), Some(error)) => {
-            format!(" (solver: fixed steps of {step} s, in the domain as a start off by {error:.1e} at most)")
+            format!(
+                " (solver: fixed steps of {step} s, in the domain like an initial state perturbed by at most {error:.1e})"
+            )
         }
         _ => String::new(),
     }

@@ -213,8 +213,8 @@ fn roll_out_table(
         let _ = writeln!(text, "{time:<10} {median:>15.1e} {q90:>10.1e}   {changed:.1e}, {changed_q90:.1e}");
     }
     let diverges = match divergence_time {
-        Some(time) => format!("half of the runs differ by a tenth of a standard deviation within {} s", number(*time)),
-        None => "more than half of the runs never differ by a tenth of a standard deviation".into(),
+        Some(time) => format!("half of the runs are off by 0.1 standard deviations within {} s", number(*time)),
+        None => "over half of the runs stay within 0.1 standard deviations of the truth".into(),
     };
     let energy = energy_drift.map_or(String::new(), |drift| {
         format!("; without inputs the energy stays within {drift:.1e} of the largest kinetic energy")

@@ -341,7 +341,9 @@ impl<'a> IntegrationComparison<'a> {
                 format!("is unstable: {} comes to {value:.1e}", self.surrogate.states()[state].name)
             }
             Some(_) => "is unstable".into(),
-            None => format!("is as a start off by {:.1e}, expected at most {POOR}", record.error),
+            None => {
+                format!("has the effect of an initial state perturbed by {:.1e}, expected at most {POOR}", record.error)
+            }
         };
         Some(format!(
             "{step} s {why}, in a run with {}; take a shorter step, or leave it out for error control",

@@ -196,7 +196,7 @@ pub enum Error {
     },
     /// A platform without an embedded library in this program.
     #[error(
-        "platform `{tuple}` is not embedded in this program, which has {}: add a library with --binary {tuple}=FILE, or \
+        "platform `{tuple}` is not embedded in this program, which has {}: add a library with `metafmu export --binary {tuple}=FILE`, or \
          build metafmu with METAFMU_RUNTIMES",
         list_or_none(known)
     )]

@@ -92,25 +92,25 @@ impl BuiltIn {
                 "Outside the training ranges: 0 warns and extrapolates, 1 clamps to the range, 2 refuses"
             }
             (Self::InDomain, Known { fed_back: true, .. }) => {
-                "Whether inputs and parameters are all in the training ranges, and outputs, changes and averages were recently"
+                "True if inputs and parameters are all in the training ranges, and outputs, changes and averages were recently"
             }
             (Self::DomainDistance, Known { fed_back: true, .. }) => {
                 "Largest distance of an input or parameter, or recently of an output, change or average, from its training range, relative to \
                  the range; 0 inside"
             }
             (Self::InDomain, Known { time: true, data: false, .. }) => {
-                "Whether inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged \
+                "True if inputs, parameters and time are all in the training ranges, and inputs and parameters unchanged \
                  since the start"
             }
             (Self::InDomain, Known { time: true, data: true, .. }) => {
-                "Whether inputs, parameters and time are all in the training ranges, near training data, and inputs and parameters \
+                "True if inputs, parameters and time are all in the training ranges, near training data, and inputs and parameters \
                  unchanged since the start"
             }
             (Self::InDomain, Known { time: false, data: false, .. }) => {
-                "Whether inputs, parameters and states are all in the training ranges"
+                "True if inputs, parameters and states are all in the training ranges"
             }
             (Self::InDomain, Known { time: false, data: true, .. }) => {
-                "Whether inputs and parameters are all in the training ranges, and near training data"
+                "True if inputs and parameters are all in the training ranges, and near training data"
             }
             (Self::DomainDistance, Known { time: true, data: false, .. }) => {
                 "Largest distance of an input, parameter or time from its training range, relative to the range; 0 inside"
@@ -124,7 +124,7 @@ impl BuiltIn {
             }
             (Self::Time, _) => "Simulation time",
             (Self::UseMeasured, _) => {
-                "Whether samples of the outputs are replaced by their measured values before the next one is computed"
+                "True if samples of the outputs are replaced by their measured values before the next one is computed"
             }
         }
     }

@@ -3,28 +3,32 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
 from . import _metafmu
 from ._interface import as_bytes, interface
-from ._surrogate import Surrogate
+from ._surrogate import Names, Surrogate
 
 
 class Graph:
-    """A graph of some input columns. Each method adds a step and returns the number of its value, a vector. Value 0 is the inputs.
+    """A graph of steps from input columns to outputs. Each method adds a step and returns the number of its value, a vector. Value 0 is the
+    vector of all inputs. ``inputs``: number of input columns.
 
     >>> graph = metafmu.Graph(2)
     >>> hidden = graph.elementwise(graph.affine(0, [[1.0, 2.0], [3.0, 4.0]], [0.0, 1.0]), "tanh")
     >>> y = graph.affine(hidden, [[0.5, -0.5]])
     >>> surrogate = graph.finish(y, inputs={"a": (0, 1), "b": (0, 1)}, outputs=["y"])
 
-    Derivatives are exact. A chain of dense layers becomes a network, which is evaluated fastest.
+    Derivatives are exact. A chain of dense layers becomes a network, which is evaluated fastest. All methods raise
+    :class:`metafmu.Error` for an unknown value and for lengths that do not match.
     """
 
     FUNCTIONS = tuple(_metafmu.FUNCTIONS)
 
-    def __init__(self, inputs):
+    def __init__(self, inputs: int):
         self._core = _metafmu.Graph(int(inputs))
         # rows of the inputs that the surrogate was made with
         self.rows = None
@@ -32,7 +36,7 @@ class Graph:
         self.is_single = False
         self._content = hashlib.sha256(str(inputs).encode())
 
-    def width(self, value):
+    def width(self, value: int) -> int:
         """Length of a value."""
         return self._core.width(value)
 
@@ -41,8 +45,11 @@ class Graph:
         for part in parts:
             self._content.update(part if isinstance(part, bytes) else repr(part).encode())
 
-    def affine(self, of, weight, bias=None):
-        """``W x + b``, ``weight`` of shape (outputs, inputs); single precision is kept if both arrays have it."""
+    def affine(self, of: int, weight: Any, bias: Any = None) -> int:
+        """``W x + b``: ``weight`` has the shape (length of the result, length of ``of``), ``bias`` the length of the result, or is 0.
+
+        Single precision is kept if both arrays have it.
+        """
         weight = np.asarray(weight)
         bias = np.zeros(len(weight), dtype=weight.dtype) if bias is None else np.asarray(bias)
         width = self.width(of)
@@ -54,14 +61,14 @@ class Graph:
         self._note("affine", of, weight, bias)
         return self._core.affine(of, weight, bias, bool(single))
 
-    def surrogate(self, of, surrogate):
+    def surrogate(self, of: int, surrogate: Surrogate) -> int:
         """Outputs of a surrogate without states at a value with a number for each of its inputs."""
         self._note("surrogate", of, surrogate.content_digest)
         return self._core.surrogate(of, surrogate._core)
 
-    def elementwise(self, of, function, *parameters):
+    def elementwise(self, of: int, function: str, *parameters: Any) -> int:
         """Applies a function, one of ``Graph.FUNCTIONS``, to each number. Each parameter is a number, or an array with one for each number
-        of the value."""
+        of the value. Raises :class:`metafmu.Error` for an unknown function, and for the wrong number of parameters."""
         parameters = [np.asarray(parameter, dtype=np.float64) for parameter in parameters]
         if any(parameter.ndim for parameter in parameters):
             width = self.width(of)
@@ -70,12 +77,13 @@ class Graph:
         self._note(function, of, flat)
         return self._core.elementwise(of, function, flat)
 
-    def linear(self, of, factor=1.0, offset=0.0):
-        """``a x + b``, number by number."""
+    def linear(self, of: int, factor: Any = 1.0, offset: Any = 0.0) -> int:
+        """``factor * x + offset``, number by number. Both are numbers, or arrays of the value's length."""
         return self.elementwise(of, "linear", factor, offset)
 
-    def combine(self, first, second, operation):
-        """Combines two values number by number: add, subtract, multiply, divide, maximum, minimum. A value of length 1 is repeated."""
+    def combine(self, first: int, second: int, operation: str) -> int:
+        """Combines two values number by number. ``operation``: ``"add"``, ``"subtract"``, ``"multiply"``, ``"divide"``, ``"maximum"`` or
+        ``"minimum"``. Both have the same length; a value of length 1 is repeated."""
         widths = self.width(first), self.width(second)
         if widths[0] != widths[1] and 1 in widths:
             if widths[0] == 1:
@@ -85,55 +93,62 @@ class Graph:
         self._note(operation, first, second)
         return self._core.combine(first, second, operation)
 
-    def choose(self, condition, chosen, otherwise):
+    def choose(self, condition: int, chosen: int, otherwise: int) -> int:
         """Numbers of one value where a condition is positive, else of another one; all three have the same length."""
         self._note("choose", condition, chosen, otherwise)
         return self._core.choose(condition, chosen, otherwise)
 
-    def columns(self, columns):
-        """Numbers of values: pairs of a value and a position in it."""
+    def columns(self, columns: Iterable[tuple[int, int]]) -> int:
+        """Numbers of several values, each given by a pair: the value, and the position in it from 0."""
         columns = [[int(value), int(place)] for value, place in columns]
         self._note("columns", columns)
         return self._core.columns(columns)
 
-    def select(self, of, places):
-        """Some numbers of a value, by position."""
+    def select(self, of: int, places: Iterable[int]) -> int:
+        """Some numbers of a value, by position from 0."""
         return self.columns([(of, place) for place in places])
 
-    def concatenate(self, values):
-        """Several values as one."""
+    def concatenate(self, values: Iterable[int]) -> int:
+        """Several values one after the other, as one vector."""
         values = list(values)
         if len(values) == 1:
             return values[0]
         return self.columns([(value, place) for value in values for place in range(self.width(value))])
 
-    def constant(self, numbers):
-        """Numbers that depend on no input."""
+    def constant(self, numbers: Any) -> int:
+        """Numbers that depend on no input: a number, or an array of one dimension."""
         numbers = np.atleast_1d(np.asarray(numbers, dtype=np.float64))
         return self.elementwise(self.columns([(0, 0)] * len(numbers)), "linear", np.zeros(len(numbers)), numbers)
 
-    def standardise(self, of, epsilon):
-        """Subtracts the mean of all numbers and divides by the square root of their variance plus ``epsilon``."""
+    def standardise(self, of: int, epsilon: float) -> int:
+        """Subtracts the mean of all numbers of a value and divides by ``sqrt(variance + epsilon)``, as a layer normalization does."""
         self._note("standardise", of, epsilon)
         return self._core.standardise(of, float(epsilon))
 
-    def softmax(self, of):
-        """``exp(x_i) / sum(exp(x))``"""
+    def softmax(self, of: int) -> int:
+        """Softmax over all numbers of a value, ``exp(x_i) / sum(exp(x))``."""
         self._note("softmax", of)
         return self._core.softmax(of)
 
-    def distances(self, of, centres, lengths=1.0):
-        """Squared distances from rows of ``centres``, each column divided by its length."""
+    def distances(self, of: int, centres: Any, lengths: Any = 1.0) -> int:
+        """Squared distances from centers, ``sum_j ((x_j - centres[i, j]) / lengths[j])**2``.
+
+        ``centres``: shape (centers, length of ``of``); ``lengths``: a number, or one for each column.
+        """
         centres = np.ascontiguousarray(centres, dtype=np.float64)
         lengths = np.broadcast_to(np.asarray(lengths, dtype=np.float64), (self.width(of),)).tolist()
         self._note("distances", of, centres.tobytes(), lengths)
         return self._core.distances(of, centres.tobytes(), lengths)
 
-    def forest(self, of, trees, outputs=1):
-        """Sums of decision trees.
+    def forest(self, of: int, trees: Iterable[Mapping[str, Any]], outputs: int = 1) -> int:
+        """Sums of decision trees, a vector of ``outputs`` numbers.
 
-        ``trees``: dicts of ``left``, ``right``, ``column`` (negative at a leaf), ``number`` (threshold, or what the leaf adds) and
-        ``output``; inputs up to the threshold go left.
+        Each tree is a dict of arrays with a number for each node, the first node being the root:
+
+        - ``column``: position of the number that is compared, negative at a leaf
+        - ``number``: threshold; at a leaf the number that is added
+        - ``left``, ``right``: next nodes, left if the number is at most the threshold
+        - ``output``: position in the result, an integer instead of an array, 0 by default
         """
         columns, numbers, below, roots = [], [], [], []
         for tree in trees:
@@ -149,8 +164,8 @@ class Graph:
         self._note("forest", of, columns.tobytes(), numbers.tobytes(), below.tobytes(), roots, outputs)
         return self._core.forest(of, columns.tolist(), numbers.tobytes(), below.tolist(), roots, int(outputs))
 
-    def evaluate(self, value, rows):
-        """Numbers of a value at rows of the inputs, of shape (rows, numbers)."""
+    def evaluate(self, value: int, rows: Any) -> np.ndarray:
+        """Numbers of a value at ``rows`` of the inputs, of shape (rows, inputs). The result has the shape (rows, length of the value)."""
         rows = np.ascontiguousarray(rows, dtype=np.float64)
         columns = [[value, place] for place in range(self.width(value))]
         return np.frombuffer(self._core.evaluate(columns, rows.tobytes()), dtype=np.float64).reshape(len(rows), -1)
@@ -163,13 +178,20 @@ class Graph:
         described = places, text, as_bytes(self.rows), self._content.digest(), bool(single), producer
         return Surrogate(self._core.finish(*described) if names is None else self._core.finish_with_states(*described, names))
 
-    def finish(self, value, *, inputs=None, outputs=None, data=None, name="surrogate", description="", step=0.01, stop=1.0, domain="data", producer="",
-               single=False, input_names=None, output_names=None):
+    def finish(
+        self, value: int, *, inputs: Names = None, outputs: Names = None, data: Any = None, name: str = "surrogate", description: str = "", step: float = 0.01,
+        stop: float = 1.0, domain: str = "data", producer: str = "", single: bool = False, input_names: Sequence[str] | None = None,
+        output_names: Sequence[str] | None = None,
+    ) -> Surrogate:
         """Returns the :class:`Surrogate` whose outputs are a value.
 
         ``inputs``, ``outputs``: names, or dicts of names to units, ranges or dicts with the keys of an interface file. ``data``: rows of
-        the inputs, whose ranges are used where ``inputs`` has none. ``single``: compute a network in single precision. ``step``, ``stop``:
-        step and stop time of a simulation, unless the host sets others.
+        the inputs, whose ranges are used where ``inputs`` has none. ``domain``: ``"data"`` or ``"ranges"``, as for
+        :func:`metafmu.from_torch`. ``single``: compute a network in single precision. ``step``, ``stop``: step and stop time of a
+        simulation in seconds, unless the host sets others. ``producer``: tool that made the model, for the model card. ``input_names``,
+        ``output_names``: names that the model has for its columns, used and matched as for the readers.
+
+        Raises :class:`metafmu.Error` for inputs without a range, and for the wrong number of names.
         """
         described = interface(
             self.width(0), self.width(value), inputs=inputs, outputs=outputs, data=data, name=name, description=description, step=step, stop=stop, domain=domain,

@@ -7,7 +7,7 @@ __version__: str
 FUNCTIONS: list[str]
 
 class Error(ValueError):
-    """Message of the command `metafmu` about wrong input."""
+    """Wrong input, or a stage of a build that failed. It is a ValueError; its text has what was found and what was expected."""
 
 class Surrogate:
     @staticmethod

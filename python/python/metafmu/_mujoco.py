@@ -45,6 +45,9 @@ def mujoco(
     the file, controls and activations, too; velocities have none there. ``parameters``: attributes of elements, as `geom.NAME.mass`,
     `joint.NAME.damping[0]` or `body.NAME.pos[2]`.
 
+    If all sensors show the configuration or velocities of joints, there is no friction, contact or activation, and the source gives its mass
+    matrix: equations of motion are learned.
+
     Runs are integrated by the Runge-Kutta method with the step of the file. ``contacts``: `True` keeps contacts and limits of joints, which make
     equations steep. Refused are ball joints and free joints, which need quaternions, and equality constraints: states are sampled
     independently and would violate them.
@@ -80,12 +83,12 @@ class Mechanism:
                 missing.append(name)
             return {"min": low, "max": high, "start": float(value), "unit": unit}
 
-        joints = self._joints(model)
+        joints, structure = self._joints(model), self._has_structure(model)
         for number, name in enumerate(joints):
             unit = _unit(model, number)
             limits = tuple(map(float, model.jnt_range[number])) if model.jnt_limited[number] else None
             states[name] = quantity(name, limits, unit, start.qpos[number])
-            states[f"{name}.rate"] = quantity(f"{name}.rate", None, f"{unit}/s", 0.0)
+            states[f"{name}.rate"] = quantity(f"{name}.rate", None, f"{unit}/s", 0.0) | ({"rate_of": name} if structure else {})
         for number, name in enumerate(self._actuators(model)):
             limits = tuple(map(float, model.actuator_ctrlrange[number])) if model.actuator_ctrllimited[number] else None
             inputs[f"{name}.control"] = quantity(f"{name}.control", limits, "", 0.0)
@@ -133,6 +136,17 @@ class Mechanism:
 
     def _actuators(self, model):
         return [model.actuator(number).name for number in range(model.nu)]
+
+    def _has_structure(self, model):
+        """True if forces are linear in velocities and controls as far as the file says, and sensors show the configuration or velocities of joints."""
+        import mujoco
+
+        shown = [
+            model.sensor_needstage[number] == mujoco.mjtStage.mjSTAGE_POS or model.sensor_type[number] == mujoco.mjtSensor.mjSENS_JOINTVEL
+            for number in range(model.nsensor)
+        ]
+        resists = model.opt.density or model.opt.viscosity
+        return all(shown) and not (self.contacts or resists or model.na or model.dof_frictionloss.any() or model.tendon_frictionloss.any() or model.nplugin)
 
     def _sensors(self, model):
         """Name and unit of each value of the sensors."""
@@ -225,7 +239,12 @@ class Mechanism:
         for number, name in enumerate(self._actuators(model)):
             if model.actuator_actnum[number]:
                 rates[f"{name}.activation"] = float(data.act_dot[model.actuator_actadr[number]])
-        return rates, dict(zip([name for name, _ in self._sensors(model)], data.sensordata.tolist()))
+        outputs = dict(zip([name for name, _ in self._sensors(model)], data.sensordata.tolist()))
+        if not self._has_structure(model):
+            return rates, outputs
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        return rates, outputs, mass
 
 
 def _unit(model, joint):

@@ -140,7 +140,11 @@ class Regressor(RegressorMixin, BaseEstimator):
         return tags
 
     def fit(self, X, y):
-        """Fits the model to rows of inputs and of outputs, one or several columns."""
+        """Fits the model and returns it.
+
+        ``X``: shape (rows, inputs); ``y``: shape (rows,) or (rows, outputs). Both are arrays or DataFrames of finite numbers, else a
+        ValueError is raised.
+        """
         names = [str(name) for name in y.columns] if hasattr(y, "columns") else [str(y.name)] if getattr(y, "name", None) else None
         _refuse_times(X, y)
         x, y = validate_data(self, X, y, multi_output=True, y_numeric=True, dtype=np.float64)
@@ -211,8 +215,11 @@ class Regressor(RegressorMixin, BaseEstimator):
         return int(self.random_state.randint(2**31 - 1))
 
     def predict(self, X, return_std=False):
-        """Predicts outputs for rows of inputs, in the shape of ``y``. With ``return_std`` it also returns the predicted standard deviation
-        of a new observation, noise included, in the same shape, for a model fitted with ``std=True``."""
+        """Predicts outputs for rows of inputs, of shape (rows,) or (rows, outputs) as ``y`` was. With ``return_std`` it also returns the
+        predicted standard deviation of a new observation, noise included, in the same shape, for a model fitted with ``std=True``.
+
+        Raises an error if the model is not fitted, or if ``X`` has other columns than in :meth:`Regressor.fit`.
+        """
         check_is_fitted(self)
         _refuse_times(X)
         x = validate_data(self, X, reset=False, dtype=np.float64)
@@ -226,7 +233,7 @@ class Regressor(RegressorMixin, BaseEstimator):
         return self.surrogate_
 
     def export(self, path, **options):
-        """Writes FMUs: see :meth:`Surrogate.export`."""
+        """Writes FMUs and returns their paths. ``path`` and ``options`` are the arguments of :meth:`Surrogate.export`."""
         return self.to_surrogate().export(path, **options)
 
 
@@ -272,6 +279,8 @@ def fit(
     A share of the rows is held out: half of them choose the kind of model and the best epoch, the other half measure `Surrogate.accuracy`.
     With fewer than 1000 rows, five-fold cross-validation does both: each row is predicted by a model fitted without it, of the kind chosen
     by the other folds. An :class:`AccuracyWarning` names outputs of which less than half of the variance is explained.
+
+    Raises :class:`metafmu.Error` for rows that do not match, numbers that are not finite, and if no kind of model can be fitted.
 
     >>> surrogate = metafmu.fit(frame[["x", "v"]], frame["force"], outputs={"force": "N"})
     >>> surrogate.model, surrogate.candidates       # the kind of model, and how the others compare

@@ -51,7 +51,10 @@ def source(*, parameters=None, outputs, inputs=None, states=None, stop=None, ste
 
 
 class Source:
-    """A function or class with the names, units and ranges of what it has."""
+    """A function or class with the names, units and ranges of its quantities, made by :func:`metafmu.source`.
+
+    It raises TypeError for states without a method ``equations``, and for a class with neither ``run`` nor ``equations``.
+    """
 
     def __init__(self, model, about):
         self._about, self._origin = about, model
@@ -73,7 +76,10 @@ class Source:
         return {key: value for key, value in self.__dict__.items() if key != "_model"}
 
     def __call__(self, times, parameters, inputs=None, states=None):
-        """Outputs of a run. Parameters that are missing have their start values."""
+        """Outputs of a run: a dict of arrays, each with a number for each of ``times``, in seconds.
+
+        ``parameters``, ``states``: numbers by name, missing ones have their start values; ``inputs``: arrays of values at the times.
+        """
         times = np.asarray(times, float)
         parameters = self._complete(parameters)
         inputs = {name: np.asarray(values, float) for name, values in (inputs or {}).items()}
@@ -84,7 +90,10 @@ class Source:
         return run(times, parameters, *further)
 
     def equations(self, parameters, inputs, states):
-        """Derivatives of the states, and outputs. Parameters that are missing have their start values."""
+        """Derivatives of the states and outputs at one point, two dicts of numbers.
+
+        ``parameters``, ``inputs``, ``states``: numbers by name. Missing parameters have their start values.
+        """
         return self._model.equations(self._complete(parameters), inputs, states)
 
     def serve(self):

@@ -29,6 +29,8 @@ class Study:
     ``name``: by default that of the function. ``structure``: "response", "discrete" or "dynamics". Other arguments are sections or keys of a
     study file: ``sampling={"runs": 200, "test_runs": 50}``, ``source={"time_limit": 10}``, ``parameters={"k": {"min": 1, "max": 2}}``,
     ``seed=2``. A key that is None is left out.
+
+    Attributes: ``path``, ``name``.
     """
 
     def __init__(self, source: Source, /, *, name: str | None = None, folder: str | os.PathLike[str] = ".", structure: str | None = None, **sections):
@@ -39,7 +41,10 @@ class Study:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Study:
-        """Reads and checks a study. :class:`metafmu.Error` lists every mistake with its line."""
+        """Reads and checks a study.
+
+        Raises :class:`metafmu.Error` with a line for every mistake: file, line, key, what was found and what was expected.
+        """
         study = cls.__new__(cls)
         study._open(Path(path))
         return study
@@ -56,6 +61,9 @@ class Study:
         ``out``: folder of the results, by default ``out/NAME``. ``fmi``: ``"2"``, ``"3"`` or ``"both"``, by default that of the study.
         ``resume``: keep the finished stages of an interrupted build of the same study. ``verbose``: lines of progress on stderr. Ctrl-C
         ends the training and raises KeyboardInterrupt.
+
+        Raises :class:`metafmu.Error` for mistakes in the study or its files, and if a stage fails. A surrogate that is rejected raises
+        nothing: see `Result.accepted`.
         """
         out = None if out is None else Path(out)
         fmi = None if fmi is None else str(fmi)
@@ -66,27 +74,32 @@ class Study:
 
 
 class Result:
-    """Results of a build."""
+    """Results of a build, returned by :meth:`Study.build`.
+
+    Attributes:
+
+    - ``name``: name of the study
+    - ``folder``: path of the folder with all files
+    - ``metrics``: content of `metrics.json`, a dict: accuracy on the test runs for each output
+    - ``accepted``, ``verdict``: True if the surrogate meets the limits of the study, and the reasons as text
+    - ``fmus``: paths of the FMUs
+    - ``problems``: problems that the validation found in the FMUs, an empty list if they are valid
+    - ``report``: a :class:`Report`
+    """
 
     def __init__(self, built):
         self._built = built
         self.name = built["name"]
-        #: Folder of the results.
         self.folder = Path(built["folder"])
-        #: What `metrics.json` holds: accuracy on the test runs.
         self.metrics = built["metrics"]
-        #: Whether the surrogate is good enough, and if not, why.
         self.accepted, self.verdict = built["accepted"], built["verdict"]
-        #: The FMUs.
         self.fmus = [Path(fmu["fmu"]) for fmu in built["fmus"]]
-        #: Problems of the FMUs, none if they are fine.
         self.problems = [problem for fmu in built["fmus"] for problem in fmu["problems"]]
-        #: The report, a page of HTML.
         self.report = Report(Path(built["report"]))
 
     @property
     def surrogate(self) -> Surrogate:
-        """The surrogate."""
+        """The :class:`Surrogate` that the FMUs contain, read from the folder."""
         return Surrogate.load(self._built["model"])
 
     def __repr__(self):
@@ -94,7 +107,7 @@ class Result:
 
 
 class Report(os.PathLike):
-    """A page of HTML: a path, and in a notebook the page itself."""
+    """Page of HTML that compares a surrogate with its source. It is a path (``path``, `os.fspath`), and a notebook shows the page."""
 
     def __init__(self, path):
         self.path = path
@@ -112,12 +125,14 @@ class Report(os.PathLike):
 
 
 class Validation:
-    """Problems found in an FMU. An instance is true if there are none."""
+    """Problems found in an FMU, returned by :func:`metafmu.validate`. An instance is true if none was found.
+
+    - ``problems``: a list of dicts with ``area``, ``line`` and ``message``
+    - ``not_checked``: list of features that were not checked, with the reasons
+    """
 
     def __init__(self, found):
-        #: Dicts with `area`, `line` and `message`.
         self.problems = found["problems"]
-        #: What could not be checked, and why.
         self.not_checked = found["not_checked"]
         self._text = found["text"]
 
@@ -131,7 +146,8 @@ class Validation:
 def validate(fmu: str | os.PathLike[str], time_limit: float = 60.0) -> Validation:
     """Checks any FMU of FMI 2.0 or 3.0: archive, description, and, if it has a binary for this machine, simulations in a separate process.
 
-    ``time_limit``: seconds for each of the checks that run the FMU.
+    ``time_limit``: seconds for each of the checks that run the FMU. Problems of the FMU are in the result;
+    :class:`metafmu.Error` is raised if the file cannot be read.
 
     >>> bool(metafmu.validate("model.fmu"))
     True

@@ -20,7 +20,12 @@ _TOLERANCE = 1e-9
 
 @dataclass(frozen=True)
 class Variable:
-    """An input or output: name, unit, and the range the model was made for. ``start`` is None for outputs."""
+    """An input or output of a :class:`Surrogate`.
+
+    - ``name``, ``unit``, ``description``: as in the FMU; the unit is ``""`` if none is known
+    - ``min``, ``max``: range that the model was made for, in the unit
+    - ``start``: value of an input unless the host sets one, None for outputs
+    """
 
     name: str
     unit: str
@@ -48,6 +53,8 @@ def rows_of(x, names, what="X"):
             raise _metafmu.Error(f"{what} has no column {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(known)}")
         of_name = dict(zip(known, x.columns))
         x = np.column_stack([numbers_of(x[of_name[name]], f"{what}: `{name}`") for name in names])
+    if isinstance(x, Mapping):
+        raise _metafmu.Error(f"{what} is a dict, expected an array or a DataFrame with the columns {', '.join(names[:20])}")
     x = numbers_of(x, what)
     if x.ndim == 1 and len(names) > 1:
         hint = f"expected rows of {len(names)} columns: for a single row, {what}[None, :]"
@@ -128,11 +135,17 @@ class Surrogate:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Surrogate:
-        """Reads a model file (``.safetensors``), or the model inside an FMU made by metafmu (``.fmu``)."""
+        """Reads a model file (``.safetensors``), or the model inside an FMU made by metafmu (``.fmu``).
+
+        Raises :class:`metafmu.Error` for a missing or damaged file, and for an FMU that metafmu did not make.
+        """
         return cls(_metafmu.Surrogate.load(os.fspath(path)))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes a model file; to be loaded again, its name must end in ``.safetensors``."""
+        """Writes a model file, which :meth:`Surrogate.load` reads if its name ends in ``.safetensors``.
+
+        Raises :class:`metafmu.Error` if the file cannot be written.
+        """
         self._core.save(os.fspath(path))
 
     @property
@@ -167,6 +180,9 @@ class Surrogate:
 
         ``X``: rows of the inputs, as an array or a DataFrame with a column for each input. ``return_std``: also return the predicted
         standard deviations, of the same shape, of a surrogate fitted with ``std=True``.
+
+        Raises :class:`metafmu.Error` for missing columns and for text or dates among numbers, for surrogates with states (see
+        :meth:`Surrogate.simulate`), and with ``return_std`` if the surrogate predicts no standard deviations.
         """
         rows, predictions = self._rows(X), len(self._predictions)
         if return_std and not self.has_std:
@@ -182,20 +198,23 @@ class Surrogate:
         return len(self._metadata["outputs"]) > len(self._predictions)
 
     def jacobian(self, X: Any) -> np.ndarray:
-        """Derivatives of each output by each input, of shape (rows, outputs, inputs): exact but for rounding."""
+        """Derivatives of each output by each input, of shape (rows, outputs, inputs): exact but for rounding.
+
+        They have the unit of the output divided by that of the input. ``X`` and errors: see :meth:`Surrogate.predict`.
+        """
         rows = self._rows(X)
         values = np.frombuffer(self._core.jacobian(rows.tobytes()), dtype=np.float64)
         values = values.reshape(len(rows), len(self._metadata["outputs"]), rows.shape[1])
         return values[:, : len(self._predictions)]
 
     def domain_distance(self, X: Any) -> np.ndarray:
-        """Distance of each row from the domain of validity, relative to the ranges of the inputs: 0 inside, as the FMU's output of the same
-        name."""
+        """Distance of each row from the domain of validity, of shape (rows,), relative to the ranges of the inputs: 0 inside, as the FMU's
+        output of the same name. ``X`` and errors: see :meth:`Surrogate.predict`."""
         return np.frombuffer(self._core.domain_distance(self._rows(X).tobytes()), dtype=np.float64)
 
     def in_domain(self, X: Any) -> np.ndarray:
-        """True for each row in the domain of validity: in the ranges of the inputs and, if the model was made with its training data, near
-        some of them."""
+        """True for each row in the domain of validity, of shape (rows,): in the ranges of the inputs and, if the model was made with its
+        training data, near some of them. ``X`` and errors: see :meth:`Surrogate.predict`."""
         return self.domain_distance(X) <= _TOLERANCE
 
     def evaluate(self, X: Any, y: Any) -> dict[str, dict[str, float | None]]:
@@ -213,7 +232,9 @@ class Surrogate:
         - ``relative_max_error``: largest error as a share of the range of ``y``
         - ``within_two_std``: share of the rows within two predicted standard deviations, if the model predicts them
 
-        FMUs that are exported afterwards show the figures in their model card.
+        ``rmse`` and ``max_error`` have the unit of the output. FMUs that are exported afterwards show the figures in their model card.
+
+        Raises :class:`metafmu.Error` if ``X`` and ``y`` have different numbers of rows, none, or a number that is not finite.
 
         >>> surrogate.evaluate(X_test, y_test)["force"]["r2"]
         """
@@ -280,6 +301,9 @@ class Surrogate:
         shape (rows, inputs + outputs), or a DataFrame or dict with a column for each. Rows are :attr:`sample_time` apart, and the last one
         is that long before the first of the times; a column ``time`` is checked against that. Measured outputs replace the predicted ones;
         the result has no rows for them.
+
+        Raises :class:`metafmu.Error` for surrogates without states, times that do not ascend, unknown or missing names, wrong shapes and
+        numbers that are not finite.
 
         >>> t = numpy.linspace(0.0, 10.0, 1001)
         >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, {"angle_start": 0.5})
@@ -349,6 +373,9 @@ class Surrogate:
         ``path``: the FMU, or a folder for ``NAME.fmu``. ``fmi``: ``"2"``, ``"3"`` or ``"both"``; for both, the FMU of FMI 3.0 is in the
         same folder, with ``-fmi3`` in its name. ``sources``: also C99 source code, for targets without a binary. ``platforms``: tuples like
         ``"x86_64-linux"``; by default all that the package has.
+
+        Raises :class:`metafmu.Error` for a name that does not end in ``.fmu``, an unknown version or platform, and a file that cannot be
+        written.
         """
         path = Path(path)
         if path.is_dir():
@@ -363,7 +390,10 @@ class Surrogate:
         return [Path(fmu) for fmu in written]
 
     def to_onnx(self, path: str | os.PathLike[str]) -> None:
-        """Writes an ONNX model of the same function, unless it has states."""
+        """Writes an ONNX model of the same function, with an input and an output of shape (rows, columns).
+
+        Raises :class:`metafmu.Error` for surrogates with states, and if the file cannot be written.
+        """
         self._core.to_onnx(os.fspath(path))
 
     def __reduce__(self):

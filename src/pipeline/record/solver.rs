@@ -69,8 +69,8 @@ impl SolverRecord {
         }
         let [median, most] = steps_per_second.map(|steps| format!("{:.0}", steps.ceil()));
         format!(
-            "{how}, which is as a start off by {error:.1e} in {training} training runs and at {corners} corners of the domain (most at {worst}); \
-             {median} steps a second, at most {most} (at {slowest})"
+            "{how}; its error has the effect of an initial state perturbed by {error:.1e} in {training} training runs and at {corners} corners of the \
+             domain (most at {worst}); {median} steps a second, at most {most} (at {slowest})"
         )
     }
 }

@@ -130,14 +130,15 @@ fn roll_outs(
     test_runs: usize,
 ) -> [ReportBlock; 2] {
     let chaos = found.describe_chaos(test_runs).map_or(String::new(), |chaos| format!(" {chaos}."));
-    let headings = ["after", "relative RMS error, median", "90 % of the runs", "start off by 1e-9, median", "90 %"];
+    let headings =
+        ["after", "relative RMS error, median", "90 % of the runs", "start perturbed by 1e-9, median", "90 %"];
     let rows = horizons.iter().map(|Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. }| {
         let numbers = [median, q90, changed, changed_q90].map(|value| format!("{value:.1e}"));
         [vec![format!("{} s", number(*seconds))], numbers.to_vec()].concat()
     });
     let diverges = match divergence_time {
-        Some(time) => format!("Half of the runs differ by a tenth of a standard deviation within {} s", number(*time)),
-        None => "More than half of the runs never differ by a tenth of a standard deviation".into(),
+        Some(time) => format!("Half of the runs are off by 0.1 standard deviations within {} s", number(*time)),
+        None => "Over half of the runs stay within 0.1 standard deviations of the truth".into(),
     };
     let energy = energy_drift.map_or(String::new(), |drift| {
         format!(", and without inputs the energy stays within {drift:.1e} of the largest kinetic energy")

@@ -1,0 +1,165 @@
+#!/usr/bin/env python3
+"""Runs the commands behind the tables and figures of the documentation, and keeps what they print.
+
+scripts/figures.toml lists them with their pages. Each figure has a text file, with the output of its commands, and a JSON file in a folder
+named after date, commit and processor. A figure that fails does not stop the others. A second call continues: figures that were finished for the
+same commit on the same kind of processor are not repeated. All of them take hours; times mean something on an idle machine only.
+
+    .venv/bin/python scripts/figures.py --list               # names, pages, rough minutes
+    .venv/bin/python scripts/figures.py                      # all
+    .venv/bin/python scripts/figures.py stds plans           # some
+    .venv/bin/python scripts/figures.py --minutes 2          # those that take two minutes or less
+
+Needs target/release/metafmu and .venv (scripts/venv.sh). The exit code is 1 if a figure failed.
+"""
+
+import argparse
+import datetime
+import json
+import os
+import platform
+import re
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+LIST = ROOT / "scripts" / "figures.toml"
+
+
+def figures(file=LIST):
+    """Entries of the list by name."""
+    return tomllib.loads(file.read_text(encoding="utf-8"))
+
+
+def processor():
+    """Name of the processor, as the system has it."""
+    if Path("/proc/cpuinfo").exists():
+        match = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.M)
+        if match:
+            return match[1]
+    return platform.processor() or platform.machine()
+
+
+def commit():
+    """Short hash of the commit, with `-changed` if tracked files differ from it."""
+    git = lambda *arguments: subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    return git("rev-parse", "--short=9", "HEAD") + ("-changed" if git("status", "--porcelain", "--untracked-files=no") else "")
+
+
+def folder_of(parent):
+    """Folder of this commit and processor: the newest that exists, else a new one with today's date."""
+    end = f"{commit()}-{re.sub(r'[^a-z0-9]+', '-', processor().lower()).strip('-')}"
+    there = sorted(parent.glob(f"[0-9]*-{end}"))
+    return there[-1] if there else parent / f"{datetime.date.today()}-{end}"
+
+
+def load():
+    """Mean number of running processes in the last minute, None where the system does not count."""
+    return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None
+
+
+def run(name, figure, folder):
+    """Runs the commands of a figure until one fails, and returns its record."""
+    programs = [ROOT / "target" / "release", ROOT / ".venv" / "bin"]
+    out, work = folder / name, folder / "work"
+    out.mkdir(parents=True, exist_ok=True)
+    work.mkdir(exist_ok=True)
+    own = {"ROOT": ROOT, "OUT": out, "WORK": work, "PATH": os.pathsep.join([*map(str, programs), os.environ["PATH"]]), "MPLBACKEND": "agg"}
+    environment = {**os.environ, **{key: str(value) for key, value in own.items()}}
+    begin, record = time.monotonic(), {"page": figure["page"], "commands": figure["commands"], "started": f"{datetime.datetime.now():%Y-%m-%d %H:%M}", "load": load()}
+    with open(folder / f"{name}.txt", "w", encoding="utf-8") as output:
+        for command in figure["commands"]:
+            print(f"$ {command}", file=output, flush=True)
+            # a session of its own, so that Ctrl-C ends all that it started
+            process = subprocess.Popen(
+                ["bash", "-euo", "pipefail", "-c", command], cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
+            )
+            try:
+                code = process.wait()
+            except KeyboardInterrupt:
+                os.killpg(process.pid, signal.SIGTERM)
+                process.wait()
+                raise
+            if code:
+                break
+    return {**record, "exit_code": code, "seconds": round(time.monotonic() - begin, 1)}
+
+
+def replace(path, text):
+    """Writes a file completely or not at all."""
+    unfinished = path.with_suffix(".unfinished")
+    unfinished.write_text(text, encoding="utf-8", newline="\n")
+    unfinished.replace(path)
+
+
+def is_done(folder, name, figure):
+    """Returns True if the same commands were successful before."""
+    record = folder / f"{name}.json"
+    if not record.exists():
+        return False
+    found = json.loads(record.read_text(encoding="utf-8"))
+    return found["exit_code"] == 0 and found["commands"] == figure["commands"]
+
+
+def chosen(listed, names, minutes):
+    """The figures to run: all, those that are named, or those that take at most some minutes. Ends the program for an unknown name."""
+    if unknown := [name for name in names if name not in listed]:
+        sys.exit(f"error: unknown figure {', '.join(f'`{name}`' for name in unknown)}, expected some of {', '.join(listed)}")
+    return {name: figure for name, figure in listed.items() if name in (names or listed) and (minutes is None or figure["minutes"] <= minutes)}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("names", nargs="*", metavar="NAME", help="figures of the list; all unless given")
+    parser.add_argument("--list", action="store_true", help="print names, pages and commands, and run nothing")
+    parser.add_argument("--minutes", type=float, metavar="N", help="only those that take about N minutes or less")
+    parser.add_argument("--again", action="store_true", help="also those that were finished before")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "figures", help="where the folder of results is made; out/figures unless given")
+    parser.add_argument("--from", dest="file", type=Path, default=LIST, metavar="FILE", help="another list")
+    options = parser.parse_args()
+    wanted = chosen(figures(options.file), options.names, options.minutes)
+    if options.list:
+        width = max(map(len, wanted), default=0)
+        for name, figure in wanted.items():
+            needs = f"; needs {', '.join(figure['needs'])}" if "needs" in figure else ""
+            print(f"{name:{width}}  {figure['page']}, about {figure['minutes']} min{needs}")
+            print("".join(f"{'':{width}}    {line}\n" for command in figure["commands"] for line in command.splitlines()), end="")
+        return 0
+    program = ROOT / "target" / "release" / "metafmu"
+    if not program.exists():
+        sys.exit(f"error: {program} is missing: cargo build --release")
+    folder = folder_of(options.out.resolve())
+    folder.mkdir(parents=True, exist_ok=True)
+    version = subprocess.run([program, "--version", "--verbose"], capture_output=True, text=True).stdout.strip()
+    about = {"commit": commit(), "processor": processor(), "processors": os.cpu_count(), "system": platform.platform(), "python": platform.python_version(), "metafmu": version}
+    replace(folder / "machine.json", json.dumps(about, indent=2) + "\n")
+    print(folder)
+    failed = []
+    for name, figure in wanted.items():
+        missing = [f"{variable} is not set: {what}" for variable, what in figure.get("needs", {}).items() if not os.environ.get(variable)]
+        if missing:
+            print(f"{name}: skipped, {'; '.join(missing)}", flush=True)
+        elif not options.again and is_done(folder, name, figure):
+            print(f"{name}: finished before", flush=True)
+        else:
+            print(f"{name}: about {figure['minutes']} min", end="", flush=True)
+            record = run(name, figure, folder)
+            replace(folder / f"{name}.json", json.dumps(record, indent=2) + "\n")
+            failed += [name] if record["exit_code"] else []
+            how = f"FAILED with exit code {record['exit_code']}" if record["exit_code"] else "finished"
+            print(f"; {how} after {record['seconds']:.0f} s: {name}.txt", flush=True)
+    if failed:
+        print(f"{len(failed)} of {len(wanted)} failed: {', '.join(failed)}")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        # what was finished stays
+        sys.exit(130)

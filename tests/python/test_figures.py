@@ -1,0 +1,104 @@
+"""The list of commands behind the documentation's figures, and the script that runs them."""
+
+import importlib.util
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+
+specification = importlib.util.spec_from_file_location("figures", ROOT / "scripts" / "figures.py")
+figures = importlib.util.module_from_spec(specification)
+specification.loader.exec_module(figures)
+
+LISTED = figures.figures()
+COMMANDS = "\n".join(command for figure in LISTED.values() for command in figure["commands"])
+# `scripts/measure WHAT`
+MEASURED = re.compile(r"scripts/measure ([a-z][a-z-]*)")
+HELP = subprocess.run([sys.executable, ROOT / "scripts" / "measure", "--help"], capture_output=True, text=True, check=True).stdout
+SUBCOMMANDS = set(re.findall(r"^  ([a-z-]+)  ", HELP, re.M))
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+def test_every_measurement_that_docs_name_exists():
+    named = {what: page.name for page in PAGES for what in MEASURED.findall(page.read_text(encoding="utf-8"))}
+    assert len(named) > 25
+    assert {what: page for what, page in named.items() if what not in SUBCOMMANDS} == {}
+
+
+def test_every_measurement_is_in_the_list():
+    assert len(SUBCOMMANDS) > 25
+    assert SUBCOMMANDS == set(MEASURED.findall(COMMANDS))
+
+
+def test_options_that_docs_give_to_a_measurement_are_known():
+    """Options of commands in the list: docs and scripts change apart from it."""
+    for command in re.findall(r"scripts/measure ([a-z][a-z-]*)([^\n;&|]*)", COMMANDS):
+        what, rest = command
+        file = ROOT / "scripts" / "measure" / f"{what.replace('-', '_')}.py"
+        for option in re.findall(r"(?<!\S)(--[a-z-]+)", rest):
+            assert f'"{option}"' in file.read_text(encoding="utf-8"), f"scripts/measure {what} has no {option}"
+
+
+@pytest.mark.parametrize("name", LISTED)
+def test_an_entry_has_its_page_and_its_files(name):
+    figure = LISTED[name]
+    assert set(figure) <= {"page", "commands", "minutes", "needs", "root"} and figure["commands"] and figure["minutes"] > 0
+    page, _, heading = figure["page"].partition("#")
+    text = (ROOT / page).read_text(encoding="utf-8")
+    slugs = {re.sub(r"[^\w -]", "", line.lower()).strip().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)}
+    assert not heading or heading in slugs, sorted(slugs)
+    commands = "\n".join(figure["commands"])
+    for path in re.findall(r"(?<![\w/$])(?:examples|scripts|docs)/[\w/.-]+\.(?:toml|py|sh|ssd|md)\b", commands):
+        assert (ROOT / path).is_file(), path
+    # what is not ours comes from a variable that the entry explains
+    known = {"ROOT", "OUT", "WORK", "PWD", "name", "force", *figure.get("needs", {})}
+    assert set(re.findall(r"\$\{?([A-Za-z]+)", commands)) <= known
+
+
+def call(*arguments):
+    return subprocess.run([sys.executable, ROOT / "scripts" / "figures.py", *map(str, arguments)], capture_output=True, text=True)
+
+
+def test_the_list_names_figures_and_pages():
+    done = call("--list", "stds", "plans")
+    assert done.returncode == 0
+    assert re.findall(r"^(\w+) +(docs/\S+),", done.stdout, re.M) == [
+        ("stds", "docs/tables.md#predicted-standard-deviations"),
+        ("plans", "docs/tables.md#plan-the-points"),
+    ]
+    unknown = call("--list", "stdz")
+    assert unknown.returncode == 1 and "`stdz`" in unknown.stderr and "stds" in unknown.stderr
+
+
+def test_it_goes_on_after_a_failure_and_does_not_repeat_what_is_finished(tmp_path):
+    entry = lambda commands, minutes=1: f'page = "README.md"\ncommands = {json.dumps(commands)}\nminutes = {minutes}\n'
+    file = tmp_path / "list.toml"
+    entries = {
+        "bad": entry(["echo before", "false", "echo after"]),
+        "good": entry(["metafmu --version", "echo x >> $OUT/count"]),
+        "other": entry(["echo $NOT_SET_HERE"]) + "needs = { NOT_SET_HERE = 'a thing' }\n",
+        "long": entry(["touch $OUT/never"], 99),
+    }
+    file.write_text("".join(f"[{name}]\n{text}" for name, text in entries.items()))
+    first = call("--from", file, "--out", tmp_path / "out", "--minutes", "5")
+    assert first.returncode == 1 and "NOT_SET_HERE is not set: a thing" in first.stdout and "1 of 3 failed: bad" in first.stdout
+    [folder] = (tmp_path / "out").iterdir()
+    commit = subprocess.run(["git", "rev-parse", "--short=9", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    assert re.match(rf"\d{{4}}-\d\d-\d\d-{commit}", folder.name)
+    machine = json.loads((folder / "machine.json").read_text())
+    assert machine["processor"] and machine["commit"].startswith(commit)
+    output = (folder / "bad.txt").read_text()
+    assert "before" in output and "$ false" in output and "after" not in output
+    assert json.loads((folder / "bad.json").read_text())["exit_code"] == 1
+    assert "metafmu 0." in (folder / "good.txt").read_text() and not (folder / "long").exists()
+
+    second = call("--from", file, "--out", tmp_path / "out", "bad", "good")
+    assert second.returncode == 1 and "good: finished before" in second.stdout
+    assert (folder / "good" / "count").read_text() == "x\n"
+    # a command that changed is run again
+    file.write_text(file.read_text().replace("echo x", "echo y"))
+    assert call("--from", file, "--out", tmp_path / "out", "good").returncode == 0
+    assert (folder / "good" / "count").read_text() == "x\ny\n"
