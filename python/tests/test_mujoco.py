@@ -55,6 +55,18 @@ def closed_form(states, control, mass):
     return [speed, *(found := np.linalg.solve(matrix, forces))[:1], turning, found[1], (control - activation) / 0.1]
 
 
+def test_a_model_without_lag_has_its_mass_matrix(tmp_path):
+    text = re.sub(r"<general.*", '<motor name="motor" joint="rail" gear="5" ctrllimited="true" ctrlrange="-1 1"/>', CART)
+    (tmp_path / "cart.xml").write_text(re.sub(r".*actuatorfrc.*\n", "", text))
+    ranges = {name: ranges for name, ranges in RANGES.items() if name != "motor.activation"}
+    cart = metafmu.mujoco(tmp_path / "cart.xml", ranges=ranges, parameters=MASS)
+    assert cart._about["states"]["swing.rate"]["rate_of"] == "swing"
+    states = {"rail": 0.2, "rail.rate": 1.0, "swing": 0.7, "swing.rate": -2.0}
+    _, _, mass = cart.equations({"geom.load.mass": 0.3}, {"motor.control": 0.5}, states)
+    coupling = -0.3 * 0.5 * np.cos(0.7)
+    np.testing.assert_allclose(mass, [[1.3, coupling], [coupling, 0.3 * 0.25 + 0.4 * 0.3 * 0.02**2]], atol=1e-12)
+
+
 def test_equations_are_those_of_the_closed_form(cart):
     random = np.random.default_rng(1)
     for _ in range(20):

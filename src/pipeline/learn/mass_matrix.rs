@@ -101,7 +101,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     Ok(Trained { surrogate, history: learned.history, record })
 }
 
-/// A program that is asked for its equations.
+/// Equations of a program.
 struct AskedProgram<'a> {
     project: &'a Project<'a>,
     model: &'a WorkerModel,
@@ -129,7 +129,7 @@ struct LearnedEquations {
     stopped: StopReason,
 }
 
-/// What the outputs are.
+/// Meaning of the outputs.
 struct ShownOutputs {
     outputs: Vec<Shown>,
     /// Output that each position is learned from, or the coordinate that it is.
@@ -179,7 +179,7 @@ impl<'a> AskedProgram<'a> {
         (0..count).map(|_| point()).collect()
     }
 
-    /// Finds what the outputs are, from pairs of states that differ in velocities and inputs only.
+    /// Finds the meaning of the outputs from pairs of states that differ in velocities and inputs only.
     fn outputs(&self) -> Result<ShownOutputs> {
         let (study, n) = (&self.project.study, self.coordinates());
         let (p, e) = (self.parameters.len(), self.inputs.len());
@@ -402,7 +402,7 @@ impl<'a> AskedProgram<'a> {
     }
 }
 
-/// Pairs of states with which it is found out what the outputs are.
+/// Pairs of states that show what outputs depend on.
 const COMPARED: usize = 20;
 
 /// Error of the accelerations at which a network for the residual is worth its time.
