@@ -78,7 +78,7 @@ impl CollocationStep<'_> {
     }
 }
 
-/// What a step leaves to the next one: step size, Jacobian, matrices and the predictor. Valid as long as state and equations have no jump.
+/// Step size, Jacobian, matrices and predictor that a step leaves to the next one. Valid as long as state and equations have no jump.
 #[derive(Clone, Debug)]
 pub struct RadauMemory {
     /// Size of the next step.
