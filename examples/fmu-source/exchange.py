@@ -92,6 +92,13 @@ def relay(times, k, band):
     return {"x": x, "y": y}
 
 
+def gate(times, k, w):
+    """The decay to a sine of Prothero and Robinson (1974), the same for every k, and the ends of the gate that it has passed."""
+    ends = np.arcsin([0.5 - w, 0.5 + w])
+    crossings = [end + 2 * np.pi * turn for turn in range(2) for end in (*ends, *(np.pi - ends))]
+    return {"x": np.sin(times), "passes": (times[:, None] >= crossings).sum(1)}
+
+
 # name: solution, stop time, (parameters: start, min, max, causality), states, other outputs, event indicators
 MODELS = {
     "dahlquist": (dahlquist, 2.0, {"k": (1, 0.5, 2), "x_start": (1, 1, 3), "u": (0, -1, 1)}, ["x"], [], 0),
@@ -107,6 +114,7 @@ MODELS = {
         1,
     ),
     "relay": (relay, 5.0, {"k": (1e6, 1e5, 1e7), "band": (1, 0.5, 1.5)}, ["x", "y"], [], 1),
+    "gate": (gate, 8.0, {"k": (1e6, 1e5, 1e7), "w": (0.35, 0.3, 0.4)}, ["x"], ["passes"], 1),
     "tank": (tank, 1.3, {"h_start": (1, 0.5, 2)}, ["h"], [], 1),
 }
 

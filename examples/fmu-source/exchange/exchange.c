@@ -1,5 +1,5 @@
 /*
- * Seven models in the manner of the Reference FMUs, for model exchange only. ../exchange.py builds them:
+ * Eight models in the manner of the Reference FMUs, for model exchange only. ../exchange.py builds them:
  *
  *     cc -DMODEL=BALL -DFMI=2 ...
  *
@@ -11,6 +11,8 @@
  * STICK_SLIP    a mass on a spring and on a belt of speed b: x' = v, m v' = -k x + friction; it sticks up to the force `stick` and slips
  *               with the force `slip`; state events change the mode
  * RELAY         x' = -x + u, y' = -k (y - x), stiff; where x leaves -band to band, u = 2 or -2 changes its sign: state events
+ *
+ * GATE          x' = -k (x - sin t) + cos t, stiff, so that x = sin t; counts how often x passes the ends of 0.5 -/+ w: state events
  *
  * VAN_DER_POL and RELAY have directional derivatives; -DWRONG makes them 0. If the environment variable EXCHANGE_COUNTS names a file,
  * an instance that is freed appends its numbers of evaluated derivatives and directional derivatives.
@@ -32,6 +34,7 @@
 #define TANK 5
 #define STICK_SLIP 6
 #define RELAY 7
+#define GATE 8
 
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Status;
 typedef unsigned Reference;
@@ -54,6 +57,9 @@ static const double STARTS[] = {0, 20, 0.5, 4, 2, 0, 0, 0, 0};
 #elif MODEL == RELAY
 enum { TIME, K, BAND, X, Y, DER_X, DER_Y, VARIABLES, STATES = 2, STATE = X, INDICATORS = 1 };
 static const double STARTS[] = {0, 1e6, 1, 0, 0, 0, 0};
+#elif MODEL == GATE
+enum { TIME, K, W, X, DER_X, PASSES, VARIABLES, STATES = 1, STATE = X, INDICATORS = 1 };
+static const double STARTS[] = {0, 1e6, 0.35, 0, 0, 0};
 #else
 enum { TIME, START, H, DER_H, VARIABLES, STATES = 1, STATE = H, INDICATORS = 1 };
 static const double STARTS[] = {0, 1, 1, 0};
@@ -64,7 +70,7 @@ typedef struct {
     double v[VARIABLES];
     bool terminate, has_next;
     double next;
-    /* of the relay 1 or -1; 1 if the mass sticks */
+    /* of the relay 1 or -1; 1 if the mass sticks; 1 if x is in the gate */
     int mode;
     unsigned long rates, directional;
 } Model;
@@ -75,6 +81,8 @@ static void initialize(Model *m) {
     m->mode = 1;
 #elif MODEL == RELAY
     m->mode = 1;
+#elif MODEL == GATE
+    m->v[X] = sin(m->v[TIME]);
 #elif MODEL != STAIR
     m->v[STATE] = m->v[START];
 #else
@@ -100,6 +108,8 @@ static Status differentiate(Model *m) {
 #elif MODEL == RELAY
     v[DER_X] = 2 * m->mode - v[X];
     v[DER_Y] = -v[K] * (v[Y] - v[X]);
+#elif MODEL == GATE
+    v[DER_X] = -v[K] * (v[X] - sin(v[TIME])) + cos(v[TIME]);
 #elif MODEL == TANK
     if (v[H] < 0) return DISCARD;
     v[DER_H] = -sqrt(v[H]);
@@ -108,6 +118,8 @@ static Status differentiate(Model *m) {
 #endif
     return OK;
 }
+
+static Status indicate(const Model *m, double *z);
 
 static void handle_event(Model *m) {
     double *v = m->v;
@@ -125,6 +137,13 @@ static void handle_event(Model *m) {
     }
 #elif MODEL == RELAY
     if (m->mode * v[X] >= v[BAND]) m->mode = -m->mode;
+#elif MODEL == GATE
+    double z;
+    indicate(m, &z);
+    if (z <= 0) {
+        m->mode = !m->mode;
+        v[PASSES] += 1;
+    }
 #elif MODEL == STAIR
     while (v[TIME] >= m->next) {
         v[COUNTER] += 1;
@@ -146,6 +165,8 @@ static Status indicate(const Model *m, double *z) {
     z[0] = m->mode ? m->v[STICK] - m->v[STIFFNESS] * m->v[X] : m->v[X] < m->v[SLIP] / m->v[STIFFNESS] ? m->v[B] - m->v[V] : 1;
 #elif MODEL == RELAY
     z[0] = m->v[BAND] - m->mode * m->v[X];
+#elif MODEL == GATE
+    z[0] = (m->v[W] - fabs(m->v[X] - 0.5)) * (m->mode ? 1 : -1);
 #elif MODEL == TANK
     z[0] = m->v[H] - 1e-4;
 #else

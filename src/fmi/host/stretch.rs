@@ -90,7 +90,7 @@ pub struct RunPosition {
     choice: MethodChoice,
     /// Step size that the explicit method begins with, if one proved right.
     step: Option<f64>,
-    /// What the implicit method continues with.
+    /// Memory of the last step of the implicit method.
     memory: Option<RadauMemory>,
 }
 
