@@ -237,11 +237,7 @@ impl ContinuousStretch<'_> {
     fn explicit(&self, length: f64, step: f64, steps: AcceptedSteps) -> Result<MethodEnd> {
         let from = steps.now.state.clone();
         let steps = RefCell::new(steps);
-        let gave_up = match self.solve(&from, 0.0, length, step, Some(&steps)) {
-            Ok(_) => None,
-            Err((error, true)) => Some(error),
-            Err((error, false)) => return Err(error),
-        };
+        let gave_up = self.solve(&from, 0.0, length, step, Some(&steps))?.err();
         Ok((steps.into_inner(), gave_up))
     }
 
@@ -270,12 +266,12 @@ impl ContinuousStretch<'_> {
     /// The state at a time of the last step, by the explicit method in one step or more.
     fn state_after(&self, before: &SolutionPoint, elapsed: f64) -> Result<DVector<f64>> {
         let duration = elapsed - before.elapsed;
-        let state = self.solve(&before.state, before.elapsed, duration, duration, None).map_err(|(error, _)| error)?;
+        let state = self.solve(&before.state, before.elapsed, duration, duration, None)??;
         // without the time
         Ok(state.rows(0, self.nominals.len()).into_owned())
     }
 
-    /// Returns the state, and the time behind it, after `duration`; or the error and if the method gave up for stiffness or cost.
+    /// Returns the state, and the time behind it, after `duration`. The inner error is that of giving up for stiffness or cost.
     fn solve(
         &self,
         from: &DVector<f64>,
@@ -283,7 +279,7 @@ impl ContinuousStretch<'_> {
         duration: f64,
         step: f64,
         steps: Option<&RefCell<AcceptedSteps>>,
-    ) -> std::result::Result<DVector<f64>, (Error, bool)> {
+    ) -> Result<Result<DVector<f64>>> {
         // time is a state: see [`crate::integrate`]
         let from = from.push(begin);
         let mut problem = ExplicitStretch { stretch: self, steps };
@@ -291,7 +287,7 @@ impl ContinuousStretch<'_> {
             // nothing but the time
             let end = from.add_scalar(duration);
             problem.solout(duration, &end, &end);
-            return self.failure.take().map_or(Ok(end), |error| Err((error, false)));
+            return self.failure.take().map_or(Ok(Ok(end)), Err);
         }
         let tolerance = self.model.tolerance;
         let (safety, beta, least, most) = (0.9, 0.0, 0.333, 6.0);
@@ -315,11 +311,11 @@ impl ContinuousStretch<'_> {
         );
         let result = solver.integrate();
         if let Some(error) = self.failure.take() {
-            return Err((error, false));
+            return Err(error);
         }
         let last = solver.y_out().last();
         match (result, last) {
-            (Ok(_), Some(state)) => Ok(state.clone()),
+            (Ok(_), Some(state)) => Ok(Ok(state.clone())),
             (result, last) => {
                 let (message, gave_up) = match &result {
                     Ok(_) => (String::new(), false),
@@ -328,7 +324,8 @@ impl ContinuousStretch<'_> {
                 };
                 let message = self.discarded.take().map_or(message, |error| error.to_string());
                 let elapsed = last.and_then(|state| state.as_slice().last()).copied().unwrap_or(0.0);
-                Err((Error::Integration { time: self.start + elapsed, message }, gave_up))
+                let error = Error::Integration { time: self.start + elapsed, message };
+                if gave_up { Ok(Err(error)) } else { Err(error) }
             }
         }
     }
