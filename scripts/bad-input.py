@@ -545,7 +545,6 @@ SECTIONS = {
         "no history": discrete(more="[discrete]\nhistory = 0\n"),
         "a model that is not there": discrete(more='[discrete]\nmodel = "narx"\n'),
         "a simulated source": discrete(('table = "runs.csv"', 'system = "single-pendulum"')),
-        "an FMU for model exchange only": discrete_fmu(fmu_of=("CoSimulation modelIdentifier", "ModelExchange modelIdentifier")),
         "an input that the FMU has not": discrete_fmu(("force = {", "torque = {")),
         "an input without a range": discrete_fmu((" min = -2, max = 2 ", "")),
         "an output as an input": discrete_fmu(("force = {", "x1 = {")),

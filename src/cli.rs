@@ -294,8 +294,7 @@ fn structures() -> [PossibleValue; 4] {
         PossibleValue::new("response").help("Plays back runs: outputs are functions of parameters and time"),
         PossibleValue::new("dynamics")
             .help("Has states and inputs: of a system or mechanism, an FMU for model exchange, or a table of motions"),
-        PossibleValue::new("discrete")
-            .help("Is discrete-time, driven by inputs of an FMU for co-simulation or by columns of a table"),
+        PossibleValue::new("discrete").help("Is discrete-time, driven by inputs of an FMU or by columns of a table"),
         PossibleValue::new("static").help("Has no time: outputs follow from inputs alone, as in the rows of a table"),
     ]
 }

@@ -4,7 +4,8 @@
 //! step's beginning (node `c_12` is 0 and not 1). Where time matters it is a state with the derivative 1.
 
 mod budget;
-pub(crate) mod radau;
+pub mod method;
+pub mod radau;
 
 pub use budget::Budget;
 use nalgebra::{DefaultAllocator, Dim, OVector, SVector, allocator::Allocator};

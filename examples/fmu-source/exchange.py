@@ -56,14 +56,71 @@ def tank(times, h_start):
     return {"h": (np.sqrt(h_start) - times / 2) ** 2}
 
 
+def stick_slip(times, stiffness, b, stick, slip):
+    """Periods of a mass of 1 kg that sticks to a belt up to the force `stick`, then slips until it is as fast again."""
+    rate = np.sqrt(stiffness)
+    x, v = np.empty_like(times), np.empty_like(times)
+    begin, position = 0.0, 0.0
+    while begin <= times[-1]:
+        since = times - begin
+        x[since >= 0], v[since >= 0] = position + b * since[since >= 0], b
+        begin += (stick / stiffness - position) / b
+        since = times - begin
+        slipping, angle = since >= 0, rate * since[since >= 0]
+        reach, speed = (stick - slip) / stiffness, b / rate
+        x[slipping] = slip / stiffness + reach * np.cos(angle) + speed * np.sin(angle)
+        v[slipping] = rate * (speed * np.cos(angle) - reach * np.sin(angle))
+        begin += 2 / rate * (np.pi - np.arctan2(reach, speed))
+        position = (2 * slip - stick) / stiffness
+    return {"x": x, "v": v}
+
+
+def relay(times, k, band):
+    """Both states decay to u = 2 or -2; what y began apart from that ends within 1/k."""
+    x, y = np.empty_like(times), np.empty_like(times)
+    begin, u, x_start, y_start = 0.0, 2.0, 0.0, 0.0
+    while begin <= times[-1]:
+        flows = lambda since: (
+            u + (x_start - u) * np.exp(-since),
+            u + (x_start - u) * k / (k - 1) * np.exp(-since) + (y_start - u - (x_start - u) * k / (k - 1)) * np.exp(-k * since),
+        )
+        running = times >= begin
+        x[running], y[running] = flows(times[running] - begin)
+        length = np.log((u - x_start) / (u - np.copysign(band, u)))
+        x_start, y_start = flows(length)
+        begin, u = begin + length, -u
+    return {"x": x, "y": y}
+
+
+def gate(times, k, w):
+    """The decay to a sine of Prothero and Robinson (1974), the same for every k, and the ends of the gate that it has passed."""
+    ends = np.arcsin([0.5 - w, 0.5 + w])
+    crossings = [end + 2 * np.pi * turn for turn in range(2) for end in (*ends, *(np.pi - ends))]
+    return {"x": np.sin(times), "passes": (times[:, None] >= crossings).sum(1)}
+
+
 # name: solution, stop time, (parameters: start, min, max, causality), states, other outputs, event indicators
 MODELS = {
     "dahlquist": (dahlquist, 2.0, {"k": (1, 0.5, 2), "x_start": (1, 1, 3), "u": (0, -1, 1)}, ["x"], [], 0),
     "van_der_pol": (van_der_pol, 10.0, {"mu": (1, 0.5, 2), "x0_start": (2, 1, 3)}, ["x0", "x1"], [], 0),
     "ball": (ball, 1.2, {"e": (0.7, 0.6, 0.8), "h_start": (1, 0.5, 2)}, ["h", "v"], [], 1),
     "stair": (stair, 2.0, {"period": (0.25, 0.1, 0.4), "limit": (1000, None, None)}, [], ["counter"], 0),
+    "stick_slip": (
+        stick_slip,
+        5.0,
+        {"stiffness": (20, 10, 30), "b": (0.5, 0.3, 0.7), "stick": (4, 3.5, 5), "slip": (2, 1, 3)},
+        ["x", "v"],
+        [],
+        1,
+    ),
+    "relay": (relay, 5.0, {"k": (1e6, 1e5, 1e7), "band": (1, 0.5, 1.5)}, ["x", "y"], [], 1),
+    "gate": (gate, 8.0, {"k": (1e6, 1e5, 1e7), "w": (0.35, 0.3, 0.4)}, ["x"], ["passes"], 1),
     "tank": (tank, 1.3, {"h_start": (1, 0.5, 2)}, ["h"], [], 1),
 }
+
+
+# models with directional derivatives
+DIRECTIONAL = ("van_der_pol", "relay")
 
 
 def description(name, version):
@@ -112,9 +169,10 @@ def description(name, version):
         structure += unknowns("InitialUnknown", shown + derivatives)
         structure += unknowns("EventIndicator", [first] * indicators)
         head = 'instantiationToken="exchange"'
+    provides = f' providesDirectionalDerivative{"" if version == 2 else "s"}="true"' if name in DIRECTIONAL else ""
     return f"""<?xml version="1.0" encoding="UTF-8"?>
 <fmiModelDescription fmiVersion="{version}.0" modelName="{name}" {head}>
-  <ModelExchange modelIdentifier="{name}"/>
+  <ModelExchange modelIdentifier="{name}"{provides}/>
   {experiment}
   <ModelVariables>
     {variables}
@@ -124,14 +182,14 @@ def description(name, version):
 """
 
 
-def build(name, version, folder):
-    """The FMU of a model for 64-bit Linux, by the compiler `cc`."""
+def build(name, version, folder, *defines):
+    """The FMU of a model for 64-bit Linux, by the compiler `cc`, with more definitions for the preprocessor."""
     options = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-fvisibility=hidden"]
     platform = {2: "linux64", 3: "x86_64-linux"}[version]
     fmu = folder / f"{name}-fmi{version}.fmu"
     with tempfile.TemporaryDirectory() as temporary:
         library = Path(temporary) / f"{name}.so"
-        defined = [f"-DMODEL={name.upper()}", f"-DFMI={version}"]
+        defined = [f"-DMODEL={name.upper()}", f"-DFMI={version}", *defines]
         subprocess.run(["cc", *options, *defined, "-o", library, HERE / "exchange" / "exchange.c", "-lm"], check=True)
         with zipfile.ZipFile(fmu, "w", zipfile.ZIP_DEFLATED) as archive:
             archive.writestr("modelDescription.xml", description(name, version))

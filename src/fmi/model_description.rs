@@ -647,12 +647,17 @@ impl ModelDescription {
     /// The continuous states in the order of the state vector. None if it has elements of arrays, or the description
     /// does not assign derivatives to variables.
     pub fn states(&self) -> Option<Vec<&ScalarVariable>> {
-        let state = |unknown: &Unknown| {
+        Some(self.states_with_derivatives()?.into_iter().map(|(state, _)| state).collect())
+    }
+
+    /// Each continuous state with its derivative, in the order of the state vector. None in the cases of [`Self::states`].
+    pub fn states_with_derivatives(&self) -> Option<Vec<(&ScalarVariable, &ScalarVariable)>> {
+        let pair = |unknown: &Unknown| {
             let derivative = self.variables.get(unknown.variable)?;
             let state = self.variables.get(derivative.kind.as_real()?.derivative?)?;
-            (state.dimensions.is_empty() && derivative.dimensions.is_empty()).then_some(state)
+            (state.dimensions.is_empty() && derivative.dimensions.is_empty()).then_some((state, derivative))
         };
-        self.structure.derivatives.iter().map(state).collect()
+        self.structure.derivatives.iter().map(pair).collect()
     }
 
     /// Number of event indicators, those of arrays included.

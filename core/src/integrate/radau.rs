@@ -2,7 +2,7 @@
 //!
 //! A step of size `h` solves `Z = h A F(y + Z)` for the changes `Z` of the states at seven nodes; the last node is the end of the step.
 //! The method is L-stable: decays that are much faster than a step cost nothing. Newton's method uses the Jacobian `J` of some earlier
-//! state, by differences. With the eigenvalues of the inverse of `A` its linear system falls into one real system of the size of the state and
+//! state, by differences unless the problem provides it. With the eigenvalues of the inverse of `A` its linear system falls into one real system of the size of the state and
 //! three complex ones. The error is estimated against an embedded formula of order 7 (Hairer, Wanner: *Solving Ordinary Differential
 //! Equations II*, IV.8; *Stiff differential equations solved by Radau methods*, 1999). Steps end at rows.
 
@@ -25,36 +25,111 @@ const SHORTEST: f64 = 1e-14;
 /// Part of the time between two rows that is tried first.
 const FIRST: f64 = 1e-2;
 
+/// Relative difference of two step sizes that have the same matrices.
+const SAME: f64 = 1e-10;
+
 /// Right-hand side `f(t, y)` of `y' = f(t, y)`. None: not defined or not finite there.
-pub(crate) trait ImplicitProblem {
+pub trait ImplicitProblem {
     /// The derivative.
     fn derivative(&mut self, t: f64, y: &DVector<f64>) -> Option<DVector<f64>>;
+
+    /// Jacobian of the derivative, if the problem provides it. Otherwise differences are used.
+    fn jacobian(&mut self, _t: f64, _y: &DVector<f64>) -> Option<DMatrix<f64>> {
+        None
+    }
+
+    /// Receives an accepted step. Returns true if the integration shall stop there.
+    fn accept(&mut self, _step: &CollocationStep) -> bool {
+        false
+    }
 
     /// Returns true if the integration shall stop after this row.
     fn is_last(&mut self, t: f64, row: &DVector<f64>) -> bool;
 }
 
+/// An accepted step with the solution inside it.
+#[derive(Clone, Copy, Debug)]
+pub struct CollocationStep<'a> {
+    /// Time at its beginning.
+    pub t: f64,
+    /// Its size.
+    pub size: f64,
+    begin: &'a DVector<f64>,
+    changes: &'a DMatrix<f64>,
+}
+
+impl CollocationStep<'_> {
+    /// Nodes of the method as shares of the step; the last one is its end.
+    pub fn nodes() -> &'static [f64] {
+        &NODES
+    }
+
+    /// State at a node, by its position among [`Self::nodes`].
+    ///
+    /// # Panics
+    /// If there is no such node.
+    pub fn at_node(&self, node: usize) -> DVector<f64> {
+        self.begin + self.changes.column(node)
+    }
+
+    /// State at a share of the step, from 0 to 1: the collocation polynomial, of order 7.
+    pub fn at(&self, share: f64) -> DVector<f64> {
+        self.begin + interpolated(self.changes, share)
+    }
+}
+
+/// Step size, Jacobian, matrices and predictor that a step leaves to the next one. Valid as long as state and equations have no jump.
+#[derive(Clone, Debug)]
+pub struct RadauMemory {
+    /// Size of the next step.
+    step: f64,
+    jacobian: DMatrix<f64>,
+    /// True if Newton's method converged slowly in the last step.
+    is_slow: bool,
+    factors: Option<StageFactors>,
+    last: Option<LastStep>,
+    /// Remainder of Newton's method over its last change.
+    remainder: f64,
+}
+
 /// States at `times`, from `initial` at the first of them; `tolerance` is relative and absolute.
 ///
 /// At the last time the derivative is evaluated just before it: inputs may jump there.
-pub(crate) fn advance(
+pub fn advance(
     problem: &mut impl ImplicitProblem,
     initial: DVector<f64>,
     times: &[f64],
     tolerance: f64,
     budget: &Budget,
 ) -> IntegrationResult<DVector<f64>> {
+    resume(problem, initial, times, tolerance, budget, &mut None)
+}
+
+/// States as by [`advance`], with the memory of an integration that ended in `initial`; it is replaced by that of this one.
+pub fn resume(
+    problem: &mut impl ImplicitProblem,
+    initial: DVector<f64>,
+    times: &[f64],
+    tolerance: f64,
+    budget: &Budget,
+    memory: &mut Option<RadauMemory>,
+) -> IntegrationResult<DVector<f64>> {
     let mut states = vec![initial.clone()];
-    let failure = match RadauRun::new(problem, initial, times, tolerance, budget) {
+    let known = memory.take().filter(|memory| memory.jacobian.nrows() == initial.len());
+    let failure = match RadauRun::new(problem, initial, times, tolerance, budget, known) {
         None => Some("the derivative is not finite".to_owned()),
-        Some(mut integration) => integration.follow(times, &mut states).err(),
+        Some(mut integration) => {
+            let failure = integration.follow(times, &mut states).err();
+            *memory = failure.is_none().then_some(integration.memory);
+            failure
+        }
     };
     states.truncate(times.len());
     IntegrationResult { states, failure, is_stiff: false, evaluations: 0 }
 }
 
 /// Jacobian of a function by differences at a point where its value is known; backward ones where it is not defined beyond.
-pub(crate) fn jacobian(
+pub fn jacobian(
     mut function: impl FnMut(&DVector<f64>) -> Option<DVector<f64>>,
     at: &DVector<f64>,
     value: &DVector<f64>,
@@ -75,7 +150,19 @@ pub(crate) fn jacobian(
     jacobian.iter().all(|value| value.is_finite()).then_some(jacobian)
 }
 
+/// Change since the beginning of a step at a share of it, by the collocation polynomial.
+fn interpolated(changes: &DMatrix<f64>, at: f64) -> DVector<f64> {
+    let mut change = DVector::zeros(changes.nrows());
+    for (index, of_node) in NODES.iter().enumerate() {
+        let others = NODES.iter().enumerate().filter(|(other, _)| *other != index);
+        let weight = others.fold(at / of_node, |product, (_, other)| product * (at - other) / (of_node - other));
+        change.axpy(weight, &changes.column(index), 1.0);
+    }
+    change
+}
+
 /// Matrices of Newton's method for a Jacobian and a step size, factorised.
+#[derive(Clone, Debug)]
 struct StageFactors {
     size: f64,
     real: LU<f64, Dyn, Dyn>,
@@ -83,6 +170,7 @@ struct StageFactors {
 }
 
 /// The last step that was made; its collocation polynomial predicts the next one.
+#[derive(Clone, Debug)]
 struct LastStep {
     size: f64,
     changes: DMatrix<f64>,
@@ -99,21 +187,28 @@ struct RadauRun<'a, 'b, P> {
     y: DVector<f64>,
     /// Derivative at the beginning of the step.
     slope: DVector<f64>,
-    jacobian: DMatrix<f64>,
     /// True if the Jacobian is that of the present state.
     is_fresh: bool,
-    /// True if Newton's method converged slowly in the last step.
-    is_slow: bool,
-    factors: Option<StageFactors>,
-    last: Option<LastStep>,
-    /// Remainder of Newton's method over its last change.
-    remainder: f64,
+    memory: RadauMemory,
 }
 
 impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
-    fn new(problem: &'a mut P, y: DVector<f64>, times: &[f64], tolerance: f64, budget: &'a Budget<'b>) -> Option<Self> {
-        let &[t, .., end] = times else { return None };
+    fn new(
+        problem: &'a mut P,
+        y: DVector<f64>,
+        times: &[f64],
+        tolerance: f64,
+        budget: &'a Budget<'b>,
+        memory: Option<RadauMemory>,
+    ) -> Option<Self> {
+        let &[t, next, ..] = times else { return None };
+        let end = times[times.len() - 1];
         let n = y.len();
+        let is_new = memory.is_none();
+        let first = || {
+            let step = FIRST * (next - t);
+            if budget.last_step() > 0.0 { step.min(budget.last_step()) } else { step }
+        };
         let mut integration = Self {
             problem,
             budget,
@@ -122,39 +217,49 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
             t,
             y,
             slope: DVector::zeros(n),
-            jacobian: DMatrix::zeros(n, n),
             is_fresh: false,
-            is_slow: false,
-            factors: None,
-            last: None,
-            remainder: 1.0,
+            memory: memory.unwrap_or_else(|| RadauMemory {
+                step: first(),
+                jacobian: DMatrix::zeros(n, n),
+                is_slow: false,
+                factors: None,
+                last: None,
+                remainder: 1.0,
+            }),
         };
         integration.find_slope()?;
-        integration.renew_jacobian()?;
+        if is_new || integration.memory.is_slow {
+            integration.renew_jacobian()?;
+        }
         Some(integration)
     }
 
     /// Appends the states at the times after the first one.
     fn follow(&mut self, times: &[f64], states: &mut Vec<DVector<f64>>) -> Result<(), String> {
-        let mut h = FIRST * (times[1] - times[0]);
-        if self.budget.last_step() > 0.0 {
-            h = h.min(self.budget.last_step());
-        }
+        let mut h = self.memory.step;
         for pair in times.windows(2) {
             let shortest = SHORTEST * (pair[1] - pair[0]);
             while self.t < pair[1] {
                 let rest = pair[1] - self.t;
                 // no sliver before the row
                 let step = if h > 0.99 * rest { rest } else { h.min(0.5 * rest) };
+                let begin = self.y.clone();
                 let attempt = self.attempt(step);
                 if self.budget.is_over() {
                     return Ok(());
                 }
                 match attempt {
                     Ok(factor) => {
-                        self.t = if step == rest { pair[1] } else { self.t + step };
+                        let t = self.t;
+                        self.t = if step == rest { pair[1] } else { t + step };
                         self.budget.arrive(self.t);
                         h = if step < h { h.max(step * factor) } else { step * factor };
+                        self.memory.step = h;
+                        if let Some(LastStep { changes, .. }) = &self.memory.last
+                            && self.problem.accept(&CollocationStep { t, size: step, begin: &begin, changes })
+                        {
+                            return Ok(());
+                        }
                         // beyond the last row a force may be undefined
                         if self.t < times[times.len() - 1] {
                             self.begin_step().ok_or_else(|| self.no_step())?;
@@ -181,7 +286,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     fn begin_step(&mut self) -> Option<()> {
         self.is_fresh = false;
         self.find_slope()?;
-        if self.is_slow { self.renew_jacobian() } else { Some(()) }
+        if self.memory.is_slow { self.renew_jacobian() } else { Some(()) }
     }
 
     fn find_slope(&mut self) -> Option<()> {
@@ -201,15 +306,20 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     /// The Jacobian at the present state.
     fn renew_jacobian(&mut self) -> Option<()> {
         let (t, y, slope) = (self.t, self.y.clone(), self.slope.clone());
-        self.jacobian = jacobian(|y| self.derivative(t, y), &y, &slope)?;
+        let known = self.problem.jacobian(t.min(self.end), &y);
+        self.memory.jacobian = match known.filter(|known| known.iter().all(|value| value.is_finite())) {
+            Some(known) => known,
+            None => jacobian(|y| self.derivative(t, y), &y, &slope)?,
+        };
         self.is_fresh = true;
-        self.factors = None;
+        self.memory.factors = None;
         Some(())
     }
 
     /// Makes a step of size `h`. Returns the factor of the next one: Ok if the step was made, Err if it must be repeated.
     fn attempt(&mut self, h: f64) -> Result<f64, f64> {
-        let factors = self.factors.take().filter(|factors| factors.size == h);
+        let factors = self.memory.factors.take().filter(|factors| (factors.size - h).abs() <= SAME * h);
+        let factors = factors.map(|factors| StageFactors { size: h, ..factors });
         let factors = factors.or_else(|| self.factorise(h)).ok_or(0.5)?;
         let changes = match self.solve(&factors) {
             Some(changes) => changes,
@@ -220,18 +330,18 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         let error = self.error(&changes, &factors);
         let scale = |error: f64| 0.9 * error.max(1e-16).powf(-1.0 / (STAGES + 1) as f64);
         if error.is_nan() || error > 1.0 {
-            self.factors = Some(factors);
+            self.memory.factors = Some(factors);
             // the first step may be too long by far
-            return Err(if self.last.is_none() { 0.1 } else { scale(error).clamp(0.1, 0.9) });
+            return Err(if self.memory.last.is_none() { 0.1 } else { scale(error).clamp(0.1, 0.9) });
         }
         let mut factor = scale(error);
-        if let Some(last) = &self.last {
+        if let Some(last) = &self.memory.last {
             // Gustafsson's prediction
             factor = factor.min(factor * (h / last.size) * scale(error) / scale(last.error.max(1e-2)));
         }
         self.y += changes.column(STAGES - 1);
-        self.last = Some(LastStep { size: h, changes, error });
-        self.factors = Some(factors);
+        self.memory.last = Some(LastStep { size: h, changes, error });
+        self.memory.factors = Some(factors);
         let factor = factor.clamp(0.2, 8.0);
         // with the same size the factors serve again
         Ok(if (1.0..1.2).contains(&factor) { 1.0 } else { factor })
@@ -239,7 +349,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
 
     fn factorise(&self, h: f64) -> Option<StageFactors> {
         let shifted = |shift: f64| {
-            let mut matrix = -self.jacobian.clone();
+            let mut matrix = -self.memory.jacobian.clone();
             (0..matrix.nrows()).for_each(|k| matrix[(k, k)] += shift / h);
             matrix
         };
@@ -259,7 +369,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         let mut changes = self.predicted(h);
         let mut slopes = DMatrix::zeros(n, STAGES);
         let weights = DMatrix::from_fn(STAGES, STAGES, |node, stage| h * WEIGHTS[stage][node]);
-        let mut remainder = self.remainder.max(1e-4).powf(0.8);
+        let mut remainder = self.memory.remainder.max(1e-4).powf(0.8);
         let (mut before, mut rate) = (f64::INFINITY, 0.0f64);
         for iteration in 0..ITERATIONS {
             for (stage, node) in NODES.iter().enumerate() {
@@ -279,8 +389,8 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
             }
             if remainder * norm <= CONVERGED || norm == 0.0 || (rate > 0.1 && norm <= ROUNDED) {
                 // where rounding decides the changes, the rate says nothing
-                self.is_slow = rate > SLOW && before > 1.0 / CONVERGED;
-                self.remainder = remainder.min(1.0);
+                self.memory.is_slow = rate > SLOW && before > 1.0 / CONVERGED;
+                self.memory.remainder = remainder.min(1.0);
                 return Some(changes);
             }
             if rate >= 1.0 {
@@ -322,17 +432,12 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     /// The changes that the collocation polynomial of the last step has at the nodes of a step of size `h`.
     fn predicted(&self, h: f64) -> DMatrix<f64> {
         let n = self.y.len();
-        let Some(last) = &self.last else { return DMatrix::zeros(n, STAGES) };
+        let Some(last) = &self.memory.last else { return DMatrix::zeros(n, STAGES) };
         let mut changes = DMatrix::zeros(n, STAGES);
         for (mut change, node) in changes.column_iter_mut().zip(NODES) {
-            let at = 1.0 + node * h / last.size;
-            for (index, of_node) in NODES.iter().enumerate() {
-                let others = NODES.iter().enumerate().filter(|(other, _)| *other != index);
-                let weight =
-                    others.fold(at / of_node, |product, (_, other)| product * (at - other) / (of_node - other));
-                change.axpy(weight, &last.changes.column(index), 1.0);
-            }
-            change -= &last.changes.column(STAGES - 1);
+            change.copy_from(
+                &(interpolated(&last.changes, 1.0 + node * h / last.size) - last.changes.column(STAGES - 1)),
+            );
         }
         changes
     }
@@ -343,7 +448,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         let solve = |slope: &DVector<f64>| real.solve(&(slope + &of_changes));
         let Some(error) = solve(&self.slope) else { return f64::NAN };
         let norm = self.norm(&error);
-        if norm < 1.0 || self.last.is_some() {
+        if norm < 1.0 || self.memory.last.is_some() {
             return norm;
         }
         // a stiff transient is overestimated: once more, filtered

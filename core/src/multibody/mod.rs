@@ -17,7 +17,6 @@ pub mod joints;
 pub mod kinematics;
 pub mod measure;
 mod mechanism;
-mod method;
 pub mod model;
 pub mod reduced;
 mod redundancy;

@@ -7,11 +7,14 @@ use super::{
     description::FormulationKind,
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
-    method::{Lap, MethodChoice},
     model::{ActuatorState, MultibodyModel, Sample, Spring},
     switches::{Branch, Stops},
 };
-use crate::integrate::{self, Budget, IntegrationResult, radau};
+use crate::integrate::{
+    self, Budget, IntegrationResult,
+    method::{Lap, MethodChoice},
+    radau,
+};
 use nalgebra::{DMatrix, DVector};
 use ode_solvers::System;
 use std::cell::RefCell;

@@ -4,12 +4,11 @@ use super::{
     Mechanism,
     build::motions,
     measure::Measure,
-    method::MethodChoice,
     model::{MultibodyModel, Sample},
     simulate::{continue_from, simulate},
 };
 use crate::{
-    integrate::{Budget, TOLERANCE},
+    integrate::{Budget, TOLERANCE, method::MethodChoice},
     signal::Signal,
 };
 

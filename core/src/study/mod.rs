@@ -234,7 +234,7 @@ pub enum StudyStructure {
     /// Equations of motion: derivatives are functions of states, inputs and parameters, learned by their structure from a mechanism.
     Dynamics,
     /// Discrete-time model: outputs are functions of past outputs, past inputs and parameters, learned from recorded runs of a component with
-    /// inputs, or from runs of a program or an FMU for co-simulation.
+    /// inputs, or from runs of a program or an FMU.
     Discrete,
     /// Static map: outputs are functions of inputs, learned from the rows of a table without a time.
     Static,

@@ -180,7 +180,7 @@ impl SourceOptions {
             problems.add("source", message);
         }
         if study.is_discrete() && self.count() == 1 && self.is_of_equations() {
-            let message = "the structure \"discrete\" is learned from recorded runs, a program or an FMU for co-simulation, expected \
+            let message = "the structure \"discrete\" is learned from recorded runs, a program or an FMU, expected \
                            `table`, `index`, `command` or `fmu`";
             problems.add("source", message);
         }

@@ -1,5 +1,5 @@
 /*
- * Five models in the manner of the Reference FMUs, for model exchange only. ../exchange.py builds them:
+ * Eight models in the manner of the Reference FMUs, for model exchange only. ../exchange.py builds them:
  *
  *     cc -DMODEL=BALL -DFMI=2 ...
  *
@@ -8,12 +8,21 @@
  * BALL          h' = v, v' = -9.81; where h = 0, v becomes -e v: state events
  * STAIR         counter grows by 1 every `period`: time events; `limit` ends the simulation
  * TANK          h' = -sqrt(h); a negative h is discarded, at h = 1e-4 the simulation ends
+ * STICK_SLIP    a mass on a spring and on a belt of speed b: x' = v, m v' = -k x + friction; it sticks up to the force `stick` and slips
+ *               with the force `slip`; state events change the mode
+ * RELAY         x' = -x + u, y' = -k (y - x), stiff; where x leaves -band to band, u = 2 or -2 changes its sign: state events
+ *
+ * GATE          x' = -k (x - sin t) + cos t, stiff, so that x = sin t; counts how often x passes the ends of 0.5 -/+ w: state events
+ *
+ * VAN_DER_POL and RELAY have directional derivatives; -DWRONG makes them 0. If the environment variable EXCHANGE_COUNTS names a file,
+ * an instance that is freed appends its numbers of evaluated derivatives and directional derivatives.
  *
  * Variables are numbers in an array: the time, parameters and inputs, states, derivatives, outputs; value references are
  * positions in it. Start values are set by the host, or else by fmiReset and at instantiation.
  */
 #include <math.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -23,6 +32,9 @@
 #define BALL 3
 #define STAIR 4
 #define TANK 5
+#define STICK_SLIP 6
+#define RELAY 7
+#define GATE 8
 
 typedef enum { OK, WARNING, DISCARD, ERROR, FATAL } Status;
 typedef unsigned Reference;
@@ -39,6 +51,15 @@ static const double STARTS[] = {0, 0.7, 1, 1, 0, 0, 0};
 #elif MODEL == STAIR
 enum { TIME, PERIOD, LIMIT, COUNTER, VARIABLES, STATES = 0, STATE = VARIABLES, INDICATORS = 0 };
 static const double STARTS[] = {0, 0.25, 1000, 0};
+#elif MODEL == STICK_SLIP
+enum { TIME, STIFFNESS, B, STICK, SLIP, X, V, DER_X, DER_V, VARIABLES, STATES = 2, STATE = X, INDICATORS = 1 };
+static const double STARTS[] = {0, 20, 0.5, 4, 2, 0, 0, 0, 0};
+#elif MODEL == RELAY
+enum { TIME, K, BAND, X, Y, DER_X, DER_Y, VARIABLES, STATES = 2, STATE = X, INDICATORS = 1 };
+static const double STARTS[] = {0, 1e6, 1, 0, 0, 0, 0};
+#elif MODEL == GATE
+enum { TIME, K, W, X, DER_X, PASSES, VARIABLES, STATES = 1, STATE = X, INDICATORS = 1 };
+static const double STARTS[] = {0, 1e6, 0.35, 0, 0, 0};
 #else
 enum { TIME, START, H, DER_H, VARIABLES, STATES = 1, STATE = H, INDICATORS = 1 };
 static const double STARTS[] = {0, 1, 1, 0};
@@ -49,10 +70,20 @@ typedef struct {
     double v[VARIABLES];
     bool terminate, has_next;
     double next;
+    /* of the relay 1 or -1; 1 if the mass sticks; 1 if x is in the gate */
+    int mode;
+    unsigned long rates, directional;
 } Model;
 
 static void initialize(Model *m) {
-#if MODEL != STAIR
+#if MODEL == STICK_SLIP
+    m->v[V] = m->v[B];
+    m->mode = 1;
+#elif MODEL == RELAY
+    m->mode = 1;
+#elif MODEL == GATE
+    m->v[X] = sin(m->v[TIME]);
+#elif MODEL != STAIR
     m->v[STATE] = m->v[START];
 #else
     m->has_next = true;
@@ -70,6 +101,15 @@ static Status differentiate(Model *m) {
 #elif MODEL == BALL
     v[DER_H] = v[V];
     v[DER_V] = -9.81;
+#elif MODEL == STICK_SLIP
+    v[DER_X] = v[V];
+    /* the mass is slower than the belt while it slips */
+    v[DER_V] = m->mode ? 0 : -v[STIFFNESS] * v[X] + v[SLIP];
+#elif MODEL == RELAY
+    v[DER_X] = 2 * m->mode - v[X];
+    v[DER_Y] = -v[K] * (v[Y] - v[X]);
+#elif MODEL == GATE
+    v[DER_X] = -v[K] * (v[X] - sin(v[TIME])) + cos(v[TIME]);
 #elif MODEL == TANK
     if (v[H] < 0) return DISCARD;
     v[DER_H] = -sqrt(v[H]);
@@ -79,12 +119,30 @@ static Status differentiate(Model *m) {
     return OK;
 }
 
+static Status indicate(const Model *m, double *z);
+
 static void handle_event(Model *m) {
     double *v = m->v;
 #if MODEL == BALL
     if (v[H] <= 0 && v[V] < 0) {
         v[H] = 0;
         v[V] = -v[E] * v[V];
+    }
+#elif MODEL == STICK_SLIP
+    if (m->mode && v[STIFFNESS] * v[X] >= v[STICK]) {
+        m->mode = 0;
+    } else if (!m->mode && v[V] >= v[B]) {
+        m->mode = 1;
+        v[V] = v[B];
+    }
+#elif MODEL == RELAY
+    if (m->mode * v[X] >= v[BAND]) m->mode = -m->mode;
+#elif MODEL == GATE
+    double z;
+    indicate(m, &z);
+    if (z <= 0) {
+        m->mode = !m->mode;
+        v[PASSES] += 1;
     }
 #elif MODEL == STAIR
     while (v[TIME] >= m->next) {
@@ -102,12 +160,55 @@ static void handle_event(Model *m) {
 static Status indicate(const Model *m, double *z) {
 #if MODEL == BALL
     z[0] = m->v[H];
+#elif MODEL == STICK_SLIP
+    /* at the beginning of a slip the mass is as fast as the belt */
+    z[0] = m->mode ? m->v[STICK] - m->v[STIFFNESS] * m->v[X] : m->v[X] < m->v[SLIP] / m->v[STIFFNESS] ? m->v[B] - m->v[V] : 1;
+#elif MODEL == RELAY
+    z[0] = m->v[BAND] - m->mode * m->v[X];
+#elif MODEL == GATE
+    z[0] = (m->v[W] - fabs(m->v[X] - 0.5)) * (m->mode ? 1 : -1);
 #elif MODEL == TANK
     z[0] = m->v[H] - 1e-4;
 #else
     (void)m, (void)z;
 #endif
     return OK;
+}
+
+/* Derivative of a derivative by a state; NAN if there is none. */
+static double directional(Model *m, Reference unknown, Reference known) {
+    m->directional++;
+#if defined WRONG
+    return 0;
+#elif MODEL == VAN_DER_POL
+    const double *v = m->v;
+    if (unknown == DER_X0) return known == X1;
+    if (unknown == DER_X1) return known == X0 ? -2 * v[MU] * v[X0] * v[X1] - 1 : v[MU] * (1 - v[X0] * v[X0]);
+#elif MODEL == RELAY
+    if (unknown == DER_X) return known == X ? -1 : 0;
+    if (unknown == DER_Y) return known == X ? m->v[K] : -m->v[K];
+#endif
+    (void)unknown, (void)known;
+    return NAN;
+}
+
+static Status differentiate_along(Model *m, const Reference unknowns[], size_t n, const Reference knowns[], size_t count, const double seed[], double result[]) {
+    for (size_t i = 0; i < n; i++) {
+        result[i] = 0;
+        for (size_t k = 0; k < count; k++) result[i] += directional(m, unknowns[i], knowns[k]) * seed[k];
+        if (isnan(result[i])) return ERROR;
+    }
+    return OK;
+}
+
+static void discard(Model *m) {
+    const char *name = getenv("EXCHANGE_COUNTS");
+    FILE *file = name && m ? fopen(name, "a") : NULL;
+    if (file) {
+        fprintf(file, "%lu %lu\n", m->rates, m->directional);
+        fclose(file);
+    }
+    free(m);
 }
 
 static Model *make(void) {
@@ -155,6 +256,7 @@ F(SetContinuousStates)(Model *m, const double x[], size_t n) { memcpy(m->v + STA
 F(GetContinuousStates)(Model *m, double x[], size_t n) { memcpy(x, m->v + STATE, n * sizeof *x); return OK; }
 F(GetEventIndicators)(Model *m, double z[], size_t n) { return n ? indicate(m, z) : OK; }
 static Status derivatives(Model *m, double dx[], size_t n) {
+    m->rates++;
     Status status = differentiate(m);
     memcpy(dx, m->v + DERIVATIVE, n * sizeof *dx);
     return status;
@@ -172,7 +274,7 @@ F(GetNominalsOfContinuousStates)(Model *m, double x[], size_t n) {
 
 NONE(GetInteger) NONE(SetInteger) NONE(GetBoolean) NONE(SetBoolean) NONE(GetString) NONE(SetString)
 NONE(GetFMUstate) NONE(SetFMUstate) NONE(FreeFMUstate) NONE(SerializedFMUstateSize) NONE(SerializeFMUstate)
-NONE(DeSerializeFMUstate) NONE(GetDirectionalDerivative)
+NONE(DeSerializeFMUstate)
 
 typedef struct {
     int needed, terminate, nominals, values, defined;
@@ -185,7 +287,7 @@ API Model *fmi2Instantiate(const char *name, int kind, const char *guid, const c
     (void)name, (void)resources, (void)callbacks, (void)visible, (void)logging;
     return kind == 0 && !strcmp(guid, "exchange") ? make() : NULL;
 }
-API void fmi2FreeInstance(Model *m) { free(m); }
+API void fmi2FreeInstance(Model *m) { discard(m); }
 F(SetDebugLogging)(Model *m, int on, size_t n, const char *const names[]) { (void)m, (void)on, (void)n, (void)names; return OK; }
 F(SetupExperiment)(Model *m, int with, double tolerance, double start, int stops, double stop) {
     (void)with, (void)tolerance, (void)stops, (void)stop;
@@ -196,9 +298,12 @@ F(EnterInitializationMode)(Model *m) { initialize(m); return OK; }
 F(GetReal)(Model *m, const Reference r[], size_t n, double value[]) { return get(m, r, n, value); }
 F(SetReal)(Model *m, const Reference r[], size_t n, const double value[]) { return set(m, r, n, value); }
 F(GetDerivatives)(Model *m, double dx[], size_t n) { return derivatives(m, dx, n); }
+F(GetDirectionalDerivative)(Model *m, const Reference unknowns[], size_t n, const Reference knowns[], size_t count, const double seed[], double result[]) {
+    return differentiate_along(m, unknowns, n, knowns, count, seed, result);
+}
 F(NewDiscreteStates)(Model *m, EventInfo *info) {
     handle_event(m);
-    *info = (EventInfo){0, m->terminate, 0, MODEL == BALL, m->has_next, m->next};
+    *info = (EventInfo){0, m->terminate, 0, MODEL == BALL || MODEL == STICK_SLIP, m->has_next, m->next};
     return OK;
 }
 F(CompletedIntegratorStep)(Model *m, int no_set, int *event, int *terminate) {
@@ -216,7 +321,7 @@ NONE(GetUInt64) NONE(GetBoolean) NONE(GetString) NONE(GetBinary) NONE(GetClock)
 NONE(SetUInt64) NONE(SetBoolean) NONE(SetString) NONE(SetBinary) NONE(SetClock)
 NONE(GetNumberOfVariableDependencies) NONE(GetVariableDependencies) NONE(GetFMUState) NONE(SetFMUState)
 NONE(FreeFMUState) NONE(SerializedFMUStateSize) NONE(SerializeFMUState) NONE(DeserializeFMUState)
-NONE(GetDirectionalDerivative) NONE(GetAdjointDerivative) NONE(EnterConfigurationMode) NONE(ExitConfigurationMode)
+NONE(GetAdjointDerivative) NONE(EnterConfigurationMode) NONE(ExitConfigurationMode)
 NONE(GetIntervalDecimal) NONE(GetIntervalFraction) NONE(GetShiftDecimal) NONE(GetShiftFraction) NONE(SetIntervalDecimal)
 NONE(SetIntervalFraction) NONE(SetShiftDecimal) NONE(SetShiftFraction) NONE(EvaluateDiscreteStates)
 NONE(ActivateModelPartition) NONE(EnterStepMode) NONE(DoStep) NONE(GetOutputDerivatives)
@@ -228,7 +333,7 @@ API Model *fmi3InstantiateModelExchange(const char *name, const char *token, con
     (void)name, (void)resources, (void)visible, (void)logging, (void)environment, (void)log;
     return strcmp(token, "exchange") ? NULL : make();
 }
-API void fmi3FreeInstance(Model *m) { free(m); }
+API void fmi3FreeInstance(Model *m) { discard(m); }
 F(SetDebugLogging)(Model *m, bool on, size_t n, const char *const names[]) { (void)m, (void)on, (void)n, (void)names; return OK; }
 F(EnterInitializationMode)(Model *m, bool with, double tolerance, double start, bool stops, double stop) {
     (void)with, (void)tolerance, (void)stops, (void)stop;
@@ -241,10 +346,13 @@ F(SetFloat64)(Model *m, const Reference r[], size_t n, const double value[], siz
 F(GetNumberOfContinuousStates)(Model *m, size_t *n) { (void)m; *n = STATES; return OK; }
 F(GetNumberOfEventIndicators)(Model *m, size_t *n) { (void)m; *n = INDICATORS; return OK; }
 F(GetContinuousStateDerivatives)(Model *m, double dx[], size_t n) { return derivatives(m, dx, n); }
+F(GetDirectionalDerivative)(Model *m, const Reference unknowns[], size_t n, const Reference knowns[], size_t count, const double seed[], size_t seeds, double result[], size_t results) {
+    return seeds == count && results == n ? differentiate_along(m, unknowns, n, knowns, count, seed, result) : ERROR;
+}
 F(UpdateDiscreteStates)(Model *m, bool *needed, bool *terminate, bool *nominals, bool *values, bool *defined, double *next) {
     handle_event(m);
     *needed = *nominals = false;
-    *values = MODEL == BALL;
+    *values = MODEL == BALL || MODEL == STICK_SLIP;
     *terminate = m->terminate;
     *defined = m->has_next;
     *next = m->next;

@@ -5,7 +5,7 @@ use metafmu::{
     Error, Result,
     fmi::{
         ModelDescription,
-        host::{InterfaceKind, describe, element_names},
+        host::{InterfaceKind, NO_EQUATIONS, describe, element_names},
         model_description::{Causality, DefaultExperiment, FmiVersion, ScalarVariable, Variability},
     },
     source::fmu::variables::{range, recordable, varied},
@@ -99,7 +99,7 @@ pub fn study_of_states(target: &StudyTarget, file: &Path) -> Result<String> {
     let refuse = |what: String| Err(Error::Stale { path: file.to_owned(), message: format!("the FMU {what}") });
     let indicators = description.indicator_count();
     if indicators > 0 {
-        return refuse(format!("has {indicators} event indicators: equations with events cannot be learned"));
+        return refuse(format!("has {indicators} event indicators; {NO_EQUATIONS}"));
     }
     let Some(states) = description.states().filter(|states| !states.is_empty()) else {
         return refuse("offers no scalar continuous states: a study without --structure dynamics may do".into());
@@ -169,7 +169,7 @@ step = {step:?}                 # s
 
 /// A study of the FMU's samples: its outputs, driving inputs, and parameters with a range.
 pub fn study_of_samples(target: &StudyTarget, file: &Path) -> Result<String> {
-    let (description, _) = describe(file, Some(InterfaceKind::CoSimulation))?;
+    let (description, interface) = describe(file, None)?;
     let refuse = |what: &str| Err(Error::Stale { path: file.to_owned(), message: format!("the FMU {what}") });
     let inputs: Vec<&ScalarVariable> = driving(&description).collect();
     if inputs.is_empty() {
@@ -192,7 +192,7 @@ seed = 1                    # everything random follows from it
 structure = \"discrete\"      # discrete-time, driven by the inputs
 
 [source]
-fmu = {}    # relative to this file; runs by co-simulation
+fmu = {}    # relative to this file; runs by {interface}
 {communication}# time_limit = 60           # s; a run that takes longer, crashes or fails
 # retries = 1               # a run that failed is retried so many times, then left out and reported
 # max_failed = 0.1          # share of the runs that may fail

@@ -14,6 +14,10 @@ pub struct StateEvaluation {
     pub outputs: Vec<f64>,
 }
 
+/// Reason why an FMU with events has no equations to learn, and what fits instead.
+pub const NO_EQUATIONS: &str = "equations with events cannot be learned; use `structure = \"discrete\"` if inputs drive the \
+                                       FMU, else leave out `structure`";
+
 /// Second time at which derivatives are evaluated, as a share of the run, to detect equations that depend on the time.
 const LATER: f64 = 0.377;
 
@@ -41,7 +45,7 @@ impl StateEvaluation {
             return wrong("the FMU ended the simulation".into());
         }
         if let Some(time) = events.next_event_time {
-            return wrong(format!("the FMU has an event at {time} s; equations with events cannot be learned"));
+            return wrong(format!("the FMU has an event at {time} s; {NO_EQUATIONS}"));
         }
         let states = options.states.as_deref().unwrap_or_default();
         let at = |time: f64| {

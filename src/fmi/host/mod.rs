@@ -21,6 +21,7 @@ mod python;
 mod recorder;
 mod simulate;
 mod state;
+mod stretch;
 #[cfg(test)]
 mod tests;
 pub mod unpacked;
@@ -30,7 +31,7 @@ pub use exchange::{CompletedStep, DiscreteStates};
 pub use inputs::Inputs;
 pub use instance::{FmuInstance, StepResult};
 pub use journal::LogMessage;
-pub use labels::StateEvaluation;
+pub use labels::{NO_EQUATIONS, StateEvaluation};
 pub use options::SimulationOptions;
 pub use recorder::{RecordedColumn, element_names};
 pub use simulate::{RowSink, SimulationTable, simulate, simulate_into};
@@ -39,9 +40,10 @@ pub use unpacked::Unpacked;
 pub(crate) use {
     grid::Grid,
     inputs::NO_INPUTS,
-    integrator::{Exchange, RunPosition},
+    integrator::Exchange,
     recorder::Recorder,
     simulate::{is_settable, set_start},
+    stretch::RunPosition,
 };
 
 use super::{

@@ -44,7 +44,7 @@ pub struct SamplingTask {
 /// Runs that are driven by inputs, with given initial states in model exchange, or the equations in some states.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct DrivenRuns {
-    /// Position of each of the study's states in the FMU's state vector; none for co-simulation.
+    /// Position of each of the study's states in the FMU's state vector; none if runs begin where the initialization ends.
     pub states: Vec<usize>,
     /// Inputs.
     pub inputs: Vec<String>,
@@ -102,7 +102,7 @@ fn run(fmu: &Fmu, task: &SamplingTask, values: Vec<f64>) -> std::result::Result<
     let mut states = None;
     if let Some(driven) = &task.driven {
         let (starts, signals) = rest.split_at(driven.states.len());
-        states = (task.interface == InterfaceKind::ModelExchange).then(|| driven.state_vector(starts));
+        states = (!driven.states.is_empty()).then(|| driven.state_vector(starts));
         inputs = driven.inputs(task, inputs, signals);
     }
     let options = SimulationOptions {
@@ -237,8 +237,12 @@ impl DrivenRuns {
         if !self.held {
             return Inputs { names, times, rows };
         }
-        // a jump half a step before the communication point from which on the value counts, whatever rounding makes of that
-        let jumps = times.iter().skip(1).map(|time| time - 0.5 * task.step);
+        let jumps = (1..rows.len()).map(|row| match task.interface {
+            // an event exactly at the communication point
+            InterfaceKind::ModelExchange => (row * task.steps_per_row) as f64 * task.step,
+            // half a step before the communication point from which on the value counts, whatever rounding makes of that
+            InterfaceKind::CoSimulation => times[row] - 0.5 * task.step,
+        });
         Inputs {
             names,
             times: times.iter().take(1).copied().chain(jumps.flat_map(|time| [time, time])).collect(),
@@ -285,6 +289,9 @@ mod tests {
         // communication points are 0, 0.5, ..., 2
         let held = driven(true).inputs(&task, constant(), &signals);
         assert_eq!(held.times, [0.0, 0.75, 0.75, 1.75, 1.75]);
+        let exchange = SamplingTask { interface: InterfaceKind::ModelExchange, ..task };
+        let exact = driven(true).inputs(&exchange, constant(), &signals);
+        assert_eq!((exact.times, &exact.rows), (vec![0.0, 1.0, 1.0, 2.0, 2.0], &held.rows));
         let of_u: Vec<f64> = held.rows.iter().map(|row| row[1]).collect();
         assert_eq!(of_u, [1.0, 1.0, 2.0, 2.0, 3.0]);
     }

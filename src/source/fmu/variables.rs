@@ -12,7 +12,7 @@ use crate::{
     },
     fmi::{
         ModelDescription,
-        host::{InterfaceKind, element_names},
+        host::{InterfaceKind, NO_EQUATIONS, element_names},
         model_description::{self as fmi, Causality, Initial, RealAttributes, ScalarVariable, VariableType},
         worker::sampling::{self, SamplingTask},
     },
@@ -184,7 +184,7 @@ impl Resolver<'_> {
         let (study, description) = (self.study, self.description);
         let indicators = description.indicator_count();
         if indicators > 0 {
-            let message = format!("the FMU has {indicators} event indicators; equations with events cannot be learned");
+            let message = format!("the FMU has {indicators} event indicators; {NO_EQUATIONS}");
             problems.add("source.fmu", message);
         }
         let Some(known) = description.states().filter(|_| description.model_exchange.is_some()) else {

@@ -93,6 +93,77 @@ fn a_stiff_reaction_is_that_of_the_test_set() {
     }
 }
 
+/// Problem of Prothero and Robinson; it counts evaluations and notes the largest error inside its steps.
+struct Watched {
+    evaluations: usize,
+    jacobians: usize,
+    provides: bool,
+    inside: f64,
+}
+
+/// The `k` of that problem.
+const DECAY: f64 = 1e4;
+
+impl ImplicitProblem for Watched {
+    fn derivative(&mut self, t: f64, y: &DVector<f64>) -> Option<DVector<f64>> {
+        self.evaluations += 1;
+        Some(DVector::from_element(1, -DECAY * (y[0] - t.sin()) + t.cos()))
+    }
+
+    fn jacobian(&mut self, _: f64, _: &DVector<f64>) -> Option<DMatrix<f64>> {
+        self.jacobians += 1;
+        self.provides.then(|| DMatrix::from_element(1, 1, -DECAY))
+    }
+
+    fn accept(&mut self, step: &CollocationStep) -> bool {
+        for share in (0..=20).map(|part| f64::from(part) / 20.0) {
+            let error = (step.at(share)[0] - (step.t + share * step.size).sin()).abs();
+            self.inside = self.inside.max(error);
+        }
+        let nodes = CollocationStep::nodes().iter().enumerate();
+        for (node, share) in nodes {
+            assert!((step.at_node(node) - step.at(*share)).amax() < 1e-13);
+        }
+        step.t + step.size >= 9.0
+    }
+
+    fn is_last(&mut self, _: f64, _: &DVector<f64>) -> bool {
+        false
+    }
+}
+
+#[test]
+fn an_integration_is_resumed_where_it_ended_and_accurate_inside_its_steps() {
+    let tolerance = 1e-9;
+    let mut counts = Vec::new();
+    for (provides, keeps) in [(true, true), (false, true), (false, false)] {
+        let mut problem = Watched { evaluations: 0, jacobians: 0, provides, inside: 0.0 };
+        let (mut y, mut memory) = (DVector::zeros(1), None);
+        for row in 0..100 {
+            let times = [row, row + 1].map(|row| 0.05 * f64::from(row));
+            let mut result = resume(&mut problem, y, &times, tolerance, &Budget::default(), &mut memory);
+            assert_eq!((result.failure, result.states.len()), (None, 2));
+            y = result.states.swap_remove(1);
+            assert!((y[0] - times[1].sin()).abs() < 10.0 * tolerance, "t = {}", times[1]);
+            memory = memory.filter(|_| keeps);
+        }
+        assert!(problem.inside < 10.0 * tolerance, "{}", problem.inside);
+        counts.push((problem.evaluations, problem.jacobians));
+    }
+    let [provided, kept, renewed] = counts[..] else { panic!("three runs") };
+    // one by differences takes one more evaluation
+    assert_eq!(provided.0 + kept.1, kept.0);
+    assert!(kept.1 < 10 && renewed.1 >= 100 && 2 * kept.0 < renewed.0, "{counts:?}");
+}
+
+#[test]
+fn a_problem_stops_at_a_step_between_two_rows() {
+    let mut problem = Watched { evaluations: 0, jacobians: 0, provides: true, inside: 0.0 };
+    let times = [0.0, 20.0];
+    let result = resume(&mut problem, DVector::zeros(1), &times, 1e-9, &Budget::default(), &mut None);
+    assert_eq!((result.failure, result.states.len()), (None, 1));
+}
+
 /// A mass on a stiff spring without damping: nothing is lost where the tolerance resolves the oscillation.
 #[test]
 fn an_oscillation_keeps_its_amplitude() {

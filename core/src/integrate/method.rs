@@ -1,6 +1,6 @@
 //! Choice between the explicit and the implicit method during a run.
 
-use crate::integrate::Budget;
+use super::Budget;
 use nalgebra::{DMatrix, Schur};
 
 /// Evaluations of the explicit method in a step: eleven, and some for steps that are repeated.
@@ -15,7 +15,7 @@ const AT_LIMIT: f64 = 3.0;
 
 /// Choice of the method for the next stretch of a run.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct MethodChoice {
+pub struct MethodChoice {
     is_stiff: bool,
     /// Evaluations in stretches that stability limited, without one in between that it did not.
     limited: u64,
@@ -67,7 +67,7 @@ fn fastest_rate(jacobian: DMatrix<f64>) -> Option<f64> {
 }
 
 /// Begin of a part of a run, for its evaluations and its time.
-pub(crate) struct Lap {
+pub struct Lap {
     evaluations: u64,
     t: f64,
 }
