@@ -28,7 +28,7 @@ layout
 scaling
 study
 sampling network
-training evaluation fmi
+compliant training evaluation fmi
 acceptance baselines calibration html refinement source swap
 search surrogate
 import report

@@ -77,6 +77,8 @@ pub enum TestRows {
     HeldOut,
     /// All of them, each predicted by a model that was fitted without it: cross-validation.
     CrossValidated,
+    /// Rows of the test runs.
+    OfRuns,
 }
 
 /// Accuracy of a surrogate, and on what it was measured.

@@ -8,6 +8,7 @@
 
 pub mod acceptance;
 pub mod calibration;
+pub mod compliant;
 pub mod dataset;
 pub mod diagnostics;
 pub mod dynamics;

@@ -48,6 +48,8 @@ fn files(project: &Project, built: &Built) -> String {
     let is_static = project.study.is_static();
     let model = if is_static {
         "map of inputs to outputs"
+    } else if project.study.is_compliant() {
+        "potential and dissipation"
     } else if project.study.has_states() {
         "equations of motion"
     } else {
@@ -75,8 +77,8 @@ fn files(project: &Project, built: &Built) -> String {
             *path == project.unseen()
         };
         !(is_of_others
-            || study.has_states() && *path == project.history()
-            || study.has_memory() && *path == project.comparison())
+            || (study.has_states() || study.is_compliant()) && *path == project.history()
+            || (study.has_memory() || study.is_compliant()) && *path == project.comparison())
     });
     let calibration = project
         .study

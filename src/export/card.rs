@@ -163,6 +163,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     let runs = format!("{test_runs} runs of the original model ({test_rows} rows)");
     let measured = match (rows, seen_until) {
         (Some(TestRows::Given), _) => format!("{test_rows} rows that were given for it"),
+        (Some(TestRows::OfRuns), _) => format!("{test_rows} rows of runs that took no part in training"),
         (Some(TestRows::HeldOut), _) => {
             format!("{test_rows} rows that were held out of the training and of every choice")
         }

@@ -1,7 +1,7 @@
 //! The whole way from a study to validated FMUs.
 
 use super::{
-    compare, evaluate,
+    compare, element, evaluate,
     evaluate::Metrics,
     export::{self, ExportPlan, WrittenFmu},
     project::{Project, SamplesRecord},
@@ -46,7 +46,8 @@ pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built
     let kept = if resume { sample::kept(project)? } else { None };
     let samples = kept.map_or_else(|| sample::stage(project), Ok)?;
     let (surrogate, training) = rounds::stage(project, &samples.sets.train, &samples.sets.calibration, resume)?;
-    let mut evaluated = Evaluated::new(&surrogate, &samples.sets.test);
+    let test = element::test_data(&project.study, &samples.sets.test);
+    let mut evaluated = element::evaluated(project, &surrogate, &test);
     evaluate::add_residual(project, &surrogate, &samples.sets.test, &mut evaluated.accuracy)?;
     evaluate::add_calibration(project, &surrogate, &samples.sets.calibration, &mut evaluated.accuracy);
     let accuracy = evaluated.accuracy.clone();
@@ -97,7 +98,7 @@ fn compare_in_build(
 ) -> Result<Option<Comparison>> {
     let kinds = &project.study.baselines.build;
     // baselines are functions of parameters and time
-    if kinds.is_empty() || project.study.has_memory() {
+    if kinds.is_empty() || project.study.has_memory() || project.study.is_compliant() {
         return Ok(None);
     }
     let network = compare::network_row(surrogate, accuracy, training, &sets.test);

@@ -64,7 +64,7 @@ pub fn refuse_others(project: &Project) -> Result<()> {
         study if study.is_static() => {
             "`metafmu train` compares the kinds of model of a static map, and `static.model` names the one that is exported"
         }
-        study if study.has_memory() => {
+        study if study.has_memory() || study.is_compliant() => {
             "baselines are functions of parameters and time, expected the structure \"response\""
         }
         _ => return Ok(()),

@@ -1,6 +1,7 @@
 //! Compares the surrogate with the unseen test runs.
 
 use super::{
+    element,
     project::{Project, SamplesRecord},
     record::{Speed, TrainingRecord},
     speed, unseen,
@@ -57,7 +58,8 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     }
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
-    let mut accuracy = Accuracy::of(&surrogate, &test);
+    let mut accuracy =
+        element::evaluated(project, &surrogate, &element::test_data(&project.study, &test)).accuracy.clone();
     add_residual(project, &surrogate, &test, &mut accuracy)?;
     add_calibration(project, &surrogate, &project.load_table("calibration")?, &mut accuracy);
     let comparison = project.load_comparison(&accuracy)?;
@@ -149,6 +151,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
                 "{test_rows} rows, each predicted by a model that was fitted without it, of the kind that the other rows choose"
             )
         }
+        (Some(TestRows::OfRuns), _) => format!("{test_rows} rows of unseen runs"),
         (Some(_), _) => format!("{test_rows} unseen rows"),
         (None, 0) => format!("{test_runs} {runs}, {test_rows} rows"),
         (None, given) => format!("{test_runs} {runs}, {test_rows} predicted rows, beside {given} given ones"),
@@ -159,12 +162,15 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     let header =
         format!("{:<12} {:<8} {:>11} {:>12}{bounds}  largest error, of the range", "output", "unit", "R²", "MSE");
     let _ = writeln!(text, "{header}");
-    for ((name, of_output), variable) in outputs.iter().zip(project.source.outputs()) {
+    let named = |name: &String| project.source.outputs().iter().find(|variable| variable.name == *name);
+    let variables = || outputs.iter().filter_map(|(name, of_output)| Some((name, of_output, named(name)?)));
+    for (name, of_output, variable) in variables() {
         let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = of_output;
         let r2 = r2.map_or("constant".into(), numbers::r2);
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
         let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
         let place = match metrics.accuracy.rows {
+            Some(TestRows::OfRuns) => format!("row {} of test.csv", worst_run + 1),
             Some(_) => format!("row {} of unseen.csv", worst_run + 1),
             None => format!("test run {worst_run}, t = {worst_time:.3} s"),
         };
@@ -172,7 +178,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
         let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
     }
-    let noise = outputs.iter().zip(project.source.outputs()).filter_map(|((name, of_output), variable)| {
+    let noise = variables().filter_map(|(name, of_output, variable)| {
         Some(of_output.noise?.describe(name, &variable.unit, of_output.bound.is_some()))
     });
     noise.for_each(|line| _ = writeln!(text, "{line}"));

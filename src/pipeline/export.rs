@@ -1,6 +1,6 @@
 //! Packages the surrogate, or a baseline, as FMUs.
 
-use super::{compare, predict::load_file, prepare::baseline_rows, project::Project, unseen};
+use super::{compare, element, predict::load_file, prepare::baseline_rows, project::Project, unseen};
 use crate::{
     Error, Result,
     acceptance::{self, OfTraining},
@@ -110,7 +110,8 @@ pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<Writte
             figures(&unseen::load(project, &project.load_training_record()?)?.evaluated(&surrogate))?
         }
         Some(_) if project.table("test").exists() => {
-            figures(&Evaluated::new(&surrogate, &project.load_table("test")?))?
+            let runs = project.load_table("test")?;
+            figures(&element::evaluated(project, &surrogate, &element::test_data(&project.study, &runs)))?
         }
         _ => Vec::new(),
     };

@@ -7,6 +7,7 @@
 pub mod build;
 pub mod compare;
 mod corners;
+mod element;
 pub mod evaluate;
 pub mod export;
 pub mod fit;

@@ -2,7 +2,7 @@
 
 use super::{
     compare::seconds_per_row,
-    evaluate,
+    element, evaluate,
     project::{Project, SamplesRecord},
     record::{MethodRecord, TrainingRecord},
     unseen,
@@ -51,11 +51,16 @@ pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Pat
     if project.study.is_static() {
         return of_rows(project, &surrogate, &training, beside, plots);
     }
+    if beside.is_some() && project.study.is_compliant() {
+        let message = "compliant elements are measured on rows: the report shows one study, without --beside";
+        return Err(project.study.refusal("structure", message));
+    }
     let other = beside.map(|beside| Other::load(project, beside)).transpose()?;
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
     plots.map_or(Ok(()), files::writable_folder)?;
-    let mut evaluated = Evaluated::new(&surrogate, &test);
+    let test = element::test_data(&project.study, &test);
+    let mut evaluated = element::evaluated(project, &surrogate, &test);
     evaluate::add_residual(project, &surrogate, &test, &mut evaluated.accuracy)?;
     stage(project, &evaluated, &samples, &training, other.as_ref(), plots)
 }
@@ -161,6 +166,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         Some(MethodRecord::Trajectories(_)) => format!("{rows} rows, "),
         Some(MethodRecord::Discrete(_)) => format!("{rows} samples, {validation_runs} runs held out, "),
         Some(MethodRecord::StaticMap(_)) => format!("{rows} rows, "),
+        Some(MethodRecord::Compliant(_)) => format!("{rows} rows, {validation_runs} runs held out, "),
     };
     let how = trained_on + &by_method.as_ref().map_or(String::new(), MethodRecord::describe);
     let added =

@@ -22,7 +22,11 @@ const LONG: Duration = Duration::from_secs(2);
 /// # Errors
 /// Those of an FMU or a program that cannot be started, [`Error::Interrupted`](crate::Error::Interrupted).
 pub(super) fn measure(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
+    // a compliant element has no run to itself: another component moves it
     let Source::Simulation(simulation) = &project.source else { return Ok(None) };
+    if project.study.is_compliant() {
+        return Ok(None);
+    }
     let Some(run) = test.runs.first() else { return Ok(None) };
     let length = |times: &[f64]| times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
     let Some(of_source) = of_source(project, simulation)? else { return Ok(None) };

@@ -1,6 +1,7 @@
 //! Learns from the sampled runs by the method of the study and writes the surrogate.
 
 use super::{
+    element,
     evaluate::constants,
     follower::Trained,
     learn::{Beginning, method},
@@ -10,15 +11,16 @@ use super::{
     rescue,
 };
 use crate::{
-    Result, acceptance, calibration, dataset::Dataset, evaluation::Accuracy, evaluation::Verdict, files, study::Study,
-    surrogate, training::write_history,
+    Result, acceptance, calibration, dataset::Dataset, evaluation::Verdict, files, study::Study, surrogate,
+    training::write_history,
 };
 use metafmu_runtime::{Output, Surrogate};
 
 /// The verdict on a surrogate by the runs that were held out of its training: the test runs must not be used here.
 pub fn judge(project: &Project, train: &Dataset, surrogate: &Surrogate, record: &TrainingRecord) -> Verdict {
     let study = &project.study;
-    let accuracy = Accuracy::of(surrogate, &held_out(study, train));
+    let held_out = held_out(study, train);
+    let accuracy = element::evaluated(project, surrogate, &element::test_data(study, &held_out)).accuracy.clone();
     acceptance::judge(study, surrogate, (&accuracy, "held-out runs"), None, record.findings(study))
 }
 

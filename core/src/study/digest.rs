@@ -2,9 +2,10 @@
 //! without effect: a new key does not compile until that is stated.
 
 use super::{
-    BaselineKind, Baselines, BoundsOptions, DiscreteOptions, DynamicsOptions, Excitation, ExportOptions, InputOptions,
-    NetworkOptions, OutputOptions, ParameterOptions, ParameterVariability, SamplingOptions, SmallNetworks,
-    SourceOptions, StateOptions, StaticOptions, Study, TargetOptions, TimeOptions, TrainingOptions,
+    BaselineKind, Baselines, BoundsOptions, CompliantOptions, DiscreteOptions, DynamicsOptions, Excitation,
+    ExportOptions, InputOptions, NetworkOptions, OutputOptions, ParameterOptions, ParameterVariability,
+    SamplingOptions, SmallNetworks, SourceOptions, StateOptions, StaticOptions, Study, TargetOptions, TimeOptions,
+    TrainingOptions,
 };
 use crate::{files, multibody::description::Description};
 use indexmap::IndexMap;
@@ -103,6 +104,8 @@ struct DigestedTraining<'a> {
     discrete: Option<DiscreteOptions>,
     #[serde(skip_serializing_if = "Option::is_none")]
     static_map: Option<DigestedMap>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    compliant: Option<&'a CompliantOptions>,
     #[serde(skip_serializing_if = "Option::is_none")]
     dynamics: Option<DynamicsOptions>,
     samples: String,
@@ -235,6 +238,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         outputs: _,
         discrete,
         static_map,
+        compliant,
         sampling,
         starts: _,
         mechanism: _,
@@ -267,6 +271,7 @@ pub(super) fn of_surrogate(study: &Study) -> String {
             has_epochs: *has_epochs,
             small_networks: *small_networks,
         }),
+        compliant: study.is_compliant().then_some(compliant),
         dynamics: (*dynamics != DynamicsOptions::default()).then_some(*dynamics),
         samples: of_samples(study),
     })

@@ -54,12 +54,15 @@
 //! With `structure = "discrete"` it is discrete-time, learned from a table with columns of inputs, or from an FMU or a
 //! program; see [`DiscreteOptions`].
 //!
+//! With `structure = "compliant"` the surrogate is a force between two interfaces that creates no energy; see [`CompliantOptions`].
+//!
 //! Each section has a file here: its options, defaults, limits and checks. docs/study-file.md has every key. A
 //! section's `problems` follow from the section alone, its `problems_beside` from the other sections as well.
 
 mod accept;
 pub mod baselines;
 mod bounds;
+mod compliant;
 mod digest;
 mod discrete;
 mod draft;
@@ -93,6 +96,7 @@ use crate::{
 pub use accept::AcceptOptions;
 pub use baselines::{BaselineKind, Baselines};
 pub use bounds::BoundsOptions;
+pub use compliant::{CompliantOptions, MAX_DEGREE};
 pub use discrete::{DiscreteModel, DiscreteOptions};
 pub use draft::Draft;
 pub use dynamics::{DynamicsModel, DynamicsOptions};
@@ -159,7 +163,10 @@ pub struct Study {
     /// Which of the ways to learn the equations is exported, of the structure "dynamics".
     #[serde(default)]
     pub dynamics: DynamicsOptions,
-    /// Outputs by name.
+    /// The force of a flexible part, of the structure "compliant".
+    #[serde(default)]
+    pub compliant: CompliantOptions,
+    /// Outputs by name. Of the structure "compliant" positions, velocities and forces.
     pub outputs: IndexMap<String, OutputOptions>,
     /// Outputs of one unit that an FMI 3.0 FMU also offers as an array, by the array's name.
     #[serde(default)]
@@ -238,6 +245,16 @@ pub enum StudyStructure {
     Discrete,
     /// Static map: outputs are functions of inputs, learned from the rows of a table without a time.
     Static,
+    /// Compliant element: forces are functions of relative positions, velocities and parameters, and create no energy; learned from runs in
+    /// which a flexible part is deformed.
+    Compliant,
+}
+
+impl StudyStructure {
+    /// Returns true if runs are determined by parameters alone, whose values have a sampling plan.
+    pub fn is_planned(self) -> bool {
+        matches!(self, Self::Response | Self::Compliant)
+    }
 }
 
 /// Runs of a mechanism from which the ranges of a motion's outputs and the steps of its solver are known, unless given.
@@ -508,6 +525,7 @@ impl Study {
         problems.extend(outputs::problems(&self.outputs));
         problems.extend(outputs::array_problems(&self.arrays));
         problems.add_section("discrete", self.discrete.problems());
+        problems.add_section("compliant", self.compliant.problems());
         problems.add_section("dynamics", self.dynamics.problems());
         problems.extend(self.sampling.problems(self.structure));
         problems.add_section("network", self.network.problems());
@@ -529,6 +547,7 @@ impl Study {
             return static_map::problems_beside(self);
         }
         let mut problems = self.source.problems_beside(self);
+        problems.extend(compliant::problems_beside(self));
         problems.add_section("time", self.time.problems_beside(self));
         problems.extend(parameters::problems_beside(self));
         problems.extend(states::problems_beside(self));
@@ -614,6 +633,11 @@ impl Study {
     /// Returns true if the surrogate is a function of its inputs alone, learned from the rows of a table.
     pub fn is_static(&self) -> bool {
         self.structure == StudyStructure::Static
+    }
+
+    /// Returns true if the surrogate is the force of a flexible part.
+    pub fn is_compliant(&self) -> bool {
+        self.structure == StudyStructure::Compliant
     }
 
     /// Training options for a network on a table with this many rows.

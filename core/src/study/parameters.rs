@@ -195,7 +195,7 @@ fn twice(values: &[f64]) -> Option<f64> {
 /// Every mistake in `[parameters]`, by dotted key.
 pub(super) fn problems(parameters: &IndexMap<String, ParameterOptions>, structure: StudyStructure) -> Problems {
     let mut problems = Problems::default();
-    let is_motion = structure != StudyStructure::Response;
+    let is_motion = !structure.is_planned();
     if parameters.is_empty() && !is_motion {
         problems.add("parameters", "no parameter, expected at least one");
     }

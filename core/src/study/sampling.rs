@@ -104,7 +104,7 @@ impl SamplingOptions {
             problems.add("sampling.test_runs", "expected at least 1");
         }
         // others have no method
-        let Some(method) = method.as_ref().filter(|_| structure == StudyStructure::Response) else { return problems };
+        let Some(method) = method.as_ref().filter(|_| structure.is_planned()) else { return problems };
         let (mesh, list) = (*method == Method::Mesh, *method == Method::List);
         problems.expect_absent(!mesh && levels.is_some(), "sampling.levels", "belongs to the method \"mesh\"");
         problems.expect_absent(!list && file.is_some(), "sampling.file", "belongs to the method \"list\"");

@@ -236,7 +236,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     if *structure == StudyStructure::Discrete {
         return problems;
     }
-    if *structure == StudyStructure::Response {
+    if structure.is_planned() {
         let message = "belongs to the structure \"dynamics\"";
         problems.expect_absent(!states.is_empty(), "states", message);
         let message = "belongs to the structures \"dynamics\" and \"discrete\"";

@@ -118,7 +118,7 @@ const STEPS: usize = 2000;
 const FEWEST_EPOCHS: usize = 150;
 
 /// Sections of studies whose runs have a time, and why a static map has none of them.
-const REFUSED: [(&str, &str); 9] = [
+const REFUSED: [(&str, &str); 10] = [
     ("time", "belongs to runs: the rows of a static map have no time"),
     (
         "parameters",
@@ -127,6 +127,7 @@ const REFUSED: [(&str, &str); 9] = [
     ("states", "belongs to the structure \"dynamics\""),
     ("dynamics", "belongs to the structure \"dynamics\""),
     ("discrete", "belongs to the structure \"discrete\""),
+    ("compliant", "belongs to the structure \"compliant\""),
     (
         "sampling",
         "belongs to runs: the rows of the table are the samples, and each judges a model that was fitted without it",

@@ -1,5 +1,6 @@
 //! Ways to learn a surrogate from sampled runs, a file each.
 
+mod compliant;
 mod discrete;
 pub(super) mod learned;
 mod mass_matrix;
@@ -46,6 +47,7 @@ pub(super) fn method(study: &Study) -> &'static dyn LearningMethod {
         StudyStructure::Dynamics if study.source.is_recorded() => &trajectories::RecordedMotions,
         StudyStructure::Dynamics => &motion::EquationsOfMotion,
         StudyStructure::Discrete => &discrete::DiscreteTime,
+        StudyStructure::Compliant => &compliant::ElementOfRuns,
         StudyStructure::Static => &static_map::StaticMap,
         StudyStructure::Response => match study.network.structure {
             TimeStructure::Full => &network::SingleNetwork,

@@ -1,5 +1,6 @@
 //! Records of a training beside the surrogate: `training.json`, and the speeds in `metrics.json`.
 
+mod compliant;
 mod discrete;
 mod motion;
 mod solver;
@@ -8,6 +9,7 @@ mod state_space;
 mod static_map;
 pub(super) mod trajectories;
 
+pub use compliant::CompliantRecord;
 pub use discrete::DiscreteRecord;
 pub use motion::{MotionRecord, ReactionRecord};
 pub use solver::{ImplicitCost, SolverRecord};
@@ -78,6 +80,7 @@ impl TrainingRecord {
         if let Some(MethodRecord::StaticMap(StaticRecord { rows, .. })) = &self.method {
             return vec![format!("add rows to the table, which has {rows}")];
         }
+        let is_planned = study.is_compliant() && !study.source.is_recorded();
         let longer = match stopped {
             StopReason::Interrupted => Some("continue the training that was stopped: --resume".into()),
             StopReason::Finished => Some(format!("train longer: `training.epochs` above {epochs}")),
@@ -85,6 +88,7 @@ impl TrainingRecord {
         };
         let more = match (study.structure, study.source.is_recorded()) {
             (_, true) => format!("record more runs: these have {train_rows} training rows"),
+            (_, false) if is_planned => "more `sampling.runs`, or motions that reach more of the ranges".into(),
             (StudyStructure::Dynamics, false) => "more `sampling.states`, or smaller ranges".into(),
             (_, false) => {
                 let runs = study.sampling.runs.map_or(String::new(), |runs| format!(" above {runs}"));
@@ -112,6 +116,8 @@ pub enum MethodRecord {
     Discrete(DiscreteRecord),
     /// A static map of the rows of a table.
     StaticMap(StaticRecord),
+    /// The force of a flexible part.
+    Compliant(CompliantRecord),
 }
 
 impl MethodRecord {
@@ -121,7 +127,7 @@ impl MethodRecord {
             Self::Motion(motion) => motion.problem(),
             Self::StateSpace(space) => space.problem(),
             Self::Trajectories(trajectories) => trajectories.problem(),
-            Self::Discrete(_) | Self::StaticMap(_) => None,
+            Self::Discrete(_) | Self::StaticMap(_) | Self::Compliant(_) => None,
         }
     }
 
@@ -133,6 +139,7 @@ impl MethodRecord {
             Self::Trajectories(trajectories) => trajectories.describe(),
             Self::Discrete(discrete) => discrete.describe(),
             Self::StaticMap(map) => map.describe(),
+            Self::Compliant(element) => element.describe(),
         }
     }
 }

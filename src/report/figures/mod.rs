@@ -17,7 +17,7 @@ use super::{
     axis::Axis,
     chart::{Chart, ChartSeries, INKS, Ink, Shape},
 };
-use crate::{diagnostics::numbers::number, html::escape};
+use crate::{diagnostics::numbers::number, evaluation::TestRows, html::escape};
 pub use beside::Beside;
 
 /// Largest number of outputs that a section shows, in the study's order.
@@ -100,9 +100,15 @@ fn case(evaluated: &Evaluated, run: usize) -> String {
         })
         .collect();
     match evaluated.is_of_rows() {
-        true => format!("row {} of unseen.csv with {}", run + 1, values.join(", ")),
+        true => format!("{} with {}", row_of(evaluated, run), values.join(", ")),
         false => format!("test run {run} with {}", values.join(", ")),
     }
+}
+
+/// Place of an unseen row.
+fn row_of(evaluated: &Evaluated, row: usize) -> String {
+    let table = if evaluated.accuracy.rows == Some(TestRows::OfRuns) { "test.csv" } else { "unseen.csv" };
+    format!("row {} of {table}", row + 1)
 }
 
 /// Lines of equal rank: name and points of each.

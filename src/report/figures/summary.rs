@@ -1,6 +1,6 @@
 //! Summary of the surrogate: its kind, its accuracy, and its origin.
 
-use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, r2, table, unit};
+use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, r2, row_of, table, unit};
 use crate::{
     evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, TestRows},
     study::NetworkOptions,
@@ -47,12 +47,17 @@ pub fn summary(material: &Material) -> Section {
         Some(TestRows::CrossValidated) => {
             format!("{test_rows} rows, each predicted by a model that was fitted without it (cross-validation)")
         }
+        Some(TestRows::OfRuns) => format!("{test_rows} rows of runs that took no part in training"),
         Some(_) => format!("{test_rows} rows that took part neither in the fit nor in its choices"),
         None => format!("{test_runs} runs of the original model, {test_rows} rows, {unseen}"),
     };
     blocks.push(paragraph(&format!(
         "{} {} output{} from {from}. It was trained on {} {learned}. Everything below was measured on {measured}.",
-        if is_of_rows { "A static map gives".into() } else { network(material) },
+        match is_of_rows {
+            true if material.study.is_compliant() => "A compliant element, which creates no energy, gives".into(),
+            true => "A static map gives".into(),
+            false => network(material),
+        },
         outputs.len(),
         if outputs.len() == 1 { "" } else { "s" },
         metadata.provenance.train_rows,
@@ -69,7 +74,7 @@ pub fn summary(material: &Material) -> Section {
             both(rms, Some(rms / evaluated.range(index))),
             both(*max_abs_error, *relative_max_error),
             match is_of_rows {
-                true => format!("row {} of unseen.csv", worst_run + 1),
+                true => row_of(evaluated, *worst_run),
                 false => format!("test run {worst_run}, t = {} s", number(*worst_time)),
             },
         ]
@@ -93,7 +98,7 @@ pub fn summary(material: &Material) -> Section {
     }
     blocks.extend(evaluated.accuracy.within_two_std().map(|text| paragraph(&format!("{text}."))));
     let trust = if material.verdict.accepted { "It may be trusted inside these ranges only. " } else { "" };
-    let learned = if is_of_rows { "its predictions at the rows of the table" } else { "the training runs" };
+    let learned = if is_of_rows { "its predictions at the rows it was fitted to" } else { "the training runs" };
     blocks.push(paragraph(&format!("{trust}A range of an output is that of {learned}.")));
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
         let kind = match input.role {
