@@ -19,6 +19,7 @@ pub mod measure;
 mod mechanism;
 mod method;
 pub mod model;
+mod motion;
 pub mod reduced;
 mod redundancy;
 pub mod review;
@@ -29,7 +30,9 @@ mod switches;
 mod tables;
 mod variables;
 
+pub use build::{JointGeometry, MechanismGeometry};
 pub use mechanism::{FreeCoordinate, Mechanism, RunStart, json_schema};
+pub use motion::BodyMotion;
 pub use stepper::Stepper;
 
 #[cfg(test)]
