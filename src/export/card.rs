@@ -6,10 +6,12 @@ use super::{
     reference::{OPTIONS_FILE, RESULT_FILE},
 };
 use crate::{
-    diagnostics::numbers::{self, number},
     evaluation::{Accuracy, Horizon, KindCoverage, RollOuts, TestRows, Verdict},
-    html::{self, escape},
-    report::Drawn,
+    html::{self, LOOK, escape},
+    report::{
+        Drawn, ranges,
+        readable::{self, number},
+    },
     study::ExportOptions,
 };
 use metafmu_runtime::{
@@ -21,15 +23,14 @@ use metafmu_runtime::{
 };
 
 const STYLE: &str = "\
-body{font:16px/1.5 system-ui,sans-serif;max-width:52rem;margin:2rem auto;padding:0 1rem;color:#1c2733}\
-h1{font-size:1.7rem;margin-bottom:.2rem}h2{font-size:1.15rem;margin-top:2rem}\
-table{border-collapse:collapse;width:100%}th,td{text-align:left;padding:.3rem .8rem .3rem 0;vertical-align:top}\
-th{border-bottom:2px solid #9fb3c8;font-weight:600}td{border-bottom:1px solid #e1e8ef}\
+body{max-width:52rem;margin:0 auto;padding:.8rem 1rem 3rem}\
+h1{font-size:1.5rem;line-height:1.2;margin:0}h2{font-size:1.15rem;margin:2rem 0 .3rem}p{margin:.5rem 0}\
+table{width:100%}th,td{padding:.3rem .8rem .3rem 0}\
 td.n,td.r{font-variant-numeric:tabular-nums;white-space:nowrap}code{font-size:.9em}\
-figure{margin:1.5rem 0;max-width:35rem}figure svg{display:block;width:100%;height:auto}figcaption{color:#52667a}.d{color:#52667a}\
-h1,p,code,.d,figcaption{overflow-wrap:anywhere}td:first-child{min-width:4rem}\
+figure{margin:1.5rem 0;max-width:35rem}figure svg{display:block;width:100%;height:auto}.d,figcaption{color:var(--dim)}\
+h1,p,li,code,.d,figcaption{overflow-wrap:anywhere}td:first-child{min-width:4rem}\
 @media(max-width:40rem){table{font-size:.85rem}td.r{white-space:normal}th,td{padding-right:.5rem}}@media(max-width:22rem){table{font-size:.75rem}}\
-@media(prefers-color-scheme:dark){body{background:#141a21;color:#dbe4ec}td{border-color:#2b3947}.d,figcaption{color:#93a7bb}}";
+@media print{body{max-width:none;font-size:10pt}figure,tr{break-inside:avoid}h2{break-after:avoid}}";
 
 /// The page; the same surrogate and options always give the same text.
 pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accuracy>, figures: &[Drawn]) -> String {
@@ -37,10 +38,10 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     let name = escape(&metadata.name);
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{name}</title>\n\
-         <meta name=\"viewport\" content=\"width=device-width\"><style>{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n"
+         <meta name=\"viewport\" content=\"width=device-width\"><style>{LOOK}{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n"
     );
     let verdict = accuracy.and_then(|accuracy| accuracy.verdict.as_ref());
-    page.push_str(&verdict.map_or(String::new(), html::verdict));
+    page.push_str(&verdict.map_or(String::new(), |verdict| html::verdict(verdict, usize::MAX)));
     if !metadata.description.is_empty() {
         line(&mut page, &format!("<p>{}</p>", escape(&metadata.description)));
     }
@@ -70,11 +71,12 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
             }
         ),
     );
-    variables(&mut page, surrogate);
+    page.push_str(&ranges(surrogate, verdict.is_none_or(|verdict| verdict.accepted)));
     accuracy_table(&mut page, surrogate, accuracy);
     for Drawn { caption, svg, .. } in figures {
         line(&mut page, &format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption)));
     }
+    variables(&mut page, surrogate);
     measured(surrogate, &mut page);
     domain(surrogate, &mut page);
     provenance(&mut page, surrogate, about);
@@ -175,21 +177,26 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         (None, Some(stop)) => format!("{runs}, the rows up to {stop} s of which it was learned from"),
         (None, None) => format!("{runs} that took no part in training"),
     };
+    let bounds = surrogate.bounds();
+    let heading =
+        bounds.map_or(String::new(), |bounds| format!("<th>{} bound</th>", readable::percent(bounds.coverage)));
     line(
         page,
         &format!(
             "<p>Measured on {measured}.</p>\n\
-             <table><tr><th>Output</th><th>R²</th><th>RMS error</th><th>Largest error, of the range</th></tr>"
+             <table><tr><th>Output</th><th>R²</th><th>RMS error</th><th>Largest error, of the range</th>{heading}</tr>"
         ),
     );
-    for (output, metrics) in surrogate.outputs().iter().filter_map(|output| Some((output, outputs.get(&output.name)?)))
-    {
-        let r2 = metrics.r2.map_or("constant output".into(), numbers::r2);
+    for (column, output) in surrogate.predictions().iter().enumerate() {
+        let Some(metrics) = outputs.get(&output.name) else { continue };
+        let r2 = metrics.r2.map_or("constant output".into(), readable::r2);
         let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
         let (name, unit) = (code(&output.name), escape(&output.unit));
         let share =
             metrics.relative_max_error.map_or(String::new(), |share| format!("<br>{} %", number(100.0 * share)));
-        let cells = [r2, rms, largest + &share].map(|cell| format!("<td class=\"n\">{cell}</td>")).concat();
+        let bound = bounds.map(|bounds| format!("±{}", number(bounds.largest(column))));
+        let cells = [r2, rms, largest + &share].into_iter().chain(bound);
+        let cells: String = cells.map(|cell| format!("<td class=\"n\">{cell}</td>")).collect();
         line(page, &format!("<tr><td>{name} {unit}</td>{cells}</tr>"));
     }
     line(page, "</table>");
@@ -560,7 +567,7 @@ mod tests {
         let page = card(&surrogate, &about, Some(&accuracy), &[figure]);
         for piece in [
             "<td><code>length</code></td><td>parameter, tunable</td><td class=\"r\">0.1 to 0.2, starts at 0.15</td><td>m</td>",
-            "<td><code>angle</code> rad</td><td class=\"n\">0.999870000</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
+            "<td><code>angle</code> rad</td><td class=\"n\">0.99987</td><td class=\"n\">0.002</td><td class=\"n\">0.0125<br>0.5 %</td>",
             "20 runs of the original model (4020 rows)",
             "constant output",
             "as long as its inputs and parameters stay what they are at the start of a run",
@@ -572,7 +579,12 @@ mod tests {
         }
         assert!(!page.contains("http") && !page.contains("src="), "{page}");
         let trusted = "may be trusted inside the ranges";
-        assert!(page.contains(trusted) && !page.contains("Rejected"), "{page}");
+        assert!(
+            page.contains(trusted)
+                && !page.contains("Rejected")
+                && page.contains("<b>Valid for</b> <span><code>length</code> 0.1 to 0.2 m"),
+            "{page}"
+        );
         let of_rows = Accuracy { rows: Some(TestRows::HeldOut), verdict: None, ..accuracy.clone() };
         let of_rows = card(&surrogate, &about, Some(&of_rows), &[]);
         assert!(
@@ -585,8 +597,16 @@ mod tests {
         let verdict = Some(Verdict::of(vec!["angle: R² -1 < 0".into()], Vec::new(), vec!["more runs".into()]));
         let rejected = card(&surrogate, &about, Some(&Accuracy { verdict, ..accuracy }), &[]);
         let (title, rest) = rejected.split_once("</h1>").unwrap();
-        assert!(rest.starts_with("\n<p><strong>Rejected: this surrogate is not good enough"), "{title}{rest}");
-        assert!(rest.contains("<li>Try: more runs</li>") && page.contains("<p><strong>Good: "), "{rest}");
+        assert!(
+            rest.starts_with(
+                "\n<div class=\"verdict rejected\"><p><strong>Rejected</strong>: this surrogate is not good enough"
+            ),
+            "{title}{rest}"
+        );
+        assert!(
+            rest.contains("<li>Try: more runs</li>") && page.contains("<p><strong>Accepted</strong>: every output"),
+            "{rest}"
+        );
         assert!(rest.contains("<li>angle: R² -1 &lt; 0</li>") && !rest.contains(trusted), "{rest}");
     }
 }

@@ -5,7 +5,7 @@ use super::{
     evaluate::Metrics,
     export::{self, ExportPlan, WrittenFmu},
     project::{Project, SamplesRecord},
-    record::{Speed, TrainingRecord},
+    record::{Cost, TrainingRecord},
     report, rounds, sample, static_map, unseen,
 };
 use crate::{
@@ -52,8 +52,8 @@ pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built
     evaluate::add_calibration(project, &surrogate, &samples.sets.calibration, &mut evaluated.accuracy);
     let accuracy = evaluated.accuracy.clone();
     let comparison = compare_in_build(project, &surrogate, &accuracy, &training, &samples.sets)?;
-    let speed = evaluate::measure_speed(project, &surrogate, &samples.sets.test)?;
-    finish(project, plan, (&evaluated, speed), comparison, (&samples.record, &training))
+    let cost = evaluate::measure_cost(project, &surrogate, &samples.sets.test)?;
+    finish(project, plan, (&evaluated, cost), comparison, (&samples.record, &training))
 }
 
 /// [`build`] of a static map: its samples are the rows of its table.
@@ -62,19 +62,20 @@ fn build_of_rows(project: &Project, plan: &ExportPlan, resume: bool) -> Result<B
     let unseen = unseen::load(project, &training)?;
     let evaluated = unseen.evaluated(&surrogate);
     let comparison = project.load_comparison(&evaluated.accuracy)?;
-    finish(project, plan, (&evaluated, None), comparison, (&unseen::samples(project, &training), &training))
+    let cost = evaluate::measure_cost(project, &surrogate, &unseen.test)?;
+    finish(project, plan, (&evaluated, cost), comparison, (&unseen::samples(project, &training), &training))
 }
 
 /// Writes and validates the results of a surrogate and its accuracy.
 fn finish(
     project: &Project,
     plan: &ExportPlan,
-    (evaluated, speed): (&Evaluated, Option<Speed>),
+    (evaluated, cost): (&Evaluated, Cost),
     comparison: Option<Comparison>,
     (samples, training): (&SamplesRecord, &TrainingRecord),
 ) -> Result<Built> {
     let surrogate = evaluated.surrogate;
-    let measured = (evaluated.accuracy.clone(), speed);
+    let measured = (evaluated.accuracy.clone(), cost);
     let (metrics, verdict) = evaluate::stage(project, surrogate, measured, comparison.as_ref(), samples, training)?;
     let figures = export::figures(evaluated)?;
     let written = export::stage(project, plan, surrogate, Some(&metrics.accuracy), &figures)?;

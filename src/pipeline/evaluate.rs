@@ -3,7 +3,7 @@
 use super::{
     element,
     project::{Project, SamplesRecord},
-    record::{Speed, TrainingRecord},
+    record::{Cost, TrainingRecord},
     speed, unseen,
 };
 use crate::{
@@ -31,9 +31,9 @@ pub struct Metrics {
     /// Outputs that did not vary in training, and the constants that the surrogate has for them.
     #[serde(skip_serializing_if = "IndexMap::is_empty")]
     constants: IndexMap<String, f64>,
-    /// Speed beside that of the source, if that can be run.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    speed: Option<Speed>,
+    /// Cost of a step, and speed beside that of the source.
+    #[serde(flatten)]
+    cost: Cost,
     train_runs: usize,
     sample_seconds: f64,
     /// Record of the training.
@@ -54,7 +54,8 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
         let unseen = unseen::load(project, &training)?;
         project.prepare_folder()?;
         let accuracy = unseen.evaluated(&surrogate).accuracy;
-        return stage(project, &surrogate, (accuracy, None), None, &unseen::samples(project, &training), &training);
+        let cost = measure_cost(project, &surrogate, &unseen.test)?;
+        return stage(project, &surrogate, (accuracy, cost), None, &unseen::samples(project, &training), &training);
     }
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
@@ -63,8 +64,8 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     add_residual(project, &surrogate, &test, &mut accuracy)?;
     add_calibration(project, &surrogate, &project.load_table("calibration")?, &mut accuracy);
     let comparison = project.load_comparison(&accuracy)?;
-    let speed = measure_speed(project, &surrogate, &test)?;
-    stage(project, &surrogate, (accuracy, speed), comparison.as_ref(), &samples, &training)
+    let cost = measure_cost(project, &surrogate, &test)?;
+    stage(project, &surrogate, (accuracy, cost), comparison.as_ref(), &samples, &training)
 }
 
 /// Adds the residual of the mechanism's constraints in roll-outs.
@@ -96,20 +97,20 @@ pub(super) fn add_calibration(
     }
 }
 
-/// Measures the speed beside the source's, and warns if that is faster.
-pub(super) fn measure_speed(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
-    let speed = speed::measure(project, surrogate, test)?;
-    if let Some(warning) = speed.and_then(|speed| speed.warning(surrogate)) {
+/// Measures the cost of a step and the speed beside the source's, and warns if that is faster.
+pub(super) fn measure_cost(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Cost> {
+    let cost = speed::cost(project, surrogate, test)?;
+    if let Some(warning) = cost.speed.and_then(|speed| speed.warning(surrogate)) {
         project.warn(warning);
     }
-    Ok(speed)
+    Ok(cost)
 }
 
 /// Judges the surrogate by its accuracy on the test runs and writes `metrics.json`.
 pub(super) fn stage(
     project: &Project,
     surrogate: &Surrogate,
-    (accuracy, speed): (Accuracy, Option<Speed>),
+    (accuracy, cost): (Accuracy, Cost),
     comparison: Option<&Comparison>,
     samples: &SamplesRecord,
     training: &TrainingRecord,
@@ -123,7 +124,7 @@ pub(super) fn stage(
             seen_until: project.study.sampling.train_stop,
             ..accuracy
         },
-        speed,
+        cost,
         constants: constants(surrogate).map(|(output, constant)| (output.name.clone(), constant)).collect(),
         train_runs: samples.train_runs + training.added_runs,
         sample_seconds: samples.sample_seconds,
@@ -202,7 +203,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let shares: Vec<String> = within.values().map(|share| format!("{:.1}", 100.0 * share)).collect();
         let _ = writeln!(text, "  of {runs} calibration runs, {kind}: {}", shares.join(", "));
     }
-    if let Some(speed) = &metrics.speed {
+    if let Some(speed) = &metrics.cost.speed {
         let _ = writeln!(text, "\n{}", speed.describe());
     }
     text

@@ -2,7 +2,7 @@
 
 use super::{
     observer::{Control, CountedWork, Event},
-    record::{Speed, TrainingRecord},
+    record::{Cost, TrainingRecord},
 };
 use crate::{
     Error, Result, acceptance,
@@ -326,15 +326,16 @@ impl<'a> Project<'a> {
         Ok(Some(accuracy).filter(|accuracy| accuracy.content_digest == *digest))
     }
 
-    /// Reads the speed of a surrogate from `metrics.json`; none if it has not been measured.
-    pub(super) fn load_speed(&self, surrogate: &Surrogate) -> Option<Speed> {
+    /// Reads the cost of a surrogate from `metrics.json`; none if it has not been measured.
+    pub(super) fn load_cost(&self, surrogate: &Surrogate) -> Option<Cost> {
         #[derive(Deserialize)]
         struct Measured {
             content_digest: String,
-            speed: Option<Speed>,
+            #[serde(flatten)]
+            cost: Cost,
         }
         let measured: Measured = serde_json::from_slice(&std::fs::read(self.metrics()).ok()?).ok()?;
-        measured.speed.filter(|_| measured.content_digest == surrogate.metadata().provenance.content_digest)
+        (measured.content_digest == surrogate.metadata().provenance.content_digest).then_some(measured.cost)
     }
 
     /// The verdict on a surrogate with this accuracy on the test runs, or on the unseen rows.

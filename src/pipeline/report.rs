@@ -100,13 +100,17 @@ pub(super) fn stage(
     let verdict = project.judge(evaluated.surrogate, training, &evaluated.accuracy, comparison.as_ref());
     let points = project.source.points(&project.study);
     let mut facts = facts(project, samples, training);
-    let speed = project.load_speed(evaluated.surrogate);
-    facts.extend(speed.map(|speed| ("Speed on one core".into(), speed.describe())));
+    let cost = project.load_cost(evaluated.surrogate).unwrap_or_default();
+    facts.extend(cost.speed.map(|speed| ("Speed on one core".into(), speed.describe())));
+    let worst = evaluated.runs_by_error().last().map(|&run| &evaluated.test.runs[run]);
     let material = Material {
         study: &project.study,
         evaluated,
         verdict: &verdict,
         points: &points,
+        mechanism: worst.and_then(|run| project.source.moving_mechanism(run)),
+        step_seconds: cost.seconds_per_step,
+        speed_up: cost.speed.map(|speed| speed.speed_up),
         history: &history,
         facts: &facts,
         comparison: comparison.as_ref(),

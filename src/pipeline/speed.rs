@@ -1,9 +1,12 @@
 //! Speed of a surrogate and of its source: seconds of one core for a simulated second.
 
-use super::{project::Project, record::Speed};
+use super::{
+    project::Project,
+    record::{Cost, Speed},
+};
 use crate::{
     Result,
-    dataset::Dataset,
+    dataset::{Dataset, Run},
     evaluation::predict,
     source::{Simulation, Source},
 };
@@ -17,11 +20,40 @@ const RUNS: usize = 4;
 /// Time of a run of an FMU or a program that is not repeated.
 const LONG: Duration = Duration::from_secs(2);
 
+/// Rows of which a step's cost is measured, if the test runs have as many.
+const ROWS: usize = 1000;
+
+/// Measures the cost of a step, and the speed beside the source's.
+///
+/// # Errors
+/// As [`measure`].
+pub(super) fn cost(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Cost> {
+    Ok(Cost { seconds_per_step: seconds_per_step(surrogate, test), speed: measure(project, surrogate, test)? })
+}
+
+fn seconds_per_step(surrogate: &Surrogate, test: &Dataset) -> Option<f64> {
+    let mut rows = 0;
+    let runs = test.runs.iter().take_while(|run| {
+        let is_enough = rows >= ROWS;
+        rows += run.times.len();
+        !is_enough
+    });
+    let runs: Vec<&Run> = runs.collect();
+    let rows: usize = runs.iter().map(|run| run.times.len()).sum();
+    let evaluator = Evaluator::new(surrogate);
+    let seconds = shortest(|| {
+        for run in &runs {
+            std::hint::black_box(predict(surrogate, &evaluator, run));
+        }
+    });
+    (rows > 0).then(|| seconds / rows as f64)
+}
+
 /// Measures both; none of recorded runs, whose source cannot be run, or where a run fails.
 ///
 /// # Errors
 /// Those of an FMU or a program that cannot be started, [`Error::Interrupted`](crate::Error::Interrupted).
-pub(super) fn measure(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
+fn measure(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Option<Speed>> {
     // a compliant element has no run to itself: another component moves it
     let Source::Simulation(simulation) = &project.source else { return Ok(None) };
     if project.study.is_compliant() {

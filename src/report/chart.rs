@@ -377,7 +377,7 @@ fn shaded(ink: Ink, shade: f64) -> RGBColor {
 }
 
 /// At most [`LINE_POINTS`] points: the lowest and the highest of each group, so that no peak is lost.
-fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
+pub fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     if points.len() <= LINE_POINTS {
         return points.to_vec();
     }

@@ -1,20 +1,31 @@
 //! Pictures and pages: a report of a study's surrogate as one self-contained page, and plots of runs.
 //!
+//! The first screen answers: [`first`] has the verdict, the errors, the ranges and the cost; sections follow with the details.
+//!
 //! One way: test runs and surrogate -> [`Evaluated`] numbers -> sections of [`Figure`]s and tables -> [`page`].
 
 pub mod axis;
 pub mod chart;
 mod figures;
+mod first;
 mod numbers;
 mod page;
+mod picture;
 mod plot;
+pub mod readable;
+mod strip;
 
 use crate::{
-    Error, Result, evaluation::Verdict, evaluation::comparison::Comparison, source::MovingPoint, study::Study,
+    Error, Result,
+    evaluation::Verdict,
+    evaluation::comparison::Comparison,
+    source::{MovingMechanism, MovingPoint},
+    study::Study,
     training::EpochRecord,
 };
 use chart::Chart;
 pub use figures::{Beside, card_figures};
+pub use first::ranges;
 pub use numbers::Evaluated;
 pub use page::page;
 pub use plot::{Curve, time_series_svg, two_runs_svg};
@@ -30,6 +41,12 @@ pub struct Material<'a> {
     pub verdict: &'a Verdict,
     /// Points whose paths are shown.
     pub points: &'a [MovingPoint],
+    /// The mechanism in the worst run, if it was simulated here.
+    pub mechanism: Option<MovingMechanism>,
+    /// Seconds of a step on one core, if they were measured.
+    pub step_seconds: Option<f64>,
+    /// Speed-up against the source, if that can be run.
+    pub speed_up: Option<f64>,
     /// The training, epoch by epoch.
     pub history: &'a [EpochRecord],
     /// Origin of the surrogate: names and values.

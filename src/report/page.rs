@@ -1,14 +1,20 @@
 //! The page: sections, figures and tables in one file that loads nothing.
 
-use super::{Drawn, Material, ReportBlock, figures::sections};
+use super::{
+    Drawn, Material, ReportBlock,
+    figures::{sections, sentence},
+    first::first_screen,
+};
 use crate::{
     Result,
-    html::{self, escape},
+    html::{LOOK, escape},
 };
 use rayon::prelude::*;
 use std::fmt::Write;
 
 const STYLE: &str = include_str!("page.css");
+/// Moves the mechanism and adds keys; the page is complete without it.
+const SCRIPT: &str = include_str!("page.js");
 
 /// The report's page and its figures. The same material always gives the same text.
 ///
@@ -20,8 +26,8 @@ pub fn page(material: &Material) -> Result<(String, Vec<Drawn>)> {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{name}: report</title>\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<link rel=\"icon\" href=\"data:,\">\n\
-         <style>\n{STYLE}</style></head>\n<body>\n<h1>{name}</h1>\n{}<nav>",
-        html::verdict(material.verdict)
+         <style>\n{LOOK}{STYLE}</style></head>\n<body>\n{}<nav>",
+        first_screen(material, &sentence(material))
     );
     // writing to a string does not fail
     for section in &sections {
@@ -36,6 +42,7 @@ pub fn page(material: &Material) -> Result<(String, Vec<Drawn>)> {
                 ReportBlock::Html(html) => {
                     let _ = writeln!(page, "{html}");
                 }
+                ReportBlock::Figures(figures) if figures.is_empty() => {}
                 ReportBlock::Figures(figures) => {
                     let figures = figures.par_iter().map(|figure| figure.draw()).collect::<Result<Vec<Drawn>>>()?;
                     page.push_str("<div class=\"figures\">\n");
@@ -51,6 +58,6 @@ pub fn page(material: &Material) -> Result<(String, Vec<Drawn>)> {
         }
         page.push_str("</section>\n");
     }
-    page.push_str("</body>\n</html>\n");
+    let _ = write!(page, "<script>\n{SCRIPT}</script>\n</body>\n</html>\n");
     Ok((page, drawn))
 }

@@ -1,13 +1,15 @@
 //! A small surrogate with test runs that it predicts exactly.
 
+use super::{Evaluated, Material};
 use crate::{
     dataset::{Dataset, Run},
-    evaluation::predict_all,
+    evaluation::{Verdict, predict_all},
+    study::Study,
     variable::SourceVariable,
 };
 use metafmu_example as example;
 use metafmu_runtime::Surrogate;
-use std::sync::Arc;
+use std::{path::Path, sync::Arc};
 
 pub fn exact() -> (Surrogate, Dataset) {
     let surrogate = example::surrogate();
@@ -26,4 +28,27 @@ pub fn exact() -> (Surrogate, Dataset) {
     let predictions = predict_all(&surrogate, &test);
     test.runs.iter_mut().zip(predictions).for_each(|(run, outputs)| run.outputs = outputs);
     (surrogate, test)
+}
+
+/// A study of a surrogate in steps of 0.1 s.
+pub fn study() -> Study {
+    let text = include_str!("../../examples/quick/single-pendulum.toml").replace("step = 0.01 ", "step = 0.1 ");
+    Study::parse(&text, Path::new("s.toml")).unwrap()
+}
+
+/// The least that a report needs.
+pub fn material<'a>(study: &'a Study, evaluated: &'a Evaluated<'a>, verdict: &'a Verdict) -> Material<'a> {
+    Material {
+        study,
+        evaluated,
+        verdict,
+        points: &[],
+        mechanism: None,
+        step_seconds: None,
+        speed_up: None,
+        history: &[],
+        facts: &[],
+        comparison: None,
+        beside: None,
+    }
 }

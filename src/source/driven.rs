@@ -7,7 +7,7 @@ use crate::{
     dynamics::{self, Checked, QuantityRange, Region},
     evaluation::SignalKind,
     integrate::Budget,
-    multibody::{Mechanism, RunStart},
+    multibody::{BodyMotion, Mechanism, RunStart},
     signal::{Knots, Signal, SineTerm},
     study::{Excitation, Recording, StateOptions, Study, is_angle, velocity_name},
     variable::SourceVariable,
@@ -344,6 +344,22 @@ impl Driven {
     ) -> Result<Vec<f64>, String> {
         let launch = self.launch(parameters, times)?;
         mechanism.simulate_from(values, launch.start(), &launch.signals, times, integration)
+    }
+
+    /// Motion of the bodies in the run of [`simulate`](Self::simulate).
+    ///
+    /// # Errors
+    /// As [`simulate`](Self::simulate).
+    pub fn body_motion(
+        &self,
+        mechanism: &Mechanism,
+        values: &[f64],
+        parameters: &[f64],
+        times: &[f64],
+        integration: (f64, &Budget),
+    ) -> Result<BodyMotion, String> {
+        let launch = self.launch(parameters, times)?;
+        mechanism.body_motion_from(values, launch.start(), &launch.signals, times, integration)
     }
 
     /// Smallest and largest value of each coordinate, each velocity, then each actuator state in runs of the mechanism with these

@@ -16,14 +16,14 @@ pub mod worker;
 
 use crate::{
     Result,
-    dataset::DatasetColumns,
+    dataset::{DatasetColumns, Run},
     diagnostics::{KeyProblem, Problems},
     study::{Draft, Study, StudyStructure},
     variable::SourceVariable,
 };
 pub use journal::Journal;
 use metafmu_runtime::{BuiltIn, Output, State};
-pub use point::MovingPoint;
+pub use point::{MovingMechanism, MovingPoint};
 pub use recorded::Recorded;
 pub use rows::StaticRows;
 pub use simulation::Simulation;
@@ -178,6 +178,14 @@ impl Source {
             }
         }
         points
+    }
+
+    /// Mechanism in a run that was simulated here, for a picture of it.
+    pub fn moving_mechanism(&self, run: &Run) -> Option<MovingMechanism> {
+        match self {
+            Self::Simulation(simulation) => simulation.moving_mechanism(run),
+            Self::Recorded(_) | Self::Rows(_) => None,
+        }
     }
 
     /// The elements of an array share its unit.

@@ -1,6 +1,15 @@
-//! Points of a mechanism whose paths follow from its outputs.
+//! Points of a mechanism whose paths follow from its outputs, and the mechanism itself in a run.
 
-use crate::systems::SystemPoint;
+use crate::{multibody::MechanismGeometry, systems::SystemPoint};
+
+/// A mechanism in a run.
+#[derive(Clone, Debug)]
+pub struct MovingMechanism {
+    /// Its points.
+    pub geometry: MechanismGeometry,
+    /// Position and angle of each body at each time of the run: shape `[times, bodies, 3]`.
+    pub poses: Vec<f64>,
+}
 
 /// A point that moves in the plane.
 #[derive(Clone, Debug)]

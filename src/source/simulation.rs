@@ -1,7 +1,7 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
-    Journal, MovingPoint, before_start, calibration_runs,
+    Journal, MovingMechanism, MovingPoint, before_start, calibration_runs,
     driven::Driven,
     list,
     worker::{OutputsOrReason, WorkerModel},
@@ -13,7 +13,7 @@ use crate::{
     diagnostics::{Problems, names::expected_one_of},
     fmi::Workers,
     integrate::{Budget, TOLERANCE},
-    multibody::{Mechanism, description::MechanismOutput},
+    multibody::{BodyMotion, Mechanism, description::MechanismOutput},
     sampling::Plan,
     study::{SourceOptions, Study},
     systems::{SYSTEMS, System},
@@ -162,6 +162,16 @@ impl Simulation {
                 simulator.points(quantities, parameter_positions, &outputs)
             }
             SimulationModel::Apart(_) => Vec::new(),
+        }
+    }
+
+    /// Mechanism in a run with these parameters and outputs, for a picture; none of other sources, or if a repeated run has other outputs.
+    pub fn moving_mechanism(&self, run: &Run) -> Option<MovingMechanism> {
+        match &self.model {
+            SimulationModel::Equations(equations) => {
+                equations.moving_mechanism(run.parameters.get(..self.planned.len())?, &self.times, run)
+            }
+            SimulationModel::Apart(_) => None,
         }
     }
 
@@ -485,12 +495,40 @@ impl SimulatedEquations {
         Ok((equations, parameters, outputs))
     }
 
-    /// Outputs of a run, row by row, in the study's order; any of the flags ends it early.
-    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> OutputsOrReason {
+    /// Value of each quantity in a run.
+    fn quantities(&self, parameters: &[f64]) -> Vec<f64> {
         let mut quantities = self.quantities.clone();
         for (&position, &value) in self.parameter_positions.iter().zip(parameters) {
             quantities[position] = value;
         }
+        quantities
+    }
+
+    /// See [`Simulation::moving_mechanism`]. Signals depend on all times of a run of the plan, of which the run has the first ones.
+    fn moving_mechanism(&self, parameters: &[f64], times: &[f64], run: &Run) -> Option<MovingMechanism> {
+        let EquationSolver::Mechanism(mechanism) = &self.simulator else { return None };
+        let quantities = self.quantities(parameters);
+        let budget = Budget::new(&[], self.time_limit);
+        let motion = match &self.driven {
+            Some(driven) => driven.body_motion(mechanism, &quantities, parameters, times, (self.tolerance, &budget)),
+            None => mechanism.body_motion(&quantities, times, self.tolerance, &budget),
+        };
+        let BodyMotion { mut poses, outputs } = motion.ok()?;
+        let rows = outputs.chunks(self.simulator.output_count());
+        let repeated = rows.flat_map(|row| self.output_positions.iter().map(|&position| row[position]));
+        // a run of a table that somebody changed is not this one
+        let is_same = |(a, b): (f64, &f64)| (a - b).abs() <= 1e-6 * b.abs().max(1.0);
+        if !repeated.zip(&run.outputs).all(is_same) {
+            return None;
+        }
+        let geometry = mechanism.geometry(&quantities)?;
+        poses.truncate(run.times.len() * 3 * geometry.links.len());
+        Some(MovingMechanism { geometry, poses })
+    }
+
+    /// Outputs of a run, row by row, in the study's order; any of the flags ends it early.
+    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> OutputsOrReason {
+        let quantities = self.quantities(parameters);
         let budget = Budget::new(stops, self.time_limit);
         let rows = match (&self.driven, &self.simulator) {
             (Some(driven), EquationSolver::Mechanism(mechanism)) => {

@@ -2,6 +2,7 @@
 
 mod contacts;
 mod forces;
+mod geometry;
 
 use super::{
     constraint::{BoundExpression, Constraint, Constraints, Slot, Target},
@@ -24,6 +25,7 @@ use crate::{
     signal::Signal,
 };
 use forces::bushing_coordinates;
+pub use geometry::{JointGeometry, MechanismGeometry, geometry};
 use indexmap::IndexMap;
 use nalgebra::{DVector, Vector2};
 use std::{collections::BTreeSet, ops::Range};

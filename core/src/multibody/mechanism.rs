@@ -311,7 +311,7 @@ impl Mechanism {
     }
 
     /// A run from a state: the model, what its outputs measure, its samples, and the equations in the coordinates.
-    fn run_from(
+    pub(super) fn run_from(
         &self,
         values: &[f64],
         RunStart { coordinates, positions, rates, actuator_states }: RunStart,
@@ -337,7 +337,7 @@ impl Mechanism {
     }
 
     /// The model with signals, and what its outputs measure.
-    fn driven(
+    pub(super) fn driven(
         &self,
         values: &[f64],
         signals: &[Signal],
@@ -368,7 +368,7 @@ impl Mechanism {
     }
 
     /// The outputs of samples, row by row.
-    fn rows(
+    pub(super) fn rows(
         &self,
         model: &MultibodyModel,
         measures: &[Measure],

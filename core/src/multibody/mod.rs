@@ -18,6 +18,7 @@ pub mod kinematics;
 pub mod measure;
 mod mechanism;
 pub mod model;
+mod motion;
 pub mod reduced;
 mod redundancy;
 pub mod review;
@@ -28,7 +29,9 @@ mod switches;
 mod tables;
 mod variables;
 
+pub use build::{JointGeometry, MechanismGeometry};
 pub use mechanism::{FreeCoordinate, Mechanism, RunStart, json_schema};
+pub use motion::BodyMotion;
 pub use stepper::Stepper;
 
 #[cfg(test)]

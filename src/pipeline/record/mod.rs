@@ -13,7 +13,7 @@ pub use compliant::CompliantRecord;
 pub use discrete::DiscreteRecord;
 pub use motion::{MotionRecord, ReactionRecord};
 pub use solver::{ImplicitCost, SolverRecord};
-pub use speed::Speed;
+pub use speed::{Cost, Speed};
 pub use state_space::StateSpaceRecord;
 pub use static_map::StaticRecord;
 pub use trajectories::TrajectoriesRecord;

@@ -15,6 +15,17 @@ pub struct Speed {
     pub speed_up: f64,
 }
 
+/// Cost of a surrogate on one core.
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
+pub struct Cost {
+    /// Seconds the surrogate takes for a row: a step of `time.step`, or a row without a time.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seconds_per_step: Option<f64>,
+    /// Speed beside that of the source, if that can be run.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub speed: Option<Speed>,
+}
+
 impl Speed {
     /// Speed as text.
     pub fn describe(&self) -> String {

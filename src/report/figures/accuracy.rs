@@ -2,6 +2,7 @@
 
 use super::{
     Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, left_out, output, paragraph, shown,
+    varies,
 };
 use crate::report::numbers::{CELLS, Density, Histogram};
 use rayon::prelude::*;
@@ -12,7 +13,7 @@ pub fn section(evaluated: &Evaluated) -> Section {
         "Predictions against labels of all {rows} test rows, counted in {CELLS} by {CELLS} cells: the darker, the more rows. A \
          perfect surrogate is on the diagonal."
     ))];
-    let outputs: Vec<usize> = shown(evaluated).collect();
+    let outputs: Vec<usize> = shown(evaluated).filter(|&output| varies(evaluated, output)).collect();
     blocks.push(ReportBlock::Figures(
         outputs.par_iter().map(|&output| density_figure(evaluated, output, "density")).collect(),
     ));

@@ -155,8 +155,8 @@ mod tests {
             "3. <code>svr</code>",
             "too slow: a &lt;reason&gt;",
             ">0.001<",
-            "0.9990000",
-            "-0.5000000",
+            "0.9990",
+            "-0.5000",
         ] {
             assert!(html.contains(piece), "{piece} is not in {html}");
         }

@@ -2,7 +2,7 @@
 
 use super::{
     Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, left_out, lines, output, paragraph,
-    parameter, shown, words,
+    parameter, shown, varying, words,
 };
 use crate::report::numbers::{Binned, evenly};
 use rayon::prelude::*;
@@ -19,7 +19,7 @@ pub fn section(evaluated: &Evaluated) -> Section {
     let [tests, of] = words(evaluated);
     let mut blocks = Vec::new();
     if !evaluated.is_of_rows() {
-        let over_time = outputs.par_iter().map(|&output| over_time_figure(evaluated, output)).collect();
+        let over_time = outputs.par_iter().filter_map(|&output| over_time_figure(evaluated, output)).collect();
         blocks = vec![
             ReportBlock::Html("<h3>Over time</h3>".into()),
             paragraph(
@@ -27,6 +27,9 @@ pub fn section(evaluated: &Evaluated) -> Section {
             ),
             ReportBlock::Figures(over_time),
         ];
+    }
+    if varying(evaluated).is_empty() {
+        return Section { id: "errors", title: "Where the errors are".into(), blocks };
     }
     blocks.extend([
         ReportBlock::Html(format!("<h3>Over each {of}</h3>")),
@@ -41,9 +44,11 @@ pub fn section(evaluated: &Evaluated) -> Section {
     Section { id: "errors", title: "Where the errors are".into(), blocks }
 }
 
-fn over_time_figure(evaluated: &Evaluated, column: usize) -> Figure {
+fn over_time_figure(evaluated: &Evaluated, column: usize) -> Option<Figure> {
     let (name, unit) = output(evaluated, column);
     let Binned { at, rms, largest, .. } = evaluated.over_time(column);
+    // as over a parameter
+    largest.iter().any(|&error| error > 0.0).then_some(())?;
     let line = |values: &[f64]| Shape::Line(at.iter().zip(values).map(|(&t, &error)| [t, error]).collect());
     let chart = Chart {
         x: Axis::exact("time", "s", at[0], at[at.len() - 1]),
@@ -53,7 +58,7 @@ fn over_time_figure(evaluated: &Evaluated, column: usize) -> Figure {
             ChartSeries::named("root mean square", Ink::Blue, line(&rms)),
         ],
     };
-    Figure::new(&format!("error-time-{name}"), format!("{name}: error over time."), chart)
+    Some(Figure::new(&format!("error-time-{name}"), format!("{name}: error over time."), chart))
 }
 
 /// Errors of several outputs in one chart, relative to their ranges.
@@ -65,7 +70,7 @@ pub fn relative_over_time(evaluated: &Evaluated) -> Vec<Figure> {
 
 fn over_parameters(evaluated: &Evaluated) -> Vec<Figure> {
     let outputs = shown(evaluated).len();
-    let figures = (0..evaluated.test.parameters.len()).into_par_iter().flat_map_iter(|column| {
+    let figures = varying(evaluated).into_par_iter().flat_map_iter(|column| {
         let (name, unit) = parameter(evaluated, column);
         let errors: Vec<Binned> = (0..outputs).map(|output| evaluated.over_parameter(output, column)).collect();
         relative(evaluated, &errors, name, unit, &format!("error-{name}"))
@@ -89,6 +94,10 @@ fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id
                 _ => Vec::new(),
             })
             .collect();
+        // errors of zero have no place on a logarithmic axis
+        if !points.iter().any(|point| point[1] > 0.0) {
+            return None;
+        }
         let x: Vec<f64> = points.iter().map(|point| point[0]).collect();
         let (low, high) = super::super::axis::extent(x).unwrap_or((0.0, 1.0));
         let chart = Chart {
@@ -97,10 +106,10 @@ fn relative(evaluated: &Evaluated, errors: &[Binned], name: &str, unit: &str, id
             series,
         };
         let suffix = if part == 0 { String::new() } else { format!("-{}", part + 1) };
-        Figure::new(&format!("{id}-relative{suffix}"), format!("Relative errors over {name}."), chart)
+        Some(Figure::new(&format!("{id}-relative{suffix}"), format!("Relative errors over {name}."), chart))
     };
     let numbered: Vec<(usize, &Binned)> = errors.iter().enumerate().collect();
-    numbered.chunks(LINES).enumerate().map(figure).collect()
+    numbered.chunks(LINES).enumerate().filter_map(figure).collect()
 }
 
 /// `rows` of `unseen rows`.
@@ -116,8 +125,10 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
     let (good, bad) = order.split_at(order.len() - (order.len() / 20).max(1));
     let good: Vec<usize> = evenly(good.len(), RUNS).into_iter().map(|index| good[index]).collect();
     let bad_shown: Vec<usize> = evenly(bad.len(), RUNS / 4).into_iter().map(|index| bad[index]).collect();
-    let count = evaluated.test.parameters.len();
-    let pairs: Vec<(usize, usize)> = (0..count).flat_map(|a| (a + 1..count).map(move |b| (a, b))).collect();
+    let varying = varying(evaluated);
+    let pairs: Vec<(usize, usize)> = (varying.iter().enumerate())
+        .flat_map(|(index, &a)| varying[index + 1..].iter().map(move |&b| (a, b)))
+        .collect();
     let value = |run: usize, column: usize| evaluated.test.runs[run].parameters[column];
     let axis = |column: usize| {
         let (name, unit) = parameter(evaluated, column);
@@ -139,8 +150,8 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
     if pairs.len() > PAIRS {
         text += &format!(" Shown are {PAIRS} of {} pairs of {of}s.", pairs.len());
     }
-    let mut figures: Vec<Figure> = (0..count)
-        .take(if count == 1 { 1 } else { 0 })
+    let only = varying.first().filter(|_| varying.len() == 1);
+    let mut figures: Vec<Figure> = (only.into_iter().copied())
         .map(|column| {
             let errors = evaluated.run_errors();
             let y = Axis::log("RMS error / range", "", errors.iter().copied());
@@ -159,4 +170,35 @@ fn worst_runs(evaluated: &Evaluated) -> Vec<ReportBlock> {
         )
     }));
     vec![paragraph(&text), ReportBlock::Figures(figures)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::testing;
+
+    fn figures(section: Section) -> Vec<String> {
+        let of_block = |block| match block {
+            ReportBlock::Html(_) => Vec::new(),
+            ReportBlock::Figures(figures) => figures.into_iter().map(|figure| figure.id).collect(),
+        };
+        section.blocks.into_iter().flat_map(of_block).collect()
+    }
+
+    #[test]
+    fn parameters_that_do_not_vary_and_errors_of_zero_have_no_charts() {
+        let (surrogate, mut test) = testing::exact();
+        let exact = figures(section(&Evaluated::new(&surrogate, &test)));
+        assert_eq!(exact, ["worst-length-speed"], "an exact surrogate has no errors to draw");
+        test.runs[3].outputs[5 * 2] -= 0.25;
+        let both = figures(section(&Evaluated::new(&surrogate, &test)));
+        assert_eq!(both, ["error-time-angle", "error-length-relative", "error-speed-relative", "worst-length-speed"]);
+        test.runs.iter_mut().for_each(|run| run.parameters[1] = 2.0);
+        let one = figures(section(&Evaluated::new(&surrogate, &test)));
+        assert!(one.iter().all(|figure| !figure.contains("speed")), "{one:?}");
+        assert!(
+            one.contains(&"error-length-relative".to_owned()) && one.contains(&"worst-length".to_owned()),
+            "{one:?}"
+        );
+    }
 }

@@ -1,19 +1,13 @@
-//! Inputs that drove the test runs of a surrogate with states.
+//! Inputs that drove the worst test run of a surrogate with states.
 
 use super::{
-    Axis, Chart, ChartSeries, Evaluated, Figure, INKS, ReportBlock, Section, Shape, paragraph, responses::time_axis,
+    Axis, Chart, ChartSeries, Evaluated, Figure, Ink, ReportBlock, Section, Shape, paragraph, responses::time_axis,
 };
 
-/// Runs in one chart.
-const RUNS: usize = 3;
-
 pub fn section(evaluated: &Evaluated) -> Option<Section> {
-    if evaluated.test.inputs.is_empty() {
-        return None;
-    }
-    let runs = evaluated.test.runs.len().min(RUNS);
-    let figures = (0..evaluated.test.inputs.len()).map(|input| figure(evaluated, input, runs)).collect();
-    let text = format!("What drove the first {runs} test runs. Between two rows an input is a straight line.");
+    let run = *evaluated.runs_by_error().last().filter(|_| !evaluated.test.inputs.is_empty())?;
+    let figures = (0..evaluated.test.inputs.len()).map(|input| figure(evaluated, input, run)).collect();
+    let text = format!("Inputs of the worst test run, {run}. Between two rows an input is a straight line.");
     Some(Section {
         id: "inputs",
         title: "Inputs".into(),
@@ -21,18 +15,13 @@ pub fn section(evaluated: &Evaluated) -> Option<Section> {
     })
 }
 
-fn figure(evaluated: &Evaluated, input: usize, runs: usize) -> Figure {
+fn figure(evaluated: &Evaluated, input: usize, index: usize) -> Figure {
     let variable = &evaluated.test.inputs[input];
-    let count = evaluated.test.inputs.len();
-    let mut values = Vec::new();
-    let series = (0..runs).map(|index| {
-        let run = &evaluated.test.runs[index];
-        let rows = run.times.iter().zip(run.inputs.iter().skip(input).step_by(count));
-        let points: Vec<[f64; 2]> = rows.map(|(time, value)| [*time, *value]).collect();
-        values.extend(points.iter().map(|point| point[1]));
-        ChartSeries::named(format!("test run {index}"), INKS[index % INKS.len()], Shape::Line(points))
-    });
-    let series = series.collect();
-    let chart = Chart { x: time_axis(evaluated, 0), y: Axis::linear(&variable.name, &variable.unit, values), series };
-    Figure::new(&format!("input-{}", variable.name), format!("{}.", variable.name), chart)
+    let run = &evaluated.test.runs[index];
+    let values = run.inputs.iter().skip(input).step_by(evaluated.test.inputs.len());
+    let points: Vec<[f64; 2]> = run.times.iter().zip(values).map(|(time, value)| [*time, *value]).collect();
+    let y = Axis::linear(&variable.name, &variable.unit, points.iter().map(|point| point[1]));
+    let series = vec![ChartSeries::silent(Ink::Blue, Shape::Line(points))];
+    let chart = Chart { x: time_axis(evaluated, index), y, series };
+    Figure::new(&format!("input-{}", variable.name), format!("{} in test run {index}.", variable.name), chart)
 }

@@ -12,13 +12,19 @@ mod sensitivity;
 mod summary;
 mod training;
 
+use super::readable::{self, number, percent};
 use super::{
     Evaluated, Figure, Material, ReportBlock, Section,
     axis::Axis,
     chart::{Chart, ChartSeries, INKS, Ink, Shape},
+    first::REASONS,
 };
-use crate::{diagnostics::numbers::number, evaluation::TestRows, html::escape};
+use crate::{
+    evaluation::TestRows,
+    html::{escape, reasons},
+};
 pub use beside::Beside;
+pub use summary::sentence;
 
 /// Largest number of outputs that a section shows, in the study's order.
 const OUTPUTS: usize = 12;
@@ -26,6 +32,7 @@ const OUTPUTS: usize = 12;
 /// Every section that has content.
 pub fn sections(material: &Material) -> Vec<Section> {
     let all = [
+        verdict(material),
         Some(summary::summary(material)),
         Some(accuracy::section(material.evaluated)),
         (!material.evaluated.is_of_rows()).then(|| responses::section(material.evaluated)),
@@ -33,7 +40,8 @@ pub fn sections(material: &Material) -> Vec<Section> {
         motion::section(material),
         Some(errors::section(material.evaluated)),
         // its numbers are of parameters and time alone
-        (!material.evaluated.surrogate.program().has_memory()).then(|| sensitivity::section(material.evaluated)),
+        (!material.evaluated.surrogate.program().has_memory() && !varying(material.evaluated).is_empty())
+            .then(|| sensitivity::section(material.evaluated)),
         coverage::section(material.evaluated),
         material.comparison.map(|comparison| comparison::section(comparison, material.evaluated.is_of_rows())),
         beside::section(material),
@@ -41,6 +49,15 @@ pub fn sections(material: &Material) -> Vec<Section> {
         Some(summary::provenance(material)),
     ];
     all.into_iter().flatten().collect()
+}
+
+/// All reasons of the verdict, if the first screen has only some of them.
+fn verdict(material: &Material) -> Option<Section> {
+    let lines = reasons(material.verdict);
+    let lines: Vec<String> = (lines.len() > REASONS).then_some(lines)?;
+    let lines: String = lines.iter().map(|line| format!("<li>{line}</li>\n")).collect();
+    let blocks = vec![ReportBlock::Html(format!("<ul>\n{lines}</ul>"))];
+    Some(Section { id: "verdict", title: "Verdict".into(), blocks })
 }
 
 /// Figures of a model card: errors over time, and the worst test run of the output with the largest error. For a static
@@ -82,6 +99,20 @@ fn shown(evaluated: &Evaluated) -> std::ops::Range<usize> {
 /// Words for test runs and their parameters: unseen rows and inputs for a static map.
 fn words(evaluated: &Evaluated) -> [&'static str; 2] {
     if evaluated.is_of_rows() { ["unseen rows", "input"] } else { ["test runs", "parameter"] }
+}
+
+/// The parameters that differ between the test runs: the others have no charts.
+fn varying(evaluated: &Evaluated) -> Vec<usize> {
+    let differs = |column: &usize| {
+        let mut values = evaluated.test.runs.iter().map(|run| run.parameters[*column]);
+        values.next().is_some_and(|first| values.any(|value| value != first))
+    };
+    (0..evaluated.test.parameters.len()).filter(differs).collect()
+}
+
+/// Returns true if the truth of an output varies: a constant has neither a diagonal nor a distribution.
+fn varies(evaluated: &Evaluated, output: usize) -> bool {
+    evaluated.accuracy.outputs[output].r2.is_some()
 }
 
 /// Note on the outputs that are not shown because there are too many.
@@ -142,12 +173,7 @@ fn unit(unit: &str) -> String {
     escape(if unit.is_empty() { "-" } else { unit })
 }
 
-/// `R²` as people read it: one digit for each nine, and a few more.
+/// `R²` as people read it.
 fn r2(value: Option<f64>) -> String {
-    let digits = |r2: f64| if r2.abs() < 1e4 { format!("{r2:.7}") } else { format!("{r2:.2e}") };
-    value.map_or("constant output".into(), digits)
-}
-
-fn percent(share: f64) -> String {
-    format!("{} %", number(100.0 * share))
+    value.map_or("constant output".into(), readable::r2)
 }

@@ -2,7 +2,7 @@
 
 use super::{
     Axis, Chart, Evaluated, Figure, ReportBlock, Section, code, escape, left_out, lines, number, output, paragraph,
-    parameter, shown, table, unit, words,
+    parameter, shown, table, unit, varying, words,
 };
 use crate::report::numbers::{SENSITIVITY_RUNS, Sensitivity};
 
@@ -35,7 +35,8 @@ pub fn section(evaluated: &Evaluated) -> Section {
 
 /// A row an output, a column a parameter; shares of the row's sum as bars.
 fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> ReportBlock {
-    let names = evaluated.test.parameters.iter().map(|variable| escape(&variable.name));
+    let varying = varying(evaluated);
+    let names = varying.iter().map(|&column| escape(parameter(evaluated, column).0));
     let headings: Vec<String> = ["output", "unit"].map(String::from).into_iter().chain(names).collect();
     let row = |(column, sensitivity): (usize, &Sensitivity)| {
         let (name, output_unit) = output(evaluated, column);
@@ -44,7 +45,10 @@ fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> ReportBlock
             let share = 100.0 * value / sum;
             format!("{}<div class=\"bar\"><i style=\"width:{share:.0}%\"></i></div>", number(*value))
         };
-        [code(name), unit(output_unit)].into_iter().chain(sensitivity.mean.iter().map(cell)).collect()
+        [code(name), unit(output_unit)]
+            .into_iter()
+            .chain(varying.iter().map(|&column| cell(&sensitivity.mean[column])))
+            .collect()
     };
     let headings: Vec<&str> = headings.iter().map(String::as_str).collect();
     table(&headings, sensitivities.iter().enumerate().map(row))
@@ -52,7 +56,8 @@ fn overview(evaluated: &Evaluated, sensitivities: &[Sensitivity]) -> ReportBlock
 
 fn over_time(evaluated: &Evaluated, column: usize, sensitivity: &Sensitivity) -> Vec<Figure> {
     let (name, unit) = output(evaluated, column);
-    let parameters: Vec<(usize, &Vec<f64>)> = sensitivity.over_time.iter().enumerate().collect();
+    let parameters = varying(evaluated).into_iter().map(|column| (column, &sensitivity.over_time[column]));
+    let parameters: Vec<(usize, &Vec<f64>)> = parameters.collect();
     let times = &sensitivity.times;
     let figure = |(part, parameters): (usize, &[(usize, &Vec<f64>)])| {
         let line = |values: &[f64]| times.iter().zip(values).map(|(&t, &value)| [t, value]).collect::<Vec<_>>();

@@ -1,33 +1,42 @@
 //! Summary of the surrogate: its kind, its accuracy, and its origin.
 
-use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, r2, row_of, table, unit};
+use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, table, unit};
 use crate::{
-    evaluation::{Accuracy, Horizon, OutputMetrics, RollOuts, TestRows},
+    evaluation::{Accuracy, Horizon, RollOuts, TestRows},
+    report::readable::count,
     study::NetworkOptions,
     surrogate::input_description,
 };
 use metafmu_runtime::{Clock, Graph, Output, Role, ScaledNetwork, graph::Step};
 
-pub fn summary(material: &Material) -> Section {
+/// One sentence on the surrogate: its kind, its outputs, and their origin.
+pub fn sentence(material: &Material) -> String {
+    let (from, _) = sources(material);
+    let outputs = material.evaluated.outputs();
+    let is = match material.evaluated.is_of_rows() {
+        true if material.study.is_compliant() => "A compliant element, which creates no energy, gives".into(),
+        true => "A static map gives".into(),
+        false => network(material),
+    };
+    format!("{is} {} from {from}.", counted(outputs, "output"))
+}
+
+/// Origin of the outputs as text, and the items that were learned from.
+fn sources(material: &Material) -> (String, &'static str) {
     let evaluated = material.evaluated;
-    let Accuracy { outputs, test_runs, test_rows, .. } = &evaluated.accuracy;
     let metadata = evaluated.surrogate.metadata();
-    let mut blocks = Vec::new();
-    if !metadata.description.is_empty() {
-        blocks.push(paragraph(&format!("{}.", metadata.description.trim_end_matches('.'))));
-    }
+    let outputs = evaluated.outputs();
     let (from, learned) = match metadata.states.len() {
         0 if evaluated.surrogate.program().has_memory() => {
             let inputs = evaluated.test.inputs.len();
-            let parameters = evaluated.test.parameters.len() - inputs - outputs.len();
-            (format!("past outputs, past inputs ({inputs}) and parameters ({parameters})"), "samples")
+            let parameters = evaluated.test.parameters.len() - inputs - outputs;
+            (list(["past outputs".into(), format!("{} in the past", counted(inputs, "input"))], parameters), "samples")
         }
-        0 if evaluated.is_of_rows() => (inputs(evaluated.test.parameters.len()), "rows"),
-        0 => (format!("{} parameters and the time", evaluated.test.parameters.len()), "rows"),
+        0 if evaluated.is_of_rows() => (counted(evaluated.test.parameters.len(), "input"), "rows"),
+        0 => (format!("{} and the time", counted(evaluated.test.parameters.len(), "parameter")), "rows"),
         states => {
             let parameters = evaluated.test.parameters.len() - states;
-            let from =
-                format!("{states} states, inputs ({}) and parameters ({parameters})", evaluated.test.inputs.len());
+            let from = list([counted(states, "state"), counted(evaluated.test.inputs.len(), "input")], parameters);
             let program = evaluated.surrogate.program();
             let of_states = program.integration().is_some() && program.motion().is_none();
             let learned = match (material.study.source.is_recorded(), of_states) {
@@ -38,6 +47,20 @@ pub fn summary(material: &Material) -> Section {
             (from, learned)
         }
     };
+    (from, learned)
+}
+
+/// Number of things as text; those there are none of have no place in a sentence.
+fn counted(count: usize, what: &str) -> String {
+    if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") }
+}
+
+pub fn summary(material: &Material) -> Section {
+    let evaluated = material.evaluated;
+    let Accuracy { test_runs, test_rows, .. } = &evaluated.accuracy;
+    let (test_runs_text, test_rows) = (count(*test_runs), count(*test_rows));
+    let metadata = evaluated.surrogate.metadata();
+    let (_, learned) = sources(material);
     let is_of_rows = evaluated.is_of_rows();
     let unseen = match material.study.sampling.train_stop {
         Some(stop) => format!("of which those up to {stop} s were learned from"),
@@ -49,41 +72,15 @@ pub fn summary(material: &Material) -> Section {
         }
         Some(TestRows::OfRuns) => format!("{test_rows} rows of runs that took no part in training"),
         Some(_) => format!("{test_rows} rows that took part neither in the fit nor in its choices"),
-        None => format!("{test_runs} runs of the original model, {test_rows} rows, {unseen}"),
+        None => format!("{test_runs_text} runs of the original model, {test_rows} rows, {unseen}"),
     };
-    blocks.push(paragraph(&format!(
-        "{} {} output{} from {from}. It was trained on {} {learned}. Everything below was measured on {measured}.",
-        match is_of_rows {
-            true if material.study.is_compliant() => "A compliant element, which creates no energy, gives".into(),
-            true => "A static map gives".into(),
-            false => network(material),
-        },
-        outputs.len(),
-        if outputs.len() == 1 { "" } else { "s" },
-        metadata.provenance.train_rows,
-    )));
-    let headings = ["output", "unit", "R²", "RMS error, of the range", "largest error, of the range", "where"];
-    let rows = outputs.values().enumerate().map(|(index, metrics)| {
-        let OutputMetrics { r2: score, mse, max_abs_error, relative_max_error, worst_run, worst_time, .. } = metrics;
-        let variable = &evaluated.test.outputs[index];
-        let rms = mse.sqrt();
-        vec![
-            code(&variable.name),
-            unit(&variable.unit),
-            r2(*score),
-            both(rms, Some(rms / evaluated.range(index))),
-            both(*max_abs_error, *relative_max_error),
-            match is_of_rows {
-                true => row_of(evaluated, *worst_run),
-                false => format!("test run {worst_run}, t = {} s", number(*worst_time)),
-            },
-        ]
-    });
-    blocks.push(table(&headings, rows));
+    let train_rows = count(metadata.provenance.train_rows as usize);
+    let mut blocks =
+        vec![paragraph(&format!("Trained on {train_rows} {learned}. Everything here was measured on {measured}."))];
     blocks.extend(
         evaluated.accuracy.noise(evaluated.surrogate).into_iter().map(|text| paragraph(&format!("{}.", escape(&text)))),
     );
-    let test_runs = evaluated.accuracy.test_runs;
+    let test_runs = *test_runs;
     blocks.extend(evaluated.accuracy.roll_outs.iter().flat_map(|found| roll_outs(found, test_runs)));
     if let Some(bounds) = evaluated.surrogate.bounds().filter(|_| is_of_rows) {
         let of_output = |(index, output): (usize, &Output)| {
@@ -97,8 +94,8 @@ pub fn summary(material: &Material) -> Section {
         )));
     }
     blocks.extend(evaluated.accuracy.within_two_std().map(|text| paragraph(&format!("{text}."))));
-    let trust = if material.verdict.accepted { "It may be trusted inside these ranges only. " } else { "" };
-    let learned = if is_of_rows { "its predictions at the rows it was fitted to" } else { "the training runs" };
+    let trust = if material.verdict.accepted { "Valid only within these ranges. " } else { "" };
+    let learned = if is_of_rows { "its predictions at the rows of the table" } else { "the training runs" };
     blocks.push(paragraph(&format!("{trust}A range of an output is that of {learned}.")));
     let inputs = evaluated.surrogate.inputs().iter().map(|input| {
         let kind = match input.role {
@@ -119,14 +116,12 @@ pub fn summary(material: &Material) -> Section {
     Section { id: "summary", title: "Summary".into(), blocks }
 }
 
-/// Number of inputs as text.
-fn inputs(count: usize) -> String {
-    if count == 1 { "1 input".into() } else { format!("{count} inputs") }
-}
-
-/// An error in the output's unit and, below it, as a share of the output's range.
-fn both(error: f64, share: Option<f64>) -> String {
-    number(error) + &share.map_or(String::new(), |share| format!("<br>{}", percent(share)))
+/// `2 states, 1 input and 3 parameters`; nothing of which there are none.
+fn list(parts: [String; 2], parameters: usize) -> String {
+    let parts = parts.into_iter().chain([counted(parameters, "parameter")]);
+    let mut parts: Vec<String> = parts.filter(|part| !part.starts_with("0 ")).collect();
+    let last = parts.pop().unwrap_or_default();
+    if parts.is_empty() { last } else { format!("{} and {last}", parts.join(", ")) }
 }
 
 /// Growth of errors along roll-outs.
@@ -166,7 +161,19 @@ fn roll_outs(
 fn sizes(network: &ScaledNetwork) -> String {
     let sizes = network.sizes();
     let hidden: Vec<String> = sizes.iter().take(sizes.len() - 1).map(usize::to_string).collect();
-    if hidden.is_empty() { "no hidden layer".into() } else { format!("hidden layers of {} nodes", hidden.join(", ")) }
+    layers(&hidden, "")
+}
+
+/// Hidden layers as text; `kind` stands before "nodes".
+fn layers(hidden: &[String], kind: &str) -> String {
+    match hidden {
+        [] => "no hidden layer".into(),
+        [only] => format!("a hidden layer of {only} {kind}nodes"),
+        [first, rest @ ..] if rest.iter().all(|other| other == first) => {
+            format!("{} hidden layers of {first} {kind}nodes", hidden.len())
+        }
+        hidden => format!("hidden layers of {} {kind}nodes", hidden.join(", ")),
+    }
 }
 
 /// Nodes and activation as text.
@@ -174,10 +181,7 @@ fn network(material: &Material) -> String {
     let NetworkOptions { hidden, activation, .. } = &material.study.network;
     let hidden: Vec<String> = hidden.iter().map(usize::to_string).collect();
     let activation = activation.name();
-    let layers = match hidden.as_slice() {
-        [] => "no hidden layer".into(),
-        hidden => format!("hidden layers of {} {activation} nodes", hidden.join(", ")),
-    };
+    let layers = layers(&hidden, &format!("{activation} "));
     let program = material.evaluated.surrogate.program();
     let graph = &program.graph;
     let called = graph.called();
