@@ -29,7 +29,8 @@ document.querySelectorAll(".mechanism").forEach(figure => {
   const button = document.createElement("button");
   function step(now) {
     if (!moves) return;
-    shown = ((now - since) / length) % 1;
+    // the time of a frame may be that of its beginning, before the start
+    shown = (Math.max(now - since, 0) / length) % 1;
     show(shown);
     requestAnimationFrame(step);
   }
