@@ -73,12 +73,26 @@ pub fn study_text(text: &str, path: &Path, keys: &[&str], values: &[Value]) -> R
     // the study has been read already
     let mut root: toml::Table = text.parse().unwrap_or_default();
     root.remove("search");
-    let files = ["mechanism", "fmu", "table", "index"].map(|key| ("source", key));
-    for (section, key) in files.into_iter().chain([("sampling", "file")]) {
-        let folder = path.parent().unwrap_or(Path::new(""));
-        if let Some(Value::String(file)) = root.get_mut(section).and_then(|section| section.get_mut(key)) {
-            let absolute = std::path::absolute(folder.join(&*file)).map_err(Error::io(path, "resolve"))?;
-            *file = absolute.to_string_lossy().into_owned();
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let make_absolute = |file: &mut String| {
+        let absolute = std::path::absolute(folder.join(&*file)).map_err(Error::io(path, "resolve"))?;
+        *file = absolute.to_string_lossy().into_owned();
+        Ok::<_, Error>(())
+    };
+    let keys_of_files = ["mechanism", "fmu", "table", "index", "command", "files"].map(|key| ("source", key));
+    for (section, key) in keys_of_files.into_iter().chain([("sampling", "file")]) {
+        match root.get_mut(section).and_then(|section| section.get_mut(key)) {
+            Some(Value::String(file)) => make_absolute(file)?,
+            Some(Value::Array(arguments)) => {
+                let files = arguments.iter_mut().filter_map(|argument| match argument {
+                    Value::String(argument) if key == "files" || folder.join(&*argument).is_file() => Some(argument),
+                    _ => None,
+                });
+                for file in files {
+                    make_absolute(file)?;
+                }
+            }
+            _ => {}
         }
     }
     for (key, value) in keys.iter().zip(values) {
@@ -177,6 +191,21 @@ mod tests {
 
     fn options(text: &str) -> SearchOptions {
         toml::from_str(text).unwrap()
+    }
+
+    #[test]
+    fn files_of_a_program_are_found_from_other_folders() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("model.py"), "").unwrap();
+        let text = "[source]\ncommand = [\"python\", \"model.py\", \"contact\"]\nfiles = [\"arm.xml\"]\n";
+        let found = study_text(text, &folder.path().join("study.toml"), &[], &[]).unwrap();
+        let found: toml::Table = found.parse().unwrap();
+        let absolute = |name: &str| folder.path().join(name).to_string_lossy().into_owned();
+        assert_eq!(
+            found["source"]["command"],
+            Value::from(["python".to_owned(), absolute("model.py"), "contact".into()].to_vec())
+        );
+        assert_eq!(found["source"]["files"], Value::from([absolute("arm.xml")].to_vec()));
     }
 
     #[test]
