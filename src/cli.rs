@@ -1,5 +1,6 @@
 //! The command line: definitions only.
 
+use crate::templates::TEMPLATES;
 use clap::{
     ArgGroup, Args, ColorChoice, Parser, Subcommand, ValueEnum, ValueHint,
     builder::{PossibleValue, PossibleValuesParser},
@@ -25,6 +26,7 @@ use std::{path::PathBuf, time::Duration};
   metafmu new my-study --fmu model.fmu               a third-party FMU
   metafmu new my-study --command python model.py     a program: MuJoCo, a script, an in-house code
   metafmu new my-study --mechanism mechanism.toml    bodies, joints and forces
+  metafmu new my-study --template crane              such a file to start from
   metafmu new my-study --system single-pendulum      a built-in system
 
 Review the file that this writes, then:
@@ -66,6 +68,7 @@ pub enum Command {
     #[command(after_help = "Examples:
   metafmu new my-pendulum --system single-pendulum
   metafmu new my-component --system double-pendulum --structure dynamics    # with states, of its equations of motion
+  metafmu new my-crane --template crane    # writes my-crane-mechanism.toml as well, to be changed
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
   metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
@@ -257,6 +260,9 @@ pub struct NewArgs {
     #[arg(long, value_parser = PossibleValuesParser::new(SYSTEMS.iter().map(|system| system.name)))]
     #[arg(group = "source")]
     pub system: Option<String>,
+    /// Mechanism to start from: writes it to NAME-mechanism.toml, too
+    #[arg(long, value_parser = PossibleValuesParser::new(templates()), group = "source")]
+    pub template: Option<String>,
     /// Mechanism file to sample
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
@@ -274,19 +280,23 @@ pub struct NewArgs {
     #[arg(long, value_name = "FILE", groups = ["source", "samples"])]
     pub table: Option<PathBuf>,
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
-    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub time: Option<String>,
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
-    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub run: Option<String>,
     /// Columns of the table that drive the runs, with --structure discrete [default: those that are called `u`, `input`, `force` or the like];
     /// of a table without a time those that the others follow from
-    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub inputs: Vec<String>,
     /// Columns of a table without a time that follow from the others [default: those that are called `y`, `output`, `result` or the like, else the
     /// last one]
-    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "mechanism", "fmu", "command"])]
+    #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub outputs: Vec<String>,
+}
+
+fn templates() -> impl Iterator<Item = PossibleValue> {
+    TEMPLATES.iter().map(|template| PossibleValue::new(template.name).help(template.about))
 }
 
 fn structures() -> [PossibleValue; 4] {

@@ -67,6 +67,7 @@ pub mod search;
 pub mod source;
 pub mod surrogate;
 pub mod swap;
+mod templates;
 
 // the commands use the public items here, like every other program
 extern crate self as metafmu;

@@ -8,7 +8,7 @@ mod rows;
 mod table;
 
 use super::{CommandOutcome, print, say, terminal::control};
-use crate::cli::NewArgs;
+use crate::{cli::NewArgs, templates::Template};
 use metafmu::{
     Error, Result,
     diagnostics::Problems,
@@ -41,8 +41,14 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         return Err(Error::Stale { path, message });
     }
     let target = &StudyTarget { name, folder };
-    let structure = args.structure.as_deref().unwrap_or(RESPONSE);
-    let Proposal { text, trial } = match (&args.mechanism, &args.fmu, &args.table) {
+    let template = args.template.as_deref().and_then(Template::of);
+    let usual = if template.is_some() { "dynamics" } else { RESPONSE };
+    let structure = args.structure.as_deref().unwrap_or(usual);
+    let mechanism = match template {
+        Some(template) => Some(written(template, &folder.join(format!("{name}-mechanism.toml")))?),
+        None => args.mechanism.clone(),
+    };
+    let Proposal { text, trial } = match (&mechanism, &args.fmu, &args.table) {
         (None, None, None) if !args.command.is_empty() => command::study(target, &args.command, structure)?.into(),
         (Some(file), _, _) if structure == "dynamics" => dynamics::of_mechanism(target, file)?,
         (Some(file), _, _) => of_mechanism(target, file)?.into(),
@@ -77,6 +83,17 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     }
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(CommandOutcome::Fine)
+}
+
+/// Writes the mechanism file of a template.
+fn written(template: &Template, path: &Path) -> Result<PathBuf> {
+    if path.exists() {
+        let message = "exists already and is not overwritten: remove it, or choose another name".into();
+        return Err(Error::Stale { path: path.to_owned(), message });
+    }
+    files::write_whole(path, template.file().as_bytes())?;
+    print(&format!("{}\n", path.display()))?;
+    Ok(path.to_owned())
 }
 
 /// Default structure of sources that have runs.

@@ -209,3 +209,19 @@ def test_a_column_that_is_not_the_rate_is_noticed(tmp_path):
     record = json.loads((tmp_path / "out" / "given" / "training.json").read_text())["trajectories"]
     [(name, error)] = record["rate_errors"]
     assert name == "v" and 1e-3 < error < 0.1
+
+
+@pytest.mark.parametrize("name", ["crane", "cam", "wishbone"])
+def test_a_template_is_a_mechanism_to_start_from(tmp_path, name):
+    result = metafmu("new", "my", "--template", name, cwd=tmp_path)
+    assert result.stdout.splitlines()[:2] == ["my-mechanism.toml", "my.toml"], result.stdout
+    text = (tmp_path / "my.toml").read_text()
+    assert 'structure = "dynamics"' in text and 'mechanism = "my-mechanism.toml"' in text
+    metafmu("sample", "my.toml", "--dry-run", cwd=tmp_path)
+    (tmp_path / "my.toml").unlink()
+    assert "my-mechanism.toml: exists already and is not overwritten" in metafmu("new", "my", "--template", name, check=False, cwd=tmp_path).stderr
+
+
+def test_an_unknown_template_is_refused_with_those_there_are(tmp_path):
+    result = metafmu("new", "my", "--template", "kran", check=False, cwd=tmp_path)
+    assert result.returncode == 2 and "quarter-car" in result.stderr, result.stderr
