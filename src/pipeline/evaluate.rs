@@ -99,7 +99,7 @@ pub(super) fn add_calibration(
 
 /// Measures the cost of a step and the speed beside the source's, and warns if that is faster.
 pub(super) fn measure_cost(project: &Project, surrogate: &Surrogate, test: &Dataset) -> Result<Cost> {
-    let cost = speed::cost(project, surrogate, test)?;
+    let cost = speed::cost(project, surrogate, &element::test_data(&project.study, test))?;
     if let Some(warning) = cost.speed.and_then(|speed| speed.warning(surrogate)) {
         project.warn(warning);
     }
