@@ -68,7 +68,7 @@ pub enum Command {
     #[command(after_help = "Examples:
   metafmu new my-pendulum --system single-pendulum
   metafmu new my-component --system double-pendulum --structure dynamics    # with states, of its equations of motion
-  metafmu new my-crane --template crane    # writes my-crane-mechanism.toml as well, to be changed
+  metafmu new my-hoist --template crane    # writes my-hoist-mechanism.toml as well, to be changed
   metafmu new my-linkage --mechanism examples/mechanisms/four-bar.toml
   metafmu new my-surrogate --fmu model.fmu
   metafmu new my-component --fmu model.fmu --structure dynamics    # with its states, for model exchange
