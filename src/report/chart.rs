@@ -376,7 +376,7 @@ fn shaded(ink: Ink, shade: f64) -> RGBColor {
     RGBColor(mix(red), mix(green), mix(blue))
 }
 
-/// At most [`LINE_POINTS`] points: the lowest and the highest of each group, so that no peak is lost.
+/// At most `LINE_POINTS` points: the lowest and the highest of each group, so that no peak is lost.
 pub fn thin(points: &[[f64; 2]]) -> Vec<[f64; 2]> {
     if points.len() <= LINE_POINTS {
         return points.to_vec();

@@ -1,6 +1,6 @@
 //! Pictures and pages: a report of a study's surrogate as one self-contained page, and plots of runs.
 //!
-//! The first screen answers: [`first`] has the verdict, the errors, the ranges and the cost; sections follow with the details.
+//! The first screen answers: `first.rs` has the verdict, the errors, the ranges and the cost; sections follow with the details.
 //!
 //! One way: test runs and surrogate -> [`Evaluated`] numbers -> sections of [`Figure`]s and tables -> [`page`].
 
