@@ -19,7 +19,7 @@ from pathlib import Path
 
 # from the bottom to the top; modules in one line do not know each other
 ORDER = """
-diagnostics fail_points process
+diagnostics fail_points process worst
 files integrate signal variable
 table
 multibody systems

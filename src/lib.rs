@@ -80,4 +80,5 @@ use metafmu_core::fail_points;
 pub use metafmu_core::{
     Error, Result, acceptance, calibration, compliant, dataset, diagnostics, dynamics, evaluation, files, integrate,
     layout, multibody, network, refinement, sampling, scaling, signal, study, systems, table, training, variable,
+    worst,
 };

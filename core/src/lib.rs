@@ -28,5 +28,6 @@ pub mod systems;
 pub mod table;
 pub mod training;
 pub mod variable;
+pub mod worst;
 
 pub use diagnostics::error::{Error, Result};

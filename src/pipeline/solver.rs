@@ -11,6 +11,7 @@ use crate::{
     evaluation::{OFF, RollOut},
     source::driven::Driven,
     surrogate,
+    worst::worst,
 };
 use metafmu_runtime::{Domain, Evaluator, Integration, Metadata, Output, StepError, Surrogate};
 use rayon::prelude::*;
@@ -235,9 +236,8 @@ impl<'a> IntegrationComparison<'a> {
             return f64::INFINITY;
         }
         let changes = changes(self.surrogate, &reference.outputs[..rows * width], &path.outputs[..rows * width]);
-        let errors = changes.iter().zip(by_start).map(|(change, by_start)| OFF * change / by_start);
-        // NaN counts, which a maximum would ignore
-        errors.fold(0.0, |largest, error| if error.is_nan() { f64::INFINITY } else { error.max(largest) })
+        let error = worst(changes.iter().zip(by_start).map(|(change, by_start)| OFF * change / by_start));
+        if error.is_nan() { f64::INFINITY } else { error }
     }
 
     fn errors(&self, paths: &[Path]) -> Vec<f64> {

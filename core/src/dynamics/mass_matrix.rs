@@ -4,6 +4,7 @@
 //! changes with each input and with each velocity give `F`, `B` and `D` of [`Dynamics`]; forces quadratic in velocities follow from `M`.
 
 use super::{EquationSamples, FIRST_ORDER, least_squares, raise_order, rows, terms::FactorSet};
+use crate::worst::worst;
 use metafmu_runtime::{
     Dynamics, StatePoint,
     dictionary::{Dictionary, Factor},
@@ -129,9 +130,7 @@ pub fn acceleration_error(dynamics: &Dynamics, exact: &EquationSamples) -> f64 {
         let variance = exact.labels.iter().map(|label| (label[k] - mean).powi(2)).sum::<f64>() / count;
         variance.sqrt().max(f64::MIN_POSITIVE)
     };
-    let errors = squares.iter().enumerate().map(|(k, sum)| (sum / count).sqrt() / deviation(k));
-    // a maximum would leave out what is not a number
-    errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
+    worst(squares.iter().enumerate().map(|(k, sum)| (sum / count).sqrt() / deviation(k)))
 }
 
 #[cfg(test)]

@@ -362,7 +362,7 @@ pub struct OfEquations {
 
 impl EquationSamples {
     /// The first ones.
-    fn first(&self, count: usize) -> Self {
+    pub fn first(&self, count: usize) -> Self {
         let count = count.min(self.points.len());
         Self { points: self.points[..count].to_vec(), labels: self.labels[..count].to_vec() }
     }

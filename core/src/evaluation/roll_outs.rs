@@ -4,6 +4,7 @@ use super::{first_predicted, varies};
 use crate::{
     dataset::{Dataset, Run},
     dynamics::Assembly,
+    worst::worst,
 };
 use metafmu_runtime::{CommunicationStep, Drive, Dynamics, Evaluator, Integration, Role, Shown, StepError, Surrogate};
 use rayon::prelude::*;
@@ -175,8 +176,7 @@ fn relative_error(truth: &[f64], found: &[f64], ranges: &[f64], (rows, varying):
         };
         if error == 0.0 { 0.0 } else { error / scale }
     };
-    // a maximum would leave out what is not a number
-    (0..width).map(of).fold(0.0, |largest, error| if error > largest || error.is_nan() { error } else { largest })
+    worst((0..width).map(of))
 }
 
 /// Scale of an output's errors: the standard deviation of the truth or, if it does not vary, the output's range in

@@ -9,6 +9,7 @@
 mod coefficients;
 
 use super::{Budget, IntegrationResult};
+use crate::worst::worst;
 use coefficients::*;
 use nalgebra::{Complex, DMatrix, DVector, Dyn, LU};
 
@@ -459,8 +460,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     /// Largest change of a state, relative to the tolerance.
     fn norm(&self, change: &DVector<f64>) -> f64 {
         let of = |(change, y): (&f64, &f64)| change.abs() / (self.tolerance * (1.0 + y.abs()));
-        // a maximum would ignore NaN
-        change.iter().zip(&self.y).map(of).fold(0.0, |largest, one| if one <= largest { largest } else { one })
+        worst(change.iter().zip(&self.y).map(of))
     }
 }
 
