@@ -74,7 +74,7 @@ def run(name, figure, folder):
     with open(folder / f"{name}.txt", "w", encoding="utf-8") as output:
         for command in figure["commands"]:
             print(f"$ {command}", file=output, flush=True)
-            # a session of its own, so that Ctrl-C ends all that it started
+            # a separate session, so that Ctrl-C ends everything it started
             process = subprocess.Popen(
                 ["bash", "-euo", "pipefail", "-c", command], cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True
             )

@@ -36,10 +36,7 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         let message = "is no folder: make it first".into();
         return Err(Error::Stale { path: folder.to_owned(), message });
     }
-    if path.exists() {
-        let message = "exists already and is not overwritten: remove it, or choose another name".into();
-        return Err(Error::Stale { path, message });
-    }
+    expect_free(&path)?;
     let target = &StudyTarget { name, folder };
     let template = args.template.as_deref().and_then(Template::of);
     let usual = if template.is_some() { "dynamics" } else { RESPONSE };
@@ -85,12 +82,18 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     Ok(CommandOutcome::Fine)
 }
 
+/// Refuses to overwrite a file.
+fn expect_free(path: &Path) -> Result<()> {
+    if !path.exists() {
+        return Ok(());
+    }
+    let message = "exists already and is not overwritten: remove it, or choose another name".into();
+    Err(Error::Stale { path: path.to_owned(), message })
+}
+
 /// Writes the mechanism file of a template.
 fn written(template: &Template, path: &Path) -> Result<PathBuf> {
-    if path.exists() {
-        let message = "exists already and is not overwritten: remove it, or choose another name".into();
-        return Err(Error::Stale { path: path.to_owned(), message });
-    }
+    expect_free(path)?;
     files::write_whole(path, template.file().as_bytes())?;
     print(&format!("{}\n", path.display()))?;
     Ok(path.to_owned())

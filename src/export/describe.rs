@@ -2,10 +2,11 @@
 
 use crate::{
     fmi::{
+        identifier::model_identifier,
         model_description::{
             Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, InterfaceCapabilities,
             ModelDescription, ModelExchange, ModelStructure, NamingConvention, RealAttributes, ScalarVariable,
-            UnitDefinition, Unknown, Variability, VariableType, Width, model_identifier,
+            UnitDefinition, Unknown, Variability, VariableType, Width,
         },
         unit::BaseUnit,
     },

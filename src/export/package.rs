@@ -9,7 +9,7 @@ use super::{
 use crate::{
     Error, Result,
     evaluation::Accuracy,
-    fmi::{Archive, FmiVersion, ModelDescription, model_description::model_identifier, xml},
+    fmi::{Archive, FmiVersion, ModelDescription, identifier::model_identifier, xml},
     report::Drawn,
     study::ExportOptions,
 };

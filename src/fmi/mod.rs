@@ -8,6 +8,7 @@
 
 mod archive;
 pub mod host;
+pub mod identifier;
 pub mod model_description;
 mod platform;
 pub mod system;

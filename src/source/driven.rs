@@ -7,7 +7,7 @@ use crate::{
     dynamics::{self, Checked, QuantityRange, Region},
     evaluation::SignalKind,
     integrate::Budget,
-    multibody::{BodyMotion, Mechanism, RunStart},
+    multibody::{Mechanism, RunStart},
     signal::{Knots, Signal, SineTerm},
     study::{Excitation, Recording, StateOptions, Study, is_angle, velocity_name},
     variable::SourceVariable,
@@ -330,38 +330,6 @@ impl Driven {
         (0..times.len()).flat_map(|row| columns.iter().map(move |column| column[row])).collect()
     }
 
-    /// Outputs of the mechanism in the run with these parameters, row by row.
-    ///
-    /// # Errors
-    /// A sentence, as [`Mechanism::simulate_from`].
-    pub fn simulate(
-        &self,
-        mechanism: &Mechanism,
-        values: &[f64],
-        parameters: &[f64],
-        times: &[f64],
-        integration: (f64, &Budget),
-    ) -> Result<Vec<f64>, String> {
-        let launch = self.launch(parameters, times)?;
-        mechanism.simulate_from(values, launch.start(), &launch.signals, times, integration)
-    }
-
-    /// Motion of the bodies in the run of [`simulate`](Self::simulate).
-    ///
-    /// # Errors
-    /// As [`simulate`](Self::simulate).
-    pub fn body_motion(
-        &self,
-        mechanism: &Mechanism,
-        values: &[f64],
-        parameters: &[f64],
-        times: &[f64],
-        integration: (f64, &Budget),
-    ) -> Result<BodyMotion, String> {
-        let launch = self.launch(parameters, times)?;
-        mechanism.body_motion_from(values, launch.start(), &launch.signals, times, integration)
-    }
-
     /// Smallest and largest value of each coordinate, each velocity, then each actuator state in runs of the mechanism with these
     /// parameters and times.
     ///
@@ -411,7 +379,7 @@ impl Driven {
     }
 
     /// Start of the run with these parameters, and its signals.
-    fn launch<'a>(&'a self, parameters: &'a [f64], times: &[f64]) -> Result<Launch<'a>, String> {
+    pub(super) fn launch<'a>(&'a self, parameters: &'a [f64], times: &[f64]) -> Result<Launch<'a>, String> {
         let count = self.states.len();
         let (_, starts) = parameters.split_at(parameters.len() - count);
         let n = (count - self.actuator_states) / 2;
@@ -443,16 +411,16 @@ fn drivers(study: &Study, inputs: Vec<OwnInput>) -> Result<Vec<DrivingInput>, Pr
 }
 
 /// Start of a run, and its signals.
-struct Launch<'a> {
+pub(super) struct Launch<'a> {
     /// Names of the coordinates.
     names: Vec<&'a str>,
     /// Coordinates, velocities and actuator states at the start.
     state: [&'a [f64]; 3],
-    signals: Vec<Signal>,
+    pub signals: Vec<Signal>,
 }
 
 impl Launch<'_> {
-    fn start(&self) -> RunStart<'_> {
+    pub fn start(&self) -> RunStart<'_> {
         let [positions, rates, actuator_states] = self.state;
         RunStart { coordinates: &self.names, positions, rates, actuator_states }
     }

@@ -510,7 +510,10 @@ impl SimulatedEquations {
         let quantities = self.quantities(parameters);
         let budget = Budget::new(&[], self.time_limit);
         let motion = match &self.driven {
-            Some(driven) => driven.body_motion(mechanism, &quantities, parameters, times, (self.tolerance, &budget)),
+            Some(driven) => driven.launch(parameters, times).and_then(|launch| {
+                let integration = (self.tolerance, &budget);
+                mechanism.body_motion_from(&quantities, launch.start(), &launch.signals, times, integration)
+            }),
             None => mechanism.body_motion(&quantities, times, self.tolerance, &budget),
         };
         let BodyMotion { mut poses, outputs } = motion.ok()?;
@@ -532,7 +535,8 @@ impl SimulatedEquations {
         let budget = Budget::new(stops, self.time_limit);
         let rows = match (&self.driven, &self.simulator) {
             (Some(driven), EquationSolver::Mechanism(mechanism)) => {
-                driven.simulate(mechanism, &quantities, parameters, times, (self.tolerance, &budget))?
+                let (launch, integration) = (driven.launch(parameters, times)?, (self.tolerance, &budget));
+                mechanism.simulate_from(&quantities, launch.start(), &launch.signals, times, integration)?
             }
             _ => self.simulator.simulate(&quantities, times, self.tolerance, &budget)?,
         };

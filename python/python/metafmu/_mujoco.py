@@ -63,10 +63,10 @@ class Mechanism:
     def __init__(self, path, attributes, contacts):
         self.path, self.attributes, self.contacts = path, attributes, contacts
         self.__name__ = Path(path).stem
-        self._key = self._model = self._data = self._timestep = None
+        self._key = self._model = self._data = self._timestep = self._structure = None
 
     def __getstate__(self):
-        return self.__dict__ | dict.fromkeys(("_key", "_model", "_data", "_timestep"))
+        return self.__dict__ | dict.fromkeys(("_key", "_model", "_data", "_timestep", "_structure"))
 
     def source(self, ranges, parameters, stop, step):
         import mujoco
@@ -191,6 +191,7 @@ class Mechanism:
         if self._key != parameters:
             self._key, self._model = dict(parameters), self._compiled(parameters)[1]
             self._data, self._timestep = mujoco.MjData(self._model), float(self._model.opt.timestep)
+            self._structure = self._has_structure(self._model)
         mujoco.mj_resetData(self._model, self._data)
         return self._model, self._data
 
@@ -240,7 +241,7 @@ class Mechanism:
             if model.actuator_actnum[number]:
                 rates[f"{name}.activation"] = float(data.act_dot[model.actuator_actadr[number]])
         outputs = dict(zip([name for name, _ in self._sensors(model)], data.sensordata.tolist()))
-        if not self._has_structure(model):
+        if not self._structure:
             return rates, outputs
         mass = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, mass)

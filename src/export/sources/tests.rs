@@ -4,8 +4,7 @@ use super::*;
 use crate::{
     export::{Binary, Contents, pack, validate},
     fmi::{
-        Fmu, FmuInstance, Inputs, InterfaceKind, Platform, SimulationOptions, model_description::model_identifier,
-        simulate,
+        Fmu, FmuInstance, Inputs, InterfaceKind, Platform, SimulationOptions, identifier::model_identifier, simulate,
     },
     integrate::{Budget, TOLERANCE, integrate},
     study::ExportOptions,

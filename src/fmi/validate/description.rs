@@ -2,9 +2,10 @@
 
 use super::Report;
 use crate::fmi::{
+    identifier::model_identifier,
     model_description::{
         Causality, FmiVersion, Initial, Integer, ModelDescription, ModelStructure, Named, NamingConvention,
-        RealAttributes, ScalarVariable, Unknown, Variability, VariableType, model_identifier,
+        RealAttributes, ScalarVariable, Unknown, Variability, VariableType,
     },
     xml::Document,
 };

@@ -17,7 +17,6 @@ use crate::{
     },
     study::{ParameterVariability, Study},
     surrogate,
-    training::StopReason,
 };
 use std::{path::Path, time::Instant};
 
@@ -41,20 +40,14 @@ impl LearningMethod for ElementOfRuns {
         let surrogate = import::of_graph(element.graph(), about, &interface, Some(points))?;
         let surrogate = surrogate::of_rows(study, &surrogate)?;
         let candidates: Vec<Candidate> = candidates.iter().map(candidate).collect();
+        let method = MethodRecord::Compliant(CompliantRecord {
+            exported: candidates[best].name.clone(),
+            coefficients: element.coefficients(),
+            candidates,
+        });
         let record = TrainingRecord {
-            train_rows: rows.points.len(),
             validation_runs,
-            epochs: 0,
-            best_epoch: 0,
-            stopped: StopReason::Solved,
-            train_seconds: began.elapsed().as_secs_f64(),
-            added_runs: 0,
-            target_met: None,
-            method: Some(MethodRecord::Compliant(CompliantRecord {
-                exported: candidates[best].name.clone(),
-                coefficients: element.coefficients(),
-                candidates,
-            })),
+            ..TrainingRecord::solved(rows.points.len(), began.elapsed().as_secs_f64(), method)
         };
         project.finish(format_args!(
             "fitted to {} rows in {:.1} s: {}",

@@ -6,14 +6,22 @@ use crate::{
     network::Network,
     pipeline::{
         follower::{Checkpoints, Follower, at_least_one_epoch, unusable_checkpoint},
+        observer::{CountedWork, Event},
         project::Project,
         record::{ACCELERATIONS, Candidate},
     },
     scaling,
+    source::worker::WorkerModel,
     study::{DynamicsOptions, Study},
     training::{self, Outcome, Tangents, TrainingRows, drawn},
+    worst::worst,
 };
-use metafmu_runtime::{Graph, ScaledNetwork, Scaling};
+use metafmu_runtime::{
+    FormatError, Graph, ScaledNetwork, Scaling,
+    dictionary::Factor,
+    function_set::{ColumnKind, NetworkColumn},
+};
+use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::sync::atomic::Ordering;
 
 /// Default `sampling.states` of an FMU, and of a mechanism.
@@ -31,6 +39,40 @@ pub(super) fn states(study: &Study) -> usize {
 /// Number of states that are held out.
 pub(super) fn held_out(states: usize) -> usize {
     (states / HELD_OUT.0).max(HELD_OUT.1).min(states / 2)
+}
+
+/// Derivatives and outputs of a source at points of parameters, inputs and states; then its mass matrix, if it gives one.
+pub(super) fn ask(project: &Project, model: &WorkerModel, points: &[Vec<f64>]) -> Result<Vec<Vec<f64>>> {
+    project.begin(CountedWork::Equations, model.batches(points.len()));
+    let labels = model.derivatives(points, project.workers(), || project.event(Event::Advance));
+    project.event(Event::End);
+    labels
+}
+
+/// Random points in ranges, the same ones for the same seed; more of them begin with the same ones.
+pub(super) fn random_points(ranges: &[[f64; 2]], count: usize, seed: u64) -> Vec<Vec<f64>> {
+    let mut random = ChaCha8Rng::seed_from_u64(seed);
+    let mut point = || ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
+    (0..count).map(|_| point()).collect()
+}
+
+/// Columns of a network of these columns of `factors` and beyond: angles enter as sine and cosine.
+pub(super) fn network_columns(factors: &[Factor], of: impl Iterator<Item = usize>) -> Vec<NetworkColumn> {
+    let kinds = |column: usize| match factors.get(column) {
+        Some(Factor::Angle) => &[ColumnKind::Sine, ColumnKind::Cosine] as &[ColumnKind],
+        _ => &[ColumnKind::Plain],
+    };
+    of.flat_map(|of| kinds(of).iter().map(move |&kind| NetworkColumn { of, kind })).collect()
+}
+
+/// The columns of a network at some points.
+pub(super) fn encoded(columns: &[NetworkColumn], points: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    points.iter().map(|point| columns.iter().map(|column| column.of(point)).collect()).collect()
+}
+
+/// The error about a surrogate whose parts do not fit together.
+pub(super) fn invalid(source: FormatError) -> Error {
+    Error::Surrogate { source }
 }
 
 /// Position of the exported candidate: the one that the study names, or the best.
@@ -116,9 +158,7 @@ pub(super) fn error(network: &ScaledNetwork, examples: &Examples) -> f64 {
         let squares: f64 = rows.map(|(found, exact)| (found[output] - exact[output]).powi(2)).sum();
         (squares / found.len().max(1) as f64).sqrt() / scale
     };
-    let errors = network.scaling.output_scale.iter().enumerate().map(of);
-    // NaN counts, which a maximum would ignore
-    errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
+    worst(network.scaling.output_scale.iter().enumerate().map(of))
 }
 
 /// Scaling that standardizes examples.

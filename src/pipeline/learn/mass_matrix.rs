@@ -2,7 +2,7 @@
 
 use super::{
     Beginning, LearningMethod,
-    learned::{self, Examples, held_out},
+    learned::{self, Examples, encoded, held_out, invalid, network_columns},
     state_space::{SAME, asked},
 };
 use crate::{
@@ -11,7 +11,6 @@ use crate::{
     dynamics::{ENOUGH, EquationSamples, FittedMassMatrix, MassMatrixProblem, acceleration_error},
     pipeline::{
         follower::{Checkpoints, Trained},
-        observer::{CountedWork, Event},
         project::Project,
         record::{Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, MethodRecord, MotionRecord, TrainingRecord},
         solver,
@@ -21,12 +20,11 @@ use crate::{
     training::{EpochRecord, StopReason},
 };
 use metafmu_runtime::{
-    Dynamics, FormatError, Integration, Motion, Program, Shown, StatePoint,
+    Dynamics, Integration, Motion, Program, Shown, StatePoint,
     dictionary::{Dictionary, Factor},
-    function_set::{ColumnKind, NetworkColumn, NetworkTerm},
+    function_set::{NetworkColumn, NetworkTerm},
 };
-use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
-use std::time::Instant;
+use std::{ops::Range, time::Instant};
 
 /// Equations of motion of a program.
 pub(super) struct EquationsWithMassMatrix;
@@ -83,17 +81,11 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         solver,
     };
     let description = record.describe();
-    let record = TrainingRecord {
-        train_rows: rows,
-        validation_runs: 0,
-        epochs: learned.history.len(),
-        best_epoch: learned.best_epoch,
-        stopped: learned.stopped,
-        train_seconds: began.elapsed().as_secs_f64(),
-        added_runs: 0,
-        target_met: None,
-        method: Some(MethodRecord::Motion(record)),
-    };
+    let record = TrainingRecord::solved(rows, began.elapsed().as_secs_f64(), MethodRecord::Motion(record)).with_epochs(
+        learned.history.len(),
+        learned.best_epoch,
+        learned.stopped,
+    );
     project.finish(format_args!(
         "learned equations of motion from {rows} configurations in {:.1} s by {description}",
         record.train_seconds
@@ -163,20 +155,12 @@ impl<'a> AskedProgram<'a> {
 
     /// Derivatives, outputs and mass matrix at points of parameters, inputs and states.
     fn ask(&self, points: &[Vec<f64>]) -> Result<Vec<Vec<f64>>> {
-        let project = self.project;
-        project.begin(CountedWork::Equations, self.model.batches(points.len()));
-        let labels = self.model.derivatives(points, project.workers(), || project.event(Event::Advance));
-        project.event(Event::End);
-        labels
+        learned::ask(self.project, self.model, points)
     }
 
     fn random_points(&self, count: usize, seed: u64) -> Vec<Vec<f64>> {
-        let mut random = ChaCha8Rng::seed_from_u64(self.project.study.seed ^ seed);
-        let mut point = || {
-            let ranges = self.parameters.iter().chain(&self.inputs).chain(&self.states);
-            ranges.map(|[min, max]| min + random.random::<f64>() * (max - min)).collect()
-        };
-        (0..count).map(|_| point()).collect()
+        let ranges = [&self.parameters[..], &self.inputs, &self.states].concat();
+        learned::random_points(&ranges, count, self.project.study.seed ^ seed)
     }
 
     /// Finds the meaning of the outputs from pairs of states that differ in velocities and inputs only.
@@ -244,11 +228,12 @@ impl<'a> AskedProgram<'a> {
 
     /// The functions of [`MassMatrixProblem`] in random configurations: at rest, with each input at its ends, and with each velocity in
     /// both directions.
-    fn configurations(&self, count: usize, is_unseen: bool) -> Result<EquationSamples> {
+    fn configurations(&self, range: Range<usize>, is_unseen: bool) -> Result<EquationSamples> {
         let (p, e, n) = (self.parameters.len(), self.inputs.len(), self.coordinates());
         let speeds = self.speeds();
         let mut points = Vec::new();
-        for mut point in self.random_points(count, if is_unseen { 0x554e_5345 } else { 0x434f_4e46 }) {
+        let seed = if is_unseen { 0x554e_5345 } else { 0x434f_4e46 };
+        for mut point in self.random_points(range.end, seed).split_off(range.start) {
             self.inputs.iter().enumerate().for_each(|(input, [min, _])| point[p + input] = *min);
             point[p + e + n..].fill(0.0);
             points.push(point.clone());
@@ -348,7 +333,7 @@ impl<'a> AskedProgram<'a> {
         };
         if study.dynamics.tries(DICTIONARY_AND_NETWORK, error <= POOR) {
             let began = Instant::now();
-            let columns = network_columns(&factors, self.states.len() / 2 + self.inputs.len());
+            let columns = network_columns(&factors, 0..factors.len() + self.coordinates() + self.inputs.len());
             let examples = [&seen, &unseen].map(|states| states.examples(&learned.fitted.dynamics, &columns));
             let (network, outcome) = learned::train(self.project, examples.each_ref(), checkpoints)?;
             let outputs = (0..self.coordinates()).collect();
@@ -368,7 +353,18 @@ impl<'a> AskedProgram<'a> {
     fn fit(&self) -> Result<(FittedMassMatrix, Vec<Factor>)> {
         let (speeds, study) = (self.speeds(), &self.project.study);
         let inputs: Vec<f64> = self.inputs.iter().map(|[min, max]| min.abs().max(max.abs())).collect();
-        let fit = |factors: Vec<Factor>| {
+        // both kinds of factors are fitted to the same samples, and more of them begin with these
+        let mut asked = [EquationSamples::default(), EquationSamples::default()];
+        let mut sample = |count: usize, is_unseen: bool| {
+            let known = &mut asked[usize::from(is_unseen)];
+            if known.points.len() < count {
+                let EquationSamples { points, labels } = self.configurations(known.points.len()..count, is_unseen)?;
+                known.points.extend(points);
+                known.labels.extend(labels);
+            }
+            Ok::<_, Error>(known.first(count))
+        };
+        let mut fit = |factors: Vec<Factor>| {
             let problem = MassMatrixProblem {
                 factors: &factors,
                 velocities: &speeds,
@@ -377,7 +373,7 @@ impl<'a> AskedProgram<'a> {
             };
             let mut failure = None;
             let fitted = problem.fit(|count, is_unseen| {
-                self.configurations(count, is_unseen).map_err(|error| {
+                sample(count, is_unseen).map_err(|error| {
                     let message = error.to_string();
                     failure = Some(error);
                     message
@@ -463,7 +459,7 @@ impl ShownOutputs {
 }
 
 impl RandomStates {
-    fn part(&self, range: std::ops::Range<usize>) -> Self {
+    fn part(&self, range: Range<usize>) -> Self {
         let EquationSamples { points, labels } = &self.accelerations;
         Self {
             accelerations: EquationSamples {
@@ -487,22 +483,9 @@ impl RandomStates {
             product(mass, &missing)
         };
         Examples {
-            inputs: points.iter().map(|point| columns.iter().map(|column| column.of(point)).collect()).collect(),
+            inputs: encoded(columns, points),
             outputs: points.iter().zip(labels).zip(&self.masses).map(rest).collect(),
             tangents: None,
         }
     }
-}
-
-/// Columns of a network: angles enter as sine and cosine, then `others` as they are.
-fn network_columns(factors: &[Factor], others: usize) -> Vec<NetworkColumn> {
-    let kinds = |column: usize| match factors.get(column) {
-        Some(Factor::Angle) => &[ColumnKind::Sine, ColumnKind::Cosine] as &[ColumnKind],
-        _ => &[ColumnKind::Plain],
-    };
-    (0..factors.len() + others).flat_map(|of| kinds(of).iter().map(move |&kind| NetworkColumn { of, kind })).collect()
-}
-
-fn invalid(source: FormatError) -> Error {
-    Error::Surrogate { source }
 }

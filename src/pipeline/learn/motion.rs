@@ -83,17 +83,8 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         exported: learned.exported.clone(),
         solver,
     };
-    let record = TrainingRecord {
-        train_rows: *rows,
-        validation_runs: 0,
-        epochs: learned.history.len(),
-        best_epoch: learned.best_epoch,
-        stopped: learned.stopped,
-        train_seconds: began.elapsed().as_secs_f64(),
-        added_runs: 0,
-        target_met: None,
-        method: Some(MethodRecord::Motion(motion.clone())),
-    };
+    let record = TrainingRecord::solved(*rows, began.elapsed().as_secs_f64(), MethodRecord::Motion(motion.clone()))
+        .with_epochs(learned.history.len(), learned.best_epoch, learned.stopped);
     project.finish(format_args!(
         "learned equations of motion from {rows} configurations in {:.1} s by {}",
         record.train_seconds,

@@ -1,8 +1,8 @@
 //! Networks in equations of motion: instead of the dictionary, for its residual, and instead of the equations.
 
-use super::learned::{self, Directions, EXACT, Examples, held_out};
+use super::learned::{self, Directions, EXACT, Examples, encoded, held_out, invalid, network_columns};
 use crate::{
-    Error, Result,
+    Result,
     dataset::Dataset,
     dynamics::{EquationSamples, Equations, FittedEquations, OfEquations, Region, acceleration_error, fit},
     multibody::Mechanism,
@@ -14,11 +14,12 @@ use crate::{
     },
     source::driven::Driven,
     training::{EpochRecord, StopReason},
+    worst::worst,
 };
 use metafmu_runtime::{
-    Dynamics, FormatError,
+    Dynamics,
     dictionary::{Dictionary, Factor, Term},
-    function_set::{ColumnKind, FunctionSet, NetworkColumn, NetworkTerm},
+    function_set::{FunctionSet, NetworkColumn, NetworkTerm},
 };
 use std::{ops::Range, time::Instant};
 
@@ -250,7 +251,7 @@ impl<'a> Asked<'a> {
         if outputs.is_empty() || of.is_empty() {
             return Ok(None);
         }
-        let columns = self.columns(&of);
+        let columns = network_columns(&self.factors, of.iter().copied());
         let (known, units) = (self.equations.known(), self.equations.units());
         let examples = |asked: &OfEquations, rest: &Rest| Examples {
             inputs: encoded(&columns, &asked.samples.points),
@@ -309,7 +310,7 @@ impl<'a> Asked<'a> {
         let rows = 0..seen.labels[0].len();
         let scale = rows.clone().map(largest).fold(0.0, f64::max);
         let outputs: Vec<usize> = rows.filter(|row| largest(*row) > UNCHANGED * scale).collect();
-        let columns = self.columns(&of);
+        let columns = network_columns(&self.factors, of.iter().copied());
         let examples = |samples: &EquationSamples| Examples {
             inputs: encoded(&columns, &samples.points),
             outputs: of_outputs(&samples.labels, &outputs),
@@ -317,15 +318,6 @@ impl<'a> Asked<'a> {
         };
         let examples = [examples(&seen), examples(&unseen)];
         self.train(columns, outputs, examples.each_ref(), last)
-    }
-
-    /// Angles enter as sine and cosine.
-    fn columns(&self, of: &[usize]) -> Vec<NetworkColumn> {
-        let kinds = |column: usize| match self.factors.get(column) {
-            Some(Factor::Angle) => &[ColumnKind::Sine, ColumnKind::Cosine] as &[ColumnKind],
-            _ => &[ColumnKind::Plain],
-        };
-        of.iter().flat_map(|&of| kinds(of).iter().map(move |&kind| NetworkColumn { of, kind })).collect()
     }
 
     fn train(
@@ -373,9 +365,7 @@ impl<'a> Asked<'a> {
             }
         }
         let rows = self.unseen.samples.points.len().max(1) as f64;
-        let errors = squares.iter().zip(&self.scales[first..]).map(|(sum, scale)| (sum / rows).sqrt() / scale);
-        // NaN counts, which a maximum would ignore
-        errors.fold(0.0, |largest, error| if error <= largest { largest } else { error })
+        worst(squares.iter().zip(&self.scales[first..]).map(|(sum, scale)| (sum / rows).sqrt() / scale))
     }
 }
 
@@ -448,13 +438,4 @@ fn of_outputs(labels: &[Vec<f64>], outputs: &[usize]) -> Vec<Vec<f64>> {
 
 fn part(samples: &EquationSamples, range: Range<usize>) -> EquationSamples {
     EquationSamples { points: samples.points[range.clone()].to_vec(), labels: samples.labels[range].to_vec() }
-}
-
-/// The columns of a network at some points.
-fn encoded(columns: &[NetworkColumn], points: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    points.iter().map(|point| columns.iter().map(|column| column.of(point)).collect()).collect()
-}
-
-fn invalid(source: FormatError) -> Error {
-    Error::Surrogate { source }
 }

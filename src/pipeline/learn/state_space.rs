@@ -10,7 +10,6 @@ use crate::{
     dynamics::{EquationSamples, fit_functions},
     pipeline::{
         follower::{Checkpoints, Trained},
-        observer::{CountedWork, Event},
         project::Project,
         record::{
             Candidate, DICTIONARY, DICTIONARY_AND_NETWORK, MethodRecord, NETWORK, StateSpaceRecord, TrainingRecord,
@@ -21,13 +20,13 @@ use crate::{
     source::{Source, driven::Driven, worker::WorkerModel},
     surrogate,
     training::{EpochRecord, Outcome, StopReason},
+    worst::worst,
 };
 use metafmu_runtime::{
     Clock, Encoder, Encoding, Graph, Integration, Program, ScaledNetwork,
     dictionary::{Dictionary, Factor},
     graph::Given,
 };
-use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use std::{f64::consts::TAU, time::Instant};
 
 /// Two values that differ by less of the largest one are the same.
@@ -81,17 +80,9 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         exported: name,
         solver,
     };
-    let record = TrainingRecord {
-        train_rows: samples.points.len() - held_out(samples.points.len()),
-        validation_runs: 0,
-        epochs: learned.history.len(),
-        best_epoch: learned.best_epoch,
-        stopped: learned.stopped,
-        train_seconds: began.elapsed().as_secs_f64(),
-        added_runs: 0,
-        target_met: None,
-        method: Some(MethodRecord::StateSpace(space_record)),
-    };
+    let rows = samples.points.len() - held_out(samples.points.len());
+    let record = TrainingRecord::solved(rows, began.elapsed().as_secs_f64(), MethodRecord::StateSpace(space_record))
+        .with_epochs(learned.history.len(), learned.best_epoch, learned.stopped);
     project.finish(format_args!(
         "learned the equations from {} states in {:.1} s: {}",
         samples.points.len(),
@@ -150,13 +141,8 @@ impl StateSpaceColumns {
     /// Derivatives and outputs of the source at random points, the same ones for the same seed.
     fn ask(&self, project: &Project, model: &WorkerModel) -> Result<EquationSamples> {
         let count = learned::states(&project.study);
-        let mut random = ChaCha8Rng::seed_from_u64(project.study.seed ^ 0x5354_4154);
-        let point = |_| self.ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
-        let points: Vec<Vec<f64>> = (0..count).map(point).collect();
-        project.begin(CountedWork::Equations, model.batches(count));
-        let labels = model.derivatives(&points, project.workers(), || project.event(Event::Advance));
-        let labels = labels.inspect_err(|_| project.event(Event::End))?;
-        project.event(Event::End);
+        let points = learned::random_points(&self.ranges, count, project.study.seed ^ 0x5354_4154);
+        let labels = learned::ask(project, model, &points)?;
         Ok(EquationSamples { points, labels })
     }
 
@@ -264,8 +250,7 @@ impl StateSpaceColumns {
             let squares: f64 = rest.iter().map(|rest| rest[function] * rest[function]).sum();
             (squares / rest.len().max(1) as f64).sqrt() / scales[function]
         };
-        // NaN counts, which a maximum would ignore
-        (0..dictionary.outputs()).map(of).fold(0.0, |largest, error| if error <= largest { largest } else { error })
+        worst((0..dictionary.outputs()).map(of))
     }
 }
 

@@ -20,7 +20,6 @@ use crate::{
     source::{Source, driven::Driven},
     study::Study,
     surrogate,
-    training::StopReason,
 };
 use metafmu_runtime::{
     Clock, FormatError, Graph, Integration, Motion, Program, Shown,
@@ -126,17 +125,8 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         candidates,
         solver,
     };
-    let record = TrainingRecord {
-        train_rows: rows,
-        validation_runs: 0,
-        epochs: 0,
-        best_epoch: 0,
-        stopped: StopReason::Solved,
-        train_seconds: began.elapsed().as_secs_f64(),
-        added_runs: 0,
-        target_met: None,
-        method: Some(MethodRecord::Trajectories(exported)),
-    };
+    let method = MethodRecord::Trajectories(exported);
+    let record = TrainingRecord::solved(rows, began.elapsed().as_secs_f64(), method);
     project.finish(format_args!(
         "learned the equations from {rows} rows in {:.1} s: {}",
         record.train_seconds,

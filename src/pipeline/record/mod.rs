@@ -52,6 +52,26 @@ pub struct TrainingRecord {
 }
 
 impl TrainingRecord {
+    /// Record of functions that were solved for from rows, without epochs.
+    pub(in crate::pipeline) fn solved(train_rows: usize, train_seconds: f64, method: MethodRecord) -> Self {
+        Self {
+            train_rows,
+            validation_runs: 0,
+            epochs: 0,
+            best_epoch: 0,
+            stopped: StopReason::Solved,
+            train_seconds,
+            added_runs: 0,
+            target_met: None,
+            method: Some(method),
+        }
+    }
+
+    /// The record with the epochs of networks that were trained as well.
+    pub(in crate::pipeline) fn with_epochs(self, epochs: usize, best_epoch: usize, stopped: StopReason) -> Self {
+        Self { epochs, best_epoch, stopped, ..self }
+    }
+
     /// Returns true if it was stopped before its end.
     pub fn was_interrupted(&self) -> bool {
         self.stopped == StopReason::Interrupted
