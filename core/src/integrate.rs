@@ -13,6 +13,7 @@ use ode_solvers::{
     Dop853, System,
     dop_shared::{IntegrationError, OutputType},
 };
+use std::fmt;
 
 /// Relative and absolute tolerance of a step unless the study gives one. Tighter ones gain nothing: rounding takes over.
 ///
@@ -24,12 +25,27 @@ pub const TOLERANCE: f64 = 1e-13;
 pub struct IntegrationResult<State> {
     /// The states at the first times, all of them if nothing failed and the problem did not stop.
     pub states: Vec<State>,
-    /// The method's message if it failed before the last row.
-    pub failure: Option<String>,
+    /// Set if the method failed before the last row.
+    pub failure: Option<IntegrationFailure>,
     /// True if the method found the equations to be stiff.
     pub is_stiff: bool,
     /// Evaluations of the right-hand side.
     pub evaluations: u32,
+}
+
+/// Failure of a method, and where.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IntegrationFailure {
+    /// The method's message.
+    pub message: String,
+    /// Time.
+    pub t: f64,
+}
+
+impl fmt::Display for IntegrationFailure {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        write!(f, "{} at t = {} s", self.message, self.t)
+    }
 }
 
 /// Right-hand side `f(y)` of `y' = f(y)` in the form that `ode_solvers` needs.
@@ -188,7 +204,7 @@ impl OdeRun {
                 let (IntegrationError::MaxNumStepReached { x, .. }
                 | IntegrationError::StepSizeUnderflow { x }
                 | IntegrationError::StiffnessDetected { x }) = &error;
-                (0, Some(format!("{} at t = {x} s", in_words(&error))), is_stiff)
+                (0, Some(IntegrationFailure { message: in_words(&error), t: *x }), is_stiff)
             }
         };
         let is_finite = |state: &&OVector<f64, D>| state.iter().all(|value| value.is_finite());

@@ -8,7 +8,7 @@
 
 mod coefficients;
 
-use super::{Budget, IntegrationResult};
+use super::{Budget, IntegrationFailure, IntegrationResult};
 use crate::worst::worst;
 use coefficients::*;
 use nalgebra::{Complex, DMatrix, DVector, Dyn, LU};
@@ -118,7 +118,10 @@ pub fn resume(
     let mut states = vec![initial.clone()];
     let known = memory.take().filter(|memory| memory.jacobian.nrows() == initial.len());
     let failure = match RadauRun::new(problem, initial, times, tolerance, budget, known) {
-        None => Some("the derivative is not finite".to_owned()),
+        None => Some(IntegrationFailure {
+            message: "the derivative is not finite".into(),
+            t: times.first().copied().unwrap_or_default(),
+        }),
         Some(mut integration) => {
             let failure = integration.follow(times, &mut states).err();
             *memory = failure.is_none().then_some(integration.memory);
@@ -236,7 +239,7 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
     }
 
     /// Appends the states at the times after the first one.
-    fn follow(&mut self, times: &[f64], states: &mut Vec<DVector<f64>>) -> Result<(), String> {
+    fn follow(&mut self, times: &[f64], states: &mut Vec<DVector<f64>>) -> Result<(), IntegrationFailure> {
         let mut h = self.memory.step;
         for pair in times.windows(2) {
             let shortest = SHORTEST * (pair[1] - pair[0]);
@@ -280,8 +283,9 @@ impl<'a, 'b, P: ImplicitProblem> RadauRun<'a, 'b, P> {
         Ok(())
     }
 
-    fn no_step(&self) -> String {
-        format!("no step of the implicit method is short enough for the tolerance at t = {} s", self.t)
+    fn no_step(&self) -> IntegrationFailure {
+        let message = "no step of the implicit method is short enough for the tolerance".into();
+        IntegrationFailure { message, t: self.t }
     }
 
     fn begin_step(&mut self) -> Option<()> {

@@ -254,7 +254,11 @@ impl Stretch<'_> {
         }
         self.budget.check(|| self.cause())?;
         // after a failure the next stretch may succeed, if there is a row from which to continue
-        if states.len() >= 2 { Ok(states) } else { Err(self.explain(failed.or(failure), from.t)) }
+        if states.len() >= 2 {
+            Ok(states)
+        } else {
+            Err(self.explain(failed.or(failure.map(|failure| failure.to_string())), from.t))
+        }
     }
 
     /// A stretch by the implicit method, or its message.
@@ -269,7 +273,7 @@ impl Stretch<'_> {
         self.budget.check(|| self.cause())?;
         if states.len() < 2 {
             self.guess.replace(guess);
-            return Ok(Err(failure.unwrap_or_else(|| "the state is not finite".into())));
+            return Ok(Err(failure.map_or("the state is not finite".into(), |failure| failure.to_string())));
         }
         states.iter_mut().zip(times).for_each(|(state, t)| *state = state.push(*t));
         Ok(Ok(states))

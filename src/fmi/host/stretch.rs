@@ -256,7 +256,7 @@ impl ContinuousStretch<'_> {
             (None, _) => format!("more than {MAX_STEPS} steps of the implicit method"),
             (Some(_), Some(discarded)) => discarded.to_string(),
             // the error has the time of the run
-            (Some(message), None) => message.split(" at t = ").next().unwrap_or_default().to_owned(),
+            (Some(failure), None) => failure.message,
         };
         *memory = None;
         let error = Error::Integration { time: self.time(steps.now.elapsed), message };
