@@ -87,19 +87,8 @@ fn usual_degrees(inputs: usize) -> Result<Vec<u8>, String> {
 /// # Errors
 /// If there are more than `most` of them, with the option to change.
 pub fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String> {
-    let mut all = vec![Vec::new()];
-    for _ in 0..inputs {
-        let longer = |powers: &Vec<u8>| {
-            let left = degree - powers.iter().sum::<u8>();
-            let powers = powers.clone();
-            (0..=left).map(move |power| [powers.as_slice(), &[power]].concat())
-        };
-        all = all.iter().flat_map(longer).collect();
-        if all.len() > most {
-            return Err(format!("more than {most} terms of degree {degree} in {inputs} inputs: lower `degree`"));
-        }
-    }
-    Ok(all.concat())
+    let all = Products::up_to(inputs, degree, most).map(|all| all.concat());
+    all.ok_or_else(|| format!("more than {most} terms of degree {degree} in {inputs} inputs: lower `degree`"))
 }
 
 /// Middle and half width of the range of each standardised input.

@@ -13,21 +13,13 @@ pub(super) struct ProductBasis {
     derivatives: Vec<Vec<ProductDerivative>>,
 }
 
-/// ProductDerivative of a product with respect to a column: products and their factors.
+/// Derivative of a product with respect to a column: products and their factors.
 type ProductDerivative = Vec<(usize, f64)>;
 
 impl ProductBasis {
     /// All products of `columns` polynomials up to a total degree.
     pub fn new(columns: usize, degree: u8) -> Self {
-        let mut all: Vec<Vec<u8>> = vec![Vec::new()];
-        for _ in 0..columns {
-            let longer = |degrees: &Vec<u8>| {
-                let rest = degree - degrees.iter().sum::<u8>();
-                let degrees = degrees.clone();
-                (0..=rest).map(move |next| [degrees.as_slice(), &[next]].concat())
-            };
-            all = all.iter().flat_map(longer).collect();
-        }
+        let mut all = Products::up_to(columns, degree, usize::MAX).unwrap_or_default();
         let total = |degrees: &Vec<u8>| degrees.iter().map(|degree| usize::from(*degree)).sum::<usize>();
         all.sort_by_key(total);
         let places: HashMap<&[u8], usize> =
@@ -54,7 +46,7 @@ impl ProductBasis {
         self.totals.partition_point(|total| *total <= usize::from(degree))
     }
 
-    /// ProductDerivative of a product with respect to a column.
+    /// Derivative of a product with respect to a column.
     pub fn derivative(&self, column: usize, product: usize) -> &[(usize, f64)] {
         &self.derivatives[column][product]
     }

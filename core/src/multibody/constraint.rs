@@ -194,7 +194,7 @@ impl Constraints {
         DVector::from_iterator(self.len(), self.iter().map(|constraint| constraint.residual(t, q)))
     }
 
-    /// SparseGradients of the constraints: the columns of `C_q^T`.
+    /// Gradients of the constraints: the columns of `C_q^T`.
     pub fn gradients(&self, q: &impl Positions) -> SparseGradients {
         let mut gradients = SparseGradients::new(q.coordinates().len(), self.len());
         for constraint in self.iter() {

@@ -110,7 +110,7 @@ impl SparseGradients {
 /// Order and pattern of the factors of `C_q W C_q^T`: the same for all configurations of a model.
 #[derive(Clone, Debug)]
 pub struct Elimination {
-    /// SparseGradients in the order in which they are eliminated.
+    /// Gradients in the order in which they are eliminated.
     order: Vec<usize>,
     /// Row of each entry of `L`, column by column: the diagonal, then the rows below it.
     rows: Vec<usize>,

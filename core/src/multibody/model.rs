@@ -181,7 +181,7 @@ impl MultibodyModel {
         sum
     }
 
-    /// SparseGradients of the coordinates of the efforts, `s_q`: one a column.
+    /// Gradients of the coordinates of the efforts, `s_q`: one a column.
     pub fn effort_gradients(&self, q: &DVector<f64>) -> DMatrix<f64> {
         let mut gradients = DMatrix::zeros(q.len(), self.efforts.len());
         for (effort, mut column) in self.efforts.iter().zip(gradients.column_iter_mut()) {

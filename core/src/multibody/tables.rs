@@ -38,7 +38,7 @@ pub fn read_files(description: &mut Description, folder: &Path) -> Problems {
     problems
 }
 
-/// TableContent of one argument or of both, and the values.
+/// Content of a table of one argument or of both, and the values.
 type TableContent = (Vec<f64>, Option<Vec<f64>>, Vec<TableValues>);
 
 /// TableContent and values in a file.

@@ -202,7 +202,7 @@ fn hexadecimal(bytes: impl AsRef<[u8]>) -> String {
     })
 }
 
-/// PositionByName by name: one type for all, since each type of table is a kilobyte and a half of every FMU.
+/// Positions by name: one type for all, since each type of table is a kilobyte and a half of every FMU.
 type PositionByName<'a> = HashMap<&'a str, usize>;
 
 fn validate_metadata(metadata: &Metadata, variables: &Variables) -> Result<(), FormatError> {

@@ -252,7 +252,7 @@ mod tests {
     const SMOOTH: [Activation; 5] =
         [Activation::Tanh, Activation::Sigmoid, Activation::Gelu, Activation::Silu, Activation::Sine];
 
-    /// FunctionSet of an angle, a coordinate and a parameter. Its network has the angle and the parameter.
+    /// A function set of an angle, a coordinate and a parameter. Its network has the angle and the parameter.
     fn function_set(activation: Activation) -> FunctionSet {
         let mut state = 0.3f64;
         let mut number = || {
@@ -268,7 +268,7 @@ mod tests {
         with_network(layers)
     }
 
-    /// FunctionSet of the same columns, with nodes of the angle, of the parameter, of both and of neither, for one function or
+    /// A function set of the same columns, with nodes of the angle, of the parameter, of both and of neither, for one function or
     /// both.
     fn nodes() -> FunctionSet {
         let columns = |node: usize| [[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 1.0, 1.0], [0.0; 3]][node % 4];

@@ -20,6 +20,23 @@ pub struct Products {
 }
 
 impl Products {
+    /// Degrees of every term of `inputs` polynomials whose total degree is at most `degree`; none if there are more than `most`.
+    pub fn up_to(inputs: usize, degree: u8, most: usize) -> Option<Vec<Vec<u8>>> {
+        let mut all = vec![Vec::new()];
+        for _ in 0..inputs {
+            let longer = |degrees: &Vec<u8>| {
+                let rest = degree - degrees.iter().sum::<u8>();
+                let degrees = degrees.clone();
+                (0..=rest).map(move |next| [degrees.as_slice(), &[next]].concat())
+            };
+            all = all.iter().flat_map(longer).collect();
+            if all.len() > most {
+                return None;
+            }
+        }
+        Some(all)
+    }
+
     /// Number of terms.
     pub fn terms(&self) -> usize {
         self.degrees.len() / self.inputs.max(1)
