@@ -4,9 +4,14 @@
 #include <string.h>
 
 /*
- * NEGLIGIBLE: magnitudes below it become zero in hidden values: products of what is left are never denormal, which
- * processors compute at a fraction of the speed. From TANH_ONE on tanh rounds to one; exp of twice EXP_HALF_MAX is still
- * finite. A number to which ROUND, 1.5 times the power of two of the last of FRACTION bits, is added is rounded to an
+ * NEGLIGIBLE: hidden values of a smaller magnitude become zero. Products of the other values are then never denormal,
+ * which processors compute at a fraction of the speed.
+ *
+ * TANH_ONE: from here on, tanh rounds to one.
+ *
+ * EXP_HALF_MAX: exp of twice this number is still finite.
+ *
+ * ROUND: 1.5 times the power of two of the last of FRACTION bits. Adding it to a number rounds the number to an
  * integer.
  */
 #ifdef METAFMU_SINGLE
@@ -28,7 +33,7 @@ static const Real EXP_HALF_MAX = 350.0;
 static const Real GELU_LINEAR = R(0.7978845608028654);  /* sqrt(2 / pi) */
 static const Real GELU_CUBIC = R(0.03567740813630013); /* 0.044715 sqrt(2 / pi) */
 
-/* 2^k of the integer k in the low bits of ROUND + k: they become the exponent. */
+/* Returns 2^k for the integer k in the low bits of ROUND + k, which become the exponent. */
 static INLINED Real two_to_the(Real shifted)
 {
     Bits bits;
@@ -40,15 +45,16 @@ static INLINED Real two_to_the(Real shifted)
 }
 
 /*
- * exp(2 x) - 1 for 0 <= x <= EXP_HALF_MAX: 2 x = k ln 2 + r with |r| <= ln(2) / 2, a Taylor polynomial in r, scaled by
- * 2^k. The first omitted term is below 1e-18 of the sum, in single precision below 1e-9. To be inlined, or the loops around it become no SIMD code.
+ * Returns exp(2 x) - 1 for 0 <= x <= EXP_HALF_MAX. With 2 x = k ln 2 + r and |r| <= ln(2) / 2, a Taylor polynomial in r
+ * is scaled by 2^k. The first omitted term is below 1e-18 of the sum, in single precision below 1e-9. Must be inlined:
+ * otherwise compilers do not vectorize the loops around it.
  */
 static INLINED Real exp_minus_one(Real x)
 {
     const Real shifted = x * (R(2.0) * R(1.4426950408889634)) + ROUND;
     const Real k = shifted - ROUND;
     const Real two_to_k = two_to_the(shifted);
-    /* ln 2 in two parts, the first with so few bits that its small multiples are exact */
+    /* ln 2 in two parts; the first has so few bits that its small multiples are exact */
 #ifdef METAFMU_SINGLE
     const Real r = ((x + x) - k * 0.693359375f) + k * 2.12194440e-4f;
     Real sum = 1.0f / 40320.0f; /* 1 / 8! */
@@ -72,8 +78,8 @@ static INLINED Real exp_minus_one(Real x)
 }
 
 /*
- * x - k pi for the integer k nearest to x / pi; sign becomes 1, or -1 where k is odd. The sine of x is sign times that of
- * the result.
+ * Returns x - k pi for the integer k nearest to x / pi. Sets sign to 1, or to -1 if k is odd: the sine of x is sign
+ * times the sine of the result.
  */
 static INLINED Real reduced(Real x, Real *sign)
 {
@@ -83,7 +89,7 @@ static INLINED Real reduced(Real x, Real *sign)
     memcpy(&bits, &shifted, sizeof bits);
     bits = (bits << (sizeof bits * 8 - 1)) | ((Bits)BIAS << FRACTION);
     memcpy(sign, &bits, sizeof bits);
-    /* pi in three parts, the first with so few bits that its small multiples are exact */
+    /* pi in three parts; the first has so few bits that its small multiples are exact */
 #ifdef METAFMU_SINGLE
     return ((x - k * 3.140625f) - k * 9.67502593994140625e-4f) - k * 1.509957990978376432e-7f;
 #else
@@ -91,7 +97,7 @@ static INLINED Real reduced(Real x, Real *sign)
 #endif
 }
 
-/* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-18, in single precision below 1e-9. */
+/* Returns the Taylor polynomial for |r| <= pi / 2. The first omitted term is below 2e-18, in single precision below 1e-9. */
 static INLINED Real sine_of_reduced(Real r)
 {
     const Real square = r * r;
@@ -112,7 +118,7 @@ static INLINED Real sine_of_reduced(Real r)
     return r * square * sum + r;
 }
 
-/* The Taylor polynomial for |r| <= pi / 2; the first omitted term is below 2e-17, in single precision below 7e-9. */
+/* Returns the Taylor polynomial for |r| <= pi / 2. The first omitted term is below 2e-17, in single precision below 7e-9. */
 static INLINED Real cosine_of_reduced(Real r)
 {
     const Real square = r * r;
@@ -133,7 +139,7 @@ static INLINED Real cosine_of_reduced(Real r)
     return sum * square + R(1.0);
 }
 
-/* Magnitudes, limited; in a loop of its own, since compilers make a branch of the limit otherwise. NaN stays NaN. */
+/* Computes magnitudes up to a limit. The loop is separate, since compilers otherwise turn the limit into a branch. NaN stays NaN. */
 static INLINED void limit_magnitudes(const Real x[BLOCK], Real limit, Real magnitude[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
@@ -142,7 +148,7 @@ static INLINED void limit_magnitudes(const Real x[BLOCK], Real limit, Real magni
     }
 }
 
-/* With e = exp(2 |x|) - 1, tanh |x| = e / (e + 2), which loses nothing near zero. Absolute error below 3e-16, in single precision 2e-7. */
+/* With e = exp(2 |x|) - 1, tanh |x| = e / (e + 2) keeps its digits near zero. Absolute error below 3e-16, in single precision 2e-7. */
 static INLINED void tanh_block(Real x[BLOCK])
 {
     Real magnitude[BLOCK];
@@ -173,7 +179,7 @@ static INLINED void relu_block(Real x[BLOCK])
     }
 }
 
-/* u of gelu(x) = x (1 + tanh u) / 2 */
+/* Returns u of gelu(x) = x (1 + tanh u) / 2. */
 static INLINED Real gelu_argument(Real x)
 {
     return x * (x * x * GELU_CUBIC + GELU_LINEAR);
@@ -202,7 +208,7 @@ static INLINED void silu_block(Real x[BLOCK])
     }
 }
 
-/* Absolute error below 3e-16, in single precision 2e-7, for |x| up to 8192, beyond which it grows with x. */
+/* Absolute error below 3e-16, in single precision 2e-7, for |x| up to 8192; beyond, it grows with x. */
 static INLINED void sine_block(Real x[BLOCK])
 {
     for (size_t i = 0; i < BLOCK; i++) {
@@ -212,7 +218,7 @@ static INLINED void sine_block(Real x[BLOCK])
     }
 }
 
-/* The slope is 4 (e + 1) / (e + 2)^2: unlike 1 - tanh^2 x it keeps its digits where tanh saturates. */
+/* The slope is 4 (e + 1) / (e + 2)^2: unlike 1 - tanh^2 x, it keeps its digits where tanh saturates. */
 static INLINED void tanh_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     Real magnitude[BLOCK];
@@ -248,7 +254,7 @@ static INLINED void relu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature
     }
 }
 
-/* From the derivatives of tanh u. */
+/* Uses the derivatives of tanh u. */
 static INLINED void gelu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     Real y[BLOCK];
@@ -269,7 +275,7 @@ static INLINED void gelu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature
     }
 }
 
-/* From the derivatives of the sigmoid. */
+/* Uses the derivatives of the sigmoid. */
 static INLINED void silu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
     Real y[BLOCK];

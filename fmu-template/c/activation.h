@@ -1,8 +1,8 @@
 /*
- * Activation functions of a block of values. Loops of a constant length, free of branches and of calls: compilers turn
- * them into SIMD code at -O2 already, which they cannot do with the tanh of the C library.
+ * Activation functions of a block of values. The loops have a constant length, no branches and no calls. Compilers turn
+ * them into SIMD code even at -O2, which they cannot do with the tanh of the C library.
  *
- * Not to be compiled with -ffast-math or its like: rounding is done by adding and subtracting a large number.
+ * Do not compile with -ffast-math or similar options: rounding adds and subtracts a large number.
  */
 #ifndef ACTIVATION_H
 #define ACTIVATION_H
@@ -11,13 +11,13 @@
 #include "real.h"
 #include <stddef.h>
 
-/* x becomes the activation of x. */
+/* Replaces x by its activation. */
 void activate(Activation activation, Real x[BLOCK]);
 
-/* x becomes the activation of x; its first and second derivative go to slope and curvature. */
+/* Replaces x by its activation. Slope and curvature receive the first and second derivatives. */
 void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK]);
 
-/* The same of whole blocks, with slopes unless the pointer is null; jet_activation.h does it for jets. */
+/* Replaces whole blocks by their activations. Slopes may be null. jet_activation.h does this for jets. */
 void real_activate(Activation activation, Real x[], Real *slopes, size_t count);
 
 #endif

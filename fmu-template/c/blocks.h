@@ -1,7 +1,7 @@
 /*
- * A template, without a guard: products of a matrix whose rows are in blocks of BLOCK with a vector, of each block column
- * by column, so that no sum waits for another. Before it is included, NUMBER is the type of numbers and OF(name) the name
- * of a function of them.
+ * Template without an include guard: products of a matrix, whose rows are in blocks of BLOCK, with a vector. Each block
+ * goes column by column, so that no sum waits for another. Define before inclusion: NUMBER, the type of numbers, and
+ * OF(name), the name of a function of them.
  */
 
 #include "clones.h"

@@ -1,4 +1,4 @@
-/* Where functions may be called. Generated from the table of the FMU's library, fmu-template/src/fmi3/table.rs. */
+/* States that allow each function. Generated from the table of the FMU's library, fmu-template/src/fmi3/table.rs. */
 #ifndef CALLS_FMI3_H
 #define CALLS_FMI3_H
 

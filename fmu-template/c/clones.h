@@ -1,16 +1,16 @@
 /*
- * CLONED stands before functions that GCC compiles for x86-64 with AVX-512, with AVX2, and without; the dynamic linker
- * chooses when the library is loaded. INLINED stands before functions that these call: inlined, they are compiled for the
- * same processor.
+ * CLONED precedes functions that GCC compiles for x86-64 three times: with AVX-512, with AVX2, and without. The dynamic
+ * linker chooses when the library is loaded. INLINED precedes functions that these call: inlined, they are compiled for
+ * the same processor.
  *
- * Both leave plain C99 for other processors and compilers, for C libraries other than that of GNU, where the compiler may
- * use AVX anyway, without optimisation, with sanitizers, which are not ready when the choice is made, and with
- * -DMETAFMU_PLAIN.
+ * Both leave plain C99 for other processors and compilers, for C libraries other than that of GNU, and where the
+ * compiler may use AVX anyway. So they do without optimization, with -DMETAFMU_PLAIN, and with sanitizers, which are
+ * not ready when the linker chooses.
  */
 #ifndef CLONES_H
 #define CLONES_H
 
-#include <limits.h> /* says which C library it belongs to */
+#include <limits.h> /* identifies the C library */
 
 #if defined(__x86_64__) && defined(__linux__) && defined(__GLIBC__) && !defined(__UCLIBC__) && defined(__GNUC__)        \
     && !defined(__clang__) && defined(__OPTIMIZE__) && !defined(__AVX__) && !defined(__SANITIZE_ADDRESS__)             \

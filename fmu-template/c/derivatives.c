@@ -1,7 +1,7 @@
 #include "parts.h"
 #include <string.h>
 
-/* The column of a known; none, which is COLUMN_COUNT, for a time that is no column. */
+/* Returns the column of a known, or COLUMN_COUNT for a time that is not a column. */
 static size_t column_of(const Instance *instance, uint32_t known)
 {
     const size_t index = model_variables[known].index;
@@ -11,7 +11,7 @@ static size_t column_of(const Instance *instance, uint32_t known)
     if (!is(instance, known, VARIABLE_COLUMN) || model_columns[index].role != ROLE_START || !is_starting(instance)) {
         return variable_column(instance, known);
     }
-    /* until the simulation runs, the states are what these parameters are */
+    /* until the simulation runs, these parameters define the states */
     size_t state = INPUT_COUNT;
     for (size_t i = 0; i < index; i++) {
         state += model_columns[i].role == ROLE_START ? 1 : 0;
@@ -70,7 +70,7 @@ static Status check_sensitivity(Instance *instance, const uint32_t unknowns[], s
     return STATUS_OK;
 }
 
-/* A direction in which the policy clamps has no effect on the surrogate's outputs. */
+/* Zeroes directions in which the policy clamps: they have no effect on the surrogate's outputs. */
 static void zero_clamped(const Instance *instance, double columns[COLUMN_COUNT])
 {
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
@@ -80,7 +80,7 @@ static void zero_clamped(const Instance *instance, double columns[COLUMN_COUNT])
     }
 }
 
-/* Until the simulation runs, outputs of a model of samples are what parameters say, whatever the inputs are. */
+/* Zeroes the inputs of a discrete-time model until the simulation runs: only parameters define its outputs then. */
 static void zero_at_start(const Instance *instance, double columns[COLUMN_COUNT])
 {
     const bool is_of_samples = MODEL_GOES_ON && !MODEL_HAS_STATES;
@@ -91,7 +91,7 @@ static void zero_at_start(const Instance *instance, double columns[COLUMN_COUNT]
     }
 }
 
-/* The change of an unknown, given those of the results, the columns, the distance from the domain and the time. */
+/* Returns the change of an unknown, given the changes of results, columns, distance from the domain, and time. */
 static double change_of(const Instance *instance, uint32_t unknown, const double results[RESULT_COUNT],
                         const double columns[COLUMN_COUNT], double distance_change, double time_change)
 {
@@ -143,7 +143,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
                                    double sensitivity[])
 {
     double weights[RESULT_COUNT] = {0.0};
-    double direct[COLUMN_COUNT] = {0.0}; /* of the states themselves */
+    double direct[COLUMN_COUNT] = {0.0}; /* for unknowns that are states themselves */
     double weight_of_distance = 0.0;
     double of_time = 0.0;
     double gradient[COLUMN_COUNT];
@@ -232,7 +232,7 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
     model_along_curve(&instance->scratch, instance->point, rates[0], rates[1], derivatives[0], derivatives[1]);
     for (size_t i = 0; i < count; i++) {
         const size_t order = (size_t)orders[i] - 1;
-        /* bounds are linear in the time */
+        /* bounds are linear in time */
         const double of_time = order == 0 ? 1.0 : 0.0;
         values[i] = change_of(instance, references[i], derivatives[order], rates[order], of_distance[order], of_time);
     }

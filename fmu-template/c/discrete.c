@@ -1,23 +1,24 @@
 /*
- * How long a step takes at worst, in multiplications, additions and divisions:
+ * Worst-case cost of a step, in multiplications, additions and divisions:
  *
  *     K (G + 5 (m + y) + 5 + 8 w + 2 c d + 6 f) + 8
  *
- * with m inputs, y outputs, K = ceil(size of the step / model_sample_time) samples, w inputs, d coordinates, c components and f measures
- * of the support of the training, and G for the graph: graph.c says what it takes. model_data.h has the number for a step of
- * model_time_step. Numbers that are remembered are moved by one sample, which takes as long as there are numbers.
- * Outputs between two samples take three operations each when a host asks for them, and 2 m more if inputs act directly, which measured outputs
- * take as well.
+ * with m inputs, y outputs, and K = ceil(size of the step / model_sample_time) samples. The training support has w
+ * inputs, d coordinates, c components and f measures. G is the cost of the graph (graph.c). model_data.h has the number
+ * for a step of model_time_step.
+ *
+ * Each sample also moves all numbers of the memory by one sample. Outputs between two samples take three operations
+ * each when a host reads them. If inputs act directly, each takes 2 m more, and so does each measured output.
  */
 #include "evaluator.h"
 #include <float.h>
 #include <math.h>
 #include <string.h>
 
-/* Part of a sample time by which a communication point may miss a sample. */
+/* Tolerance, as a part of a sample time, for a communication point to coincide with a sample. */
 static const double SAME = 1e-6;
 
-/* Adds a multiple of the direct effect of inputs, from the first driven one on, to outputs. */
+/* Adds a multiple of the direct effect of inputs to outputs. `inputs` begins with the first driven input. */
 static void add_direct(Real factor, const double *inputs, double outputs[OUTPUT_COUNT])
 {
 #if MODEL_HAS_DIRECT
@@ -54,25 +55,25 @@ void model_start(double point[COLUMN_COUNT])
     }
     point[MEMORY_DISTANCE] = -1.0;
 #endif
-    /* a past in which nothing moved */
+    /* a past at rest */
     for (size_t i = MEMORY; i < MEMORY_INPUTS; i += SAMPLE_SIZE) {
         start_sample(point + i, outputs, point + FIRST_DRIVEN);
     }
     for (size_t i = 0; i < past_inputs; i++) {
-        /* of a single sample it does not count: the first step takes what the inputs are then */
+        /* with a single sample, the start does not matter: the first step takes the inputs at its beginning */
         point[MEMORY_INPUTS + i] = starts == 0 ? 0.0 : inputs[i % starts];
     }
     start_sample(point + MEMORY_NEXT, outputs, point + FIRST_DRIVEN);
     point[MEMORY_PHASE] = 0.0;
 }
 
-/* ---- Outputs and their derivatives: they depend on what is remembered, and on inputs that act directly ---- */
+/* ---- Outputs and their derivatives: functions of the memory, and of inputs that act directly ---- */
 
-/* The share of the next sample in the outputs. */
+/* Returns the weight of the next sample in the outputs. */
 static Real share_of_next(const double point[COLUMN_COUNT])
 {
     const double phase = point[MEMORY_PHASE];
-    /* a sample that was missed a little is that sample */
+    /* shortly after a sample, the outputs are still those of the sample */
     if (phase <= SAME) {
         return R(0.0);
     }
@@ -134,7 +135,7 @@ void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const dou
 
 /* ---- From sample to sample ---- */
 
-/* Puts the inputs, `since` seconds after the beginning of the step, before those that are remembered. */
+/* Puts the inputs, `since` seconds after the beginning of the step, in front of the past inputs. */
 static void take_inputs(double point[COLUMN_COUNT], const Step *step, double since)
 {
     double *past = point + MEMORY_INPUTS;
@@ -151,7 +152,10 @@ static bool uses_measured(const double point[COLUMN_COUNT])
     return point[MEMORY_USE_MEASURED] > 0.5;
 }
 
-/* Makes measured outputs, `since` seconds after the beginning of the step, those of the last sample while they are used; its inputs have been taken. */
+/*
+ * If measured outputs are used, replaces the last sample by those `since` seconds after the beginning of the step.
+ * Comes after take_inputs.
+ */
 static void take_measured(double point[COLUMN_COUNT], const Step *step, Real since)
 {
     if (!uses_measured(point)) {
@@ -172,7 +176,7 @@ static void take(const double *values, size_t count, Real *to)
     }
 }
 
-/* The next sample from what is remembered; whether it and the outputs before it are finite. */
+/* Computes the next sample from the memory. Returns true if it and the outputs before it are finite. */
 static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 {
     Real *z = scratch->graph;
@@ -193,7 +197,7 @@ static bool compute_next(Scratch *scratch, double point[COLUMN_COUNT])
 }
 
 #if MODEL_HAS_SUPPORT
-/* Distance of a value from its measure's range, relative to the width of the range. */
+/* Returns the distance of a value from the range of its measure, relative to the width of the range. */
 static Real beyond(size_t measure, Real value)
 {
     const Real min = model_support_ranges[2 * measure];
@@ -205,7 +209,7 @@ static Real beyond(size_t measure, Real value)
     return (min - value > value - max ? min - value : value - max) / width;
 }
 
-/* Makes the inputs before the first sample those of the start, or, if these are not known, those of the sample. */
+/* Sets the inputs before the first sample to those of the start or, if these are unknown, to those of the sample. */
 static void begin_inputs(double point[COLUMN_COUNT])
 {
     const size_t starts = PAST_STARTS;
@@ -220,7 +224,7 @@ static void begin_inputs(double point[COLUMN_COUNT])
     point[MEMORY_DISTANCE] = 0.0;
 }
 
-/* The measures of the transition to the next sample. */
+/* Computes the measures of the transition to the next sample. */
 static void measure(double point[COLUMN_COUNT], Real measures[MEASURE_COUNT])
 {
     Real *coordinates = measures + 3 * WATCHED_COUNT;
@@ -274,11 +278,11 @@ static Real larger(Real a, Real b)
     return a > b ? a : b;
 }
 
-/* Updates the distance of the transition to the next sample from those of the training, and what is left of errors made outside. */
+/* Updates the distance of the transition to the next sample from the training, and the residual of errors made outside. */
 static void compare(double point[COLUMN_COUNT])
 {
     static const Real negligible = R(0.003); /* relative to the width of a range */
-    static const Real least = R(1e-6);       /* that is kept in mind */
+    static const Real least = R(1e-6);       /* smaller errors become zero */
     const bool measured = uses_measured(point) && model_support_settling < model_support_fading;
     Real measures[MEASURE_COUNT];
     Real own = R(0.0);
@@ -290,7 +294,7 @@ static void compare(double point[COLUMN_COUNT])
     for (size_t i = 0; i < MEASURE_COUNT; i++) {
         outside |= measures[i] < model_support_ranges[2 * i] || measures[i] > model_support_ranges[2 * i + 1];
     }
-    /* usually all are inside, which takes less time than their distances */
+    /* usually all are inside, and this check takes less time than distances */
     for (size_t i = 0; outside && i < MEASURE_COUNT; i++) {
         own = larger(own, beyond(i, measures[i]));
     }
@@ -318,7 +322,7 @@ static void pass_sample(double point[COLUMN_COUNT])
     point[MEMORY_PHASE] = 0.0;
 }
 
-/* A time since the beginning of a step, not before it and not after it. */
+/* Clamps a time since the beginning of a step to the step. */
 static double within(double since, double size)
 {
     if (since < 0.0) {
@@ -335,7 +339,7 @@ static Advance go_on(Scratch *scratch, double point[COLUMN_COUNT], const Step *s
     if (end - begin > MAX_STEPS) {
         return ADVANCE_TOO_MANY_STEPS;
     }
-    /* at a sample that the step does not just touch */
+    /* each sample that the step does more than touch */
     while (end - passed > SAME) {
         if (point[MEMORY_PHASE] <= SAME) {
             const double since = within((passed - begin) * model_sample_time, step->size);

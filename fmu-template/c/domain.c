@@ -2,10 +2,10 @@
 #include <math.h>
 #include <stdio.h>
 
-/* How far outside its range a value may be, relative to the range: hosts add up step sizes and convert units. */
+/* How far a value may be outside its range, relative to the range: hosts add up step sizes and convert units. */
 static const double TOLERANCE = 1e-9;
 
-/* Distance of a value from the column's range, zero inside, relative to the width of the range. */
+/* Returns the distance of a value from the column's range, zero inside, relative to the width of the range. */
 static double column_distance(const Column *column, double value)
 {
     const double below = (least_valid(column, value) - value) / column->width;
@@ -20,7 +20,7 @@ static bool contains(const Column *column, double value)
     return least_valid(column, value) - margin <= value && value <= largest_valid(column, value) + margin;
 }
 
-/* Distance from the column's range that is farthest; of several from the last. */
+/* Returns the largest distance from the range of a column; on a tie, that of the last one. */
 static Outside outside_ranges(const Instance *instance)
 {
     Outside farthest = {0.0, 0, 0.0};
@@ -39,7 +39,7 @@ static Outside outside_ranges(const Instance *instance)
 }
 
 #if MODEL_HAS_COVER
-/* Distance from the cube around one of the centres, negative inside; or one that is not below `enough`. */
+/* Returns the distance from the cube around a center, negative inside, or any distance that is at least `enough`. */
 static Outside outside_cube(const Instance *instance, size_t centre, double enough)
 {
     const float *at = &model_centres[centre * COVER_COLUMN_COUNT];
@@ -59,8 +59,8 @@ static Outside outside_cube(const Instance *instance, size_t centre, double enou
 }
 
 /*
- * Distance from the cube that the point is in, up to a tolerance, or the nearest one, and which one that is. A simulation
- * stays near one centre for a while, so the search begins at that one.
+ * Returns the distance from the cube that contains the point, up to a tolerance, or from the nearest cube, and sets
+ * `centre` to that cube. The search begins at the given cube, as a simulation stays near one center for a while.
  */
 static Outside outside_cover(const Instance *instance, double tolerance, size_t *centre)
 {
@@ -88,7 +88,7 @@ Outside domain_outside(const Instance *instance, size_t centre)
     (void)centre;
 #endif
 #if MODEL_HAS_SUPPORT
-    /* it follows from what was before */
+    /* it depends on past samples */
     if (instance->now.columns[MEMORY_DISTANCE] > farthest.distance) {
         farthest.distance = instance->now.columns[MEMORY_DISTANCE];
         farthest.slope = 0.0;
@@ -110,7 +110,7 @@ static bool is_in_ranges(const Instance *instance)
     return true;
 }
 
-/* Whether there are training data near the point; true if nothing is known about that. */
+/* Returns true if training data are near the point, or if the model does not know its training data. */
 static bool is_near_data(const Instance *instance, size_t *centre)
 {
 #if MODEL_HAS_SUPPORT
@@ -138,8 +138,8 @@ static bool time_is_column(void)
 }
 
 /*
- * Whether a value at this time is another than the one the run began with. If the time is an input of the network, its
- * outputs are those of a run in which nothing changes.
+ * Returns true if a value at this time differs from the value at the start of the run. If time is an input of the
+ * network, its outputs are those of a run in which nothing changes.
  */
 static bool is_changed(const Instance *instance, size_t index, double value, double time)
 {
@@ -209,7 +209,7 @@ bool domain_forbids_point(Instance *instance, Policy policy)
     return false;
 }
 
-/* Nothing can be clamped here, so this is said whatever the policy. */
+/* Warns under any policy, since this cannot be clamped. */
 static void note_change(Instance *instance, size_t index)
 {
     instance->now.changed = true;
@@ -246,7 +246,7 @@ void domain_note_value(Instance *instance, size_t index)
 
 Status domain_note_data(Instance *instance, Status refused)
 {
-    /* a history that becomes measured is no prediction yet */
+    /* while measured outputs replace the history, outputs are not yet predictions */
     const bool is_silent = instance->now.policy == POLICY_CLAMP || instance->warned_of_data || is_measured(instance);
     const bool knows_data = MODEL_HAS_COVER || MODEL_HAS_SUPPORT;
     if (is_silent || !knows_data || !is_in_ranges(instance) || is_near_data(instance, &instance->centre)) {

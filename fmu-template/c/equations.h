@@ -1,10 +1,10 @@
 /*
- * A template, without a guard: the equations of motion and the results in one kind of numbers. Before it is included,
- * NUMBER is their type, OF(name) the name of a function of them and WORK their working memory; ALONG and OF_ALONG(name)
- * are type and names for jets of them.
+ * Template without an include guard: the equations of motion and the results in one kind of numbers. Define before
+ * inclusion: NUMBER, their type; OF(name), the name of a function of them; WORK, their working memory; ALONG and
+ * OF_ALONG(name), type and names for jets of them.
  */
 
-/* Functions of two numbers that are no sums or products. */
+/* Functions of two numbers other than sums and products. */
 static NUMBER OF(combined)(Combination combination, NUMBER a, NUMBER b)
 {
     switch (combination) {
@@ -15,7 +15,7 @@ static NUMBER OF(combined)(Combination combination, NUMBER a, NUMBER b)
     case COMBINATION_ANGLE: {
         const Real y = OF(value)(a);
         const Real x = OF(value)(b);
-        /* the angle to the point itself, which changes with both; it has no derivatives at the origin */
+        /* angle to the point, which changes with both coordinates; it has no derivatives at the origin */
         const NUMBER across = OF(difference)(OF(scaled)(a, x), OF(scaled)(b, y));
         const NUMBER ahead = OF(sum)(OF(scaled)(b, x), OF(scaled)(a, y));
         const NUMBER angle = OF(constant)(MATH(atan2)(y, x));
@@ -26,7 +26,7 @@ static NUMBER OF(combined)(Combination combination, NUMBER a, NUMBER b)
     }
 }
 
-/* Operations of formulas and of the solution of linear equations. */
+/* Runs an operation of formulas or of the solution of linear equations. */
 static void OF(call)(const Operation *operation, NUMBER *registers)
 {
     const NUMBER a = registers[operation->a];
@@ -51,7 +51,7 @@ static void OF(call)(const Operation *operation, NUMBER *registers)
 #include "tape_run.h"
 #undef CALL
 
-/* The equations at a point. */
+/* Evaluates the equations at a point. */
 static void OF(accelerate)(const NUMBER point[COLUMN_COUNT], WORK *work)
 {
     NUMBER inputs[EQUATION_INPUTS];
@@ -64,13 +64,13 @@ static void OF(accelerate)(const NUMBER point[COLUMN_COUNT], WORK *work)
     OF(run)(&model_equations, inputs, work->equations);
 }
 
-/* A result of the equations. */
+/* Returns a result of the equations. */
 static NUMBER OF(found)(const WORK *work, size_t result)
 {
     return work->equations[model_equations.results[result]];
 }
 
-/* v^T M v / 2 */
+/* Returns v^T M v / 2. */
 static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const WORK *work)
 {
     NUMBER energy = OF(constant)(R(0.0));
@@ -84,7 +84,7 @@ static NUMBER OF(kinetic_energy)(const NUMBER v[COORDINATE_COUNT], const WORK *w
     return energy;
 }
 
-/* The results at the point of the working memory. */
+/* Computes the results at the point of the working memory. */
 static void OF(respond)(WORK *work)
 {
     const size_t n = COORDINATE_COUNT;

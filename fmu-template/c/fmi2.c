@@ -1,6 +1,6 @@
 /*
- * FMI 2.0: co-simulation and model exchange. Each function checks whether the state allows the call and its pointers
- * are there, and asks the instance.
+ * FMI 2.0: co-simulation and model exchange. Each function checks that the state allows the call and that its pointers
+ * are not null, and calls the instance.
  */
 #include "fmi2.h"
 #include "calls_fmi2.h"
@@ -10,9 +10,9 @@
 enum { KIND_MODEL_EXCHANGE, KIND_CO_SIMULATION };           /* fmi2Type */
 enum { LAST_SUCCESSFUL_TIME = 2, STATUS_OF_TERMINATION = 3 }; /* fmi2StatusKind */
 
-/* What fmi2Component points to. */
+/* The object that fmi2Component points to. */
 typedef struct {
-    Instance instance; /* first, so that a pointer to it is one to the component */
+    Instance instance; /* first, so that a pointer to it is also one to the component */
     fmi2CallbackLogger logger;
     void *environment;
     void *(*allocate)(size_t count, size_t size);
@@ -38,7 +38,7 @@ const char *fmi2GetVersion(void)
     return "2.0";
 }
 
-/* Memory comes from the host if it offers functions for it. */
+/* Allocates memory by the host's functions, if it provides them. */
 static Component *new_component(const char *name, const fmi2CallbackFunctions *functions)
 {
     const bool offered = functions->allocateMemory != NULL && functions->freeMemory != NULL;
@@ -46,7 +46,7 @@ static Component *new_component(const char *name, const fmi2CallbackFunctions *f
     const size_t length = name == NULL ? 0 : strlen(name);
     Component *component = allocate(1, sizeof(Component) + length + 1);
     if (component != NULL) {
-        /* not every host gives zeros */
+        /* not every host returns zeros */
         memset(component, 0, sizeof *component);
         component->allocate = allocate;
         component->release = offered ? functions->freeMemory : free;
@@ -83,7 +83,7 @@ void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID
     instance->interface = fmuType == KIND_MODEL_EXCHANGE ? MODEL_EXCHANGE : CO_SIMULATION;
     instance->event_mode = false;
     instance->send = send_message;
-    /* loggingOn governs debug messages only: no status reports a warning. fmi2SetDebugLogging can turn warnings off. */
+    /* loggingOn controls debug messages only: no status reports a warning. fmi2SetDebugLogging can turn warnings off. */
     instance->log_warnings = true;
     instance->log_everything = loggingOn != 0;
     instance_initialize(instance, "fmi2Instantiate");
@@ -242,7 +242,7 @@ Status fmi2SetString(void *c, const uint32_t vr[], size_t nvr, const char *const
 
 /* ---- FMU state ---- */
 
-/* The state where FMUstate points to, a new one if there is none; null after a message if there is no memory. */
+/* Returns the state that FMUstate points to, a new one if there is none; null after a message if there is no memory. */
 static Snapshot *state_at(Component *component, void **FMUstate)
 {
     if (instance_lacks(&component->instance, FMUstate, 1, "FMUstate")) {
@@ -412,7 +412,7 @@ Status fmi2SetTime(void *c, double time)
     return instance_set_solver_time(c, time);
 }
 
-/* Whether one number for each state is not what the arguments are; the host is told. */
+/* Returns true, after a message, unless the arguments are one number for each state. */
 static bool bad_states(Instance *instance, const double values[], size_t count, const char *argument)
 {
     return instance_miscounts(instance, count, STATE_COUNT, argument) ||

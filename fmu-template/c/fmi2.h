@@ -1,8 +1,8 @@
 /*
- * The C interface of FMI 2.0: types and functions of the standard, in plain C types of the same size.
+ * C interface of FMI 2.0: types and functions of the standard, in plain C types of the same size.
  *
- * Names are as in a shared library, unless the compiler is told FMI2_FUNCTION_PREFIX, as for FMUs that are linked
- * statically; FMI2_OVERRIDE_FUNCTION_PREFIX takes it back.
+ * Names are those of a shared library, unless FMI2_FUNCTION_PREFIX is defined, as for statically linked FMUs.
+ * FMI2_OVERRIDE_FUNCTION_PREFIX cancels it.
  */
 #ifndef FMI2_H
 #define FMI2_H
@@ -72,7 +72,7 @@
 #define fmi2GetBooleanStatus FMI2_NAME(fmi2GetBooleanStatus)
 #define fmi2GetStringStatus FMI2_NAME(fmi2GetStringStatus)
 
-/* Gives a message to the host: `message` is a printf format for the arguments after it. */
+/* Sends a message to the host. `message` is a printf format for the arguments after it. */
 typedef void (*fmi2CallbackLogger)(void *componentEnvironment, const char *instanceName, int status,
                                    const char *category, const char *message, ...);
 

@@ -1,6 +1,6 @@
 /*
- * FMI 3.0: co-simulation and model exchange. Each function checks whether the state allows the call and its pointers
- * are there, and asks the instance. Functions for what the FMU does not have are in fmi3_absent.c.
+ * FMI 3.0: co-simulation and model exchange. Each function checks that the state allows the call and that its pointers
+ * are not null, and calls the instance. fmi3_absent.c has the functions for features that this FMU lacks.
  */
 #include "fmi3.h"
 #include "calls_fmi3.h"
@@ -8,14 +8,14 @@
 
 enum { DEPENDENT = 5 }; /* fmi3DependencyKind */
 
-/* What fmi3Instance points to. */
+/* The object that fmi3Instance points to. */
 typedef struct {
-    Instance instance; /* first, so that a pointer to it is one to the component */
+    Instance instance; /* first, so that a pointer to it is also one to the component */
     fmi3LogMessageCallback logger;
     void *environment;
-    fmi3IntermediateUpdateCallback update; /* of models with states, if the host has one */
-    bool early_return;                     /* whether the host allows steps to end early */
-    Snapshot before;                       /* what was when a step with updates began */
+    fmi3IntermediateUpdateCallback update; /* for models with states, if the host has one */
+    bool early_return;                     /* true if the host allows steps to end early */
+    Snapshot before;                       /* state at the beginning of a step with updates */
 } Component;
 
 static void send_message(const Instance *instance, Status status, const char *category, const char *message)
@@ -50,7 +50,7 @@ static Component *new_component(Interface interface, bool event_mode, bool loggi
     return component;
 }
 
-/* The component if all arguments are good, and none otherwise. */
+/* Returns the component if all arguments are valid; otherwise frees it and returns null. */
 static Component *checked(Component *component, bool good)
 {
     if (good) {
@@ -78,8 +78,8 @@ void *fmi3InstantiateModelExchange(const char *instanceName, const char *instant
 }
 
 /*
- * Models with states call the host back after each step of their solver; in others a step is one evaluation, and the
- * offer goes unused.
+ * Models with states call the host back after each step of their solver. A step of other models is a single evaluation,
+ * and they ignore the callback.
  */
 void *fmi3InstantiateCoSimulation(const char *instanceName, const char *instantiationToken, const char *resourcePath,
                                   bool visible, bool loggingOn, bool eventModeUsed, bool earlyReturnAllowed,
@@ -179,7 +179,7 @@ Status fmi3EnterEventMode(void *instance)
     return instance_enter_event_mode(instance);
 }
 
-/* For calls that do nothing but change the state. */
+/* Changes the state, for calls that do nothing else. */
 static Status change_state(Instance *instance, const char *function, unsigned allowed, State state)
 {
     if (!instance_begin(instance, function, allowed)) {
@@ -243,7 +243,7 @@ Status fmi3UpdateDiscreteStates(void *instance, bool *discreteStatesNeedUpdate, 
 
 /* ---- Values: all variables are scalars ---- */
 
-/* Whether the arguments of a call for values cannot be; the host is told. */
+/* Returns true, after a message, if the arguments of a call that gets or sets values are invalid. */
 static bool bad_arguments(Instance *instance, const uint32_t references[], size_t reference_count, const void *values,
                           size_t value_count)
 {
@@ -346,7 +346,7 @@ Status fmi3GetVariableDependencies(void *instance, uint32_t dependent, size_t el
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < count; i++) {
-        /* zero: all elements of a variable, which is the only one of a scalar */
+        /* zero: all elements of a variable; a scalar has only one */
         elementIndicesOfDependent[i] = 0;
         elementIndicesOfIndependents[i] = 0;
         independents[i] = instance_dependency(i);
@@ -402,7 +402,7 @@ Status fmi3GetOutputDerivatives(void *instance, const uint32_t valueReferences[]
 
 /* ---- FMU state ---- */
 
-/* The state where FMUState points to, a new one if there is none; null after a message if there is no memory. */
+/* Returns the state that FMUState points to, a new one if there is none; null after a message if there is no memory. */
 static Snapshot *state_at(Instance *instance, void **FMUState)
 {
     if (instance_lacks(instance, FMUState, 1, "FMUState")) {
@@ -509,7 +509,7 @@ Status fmi3SetTime(void *instance, double time)
     return instance_set_solver_time(instance, time);
 }
 
-/* Whether one number for each state is not what the arguments are; the host is told. */
+/* Returns true, after a message, unless the arguments are one number for each state. */
 static bool bad_states(Instance *instance, const double values[], size_t count, const char *argument)
 {
     return instance_miscounts(instance, count, STATE_COUNT, argument) ||
@@ -597,7 +597,7 @@ static bool has_inputs(void)
     return false;
 }
 
-/* Calls the host back at `time`. Returns when the step is to end. */
+/* Calls the host back at `time`. Returns the time at which the step is to end. */
 static double update(Component *component, double time, double end, bool can_return)
 {
     bool requested = false;
@@ -605,19 +605,19 @@ static double update(Component *component, double time, double end, bool can_ret
     component->instance.now.state = STATE_UPDATE;
     component->update(component->environment, time, has_inputs(), true, true, can_return, &requested, &return_time);
     if (component->instance.now.state == STATE_UPDATE) {
-        component->instance.now.state = STATE_STEP; /* else a call that was refused has ended the simulation */
+        component->instance.now.state = STATE_STEP; /* otherwise, a refused call ended the simulation */
     }
     if (!can_return || !requested) {
         return end;
     }
-    /* anything that is no later time is now */
+    /* NaN, or a time that is not later, means now */
     if (!(return_time > time)) {
         return time;
     }
     return return_time < end ? return_time : end;
 }
 
-/* A communication step in which the host is called back after each step of the solver. */
+/* Makes a communication step that calls the host back after each step of the solver. */
 static Status step_with_updates(Component *component, double from, double size, bool *early)
 {
     Instance *instance = &component->instance;
@@ -634,7 +634,7 @@ static Status step_with_updates(Component *component, double from, double size, 
     do {
         step += 1.0;
         const double planned = from + size * (step / steps);
-        /* the last one ends exactly where it should */
+        /* the last one ends exactly at the end */
         const double next = step < steps && planned < end ? planned : end;
         if (!instance_begin(instance, CALL(fmi3DoStep))) {
             return STATUS_ERROR;

@@ -1,8 +1,8 @@
 /*
- * The C interface of FMI 3.0: types and functions of the standard, in plain C types of the same size.
+ * C interface of FMI 3.0: types and functions of the standard, in plain C types of the same size.
  *
- * Names are as in a shared library, unless the compiler is told FMI3_FUNCTION_PREFIX, as for FMUs that are linked
- * statically; FMI3_OVERRIDE_FUNCTION_PREFIX takes it back.
+ * Names are those of a shared library, unless FMI3_FUNCTION_PREFIX is defined, as for statically linked FMUs.
+ * FMI3_OVERRIDE_FUNCTION_PREFIX cancels it.
  */
 #ifndef FMI3_H
 #define FMI3_H

@@ -1,6 +1,6 @@
 /*
- * The functions of FMI 3.0 for what the FMU does not have: variables of other types than Float64, Int32 and Boolean,
- * clocks, structural parameters and model partitions. They are there because the standard wants all functions.
+ * Functions of FMI 3.0 for features that this FMU lacks: variables of types other than Float64, Int32 and Boolean,
+ * clocks, structural parameters and model partitions. The standard requires all functions to exist.
  */
 #include "calls_fmi3.h"
 #include "fmi3.h"
@@ -16,7 +16,7 @@ static Status none(void *instance, const char *function, unsigned allowed, const
     return STATUS_OK;
 }
 
-/* For calls that no state allows. */
+/* Refuses a call that no state allows. */
 static Status never(void *instance, const char *function, unsigned allowed)
 {
     instance_begin(instance, function, allowed);

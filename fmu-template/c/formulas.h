@@ -1,6 +1,6 @@
 /*
- * Functions of formulas of efforts, in real numbers and in jets. A jet that does not change has no derivative, even
- * where that of the function is infinite, as of the square root at zero.
+ * Functions in formulas of efforts, for real numbers and jets. A constant jet has zero derivatives, even where the
+ * derivative of the function is infinite, such as that of the square root at zero.
  */
 #ifndef FORMULAS_H
 #define FORMULAS_H
@@ -11,7 +11,7 @@
 
 typedef enum { EXTRAPOLATION_HOLD, EXTRAPOLATION_LINEAR, EXTRAPOLATION_PERIODIC } Extrapolation;
 
-/* A knot at which the slope of a table changes much, and the length of the shorter interval beside it. */
+/* A knot at which the slope of a table changes much, and the length of the shorter adjacent interval. */
 typedef struct {
     Real at;
     Real width;
@@ -23,7 +23,7 @@ typedef struct {
     size_t x_count;
     const Real *y;
     size_t y_count;
-    /* of each node the value, and with slopes its derivatives along x, along y, and the mixed one */
+    /* value at each node; with slopes, also the derivatives along x, along y, and the mixed one */
     const Real *nodes;
     int has_slopes;
     int is_cubic;
@@ -78,11 +78,11 @@ static inline Real smooth(Real x)
     return x > R(1.0) ? R(1.0) : x * x * (R(3.0) - R(2.0) * x);
 }
 
-/* In the order of their names. */
+/* In the order of Function. */
 static Real (*const FUNCTIONS[])(Real) = {MATH(sin), MATH(cos), MATH(tan),  MATH(asin), MATH(acos), MATH(atan),  MATH(tanh),
                                           MATH(exp), MATH(log), MATH(sqrt), MATH(fabs), sign,       MATH(floor), smooth};
 
-/* A function of a jet from its value, slope and curvature. */
+/* Returns a function of a jet, given the function's value, slope and curvature. */
 static inline Jet jet_chain(Jet a, Real value, Real slope, Real curvature)
 {
     const Real square = a.first * a.first;
@@ -172,8 +172,8 @@ static inline Jet jet_quotient(Jet a, Jet b)
 }
 
 /*
- * First of the two knots around x; weights of value and slope at both, and the first three derivatives of the weights:
- * weights[order][knot][value or slope].
+ * Returns the first of the two knots around x. Sets weights of value and slope at both knots, and the first three
+ * derivatives of the weights: weights[order][knot][value or slope].
  */
 static inline size_t lookup_weights(const LookupTable *table, const Real *knots, size_t count, Real x,
                                     Real weights[4][2][2])
@@ -206,7 +206,7 @@ static inline size_t lookup_weights(const LookupTable *table, const Real *knots,
     const Real rest = R(1.0) - w;
     if (is_beyond && table->extrapolation != EXTRAPOLATION_PERIODIC) {
         weights[0][last][0] = R(1.0);
-        /* from the end on: farther away, differences of values would lose their digits */
+        /* extrapolate from the end: farther away, differences of values would lose their digits */
         if (table->extrapolation == EXTRAPOLATION_LINEAR) {
             weights[0][last][1] = x - (last > 0 ? end : start);
             weights[1][last][1] = R(1.0);
@@ -235,8 +235,8 @@ static inline size_t lookup_weights(const LookupTable *table, const Real *knots,
 }
 
 /*
- * The first numbers of the value of a table and its derivatives along x, x x, y, x y, y y and x x x. A table of one
- * argument is constant along y.
+ * Computes the first `orders` numbers of this list: the value of a table, its derivatives along x, x x, y, x y, y y and
+ * x x x. A table of one argument is constant along y.
  */
 static inline void lookup_series(const LookupTable *table, Real x, Real y, Real series[], size_t orders)
 {
@@ -282,7 +282,7 @@ static inline Jet jet_lookup(const LookupTable *table, Jet x, Jet y)
     return (Jet){series[0], first, bent + series[1] * x.second + series[3] * y.second};
 }
 
-/* A table of one argument. Its fourth derivative is zero. */
+/* Evaluates a table of one argument. Its fourth derivative is zero. */
 static inline Nested nested_lookup(const LookupTable *table, Nested x)
 {
     Real series[7];
@@ -304,7 +304,7 @@ static inline Real real_power(Real a, Real b)
     return MATH(pow)(a, b);
 }
 
-/* A factor times a power of x, zero if the factor is. */
+/* Returns a factor times a power of x, or zero if the factor is zero. */
 static inline Real real_term(Real factor, Real x, Real power)
 {
     return factor < R(0.0) || factor > R(0.0) ? factor * MATH(pow)(x, power) : R(0.0);
@@ -314,7 +314,7 @@ static inline Jet jet_power(Jet a, Jet b)
 {
     const Real value = MATH(pow)(a.value, b.value);
     const int changes = MATH(fabs)(b.first) > R(0.0) || MATH(fabs)(b.second) > R(0.0);
-    /* at zero a power vanishes whatever its exponent is */
+    /* at zero, a power vanishes for any exponent */
     if (changes && !(MATH(fabs)(a.value) <= R(0.0) && b.value > R(0.0))) {
         return jet_chain(jet_product(b, jet_apply(FUNCTION_LN, a)), value, value, value);
     }

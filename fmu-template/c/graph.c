@@ -1,23 +1,24 @@
 /*
- * A graph takes, in multiplications, additions and divisions,
+ * Cost of a graph, in multiplications, additions and divisions:
  *
- *     2 n m    for an affine step of n numbers that makes m,
- *     4 n m    for distances of n numbers from m centres,
- *     1        for each number that two are combined to,
+ *     2 n m    for an affine step from n numbers to m,
+ *     4 n m    for distances of n numbers from m centers,
+ *     1        for each pair of numbers that is combined,
  *     5 n + 4  for a normalized vector of n numbers, besides a power,
  *     3 n      for a softmax, besides n exponentials and comparisons,
  *     2        for each number of a line p x + q, and for each that is standardized or rescaled,
  *     3        for each number of a Gaussian function, besides an exponential,
- *     9 (d - 1) n + f    for products of Legendre polynomials of n numbers, with d > 0 the highest degree and f factors in all,
+ *     9 (d - 1) n + f    for products of Legendre polynomials of n numbers, with highest degree d > 0 and f factors in all.
  *
- * what tape.h says for sums of products of powers, sines and cosines, an evaluation of its function for each number of another elementwise step, rounded up to whole blocks of 16 for those of
- * activation.c, and for a forest an addition for a tree, besides as many comparisons as it has levels of splits at worst.
+ * tape.h has the cost of sums of products of powers, sines and cosines. Other elementwise steps evaluate their function
+ * for each number, rounded up to whole blocks of 16 for functions of activation.c. Each tree of a forest takes an
+ * addition, and at worst one comparison for each level of splits.
  */
 #include "activation.h"
 #include "evaluator.h"
 #include <string.h>
 
-/* A function's value with its first and second derivative. */
+/* Value of a function with its first and second derivatives. */
 typedef struct {
     Real value;
     Real slope;
@@ -27,12 +28,12 @@ typedef struct {
 static const Real SQRT_HALF = R(0.70710678118654752440);
 static const Real TWO_BY_SQRT_PI = R(1.12837916709551257390);
 
-/* Of exp(-|x|), so that no digits are lost where it is small. */
+/* Uses exp(-|x|), so that small values keep their digits. */
 static Series sigmoid(Real x)
 {
     const Real e = MATH(exp)(-MATH(fabs)(x));
     const Real slope = e / (R(1.0) + e) / (R(1.0) + e);
-    const Real tangent = -MATH(expm1)(-MATH(fabs)(x)) / (R(1.0) + e); /* of |x| / 2 */
+    const Real tangent = -MATH(expm1)(-MATH(fabs)(x)) / (R(1.0) + e); /* tanh(|x| / 2) */
     return (Series){(x < R(0.0) ? e : R(1.0)) / (R(1.0) + e), slope, x < R(0.0) ? slope * tangent : -slope * tangent};
 }
 
@@ -61,7 +62,7 @@ static Real power_of(Real x, Real exponent)
 static Series power(Real x, Real exponent)
 {
     const Real second = exponent * (exponent - R(1.0));
-    /* a factor of 0 stands before what may be infinite at 0 */
+    /* a factor of 0 precedes a power that may be infinite at 0 */
     return (Series){power_of(x, exponent), exponent == R(0.0) ? R(0.0) : exponent * power_of(x, exponent - R(1.0)),
                     second == R(0.0) ? R(0.0) : second * power_of(x, exponent - R(2.0))};
 }
@@ -71,7 +72,7 @@ static Series line(Real x, Real slope)
     return (Series){slope * x, slope, R(0.0)};
 }
 
-/* Of all functions but those that are computed in blocks. */
+/* Returns the series of a function that is not computed in blocks. */
 static Series series(Function function, Real x, Real p, Real q)
 {
     switch (function) {
@@ -146,15 +147,15 @@ static Jet jet_through(Jet a, Series f)
     return (Jet){f.value, f.slope * a.first, f.slope * a.second + f.curvature * a.first * a.first};
 }
 
-/* How many of some numbers are in the block that begins at one of them. */
+/* Returns the number of values in the block that begins at `first`. */
 static INLINED size_t in_block(size_t count, size_t first)
 {
     return count - first < BLOCK ? count - first : BLOCK;
 }
 
 /*
- * The first functions are those of activation.c, in the same order. There small probabilities are zero; here a logarithm may
- * follow, so that a sigmoid keeps its digits.
+ * Returns true if activation.c computes a function: the first functions are the same, in the same order. Small
+ * probabilities are zero in activation.c, but here a logarithm may follow, so a sigmoid must keep its digits.
  */
 static bool is_in_blocks(Function function)
 {
@@ -221,7 +222,7 @@ static void jet_activations(const GraphStep *step, const Jet x[], Jet y[])
 
 void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT])
 {
-    (void)map; /* there is one */
+    (void)map; /* there is only one */
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
         scratch->real[i] = columns[i];
     }
@@ -231,7 +232,7 @@ void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMN
     }
 }
 
-/* The outputs along a curve; without second rates where the pointer is null. */
+/* Computes the outputs along a curve. A null pointer means no second rates. */
 static const Jet *follow(Jet numbers[NUMBER_COUNT], const Real columns[MAP_COLUMNS], const Real rates[MAP_COLUMNS],
                          const Real *second_rates)
 {

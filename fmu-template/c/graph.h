@@ -1,6 +1,6 @@
 /*
- * A function: a sequence of steps, each of which makes numbers of those before it. All numbers are in one
- * array: the columns first, then what each step makes; those of the last step are the outputs.
+ * A function as a sequence of steps. Each step computes numbers from those before it. All numbers are in one array:
+ * first the columns, then the results of each step. The outputs are the results of the last step.
  */
 #ifndef GRAPH_H
 #define GRAPH_H
@@ -10,7 +10,7 @@
 
 #if MODEL_HAS_DICTIONARY
 #include "tape.h"
-extern const Tape model_functions; /* its registers are before the numbers that it makes; zero before the first run */
+extern const Tape model_functions; /* its registers precede the numbers that it computes; zero before the first run */
 #endif
 
 typedef enum {
@@ -18,7 +18,7 @@ typedef enum {
     STEP_ELEMENTWISE, /* y_i = f(x_i) */
     STEP_COMBINE,     /* y_i = a_i op b_i */
     STEP_SELECT,      /* y_i = a_i where c_i > 0, else b_i */
-    STEP_COLUMNS,     /* y_i is any number */
+    STEP_COLUMNS,     /* y_i is any earlier number */
     STEP_STANDARDIZE, /* y_i = (x_i - mean_i) / scale_i */
     STEP_RESCALE,     /* y_i = mean_i + scale_i x_i */
     STEP_NORMALIZE,   /* y_i = (x_i - mean of x) / square root of (variance of x + epsilon) */
@@ -33,28 +33,28 @@ typedef enum { COMBINE_ADD, COMBINE_SUBTRACT, COMBINE_MULTIPLY, COMBINE_DIVIDE, 
 
 typedef struct {
     StepKind kind;
-    Function function; /* of a number x and its parameters p and q */
+    Function function; /* of a number x, with parameters p and q */
     Combination operation;
-    size_t of[3]; /* where the numbers that it takes begin */
-    size_t width; /* how many of them, of a kind */
-    size_t to;    /* where those that it makes begin */
-    size_t count; /* how many of them */
-    /* W in blocks of rows, centres, means, or parameters: one p and one q for all numbers, or all p and then all q */
+    size_t of[3]; /* where its operands begin */
+    size_t width; /* number of values of each operand */
+    size_t to;    /* where its results begin */
+    size_t count; /* number of results */
+    /* W in blocks of rows, centers, means, or parameters: one p and one q for all numbers, or all p and then all q */
     const Real *numbers;
-    size_t parameter_step; /* 0 if there is one for all, else 1 */
-    const Real *more;    /* b, one over the lengths, scales or one over them, or epsilon */
+    size_t parameter_step; /* 0 if all numbers share the parameters, else 1 */
+    const Real *more;    /* b, reciprocals of lengths, scales or their reciprocals, or epsilon */
     const size_t *places;  /* of the columns */
     size_t first_tree;
     size_t tree_count;
-    const unsigned char *degrees; /* of each product in each number */
-    size_t orders; /* polynomials of a number, degrees 0, 1, ...; those of all numbers are before the products */
+    const unsigned char *degrees; /* of each number in each product */
+    size_t orders; /* number of polynomials of a number, degrees 0, 1, ...; the polynomials of all numbers precede the products */
 } GraphStep;
 
-/* A split looks at a number; a leaf has none, which is NO_COLUMN. */
+/* A split tests a number. A leaf has column NO_COLUMN. */
 typedef struct {
     size_t column;
-    Real number;   /* numbers up to this one go to the first node below, others to the second; or the leaf's value */
-    size_t below[2]; /* behind this one, so that a walk ends */
+    Real number;   /* threshold: numbers up to it go to the first node below, others to the second; or the leaf's value */
+    size_t below[2]; /* both come after this node, so that a walk ends */
 } GraphNode;
 
 #define NO_COLUMN ((size_t)-1)
@@ -68,7 +68,7 @@ extern const GraphStep model_steps[STEP_COUNT];
 extern const GraphNode model_graph_nodes[];
 extern const GraphTree model_graph_trees[];
 
-/* What all steps make, of the columns that are the first numbers; the outputs are the last ones. */
+/* Computes the results of all steps from the columns, which are the first numbers. The outputs are the last ones. */
 void real_graph(Real numbers[NUMBER_COUNT]);
 void jet_graph(Jet numbers[NUMBER_COUNT]);
 

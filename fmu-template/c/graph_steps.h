@@ -1,5 +1,5 @@
 /*
- * A template: the steps of a graph in one kind of numbers. Before it is included, NUMBER is their type and OF(name) the
+ * Template: the steps of a graph in one kind of numbers. Define before inclusion: NUMBER, their type, and OF(name), the
  * name of a function of them.
  */
 
@@ -10,7 +10,7 @@ static void OF(elementwise)(const GraphStep *step, const NUMBER x[], NUMBER y[])
         return;
     }
     const Real *p = step->numbers;
-    /* all second parameters are behind all first ones */
+    /* all second parameters follow all first ones */
     const Real *q = step->parameter_step == 0 ? p + 1 : p + step->count;
     for (size_t i = 0; i < step->count; i++) {
         const size_t place = i * step->parameter_step;
@@ -37,7 +37,7 @@ static NUMBER OF(combined)(Combination operation, NUMBER a, NUMBER b)
     }
 }
 
-/* Residual connections: loops of a constant length first, which become SIMD code at -O2 already. */
+/* Adds numbers of residual connections. Loops of a constant length come first: they become SIMD code even at -O2. */
 static CLONED void OF(add)(size_t count, const NUMBER *a, const NUMBER *b, NUMBER *restrict y)
 {
     size_t i = 0;
@@ -98,7 +98,7 @@ static void OF(normalize)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 
 static void OF(softmax)(const GraphStep *step, const NUMBER x[], NUMBER y[])
 {
-    /* the same for all, so that nothing overflows */
+    /* subtracted from all numbers, so that nothing overflows */
     Real largest = OF(value)(x[0]);
     NUMBER sum = OF(constant)(R(0.0));
     for (size_t i = 1; i < step->width; i++) {
@@ -127,7 +127,7 @@ static void OF(distances)(const GraphStep *step, const NUMBER x[], NUMBER y[])
     }
 }
 
-/* The product of x and a row of W, whose numbers are so many places apart; four at a time as in blocks.h. */
+/* Returns the product of x and a row of W, whose numbers are `apart` positions apart; four at a time, as in blocks.h. */
 static INLINED NUMBER OF(row_by)(const Real *row, size_t apart, size_t columns, const NUMBER *x)
 {
     NUMBER sum = OF(constant)(R(0.0));
@@ -144,7 +144,7 @@ static INLINED NUMBER OF(row_by)(const Real *row, size_t apart, size_t columns, 
     return sum;
 }
 
-/* Rows of W are in blocks; the last one may have fewer. */
+/* The rows of W are in blocks; the last block may have fewer. */
 static CLONED void OF(affine)(const GraphStep *step, const NUMBER *restrict x, NUMBER *restrict y)
 {
     const Real *weights = step->numbers;
@@ -209,7 +209,7 @@ static void OF(products)(const GraphStep *step, const NUMBER x[], NUMBER y[])
     }
 }
 
-/* What all steps make, of the columns that are the first numbers. */
+/* Computes the results of all steps from the columns, which are the first numbers. */
 void OF(graph)(NUMBER numbers[NUMBER_COUNT])
 {
     for (size_t k = 0; k < STEP_COUNT; k++) {

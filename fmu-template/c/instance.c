@@ -78,7 +78,7 @@ const char *instance_state_name(State state)
     }
 }
 
-/* States in which a call is allowed, with the interface of the instance. */
+/* Returns the states in which the instance's interface allows a call. */
 static unsigned legal_states(const Instance *instance, unsigned allowed)
 {
     return allowed >> (unsigned)instance->interface & 0xffu;
@@ -114,7 +114,7 @@ bool instance_begin(Instance *instance, const char *function, unsigned allowed)
     return false;
 }
 
-/* Hosts replace `#7#` by the variable's name, so a plain `#` is written twice. */
+/* Doubles each `#`, because hosts replace `#7#` by the name of a variable. */
 static void escape(const char *from, char *to, size_t size)
 {
     size_t length = 0;
@@ -132,7 +132,7 @@ static void send_message(const Instance *instance, Status status, const char *me
     bool on = instance->log_everything;
     const char *category = CATEGORY_ALL;
     if (status == STATUS_ERROR) {
-        on = true; /* whatever the settings: fmi2Error says so, and FMI 3.0.3 */
+        on = true; /* under all settings, as fmi2Error and FMI 3.0.3 require */
         category = CATEGORY_ERROR;
     } else if (status != STATUS_OK) {
         on = instance->log_warnings;
@@ -193,10 +193,10 @@ Status instance_switch_logging(Instance *instance, bool on, size_t count, const 
         switch_category(instance, on, categories[given]);
         given++;
     }
-    /* as the categories are now */
+    /* now with the new categories */
     for (size_t i = 0; i < given; i++) {
         if (!is_category(categories[i])) {
-            /* not an error: an unknown category is no reason to end a simulation */
+            /* not an error: an unknown category does not justify the end of a simulation */
             instance_tell(instance, STATUS_WARNING,
                           "log category `%.100s` is unknown, expected one of `%s`, `%s`, `%s`", categories[i],
                           CATEGORY_ERROR, CATEGORY_WARNING, CATEGORY_ALL);
@@ -259,7 +259,7 @@ Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, do
     if (stop_defined && !is_finite(stop)) {
         return instance_not_finite(instance, "stopTime", stop);
     }
-    if (stop_defined && stop < start) { /* a run of no length is an initialization */
+    if (stop_defined && stop < start) { /* a run of zero length is an initialization */
         return instance_tell(instance, STATUS_ERROR, "stop time %.17g is before start time %.17g", stop, start);
     }
     forget_warnings(instance);

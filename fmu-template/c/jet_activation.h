@@ -1,15 +1,15 @@
 /*
- * A template, without a guard: activations in one kind of jets. Before it is included, NUMBER is their type and
- * OF(name) the name of a function of them.
+ * Template without an include guard: activations in one kind of jets. Define before inclusion: NUMBER, their type, and
+ * OF(name), the name of a function of them.
  */
 
-/* x becomes the activation of x, and its derivative goes to the slope. */
+/* Replaces x by its activation, and sets the slope to the derivative. */
 static void OF(activate_one)(Activation activation, NUMBER *x, NUMBER *slope)
 {
     const NUMBER one = OF(constant)(R(1.0));
     const bool is_positive = OF(value)(*x) > R(0.0);
     NUMBER argument = OF(scaled)(*x, R(0.5));
-    NUMBER rate = one; /* twice that of the argument */
+    NUMBER rate = one; /* twice the derivative of the argument */
     switch (activation) {
     case ACTIVATION_IDENTITY:
         *slope = one;
@@ -33,16 +33,16 @@ static void OF(activate_one)(Activation activation, NUMBER *x, NUMBER *slope)
         break;
     }
     default:
-        break; /* of half of x */
+        break; /* the argument is half of x */
     }
-    /* of s = (1 + tanh u) / 2 the derivative with respect to u is 2 s (1 - s) */
+    /* s = (1 + tanh u) / 2 has the derivative 2 s (1 - s) with respect to u */
     const NUMBER share = OF(scaled)(OF(sum)(OF(hyperbolic_tangent)(argument), one), R(0.5));
     const NUMBER change = OF(product)(OF(product)(share, OF(difference)(one, share)), rate);
     *slope = activation == ACTIVATION_SIGMOID ? change : OF(sum)(share, OF(product)(*x, change));
     *x = activation == ACTIVATION_SIGMOID ? share : OF(product)(*x, share);
 }
 
-/* So many numbers become their activations, and unless the pointer is null, slopes go there. */
+/* Replaces `count` numbers by their activations. Slopes may be null. */
 static void OF(activate)(Activation activation, NUMBER *x, NUMBER *slopes, size_t count)
 {
     for (size_t i = 0; i < count; i++) {

@@ -1,7 +1,7 @@
 /*
- * Numbers that carry their derivatives: a formula that is written once gives values, and
- * exact derivatives along a curve. There are real numbers, jets of them, and jets of jets, which carry how the
- * derivatives along the motion change in a direction. Each function has the kind of its numbers in its name.
+ * Numbers that carry their derivatives: a formula, written once, gives values and exact derivatives along a curve.
+ * There are real numbers, jets of them, and jets of jets, which carry the change of derivatives along the motion in a
+ * direction. The prefix of each function names its kind of numbers.
  */
 #ifndef JETS_H
 #define JETS_H
@@ -9,7 +9,7 @@
 #include "clones.h"
 #include "real.h"
 
-/* A value with its first and second derivative. */
+/* A value with its first and second derivatives. */
 typedef struct {
     Real value;
     Real first;

@@ -1,15 +1,17 @@
 /*
- * How long it takes at worst to compute the outputs, which a host asks for after a step, in multiplications, additions
- * and divisions: that of the columns,
+ * Worst-case cost of the outputs, which a host reads after a step, in multiplications, additions and divisions. Columns
+ * take
  *
  *     3 (v - 1)    for an input with v values, besides 2 (v - 1) comparisons,
- *     4            for one with a period, besides rounding down, a sine and a cosine,
+ *     4            for one with a period, besides rounding down, a sine and a cosine.
  *
- * and that of the map: network.c or graph.c has it. Of networks for k instants two are evaluated, and
+ * network.c or graph.c has the cost of the map. If there are networks for k time points, two of them are evaluated, and
+ * interpolation takes
  *
- *     4 + 3 m      is what m outputs between them take, besides 4 + log2 k comparisons, rounded up.
+ *     4 + 3 m      for m outputs, besides 4 + log2 k comparisons, rounded up.
  *
- * model_data.h has the numbers. The step itself takes none of them: outputs are computed when a host asks for them, once.
+ * model_data.h has the numbers. The step takes none of these operations: outputs are computed once, when a host reads
+ * them.
  */
 #include "evaluator.h"
 
@@ -17,7 +19,7 @@ static const double TAU = 6.283185307179586476925286766559;
 
 /* ---- Columns ---- */
 
-/* Valid values and turns are found in double precision, so that no digits get lost far from zero. */
+/* Computes columns from a point. Valid values and turns are found in double precision, so that no digits get lost far from zero. */
 static void encode(const double point[COLUMN_COUNT], Real features[FEATURE_COUNT])
 {
     Real *feature = features;
@@ -30,7 +32,7 @@ static void encode(const double point[COLUMN_COUNT], Real features[FEATURE_COUNT
                 *feature++ = k == hot ? R(1.0) : R(0.0);
             }
         } else if (turn->period > 0.0) {
-            /* whole turns are taken off first, so that a period later the columns are the very same */
+            /* remove whole turns first, so that columns are identical one period later */
             const double turns = (point[i] - turn->start) / turn->period;
             const Real angle = (Real)(TAU * (turns - floor(turns)));
             *feature++ = MATH(sin)(angle);
@@ -41,7 +43,7 @@ static void encode(const double point[COLUMN_COUNT], Real features[FEATURE_COUNT
     }
 }
 
-/* First and second derivatives of the columns along a curve of the inputs; second ones only if there are such rates. */
+/* Computes first and second derivatives of the columns along a curve of the inputs; second ones only with second rates. */
 static void encode_rates(const Real features[FEATURE_COUNT], const double rates[COLUMN_COUNT],
                          const double *second_rates, Real first[FEATURE_COUNT], Real second[FEATURE_COUNT])
 {
@@ -50,7 +52,7 @@ static void encode_rates(const Real features[FEATURE_COUNT], const double rates[
         const Real along = (Real)rates[i];
         const Real bend = second_rates == NULL ? R(0.0) : (Real)second_rates[i];
         if (model_columns[i].value_count > 0) {
-            /* constant nearly everywhere */
+            /* constant almost everywhere */
             for (size_t k = 0; k < model_columns[i].value_count; k++, feature++) {
                 first[feature] = R(0.0);
                 second[feature] = R(0.0);
@@ -73,7 +75,7 @@ static void encode_rates(const Real features[FEATURE_COUNT], const double rates[
     }
 }
 
-/* Derivatives by the inputs from those by the columns. */
+/* Converts derivatives with respect to columns to derivatives with respect to inputs. */
 static void by_inputs(const Real features[FEATURE_COUNT], const Real by_features[FEATURE_COUNT],
                       double gradient[COLUMN_COUNT])
 {
@@ -96,19 +98,19 @@ static void by_inputs(const Real features[FEATURE_COUNT], const Real by_features
 
 #if MODEL_HAS_INSTANTS
 
-/* ---- Instants ---- */
+/* ---- Time points ---- */
 
-/* Between instant `left` and the next one: y = (1 - weight) y_left + weight y_right. */
+/* Interpolation between time point `left` and the next one: y = (1 - weight) y_left + weight y_right. */
 typedef struct {
     size_t left;
     Real weight;
-    Real slope; /* of the weight, per s */
+    Real slope; /* derivative of the weight, per s */
 } Place;
 
-/* At an instant, the interval that begins there counts; at the last one, the one that ends there. */
+/* Finds the interval of a time. A time point belongs to the interval that begins there, the last one to the interval that ends there. */
 static Place place_of(Real time)
 {
-    /* the last interval that begins no later, if one does */
+    /* the last interval that begins no later, otherwise the first one */
     size_t left = 0;
     size_t end = INSTANT_COUNT - 1;
     while (end - left > 1) {
@@ -132,7 +134,7 @@ static Real between(const Place *place, Real left, Real right)
     return (R(1.0) - place->weight) * left + place->weight * right;
 }
 
-/* The columns other than the time. */
+/* Copies the columns other than the time. */
 static void others(const Real features[FEATURE_COUNT], Real columns[MAP_COLUMNS])
 {
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
@@ -162,7 +164,7 @@ static void along_curve(Scratch *scratch, const Real features[FEATURE_COUNT], co
     Real firsts[2][OUTPUT_COUNT];
     Real seconds[2][OUTPUT_COUNT];
     const Place place = place_of(features[TIME_FEATURE]);
-    /* of the weight along the curve */
+    /* derivatives of the weight along the curve */
     const Real rate = place.slope * rates[TIME_FEATURE];
     const Real acceleration = second == NULL ? R(0.0) : place.slope * second_rates[TIME_FEATURE];
     others(features, columns);

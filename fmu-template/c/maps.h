@@ -1,7 +1,7 @@
 /*
- * A model without states: one map, from columns that the inputs become to the outputs, or a network for each of some
- * instants, between which the outputs are linear in the time. A map is a network (network.c) or a graph (graph.c). No
- * function takes a time that depends on the numbers.
+ * Model without states: a map from columns, computed from the inputs, to the outputs. With time points, there is a
+ * network for each, and outputs are linear in time between them. A map is a network (network.c) or a graph (graph.c).
+ * The duration of a function does not depend on the numbers.
  */
 #ifndef MAPS_H
 #define MAPS_H
@@ -11,8 +11,9 @@
 #include MAP_HEADER
 
 /*
- * How an input becomes columns: as it is; one of a column's values as a column for each, 1 for the nearest and 0 for the
- * others; or, if the period is not zero, as sine and cosine of 2 pi (x - start) / period.
+ * How an input becomes columns: an input with valid values becomes a column for each, 1 for the nearest and 0 for the
+ * others. If the period is not zero, it becomes the sine and cosine of 2 pi (x - start) / period. Otherwise it is a
+ * column itself.
  */
 typedef struct {
     double start;
@@ -30,18 +31,18 @@ typedef struct {
     MapScratch map;
 } Scratch;
 
-/* Outputs of a map at columns. */
+/* Computes the outputs of a map at columns. */
 void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS], Real outputs[OUTPUT_COUNT]);
 
 /*
- * First derivatives of the outputs, and second ones unless the pointers are null, along a curve on which the columns
- * have the given ones.
+ * Computes the first derivatives of the outputs along a curve, given those of the columns. Computes second derivatives
+ * unless the pointers are null.
  */
 void map_along_curve(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
                      const Real rates[MAP_COLUMNS], const Real *second_rates, Real first[OUTPUT_COUNT],
                      Real *second);
 
-/* J^T weights */
+/* Computes J^T weights. */
 void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_COLUMNS],
                  const Real weights[OUTPUT_COUNT], Real gradient[MAP_COLUMNS]);
 

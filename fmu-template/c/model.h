@@ -1,7 +1,7 @@
 /*
- * The surrogate as data. model_data.h has the sizes, model_data.c the numbers; both are generated, everything else is
- * the same in every FMU of its kind. What the numbers of a model mean is in the headers maps.h, motion.h, state_space.h
- * or discrete.h, and in those that they include.
+ * The surrogate as data. model_data.h has the sizes and model_data.c the numbers; both are generated. All other files
+ * are the same in every FMU of its kind. maps.h, motion.h, state_space.h or discrete.h, and the headers that they
+ * include, explain the numbers of a model.
  */
 #ifndef MODEL_H
 #define MODEL_H
@@ -12,20 +12,20 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* What the value of a variable is. */
+/* Meaning of a variable's value. */
 typedef enum {
     VARIABLE_COLUMN,
     VARIABLE_OUTPUT,
     VARIABLE_STATE,
-    VARIABLE_DERIVATIVE, /* of a state with respect to time */
+    VARIABLE_DERIVATIVE, /* derivative of a state with respect to time */
     VARIABLE_DOMAIN_POLICY,
     VARIABLE_IN_DOMAIN,
     VARIABLE_DOMAIN_DISTANCE,
     VARIABLE_TIME,  /* the independent variable of a surrogate without a time column */
-    VARIABLE_ARRAY, /* of outputs; not part of this code */
+    VARIABLE_ARRAY, /* array of outputs; not part of this code */
     VARIABLE_BOUND,
-    VARIABLE_MEASURED,    /* the measured value of an output of a discrete-time model */
-    VARIABLE_USE_MEASURED /* whether measured values are used */
+    VARIABLE_MEASURED,    /* measured value of an output of a discrete-time model */
+    VARIABLE_USE_MEASURED /* true if measured values are used */
 } Quantity;
 
 /* A variable; its value reference is its position in model_variables. */
@@ -36,60 +36,60 @@ typedef struct {
     bool only_fmi3;
 } Variable;
 
-/* What a column is to a host. */
+/* Role of a column for a host. */
 typedef enum {
     ROLE_FIXED_PARAMETER,
     ROLE_TUNABLE_PARAMETER,
     ROLE_TIME,
     ROLE_INPUT,
-    /* a fixed parameter: what a state, or what is remembered, is until the simulation runs; in the same order */
+    /* fixed parameters that define states or memory until the simulation runs; in the same order */
     ROLE_START,
     ROLE_STATE
 } Role;
 
 /*
- * A column of a point: an input of the surrogate or, after all inputs, a state. In the unit that modelDescription.xml
- * gives the variable of that name.
+ * A column of a point: an input of the surrogate or, after all inputs, a state. Its unit is that of the variable of
+ * this name in modelDescription.xml.
  */
 typedef struct {
     const char *name;
     Role role;
     double start;
-    double min; /* training range; infinite where every number is as good */
+    double min; /* training range; infinite if any number is valid */
     double max;
-    double width;       /* what distances from the range are relative to */
-    double nominal;     /* of a state: its typical magnitude */
-    size_t value_count; /* if it is not zero, only these values are valid */
+    double width;       /* scale of distances from the range */
+    double nominal;     /* typical magnitude of a state */
+    size_t value_count; /* if not zero, only these values are valid */
     const double *values;
 } Column;
 
 extern const char model_token[];       /* guid in FMI 2.0, instantiationToken in FMI 3.0 */
 extern const char model_description[]; /* for the log */
-extern const double model_time_step;   /* s; what hosts are told to step by */
+extern const double model_time_step;   /* s; step size suggested to hosts */
 extern const Variable model_variables[VARIABLE_COUNT];
 extern const Column model_columns[NAMED_COUNT];
-/* Error bounds, where there are variables for them: at times since the start, between which they are linear; one, 0, if they do not grow. */
+/* Error bounds, for variables that show them: at times since the start, and linear between them; only at time 0 if they do not grow. */
 extern const double model_bound_times[BOUND_TIME_COUNT];
 extern const double model_bounds[BOUND_TIME_COUNT * OUTPUT_COUNT];
 
 #if MODEL_HAS_COVER
 /*
- * Where training data are: a point is near them if in all of these columns it is at most so far away from one of the
- * centres, relative to the ranges.
+ * Where training data are: a point is near them if all these columns are within the radius of one of the centers,
+ * relative to the ranges.
  */
 extern const double model_cover_radius;
 extern const uint32_t model_cover_columns[COVER_COLUMN_COUNT];
 extern const float model_centres[COVER_COUNT * COVER_COLUMN_COUNT];
 #endif
 
-/* Position of the column's value that is nearest; of two the first. */
+/* Returns the position of the column's nearest value; on a tie, of the first one. */
 static inline size_t nearest(const Column *column, double x)
 {
     size_t best = 0;
     for (size_t i = 1; i < column->value_count; i++) {
         const double value = column->values[i];
         const double before = column->values[best];
-        /* by the middle between the two: far away, distances are equal up to rounding */
+        /* compared with the midpoint, because far away distances are equal up to rounding */
         const double middle = before + 0.5 * (value - before);
         if (value > before ? x > middle : x < middle) {
             best = i;
@@ -98,7 +98,7 @@ static inline size_t nearest(const Column *column, double x)
     return best;
 }
 
-/* Least and largest of the valid values around this one. */
+/* Return the least and the largest of the valid values around this one. */
 static inline double least_valid(const Column *column, double value)
 {
     return column->value_count > 0 ? column->values[nearest(column, value)] : column->min;
@@ -109,7 +109,7 @@ static inline double largest_valid(const Column *column, double value)
     return column->value_count > 0 ? column->values[nearest(column, value)] : column->max;
 }
 
-/* The nearest valid value. */
+/* Returns the nearest valid value. */
 static inline double clamped(const Column *column, double value)
 {
     const double min = least_valid(column, value);
@@ -120,22 +120,22 @@ static inline double clamped(const Column *column, double value)
     return value > max ? max : value;
 }
 
-/* An input in the course of a step. */
+/* An input during a step. */
 typedef struct {
     Real value; /* at the beginning, with its rates */
     Real rate;
     Real second_rate;
-    Real min; /* what it is clamped to; infinite if it is not */
+    Real min; /* limits of clamping; infinite without */
     Real max;
-    Real ends[2]; /* its range, which it is off by rounding at most when it goes to an end of it */
+    Real ends[2]; /* its range, which it exceeds by rounding at most when it reaches an end */
     Real rounding;
 } Drive;
 
-/* The input, `since` seconds after the beginning. */
+/* Returns the input `since` seconds after the beginning. */
 static inline Real driven(const Drive *drive, Real since)
 {
     const Real value = drive->value + since * (drive->rate + R(0.5) * since * drive->second_rate);
-    /* beyond the end of a range a formula may have no value */
+    /* beyond the end of a range, a formula may have no value */
     if (value < drive->ends[0] && value >= drive->ends[0] - drive->rounding) {
         return drive->ends[0];
     }

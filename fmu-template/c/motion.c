@@ -1,6 +1,6 @@
 #include "evaluator.h"
 
-/* Splines are the only operations of positions from TAPE_RECIPROCAL on. */
+/* Runs splines, the only operations from TAPE_RECIPROCAL on that positions use. */
 static void nested_call(const Operation *operation, Nested *registers)
 {
     registers[operation->to] = nested_lookup(&model_tables[operation->data], registers[operation->a]);
@@ -84,7 +84,10 @@ void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[ST
     }
 }
 
-/* Share of a step on whose way an argument is between two values: over a bend it may move by no more than its width. */
+/*
+ * Returns the allowed share of a step in which an argument moves between two values. Across a bend, it may move by at
+ * most the bend's width.
+ */
 static Real share_over_bends(const Argument *argument, Real start, Real lowest, Real highest)
 {
     const LookupTable *table = argument->table;
@@ -94,7 +97,7 @@ static Real share_over_bends(const Argument *argument, Real start, Real lowest, 
     const Real period = knots[count - 1] - knots[0];
     Real shift = is_periodic ? MATH(floor)((lowest - knots[0]) / period) * period : R(0.0);
     Real share = R(1.0);
-    /* the period in which the movement begins, and the next one */
+    /* the period in which the argument begins to move, and the next one */
     for (int turn = 0; turn <= is_periodic; turn++) {
         for (size_t i = 0; i < table->bend_counts[argument->axis]; i++) {
             const Bend *bend = &table->bends[argument->axis][i];

@@ -6,18 +6,20 @@
  *     h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
  *
  * The efforts e are formulas of parameters, inputs, and of positions r(q, p) + w^T q and their rates. A driver may
- * prescribe the acceleration of a coordinate: F - D v + B e then is its vd, and the equations of the others hold with it.
+ * prescribe the acceleration of a coordinate: its vd then is F - D v + B e, which enters the equations of the others.
  * Actuator states z (currents, pressures) are the last inputs of the equations, and their rates are the last efforts.
  *
- * The inputs of a point are p, the starts of q, v and z, and what other components drive; its states are q, v and z. A position is r(q, p) + w^T q with
- * whole numbers w, so that an angle may go around; its velocity and acceleration are exact derivatives. The functions
- * M, V, F, D, B and r were learned: each is a sum of products of sines, cosines and powers, a dictionary, to which a
- * network may add. Another network may add forces that depend on q, p, v and u. A reaction, the force of a joint or
- * spring, is
+ * The inputs of a point are p, the starts of q, v and z, and the inputs that other components drive; its states are q,
+ * v and z. A position is r(q, p) + w^T q with whole numbers w, so that an angle may go around. Its velocity and
+ * acceleration are exact derivatives.
+ *
+ * The functions M, V, F, D, B and r were learned. Each is a dictionary, a sum of products of sines, cosines and powers,
+ * to which a network may add. Another network may add forces that depend on q, p, v and u. A reaction, the force of a
+ * joint or spring, is
  *
  *     A(q, p) vd + sum over i >= j of C_ij(q, p) v_i v_j + D(q, p) v + F(q, p) + B(q, p) e
  *
- * with functions of its own.
+ * with separate functions.
  */
 #ifndef MOTION_H
 #define MOTION_H
@@ -27,7 +29,7 @@
 #include "states.h"
 #include "tape.h"
 
-/* What an output shows of the motion. */
+/* Quantity of the motion that an output shows. */
 typedef enum {
     SHOWN_POSITION,
     SHOWN_VELOCITY,
@@ -40,10 +42,10 @@ typedef enum {
 
 typedef struct {
     ShownKind kind;
-    size_t which; /* position, or whose derivative; reaction; effort */
+    size_t which; /* position, also of its derivatives; reaction; effort */
 } Shown;
 
-/* The results of the equations: accelerations, efforts, the lower triangle of M row by row, and V. */
+/* Results of the equations: accelerations, efforts, the lower triangle of M row by row, and V. */
 enum {
     FOUND_MASSES = COORDINATE_COUNT + EFFORT_COUNT,
     FOUND_POTENTIAL = FOUND_MASSES + COORDINATE_COUNT * (COORDINATE_COUNT + 1) / 2
@@ -60,7 +62,7 @@ enum {
 extern const Tape model_equations; /* of (q, p, v, u) */
 extern const Tape model_positions; /* r(q, p) + w^T q */
 extern const Tape model_reactions; /* of (q, p, v), accelerations and efforts */
-extern const int model_periodic[COORDINATE_COUNT]; /* whether the equations are the same a turn later */
+extern const int model_periodic[COORDINATE_COUNT]; /* nonzero if a turn leaves the equations unchanged */
 extern const Real model_windings[POSITION_SIZE * COORDINATE_COUNT]; /* w of each position */
 extern const Shown model_shown[OUTPUT_COUNT];
 

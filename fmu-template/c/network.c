@@ -1,10 +1,10 @@
 /*
- * How long it takes at worst to compute the outputs, in multiplications, additions and divisions:
+ * Worst-case cost of the outputs, in multiplications, additions and divisions:
  *
  *     2            for a column,
  *     2 i o        for a hidden layer of i columns and o nodes, rounded up to whole blocks of 16, besides activations:
  *                  at most 50 operations of activation.c for a node,
- *     2 i + 18     for an output, with the i nodes of the layer before, rounded up to whole blocks of 16, besides its
+ *     2 i + 18     for an output, with the i nodes of the previous layer, rounded up to whole blocks of 16, besides its
  *                  activation if it has one.
  */
 #include "evaluator.h"
@@ -64,7 +64,7 @@ static INLINED void linear(const Layer *layer, const Real *restrict x, Real *res
     }
 }
 
-/* The sum of a block, by halves: one number after the other would wait for each addition. */
+/* Sums a block by halves: adding one number after the other would wait for each addition. */
 static INLINED Real sum_of(Real sums[BLOCK])
 {
     for (size_t half = BLOCK / 2; half > 0; half /= 2) {
@@ -98,7 +98,7 @@ static INLINED void transposed(const Layer *layer, const Real *restrict y, Real 
     }
 }
 
-/* W x of the last layer */
+/* y = W x of the last layer */
 static INLINED void last_linear(const Network *network, const Real x[WIDTH], Real y[OUTPUT_COUNT])
 {
     for (size_t row = 0; row < OUTPUT_COUNT; row++) {
@@ -125,7 +125,7 @@ static INLINED void last_transposed(const Network *network, const Real y[OUTPUT_
     }
 }
 
-/* y becomes the activation of y; its first and second derivatives go to slope and curvature. */
+/* Replaces y by its activation. Slope and curvature receive the first and second derivatives. */
 static INLINED void activate_last(Activation activation, Real y[OUTPUT_COUNT], Real slope[OUTPUT_COUNT],
                           Real curvature[OUTPUT_COUNT])
 {
@@ -240,7 +240,7 @@ CLONED void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_
     Real *slopes = scratch->slopes;
     size_t at = 0;
     standardise(network, columns, scratch->value[0]);
-    /* the slopes of all activations */
+    /* slopes of all activations */
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];
         Real *value = scratch->value[1 - at];

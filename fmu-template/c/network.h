@@ -1,21 +1,19 @@
-/*
- * A network, or one for each of some instants. No function takes a time that depends on the numbers.
- */
+/* A network, or one for each of several time points. The duration of a function does not depend on the numbers. */
 #ifndef NETWORK_H
 #define NETWORK_H
 
 #include "activation.h"
 #include "model.h"
 
-/* (x - mean) / scale goes into the network; mean + scale * y is what comes out. */
+/* The network takes (x - mean) / scale; its output is mean + scale * y. */
 typedef struct {
     Real mean;
     Real scale;
 } Scaling;
 
 /*
- * A hidden layer, the activation of W x + b. The rows of W are padded with zeros to whole blocks of BLOCK rows;
- * weights[(block * inputs + column) * BLOCK + row], so that a product reads them from first to last.
+ * A hidden layer: the activation of W x + b. The rows of W are padded with zeros to whole blocks of BLOCK rows. A
+ * product reads them from first to last: weights[(block * inputs + column) * BLOCK + row].
  */
 typedef struct {
     size_t inputs;
@@ -25,7 +23,7 @@ typedef struct {
     Activation activation;
 } Layer;
 
-/* The weights of the last layer are row by row, with the columns padded with zeros to LAST_COLUMNS. */
+/* A network. The weights of the last layer are row by row, with the columns padded with zeros to LAST_COLUMNS. */
 typedef struct {
     const Scaling *input_scaling;
     const Scaling *output_scaling;
@@ -38,7 +36,7 @@ typedef struct {
 
 extern const Network model_networks[];
 
-/* Working memory of one evaluation at a time; pairs of rows for a layer and the one after it. */
+/* Working memory of one evaluation at a time; pairs of rows for a layer and the next one. */
 typedef struct {
     Real value[2][WIDTH];
     Real first[2][WIDTH];  /* first derivatives along the curve */

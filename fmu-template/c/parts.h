@@ -1,6 +1,6 @@
 /*
- * What the parts of an instance share: instance.c (messages and modes), domain.c, variables.c, steps.c, derivatives.c and
- * snapshot.c. fmi2.c and fmi3.c need instance.h only.
+ * Declarations that the parts of an instance share: instance.c (messages and modes), domain.c, variables.c, steps.c,
+ * derivatives.c and snapshot.c. fmi2.c and fmi3.c need instance.h only.
  */
 #ifndef PARTS_H
 #define PARTS_H
@@ -15,15 +15,15 @@ static inline bool is_finite(double value)
 }
 
 /*
- * Whether times and inputs are those a solver tries. They may lie outside the domain, also past the stop time, and many
- * a solver takes any answer but OK for a failure: what counts is a point that it accepts.
+ * Returns true if times and inputs are trial values of a solver. They may lie outside the domain, and past the stop
+ * time: only a point that the solver accepts counts. Many solvers treat any status but OK as a failure.
  */
 static inline bool is_trial(const Instance *instance)
 {
     return instance->now.state == STATE_CONTINUOUS_TIME;
 }
 
-/* Whether the states are what the parameters for the start say. */
+/* Returns true if the start parameters define the states. */
 static inline bool is_starting(const Instance *instance)
 {
     return instance->now.state == STATE_INSTANTIATED || instance->now.state == STATE_INITIALIZATION;
@@ -38,37 +38,37 @@ Status instance_not_finite(Instance *instance, const char *argument, double valu
 
 /* ---- Domain of validity: domain.c ---- */
 
-enum { VALID_SIZE = 200 }; /* of the text for what is valid */
+enum { VALID_SIZE = 200 }; /* size of the text for valid values */
 
-/* How far a point is from the domain, zero inside, and the only derivative of that which is not zero. */
+/* Distance of a point from the domain, zero inside, and its only nonzero derivative. */
 typedef struct {
     double distance;
     size_t column;
     double slope;
 } Outside;
 
-/* `centre`: where the search for near data begins. The distance does not depend on it. */
+/* Returns the distance from the domain. The search for near data begins at `centre`, which does not affect the distance. */
 Outside domain_outside(const Instance *instance, size_t centre);
 
-/* The value of in_domain. */
+/* Returns the value of in_domain. */
 bool domain_contains(const Instance *instance);
 
-/* The values that are valid for a column, as text. A list that is too long for a message is cut short. */
+/* Writes the valid values of a column as text. A list that is too long for a message is truncated. */
 void domain_describe(const Column *column, char text[VALID_SIZE]);
 
 /* Returns true, after a message with the given status, if the policy forbids a value at this time. */
 bool domain_forbids(Instance *instance, size_t index, double value, double time, Policy policy, Status status);
 
-/* Returns true, after an error, if the policy forbids one of the present values; the time counts once it is known. */
+/* Returns true, after an error, if the policy forbids one of the present values. The time counts once it is known. */
 bool domain_forbids_point(Instance *instance, Policy policy);
 
-/* Warns of a value outside the domain, or of one that changed, once a run: a message for each step would be a flood. */
+/* Warns of a value that is outside the domain, or changed, once a run: a message for each step would flood the log. */
 void domain_note_value(Instance *instance, size_t index);
 
 /*
- * Warns of inputs that are far from training data, or refuses them with the given status, by the policy. This concerns
- * all inputs together, so it is checked where they are used and not where they are set, one after the other. Inputs
- * outside their ranges are another matter.
+ * Warns of inputs that are far from training data or, depending on the policy, refuses them with the given status. All
+ * inputs together matter, so they are checked when they are used, not when they are set one after the other. Inputs
+ * outside their ranges are checked elsewhere.
  */
 Status domain_note_data(Instance *instance, Status refused);
 
@@ -85,13 +85,13 @@ static inline bool is(const Instance *instance, uint32_t reference, Quantity qua
     return exists(instance, reference) && model_variables[reference].quantity == quantity;
 }
 
-/* Whether outputs are measured. */
+/* Returns true if measured outputs are used. */
 static inline bool is_measured(const Instance *instance)
 {
     return MEASURED_COUNT > 0 && instance->now.columns[FIRST_MEASURED + MEASURED_COUNT] > 0.5;
 }
 
-/* Column of a variable that has one: of an input, a parameter, a state or a measured output. */
+/* Returns the column of a variable that has one: an input, a parameter, a state or a measured output. */
 static inline size_t variable_column(const Instance *instance, uint32_t reference)
 {
     const size_t index = model_variables[reference].index;
@@ -101,19 +101,19 @@ static inline size_t variable_column(const Instance *instance, uint32_t referenc
     return is(instance, reference, VARIABLE_STATE) ? INPUT_COUNT + index : index;
 }
 
-/* Name of a variable that exists. */
+/* Returns the name of a variable that exists. */
 static inline const char *variable_name(uint32_t reference)
 {
     return model_variables[reference].name;
 }
 
-/* Tells why a reference is none of the type asked for. */
+/* Reports why a reference does not have the expected type. */
 Status variable_wrong(Instance *instance, uint32_t reference, const char *asked);
 
-/* Returns true if a variable is a result, and its position among outputs and, after them, derivatives of states. */
+/* Returns true if a variable is a result, and sets its position among outputs, followed by derivatives of states. */
 bool variable_is_result(const Instance *instance, uint32_t reference, size_t *result);
 
-/* An error bound and its derivative with respect to the time. */
+/* An error bound and its derivative with respect to time. */
 typedef struct {
     double value;
     double rate;
@@ -123,24 +123,24 @@ Bound variable_bound(const Instance *instance, size_t output);
 
 /* ---- Evaluation, states and time: steps.c ---- */
 
-/* The point becomes that of the columns; states and memory are not clamped. */
+/* Updates the point from the columns. States and memory are not clamped. */
 void instance_update_point(Instance *instance);
 
-/* The results become those of the columns. */
+/* Updates the results from the columns. */
 Status instance_update_results(Instance *instance);
 
 /* Refuses derivatives that are not finite. */
 Status instance_check_derivatives(Instance *instance, const double values[], size_t count);
 
-/* The states, or the memory, become those of the parameters for the start, until the simulation runs. */
+/* Sets the states, or the memory, from the start parameters, until the simulation runs. */
 void instance_initialize_states(Instance *instance);
 
-/* Sets the time, unless the policy forbids it: then with the given status. */
+/* Sets the time. If the policy forbids it, reports and returns the given status. */
 Status instance_set_time(Instance *instance, double time, Status refused);
 
 /* ---- Stored states: snapshot.c ---- */
 
-/* A number of surrogate, FMI version and interface. */
+/* Returns a number that identifies surrogate, FMI version and interface. */
 uint64_t snapshot_fingerprint(const Instance *instance);
 
 #endif

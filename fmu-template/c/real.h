@@ -1,6 +1,6 @@
 /*
- * The numbers that a model is computed in: double precision or, with -DMETAFMU_SINGLE, single precision. What the
- * interface of FMI shows and all times are in double precision always.
+ * Numbers in which a model is computed: double precision or, with -DMETAFMU_SINGLE, single precision. All times and all
+ * values of the FMI interface are in double precision.
  */
 #ifndef REAL_H
 #define REAL_H

@@ -1,12 +1,14 @@
 /*
- * Stages of the method Rodas5P: Rosenbrock's type, order 5, L-stable and stiffly accurate, with an embedded method of
- * order 4. With W = 1 / (gamma h) - J and
+ * Stages of the method Rodas5P: a Rosenbrock method of order 5, L-stable and stiffly accurate, with an embedded method
+ * of order 4. With W = 1 / (gamma h) - J and
  *
  *     W U_i = f(t + c_i h, y + sum a_ij U_j) + sum C_ij / h U_j + h d_i f_t
  *
- * a step ends at the last argument of f plus U_8; its error is about U_8 (Steinebach: Construction of Rosenbrock-Wanner
- * method Rodas5P and numerical benchmarks within the Julia Differential Equations package, BIT 63, 2023). The Jacobian J
- * and f_t are differences. Part of states.c.
+ * a step ends at the last argument of f plus U_8, and its error is about U_8. The Jacobian J and f_t are differences.
+ * Part of states.c.
+ *
+ * Source: Steinebach, Construction of Rosenbrock-Wanner method Rodas5P and numerical benchmarks within the Julia
+ * Differential Equations package, BIT 63, 2023.
  */
 #ifndef ROSENBROCK_H
 #define ROSENBROCK_H
@@ -55,14 +57,14 @@ static const Real COUPLINGS[IMPLICIT_STAGES][IMPLICIT_STAGES - 1] = {
      -R(40.06618937091002), -R(54.66780262877968), -R(9.48861652309627)},
 };
 
-/* Part of a step over which the derivative with respect to time is a difference. */
+/* Part of a step in the difference that approximates the derivative with respect to time. */
 #ifdef METAFMU_SINGLE
 #define SHORT_PART R(1e-2)
 #else
 #define SHORT_PART 1e-6
 #endif
 
-/* The rates at the stage, with inputs of a time; arguments of tables go to this part of them. */
+/* Computes the rates at the stage, with the inputs at time `later`. Arguments of tables go to arguments[part]. */
 static void respond_at(Scratch *scratch, Real later, size_t part)
 {
     for (size_t i = FIRST_DRIVEN; i < INPUT_COUNT; i++) {
@@ -71,7 +73,7 @@ static void respond_at(Scratch *scratch, Real later, size_t part)
     model_rates(scratch, scratch->solver.stage, scratch->solver.implicit.rates, scratch->solver.arguments[part]);
 }
 
-/* The Jacobian, and the derivative with respect to time if inputs change, at the beginning of a step. */
+/* Computes the Jacobian at the beginning of a step and, if inputs change, the derivative with respect to time. */
 static void find_jacobian(Scratch *scratch, Real since, Real h)
 {
     Rosenbrock *work = &scratch->solver.implicit;
@@ -109,7 +111,7 @@ static void find_jacobian(Scratch *scratch, Real since, Real h)
     }
 }
 
-/* Factorises 1 / (gamma h) - J, with the largest pivots. A singular matrix makes NaN. */
+/* Factorizes 1 / (gamma h) - J with partial pivoting. A singular matrix gives NaN. */
 static void factorise(Rosenbrock *work, Real h)
 {
     for (size_t i = 0; i < STATE_COUNT; i++) {
@@ -162,7 +164,7 @@ static void solve_stage(Rosenbrock *work, size_t stage)
     }
 }
 
-/* Makes a step of size h, `since` seconds after the beginning, whose first rates are known. */
+/* Makes a step of size h, `since` seconds after the beginning. Its first rates are known. */
 static void implicit_stages(Scratch *scratch, Real since, Real h, bool is_repeated)
 {
     Rosenbrock *work = &scratch->solver.implicit;
@@ -194,7 +196,7 @@ static void implicit_stages(Scratch *scratch, Real since, Real h, bool is_repeat
     }
 }
 
-/* Goes to the end of the step. */
+/* Moves to the end of the step. */
 static void add_implicit_changes(Scratch *scratch)
 {
     const Rosenbrock *work = &scratch->solver.implicit;

@@ -1,7 +1,7 @@
 #include "parts.h"
 #include <string.h>
 
-/* FNV-1a, 64 bits: any change of a single byte changes it. */
+/* FNV-1a, 64 bits: changing any single byte changes the hash. */
 static uint64_t hash(uint64_t start, const uint8_t *bytes, size_t count)
 {
     uint64_t result = start;
@@ -21,10 +21,15 @@ uint64_t snapshot_fingerprint(const Instance *instance)
 }
 
 /*
- * Serialized: magic number with the version of this layout, fingerprint; state, whether the experiment is set up,
- * policy, whether inputs or parameters were changed, a byte each; time, start time, stop time, earliest time,
- * tolerance, columns, columns at the start, first and second rates; a checksum of all before.
- * Numbers have 8 bytes and begin with the lowest.
+ * Serialized state:
+ *
+ *     - magic number with the version of this layout, fingerprint;
+ *     - state, whether the experiment is set up, policy, whether inputs or parameters changed: a byte each;
+ *     - time, start time, stop time, earliest time, tolerance;
+ *     - columns, columns at the start, first and second rates;
+ *     - checksum of everything before.
+ *
+ * Numbers have 8 bytes, the lowest first.
  */
 enum {
     NUMBER_SIZE = 8,
@@ -158,7 +163,7 @@ Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t si
     if (size < MAGIC_SIZE + NUMBER_SIZE) {
         return damaged_state(instance, "it is cut short");
     }
-    /* before the size, so that a state of another surrogate is called that */
+    /* before the size, to report a state of another surrogate as such */
     if (integer_at(bytes + MAGIC_SIZE) != instance->now.fingerprint) {
         return foreign_state(instance);
     }

@@ -1,22 +1,22 @@
 /*
- * How long a step takes, in multiplications, additions and divisions: with fixed steps, always
+ * Cost of a step, in multiplications, additions and divisions. With fixed steps, it is always
  *
  *     S (4 G + 30 n + 20 m + 9) + 3
  *
- * and with error control, as long as no step is repeated,
+ * and with error control, if no step is repeated,
  *
  *     S (6 G + 86 n + 30 m + 24) + G + 2 n + 5 m + 3
  *
- * with n states, m inputs that are driven, S = ceil(size of the step / model_solver_step) steps of four or six stages,
- * and G for a stage, which evaluates the graph: graph.c says what it takes.
+ * with n states, m driven inputs, and S = ceil(size of the step / model_solver_step) steps of four or six stages. G is
+ * the cost of a stage, which evaluates the graph (graph.c).
  *
- * model_data.h has the number for a step of model_time_step. With error control as many steps are made as the
- * tolerance takes, ten million at most: where the time of a step must be bounded, export a model with fixed steps. When
- * a host asks for outputs after the step, they are computed once, as another stage.
+ * model_data.h has the number for a step of model_time_step. Error control makes as many steps as the tolerance
+ * requires, at most ten million. Where the time of a step must be bounded, export a model with fixed steps. When a host
+ * reads outputs after the step, they are computed once, as another stage.
  */
 #include "evaluator.h"
 
-/* Column of a point that is one of the graph: without the starts, which are before the inputs that are driven. */
+/* Returns the column of a point for a column of the graph, which lacks the starts before the driven inputs. */
 static size_t place_of(size_t column)
 {
     const size_t first_driven = FIRST_DRIVEN;

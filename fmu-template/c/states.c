@@ -1,36 +1,36 @@
 /*
- * How long a step takes, in multiplications, additions and divisions: with fixed steps, always
+ * Cost of a step, in multiplications, additions and divisions. With fixed steps, it is always
  *
  *     S (4 E + 30 n + 20 m + 9) + 3 + H
  *
- * and with error control, as long as no step is repeated,
+ * with error control, if no step is repeated,
  *
  *     S (6 E + 86 n + 30 m + 24) + E + 2 n + 5 m + 3 + H
  *
- * or, with the implicit method,
+ * and with the implicit method
  *
  *     S ((8 + n) (E + 5 m) + 131 n + 18 n^2 + 2/3 n^3 + 24) + E + 5 m + 3 + H
  *
- * with n states, m inputs that are driven, S = ceil(size of the step / model_solver_step) steps of four or six stages,
- * E for a stage, which runs the tape of the equations or functions, and H for what follows from parameters alone, if they
- * have changed: tape.h has both. A network of a state space takes 5 for each angle, besides rounding down; its graph what
- * graph.c says, and 1 for an output.
+ * with n states, m driven inputs, and S = ceil(size of the step / model_solver_step) steps of four or six stages. E is
+ * the cost of a stage, which runs the tape of the equations or functions. H is the cost of the operations that depend
+ * on parameters alone, if these changed. tape.h has both. A network of a state space takes 5 for each angle, besides
+ * rounding down. Its graph takes the cost in graph.c, and 1 for an output.
  *
- * model_data.h has the number for a step of model_time_step. With error control as many steps are made as the tolerance
- * takes, ten million at most: where the time of a step must be bounded, export a model with fixed steps. Outputs after a
- * step are computed once, if a host asks for them: the end of the step is a stage that is known already, positions with
- * their derivatives and reactions are tapes of their own.
+ * model_data.h has the number for a step of model_time_step. Error control makes as many steps as the tolerance
+ * requires, at most ten million. Where the time of a step must be bounded, export a model with fixed steps. Outputs
+ * after a step are computed once, when a host reads them. The end of the step is a known stage; positions with their
+ * derivatives, and reactions, are separate tapes.
  */
 #include "evaluator.h"
 #include <string.h>
 
 #ifdef METAFMU_SINGLE
 
-/* ---- Whole turns: a state that goes around would lose its digits, so they are taken off in double precision ---- */
+/* ---- Whole turns: taken off in double precision, since a state that goes around would lose its digits ---- */
 
 static const double TAU = 6.283185307179586476925286766559;
 
-/* The turns of each column of a point, in rad; zero where it is no angle. */
+/* Finds the turns of each column of a point, in rad; zero if the column is not an angle. */
 static void find_turns(const double point[COLUMN_COUNT], double turns[COLUMN_COUNT])
 {
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
@@ -41,7 +41,7 @@ static void find_turns(const double point[COLUMN_COUNT], double turns[COLUMN_COU
 
 #endif
 
-/* A point in the numbers that the model is computed in. */
+/* Converts a point to the numbers in which the model is computed. */
 static void enter(const double point[COLUMN_COUNT], Real to[COLUMN_COUNT])
 {
 #ifdef METAFMU_SINGLE
@@ -76,7 +76,7 @@ void model_evaluate(Scratch *scratch, const double point[COLUMN_COUNT], double r
 #endif
 }
 
-/* Puts the point there with rates of its columns, and second ones unless the pointer is null; then the results. */
+/* Returns the results at a point, with derivatives along a curve with the given rates. A null pointer means no second rates. */
 static const Jet *follow(Scratch *scratch, const double point[COLUMN_COUNT], const double rates[COLUMN_COUNT],
                          const double *second_rates)
 {
@@ -120,7 +120,7 @@ void model_adjoint(Scratch *scratch, const double point[COLUMN_COUNT], const dou
         direction[column] = 0.0;
         Real sum = R(0.0);
         for (size_t i = 0; i < RESULT_COUNT; i++) {
-            /* with an infinite derivative, a weight of zero would make NaN */
+            /* a weight of zero times an infinite derivative would be NaN */
             sum += weights[i] == 0.0 ? R(0.0) : (Real)weights[i] * results[i].first;
         }
         gradient[column] = (double)sum;
@@ -141,7 +141,7 @@ void model_start(double point[COLUMN_COUNT])
     }
 }
 
-/* A Runge-Kutta method: each stage's time, its weights of the stages before it, and those of the result. */
+/* A Runge-Kutta method: times of the stages, weights of the previous stages for each stage, and weights of the result. */
 typedef struct {
     size_t stages;
     Real times[SOLVER_STAGES];
@@ -172,13 +172,13 @@ static const Method DORMAND_PRINCE = {
 };
 
 #if !SOLVER_IS_IMPLICIT
-/* Result of order 5 minus that of order 4. */
+/* Result of order 5 minus result of order 4. */
 static const Real DORMAND_PRINCE_ERROR[SOLVER_STAGES] = {
     R(71.0) / R(57600.0), R(0.0), -R(71.0) / R(16695.0), R(71.0) / R(1920.0), -R(17253.0) / R(339200.0), R(22.0) / R(525.0), -R(1.0) / R(40.0),
 };
 #endif
 
-/* The rate of a state, by the first so many stages. */
+/* Returns the rate of a state, weighted over the first `stages` stages. */
 static Real weighted(const Scratch *scratch, const Real weights[], size_t stages, size_t state)
 {
     Real sum = R(0.0);
@@ -188,7 +188,7 @@ static Real weighted(const Scratch *scratch, const Real weights[], size_t stages
     return sum;
 }
 
-/* Begins a step: columns that are neither inputs nor states stay what they are. */
+/* Begins a step. Columns that are neither inputs nor states keep their values. */
 static void begin(Scratch *scratch)
 {
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
@@ -196,7 +196,7 @@ static void begin(Scratch *scratch)
     }
 }
 
-/* Rates of the states at some stages of a step of size h, `since` seconds after the beginning. */
+/* Computes rates of the states at some stages of a step of size h, `since` seconds after the beginning. */
 static void stages(Scratch *scratch, const Method *method, size_t first, size_t end, Real since, Real h)
 {
     const Real *point = scratch->solver.point;
@@ -217,7 +217,7 @@ static void add_to_state(Scratch *scratch, size_t i, Real change)
 {
     Real *state = &scratch->solver.point[INPUT_COUNT + i];
 #ifdef METAFMU_SINGLE
-    /* what rounding takes off a sum is part of the next one (Kahan), or small steps would add up to a drift */
+    /* carry rounding errors over to the next sum (Kahan): in small steps they would add up to a drift */
     change += scratch->solver.lost[i];
     const Real sum = *state + change;
     scratch->solver.lost[i] = change - (sum - *state);
@@ -227,7 +227,7 @@ static void add_to_state(Scratch *scratch, size_t i, Real change)
 #endif
 }
 
-/* Whether the states are plausible. */
+/* Checks that the states are plausible. */
 static Advance check_states(const Scratch *scratch, Failure *failure)
 {
     for (size_t i = 0; i < STATE_COUNT; i++) {
@@ -244,7 +244,7 @@ static Advance check_states(const Scratch *scratch, Failure *failure)
     return ADVANCE_DONE;
 }
 
-/* Goes to the end of a step of size h, and whether the states are plausible there. */
+/* Moves to the end of a step of size h, and checks that the states are plausible there. */
 static Advance proceed(Scratch *scratch, const Real weights[], size_t count, Real h, Failure *failure)
 {
     for (size_t i = 0; i < STATE_COUNT; i++) {
@@ -253,10 +253,10 @@ static Advance proceed(Scratch *scratch, const Real weights[], size_t count, Rea
     return check_states(scratch, failure);
 }
 
-/* Number of equal parts, none of them longer than the longest step, of a communication step. */
+/* Returns the number of equal parts of a communication step, each at most as long as the longest step. */
 static double parts(double size)
 {
-    /* rounding of the size does not cost a step */
+    /* rounding of the size must not cost a step */
     const double wanted = ceil(size / model_solver_step * (1.0 - 1e-9));
     return wanted > 1.0 ? wanted : 1.0;
 }
@@ -284,11 +284,11 @@ static bool is_nan(Real value)
     return !(value <= REAL_HUGE); /* not the macro, which warns of conversions on some platforms */
 }
 
-/* What an error of a step is relative to. */
+/* Returns the scale of the error of a step. */
 static Real scale_of(const StateScale *scale, Real state)
 {
     const Real nominal = (Real)scale->nominal;
-    /* what rounding makes of a large value is no error of a step */
+    /* rounding of a large value is not an error of the step */
     const Real least = scale->relative ? MATH(fabs)(state) : REAL_EPSILON * MATH(fabs)(state);
     return nominal > least ? nominal : least;
 }
@@ -297,7 +297,7 @@ static Real scale_of(const StateScale *scale, Real state)
 #include "rosenbrock.h"
 #endif
 
-/* The largest estimate of the error of a step in any state, relative to its scale. */
+/* Returns the largest estimate of a state's error in the step, relative to its scale. */
 static Real error_of(const Scratch *scratch, Real h)
 {
     Real error = R(0.0);
@@ -309,7 +309,7 @@ static Real error_of(const Scratch *scratch, Real h)
 #else
         const Real found = MATH(fabs)(h * weighted(scratch, DORMAND_PRINCE_ERROR, SOLVER_STAGES, i)) / scale;
 #endif
-        /* a maximum would leave out what is not a number */
+        /* a maximum would ignore NaN */
         if (found > error || is_nan(found)) {
             error = found;
         }
@@ -317,7 +317,7 @@ static Real error_of(const Scratch *scratch, Real h)
     return error;
 }
 
-/* By what the next step is longer than one with this error; one that is not a number makes it as short as possible. */
+/* Returns the ratio of the next step size to the present one, which had this error. NaN makes the next step as short as possible. */
 static Real change_of_size(Real error)
 {
     const Real factor = R(0.9) * MATH(pow)(error > R(1e-10) ? error : R(1e-10), -R(0.2));
@@ -334,7 +334,7 @@ static double tolerance_of(const Step *step)
     return least > LEAST_TOLERANCE ? least : LEAST_TOLERANCE;
 }
 
-/* Makes a step of size h, of which the first rates are known. One that is repeated has the same Jacobian. */
+/* Makes a step of size h whose first rates are known. A repeated step has the same Jacobian. */
 static void try_step(Scratch *scratch, Real since, Real h, bool is_repeated)
 {
 #if SOLVER_IS_IMPLICIT
@@ -345,7 +345,7 @@ static void try_step(Scratch *scratch, Real since, Real h, bool is_repeated)
 #endif
 }
 
-/* Goes to the end of a step of size h, which the next one begins with, and whether the states are plausible there. */
+/* Moves to the end of a step of size h, where the next one begins, and checks that the states are plausible there. */
 static Advance accept_step(Scratch *scratch, Real h, Failure *failure)
 {
 #if SOLVER_IS_IMPLICIT
@@ -364,10 +364,10 @@ static Advance accept_step(Scratch *scratch, Real h, Failure *failure)
 #endif
 }
 
-/* Rates of the states at the beginning of a communication step. */
+/* Finds the rates of the states at the beginning of a communication step. */
 static void find_first_rates(Scratch *scratch, const Step *step)
 {
-    /* arguments of tables are not known */
+    /* arguments of tables are unknown */
     const size_t arguments = ARGUMENT_COUNT;
     const bool is_known = step->derivatives != NULL && arguments == 0;
     begin(scratch);
@@ -392,14 +392,14 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
         return ADVANCE_TOO_MANY_STEPS;
     }
     find_first_rates(scratch, step);
-    /* what is left by rounding is no step */
+    /* a remainder due to rounding is not a step */
     while (size - failure->after > SHORTEST * size) {
         const double rest = size - failure->after;
         steps++;
         if (steps > MAX_STEPS) {
             return ADVANCE_TOO_MANY_STEPS;
         }
-        /* no sliver at the end */
+        /* avoid a sliver at the end */
         if (h > 0.99 * rest) {
             h = rest;
         } else if (h > 0.5 * rest) {
@@ -409,7 +409,7 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
         is_repeated = true;
         const double share = (double)model_share_of_step(scratch);
         if (share < 1.0 && share * h >= SHORTEST * size) {
-            /* less than what would be lengthened to the end of the communication step again */
+            /* at most 0.9: otherwise the step might extend to the end of the communication step again */
             h *= share < 0.9 ? share : 0.9;
             continue;
         }

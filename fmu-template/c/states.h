@@ -1,6 +1,6 @@
 /*
- * What all models of equations have in common (states.c): derivatives of the results by jets and, with states, the
- * solver. A model gives its results at the point of its scratch, in real numbers and in jets, and the rates of its
+ * Common parts of all models with equations (states.c): derivatives of the results by jets and, with states, the
+ * solver. A model computes its results at the point of its scratch, in real numbers and in jets, and the rates of its
  * states.
  */
 #ifndef STATES_H
@@ -8,13 +8,13 @@
 
 #include "model.h"
 
-extern const double model_solver_step;      /* s; no step of the solver is longer */
+extern const double model_solver_step;      /* s; longest step of the solver */
 extern const double model_solver_tolerance; /* of a step, relative to the scale of each state; zero for equal steps */
 
-/* What values of a state are measured by. */
+/* Scales of the values of a state. */
 typedef struct {
-    double nominal; /* what an error of a step is relative to */
-    bool relative;  /* whether it is relative to the state's magnitude as well, where that is larger */
+    double nominal; /* scale of the error of a step */
+    bool relative;  /* true if the scale is at least the state's magnitude */
     double limit;   /* magnitude beyond which no value is plausible */
 } StateScale;
 
@@ -40,7 +40,7 @@ typedef struct {
 
 /* Working memory of a step. */
 typedef struct {
-    Real point[COLUMN_COUNT]; /* as far as it came */
+    Real point[COLUMN_COUNT]; /* where the step has come to */
     Real stage[COLUMN_COUNT];
 #if MODEL_HAS_STATES
     Real rates[SOLVER_STAGES][STATE_COUNT]; /* of the states at each stage */
@@ -50,15 +50,15 @@ typedef struct {
     Rosenbrock implicit;
 #endif
 #ifdef METAFMU_SINGLE
-    Real lost[STATE_COUNT]; /* what rounding has taken off the states */
+    Real lost[STATE_COUNT]; /* rounding errors of the states */
 #endif
 #endif
 } Solver;
 
-/* Part of a communication step that no step of the solver is shorter than. */
+/* Shortest step of the solver, as a part of a communication step. */
 #define SHORTEST 1e-14
 
-/* Tolerances that are smaller are taken as this one. */
+/* Least tolerance; smaller ones are replaced by it. */
 #ifdef METAFMU_SINGLE
 #define LEAST_TOLERANCE 1e-6
 #else

@@ -14,14 +14,14 @@ void instance_update_point(Instance *instance)
     }
 }
 
-/* A solver tries again with a smaller step. FMI 2.0 has Discard for reading variables in model exchange only. */
+/* Returns Discard where a solver may try again with a smaller step. FMI 2.0 has it for reading variables in model exchange only. */
 static Status not_computable(const Instance *instance)
 {
     const bool discards = instance->fmi_version == 3 || instance->interface == MODEL_EXCHANGE;
     return discards ? STATUS_DISCARD : STATUS_ERROR;
 }
 
-/* Whether all values are finite, as those of a network are at every finite point; the host is told, with the status. */
+/* Checks that all values are finite, and otherwise reports it with the given status. A network is finite at every finite point. */
 static Status check_computed(Instance *instance, const double values[], size_t count, Status refused)
 {
     for (size_t i = 0; MODEL_GOES_ON && i < count; i++) {
@@ -55,7 +55,7 @@ Status instance_update_results(Instance *instance)
 /* ---- Continuous states ---- */
 
 #if MODEL_GOES_ON
-/* Those that the host has set, and those of the point. */
+/* Swaps the inputs that the host has set and those of the point. */
 static void swap_inputs(Instance *instance)
 {
     for (size_t i = 0; i < INPUT_COUNT; i++) {
@@ -72,7 +72,7 @@ void instance_initialize_states(Instance *instance)
 {
 #if MODEL_GOES_ON
     if (is_starting(instance)) {
-        /* inputs that act directly do so as clamped */
+        /* inputs that act directly are clamped */
         instance_update_point(instance);
         swap_inputs(instance);
         model_start(instance->now.columns);
@@ -123,7 +123,7 @@ Status instance_set_states(Instance *instance, const double states[])
 }
 
 #if MODEL_HAS_STATES
-/* A state that no motion leads to, so many seconds after the beginning of a step; negative if it is no step's. */
+/* Reports a state that no motion reaches, and when, in seconds since the beginning of a step. A negative time means no step. */
 static Status tell_implausible(Instance *instance, Status status, size_t state, double value, double after)
 {
     const Column *column = &model_columns[INPUT_COUNT + state];
@@ -145,13 +145,13 @@ static Status tell_implausible(Instance *instance, Status status, size_t state, 
 #if MODEL_GOES_ON
 /*
  * Integrates the states over a communication step that ends at `time`, or advances from sample to sample. Inputs follow
- * the derivatives the host gave.
+ * the derivatives from the host.
  */
 static Status advance_states(Instance *instance, double time, double size, Status refused)
 {
     Snapshot *now = &instance->now;
 #if MODEL_HAS_STATES
-    /* those of results that were computed here */
+    /* computed with the results */
     const double *derivatives = instance->stale ? NULL : instance->results + OUTPUT_COUNT;
 #else
     const double *derivatives = NULL;
@@ -159,11 +159,11 @@ static Status advance_states(Instance *instance, double time, double size, Statu
     const Step step = {size, now->tolerance, derivatives, now->rates[0], now->rates[1], now->policy == POLICY_CLAMP};
     Failure failure = {0.0, 0, 0.0};
     instance_update_point(instance);
-    /* whatever comes of it, the point is not that of the results any more */
+    /* even if the step fails, the point no longer belongs to the results */
     instance->stale = true;
     for (size_t i = 0; i < INPUT_COUNT; i++) {
         if (model_columns[i].role == ROLE_INPUT) {
-            instance->point[i] = now->columns[i]; /* clamped on the way */
+            instance->point[i] = now->columns[i]; /* clamped during the step */
         }
     }
     switch (model_advance(&instance->scratch, instance->point, &step, &failure)) {
@@ -228,7 +228,7 @@ Status instance_set_time(Instance *instance, double time, Status refused)
     return STATUS_OK;
 }
 
-/* An input that follows the derivatives the host gave, `size` later; infinite polynomials stay where they are. */
+/* Returns an input `size` seconds later, following its derivatives from the host. It keeps its value if the result is not finite. */
 static double extrapolated(const Instance *instance, size_t index, double size)
 {
     const double value = instance->now.columns[index];
@@ -270,7 +270,7 @@ static void advance_inputs(Instance *instance, double size)
     }
 }
 
-/* FMI 2.0 has Discard for a part of the step that was computed, FMI 3.0 for a step that may be tried again. */
+/* Returns the status of a refused step. Discard means a partly computed step in FMI 2.0, and a step that may be tried again in FMI 3.0. */
 static Status refusal_of_step(const Instance *instance)
 {
     return instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD;
@@ -335,7 +335,7 @@ double instance_updates(double size)
 {
 #if MODEL_HAS_STATES
     const double steps = ceil(size / model_solver_step * (1.0 - 1e-9)); /* as in states.c */
-    /* too many are refused by the solver */
+    /* the solver refuses too many */
     return steps >= 1.0 && steps <= MAX_STEPS ? steps : 1.0;
 #else
     (void)size;

@@ -1,10 +1,11 @@
 /*
- * A template, without a guard: runs tapes in one kind of numbers. Before it is included, NUMBER is their type, OF(name)
- * the name of a function of them, and CALL(operation, registers) runs the operations from TAPE_RECIPROCAL on.
+ * Template without an include guard: runs tapes in one kind of numbers. Define before inclusion: NUMBER, their type;
+ * OF(name), the name of a function of them; and CALL(operation, registers), which runs the operations from
+ * TAPE_RECIPROCAL on.
  */
 #include "blocks.h"
 
-/* By doubling, so that few rounding errors add up. */
+/* Doubles angles, so that few rounding errors add up. */
 static void OF(harmonics)(NUMBER angle, size_t count, NUMBER *cosines, NUMBER *sines)
 {
     OF(sine_and_cosine)(angle, sines, cosines);
@@ -93,14 +94,14 @@ static void OF(perform)(const Tape *tape, size_t part, NUMBER *registers)
     }
 }
 
-/* The registers become those of the inputs x; they are zero before the first run. */
+/* Runs a tape at inputs x. The registers must be zero before the first run. */
 static void OF(run)(const Tape *tape, const NUMBER *x, NUMBER *registers)
 {
     const bool is_first = OF(value)(registers[tape->inputs + 1]) < R(1.0);
     const size_t fixed = tape->first_fixed;
     const bool changes = is_first || memcmp(registers + fixed, x + fixed, tape->fixed_count * sizeof *x) != 0;
     if (!changes && memcmp(registers, x, tape->inputs * sizeof *x) == 0) {
-        /* the end of a step is where outputs are wanted and the next step begins */
+        /* same inputs: those of outputs at the end of a step, where the next step begins */
         return;
     }
     memcpy(registers, x, tape->inputs * sizeof *x);

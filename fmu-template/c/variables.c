@@ -75,7 +75,7 @@ Bound variable_bound(const Instance *instance, size_t output)
     return growing;
 }
 
-/* Before the initialization FMI 3.0 lets start values be read, and FMI 2.0 nothing. The host is told if there is none. */
+/* Checks that a variable can be read. Before initialization, FMI 3.0 allows reading start values, and FMI 2.0 allows nothing. */
 static Status check_readable(Instance *instance, uint32_t reference)
 {
     const Variable *variable = &model_variables[reference];
@@ -92,7 +92,7 @@ static Status check_readable(Instance *instance, uint32_t reference)
                          variable_name(reference), (unsigned long)reference);
 }
 
-/* The value of a real variable that exists; results are up to date. */
+/* Returns the value of an existing real variable. Results must be up to date. */
 static double value_of(const Instance *instance, uint32_t reference)
 {
     const Variable *variable = &model_variables[reference];
@@ -174,7 +174,7 @@ bool instance_boolean(const Instance *instance, uint32_t reference)
     return domain_contains(instance);
 }
 
-/* Parameters: fixed ones before the simulation starts, tunable ones also between steps and at events. */
+/* Returns true if a parameter can be set: a fixed one before the simulation starts, a tunable one also between steps and at events. */
 static bool parameter_is_settable(const Instance *instance, bool tunable)
 {
     const unsigned states = STATE_INSTANTIATED | STATE_INITIALIZATION | (tunable ? STATE_EVENT | STATE_STEP : 0u);
@@ -199,7 +199,7 @@ static Status check_settable(Instance *instance, uint32_t reference)
         return cannot_set(instance, reference, "an output");
     }
     if (is(instance, reference, VARIABLE_STATE) && is_trial(instance)) {
-        return STATUS_OK; /* in both standards, beside fmi3SetContinuousStates */
+        return STATUS_OK; /* allowed by both standards, besides fmi3SetContinuousStates */
     }
     if (is(instance, reference, VARIABLE_STATE)) {
         return instance_tell(instance, STATUS_ERROR,
@@ -258,7 +258,7 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
     return STATUS_OK;
 }
 
-/* Sets domain_policy, unless a value is outside already that it would forbid. */
+/* Sets domain_policy, unless the new policy would forbid a present value. */
 static Status set_policy(Instance *instance, Policy policy)
 {
     if (domain_forbids_point(instance, policy)) {

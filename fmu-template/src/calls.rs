@@ -29,7 +29,7 @@ pub(crate) fn check<C: Call>(functions: &[C]) {
 fn header<C: Call>(functions: &[C]) -> String {
     let guard = format!("CALLS_{}_H", C::PREFIX.to_uppercase());
     let mut text = format!(
-        "/* Where functions may be called. Generated from the table of the FMU's library, fmu-template/src/{}/table.rs. */\n\
+        "/* States that allow each function. Generated from the table of the FMU's library, fmu-template/src/{}/table.rs. */\n\
          #ifndef {guard}\n#define {guard}\n\n#include \"instance.h\"\n\nenum {{\n",
         C::PREFIX
     );

@@ -21,7 +21,7 @@ typedef __m512 Vector;
 #define LANES 16
 #endif
 #define GROUPS (HIDDEN / LANES)
-/* sixteen accumulators, as many as two multiply-add units and their latency ask for: of so many groups, so many inputs at a time */
+/* sixteen accumulators suffice for two multiply-add units and their latency: CHAINS inputs at a time for WIDE groups */
 #define WIDE (GROUPS < 8 ? GROUPS : 8)
 #define CHAINS (16 / WIDE)
 _Static_assert(HIDDEN % CHAINS == 0 && GROUPS % WIDE == 0 && LAYERS > 0, "a multiple");

@@ -1,7 +1,9 @@
 /* Nanoseconds per step of an FMI 2.0 co-simulation library, called in this process.
  *
- * step LIBRARY TOKEN RESOURCES FIRST_OUTPUT REPETITIONS STEPS: sets value references 0, 1, 2 (the parameters), then times
- * fmi2DoStep and fmi2GetReal of the three outputs from FIRST_OUTPUT on, for runs of STEPS steps that end at 2 s.
+ * step LIBRARY TOKEN RESOURCES FIRST_OUTPUT REPETITIONS STEPS
+ *
+ * Sets value references 0, 1, 2 (the parameters), then times fmi2DoStep and fmi2GetReal of the three outputs from
+ * FIRST_OUTPUT on, for runs of STEPS steps that end at 2 s.
  * Prints processor time and wall time per step of each repetition, the last outputs, and the milliseconds to instantiate.
  */
 #define _POSIX_C_SOURCE 200809L

@@ -1,11 +1,12 @@
 /* A host that takes every status but OK for a failure, as solvers do with their right-hand side: FMI 2.0 and 3.0,
  * co-simulation and model exchange, of an example surrogate.
  *
- * strict LIBRARY VERSION INTERFACE RESOURCES TOKEN MODEL: VERSION is 2 or 3, INTERFACE cs or me, RESOURCES what the
- * version wants: a URI or a path; MODEL is response or motion, which has states and an input that changes at events. Runs
- * from 0 s to 2 s, once for each domain policy, leaves the domain by what a solver tries only, and prints the final
- * outputs. A further run by policy 0 leaves the domain for good. Exits with 1 and the name of the function that did not
- * return OK.
+ * strict LIBRARY VERSION INTERFACE RESOURCES TOKEN MODEL
+ *
+ * VERSION is 2 or 3, INTERFACE is cs or me, and RESOURCES is a URI for version 2, a path for version 3. MODEL is response
+ * or motion, which has states and an input that changes at events. Runs from 0 s to 2 s, once for each domain policy,
+ * leaves the domain by trial values of a solver only, and prints the final outputs. A further run by policy 0 leaves the
+ * domain for good. On failure, exits with 1 and the name of the function that did not return OK.
  */
 #include <dlfcn.h>
 #include <stdarg.h>
@@ -38,7 +39,7 @@ static void *library;
 static int version;
 static bool solver;
 static void *instance;
-/* whether the run leaves the domain, whether in_domain said so, and how often the log did */
+/* true if the run leaves the domain; true if in_domain reported it; number of warnings in the log */
 static bool leaves, has_left;
 static int warnings;
 
@@ -300,7 +301,7 @@ static void solve(void)
         evaluate(time, x, input, rates);                     /* back in time */
         integrate(time, x, input);
         accept_step(time + STEP, x, input);
-        evaluate(time + 0.7 * STEP, x, input, rates); /* an event is looked for in the step */
+        evaluate(time + 0.7 * STEP, x, input, rates); /* search for an event in the step */
         if (is_event(step + 1)) {
             evaluate(time + STEP, x, input, rates);
             PLAIN(version == 2 ? "fmi2EnterEventMode" : "fmi3EnterEventMode");
@@ -369,7 +370,7 @@ int main(int argc, char **argv)
         PLAIN(version == 2 ? "fmi2Reset" : "fmi3Reset");
     }
     if (!has_left) fail("in_domain stays true", 0);
-    if (version == 2 && warnings == 0) fail("no warning is logged", 0); /* FMI 3.0 logs what it is asked for */
+    if (version == 2 && warnings == 0) fail("no warning is logged", 0); /* FMI 3.0 logs only on request */
     void (*release)(void *);
     load(version == 2 ? "fmi2FreeInstance" : "fmi3FreeInstance", &release);
     release(instance);

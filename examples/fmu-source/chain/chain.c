@@ -122,7 +122,7 @@ API Status fmi3DoStep(void *instance, double time, double step, bool no_state_pr
     return OK;
 }
 
-/* What hosts look for and modelDescription.xml does not offer. */
+/* Functions that hosts load, for features that modelDescription.xml does not offer. */
 #define NOT_OFFERED(function) API Status function(void *instance) { (void)instance; return ERROR; }
 NOT_OFFERED(fmi3SetDebugLogging) NOT_OFFERED(fmi3GetBoolean) NOT_OFFERED(fmi3SetBoolean)
 NOT_OFFERED(fmi3GetFloat32) NOT_OFFERED(fmi3SetFloat32) NOT_OFFERED(fmi3GetInt8) NOT_OFFERED(fmi3SetInt8)

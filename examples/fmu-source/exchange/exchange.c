@@ -3,16 +3,15 @@
  *
  *     cc -DMODEL=BALL -DFMI=2 ...
  *
- * DAHLQUIST     x' = -k x + u; wants an event after every step
- * VAN_DER_POL   x0' = x1, x1' = mu (1 - x0^2) x1 - x0
- * BALL          h' = v, v' = -9.81; where h = 0, v becomes -e v: state events
- * STAIR         counter grows by 1 every `period`: time events; `limit` ends the simulation
- * TANK          h' = -sqrt(h); a negative h is discarded, at h = 1e-4 the simulation ends
- * STICK_SLIP    a mass on a spring and on a belt of speed b: x' = v, m v' = -k x + friction; it sticks up to the force `stick` and slips
- *               with the force `slip`; state events change the mode
- * RELAY         x' = -x + u, y' = -k (y - x), stiff; where x leaves -band to band, u = 2 or -2 changes its sign: state events
- *
- * GATE          x' = -k (x - sin t) + cos t, stiff, so that x = sin t; counts how often x passes the ends of 0.5 -/+ w: state events
+ *     DAHLQUIST     x' = -k x + u; wants an event after every step
+ *     VAN_DER_POL   x0' = x1, x1' = mu (1 - x0^2) x1 - x0
+ *     BALL          h' = v, v' = -9.81; where h = 0, v becomes -e v: state events
+ *     STAIR         counter grows by 1 every `period`: time events; `limit` ends the simulation
+ *     TANK          h' = -sqrt(h); a negative h is discarded, at h = 1e-4 the simulation ends
+ *     STICK_SLIP    a mass on a spring and on a belt of speed b: x' = v, m v' = -k x + friction; it sticks up to the force
+ *                   `stick` and slips with the force `slip`; state events change the mode
+ *     RELAY         x' = -x + u, y' = -k (y - x), stiff; where x leaves -band to band, u = 2 or -2 changes its sign: state events
+ *     GATE          x' = -k (x - sin t) + cos t, stiff, so that x = sin t; counts how often x passes the ends of 0.5 -/+ w: state events
  *
  * VAN_DER_POL and RELAY have directional derivatives; -DWRONG makes them 0. If the environment variable EXCHANGE_COUNTS names a file,
  * an instance that is freed appends its numbers of evaluated derivatives and directional derivatives.

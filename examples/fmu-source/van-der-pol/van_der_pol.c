@@ -100,7 +100,7 @@ API Status fmi2SetDebugLogging(void *instance, int on, size_t n, const char *con
     return instance ? OK : ERROR;
 }
 
-/* What hosts look for and modelDescription.xml does not offer. */
+/* Functions that hosts load, for features that modelDescription.xml does not offer. */
 #define NOT_OFFERED(function) API Status function(void *instance) { (void)instance; return ERROR; }
 NOT_OFFERED(fmi2GetInteger) NOT_OFFERED(fmi2GetBoolean) NOT_OFFERED(fmi2GetString)
 NOT_OFFERED(fmi2SetInteger) NOT_OFFERED(fmi2SetBoolean) NOT_OFFERED(fmi2SetString)

@@ -1,11 +1,18 @@
 /*
  * An FMI 2.0 co-simulation FMU that goes wrong for some parameter values: y = k1 cos(2 t) + k2 and z = t k1.
  *
- * At 0.5 s it ends its process by SIGSEGV for k1 in [0.1, 0.15) and by abort() for k1 in [0.3, 0.35), it hangs for k1 in
- * [0.5, 0.55), says fmi2Error for k1 in [0.7, 0.75) and computes NaN for k1 in [0.8, 0.85); it ends the simulation for k1 in
- * [0.95, 0.97). For k1 in [0.9, 0.92) it aborts once: the folder that FAULTY_MARKS names remembers. It prints what nobody
- * asked for, and SLOW makes a run last so many milliseconds. Whatever k1 is, FAULTY makes a function go wrong, for instance
- * FAULTY=fmi2Reset:exit: by exit(0), SIGSEGV (crash), a loop without end (hang), or a process that is left behind (orphan).
+ * At 0.5 s, depending on k1, it
+ *
+ *     [0.1, 0.15)    ends its process by SIGSEGV,
+ *     [0.3, 0.35)    ends its process by abort(),
+ *     [0.5, 0.55)    hangs,
+ *     [0.7, 0.75)    returns fmi2Error,
+ *     [0.8, 0.85)    computes NaN,
+ *     [0.9, 0.92)    aborts once: a file in the folder FAULTY_MARKS marks the first time,
+ *     [0.95, 0.97)   ends the simulation.
+ *
+ * It prints unrequested text, and a run lasts at least SLOW milliseconds. For any k1, FAULTY makes a function go wrong, for
+ * instance FAULTY=fmi2Reset:exit: by exit(0), SIGSEGV (crash), an infinite loop (hang), or an orphaned process (orphan).
  */
 #define _POSIX_C_SOURCE 199309L
 #include <fcntl.h>
@@ -160,7 +167,7 @@ API Status fmi2GetRealStatus(void *m, int kind, double *value) {
     return OK;
 }
 
-/* what has to be there and is not called */
+/* required functions that are never called */
 #define UNUSED(name) API Status name(void *m) { return m ? ERROR : FATAL; }
 UNUSED(fmi2GetInteger) UNUSED(fmi2GetBoolean) UNUSED(fmi2GetString) UNUSED(fmi2SetInteger) UNUSED(fmi2SetBoolean)
 UNUSED(fmi2SetString) UNUSED(fmi2GetFMUstate) UNUSED(fmi2SetFMUstate) UNUSED(fmi2FreeFMUstate)

@@ -202,7 +202,7 @@ static void solver(void)
     said("argument `x`: 3 elements, expected 4", __LINE__);
     fmi2FreeInstance(c);
     c = solving();
-    /* what a solver tries that is not finite is discarded, and it goes on */
+    /* trial values that are not finite are discarded, and the solver continues */
     check(fmi2SetContinuousStates(c, (const double[]){0.0, NAN, 0.0, 0.0}, 4) == STATUS_DISCARD, __LINE__);
     said("is not finite; the states stay what they were", __LINE__);
     check(set(c, FORCE, INFINITY) == STATUS_DISCARD && fmi2GetContinuousStates(c, found, 4) == STATUS_OK, __LINE__);

@@ -1,7 +1,7 @@
 /*
- * Reads steps: whether it begins anew, the point, then size, tolerance, whether inputs are clamped, and the first and
- * second rate of the first driven input. Prints how each ends, how far it came if it failed, and the columns after the
- * inputs, which are states or what is remembered. A step that does not begin anew goes on from those before.
+ * Reads steps: a flag for a new start, the point, size, tolerance, a flag for clamped inputs, and the first and second
+ * rates of the first driven input. Prints the result of each step, the progress of a failed one, and the columns after
+ * the inputs, which are states or memory. Without a new start, a step continues from the last one.
  */
 #include "evaluator.h"
 #include <stdio.h>
