@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Checks the English of documentation, doc comments and docstrings against docs/maintainers/style.md.
+"""Checks the English of documentation, doc comments, docstrings and comments of C against docs/maintainers/style.md.
 
-Refused are the phrases of the page's table, sentences of more than 35 words, and summaries of doc comments that open with a pronoun or
-a clause: OPENINGS. EXCEPTIONS has the exceptions, each with its reason.
+Refused are the phrases of the page's table, sentences of more than 35 words, and summaries of doc comments and comments of C
+that open with a pronoun or a clause: OPENINGS. EXCEPTIONS has the exceptions, each with its reason.
 
 Usage: python3 scripts/check-words.py [--count] [FILE...]
 """
@@ -43,7 +43,7 @@ PHRASES = {
     r"\bas there\b(?! (?:is|are)\b)|\blikewise\b|\bsee there\b": "repeat the noun, or link to the item",
     r"\bas it is today\b|\bwhat is not done\b": "a limit, once",
 }
-OPENINGS = re.compile(r"^(?:Of |That of |Those of |Likewise|As there|What |Whether |The same\b|As above)")
+OPENINGS = re.compile(r"^(?:Of |That of |Those of |Likewise|As there|[Ww]hat |[Ww]hether |The same\b|As above)")
 # pages whose sentences may be long: messages list every name that is expected
 LISTS = {ROOT / "docs" / "bad-input.md"}
 # regular expressions of sentences, each with its reason
@@ -109,6 +109,13 @@ def commented(lines, mark):
             block = []
 
 
+def c_comments(source):
+    """Line and lines of each comment of C."""
+    for match in re.finditer(r'"(?:\\.|[^"\\])*"|\'(?:\\.|[^\'\\])*\'|/\*(.*?)\*/|//([^\n]*)', source, re.S):
+        if comment := match[1] or match[2]:
+            yield source.count("\n", 0, match.start()) + 1, re.sub(r"(?m)^ *\* ?|^ ", "", comment).splitlines()
+
+
 def texts(path):
     """Line, text, and whether it is the summary of a doc comment."""
     content = path.read_text(encoding="utf-8").splitlines()
@@ -119,8 +126,8 @@ def texts(path):
             for begin, block in commented(content, mark):
                 for index, (line, text) in enumerate(markdown(block)):
                     yield begin + line - 1, text, index == 0
-    elif path.suffix == ".py":
-        for begin, block in docstrings("\n".join(content)):
+    elif path.suffix in (".py", ".c", ".h"):
+        for begin, block in (docstrings if path.suffix == ".py" else c_comments)("\n".join(content)):
             for index, (line, text) in enumerate(markdown(block)):
                 yield begin + line - 1, text, index == 0
 
@@ -151,7 +158,7 @@ def main():
     parser.add_argument("--count", action="store_true", help="numbers by folder instead of places")
     parser.add_argument("files", nargs="*", type=Path)
     options = parser.parse_args()
-    listed = subprocess.run(["git", "ls-files", "*.md", "*.rs", "*.py"], cwd=ROOT, capture_output=True, text=True, check=True)
+    listed = subprocess.run(["git", "ls-files", "*.md", "*.rs", "*.py", "*.c", "*.h"], cwd=ROOT, capture_output=True, text=True, check=True)
     files = options.files or [ROOT / name for name in listed.stdout.split()]
     files = [file for file in files if file.resolve() != STYLE]
     found = [(file, line, problem) for file in files for line, problem in problems(file)]
