@@ -2,6 +2,7 @@
 
 import inspect
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -109,3 +110,13 @@ def test_columns_without_names_have_those_of_their_places():
     reader, model, _ = of_keras((None, None))
     surrogate = reader(model, inputs={"input1": (-2, 2)}, states={"input0": {"derivative": "output"}})
     assert [item.name for item in surrogate.inputs] == ["input0_start", "input1"]
+
+
+def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch):
+    for package, read in [("torch", metafmu.from_torch), ("jax", lambda model: metafmu.from_jax(model, example=np.ones(2)))]:
+        monkeypatch.setitem(sys.modules, package, None)
+        with pytest.raises(ImportError, match=f"from_{package} needs {package}: pip install {package}"):
+            read(np.tanh)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match="a model of MuJoCo needs mujoco: pip install mujoco"):
+        metafmu.mujoco("arm.xml")

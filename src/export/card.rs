@@ -161,7 +161,8 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     let Some(accuracy) = accuracy else {
         return line(page, "<p>The model was not evaluated before this FMU was made.</p>");
     };
-    let Accuracy { outputs, test_runs, test_rows, rows, seen_until, .. } = accuracy;
+    let Accuracy { outputs, test_runs, rows, seen_until, .. } = accuracy;
+    let test_rows = readable::count(accuracy.test_rows);
     let runs = format!("{test_runs} runs of the original model ({test_rows} rows)");
     let measured = match (rows, seen_until) {
         (Some(TestRows::Given), _) => format!("{test_rows} rows that were given for it"),
@@ -272,12 +273,13 @@ fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
     line(
         page,
         "<p>In each test run the states were set once, at the start, and driven by the inputs of the run. Root mean square error up to a \
-         time, relative to the spread of the run's outputs, of the worst output; beside it, what a start that is off by 1e-9 changes in the \
+         time, relative to the spread of the run's outputs, of the worst output; beside it, what a start that is off by 10⁻⁹ changes in the \
          model, the motion's own sensitivity.</p>\n<table><tr><th>After</th><th>Median of the \
-         runs</th><th>90 % of the runs</th><th>Start off by 1e-9: median</th><th>90 %</th></tr>",
+         runs</th><th>90 % of the runs</th><th>Start off by 10⁻⁹: median</th><th>90 %</th></tr>",
     );
     for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. } in horizons {
-        let numbers = [median, q90, changed, changed_q90].map(|value| format!("<td class=\"n\">{value:.1e}</td>"));
+        let numbers = [median, q90, changed, changed_q90]
+            .map(|value| format!("<td class=\"n\">{}</td>", readable::brief(*value)));
         line(page, &format!("<tr><td class=\"n\">{} s</td>{}</tr>", number(*seconds), numbers.concat()));
     }
     line(page, "</table>");
@@ -462,7 +464,8 @@ fn size_of_motion(motion: &Motion, integration: Integration) -> String {
 fn accuracy_of_solver(error: Option<f64>) -> String {
     let text = |error| {
         format!(
-            "; in the training runs, and at corners of parameters, inputs and velocities, its effect is that of an initial state perturbed by at most {error:.1e}"
+            "; in the training runs, and at corners of parameters, inputs and velocities, its effect is that of an initial state perturbed by at most {}",
+            readable::brief(error)
         )
     };
     error.map_or(String::new(), text)
@@ -472,13 +475,15 @@ fn accuracy_of_solver(error: Option<f64>) -> String {
 fn integrated(integration: Integration) -> String {
     match integration {
         Integration::ErrorControlled { tolerance, longest } => format!(
-            "integrated with error control: each step is off by at most {tolerance:.0e} of a state's nominal value, or the host's tolerance if that is \
-             smaller, and no longer than {longest} s (Dormand and Prince, order 5)"
+            "integrated with error control: each step is off by at most {} of a state's nominal value, or the host's tolerance if that is \
+             smaller, and no longer than {longest} s (Dormand and Prince, order 5)",
+            readable::brief(tolerance)
         ),
         Integration::Implicit { tolerance, longest } => format!(
             "integrated by an implicit method with error control (Rodas5P, order 5), as the equations are stiff: each step is off by at most \
-             {tolerance:.0e} of a state's nominal value, or the host's tolerance if that is smaller, and no longer than {longest} s; a step takes nine \
-             evaluations of the equations and one for each state, and solves eight systems of linear equations"
+             {} of a state's nominal value, or the host's tolerance if that is smaller, and no longer than {longest} s; a step takes nine \
+             evaluations of the equations and one for each state, and solves eight systems of linear equations",
+            readable::brief(tolerance)
         ),
         Integration::Fixed { step } => {
             format!("integrated in equal steps of at most {step} s (Runge-Kutta, order 4), for real time")

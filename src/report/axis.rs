@@ -1,5 +1,6 @@
 //! An axis: its quantity, its unit, its range, and its ticks.
 
+use super::readable;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use std::ops::Range;
 
@@ -112,7 +113,11 @@ impl Axis {
         if self.scale == AxisScale::Log {
             let decade = value.log10().floor() as i32;
             let decimals = (-decade).max(0) as usize;
-            return if (-2..=3).contains(&decade) { format!("{value:.decimals$}") } else { format!("{value:.0e}") };
+            return if (-2..=3).contains(&decade) {
+                format!("{value:.decimals$}")
+            } else {
+                readable::tick(&format!("{value:.0e}"))
+            };
         }
         let step = self.step(TICKS);
         if value.abs() < 1e-6 * step {
@@ -124,7 +129,7 @@ impl Axis {
             return format!("{value:.decimals$}");
         }
         let digits = (value.abs().log10().floor() - step.log10().floor()).clamp(0.0, 6.0) as usize;
-        format!("{value:.digits$e}")
+        readable::tick(&format!("{value:.digits$e}"))
     }
 }
 
@@ -185,7 +190,7 @@ mod tests {
         for (low, high, expected) in [
             (0.0, 2.0, vec!["0.0", "0.5", "1.0", "1.5", "2.0"]),
             (-47.0, 12.0, vec!["-40", "-30", "-20", "-10", "0", "10"]),
-            (1e-7, 6e-7, vec!["1e-7", "2e-7", "3e-7", "4e-7", "5e-7", "6e-7"]),
+            (1e-7, 6e-7, vec!["10⁻⁷", "2·10⁻⁷", "3·10⁻⁷", "4·10⁻⁷", "5·10⁻⁷", "6·10⁻⁷"]),
             (1234.5, 1234.9, vec!["1234.5", "1234.6", "1234.7", "1234.8", "1234.9"]),
         ] {
             let found: Vec<String> = labels(&Axis::exact("x", "", low, high));
@@ -199,7 +204,7 @@ mod tests {
     fn a_logarithmic_axis_has_round_ends_and_few_ticks() {
         let axis = Axis::log("loss", "", [3e-7, 0.0, f64::NAN, 0.2]);
         assert!((axis.low - 2e-7).abs() < 1e-12 && (axis.high - 0.2).abs() < 1e-12, "{axis:?}");
-        assert_eq!(labels(&axis), ["1e-6", "1e-4", "0.01"]);
+        assert_eq!(labels(&axis), ["10⁻⁶", "10⁻⁴", "0.01"]);
         assert_eq!(axis.map(&2e-7, (0, 600)), 0);
         assert_eq!(axis.map(&2e-4, (0, 600)), 300);
         assert_eq!(axis.map(&0.0, (0, 600)), -600, "zero is below everything");

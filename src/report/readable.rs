@@ -15,6 +15,15 @@ pub fn brief(value: f64) -> String {
     rounded(value, 2)
 }
 
+/// Replaces the exponent of `1e-7` or `2.5e-7` as programs write it: `10⁻⁷` or `2.5·10⁻⁷`, short enough for an axis.
+pub fn tick(scientific: &str) -> String {
+    match scientific.split_once('e').and_then(|(mantissa, exponent)| Some((mantissa, exponent.parse().ok()?))) {
+        Some(("1", exponent)) => format!("10{}", raised(exponent)),
+        Some((mantissa, exponent)) => format!("{mantissa}·10{}", raised(exponent)),
+        None => scientific.to_owned(),
+    }
+}
+
 /// A number with this many significant digits, without zeros at its end.
 fn rounded(value: f64, digits: usize) -> String {
     if value == 0.0 || !value.is_finite() {

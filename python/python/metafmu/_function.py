@@ -66,10 +66,9 @@ def _name(source):
 
 def _copied(source, name):
     """Content of the file, and the files of the user's modules that the source imports."""
-    try:
-        import cloudpickle
-    except ImportError:
-        raise ImportError("a study of a function needs cloudpickle, which copies it to other processes: pip install cloudpickle") from None
+    from ._needed import needed
+
+    cloudpickle = needed("cloudpickle", "a study of a function, which is copied to other processes,")
 
     modules = set()
 

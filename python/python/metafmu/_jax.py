@@ -9,6 +9,7 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
+from ._needed import needed
 from ._comparison import DOUBLE, Precision
 from ._reader import ReaderOptions, surrogate_of
 from ._rows import Row, binary, choose, columns_of_arguments, compared, compose, concatenate, extreme, is_row
@@ -37,7 +38,7 @@ def from_jax(
 
     Raises :class:`metafmu.Error` with the unknown primitive.
     """
-    import jax
+    jax = needed("jax", "from_jax")
 
     options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
     given = example if isinstance(example, tuple) else (example,)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ._needed import needed
 from ._source import Source, _quantities
 
 # units of the sensors whose values have one; of a joint it depends on the type
@@ -69,8 +70,7 @@ class Mechanism:
         return self.__dict__ | dict.fromkeys(("_key", "_model", "_data", "_timestep", "_structure"))
 
     def source(self, ranges, parameters, stop, step):
-        import mujoco
-
+        mujoco = needed("mujoco", "a model of MuJoCo")
         spec, model = self._compiled({})
         self._refuse(spec, model)
         start = mujoco.MjData(model)

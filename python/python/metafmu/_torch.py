@@ -11,6 +11,7 @@ import numpy as np
 
 from . import _metafmu
 from ._graph import Graph
+from ._needed import needed
 from ._interface import names_in
 from ._comparison import Precision
 from ._reader import ReaderOptions, surrogate_of
@@ -46,8 +47,7 @@ def from_torch(
 
     Raises :class:`metafmu.Error` with the operation that is unknown or cannot be traced.
     """
-    import torch
-    import torch.fx
+    needed("torch", "from_torch")
 
     # what torch.compile and DataParallel make of a module
     module = getattr(model, "_orig_mod", getattr(model, "module", model) if type(model).__name__ == "DataParallel" else model)

@@ -3,7 +3,7 @@
 use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, table, unit};
 use crate::{
     evaluation::{Accuracy, Horizon, RollOuts, TestRows},
-    report::readable::count,
+    report::readable::{brief, count},
     study::NetworkOptions,
     surrogate::input_description,
 };
@@ -131,9 +131,9 @@ fn roll_outs(
 ) -> [ReportBlock; 2] {
     let chaos = found.describe_chaos(test_runs).map_or(String::new(), |chaos| format!(" {chaos}."));
     let headings =
-        ["after", "relative RMS error, median", "90 % of the runs", "start perturbed by 1e-9, median", "90 %"];
+        ["after", "relative RMS error, median", "90 % of the runs", "start perturbed by 10⁻⁹, median", "90 %"];
     let rows = horizons.iter().map(|Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. }| {
-        let numbers = [median, q90, changed, changed_q90].map(|value| format!("{value:.1e}"));
+        let numbers = [median, q90, changed, changed_q90].map(|value| brief(*value));
         [vec![format!("{} s", number(*seconds))], numbers.to_vec()].concat()
     });
     let diverges = match divergence_time {
@@ -141,17 +141,18 @@ fn roll_outs(
         None => "Over half of the runs stay within 0.1 standard deviations of the truth".into(),
     };
     let energy = energy_drift.map_or(String::new(), |drift| {
-        format!(", and without inputs the energy stays within {drift:.1e} of the largest kinetic energy")
+        format!(", and without inputs the energy stays within {} of the largest kinetic energy", brief(drift))
     });
     let residual = constraint_residual.map_or(String::new(), |residual| {
         format!(
-            " At the same coordinates, positions differ from the mechanism's by at most {residual:.1e} of their ranges: closed loops are \
-             as well closed as that."
+            " At the same coordinates, positions differ from the mechanism's by at most {} of their ranges: closed loops are as well \
+             closed as that.",
+            brief(residual)
         )
     });
     let text = format!(
         "The errors are those of roll-outs: the surrogate starts once and is driven by the inputs of the run. What a start that is off \
-         by 1e-9 changes is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {runs} runs are finite after ten times their \
+         by 10⁻⁹ changes is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {runs} runs are finite after ten times their \
          length.{chaos}"
     );
     [table(&headings, rows), paragraph(&text)]
