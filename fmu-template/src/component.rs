@@ -187,6 +187,20 @@ struct Called<'a> {
     legal: Row,
 }
 
+/// [`call`] of what is called in every step: compiled into the function itself.
+///
+/// # Safety
+/// The host's promise.
+#[inline(always)]
+pub(crate) unsafe fn call_often<C: Call>(
+    component: *mut c_void,
+    call: C,
+    body: impl FnMut(&mut Instance) -> Result<(), Refusal>,
+) -> Status {
+    // SAFETY: the caller's promise
+    unsafe { carry_out(component.cast(), Called { prefix: C::PREFIX, name: &call, legal: call.legal() }, body) }
+}
+
 /// The part of [`call`] that is compiled once: it is 0.5 kB, and a hundred functions call it.
 ///
 /// # Safety
@@ -196,6 +210,18 @@ unsafe fn perform(
     component: *mut Component,
     called: Called,
     body: &mut dyn FnMut(&mut Instance) -> Result<(), Refusal>,
+) -> Status {
+    // SAFETY: the caller's promise
+    unsafe { carry_out(component, called, body) }
+}
+
+/// # Safety
+/// The host's promise.
+#[inline(always)]
+unsafe fn carry_out(
+    component: *mut Component,
+    called: Called,
+    mut body: impl FnMut(&mut Instance) -> Result<(), Refusal>,
 ) -> Status {
     if component.is_null() {
         return Status::Error;

@@ -6,8 +6,8 @@
 use crate::{
     boundary::{count, not_null, slice, slice_mut, text, write},
     component::{
-        InstantiationError, call, deserialize, free, free_state, instantiate, serialize, state_size, store, stored,
-        switch_logging,
+        InstantiationError, call, call_often, deserialize, free, free_state, instantiate, serialize, state_size, store,
+        stored, switch_logging,
     },
     instance::{Instance, InstanceKind},
     location,
@@ -155,7 +155,9 @@ unsafe extern "C" fn fmi2Reset(c: *mut c_void) -> Status {
 unsafe extern "C" fn fmi2GetReal(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *mut f64) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(c, Function::GetReal, |instance| instance.get_real(slice(vr, nvr, "vr")?, slice_mut(value, nvr, "value")?))
+        call_often(c, Function::GetReal, |instance| {
+            instance.get_real(slice(vr, nvr, "vr")?, slice_mut(value, nvr, "value")?)
+        })
     }
 }
 
@@ -163,7 +165,9 @@ unsafe extern "C" fn fmi2GetReal(c: *mut c_void, vr: *const c_uint, nvr: usize, 
 unsafe extern "C" fn fmi2SetReal(c: *mut c_void, vr: *const c_uint, nvr: usize, value: *const f64) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(c, Function::SetReal, |instance| instance.set_real(slice(vr, nvr, "vr")?, slice(value, nvr, "value")?))
+        call_often(c, Function::SetReal, |instance| {
+            instance.set_real(slice(vr, nvr, "vr")?, slice(value, nvr, "value")?)
+        })
     }
 }
 
@@ -354,7 +358,9 @@ unsafe extern "C" fn fmi2DoStep(
     _noSetFMUStatePriorToCurrentPoint: c_int,
 ) -> Status {
     // SAFETY: the host's promise
-    unsafe { call(c, Function::DoStep, |instance| instance.do_step(currentCommunicationPoint, communicationStepSize)) }
+    unsafe {
+        call_often(c, Function::DoStep, |instance| instance.do_step(currentCommunicationPoint, communicationStepSize))
+    }
 }
 
 #[unsafe(no_mangle)]

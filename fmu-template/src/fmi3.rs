@@ -8,8 +8,8 @@
 use crate::{
     boundary::{count, not_null, slice, slice_mut, text, write},
     component::{
-        Component, InstantiationError, UpdateCallback, Updates, call, deserialize, free, free_state, instantiate,
-        serialize, state_size, store, stored, switch_logging,
+        Component, InstantiationError, UpdateCallback, Updates, call, call_often, deserialize, free, free_state,
+        instantiate, serialize, state_size, store, stored, switch_logging,
     },
     instance::{Instance, InstanceKind},
     logger::{Callback3, Logger},
@@ -273,7 +273,7 @@ unsafe extern "C" fn fmi3DoStep(
     let mut updates = None;
     // SAFETY: the host's promise
     unsafe {
-        let status = call(instance, Function::DoStep, |inner| {
+        let status = call_often(instance, Function::DoStep, |inner| {
             not_null(eventHandlingNeeded, "eventHandlingNeeded")?;
             not_null(terminateSimulation, "terminateSimulation")?;
             not_null(earlyReturn, "earlyReturn")?;

@@ -139,7 +139,7 @@ use crate::{
     graph::Graph,
     tensors::{Tensor, Views, bytes, counts, elements, joined, take, whole_rows},
 };
-use fields::{Fields, Read};
+use fields::Fields;
 use motion::{double, doubles, integration, of_integration};
 use safetensors::{
     Dtype, SafeTensorError, SafeTensors,
@@ -299,7 +299,7 @@ fn parse_header(text: &str) -> Result<(ClockKind, Metadata), FormatError> {
         return Err(FormatError::NoClock);
     }
     let clock = fields.take("clock").map_err(FormatError::Metadata)?;
-    let metadata = Metadata::read(fields.rest()).map_err(FormatError::Metadata)?;
+    let metadata = Metadata::from_fields(fields).map_err(FormatError::Metadata)?;
     Ok((clock, metadata))
 }
 

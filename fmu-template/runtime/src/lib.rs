@@ -42,6 +42,7 @@ pub mod graph;
 mod metadata;
 mod network;
 mod numbers;
+mod places;
 mod program;
 mod simd;
 mod surrogate;

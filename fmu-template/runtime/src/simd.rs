@@ -16,7 +16,6 @@ pub(crate) const FUSED: u8 = 1;
 #[cfg(target_arch = "x86_64")]
 pub(crate) const AVX2: u8 = 2;
 /// AVX-512 F and DQ, and the sets before.
-#[cfg(target_arch = "x86_64")]
 pub(crate) const AVX512: u8 = 3;
 /// Instruction set of every processor of the platform: fused multiply-add is in the base instruction set of 64-bit ARM.
 pub(crate) const PORTABLE: u8 = if cfg!(target_arch = "aarch64") { FUSED } else { PLAIN };

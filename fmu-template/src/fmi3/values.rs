@@ -1,6 +1,6 @@
 //! Getting and setting variables in FMI 3.0. All are scalars but for the arrays of outputs, which are Float64.
 
-use super::{Boolean, Function, Refusal, Status, call, count, slice, slice_mut};
+use super::{Boolean, Function, Refusal, Status, call, call_often, count, slice, slice_mut};
 use std::ffi::{c_char, c_void};
 
 #[unsafe(no_mangle)]
@@ -13,7 +13,7 @@ pub(super) unsafe extern "C" fn fmi3GetFloat64(
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(instance, Function::GetFloat64, |instance| {
+        call_often(instance, Function::GetFloat64, |instance| {
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
             count(nValues, instance.size(references)?, "values")?;
             instance.get_real(references, slice_mut(values, nValues, "values")?)
@@ -31,7 +31,7 @@ pub(super) unsafe extern "C" fn fmi3SetFloat64(
 ) -> Status {
     // SAFETY: the host's promise
     unsafe {
-        call(instance, Function::SetFloat64, |instance| {
+        call_often(instance, Function::SetFloat64, |instance| {
             let references = slice(valueReferences, nValueReferences, "valueReferences")?;
             count(nValues, instance.size(references)?, "values")?;
             instance.set_real(references, slice(values, nValues, "values")?)

@@ -7,15 +7,11 @@ pub mod listing;
 use super::lookup::LookupTable;
 use crate::{
     numbers::{combination::Combination, elementary::ElementaryFunction, jet::Number},
+    places::PlaceTable,
     simd::{Compute, Simd},
 };
 use lanes::LaneOperation;
-use std::{
-    collections::HashMap,
-    hash::{BuildHasherDefault, Hasher},
-    ops::Range,
-    sync::Arc,
-};
+use std::{ops::Range, sync::Arc};
 
 /// Place of a number in the working memory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -292,32 +288,6 @@ fn add_products<T: Number, const SIMD: u8>(mut sum: T, a: &[T], b: &[T]) -> T {
     sum + (((a + e) + (b + f)) + ((c + g) + (d + h)))
 }
 
-/// Registers and bits of numbers from a checked file are no place for an attack, and there are many when an FMU is instantiated.
-type Quick = BuildHasherDefault<QuickHasher>;
-
-#[derive(Debug, Default)]
-struct QuickHasher(u64);
-
-impl Hasher for QuickHasher {
-    fn finish(&self) -> u64 {
-        self.0
-    }
-
-    fn write(&mut self, bytes: &[u8]) {
-        for chunk in bytes.chunks(8) {
-            let mut word = [0; 8];
-            word[..chunk.len()].copy_from_slice(chunk);
-            self.write_u64(u64::from_le_bytes(word));
-        }
-    }
-
-    fn write_u64(&mut self, word: u64) {
-        // the odd number next to 2^64 over the golden ratio
-        self.0 = (self.0.rotate_left(29) ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        self.0 ^= self.0 >> 32;
-    }
-}
-
 /// Term of a sum. Its weight is `constant + fixed`, and `fixed` depends on fixed inputs at most.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SumTerm {
@@ -349,7 +319,7 @@ pub(crate) struct TapeBuilder {
     pub(crate) one: Register,
     known: Vec<BindingTime>,
     /// Registers of constants, products and calls; a constant and a call have no register where a product has its summand.
-    written: HashMap<[u32; 3], Register, Quick>,
+    written: PlaceTable,
     tape: Tape,
 }
 
@@ -361,7 +331,7 @@ impl TapeBuilder {
             zero: Register(0),
             one: Register(0),
             known: Vec::with_capacity(inputs + WRITTEN),
-            written: HashMap::with_capacity_and_hasher(WRITTEN, Quick::default()),
+            written: PlaceTable::with_capacity_and_hasher(WRITTEN, Default::default()),
             tape: Tape { fixed: fixed.clone(), ..Tape::default() },
         };
         builder.known.extend((0..inputs).map(known));
@@ -444,11 +414,11 @@ impl TapeBuilder {
     pub(crate) fn constant(&mut self, value: f64) -> Register {
         let bits = value.to_bits();
         let key = [bits as u32, (bits >> 32) as u32, u32::MAX];
-        if let Some(known) = self.written.get(&key) {
-            return *known;
+        if let Some(&known) = self.written.get(&key) {
+            return Register(known);
         }
         let register = self.reserve(BindingTime::Always(value));
-        self.written.insert(key, register);
+        self.written.insert(key, register.0);
         self.tape.constants.push((register, value));
         register
     }
@@ -485,11 +455,11 @@ impl TapeBuilder {
 
     #[inline(never)]
     fn find_or_reserve(&mut self, key: [u32; 3], from: &[Register]) -> (Register, bool) {
-        if let Some(known) = self.written.get(&key) {
-            return (*known, true);
+        if let Some(&known) = self.written.get(&key) {
+            return (Register(known), true);
         }
         let to = self.reserve(self.follows(from));
-        self.written.insert(key, to);
+        self.written.insert(key, to.0);
         (to, false)
     }
 

@@ -12,13 +12,19 @@ pub(super) trait Read: Sized {
     fn read(value: Value) -> Result<Self, Error>;
 }
 
-/// Fields of an object, taken one by one.
-pub(super) struct Fields(Map<String, Value>);
+/// Fields of an object, taken one by one. A list, as there are few of them, and taking them from the map is 6 kB of every FMU.
+pub(super) struct Fields(Vec<(String, Value)>);
+
+impl From<Map<String, Value>> for Fields {
+    fn from(fields: Map<String, Value>) -> Self {
+        Self(fields.into_iter().collect())
+    }
+}
 
 impl Fields {
     pub(super) fn of(value: Value) -> Result<Self, Error> {
         match value {
-            Value::Object(fields) => Ok(Self(fields)),
+            Value::Object(fields) => Ok(fields.into()),
             other => Err(wrong(&other, "an object")),
         }
     }
@@ -40,21 +46,18 @@ impl Fields {
 
     #[inline(never)]
     fn optional(&mut self, name: &str) -> Option<Value> {
-        self.0.remove(name)
-    }
-
-    pub(super) fn rest(self) -> Value {
-        Value::Object(self.0)
+        let place = self.0.iter().position(|(field, _)| field == name)?;
+        Some(self.0.remove(place).1)
     }
 
     pub(super) fn contain(&self, name: &str) -> bool {
-        self.0.contains_key(name)
+        self.0.iter().any(|(field, _)| field == name)
     }
 
     /// Makes sure that no field is left.
     pub(super) fn finish(self) -> Result<(), Error> {
-        match self.0.keys().next() {
-            Some(name) => Err(Error::custom(format_args!("unknown field `{name}`"))),
+        match self.0.first() {
+            Some((name, _)) => Err(Error::custom(format_args!("unknown field `{name}`"))),
             None => Ok(()),
         }
     }
@@ -147,9 +150,14 @@ macro_rules! words {
 macro_rules! structures {
     ($($name:ident { $($field:ident),* $(; $($optional:ident),*)? })*) => {$(
         impl Read for $name {
-            #[inline(never)]
             fn read(value: Value) -> Result<Self, Error> {
-                let mut fields = Fields::of(value)?;
+                Self::from_fields(Fields::of(value)?)
+            }
+        }
+
+        impl $name {
+            #[inline(never)]
+            pub(super) fn from_fields(mut fields: Fields) -> Result<Self, Error> {
                 let read = Self {
                     $($field: fields.take(stringify!($field))?,)*
                     $($($optional: fields.take_or_default(stringify!($optional))?,)*)?
@@ -196,7 +204,7 @@ impl Read for Encoding {
             Value::String(word) if word == "plain" => Ok(Self::Plain),
             Value::String(word) if word == "periodic" => Ok(Self::Periodic),
             Value::Object(fields) => {
-                let mut fields = Fields(fields);
+                let mut fields = Fields::from(fields);
                 let values = fields.take("nominal")?;
                 fields.finish()?;
                 Ok(Self::Nominal(values))

@@ -1,4 +1,4 @@
-use super::*;
+use super::{fields::Read, *};
 use crate::{
     Activation, Bounds, BuiltIn, Encoding, Integration, Layer, Motion, Numbers, Precision, Quantity, Reactions, Role,
     ScaledNetwork, Scaling, Shown, Tunability,

@@ -5,9 +5,9 @@ use crate::{
     FormatError,
     check::expect_shape,
     numbers::jet::Number,
+    places::PlaceTable,
     simd::{Lanes, Real, flat, flat_mut},
 };
-use std::collections::HashMap;
 
 /// `y_t = prod_i P_degrees[t, i](x_i)`, with Legendre polynomials `P_k`: on `[-1, 1]` they stay of order one and hardly depend on each
 /// other, whatever the degree.
@@ -105,15 +105,24 @@ impl PreparedProducts {
         let orders = products.orders();
         let polynomials = products.terms().next_multiple_of(width);
         let (mut factors, mut ends) = (Vec::new(), Vec::new());
-        let mut known = HashMap::new();
+        // the products of the first factors of terms, each by the product before it and its last factor, and the first term that it is
+        let (mut known, mut first_terms) = (PlaceTable::default(), vec![None]);
         for (term, degrees) in products.degrees.chunks_exact(products.inputs).enumerate() {
             let place = |(input, degree): (usize, &u8)| (polynomials + input * orders + usize::from(*degree)) as u32;
             let mut own: Vec<u32> = degrees.iter().enumerate().filter(|(_, degree)| **degree > 0).map(place).collect();
-            known.entry(own.clone()).or_insert(term as u32);
-            if own.len() > 2
-                && let Some(earlier) = known.get(&own[..own.len() - 1])
-            {
-                own.splice(..own.len() - 1, [*earlier]);
+            let (mut product, mut earlier) = (0, None);
+            for &factor in &own {
+                earlier = first_terms[product as usize];
+                let key = [product, factor, 0];
+                product = known.get(&key).copied().unwrap_or(first_terms.len() as u32);
+                if product as usize == first_terms.len() {
+                    known.insert(key, product);
+                    first_terms.push(None);
+                }
+            }
+            first_terms[product as usize].get_or_insert(term as u32);
+            if let Some(earlier) = earlier.filter(|_| own.len() > 2) {
+                own.splice(..own.len() - 1, [earlier]);
             }
             factors.extend(own);
             ends.push(factors.len() as u32);
