@@ -53,7 +53,7 @@ pub fn verbosity() -> Verbosity {
 /// Writes a note, unless `--quiet` was given.
 pub fn say(line: impl Display) {
     if verbosity() > Verbosity::Quiet {
-        heard(&line.to_string());
+        line.to_string().lines().for_each(heard);
     }
 }
 

@@ -172,7 +172,7 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         Some(MethodRecord::StaticMap(_)) => format!("{rows} rows, "),
         Some(MethodRecord::Compliant(_)) => format!("{rows} rows, {validation_runs} runs held out, "),
     };
-    let how = trained_on + &by_method.as_ref().map_or(String::new(), MethodRecord::describe);
+    let how = trained_on + &by_method.as_ref().map_or(String::new(), MethodRecord::describe).replace('\n', "; ");
     let added =
         if *added_runs > 0 { format!("; {added_runs} more were added to meet the target") } else { String::new() };
     if study.is_static() {

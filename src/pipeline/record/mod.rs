@@ -151,7 +151,7 @@ impl MethodRecord {
         }
     }
 
-    /// Description of the training as text.
+    /// Description of the training as text, in lines.
     pub(super) fn describe(&self) -> String {
         match self {
             Self::Motion(motion) => motion.describe(),

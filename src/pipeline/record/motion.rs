@@ -88,7 +88,7 @@ impl MotionRecord {
         })
     }
 
-    /// Description of the training as text.
+    /// Description of the training as text, in lines.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { harmonics, powers, products: [equations, positions], error, solver, .. } = self;
         let Self { candidates, exported, reactions, .. } = self;
@@ -106,7 +106,7 @@ impl MotionRecord {
         };
         format!(
             "least squares: harmonics up to {harmonics}, powers up to {powers}, {equations} products in the equations and {positions} \
-             in positions, error {error:.1e} at unseen configurations{reactions}{compared}; {}",
+             in positions, error {error:.1e} at unseen configurations{reactions}{compared}\n{}",
             solver.describe()
         )
     }

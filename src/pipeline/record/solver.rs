@@ -49,7 +49,7 @@ impl SolverRecord {
         }
     }
 
-    /// Description of the integration as text.
+    /// Description of the integration as text, in lines.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { tolerance, step, error, runs: [training, corners], worst, steps_per_second, slowest, .. } = self;
         let how = match tolerance {
@@ -69,8 +69,8 @@ impl SolverRecord {
         }
         let [median, most] = steps_per_second.map(|steps| format!("{:.0}", steps.ceil()));
         format!(
-            "{how}; its error has the effect of an initial state perturbed by {error:.1e} in {training} training runs and at {corners} corners of the \
-             domain (most at {worst}); {median} steps a second, at most {most} (at {slowest})"
+            "{how}: {median} steps a second, at most {most} (at {slowest})\nerror of the solver like an initial state perturbed by {error:.1e}, in \
+             {training} training runs and at {corners} corners of the domain (most at {worst})"
         )
     }
 }

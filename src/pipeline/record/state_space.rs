@@ -44,13 +44,13 @@ impl StateSpaceRecord {
         })
     }
 
-    /// Description of the training as text.
+    /// Description of the training as text, in lines.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { functions, harmonics, powers, products, candidates, exported, solver, .. } = self;
         let harmonics = if *harmonics > 0 { format!("harmonics up to {harmonics}, ") } else { String::new() };
         format!(
             "{functions} functions; error at unseen states: {}; exported: {exported}, {products} products, {harmonics}powers up to \
-             {powers}; {}",
+             {powers}\n{}",
             list(candidates),
             solver.describe()
         )

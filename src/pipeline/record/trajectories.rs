@@ -54,7 +54,7 @@ impl TrajectoriesRecord {
         })
     }
 
-    /// Description of the identification as text.
+    /// Description of the identification as text, in lines.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, periodic, .. } = self;
         let errors: Vec<String> =
@@ -67,16 +67,16 @@ impl TrajectoriesRecord {
         };
         let angles = match periodic.as_slice() {
             [] => String::new(),
-            names => format!("angles: {}; ", names.join(", ")),
+            names => format!("angles: {}\n", names.join(", ")),
         };
         let ambiguous = match solutions {
             0 | 1 => String::new(),
             _ => format!(
-                "{solutions} independent solutions fit the rows, one with a positive definite mass matrix was taken; "
+                "{solutions} independent solutions fit the rows, one with a positive definite mass matrix was taken\n"
             ),
         };
         format!(
-            "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {order}; \
+            "error along stretches that were held out: {}; exported: {exported}, {coefficients} coefficients, {order}\n\
              {angles}{ambiguous}{}",
             errors.join(", "),
             solver.describe()
