@@ -79,6 +79,7 @@ pub enum Command {
   metafmu new my-component --table runs.csv --structure discrete --inputs force,voltage    # driven by columns of the table
   metafmu new my-map --table points.csv    # rows without a time: columns follow from columns
   metafmu new my-loss --table points.csv --inputs speed,torque
+  metafmu new my-hoist --template crane --schema    # for editors: with the JSON schemas of both files
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an \
 FMU without such parameters the first ones vary by a tenth around their start values: review the study.
@@ -199,7 +200,7 @@ differ: exit code 1. docs/import.md lists the operators of ONNX that are known, 
   metafmu schema mechanism > mechanism.schema.json
 
 With the line `#:schema ./study.schema.json` at its beginning, a study is completed and checked by editors with Taplo, such as \
-Visual Studio Code with Even Better TOML. docs/study-file.md and docs/mechanism-file.md have every key.")]
+Visual Studio Code with Even Better TOML. `metafmu new NAME --schema` writes both. docs/study-file.md and docs/mechanism-file.md have every key.")]
     Schema(SchemaArgs),
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
@@ -295,6 +296,9 @@ pub struct NewArgs {
     /// last one]
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub outputs: Vec<String>,
+    /// Write study.schema.json beside the study, with --template also mechanism.schema.json: editors complete and check the files
+    #[arg(long)]
+    pub schema: bool,
 }
 
 fn templates() -> impl Iterator<Item = PossibleValue> {
