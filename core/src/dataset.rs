@@ -154,24 +154,32 @@ impl Dataset {
     /// [`Error::Io`], [`Error::Stale`] if the file has other bytes by now, or [`Error::Table`] with the line or row of the first
     /// mistake.
     pub fn read(path: &Path, digest: &str, columns: DatasetColumns) -> Result<Self> {
-        let read = match format_of(path)? {
-            Format::Csv => csv::read(path, columns),
-            Format::Parquet => parquet::read(path, columns),
-        };
-        let found = match &read {
-            Ok((_, found)) => found.clone(),
-            Err(Error::Table { .. }) => files::digest(path)?,
-            Err(_) => return read.map(|(dataset, _)| dataset),
-        };
-        if found != digest {
-            let mistake = read.err().map_or(String::new(), |mistake| format!(" ({mistake})"));
+        let stale = |found: &str, mistake: String| {
             let message = format!(
                 "was changed or damaged after the sampling{mistake}: its SHA-256 is {found}, expected {digest}; run `metafmu \
                  sample` again; a table of your own is the `source.table` of a study"
             );
-            return Err(Error::Stale { path: path.to_owned(), message });
+            Error::Stale { path: path.to_owned(), message }
+        };
+        match format_of(path)? {
+            Format::Csv => {
+                let read = csv::read(path, columns);
+                let found = match &read {
+                    Ok((_, found)) => found.clone(),
+                    Err(Error::Table { .. }) => files::digest(path)?,
+                    Err(_) => return read.map(|(dataset, _)| dataset),
+                };
+                if found != digest {
+                    return Err(stale(&found, read.err().map_or(String::new(), |mistake| format!(" ({mistake})"))));
+                }
+                read.map(|(dataset, _)| dataset)
+            }
+            // damaged lengths could make the decoder allocate any amount of memory
+            Format::Parquet => match files::digest(path)? {
+                found if found != digest => Err(stale(&found, String::new())),
+                _ => parquet::read(path, columns),
+            },
         }
-        read.map(|(dataset, _)| dataset)
     }
 }
 
