@@ -19,13 +19,14 @@ METAFMU = ROOT / "target" / "release" / "metafmu"
 EDITORS = """
 ## In an editor
 
-`metafmu schema {kind} > {kind}.schema.json` writes the JSON schema of these files. Editors that use Taplo, such as Visual Studio Code with
-Even Better TOML, complete and check a file that begins with
+`metafmu new {options} --schema` writes {kind}.schema.json, the JSON schema of these files, beside a new file. `metafmu schema {kind} > {kind}.schema.json`
+writes it for an existing one. Editors that use Taplo, such as Visual Studio Code with Even Better TOML, complete and check a file that begins with
 
 ```toml
 #:schema ./{kind}.schema.json
 ```
 """
+NEW = {"study": "NAME --table runs.csv", "mechanism": "NAME --template crane"}
 INTRODUCTIONS = {
     "study": """# The study file, key by key
 
@@ -148,7 +149,7 @@ def section(heading, node, level="##"):
 
 def document(kind):
     """The text of the page."""
-    return INTRODUCTIONS[kind] + section("", schema(kind)) + EDITORS.format(kind=kind)
+    return INTRODUCTIONS[kind] + section("", schema(kind)) + EDITORS.format(kind=kind, options=NEW[kind])
 
 
 if __name__ == "__main__":

@@ -79,6 +79,7 @@ pub enum Command {
   metafmu new my-component --table runs.csv --structure discrete --inputs force,voltage    # driven by columns of the table
   metafmu new my-map --table points.csv    # rows without a time: columns follow from columns
   metafmu new my-loss --table points.csv --inputs speed,torque
+  metafmu new my-hoist --template crane --schema    # for editors: with the JSON schemas of both files
 
 With a mechanism or an FMU, its parameters that have a `min` and a `max` become the study's, and so do all its outputs. Of an \
 FMU without such parameters the first ones vary by a tenth around their start values: review the study.
@@ -88,13 +89,14 @@ Of a table without a time, columns are inputs or outputs; those that are constan
     /// Do everything: sample, train, evaluate, report, export, validate
     #[command(after_help = "Example:\n  metafmu build examples/single-pendulum.toml --out /tmp/pendulum
 
-Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv.
+Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv. \
+Tables of more than 5 million numbers are Parquet, train.parquet and test.parquet; `tables` in [sampling] of the study selects a format.
 Exit code 1 if the surrogate is rejected: the training diverged, the R² of an output is below 0.9, or a simpler model is better. From 0.9 to 0.99 \
 it is usable, and the verdict has advice. `[accept]` in the study has the limits.
 Ctrl-C during training keeps the best network so far, completes the build with it and ends with exit code 130; --resume continues the \
 training. Before the first epoch is complete nothing is written. Pressed again, Ctrl-C ends the program.")]
     Build(BuildArgs),
-    /// Simulate the training and test runs and write train.csv and test.csv
+    /// Simulate the training and test runs and write their tables, CSV or Parquet
     #[command(after_help = "Examples:
   metafmu sample examples/single-pendulum.toml
   metafmu sample examples/single-pendulum.toml --dry-run > plan.csv
@@ -102,7 +104,8 @@ training. Before the first epoch is complete nothing is written. Pressed again, 
   metafmu sample study.toml --out DIR --merge        # when all are done: the tables are as if there had been no shards
 
 The same study has the same plan. With the methods \"random\", \"sobol\" and \"halton\" the first points of a longer plan are \
-the shorter plan; the first column of a printed plan says what a run is for.")]
+the shorter plan; the first column of a printed plan says what a run is for.
+Tables are train.csv and test.csv, those of more than 5 million numbers Parquet; `tables` in [sampling] of the study selects a format.")]
     Sample(SampleArgs),
     /// Write the next points to run, for a table of inputs and outputs without a time
     #[command(after_help = "Examples:
@@ -112,7 +115,7 @@ the shorter plan; the first column of a printed plan says what a run is for.")]
 The study has structure = \"static\", as `metafmu new NAME --table points.csv` writes it. The columns are those of the table; outputs are empty, \
 for you to fill in. Rows of the table without outputs are points that were planned before. The same study and table have the same points.")]
     Plan(PlanArgs),
-    /// Train the network on train.csv and write NAME.safetensors and history.csv
+    /// Train the network on the sampled runs and write NAME.safetensors and history.csv
     #[command(after_help = "Examples:
   metafmu train examples/single-pendulum.toml
   metafmu train examples/single-pendulum.toml --resume    # after it was stopped, killed, or lost power")]
@@ -136,7 +139,7 @@ Every value is checked when the study is read. Trials are compared by 1 - R² on
 table. With `model = \"svr\"` they fit that \
 baseline instead of the network, for instance for \"baselines.svr.c\" = [1.0, 10.0, 100.0].")]
     Search(SearchArgs),
-    /// Compare the surrogate with the unseen runs of test.csv and write metrics.json
+    /// Compare the surrogate with the test runs and write metrics.json
     #[command(after_help = "Example:\n  metafmu evaluate examples/single-pendulum.toml --json")]
     Evaluate(StudyArgs),
     /// Fit simpler models to the same rows and write comparison.json and comparison.csv
@@ -158,7 +161,7 @@ A model that fails or takes too long has a row that says so. `metafmu export STU
     /// Fit one baseline; `compare` runs this
     #[command(hide = true)]
     FitBaseline,
-    /// Show the surrogate beside the truth of test.csv and write report.html
+    /// Show the surrogate beside the truth of the test runs and write report.html
     #[command(after_help = "Examples:
   metafmu report examples/single-pendulum.toml
   metafmu report examples/single-pendulum.toml --plots plots/                    # each plot as an SVG file, too
@@ -197,7 +200,7 @@ differ: exit code 1. docs/import.md lists the operators of ONNX that are known, 
   metafmu schema mechanism > mechanism.schema.json
 
 With the line `#:schema ./study.schema.json` at its beginning, a study is completed and checked by editors with Taplo, such as \
-Visual Studio Code with Even Better TOML. docs/study-file.md and docs/mechanism-file.md have every key.")]
+Visual Studio Code with Even Better TOML. `metafmu new NAME --schema` writes both. docs/study-file.md and docs/mechanism-file.md have every key.")]
     Schema(SchemaArgs),
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
@@ -293,6 +296,9 @@ pub struct NewArgs {
     /// last one]
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub outputs: Vec<String>,
+    /// Write study.schema.json beside the study, with --template also mechanism.schema.json: editors complete and check the files
+    #[arg(long)]
+    pub schema: bool,
 }
 
 fn templates() -> impl Iterator<Item = PossibleValue> {
@@ -394,7 +400,7 @@ pub struct SampleArgs {
     /// Simulate only one part of all runs, for instance 3/8, and write it to DIR/shard-3-of-8.bin
     #[arg(long, value_name = "I/N")]
     pub shard: Option<Shard>,
-    /// Put the shards in DIR together, or those given, and write train.csv and test.csv
+    /// Put the shards in DIR together, or those given, and write the tables of the runs
     #[arg(long, value_name = "FILE", num_args = 0.., conflicts_with_all = ["shard", "dry_run"])]
     pub merge: Option<Vec<PathBuf>>,
 }

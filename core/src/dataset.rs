@@ -1,17 +1,17 @@
 //! Runs of a source, and the table they are kept in.
 //!
-//! The table is CSV, one row per time of a run: `run,time,<parameters>,<inputs>,<outputs>`. Numbers are the shortest decimals that
-//! read back as the same doubles.
+//! The table is CSV or Parquet, with one row per time of a run and the columns `run,time,<parameters>,<inputs>,<outputs>`. Its numbers read
+//! back as the same doubles.
 
 mod constants;
+mod csv;
+mod parquet;
 
-use crate::{Error, Result, diagnostics::Place, files, table::header_field, variable::SourceVariable};
+use crate::{Error, Result, diagnostics::Place, files, table::writer::Format, variable::SourceVariable};
 pub use constants::{Rounding, settle};
-use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::{
-    fs::File,
-    io::{BufRead, BufReader, Read},
+    io::{self, Write},
     path::Path,
     sync::Arc,
 };
@@ -119,195 +119,95 @@ impl Dataset {
         ["run".to_owned(), "time".to_owned()].into_iter().chain(names).collect()
     }
 
-    /// Writes the table, whole or not at all, and returns the SHA-256 of its bytes.
+    /// Count of the table's numbers: rows times columns.
+    pub fn number_count(&self) -> usize {
+        let columns = [&self.parameters, &self.inputs, &self.outputs].map(Vec::len).into_iter().sum::<usize>() + 2;
+        self.row_count().saturating_mul(columns)
+    }
+
+    /// Format of the table, unless a study selects one.
+    pub fn format(&self) -> Format {
+        if self.number_count() > CSV_NUMBERS { Format::Parquet } else { Format::Csv }
+    }
+
+    /// Writes the table, whole or not at all, in the format of the path's extension. Returns the SHA-256 of its bytes, which do not
+    /// depend on the number of threads.
     ///
     /// # Errors
-    /// [`Error::Io`].
-    pub fn write_csv(&self, path: &Path) -> Result<String> {
+    /// [`Error::Io`]; [`Error::Table`] for another extension.
+    pub fn write(&self, path: &Path) -> Result<String> {
+        let format = format_of(path)?;
         let mut hash = Sha256::new();
         files::write_with(path, |file| {
-            let mut write = |text: &[u8]| {
-                hash.update(text);
-                file.write_all(text)
-            };
-            let header: Vec<String> = self.columns().iter().map(|name| header_field(name)).collect();
-            write(format!("{}\n", header.join(",")).as_bytes())?;
-            for (block, runs) in self.runs.chunks(RUNS).enumerate() {
-                let lines = |(index, run)| csv_lines(block * RUNS + index, run);
-                let written: Vec<Vec<u8>> = runs.par_iter().enumerate().map(lines).collect();
-                written.iter().try_for_each(|lines| write(lines))?;
+            let mut to = HashedWriter { to: file, hash: &mut hash };
+            match format {
+                Format::Csv => csv::write(self, &mut to),
+                Format::Parquet => parquet::write(self, &mut to),
             }
-            Ok(())
         })?;
         Ok(files::digits(hash))
     }
 
-    /// Reads a table that [`Dataset::write_csv`] wrote for these variables and gave this digest.
+    /// Reads a table that [`Dataset::write`] wrote for these variables and gave this digest, in the format of the path's extension.
     ///
     /// # Errors
-    /// [`Error::Io`], [`Error::Stale`] if the file has other bytes by now, or [`Error::Table`] with the line of the first
+    /// [`Error::Io`], [`Error::Stale`] if the file has other bytes by now, or [`Error::Table`] with the line or row of the first
     /// mistake.
-    pub fn read_csv(path: &Path, digest: &str, columns: DatasetColumns) -> Result<Self> {
-        let read = Self::parse_csv(path, columns);
-        let found = match &read {
-            Ok((_, found)) => found.clone(),
-            Err(Error::Table { .. }) => files::digest(path)?,
-            Err(_) => return read.map(|(dataset, _)| dataset),
-        };
-        if found != digest {
-            let mistake = read.err().map_or(String::new(), |mistake| format!(" ({mistake})"));
+    pub fn read(path: &Path, digest: &str, columns: DatasetColumns) -> Result<Self> {
+        let stale = |found: &str, mistake: String| {
             let message = format!(
                 "was changed or damaged after the sampling{mistake}: its SHA-256 is {found}, expected {digest}; run `metafmu \
                  sample` again; a table of your own is the `source.table` of a study"
             );
-            return Err(Error::Stale { path: path.to_owned(), message });
-        }
-        read.map(|(dataset, _)| dataset)
-    }
-
-    /// The table and the SHA-256 of its bytes.
-    fn parse_csv(path: &Path, variables: DatasetColumns) -> Result<(Self, String)> {
-        let mut dataset = variables.without_runs();
-        let DatasetColumns { parameters, inputs, .. } = variables;
-        let mistake =
-            |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
-        let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "read"))?);
-        let mut header = Vec::new();
-        file.read_until(b'\n', &mut header).map_err(Error::io(path, "read"))?;
-        let mut hash = Sha256::new_with_prefix(&header);
-        let columns = dataset.columns();
-        let found = csv::Reader::from_reader(header.as_slice()).byte_headers().cloned();
-        let found = found.map_err(|error| mistake(1, error.to_string()))?;
-        if found.iter().ne(columns.iter().map(String::as_bytes)) {
-            let found = found.iter().map(String::from_utf8_lossy).collect::<Vec<_>>().join(",");
-            return Err(mistake(1, format!("columns `{found}`, expected `{}`", columns.join(","))));
-        }
-        let mut rows = RunReader::new([parameters.len(), inputs.len()]);
-        let (mut line, mut block) = (2, Vec::new());
-        while next_block(&mut file, &mut block).map_err(Error::io(path, "read"))? {
-            let parse = || split_lines(&block).into_par_iter().map(|text| TablePiece::parse(text, &columns)).collect();
-            let (pieces, ()): (Vec<TablePiece>, ()) = rayon::join(parse, || hash.update(&block));
-            for piece in pieces {
-                for (row, offset) in piece.values.chunks(columns.len()).zip(&piece.row_lines) {
-                    dataset.runs.extend(rows.push(row).map_err(|message| mistake(line + offset, message))?);
-                }
-                if let Some((offset, message)) = piece.mistake {
-                    return Err(mistake(line + offset, message));
-                }
-                line += piece.lines;
-            }
-        }
-        dataset.runs.extend(rows.finish());
-        if dataset.runs.is_empty() {
-            return Err(mistake(2, "the table has no rows".into()));
-        }
-        Ok((dataset, files::digits(hash)))
-    }
-}
-
-/// Runs of a table that are serialized at a time, by all threads.
-const RUNS: usize = 256;
-
-/// The lines of a run.
-fn csv_lines(index: usize, run: &Run) -> Vec<u8> {
-    let (mut lines, mut digits) = (Vec::new(), zmij::Buffer::new());
-    let mut append = |lines: &mut Vec<u8>, value: f64, end: u8| {
-        lines.extend_from_slice(digits.format(value).as_bytes());
-        lines.push(end);
-    };
-    let (begin, mut parameters) = (format!("{index},"), Vec::new());
-    run.parameters.iter().for_each(|&value| append(&mut parameters, value, b','));
-    let inputs = run.inputs.len() / run.times.len().max(1);
-    for (row, (time, outputs)) in run.rows().enumerate() {
-        lines.extend_from_slice(begin.as_bytes());
-        append(&mut lines, time, b',');
-        lines.extend_from_slice(&parameters);
-        run.inputs[row * inputs..][..inputs].iter().for_each(|&value| append(&mut lines, value, b','));
-        for (column, &value) in outputs.iter().enumerate() {
-            append(&mut lines, value, if column + 1 == outputs.len() { b'\n' } else { b',' });
-        }
-    }
-    lines
-}
-
-/// Bytes of a table that are read at a time.
-const BLOCK: u64 = 1 << 25;
-/// Pieces of a block that are parsed at a time.
-const PIECES: usize = 16;
-
-/// Reads whole lines, about [`BLOCK`] bytes; false at the end of the file.
-fn next_block(file: &mut impl BufRead, block: &mut Vec<u8>) -> std::io::Result<bool> {
-    block.clear();
-    file.by_ref().take(BLOCK).read_to_end(block)?;
-    file.read_until(b'\n', block)?;
-    Ok(!block.is_empty())
-}
-
-/// Pieces of about the same length, each of whole lines.
-fn split_lines(block: &[u8]) -> Vec<&[u8]> {
-    let (mut pieces, mut rest) = (Vec::new(), block);
-    while !rest.is_empty() {
-        let from = block.len().div_ceil(PIECES).min(rest.len());
-        let end = rest[from - 1..].iter().position(|&byte| byte == b'\n').map_or(rest.len(), |length| from + length);
-        let (piece, after) = rest.split_at(end);
-        pieces.push(piece);
-        rest = after;
-    }
-    pieces
-}
-
-/// Rows of a part of a table.
-struct TablePiece {
-    /// Row by row.
-    values: Vec<f64>,
-    /// Line of each row, counted from the piece's first.
-    row_lines: Vec<u64>,
-    /// Number of lines.
-    lines: u64,
-    /// Line and message of the first mistake, which ends the rows.
-    mistake: Option<(u64, String)>,
-}
-
-impl TablePiece {
-    fn parse(text: &[u8], columns: &[String]) -> Self {
-        let lines = text.iter().filter(|&&byte| byte == b'\n').count() as u64;
-        let mut piece = Self { values: Vec::new(), row_lines: Vec::new(), lines, mistake: None };
-        if let Err(mistake) = piece.read(text, columns) {
-            piece.mistake = Some(mistake);
-        }
-        piece
-    }
-
-    fn read(&mut self, text: &[u8], columns: &[String]) -> std::result::Result<(), (u64, String)> {
-        let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text);
-        let (mut record, mut before) = (csv::ByteRecord::new(), csv::ByteRecord::new());
-        while reader.read_byte_record(&mut record).map_err(|error| (0, error.to_string()))? {
-            let line = record.position().map_or(0, csv::Position::line) - 1;
-            if record.len() != columns.len() {
-                return Err((line, format!("{} fields, expected {}", record.len(), columns.len())));
-            }
-            let last_row = self.values.len().saturating_sub(columns.len());
-            for (index, column) in columns.iter().enumerate() {
-                // most columns of a row are those of the row before
-                let value = if before.get(index) == Some(&record[index]) {
-                    self.values[last_row + index]
-                } else {
-                    number(&record[index])
-                        .map_err(|found| (line, format!("column `{column}`: `{found}` is not a finite number")))?
+            Error::Stale { path: path.to_owned(), message }
+        };
+        match format_of(path)? {
+            Format::Csv => {
+                let read = csv::read(path, columns);
+                let found = match &read {
+                    Ok((_, found)) => found.clone(),
+                    Err(Error::Table { .. }) => files::digest(path)?,
+                    Err(_) => return read.map(|(dataset, _)| dataset),
                 };
-                self.values.push(value);
+                if found != digest {
+                    return Err(stale(&found, read.err().map_or(String::new(), |mistake| format!(" ({mistake})"))));
+                }
+                read.map(|(dataset, _)| dataset)
             }
-            self.row_lines.push(line);
-            std::mem::swap(&mut record, &mut before);
+            // damaged lengths could make the decoder allocate any amount of memory
+            Format::Parquet => match files::digest(path)? {
+                found if found != digest => Err(stale(&found, String::new())),
+                _ => parquet::read(path, columns),
+            },
         }
-        Ok(())
     }
 }
 
-/// A finite number, or the text that is none.
-fn number(field: &[u8]) -> std::result::Result<f64, String> {
-    let text = String::from_utf8_lossy(field);
-    text.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or(text.into_owned())
+/// Most numbers of a table that is CSV unless a study selects a format: about 50 to 100 MB of text, which spreadsheets and editors
+/// still open. Parquet is smaller and is read in a fraction of the time.
+const CSV_NUMBERS: usize = 5_000_000;
+
+fn format_of(path: &Path) -> Result<Format> {
+    let wrong = |message| Error::Table { path: path.to_owned(), place: Place::Whole, message };
+    Format::of(path).map_err(wrong)
+}
+
+/// Writes to a file and hashes what it writes.
+struct HashedWriter<'a> {
+    to: &'a mut dyn Write,
+    hash: &'a mut Sha256,
+}
+
+impl Write for HashedWriter<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let written = self.to.write(bytes)?;
+        self.hash.update(&bytes[..written]);
+        Ok(written)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.to.flush()
+    }
 }
 
 /// Collects rows into runs.
@@ -365,6 +265,10 @@ impl RunReader {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::table::{
+        Table,
+        writer::{Block, Values, Writer},
+    };
 
     fn variable(name: &str) -> SourceVariable {
         SourceVariable::new(name, "", "")
@@ -404,27 +308,88 @@ mod tests {
         assert_eq!(dataset.clone().until(1.5), dataset);
     }
 
+    /// Bits of all numbers of a table: `==` does not distinguish 0.0 from -0.0.
+    fn bits(dataset: &Dataset) -> Vec<Vec<u64>> {
+        let values = dataset
+            .runs
+            .iter()
+            .flat_map(|run| [&run.parameters[..], &run.times, &run.inputs, &run.outputs].map(Vec::from));
+        values.map(|values| values.into_iter().map(f64::to_bits).collect()).collect()
+    }
+
     #[test]
-    fn a_table_reads_back_as_the_same_numbers() {
+    fn a_table_reads_back_as_the_same_bits_in_both_formats() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("train.csv");
-        let dataset = example();
-        let digest = dataset.write_csv(&path).unwrap();
-        assert_eq!(digest, files::digest(&path).unwrap());
-        assert_eq!(Dataset::read_csv(&path, &digest, dataset.variables()).unwrap(), dataset);
-        assert_eq!(dataset.row_count(), 6);
+        let mut driven = example();
+        driven.inputs = vec![variable("force")];
+        driven.runs.iter_mut().for_each(|run| run.inputs = vec![-0.0, 5e-324, 0.1 + 0.2]);
+        driven.runs[1].times = [-0.0, 1e-7, f64::MAX].into();
+        let mut without_parameters = driven.clone();
+        without_parameters.parameters.clear();
+        without_parameters.runs.iter_mut().for_each(|run| run.parameters.clear());
+        for dataset in [example(), driven, without_parameters] {
+            for name in ["train.csv", "train.parquet"] {
+                let path = folder.path().join(name);
+                let digest = dataset.write(&path).unwrap();
+                assert_eq!(digest, files::digest(&path).unwrap());
+                let found = Dataset::read(&path, &digest, dataset.variables()).unwrap();
+                assert_eq!(found, dataset, "{name}");
+                assert_eq!(bits(&found), bits(&dataset), "{name}");
+            }
+            assert_eq!(dataset.row_count(), 6);
+        }
+        let other = example().write(&folder.path().join("train.xlsx")).unwrap_err().to_string();
+        assert!(other.contains("train.xlsx: `.xlsx`, expected a file that ends in .csv or .parquet"), "{other}");
     }
 
     #[test]
     fn names_with_separators_read_back() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("train.csv");
         let mut dataset = example();
         dataset.parameters[0].name = "body.r[1,2]".into();
+        dataset.parameters[1].name = "angle [rad]".into();
+        dataset.outputs[0].name = "angle [deg]".into();
         dataset.outputs[1].name = "der(\"x\"; y)".into();
-        let digest = dataset.write_csv(&path).unwrap();
-        assert_eq!(digest, files::digest(&path).unwrap());
-        assert_eq!(Dataset::read_csv(&path, &digest, dataset.variables()).unwrap(), dataset);
+        for name in ["train.csv", "train.parquet"] {
+            let path = folder.path().join(name);
+            let digest = dataset.write(&path).unwrap();
+            assert_eq!(digest, files::digest(&path).unwrap());
+            assert_eq!(Dataset::read(&path, &digest, dataset.variables()).unwrap(), dataset);
+        }
+    }
+
+    #[test]
+    fn a_large_table_is_parquet_of_several_row_groups_whatever_the_number_of_threads() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut dataset = example();
+        let times: Arc<[f64]> = (0..2000).map(|row| f64::from(row) / 128.0).collect();
+        let outputs: Vec<f64> = times.iter().flat_map(|time| [time.sin(), time.cos()]).collect();
+        let run = |i: u16| Run {
+            parameters: vec![f64::from(i), -f64::from(i)],
+            times: Arc::clone(&times),
+            inputs: Vec::new(),
+            outputs: outputs.clone(),
+        };
+        dataset.runs = (0..416).map(run).collect();
+        // 2000 rows of six columns
+        assert_eq!((dataset.number_count(), dataset.format()), (416 * 12_000, Format::Csv));
+        dataset.runs.push(run(416));
+        assert_eq!((dataset.number_count(), dataset.format()), (417 * 12_000, Format::Parquet));
+        let write = |threads| {
+            let path = folder.path().join(format!("{threads}.parquet"));
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            (pool.install(|| dataset.write(&path)).unwrap(), path)
+        };
+        let [(digest, path), (other, _)] = [1, 3].map(write);
+        assert_eq!(digest, other);
+        assert_eq!(Dataset::read(&path, &digest, dataset.variables()).unwrap(), dataset);
+        // any reader of tables reads it
+        let mut table = Table::open(&path).unwrap();
+        let (mut rows, mut last) = (0, 0.0);
+        while table.next_row().unwrap() {
+            (rows, last) = (rows + 1, table.number(0).unwrap());
+        }
+        assert_eq!((rows, last), (417 * 2000, 416.0));
     }
 
     #[test]
@@ -434,15 +399,15 @@ mod tests {
         let mut dataset = example();
         let run = dataset.runs[0].clone();
         dataset.runs = (0..4000).map(|i| Run { parameters: vec![f64::from(i), 0.5], ..run.clone() }).collect();
-        let digest = dataset.write_csv(&path).unwrap();
+        let digest = dataset.write(&path).unwrap();
         assert_eq!(digest, files::digest(&path).unwrap());
-        assert_eq!(Dataset::read_csv(&path, &digest, dataset.variables()).unwrap(), dataset);
+        assert_eq!(Dataset::read(&path, &digest, dataset.variables()).unwrap(), dataset);
         let mut lines: Vec<String> = std::fs::read_to_string(&path).unwrap().lines().map(String::from).collect();
         for wrong in [11_998, 7_003, 5, 1] {
             lines[wrong] = lines[wrong].replacen("0.5", "half", 1);
             std::fs::write(&path, lines.join("\n")).unwrap();
             let digest = files::digest(&path).unwrap();
-            let message = Dataset::read_csv(&path, &digest, dataset.variables()).unwrap_err().to_string();
+            let message = Dataset::read(&path, &digest, dataset.variables()).unwrap_err().to_string();
             assert!(message.contains(&format!("t.csv:{}: column `b`: `half`", wrong + 1)), "{message}");
         }
     }
@@ -464,7 +429,48 @@ mod tests {
         ] {
             std::fs::write(&path, text).unwrap();
             let digest = files::digest(&path).unwrap();
-            let message = Dataset::read_csv(&path, &digest, dataset.variables()).unwrap_err().to_string();
+            let message = Dataset::read(&path, &digest, dataset.variables()).unwrap_err().to_string();
+            assert!(message.contains(says), "{message} should contain {says}");
+        }
+    }
+
+    #[test]
+    fn mistakes_in_a_parquet_table_are_located_by_row() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("t.parquet");
+        let dataset = example();
+        let columns = ["run", "time", "a", "b", "u", "v"];
+        let table = |names: &[&str], rows: &[[f64; 6]]| {
+            let mut block: Block = vec![Values::Integers(rows.iter().map(|row| row[0] as i64).collect())];
+            block.extend((1..6).map(|column| Values::Numbers(rows.iter().map(|row| row[column]).collect())));
+            (names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>(), block)
+        };
+        let (good, later) = ([0.0, 0.0, 1.0, 1.0, 1.0, 1.0], [0.0, 1.0, 1.0, 1.0, 1.0, 1.0]);
+        let mut of_doubles = table(&columns, &[good]);
+        of_doubles.1[0] = Values::Numbers(vec![0.0]);
+        for ((names, block), says) in [
+            (
+                table(&["run", "time", "a", "b", "v", "u"], &[good]),
+                "t.parquet: columns `run,time,a,b,v,u`, expected `run,time,a,b,u,v`",
+            ),
+            (of_doubles, "t.parquet: column `run` is DOUBLE, expected INT64 without missing values"),
+            (
+                table(&columns, &[good, [0.0, 1.0, 1.0, 1.0, f64::NAN, 1.0]]),
+                "t.parquet, row 2: column `u`: `NaN` is not a finite number",
+            ),
+            (
+                table(&columns, &[good, later, [0.0, 2.0, 1.5, 1.0, 1.0, 1.0]]),
+                "t.parquet, row 3: run 0: parameters differ",
+            ),
+            (table(&columns, &[good, good]), "t.parquet, row 2: run 0: time 0 does not come after"),
+        ] {
+            let names: Vec<&str> = names.iter().map(String::as_str).collect();
+            let (mut writer, mut bytes) = (Writer::new(Format::Parquet, &names), Vec::new());
+            writer.write(&[block], &mut bytes).unwrap();
+            writer.finish(&mut bytes).unwrap();
+            std::fs::write(&path, bytes).unwrap();
+            let digest = files::digest(&path).unwrap();
+            let message = Dataset::read(&path, &digest, dataset.variables()).unwrap_err().to_string();
             assert!(message.contains(says), "{message} should contain {says}");
         }
     }
@@ -472,19 +478,22 @@ mod tests {
     #[test]
     fn a_table_that_was_changed_is_refused_whether_it_can_be_read_or_not() {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("t.csv");
         let dataset = example();
-        let digest = dataset.write_csv(&path).unwrap();
-        let bytes = std::fs::read(&path).unwrap();
-        let changed = bytes.iter().enumerate().flat_map(|(place, &byte)| {
-            let with = |other: u8| [&bytes[..place], &[other], &bytes[place + 1..]].concat();
-            [with(byte ^ 1), with(b'x'), bytes[..place].to_vec()]
-        });
-        for changed in changed.filter(|changed| *changed != bytes) {
-            std::fs::write(&path, &changed).unwrap();
-            let refused = Dataset::read_csv(&path, &digest, dataset.variables());
-            let message = refused.unwrap_err().to_string();
-            assert!(message.contains("t.csv: was changed or damaged after the sampling"), "{message}");
+        for name in ["t.csv", "t.parquet"] {
+            let path = folder.path().join(name);
+            let digest = dataset.write(&path).unwrap();
+            let bytes = std::fs::read(&path).unwrap();
+            let changed = bytes.iter().enumerate().flat_map(|(place, &byte)| {
+                let with = |other: u8| [&bytes[..place], &[other], &bytes[place + 1..]].concat();
+                [with(byte ^ 1), with(b'x'), bytes[..place].to_vec()]
+            });
+            for changed in changed.filter(|changed| *changed != bytes) {
+                std::fs::write(&path, &changed).unwrap();
+                let refused = Dataset::read(&path, &digest, dataset.variables()).unwrap_err();
+                assert!(matches!(refused, Error::Stale { .. }), "{refused}");
+                let message = refused.to_string();
+                assert!(message.contains(&format!("{name}: was changed or damaged after the sampling")), "{message}");
+            }
         }
     }
 }

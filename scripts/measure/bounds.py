@@ -53,7 +53,8 @@ def coverage(study: Path, seed: int, runs: int, metadata: dict, tensors: dict) -
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         finally:
             fresh.unlink()
-        table = pd.read_csv(Path(folder) / "test.csv")
+        large = Path(folder) / "test.parquet"
+        table = pd.read_parquet(large) if large.exists() else pd.read_csv(Path(folder) / "test.csv")
     inputs = table[[column["name"] for column in metadata["inputs"]]].to_numpy()
     predictions = evaluate(tensors, encoded(inputs, metadata["inputs"]))
     errors = np.abs(predictions - table[[column["name"] for column in metadata["outputs"]]].to_numpy())

@@ -16,6 +16,7 @@ from math import cos, sin
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from common import ROOT
 from scipy.integrate import solve_ivp
 from scipy.integrate._ivp import dop853_coefficients as tableau
@@ -105,12 +106,13 @@ def main():
             with tempfile.TemporaryDirectory() as folder:
                 study = Path(folder) / "study.toml"
                 text = (ROOT / f"examples/paper/{name}.toml").read_text()
-                study.write_text(text.replace("[source]", f"[source]\ntolerance = {tolerance}", 1))
+                text = text.replace("[source]", f"[source]\ntolerance = {tolerance}", 1)
+                study.write_text(text.replace("[sampling]", '[sampling]\ntables = "parquet"', 1))
                 command = [ROOT / "target/release/metafmu", "sample", study, "--out", folder, "--json"]
                 begin, records = time.perf_counter(), []
                 while len(records) < 5 or time.perf_counter() - begin < 20:
                     records.append(json.loads(subprocess.run(command, capture_output=True, check=True, text=True).stdout))
-                table = np.loadtxt(Path(folder) / "train.csv", delimiter=",", skiprows=1)
+                table = pd.read_parquet(Path(folder) / "train.parquet").to_numpy()
             runs = records[0]["train_runs"] + records[0]["test_runs"]
             seconds = min(record["sample_seconds"] for record in records) * len(mesh) / runs
             states = table.reshape(len(mesh), count + 1, -1)[part]

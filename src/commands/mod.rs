@@ -195,6 +195,11 @@ fn write(bytes: &[u8]) -> io::Result<()> {
 
 /// Prints a value as indented JSON.
 fn print_json(value: &impl serde::Serialize) -> Result<()> {
+    print(&json_text(value)?)
+}
+
+/// Indented JSON with a line break at its end.
+fn json_text(value: &impl serde::Serialize) -> Result<String> {
     let text = serde_json::to_string_pretty(value).map_err(io::Error::from);
-    print(&(text.map_err(Error::io(Path::new("stdout"), "write"))? + "\n"))
+    Ok(text.map_err(Error::io(Path::new("stdout"), "write"))? + "\n")
 }

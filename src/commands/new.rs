@@ -5,6 +5,7 @@ mod dynamics;
 mod fmu;
 mod motions;
 mod rows;
+mod schemas;
 mod table;
 
 use super::{CommandOutcome, print, say, terminal::control};
@@ -22,6 +23,7 @@ use metafmu::{
     systems::{SYSTEMS, System},
     table::Table,
 };
+use schemas::SchemaFiles;
 use std::{
     fmt::Write,
     path::{Component, Path, PathBuf},
@@ -37,12 +39,16 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         return Err(Error::Stale { path: folder.to_owned(), message });
     }
     expect_free(&path)?;
-    let target = &StudyTarget { name, folder };
     let template = args.template.as_deref().and_then(Template::of);
+    let (schemas, [study_line, mechanism_line]) = match args.schema {
+        true => (SchemaFiles::new(folder, template.is_some())?, [schemas::OF_STUDY, schemas::OF_MECHANISM]),
+        false => (SchemaFiles::default(), [""; 2]),
+    };
+    let target = &StudyTarget { name, folder, first_line: study_line };
     let usual = if template.is_some() { "dynamics" } else { RESPONSE };
     let structure = args.structure.as_deref().unwrap_or(usual);
     let mechanism = match template {
-        Some(template) => Some(written(template, &folder.join(format!("{name}-mechanism.toml")))?),
+        Some(template) => Some(written(template, mechanism_line, &folder.join(format!("{name}-mechanism.toml")))?),
         None => args.mechanism.clone(),
     };
     let Proposal { text, trial } = match (&mechanism, &args.fmu, &args.table) {
@@ -67,8 +73,9 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         (None, None, Some(file)) => table::study(target, file, args)?.into(),
         (None, None, None) => of_system(target, args)?,
     };
-    let study = Study::parse(&text, &path)?;
-    files::write_whole(&path, text.as_bytes())?;
+    let study = target.parse(&text)?;
+    schemas.write()?;
+    files::write_whole(&path, target.whole(&text).as_bytes())?;
     // the proposal is tried; a refused file is written all the same, to be changed
     let trial = trial.unwrap_or_else(|| trial::attempt(&study, control()?));
     let Trial { runs, failures } = trial.inspect_err(|_| {
@@ -91,10 +98,10 @@ fn expect_free(path: &Path) -> Result<()> {
     Err(Error::Stale { path: path.to_owned(), message })
 }
 
-/// Writes the mechanism file of a template.
-fn written(template: &Template, path: &Path) -> Result<PathBuf> {
+/// Writes the mechanism file of a template, after `first_line`.
+fn written(template: &Template, first_line: &str, path: &Path) -> Result<PathBuf> {
     expect_free(path)?;
-    files::write_whole(path, template.file().as_bytes())?;
+    files::write_whole(path, format!("{first_line}{}", template.file()).as_bytes())?;
     print(&format!("{}\n", path.display()))?;
     Ok(path.to_owned())
 }
@@ -114,16 +121,27 @@ impl From<String> for Proposal {
     }
 }
 
-/// Name of a study, and the folder of its file.
+/// Name of a study, the folder of its file, and the line before its text; empty if there is none.
 struct StudyTarget<'a> {
     name: &'a str,
     folder: &'a Path,
+    first_line: &'a str,
 }
 
 impl StudyTarget<'_> {
     /// Its file.
     fn file(&self) -> PathBuf {
         self.folder.join(format!("{}.toml", self.name))
+    }
+
+    /// Text of its file.
+    fn whole(&self, text: &str) -> String {
+        format!("{}{text}", self.first_line)
+    }
+
+    /// The study of a text, with lines counted as in its file.
+    fn parse(&self, text: &str) -> Result<Study> {
+        Study::parse(&self.whole(text), &self.file())
     }
 
     /// Path of a file in the study: relative to the study's folder, unless an absolute path was given.

@@ -171,7 +171,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
         let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
         let place = match metrics.accuracy.rows {
-            Some(TestRows::OfRuns) => format!("row {} of test.csv", worst_run + 1),
+            Some(TestRows::OfRuns) => format!("row {} of the test table", worst_run + 1),
             Some(_) => format!("row {} of unseen.csv", worst_run + 1),
             None => format!("test run {worst_run}, t = {worst_time:.3} s"),
         };

@@ -17,6 +17,7 @@ use crate::{
     source::{self, Source, shard::Shard},
     study::Study,
     surrogate,
+    table::writer::Format,
 };
 use indexmap::IndexMap;
 use metafmu_runtime::Surrogate;
@@ -168,9 +169,41 @@ impl<'a> Project<'a> {
         files::writable_folder(&self.folder)
     }
 
-    /// Table of a set of runs: `train.csv`, `test.csv` or `calibration.csv`.
+    /// Table of a set of runs, `train`, `test` or `calibration`: the file that exists, `train.csv` or `train.parquet`.
     pub fn table(&self, set: &str) -> PathBuf {
-        self.folder.join(format!("{set}.csv"))
+        let [csv, parquet] = self.tables(set);
+        if parquet.exists() && !csv.exists() { parquet } else { csv }
+    }
+
+    /// Files of the table of a set of runs: one for each format, of which at most one exists unless the user adds another.
+    fn tables(&self, set: &str) -> [PathBuf; Format::ALL.len()] {
+        Format::ALL.map(|format| self.table_in(set, format))
+    }
+
+    fn table_in(&self, set: &str, format: Format) -> PathBuf {
+        self.folder.join(format!("{set}.{}", format.extension()))
+    }
+
+    /// Writes the table of a set of runs in the study's format, and returns the SHA-256 of its bytes. The file of another format
+    /// is removed first, so that there are never two; a set without runs has neither. A record of the earlier table must be
+    /// removed before.
+    ///
+    /// # Errors
+    /// [`Error::Io`].
+    pub(super) fn write_table(&self, set: &str, dataset: &Dataset) -> Result<Option<String>> {
+        let format = self.study.sampling.tables.unwrap_or_else(|| dataset.format());
+        let path = self.table_in(set, format);
+        let has_runs = !dataset.runs.is_empty();
+        self.tables(set)
+            .iter()
+            .filter(|other| !has_runs || **other != path)
+            .try_for_each(|other| files::remove(other))?;
+        has_runs.then(|| dataset.write(&path)).transpose()
+    }
+
+    /// `rounds.csv`
+    pub(super) fn rounds_table(&self) -> PathBuf {
+        self.folder.join("rounds.csv")
     }
 
     pub(super) fn samples_record(&self) -> PathBuf {
@@ -400,10 +433,22 @@ impl<'a> Project<'a> {
             return Ok(columns.without_runs());
         }
         let digest = record.tables.get(set).ok_or_else(|| {
-            let message = format!("has no digest of {set}.csv: run `metafmu sample` again");
+            let message = format!("has no digest of the table `{set}`: run `metafmu sample` again");
             Error::Stale { path: self.samples_record(), message }
         })?;
-        let dataset = Dataset::read_csv(&self.table(set), digest, columns)?;
+        let existing: Vec<PathBuf> = self.tables(set).into_iter().filter(|path| path.exists()).collect();
+        let path = match existing.as_slice() {
+            [] => {
+                let message = format!("the table `{set}` beside it is missing: run `metafmu sample` again");
+                return Err(Error::Stale { path: self.samples_record(), message });
+            }
+            [path] => path,
+            // the user has converted one of them
+            [path, ..] => {
+                existing.iter().find(|path| files::digest(path).is_ok_and(|found| found == *digest)).unwrap_or(path)
+            }
+        };
+        let dataset = Dataset::read(path, digest, columns)?;
         self.study.refuse(scaling::problems(&dataset))?;
         Ok(dataset)
     }

@@ -49,7 +49,7 @@ impl Round {
 }
 
 /// Trains in rounds, each from the network of the one before. Writes the files of a single training, `rounds.csv` with
-/// a row for each round, and `added.csv` with the added runs. Every round has a separate folder, from which `resume`
+/// a row for each round, and the table `added` with the added runs. Every round has a separate folder, from which `resume`
 /// continues; the folders are removed at the end.
 fn in_rounds(
     project: &Project,
@@ -90,7 +90,7 @@ fn in_rounds(
         let is_last = is_met || finished.record.was_interrupted() || dataset.runs.len() >= target.max_runs;
         report(project, &rounds, &finished, target, validation.runs.len());
         rounds.push(finished);
-        write_table(project, &rounds)?;
+        write_rounds(project, &rounds)?;
         if is_last {
             break trained;
         }
@@ -109,11 +109,7 @@ fn in_rounds(
     let record = total(&rounds, dataset.runs.len() - planned.runs.len(), target);
     let added = Dataset { runs: dataset.runs.split_off(planned.runs.len()), ..dataset };
     rescue::write(project, |to| {
-        if added.runs.is_empty() {
-            files::remove(&to.table("added"))?;
-        } else {
-            added.write_csv(&to.table("added"))?;
-        }
+        to.write_table("added", &added)?;
         surrogate::save(&trained, &to.model())?;
         write_history(&to.history(), &joined(rounds.iter().map(|round| round.history.as_slice())))?;
         files::write_json(&to.training_record(), &record)
@@ -129,14 +125,16 @@ fn in_rounds(
 fn simulate(round: &Project, points: &[Vec<f64>], total: usize) -> Result<Dataset> {
     let (path, digest) = (round.table("added"), round.folder().join("added.sha256"));
     if let Ok(digest) = std::fs::read_to_string(&digest)
-        && let Ok(kept) = Dataset::read_csv(&path, &digest, round.source.columns())
+        && let Ok(kept) = Dataset::read(&path, &digest, round.source.columns())
         && !kept.runs.is_empty()
         && failures(points.to_vec(), &kept).len() + kept.runs.len() == points.len()
     {
         return Ok(kept);
     }
     let runs = sample::simulate(round, points, total)?;
-    files::write_whole(&digest, runs.write_csv(&path)?.as_bytes())?;
+    if let Some(written) = round.write_table("added", &runs)? {
+        files::write_whole(&digest, written.as_bytes())?;
+    }
     Ok(runs)
 }
 
@@ -163,11 +161,10 @@ fn report(project: &Project, before: &[Round], round: &Round, target: &TargetOpt
     ));
 }
 
-/// `rounds.csv`
-fn write_table(project: &Project, rounds: &[Round]) -> Result<()> {
+fn write_rounds(project: &Project, rounds: &[Round]) -> Result<()> {
     let outputs: Vec<String> =
         project.source.outputs().iter().map(|output| header_field(&format!("r2_{}", output.name))).collect();
-    files::write_with(&project.table("rounds"), |file| {
+    files::write_with(&project.rounds_table(), |file| {
         writeln!(file, "round,runs,epochs,seconds,{}", outputs.join(","))?;
         for (index, Round { runs, r2, record, .. }) in rounds.iter().enumerate() {
             let r2: Vec<String> = r2.iter().map(|r2| r2.map_or(String::new(), |r2| r2.to_string())).collect();

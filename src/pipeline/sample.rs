@@ -276,11 +276,8 @@ fn write(project: &Project, mut sets: Sets<Dataset>, failed: Vec<FailedRun>, sam
     // tables without a record are not trusted: it goes first and comes back last
     files::remove(&project.samples_record())?;
     for (set, dataset) in sets.named() {
-        let table = project.table(set);
-        if dataset.runs.is_empty() {
-            files::remove(&table)?;
-        } else {
-            record.tables.insert(set.into(), dataset.write_csv(&table)?);
+        if let Some(digest) = project.write_table(set, dataset)? {
+            record.tables.insert(set.into(), digest);
         }
     }
     files::write_json(&project.samples_record(), &record)?;

@@ -651,7 +651,8 @@ third,1,3,-0.5,8
         let text = STUDY.replace("SOURCE", "table = \"i.csv\"").replace("[sampling]", "[sampling]\nruns = 5");
         let message = Study::parse(&text, &folder.0.path().join("s.toml")).unwrap_err().to_string();
         assert!(
-            message.contains("sampling: recorded runs are where they are: expected `test_runs` or `test` only"),
+            message
+                .contains("sampling: recorded runs are where they are: expected `test_runs`, `test` or `tables` only"),
             "{message}"
         );
     }

@@ -112,6 +112,57 @@ fn build_writes_every_result_and_prints_the_table() {
 }
 
 #[test]
+fn tables_are_of_the_format_of_the_study_and_there_is_one_for_each_set() {
+    let bench = Bench::new();
+    let study = small_study();
+    let tables = || {
+        let names = snapshot(&bench.path("out/single-pendulum")).into_iter().map(|(path, _)| path);
+        let names = names.filter_map(|path| Some(path.file_name()?.to_str()?.to_owned()));
+        let mut names: Vec<String> =
+            names.filter(|name| name.ends_with(".csv") || name.ends_with(".parquet")).collect();
+        names.sort();
+        names
+    };
+    let read = |name: &str| {
+        let mut table = metafmu::table::Table::open(&bench.path("out/single-pendulum").join(name)).unwrap();
+        let names: Vec<String> = table.columns().iter().map(|column| column.name.clone()).collect();
+        let mut rows = Vec::new();
+        while table.next_row().unwrap() {
+            rows.push((0..names.len()).map(|column| table.number(column).unwrap().to_bits()).collect::<Vec<_>>());
+        }
+        (names, rows)
+    };
+    assert!(bench.run(&["sample", "study.toml"]).status.success());
+    assert_eq!(tables(), ["test.csv", "train.csv"]);
+    let expected = read("train.csv");
+
+    fs::write(bench.path("study.toml"), study.replace("[sampling]", "[sampling]\ntables = \"parquet\"")).unwrap();
+    // they are still those of this study
+    assert!(bench.run(&["train", "study.toml"]).status.success());
+    let output = bench.run(&["sample", "study.toml"]);
+    assert!(stdout(&output).contains("train.parquet\n") && stdout(&output).contains("test.parquet\n"));
+    assert_eq!(tables(), ["history.csv", "test.parquet", "train.parquet"]);
+    assert_eq!(read("train.parquet"), expected);
+    let before = bench.run(&["evaluate", "study.toml", "--json"]);
+    assert!(before.status.success(), "{}", stderr(&before));
+
+    // a user's conversion is neither used nor in the way
+    let path = bench.path("out/single-pendulum/test.csv");
+    fs::write(&path, "run,time\n").unwrap();
+    assert!(bench.run(&["evaluate", "study.toml"]).status.success());
+    fs::remove_file(&path).unwrap();
+    fs::remove_file(bench.path("out/single-pendulum/test.parquet")).unwrap();
+    bench.fails(&["evaluate", "study.toml"], &["samples.json: the table `test` beside it is missing"]);
+
+    fs::write(bench.path("study.toml"), study).unwrap();
+    assert!(bench.run(&["sample", "study.toml"]).status.success());
+    assert_eq!(tables(), ["history.csv", "test.csv", "train.csv"]);
+    assert!(bench.run(&["evaluate", "study.toml"]).status.success());
+    fs::write(bench.path("study.toml"), small_study().replace("[sampling]", "[sampling]\ntables = \"xlsx\"")).unwrap();
+    bench.fails(&["sample", "study.toml"], &["sampling.tables: \"xlsx\", expected \"csv\" or \"parquet\""]);
+}
+
+#[test]
 fn the_stages_one_by_one_give_the_same_files_as_build() {
     let (whole, stages) = (Bench::built(), Bench::new());
     for verb in ["sample", "train", "evaluate", "export"] {
@@ -155,6 +206,46 @@ fn new_writes_the_example_and_overwrites_nothing() {
     assert!(mine.contains("name = \"mine\"") && !mine.contains("\nlicense = "), "{mine}");
     assert!(bench.run(&["new", "its.toml", "--system", "single-pendulum"]).status.success());
     assert!(fs::read_to_string(bench.path("its.toml")).unwrap().contains("name = \"its\""));
+}
+
+#[test]
+fn new_writes_schemas_beside_the_study_and_replaces_none() {
+    let bench = Bench::new();
+    let arguments = |name| ["new", name, "--template", "pendulum", "--schema"];
+    let output = bench.run(&arguments("hoist"));
+    assert!(output.status.success(), "{}", stderr(&output));
+    for (name, kind) in [("hoist.toml", "study"), ("hoist-mechanism.toml", "mechanism")] {
+        let schema = format!("{kind}.schema.json");
+        let text = fs::read_to_string(bench.path(name)).unwrap();
+        assert_eq!(text.lines().next(), Some(format!("#:schema ./{schema}").as_str()));
+        let printed = bench.run(&["schema", kind]);
+        assert_eq!(fs::read_to_string(bench.path(&schema)).unwrap(), stdout(&printed));
+        assert!(stdout(&output).lines().any(|line| line == schema), "{}", stdout(&output));
+    }
+    // identical schemas are kept
+    let output = bench.run(&arguments("other"));
+    assert!(output.status.success() && !stdout(&output).contains("schema.json"), "{}", stderr(&output));
+    let output = bench.run(&["new", "plain", "--system", "single-pendulum"]);
+    assert!(output.status.success() && !fs::read_to_string(bench.path("plain.toml")).unwrap().contains("#:schema"));
+
+    fs::write(bench.path("mechanism.schema.json"), "{}").unwrap();
+    let before = snapshot(bench.folder.path());
+    let says = ["mechanism.schema.json: exists already and is not overwritten"];
+    bench.fails(&arguments("third"), &says);
+    assert_eq!(snapshot(bench.folder.path()), before);
+    // a study alone does not need it
+    assert!(bench.run(&["new", "fourth", "--system", "single-pendulum", "--schema"]).status.success());
+    let text = fs::read_to_string(bench.path("fourth.toml")).unwrap();
+    assert_eq!(
+        text,
+        format!(
+            "#:schema ./study.schema.json\n{}",
+            include_str!("../../examples/single-pendulum.toml")
+                .replace("single-pendulum.toml", "fourth.toml")
+                .replace("new single-pendulum", "new fourth")
+                .replace("name = \"single-pendulum\"", "name = \"fourth\"")
+        )
+    );
 }
 
 #[test]

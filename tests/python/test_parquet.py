@@ -1,7 +1,9 @@
-"""Recorded runs in Parquet, written by pandas and pyarrow, give the tables of the same runs in CSV, and every mistake is named."""
+"""Recorded runs in Parquet give the tables of the same runs in CSV, and every mistake is named; tables of a build are the same in both formats."""
 
 import datetime
 import decimal
+import json
+import shutil
 import subprocess
 
 import numpy as np
@@ -9,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from conftest import METAFMU, metafmu
+from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, abort_at, changed, metafmu
 
 STUDY = """name = "s"
 source = {{ {source} }}
@@ -267,3 +269,119 @@ def test_a_list_of_points_may_be_parquet(tmp_path):
         metafmu("sample", tmp_path / "study.toml", "--out", tmp_path / suffix)
         tables.append((tmp_path / suffix / "train.csv").read_bytes())
     assert tables[0] == tables[1]
+
+
+SETS = ["train", "test", "calibration"]
+
+
+@pytest.fixture(scope="module")
+def builds(tmp_path_factory):
+    """A study and the folder of its build, with tables in each format."""
+    text = changed(
+        "single-pendulum.toml",
+        ('name = "single-pendulum"', 'name = "study"'),
+        ("runs = 1331", "runs = 40"),
+        ("test_runs = 200", "test_runs = 5"),
+        ("\nruns = 1000", "\nruns = 20"),
+        ("step = 0.01", "step = 0.05"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [16, 16]"),
+        ("batch = 1024", "batch = 128"),
+        ("epochs = 150", "epochs = 4"),
+        *ALL_EPOCHS,
+    )
+    folder, found = tmp_path_factory.mktemp("builds"), {}
+    for name in ("csv", "parquet"):
+        study = folder / f"{name}.toml"
+        study.write_text(text.replace("[sampling]", f'[sampling]\ntables = "{name}"') + ANY)
+        printed = metafmu("build", study, "--out", folder / name).stdout
+        assert all(f"{folder / name / table}.{name}  " in printed for table in SETS), printed
+        found[name] = study, folder / name
+    return found
+
+
+def tables_of(folder):
+    return sorted(path.name for path in folder.iterdir() if path.stem in SETS)
+
+
+def test_tables_of_a_build_are_the_same_in_parquet_and_so_is_the_surrogate(builds, tmp_path):
+    (_, of_csv), (study, folder) = builds["csv"], builds["parquet"]
+    assert tables_of(folder) == sorted(f"{name}.parquet" for name in SETS)
+    for name in SETS:
+        expected = pd.read_csv(of_csv / f"{name}.csv")
+        found = pd.read_parquet(folder / f"{name}.parquet")
+        pd.testing.assert_frame_equal(found, expected, check_exact=True)
+        assert list(found.dtypes) == ["int64"] + ["float64"] * (len(found.columns) - 1)
+        assert np.array_equal(found.to_numpy().view("int64"), expected.to_numpy().view("int64")), "also the sign of zero"
+        described = pq.ParquetFile(folder / f"{name}.parquet").schema_arrow
+        assert described.names == list(expected.columns) and not any(field.nullable for field in described)
+    # the format has no part in the digests of the study
+    for name in ("study.safetensors", "study.fmu"):
+        assert (folder / name).read_bytes() == (of_csv / name).read_bytes(), name
+    evaluated = [json.loads(metafmu("evaluate", *of, "--json").stdout)["outputs"] for of in ((study, "--out", folder), (study, "--out", of_csv))]
+    assert evaluated[0] == evaluated[1]
+    predicted = []
+    for out, table in ((of_csv, "test.csv"), (folder, "test.parquet")):
+        metafmu("predict", out / "study.fmu", out / table, "--out", tmp_path / "predicted.csv")
+        predicted.append((tmp_path / "predicted.csv").read_bytes())
+    assert predicted[0] == predicted[1]
+
+
+def test_the_bytes_of_a_table_are_those_of_any_number_of_threads(builds, tmp_path):
+    study, folder = builds["parquet"]
+    for threads in (1, 3):
+        metafmu("sample", study, "--out", tmp_path, "--threads", threads)
+        assert all((tmp_path / name).read_bytes() == (folder / name).read_bytes() for name in tables_of(folder))
+
+
+@pytest.mark.parametrize(
+    "moment",
+    [f"{moment} {name}.parquet" for name in SETS for moment in ("complete", "replaced")]
+    + ["removed samples.json", "removed train.csv", "removed test.csv", "removed calibration.csv", "complete samples.json"],
+)
+def test_a_build_that_is_killed_among_tables_of_another_format_ends_in_the_same_bytes(builds, tmp_path, moment):
+    (other, _), (study, folder) = builds["csv"], builds["parquet"]
+    metafmu("sample", other, "--out", tmp_path)
+    abort_at(moment, "build", study, "--out", tmp_path)
+    assert not (tmp_path / "samples.json").exists(), "no table is trusted"
+    metafmu("build", study, "--out", tmp_path, "--resume")
+    assert {path.name for path in tmp_path.iterdir()} == {path.name for path in folder.iterdir()}
+    for name in (*tables_of(folder), "study.safetensors", "study.fmu"):
+        assert (tmp_path / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_tables_of_another_format_are_kept_by_a_build_that_continues(builds, tmp_path):
+    (study, folder), (other, of_csv) = builds["parquet"], builds["csv"]
+    shutil.copytree(of_csv, tmp_path, dirs_exist_ok=True)
+    metafmu("build", study, "--out", tmp_path, "--resume")
+    assert tables_of(tmp_path) == tables_of(of_csv)
+    metafmu("build", study, "--out", tmp_path)
+    assert tables_of(tmp_path) == tables_of(folder)
+    metafmu("sample", other, "--out", tmp_path)
+    assert tables_of(tmp_path) == tables_of(of_csv)
+
+
+def test_a_damaged_table_of_a_build_is_used_by_no_verb(builds, tmp_path):
+    study, folder = builds["parquet"]
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
+    for number, (verb, table) in enumerate([("train", "train"), ("train", "calibration"), ("evaluate", "test"), ("report", "test"), ("build", "train")]):
+        path = tmp_path / f"{table}.parquet"
+        good = path.read_bytes()
+        wrong = bytearray(good)
+        wrong[(number + 1) * len(good) // 7] ^= 1 << number
+        for damaged in (bytes(wrong), good[: len(good) // 2], b""):
+            path.write_bytes(damaged)
+            resume = ["--resume"] if verb == "build" else []
+            refused = metafmu(verb, study, "--out", tmp_path, *resume, check=False)
+            assert refused.returncode == 2 and f"{path}: was changed or damaged after the sampling" in refused.stderr, refused.stderr
+            assert "panicked" not in refused.stderr and path.read_bytes() == damaged
+        path.write_bytes(good)
+    metafmu("evaluate", study, "--out", tmp_path)
+
+
+def test_a_table_of_more_than_five_million_numbers_is_parquet_unless_the_study_says_csv(tmp_path):
+    text = (ROOT / "examples" / "mechanisms" / "double-pendulum-study.toml").read_text()
+    text = text.replace('"double-pendulum.toml"', f'"{ROOT / "examples" / "mechanisms" / "double-pendulum.toml"}"')
+    study = tmp_path / "study.toml"
+    study.write_text(text.replace("step = 0.01", "step = 0.001").replace("test_runs = 100", "test_runs = 5").replace("runs = 1000", "runs = 100"))
+    metafmu("sample", study, "--out", tmp_path / "out")
+    assert tables_of(tmp_path / "out") == ["test.csv", "train.parquet"]

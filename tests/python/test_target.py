@@ -4,7 +4,7 @@ import subprocess
 
 import pandas as pd
 import pytest
-from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, metafmu
+from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, abort_at, metafmu
 
 RESULTS = ["study.safetensors", "train.csv", "added.csv"]
 # what is printed last before a kill, and what the next build says how often at least
@@ -93,3 +93,16 @@ def test_a_killed_training_goes_on_where_it_was_to_the_same_bytes(study, undistu
     # it may have come further before it ended
     assert resumed.count(says) >= times, resumed
     assert {name: (tmp_path / name).read_bytes() for name in RESULTS} == {name: (undisturbed / name).read_bytes() for name in RESULTS}
+
+
+def test_added_runs_are_parquet_if_the_study_says_so(study, undisturbed, tmp_path):
+    other = tmp_path / "other.toml"
+    other.write_text(study.read_text().replace("[sampling]", '[sampling]\ntables = "parquet"'))
+    folder = tmp_path / "out"
+    for moment in ("complete added.parquet", "replaced added.parquet", "replaced added.sha256 2"):
+        abort_at(moment, "build", other, "--out", folder, "--resume")
+    assert metafmu("build", other, "--out", folder, "--resume", check=False).returncode == 1
+    assert (folder / "study.safetensors").read_bytes() == (undisturbed / "study.safetensors").read_bytes()
+    expected = pd.read_csv(undisturbed / "added.csv")
+    pd.testing.assert_frame_equal(pd.read_parquet(folder / "added.parquet"), expected, check_exact=True)
+    assert not (folder / "added.csv").exists() and not (folder / "rounds").exists()

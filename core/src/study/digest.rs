@@ -211,7 +211,9 @@ fn of_parameter(options: &ParameterOptions) -> Parameter<'_> {
 }
 
 fn of_plan<'a>(study: &'a Study, options: &SamplingOptions) -> DigestedPlan<'a> {
-    let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs, test: _, train_stop } = options;
+    // the format of the tables decides nothing about their numbers
+    let &SamplingOptions { method, levels, runs, states: _, file: _, faces, test_runs, test: _, train_stop, tables: _ } =
+        options;
     DigestedPlan { method, levels, runs, points: study.points(), faces, test_runs, train_stop }
 }
 

@@ -1,7 +1,7 @@
 //! `[sampling]`: where in the parameters' ranges runs are placed.
 
 use super::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, Study, StudyStructure, limits::MAX_RUNS};
-use crate::diagnostics::Problems;
+use crate::{diagnostics::Problems, table::writer::Format};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -44,6 +44,9 @@ pub struct SamplingOptions {
     /// runs are test runs to their end. For tables of one run or few; there are no `test_runs` then.
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub train_stop: Option<f64>,
+    /// Format of the tables of runs in the folder of results; unless given CSV up to 5 million numbers in a table,
+    /// Parquet above.
+    pub tables: Option<Format>,
 }
 
 impl Default for SamplingOptions {
@@ -58,6 +61,7 @@ impl Default for SamplingOptions {
             test_runs: default_test_runs(),
             test: None,
             train_stop: None,
+            tables: None,
         }
     }
 }
@@ -87,7 +91,7 @@ pub enum Method {
 impl SamplingOptions {
     /// Every mistake, by dotted key.
     pub(super) fn problems(&self, structure: StudyStructure) -> Problems {
-        let Self { method, levels, runs, states, file, faces, test_runs, test, train_stop } = self;
+        let Self { method, levels, runs, states, file, faces, test_runs, test, train_stop, tables: _ } = self;
         let mut problems = Problems::default();
         if let Some(stop) = train_stop {
             problems.expect_positive("sampling.train_stop", *stop);
@@ -154,7 +158,8 @@ impl SamplingOptions {
         if study.source.is_recorded() {
             let given = [method.is_some(), levels.is_some(), runs.is_some(), file.is_some(), faces.is_some()];
             if given.contains(&true) || study.parameters.values().any(|parameter| parameter.levels.is_some()) {
-                problems.add("sampling", "recorded runs are where they are: expected `test_runs` or `test` only");
+                problems
+                    .add("sampling", "recorded runs are where they are: expected `test_runs`, `test` or `tables` only");
             }
         } else if study.has_memory() {
             let message = match study.has_states() {

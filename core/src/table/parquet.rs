@@ -325,7 +325,9 @@ impl ColumnType {
 
 /// Calls the crate, which panics at some damaged files (found by flipping bits: a dictionary that was never set, lengths past
 /// the end of a page). That is an error like its others, and nothing to report on its own.
-fn contained<T>(call: impl FnOnce() -> std::result::Result<T, ParquetError>) -> std::result::Result<T, String> {
+pub(crate) fn contained<T>(
+    call: impl FnOnce() -> std::result::Result<T, ParquetError>,
+) -> std::result::Result<T, String> {
     thread_local! { static IS_CONTAINED: Cell<bool> = const { Cell::new(false) } }
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {

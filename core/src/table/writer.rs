@@ -1,7 +1,7 @@
 //! Tables for other tools, written block by block: CSV or Parquet.
 //!
 //! CSV has commas, a header with the names, numbers as the shortest decimals that read back as the same doubles, `NaN`, and
-//! `true` and `false`. Parquet has DOUBLE, BOOLEAN, and for labels INT64 if all of the first blocks are whole numbers, else
+//! `true` and `false`. Parquet has INT64, DOUBLE, BOOLEAN, and for labels INT64 if all of the first blocks are whole numbers, else
 //! BYTE_ARRAY (String), without nulls and compressed with snappy; each call of [`Writer::write`] makes a row group.
 
 use super::header_field;
@@ -17,6 +17,8 @@ use parquet::{
     schema::types::{ColumnPath, Type},
 };
 use rayon::prelude::*;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::{
     io::{self, Write},
     path::Path,
@@ -24,15 +26,27 @@ use std::{
 };
 
 /// Format of a written table.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
 pub enum Format {
     /// Text.
     Csv,
-    /// Columns in binary.
+    /// Columns in binary, compressed.
     Parquet,
 }
 
 impl Format {
+    /// All formats.
+    pub const ALL: [Self; 2] = [Self::Csv, Self::Parquet];
+
+    /// End of a file's name, after the dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Parquet => "parquet",
+        }
+    }
+
     /// Format of a file by the end of its name: `.parquet`, else `.csv` or none.
     ///
     /// # Errors
@@ -51,6 +65,8 @@ impl Format {
 pub enum Values {
     /// Labels.
     Labels(Labels),
+    /// Whole numbers.
+    Integers(Vec<i64>),
     /// Numbers; NaN if they could not be computed.
     Numbers(Vec<f64>),
     /// Truth values.
@@ -90,6 +106,7 @@ impl Values {
     fn len(&self) -> usize {
         match self {
             Self::Labels(labels) => labels.ends.len(),
+            Self::Integers(values) => values.len(),
             Self::Numbers(values) => values.len(),
             Self::Flags(values) => values.len(),
         }
@@ -181,6 +198,7 @@ fn lines(block: &Block) -> Vec<u8> {
             }
             match values {
                 Values::Labels(labels) => text.extend_from_slice(header_field(labels.get(row)).as_bytes()),
+                Values::Integers(values) => text.extend_from_slice(values[row].to_string().as_bytes()),
                 Values::Numbers(values) => text.extend_from_slice(digits.format(values[row]).as_bytes()),
                 Values::Flags(values) => text.extend_from_slice(if values[row] { b"true" } else { b"false" }),
             }
@@ -211,6 +229,10 @@ fn parquet(names: &[String], first: &[Block]) -> Result<SerializedFileWriter<Vec
                         .with_converted_type(ConvertedType::UTF8)
                 }
             }
+            Some(Values::Integers(_)) => {
+                properties = properties.set_column_dictionary_enabled(ColumnPath::from(vec![name.clone()]), true);
+                field(Physical::INT64)
+            }
             Some(Values::Flags(_)) => field(Physical::BOOLEAN),
             Some(Values::Numbers(_)) | None => field(Physical::DOUBLE),
         };
@@ -232,6 +254,9 @@ fn write_group(writer: &mut SerializedFileWriter<Vec<u8>>, blocks: &[Block]) -> 
         for block in blocks {
             match (&block[index], column.untyped()) {
                 (Values::Numbers(values), ColumnWriter::DoubleColumnWriter(writer)) => {
+                    writer.write_batch(values, None, None)?
+                }
+                (Values::Integers(values), ColumnWriter::Int64ColumnWriter(writer)) => {
                     writer.write_batch(values, None, None)?
                 }
                 (Values::Flags(values), ColumnWriter::BoolColumnWriter(writer)) => {

@@ -6,7 +6,7 @@ use metafmu::{
     dynamics::{self, Checked, QuantityRange, Region},
     multibody::{FreeCoordinate, Mechanism},
     pipeline::trial,
-    study::{Study, is_angle},
+    study::is_angle,
     systems::System,
 };
 use std::{
@@ -61,7 +61,7 @@ fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &s
         study(target.name, mechanism, (ranges, &checked), (stop, share * stop), [option, source])
     };
     if ranges.coordinates.iter().zip(&checked.is_periodic).any(|(one, periodic)| goes_around(one) && !periodic) {
-        let reached = Study::parse(&text(&ranges, 1.0), &target.file()).ok();
+        let reached = target.parse(&text(&ranges, 1.0)).ok();
         let reached = reached.and_then(|study| trial::reached(&study, mechanism)).unwrap_or_default();
         ranges.widen(&checked.is_periodic, &reached);
     }
@@ -69,7 +69,7 @@ fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &s
     let mut proposal = None;
     for share in SHORTER {
         let text = study(share);
-        let trial = Study::parse(&text, &target.file()).and_then(|study| trial::attempt(&study, control()?));
+        let trial = target.parse(&text).and_then(|study| trial::attempt(&study, control()?));
         let is_good = trial.as_ref().map_or(true, |trial| trial.failures.is_empty());
         let found = Proposal { text, trial: Some(trial) };
         if is_good {

@@ -11,7 +11,6 @@ use crate::{
 use metafmu::{
     Result,
     source::StaticRows,
-    study::Study,
     table::{Table, has_commas, is_text, stamps},
 };
 use std::{fmt::Write, path::Path};
@@ -133,7 +132,7 @@ pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result
         ));
     }
     let text = text(target, file, rows, &roles);
-    let study = Study::parse(&text, &target.file())?;
+    let study = target.parse(&text)?;
     // other cells are problems of the table: a study would not help
     let read = StaticRows::new(&study)?.read(&study, control()?.stop)?;
     read.notes.iter().for_each(say);

@@ -138,7 +138,7 @@ fn case(evaluated: &Evaluated, run: usize) -> String {
 
 /// Place of an unseen row.
 fn row_of(evaluated: &Evaluated, row: usize) -> String {
-    let table = if evaluated.accuracy.rows == Some(TestRows::OfRuns) { "test.csv" } else { "unseen.csv" };
+    let table = if evaluated.accuracy.rows == Some(TestRows::OfRuns) { "the test table" } else { "unseen.csv" };
     format!("row {} of {table}", row + 1)
 }
 
