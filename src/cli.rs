@@ -205,7 +205,7 @@ Visual Studio Code with Even Better TOML. `metafmu new NAME --schema` writes bot
     /// Check an FMU and list every problem
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
-Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a process of its own: an FMU that \
+Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a separate process: an FMU that \
 crashes, exits or hangs is reported as a problem. What it prints goes to stderr. Exit code 1 if there are problems.")]
     Validate(ValidateArgs),
     /// Run an FMU and write its outputs as CSV

@@ -103,7 +103,7 @@ def asked():
             angles = np.column_stack([result["theta1"], result["theta1"] + result["theta2"]])[: len(times)]
             print(f"| {what} | {diverged(times, angles, exact)} |", flush=True)
     for off in (1e-6, 1e-9, 1e-12):
-        print(f"| the truth from a start that is off by {off:.0e} | {diverged(times, truth(start + off), exact)} |")
+        print(f"| the truth with an initial state perturbed by {off:.0e} | {diverged(times, truth(start + off), exact)} |")
     print(f"| the truth with a tolerance of 1e-12 instead of 1e-13 | {diverged(times, truth(start, 1e-12), exact)} |")
 
 

@@ -181,7 +181,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     models = [*MECHANISMS, *NETWORKS, "friction-pendulum", "bouc-wen", "single-pendulum-quick", "single-pendulum-fixed", *REGRESSIONS, "graph"]
     parser.add_argument("models", nargs="*", default=models, metavar="MODEL", help="all unless given")
-    parser.add_argument("--runs", type=int, default=5, metavar="N", help="of the test runs so many; 5 unless given")
+    parser.add_argument("--runs", type=int, default=5, metavar="N", help="number of test runs to compare; 5 unless given")
     parser.add_argument("--built", type=Path, metavar="FOLDER", help="where studies are, or are built and stay")
     options = parser.parse_args()
     # fmpy's and pythonfmu3's commands are beside this Python

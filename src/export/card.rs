@@ -65,7 +65,7 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
             },
             match verdict {
                 Some(Verdict { accepted: true, .. }) => {
-                    format!(", and it may be trusted inside the ranges below only{}", unchanged(surrogate))
+                    format!(", and it is valid only within the ranges below{}", unchanged(surrogate))
                 }
                 _ => String::new(),
             }
@@ -222,11 +222,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         });
         let of_output = of_output.collect::<Vec<_>>().join(", ");
         let when = times.last().map_or(String::new(), |last| {
-            format!(
-                " {} s and {} s after the start, and what they are between in the course of time",
-                number(0.5 * last),
-                number(*last)
-            )
+            format!(" {} s and {} s after the start, and grow over time", number(0.5 * last), number(*last))
         });
         let share = number(100.0 * coverage);
         let expected = match rows {
@@ -272,10 +268,10 @@ fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
     let Some(RollOuts { horizons, .. }) = roll_outs else { return };
     line(
         page,
-        "<p>In each test run the states were set once, at the start, and driven by the inputs of the run. Root mean square error up to a \
-         time, relative to the spread of the run's outputs, of the worst output; beside it, what a start that is off by 10⁻⁹ changes in the \
-         model, the motion's own sensitivity.</p>\n<table><tr><th>After</th><th>Median of the \
-         runs</th><th>90 % of the runs</th><th>Start off by 10⁻⁹: median</th><th>90 %</th></tr>",
+        "<p>Each test run set the states once, at the start, and was driven by its inputs. The table has the root mean square error up to a \
+         time, relative to the spread of the run's outputs, of the worst output. Beside it stands the motion's own sensitivity: the effect of \
+         an initial state perturbed by 10⁻⁹.</p>\n<table><tr><th>After</th><th>Median of the \
+         runs</th><th>90 % of the runs</th><th>Perturbed by 10⁻⁹: median</th><th>90 %</th></tr>",
     );
     for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. } in horizons {
         let numbers = [median, q90, changed, changed_q90]
@@ -583,7 +579,7 @@ mod tests {
             assert!(page.contains(piece), "{piece} is not in {page}");
         }
         assert!(!page.contains("http") && !page.contains("src="), "{page}");
-        let trusted = "may be trusted inside the ranges";
+        let trusted = "is valid only within the ranges";
         assert!(
             page.contains(trusted)
                 && !page.contains("Rejected")

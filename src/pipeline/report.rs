@@ -74,7 +74,7 @@ fn of_rows(
     plots: Option<&Path>,
 ) -> Result<WrittenReport> {
     if beside.is_some() {
-        let message = "static maps are measured on rows of their own: the report shows one study, without --beside";
+        let message = "each static map is measured on other rows: the report shows one study, without --beside";
         return Err(project.study.refusal("structure", message));
     }
     let unseen = unseen::load(project, training)?;

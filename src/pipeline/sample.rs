@@ -108,7 +108,7 @@ fn enough(sets: &Sets<Dataset>, failed: &[FailedRun]) -> Result<()> {
         return Ok(());
     }
     let reason = failed.first().map_or("", |failure| &failure.reason);
-    let message = format!("{} training and {} test runs did not fail, {expected}: {reason}", found.0, found.1);
+    let message = format!("only {} training and {} test runs succeeded, {expected}: {reason}", found.0, found.1);
     Err(Error::Worker { message })
 }
 

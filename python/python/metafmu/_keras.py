@@ -96,7 +96,7 @@ def _model(model, rows):
     _inputs(model)
     functional = getattr(model, "_functional", None) or model
     if not hasattr(functional, "_run_through_graph"):
-        raise Error(f"{type(model).__name__} is a model of its own kind, expected a Sequential or functional one")
+        raise Error(f"{type(model).__name__} is a subclassed model, expected a Sequential or functional one")
     return functional._run_through_graph(rows if len(rows) > 1 else rows[0], lambda operation: lambda *args, **kw: _apply(operation, args, kw))
 
 

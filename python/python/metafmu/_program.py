@@ -32,4 +32,4 @@ def program():
 
     if found := shutil.which("metafmu"):
         return os.path.abspath(found)
-    raise FileNotFoundError("the command `metafmu`, which runs FMUs in processes of its own, is not installed beside this package")
+    raise FileNotFoundError("the command `metafmu`, which runs FMUs in separate processes, is not installed beside this package")

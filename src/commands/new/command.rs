@@ -111,7 +111,7 @@ seed = 1                    # everything random follows from it
 command = [{}]    # started in the folder of this file
 # files = []                # further files that the program reads: runs of other content are not resumed
 # time_limit = 60           # s; a run that takes longer, crashes or fails
-# retries = 1               # a run that failed is retried so many times, then left out and reported
+# retries = 1               # how often a failed run is repeated, before it is left out and reported
 # max_failed = 0.1          # share of the runs that may fail
 # constants = {{ NAME = VALUE }}    # values of parameters that do not vary; the program's else
 
@@ -146,7 +146,7 @@ step = {step:?}                 # s
         text += &match structure {
             RESPONSE => sampling() + &rest(RUNS, stop / step),
             "dynamics" => format!(
-                "[sampling]\nstates = {STATES}               # at which the program is asked for its equations\ntest_runs = 20              # random \
+                "[sampling]\nstates = {STATES}               # at which the program evaluates its equations\ntest_runs = 20              # random \
                  starts, parameters and inputs\n\n{}",
                 rest(STATES, 1.0)
             ),

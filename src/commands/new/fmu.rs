@@ -62,7 +62,7 @@ seed = 1                    # everything random follows from it
 [source]
 fmu = {}    # relative to this file
 {communication}{integration}# time_limit = 60           # s; a run that takes longer, crashes or fails
-# retries = 1               # a run that failed is retried so many times, then left out and reported
+# retries = 1               # how often a failed run is repeated, before it is left out and reported
 # max_failed = 0.1          # share of the runs that may fail
 # constants = {{ NAME = VALUE }}    # values of other variables than those that vary; their start values else
 
@@ -156,7 +156,7 @@ step = {step:?}                 # s
     text += &(signals(&description, inputs, stop, false) + &with_a_range(&description, is_start));
     let _ = write!(
         text,
-        "\n[outputs]\n{}\n[sampling]\nstates = {STATES}               # at which the FMU is asked for its equations\ntest_runs = 20              # random \
+        "\n[outputs]\n{}\n[sampling]\nstates = {STATES}               # at which the FMU evaluates its equations\ntest_runs = 20              # random \
          starts, parameters and inputs\n\n{}",
         outputs(&description),
         rest(STATES, 1.0),
@@ -194,7 +194,7 @@ structure = \"discrete\"      # discrete-time, driven by the inputs
 [source]
 fmu = {}    # relative to this file; runs by {interface}
 {communication}# time_limit = 60           # s; a run that takes longer, crashes or fails
-# retries = 1               # a run that failed is retried so many times, then left out and reported
+# retries = 1               # how often a failed run is repeated, before it is left out and reported
 # max_failed = 0.1          # share of the runs that may fail
 # constants = {{ NAME = VALUE }}    # values of other variables than those that vary; their start values else
 

@@ -151,8 +151,8 @@ fn roll_outs(
         )
     });
     let text = format!(
-        "The errors are those of roll-outs: the surrogate starts once and is driven by the inputs of the run. What a start that is off \
-         by 10⁻⁹ changes is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {runs} runs are finite after ten times their \
+        "The errors are those of roll-outs: the surrogate starts once and is driven by the inputs of the run. The effect of \
+         an initial state perturbed by 10⁻⁹ is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {runs} runs are finite after ten times their \
          length.{chaos}"
     );
     [table(&headings, rows), paragraph(&text)]

@@ -29,14 +29,14 @@ pub fn section(material: &Material) -> Option<Section> {
     };
     let text = match material.evaluated.surrogate.program().graph.instants() {
         None => format!(
-            "Loss of the standardised outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out {}, \
+            "Loss of the standardized outputs, epoch by epoch. The network is that of epoch {}, the best on the held-out {}, \
              of {}.",
             best.epoch,
             if material.evaluated.is_of_rows() { "rows" } else { "runs" },
             history.len()
         ),
-        Some(_) => "Loss of the standardised outputs, epoch by epoch, mean over the networks. Each network is that of \
-                    its own best epoch on the held-out runs."
+        Some(_) => "Loss of the standardized outputs, epoch by epoch, mean over the networks. Each network is that \
+                    of the best epoch on the held-out runs."
             .into(),
     };
     let figures = vec![

@@ -244,7 +244,7 @@ fn row(
         }
         Step::Dictionary { of, .. } => row("STEP_DICTIONARY", *of),
         Step::Call { .. } | Step::Interpolate { .. } | Step::Motion { .. } => {
-            unreachable!("graphs that are called are laid out step by step, others have sources of their own")
+            unreachable!("graphs that are called are laid out step by step, others have separate sources")
         }
     }
 }

@@ -59,9 +59,9 @@ impl OtherStep {
     /// If the step is one of those that are compiled for each instruction set.
     pub(super) fn new<const WIDTH: usize>(step: &Step) -> Self {
         match step {
-            Step::Affine { .. } => unreachable!("a product of its own for each instruction set"),
+            Step::Affine { .. } => unreachable!("products are prepared separately"),
             Step::Call { .. } | Step::Interpolate { .. } | Step::Dictionary { .. } | Step::Motion { .. } => {
-                unreachable!("steps with working memory of their own")
+                unreachable!("steps with separate working memory")
             }
             Step::Elementwise { of, function, parameters } => {
                 Self::Elementwise { of: *of, function: *function, parameters: parameters.clone() }
