@@ -2,7 +2,7 @@
 # Makes what is given away, into dist/, and tries it: archives of the command, wheels, crates, a bill of materials, checksums.
 # Usage: scripts/release.sh [--allow-dirty] [--only TUPLE]... [PART]...
 #   libraries   the FMU's library for each platform, by scripts/build-runtimes.sh
-#   archives    the command with licences, completions and man pages, for each platform
+#   archives    the command with licenses, completions and man pages, for each platform
 #   wheels      the Python package, for each platform
 #   crates      the Rust packages; that of the libraries holds them for each platform
 #   sbom        the bill of materials
@@ -103,7 +103,7 @@ archives() {
   done
   own=$(program x86_64-linux)
   [ -e "$own" ] || fail "completions and man pages come from the command for x86_64-linux: scripts/release.sh --only x86_64-linux archives"
-  python3 scripts/sbom.py --licences "$work/THIRD-PARTY.txt" >/dev/null
+  python3 scripts/sbom.py --licenses "$work/THIRD-PARTY.txt" >/dev/null
   for tuple in "${only[@]}"; do
     stage=$work/stage/metafmu-$number-$tuple
     rm -rf "$stage"
@@ -158,10 +158,10 @@ maturin() {
 wheels() {
   local tuple options
   have_libraries
-  rm -rf python/licences
-  mkdir python/licences
-  cp LICENSE-APACHE LICENSE-MIT python/licences
-  python3 scripts/sbom.py --licences python/licences/THIRD-PARTY.txt >/dev/null
+  rm -rf python/licenses
+  mkdir python/licenses
+  cp LICENSE-APACHE LICENSE-MIT python/licenses
+  python3 scripts/sbom.py --licenses python/licenses/THIRD-PARTY.txt >/dev/null
   for tuple in "${only[@]}"; do
     options=(build --release --locked --manifest-path python/Cargo.toml --target-dir "$work/cargo" --out "$dist" --target "${TARGETS[$tuple]}")
     # 2014 is that of glibc 2.17
@@ -183,7 +183,7 @@ crates() {
 }
 
 sbom() {
-  python3 scripts/sbom.py --licences "$work/THIRD-PARTY.txt" >"$dist/metafmu-$number.cdx.json"
+  python3 scripts/sbom.py --licenses "$work/THIRD-PARTY.txt" >"$dist/metafmu-$number.cdx.json"
 }
 
 checksums() {

@@ -3,8 +3,8 @@
 That is what `cargo metadata` has for the command and the Python extension, on the platforms of releases, without what only builds and
 tests need. The checksums are those of Cargo.lock.
 
-Usage: python3 scripts/sbom.py [--licences FILE] > metafmu.cdx.json
-  --licences FILE   also writes the licence texts of those packages, which must go with the programs
+Usage: python3 scripts/sbom.py [--licenses FILE] > metafmu.cdx.json
+  --licenses FILE   also writes the license texts of those packages, which must go with the programs
 """
 
 import argparse
@@ -100,8 +100,8 @@ def bill(packages, edges):
     }
 
 
-def licences(packages):
-    """The licence files of all packages of others, each text once with the packages that have it."""
+def licenses(packages):
+    """The license files of all packages of others, each text once with the packages that have it."""
     texts = {}
     for package in sorted(packages.values(), key=lambda package: (package["name"], package["version"])):
         if package["source"] is None:
@@ -112,18 +112,18 @@ def licences(packages):
         for file in [path for path in files if path.is_file()]:
             texts.setdefault(file.read_text(errors="replace").strip(), []).append(name)
         if not files:
-            texts.setdefault("No licence file: the terms are those that the package names.", []).append(name)
+            texts.setdefault("No license file: the terms are those that the package names.", []).append(name)
     rule = "\n\n" + "=" * 100 + "\n\n"
     return rule.join("\n".join(names) + "\n\n" + text for text, names in texts.items()) + "\n"
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--licences", type=Path)
+    parser.add_argument("--licenses", type=Path)
     arguments = parser.parse_args()
     packages, edges = linked()
-    if arguments.licences:
-        arguments.licences.write_text(licences(packages))
+    if arguments.licenses:
+        arguments.licenses.write_text(licenses(packages))
     print(json.dumps(bill(packages, edges), indent=2, ensure_ascii=False))
 
 

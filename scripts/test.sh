@@ -38,7 +38,7 @@ else
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
 fi
 
-# the unit tests of the two largest crates are optimised less, to compile sooner; what they link, and what all other tests run, is as released:
+# the unit tests of the two largest crates are optimized less, to compile sooner; what they link, and what all other tests run, is as released:
 # nothing of the first line depends on the core
 unit_tests() {
   local quick=profile.release.package

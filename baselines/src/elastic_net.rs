@@ -29,7 +29,7 @@ mod tests {
     use crate::testing::{formula_weights, wavy_rows};
 
     #[test]
-    fn no_small_change_of_a_weight_makes_the_penalised_error_smaller() {
+    fn no_small_change_of_a_weight_makes_the_penalized_error_smaller() {
         let rows = wavy_rows(400);
         for model in [ElasticNet { alpha: 0.05, l1_ratio: 0.5 }, ElasticNet { alpha: 0.2, l1_ratio: 1.0 }] {
             let fitted = model.fit(&rows, 1).unwrap();

@@ -1,4 +1,4 @@
-//! k nearest neighbours.
+//! k nearest neighbors.
 
 use crate::{Baseline, Fitted, LibraryModel, StandardizedRows};
 use metafmu_core::study::baselines::Knn;
@@ -13,14 +13,14 @@ impl Baseline for Knn {
     }
 
     fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
-        let (inputs, outputs, neighbours) = (rows.inputs, rows.outputs, self.neighbours);
+        let (inputs, outputs, neighbors) = (rows.inputs, rows.outputs, self.neighbors);
         let points = rows.x.chunks(inputs).map(<[f64]>::to_vec).collect();
         // smartcore's regressor would search once for each output
         let tree = CoverTree::new(points, Distances::euclidian()).map_err(|error| error.to_string())?;
         let memory_bytes = (size_of_val(rows.x.as_slice()) + size_of_val(rows.y.as_slice())) as u64;
         let y = rows.y.clone();
         let predict = move |x: &[f64]| {
-            let at = |point: &[f64]| mean(&tree, point, neighbours, &y, outputs);
+            let at = |point: &[f64]| mean(&tree, point, neighbors, &y, outputs);
             x.chunks(inputs).map(at).collect::<Result<Vec<Vec<f64>>, String>>().map(|rows| rows.concat())
         };
         Ok(Fitted::Library(LibraryModel {
@@ -35,11 +35,11 @@ impl Baseline for Knn {
 fn mean(
     tree: &CoverTree<Vec<f64>, Euclidian<f64>>,
     point: &[f64],
-    neighbours: usize,
+    neighbors: usize,
     y: &[f64],
     outputs: usize,
 ) -> Result<Vec<f64>, String> {
-    let nearest = tree.find(&point.to_vec(), neighbours).map_err(|error| error.to_string())?;
+    let nearest = tree.find(&point.to_vec(), neighbors).map_err(|error| error.to_string())?;
     let at_the_point = nearest.iter().any(|(_, distance, _)| *distance == 0.0);
     let (mut sum, mut weights) = (vec![0.0; outputs], 0.0);
     for (row, distance, _) in nearest {

@@ -34,7 +34,7 @@ pub trait Baseline {
         None
     }
 
-    /// Fits the model to standardised rows; the same rows and seed give the same model.
+    /// Fits the model to standardized rows; the same rows and seed give the same model.
     ///
     /// # Errors
     /// The reason why the model cannot be fitted.
@@ -81,7 +81,7 @@ pub type Predict = dyn Fn(&[f64]) -> Result<Vec<f64>, String>;
 
 /// A fitted model inside a library.
 pub struct LibraryModel {
-    /// From standardised rows, shape `[rows, inputs]`, to standardised outputs, shape `[rows, outputs]`.
+    /// From standardized rows, shape `[rows, inputs]`, to standardized outputs, shape `[rows, outputs]`.
     pub predict: Box<Predict>,
     /// Memory of the model's numbers.
     pub memory_bytes: u64,

@@ -91,7 +91,7 @@ pub fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String
     all.ok_or_else(|| format!("more than {most} terms of degree {degree} in {inputs} inputs: lower `degree`"))
 }
 
-/// Middle and half width of the range of each standardised input.
+/// Middle and half width of the range of each standardized input.
 fn ranges(rows: &StandardizedRows) -> (Vec<f64>, Vec<f64>) {
     let range = |column: usize| {
         let values = rows.x.iter().skip(column).step_by(rows.inputs);

@@ -9,7 +9,7 @@ use metafmu_core::{
 };
 use std::borrow::Cow;
 
-/// All rows of the runs, parameters encoded as for the network, standardised.
+/// All rows of the runs, parameters encoded as for the network, standardized.
 pub fn rows(dataset: &Dataset, layout: &RowLayout, runs: &[&Run]) -> StandardizedRows {
     let scaling = scaling::fit(dataset, layout, runs.iter().copied());
     let (mut x, mut y) = (Vec::new(), Vec::new());
@@ -40,7 +40,7 @@ mod tests {
     use metafmu_runtime::{Encoder, Encoding};
 
     #[test]
-    fn rows_are_standardised_and_fewer_are_the_first_of_more() {
+    fn rows_are_standardized_and_fewer_are_the_first_of_more() {
         let variable = |name: &str| SourceVariable::new(name, "", "");
         let run = |p: f64| Run {
             inputs: Vec::new(),

@@ -2,7 +2,7 @@
 
 use metafmu_runtime::Scaling;
 
-/// Standardised rows in double precision.
+/// Standardized rows in double precision.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StandardizedRows {
     /// Number of input columns: parameters, then time.
@@ -18,7 +18,7 @@ pub struct StandardizedRows {
 }
 
 impl StandardizedRows {
-    /// Standardises rows: `x` of shape `[rows, inputs]` and `y` of shape `[rows, outputs]` in the study's units.
+    /// Standardizes rows: `x` of shape `[rows, inputs]` and `y` of shape `[rows, outputs]` in the study's units.
     pub fn new(mut x: Vec<f64>, mut y: Vec<f64>, scaling: Scaling) -> Self {
         let Scaling { input_mean, input_scale, output_mean, output_scale } = &scaling;
         for (values, means, scales) in [(&mut x, input_mean, input_scale), (&mut y, output_mean, output_scale)] {

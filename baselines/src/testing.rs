@@ -35,7 +35,7 @@ fn moments(values: &[f64], width: usize) -> (Vec<f64>, Vec<f64>) {
     (0..width).map(of).unzip()
 }
 
-/// Intercept and weights of an output by `(X^T X / rows + alpha I) w = X^T y / rows`, the intercept not penalised.
+/// Intercept and weights of an output by `(X^T X / rows + alpha I) w = X^T y / rows`, the intercept not penalized.
 pub fn least_squares(rows: &StandardizedRows, output: usize, alpha: f64) -> Vec<f64> {
     let count = rows.len() as f64;
     let x = DMatrix::from_fn(rows.len(), rows.inputs + 1, |row, column| match column {
@@ -48,7 +48,7 @@ pub fn least_squares(rows: &StandardizedRows, output: usize, alpha: f64) -> Vec<
     matrix.lu().solve(&right).unwrap().as_slice().to_vec()
 }
 
-/// Standardised outputs of a formula at a row.
+/// Standardized outputs of a formula at a row.
 pub fn formula_at(fitted: &Fitted, rows: &StandardizedRows, row: usize) -> Vec<f64> {
     let Fitted::Formula(graph) = fitted else { panic!("no formula") };
     graph.check(rows.inputs, rows.outputs).unwrap();
@@ -60,7 +60,7 @@ pub fn formula_at(fitted: &Fitted, rows: &StandardizedRows, row: usize) -> Vec<f
     y.iter().enumerate().map(|(o, y)| (y - scaling.output_mean[o]) / scaling.output_scale[o]).collect()
 }
 
-/// Intercept and weights of a linear formula, of standardised rows.
+/// Intercept and weights of a linear formula, of standardized rows.
 pub fn formula_weights(fitted: &Fitted, rows: &StandardizedRows, output: usize) -> Vec<f64> {
     let Fitted::Formula(graph) = fitted else { panic!("no formula") };
     let Some(Step::Affine { weight, bias, .. }) = graph.steps.last() else { panic!("not linear") };

@@ -143,9 +143,9 @@ impl FitTask {
             }
             Fitted::Library(model) => {
                 let columns = scaling.input_mean.iter().zip(&scaling.input_scale).cycle();
-                let standardised: Vec<f64> =
+                let standardized: Vec<f64> =
                     self.test.iter().zip(columns).map(|(x, (mean, scale))| (x - mean) / scale).collect();
-                let predictions = (model.predict)(&standardised)?;
+                let predictions = (model.predict)(&standardized)?;
                 let columns = scaling.output_mean.iter().zip(&scaling.output_scale).cycle();
                 Ok(predictions.iter().zip(columns).map(|(z, (mean, scale))| mean + scale * z).collect())
             }

@@ -85,10 +85,10 @@ fn choose(runs: &[Vec<f64>], errors: &[f64], candidates: &[Vec<f64>], count: usi
     let estimate = |candidate: &Vec<f64>| {
         let mut near: Vec<(f64, f64)> =
             runs.iter().zip(errors).map(|(run, &error)| (squared_distance(run, candidate), error)).collect();
-        let neighbours = (candidate.len() + 1).min(near.len());
-        if neighbours < near.len() {
-            near.select_nth_unstable_by(neighbours, |a, b| a.0.total_cmp(&b.0));
-            near.truncate(neighbours);
+        let neighbors = (candidate.len() + 1).min(near.len());
+        if neighbors < near.len() {
+            near.select_nth_unstable_by(neighbors, |a, b| a.0.total_cmp(&b.0));
+            near.truncate(neighbors);
             // the order that selection leaves is not that of the runs, and sums depend on it
             near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
         }

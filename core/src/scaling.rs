@@ -1,4 +1,4 @@
-//! Standardisation: columns of mean 0 and standard deviation 1, which is what a network learns best from.
+//! Standardization: columns of mean 0 and standard deviation 1, which is what a network learns best from.
 
 use crate::{
     dataset::{Dataset, Run},
@@ -73,19 +73,19 @@ pub fn of_columns(rows: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
     moments.finish()
 }
 
-/// Standardised rows, in single precision, one after the other.
-pub fn standardise_rows(rows: &[Vec<f64>], means: &[f64], scales: &[f64]) -> Vec<f32> {
-    let standardised = |row: &Vec<f64>| standardise_row(row, means, scales).collect::<Vec<_>>();
-    rows.iter().flat_map(standardised).collect()
+/// Standardized rows, in single precision, one after the other.
+pub fn standardize_rows(rows: &[Vec<f64>], means: &[f64], scales: &[f64]) -> Vec<f32> {
+    let standardized = |row: &Vec<f64>| standardize_row(row, means, scales).collect::<Vec<_>>();
+    rows.iter().flat_map(standardized).collect()
 }
 
-fn standardise_row(row: &[f64], means: &[f64], scales: &[f64]) -> impl Iterator<Item = f32> {
+fn standardize_row(row: &[f64], means: &[f64], scales: &[f64]) -> impl Iterator<Item = f32> {
     row.iter().zip(means).zip(scales).map(|((value, mean), scale)| ((value - mean) / scale) as f32)
 }
 
-/// Standardised rows of the runs, in single precision: inputs of shape `[rows, input columns]`, outputs of shape
+/// Standardized rows of the runs, in single precision: inputs of shape `[rows, input columns]`, outputs of shape
 /// `[rows, outputs]`.
-pub fn standardise<'a>(
+pub fn standardize<'a>(
     runs: impl Iterator<Item = &'a Run>,
     layout: &RowLayout,
     scaling: &Scaling,
@@ -93,8 +93,8 @@ pub fn standardise<'a>(
     let (mut inputs, mut outputs) = (Vec::new(), Vec::new());
     for run in runs {
         layout.for_each(run, |columns, row| {
-            inputs.extend(standardise_row(columns, &scaling.input_mean, &scaling.input_scale));
-            outputs.extend(standardise_row(row, &scaling.output_mean, &scaling.output_scale));
+            inputs.extend(standardize_row(columns, &scaling.input_mean, &scaling.input_scale));
+            outputs.extend(standardize_row(row, &scaling.output_mean, &scaling.output_scale));
         });
     }
     (inputs, outputs)
@@ -145,7 +145,7 @@ mod tests {
     use std::sync::Arc;
 
     #[test]
-    fn standardised_columns_have_mean_zero_and_deviation_one() {
+    fn standardized_columns_have_mean_zero_and_deviation_one() {
         let variable = |name: &str| SourceVariable::new(name, "", "");
         let run = |p: f64| Run {
             inputs: Vec::new(),
@@ -160,7 +160,7 @@ mod tests {
         let layout = RowLayout::new(encoder.clone());
         let scaling = fit(&dataset, &layout, dataset.runs.iter());
         assert_eq!(scaling.output_scale[1], 1.0);
-        let (inputs, outputs) = standardise(dataset.runs.iter(), &layout, &scaling);
+        let (inputs, outputs) = standardize(dataset.runs.iter(), &layout, &scaling);
         for (column, width, values) in [(0, 2, &inputs), (1, 2, &inputs), (0, 2, &outputs)] {
             let column: Vec<f64> = values.iter().skip(column).step_by(width).map(|&value| value.into()).collect();
             let mean = column.iter().sum::<f64>() / 8.0;
@@ -173,13 +173,13 @@ mod tests {
         assert_eq!((&scaling.output_mean[..], &scaling.output_scale[..]), (&[1e6 + 1.5, 3.0][..], &[0.5, 1.0][..]));
         let scaling = fit(&dataset, &RowLayout::at(encoder.clone(), 2), dataset.runs.iter());
         assert_eq!(scaling.output_scale, [1.0, 1.0], "every run has the same outputs there");
-        let (inputs, outputs) = standardise(dataset.runs.iter(), &RowLayout::at(encoder.clone(), 2), &scaling);
+        let (inputs, outputs) = standardize(dataset.runs.iter(), &RowLayout::at(encoder.clone(), 2), &scaling);
         assert_eq!((inputs, outputs), (vec![-1.0, 1.0], vec![0.0; 4]));
         // one-hot: half of the rows have the one value, half the other, none the third
         let encoder = Encoder::new([(&Encoding::Nominal(vec![2.0, 3.0, 1.0]), 1.0, 3.0)].into_iter());
         let scaling = fit(&dataset, &RowLayout::at(encoder.clone(), 0), dataset.runs.iter());
         assert_eq!((&scaling.input_mean[..], &scaling.input_scale[..]), (&[0.5, 0.0, 0.5][..], &[0.5, 1.0, 0.5][..]));
-        let (inputs, _) = standardise(dataset.runs.iter(), &RowLayout::at(encoder.clone(), 0), &scaling);
+        let (inputs, _) = standardize(dataset.runs.iter(), &RowLayout::at(encoder.clone(), 0), &scaling);
         assert_eq!(inputs, [-1.0, 0.0, 1.0, 1.0, 0.0, -1.0]);
     }
 

@@ -21,7 +21,7 @@ static INLINED void fill(Real *values, size_t count, Real value)
     }
 }
 
-static INLINED void standardise(const Network *network, const Real columns[MAP_COLUMNS], Real z[WIDTH])
+static INLINED void standardize(const Network *network, const Real columns[MAP_COLUMNS], Real z[WIDTH])
 {
     fill(z, WIDTH, R(0.0));
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
@@ -29,7 +29,7 @@ static INLINED void standardise(const Network *network, const Real columns[MAP_C
     }
 }
 
-static INLINED void standardise_rates(const Network *network, const Real rates[MAP_COLUMNS], Real z[WIDTH])
+static INLINED void standardize_rates(const Network *network, const Real rates[MAP_COLUMNS], Real z[WIDTH])
 {
     fill(z, WIDTH, R(0.0));
     for (size_t i = 0; i < MAP_COLUMNS; i++) {
@@ -151,7 +151,7 @@ CLONED void map_evaluate(MapScratch *scratch, size_t map, const Real columns[MAP
     const Network *network = &model_networks[map];
     Real *current = scratch->value[0];
     Real *next = scratch->value[1];
-    standardise(network, columns, current);
+    standardize(network, columns, current);
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];
         affine(layer, current, next);
@@ -178,10 +178,10 @@ CLONED void map_along_curve(MapScratch *scratch, size_t map, const Real columns[
     const Network *network = &model_networks[map];
     const bool twice = second_derivative != NULL;
     size_t current = 0;
-    standardise(network, columns, scratch->value[0]);
-    standardise_rates(network, rates, scratch->first[0]);
+    standardize(network, columns, scratch->value[0]);
+    standardize_rates(network, rates, scratch->first[0]);
     if (twice) {
-        standardise_rates(network, second_rates, scratch->second[0]);
+        standardize_rates(network, second_rates, scratch->second[0]);
     }
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];
@@ -239,7 +239,7 @@ CLONED void map_adjoint(MapScratch *scratch, size_t map, const Real columns[MAP_
     Real scaled[OUTPUT_COUNT];
     Real *slopes = scratch->slopes;
     size_t at = 0;
-    standardise(network, columns, scratch->value[0]);
+    standardize(network, columns, scratch->value[0]);
     /* slopes of all activations */
     for (size_t i = 0; i < network->hidden_count; i++) {
         const Layer *layer = &network->hidden[i];

@@ -195,7 +195,7 @@ impl PyGraph {
         self.made(made)
     }
 
-    fn standardise(&mut self, of: usize, epsilon: f64) -> PyResult<usize> {
+    fn standardize(&mut self, of: usize, epsilon: f64) -> PyResult<usize> {
         let builder = self.of(&[of])?;
         let made = builder.add(Step::Normalize { of, epsilon }, builder.width(of));
         self.made(made)

@@ -77,7 +77,7 @@ def test_the_fmu_predicts_what_the_trees_do(name, rows, agrees):
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("make", [xgb, lgbm, cat])
 def test_thresholds_are_compared_as_there(make, rows):
-    """Inputs that are single-precision neighbours of thresholds."""
+    """Inputs that are single-precision neighbors of thresholds."""
     x, y = rows[0].astype(np.float32), rows[1][:, 0]
     x = np.round(x, 1)
     model = make().fit(x, y)

@@ -58,7 +58,7 @@ def corners(study, states, drivers, count):
     ends = [dict(zip(parameters, values)) for values in itertools.product(*parameters.values())]
     every = [(p, u, begin + v) for v in speeds for u in (inputs if drivers else [{}]) for p in ends]
     count = min(count, len(every))
-    # neighbours differ in the first parameter
+    # neighbors differ in the first parameter
     return [every[(index * len(every) // count + index * (count < len(every))) % len(every)] for index in range(count)]
 
 

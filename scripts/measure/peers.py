@@ -6,7 +6,7 @@ compiling included) for training as the build has taken, or --minutes, on as man
 
 - jax-sysid: states of the next sample from a linear part, which its LinearModel finds first, and a network; Adam, then L-BFGS, as in its
   documentation. The runs are experiments from x0 = 0.
-- LSTM: standardised force and position, windows of the runs, Adam with a cosine schedule over the budget; the weights that are best in
+- LSTM: standardized force and position, windows of the runs, Adam with a cosine schedule over the budget; the weights that are best in
   simulations of held-out runs.
 
 Several sizes of each are tried, each with the whole budget; the table has all. Needs target/release/metafmu, and fmpy, torch, jax-sysid:
@@ -66,13 +66,13 @@ def metafmu(unseen):
     return error(np.array(found), unseen[1]), seconds
 
 
-def standardised(runs):
+def standardized(runs):
     forces, positions = runs
     return forces / forces.std(), positions / positions.std(), positions.std()
 
 
 def jax_sysid(runs, unseen, budget, states, nodes):
-    (forces, positions, scale), force_scale = standardised(runs), runs[0].std()
+    (forces, positions, scale), force_scale = standardized(runs), runs[0].std()
     columns = [(force[:, None], position[:, None]) for force, position in zip(forces, positions)]
     model, seconds = peer_models.state_space(columns, budget, (states, nodes), 1, True, (100, 100, 200), 1e-8)
     found = [np.array(model.predict(np.zeros(states), (force / force_scale)[:, None])[0]).ravel() * scale for force in unseen[0]]
@@ -80,7 +80,7 @@ def jax_sysid(runs, unseen, budget, states, nodes):
 
 
 def lstm(runs, unseen, budget, nodes):
-    (forces, positions, scale), force_scale = standardised(runs), runs[0].std()
+    (forces, positions, scale), force_scale = standardized(runs), runs[0].std()
 
     def window(random):
         run, row = random.integers(0, len(forces) - HELD_OUT), random.integers(0, forces.shape[1] - WINDOW)

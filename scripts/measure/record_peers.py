@@ -70,12 +70,12 @@ def main():
         read, unit, factor, _ = RECORDS[name]
         _, training, tests = read(options.data / f"{name}.csv")
         mean, scale = training.mean(axis=0), training.std(axis=0)
-        standardised = [(test - mean) / scale for test in tests.values()]
+        standardized = [(test - mean) / scale for test in tests.values()]
         for method in [options.only] if options.only else METHODS:
             found, spent = [], []
             for seed in range(1, options.seeds + 1):
-                outputs, seconds = METHODS[method]((training - mean) / scale, standardised, options.seconds, seed, SIZES[name])
-                errors = [(output - test[:, 1])[GIVEN:] for output, test in zip(outputs, standardised)]
+                outputs, seconds = METHODS[method]((training - mean) / scale, standardized, options.seconds, seed, SIZES[name])
+                errors = [(output - test[:, 1])[GIVEN:] for output, test in zip(outputs, standardized)]
                 found.append([factor * scale[1] * np.sqrt(np.mean(error**2)) for error in errors])
                 spent.append(seconds)
                 print(f"{name}, {method}, seed {seed}: {' / '.join(f'{error:.3g}' for error in found[-1])} {unit}, {seconds:.0f} s", flush=True)

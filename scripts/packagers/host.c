@@ -3,7 +3,7 @@
  * host LIBRARY TOKEN RESOURCES STEPS FIRST_INPUT INPUTS FIRST_OUTPUT OUTPUTS
  *
  * A step is fmi2SetReal of the inputs, fmi2DoStep and fmi2GetReal of the outputs. The inputs are sines of the step's number. Prints the
- * milliseconds to instantiate and initialise, the median and the longest time of a step in nanoseconds, what reading the clock takes,
+ * milliseconds to instantiate and initialize, the median and the longest time of a step in nanoseconds, what reading the clock takes,
  * and the last outputs.
  */
 #define _POSIX_C_SOURCE 200809L

@@ -510,9 +510,9 @@ fn provenance(page: &mut String, surrogate: &Surrogate, about: &ExportOptions) {
         ("Content of the model file, digest", Some(provenance.content_digest.clone())),
         ("Author", about.author.clone()),
         ("Copyright", about.copyright.clone()),
-        ("Licence of the model", Some(about.license.clone().unwrap_or_else(|| "none stated".into()))),
+        ("License of the model", Some(about.license.clone().unwrap_or_else(|| "none stated".into()))),
         (
-            "Licence of the runtime library",
+            "License of the runtime library",
             Some("MIT OR Apache-2.0, see the folder licenses beside this page; it does not cover the model".into()),
         ),
     ] {
@@ -535,7 +535,7 @@ mod tests {
     use metafmu_example as example;
 
     #[test]
-    fn a_card_has_variables_accuracy_and_licence_and_loads_nothing() {
+    fn a_card_has_variables_accuracy_and_license_and_loads_nothing() {
         let surrogate = example::surrogate();
         let about = ExportOptions { license: Some("<free> & open".into()), ..ExportOptions::default() };
         let metrics = |r2| OutputMetrics {
@@ -594,7 +594,7 @@ mod tests {
         );
         let unknown = card(&surrogate, &ExportOptions::default(), None, &[]);
         assert!(unknown.contains("was not evaluated") && !unknown.contains(trusted), "{unknown}");
-        assert!(unknown.contains("<td>Licence of the model</td><td class=\"d\">none stated</td>"), "{unknown}");
+        assert!(unknown.contains("<td>License of the model</td><td class=\"d\">none stated</td>"), "{unknown}");
         let verdict = Some(Verdict::of(vec!["angle: R² -1 < 0".into()], Vec::new(), vec!["more runs".into()]));
         let rejected = card(&surrogate, &about, Some(&Accuracy { verdict, ..accuracy }), &[]);
         let (title, rest) = rejected.split_once("</h1>").unwrap();

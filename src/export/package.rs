@@ -209,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn there_is_no_licence_of_the_model_unless_its_author_states_one() {
+    fn there_is_no_license_of_the_model_unless_its_author_states_one() {
         let surrogate = seal(example::surrogate()).unwrap();
         let text = |about: &ExportOptions, version, entry: &str| {
             let contents = Contents { version, about, binaries: &[], accuracy: None, figures: &[], sources: false };
@@ -224,9 +224,9 @@ mod tests {
             assert!(!description.contains("license="), "{description}");
             assert!(text(&stated, version, "modelDescription.xml").contains("license=\"GPL-3.0-only\""));
         }
-        let licences = text(&ExportOptions::default(), FmiVersion::V3, "documentation/licenses/license.txt");
-        assert!(licences.contains("The runtime library (binaries/): metafmu's, MIT OR Apache-2.0"), "{licences}");
-        assert!(licences.contains("Where they state none,\nnone is granted here"), "{licences}");
+        let licenses = text(&ExportOptions::default(), FmiVersion::V3, "documentation/licenses/license.txt");
+        assert!(licenses.contains("The runtime library (binaries/): metafmu's, MIT OR Apache-2.0"), "{licenses}");
+        assert!(licenses.contains("Where they state none,\nnone is granted here"), "{licenses}");
     }
 
     #[test]

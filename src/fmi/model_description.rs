@@ -26,7 +26,7 @@ pub struct ModelDescription {
     pub version: Option<String>,
     /// Copyright.
     pub copyright: Option<String>,
-    /// Licence.
+    /// License.
     pub license: Option<String>,
     /// Name and version of the program that made the FMU.
     pub generation_tool: Option<String>,

@@ -83,15 +83,15 @@ fn fewer_steps_give_the_same() {
         let (first, last) = (column(builder, 0), column(builder, 2));
         let scaled = builder.elementwise(first, LINEAR, vec![2.0, -0.3]).unwrap();
         let difference = builder.elementwise(last, LINEAR, vec![1.0, -0.5]).unwrap();
-        let standardised = builder.elementwise(difference, LINEAR, vec![-3.0, 0.1]).unwrap();
+        let standardized = builder.elementwise(difference, LINEAR, vec![-3.0, 0.1]).unwrap();
         let all =
-            [[standardised, 0], [0, 1], [scaled, 0], [standardised, 0]].map(|[of, column]| [of as u32, column as u32]);
+            [[standardized, 0], [0, 1], [scaled, 0], [standardized, 0]].map(|[of, column]| [of as u32, column as u32]);
         let all = builder.columns(all.to_vec()).unwrap();
         let hidden = affine(builder, all, 5, 3);
         let tanh = builder.elementwise(hidden, TANH, Vec::new()).unwrap();
         affine(builder, tanh, 2, 5)
     });
-    check("inputs that are normalised one by one", one_by_one, true);
+    check("inputs that are normalized one by one", one_by_one, true);
     let twice = both(|builder| {
         let scaled = builder.elementwise(0, LINEAR, each(3, 1)).unwrap();
         let other = builder.elementwise(0, LINEAR, each(3, 2)).unwrap();
@@ -131,7 +131,7 @@ fn fewer_steps_give_the_same() {
 fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
     let (mean, factor) = (1e4, 5.0);
     let pass = || vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-    let standardised = |builder: &mut Builder, of: usize| {
+    let standardized = |builder: &mut Builder, of: usize| {
         let difference = builder.elementwise(of, LINEAR, vec![1.0, -mean]).unwrap();
         builder.elementwise(difference, LINEAR, vec![factor, 0.25]).unwrap()
     };
@@ -140,12 +140,12 @@ fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
         builder.affine(first, vec![1.0, 0.0, 0.0, 1.0].into(), vec![0.5, -0.25].into()).unwrap()
     };
     let plain = both(|builder| {
-        let scaled = standardised(builder, 0);
+        let scaled = standardized(builder, 0);
         network(builder, scaled)
     });
     let chosen = both(|builder| {
         let columns = builder.columns(vec![[0, 0], [0, 1], [0, 0]]).unwrap();
-        let scaled = standardised(builder, columns);
+        let scaled = standardized(builder, columns);
         let again = builder.elementwise(scaled, LINEAR, vec![-1.0, 0.5]).unwrap();
         let back = builder.elementwise(again, LINEAR, vec![-1.0, 0.5]).unwrap();
         network(builder, back)
@@ -153,13 +153,13 @@ fn what_is_subtracted_from_inputs_is_subtracted_before_anything_else() {
     let two = both(|builder| {
         let parts = [0, 1, 2].map(|column| {
             let part = builder.columns(vec![[0, column]]).unwrap();
-            standardised(builder, part)
+            standardized(builder, part)
         });
         let all = builder.columns(parts.map(|part| [part as u32, 0]).to_vec()).unwrap();
         network(builder, all)
     });
     let beside = both(|builder| {
-        let scaled = standardised(builder, 0);
+        let scaled = standardized(builder, 0);
         let network = network(builder, scaled);
         let inputs = builder.columns(vec![[scaled as u32, 2]; 2]).unwrap();
         let zero = builder.elementwise(inputs, LINEAR, vec![0.0, 0.0]).unwrap();

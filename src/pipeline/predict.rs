@@ -24,7 +24,7 @@ use crate::{
 use indexmap::IndexMap;
 use metafmu_runtime::{BuiltIn, Domain, Evaluator, Output, Surrogate};
 use rayon::prelude::*;
-use rows::{Batch, LabelledRun, Points, RUN, Reader, TIME};
+use rows::{Batch, LabeledRun, Points, RUN, Reader, TIME};
 use serde::Serialize;
 use std::{
     io::Write,
@@ -200,7 +200,7 @@ pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool
     let mut rows = Vec::new();
     while let Some(batch) = reader.next()? {
         let Batch::Runs(runs) = batch else { continue };
-        for LabelledRun { run, .. } in &runs {
+        for LabeledRun { run, .. } in &runs {
             let mut roll_out = RollOut::along(surrogate, &evaluator, run);
             for row in 0..run.times.len() {
                 let found = roll_out.at(row).map_or(vec![f64::NAN; width], |(_, results)| results[..width].to_vec());
@@ -323,7 +323,7 @@ impl<'a> Predictor<'a> {
         answers
     }
 
-    fn roll_out(&self, LabelledRun { label, run }: &LabelledRun) -> Answers {
+    fn roll_out(&self, LabeledRun { label, run }: &LabeledRun) -> Answers {
         let rows = run.times.len();
         let labels = (!label.is_empty()).then(|| Labels::repeated(label, rows));
         let mut answers = Answers::new(self, labels, Some(run.times.to_vec()), rows);

@@ -65,7 +65,7 @@ fn of_rows(
     let scaling = start.map_or_else(fit, |start| start.scaling.clone());
     let (inputs, outputs) = (layout.columns(), dataset.outputs.len());
     let rows = |runs: &[&Run]| {
-        let (x, y) = scaling::standardise(runs.iter().copied(), &layout, &scaling);
+        let (x, y) = scaling::standardize(runs.iter().copied(), &layout, &scaling);
         TrainingRows::new(inputs, outputs, x, y)
     };
     let (training, validation) = (rows(training_runs)?, rows(validation_runs)?);

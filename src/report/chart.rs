@@ -32,7 +32,7 @@ pub struct Chart {
 pub struct ChartSeries {
     /// Name in the legend; none if it has no place there.
     pub name: Option<String>,
-    /// Colour and dashes.
+    /// Color and dashes.
     pub ink: Ink,
     /// Shape of the series.
     pub shape: Shape,
@@ -61,7 +61,7 @@ pub enum Shape {
 
 /// Colors of Okabe and Ito, which color-blind readers tell apart, each with different dashes for prints without color.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "colours")]
+#[expect(missing_docs, reason = "colors")]
 pub enum Ink {
     Black,
     Grey,

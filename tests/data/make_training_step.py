@@ -1,5 +1,5 @@
 """Writes training_step.json: losses, gradients and a few steps of a small network for every activation, loss, optimizer
-and regularisation, computed by PyTorch (SOAP: by pytorch_optimizer) in double precision from single-precision parameters and rows.
+and regularization, computed by PyTorch (SOAP: by pytorch_optimizer) in double precision from single-precision parameters and rows.
 Run from this folder, after `pip install -r ../../scripts/measure/training-requirements.txt`: `python make_training_step.py`."""
 
 import json
@@ -114,7 +114,7 @@ def case(name, activation="tanh", steps=STEPS, tolerance=2e-7, **options):
     inputs, targets = torch.randn(ROWS, INPUTS).double(), torch.randn(ROWS, OUTPUTS).double()
     parameters = flat(parameter for layer in linear for parameter in (layer.weight, layer.bias))
     with torch.no_grad():
-        # the bias is added after the normalisation
+        # the bias is added after the normalization
         for layer, norm in zip(linear, norms):
             norm.bias.copy_(layer.bias)
             layer.bias = None
@@ -158,7 +158,7 @@ CASES = [case(f"adam {activation}", activation) for activation in ACTIVATIONS] +
     case("l2", l2=0.1),
     case("l1", l1=0.1),
     case("clipped", optimizer="sgd", clip_norm=0.1),
-    case("normalised", activation="silu", batch_norm=True, optimizer="sgd", tolerance=1e-6),
+    case("normalized", activation="silu", batch_norm=True, optimizer="sgd", tolerance=1e-6),
     # directions in which the gradients hardly vary are known to a few digits only in single precision
     case("soap", optimizer="soap", refresh=2, steps=12, weight_decay=0.1, tolerance=5e-5),
     case("soap with few refreshes", optimizer="soap", refresh=10, steps=36, tolerance=5e-5),

@@ -1,7 +1,7 @@
 /* Steps an FMU library of any platform: FMI 2.0 co-simulation of the example surrogate, in portable C99.
  *
  * step LIBRARY FOLDER TOKEN: FOLDER is absolute and has model.safetensors as the example `model_file` writes it.
- * Prints time and outputs, after initialisation and after each of 10 steps; the library's messages go to stderr.
+ * Prints time and outputs, after initialization and after each of 10 steps; the library's messages go to stderr.
  */
 #include <stdarg.h>
 #include <stddef.h>

@@ -210,7 +210,7 @@ def mixed():
     for rows in [2, 3]:
         yield f"constant-{rows}", [node("Add", "x c")], {"c": reals(rows, 3)}, f"node 0 (Add): a constant of shape [{rows}, 3] along the batch dimension"
     yield "bias", [node("Gemm", "x w b")], {"w": reals(3, 2), "b": reals(2, 2)}, "node 0 (Gemm): a constant of shape [2, 2] along the batch dimension"
-    yield "normalised", [node("LayerNormalization", "x c c", axis=0)], {"c": reals(1, 3)}, "node 0 (LayerNormalization): it mixes rows of the batch"
+    yield "normalized", [node("LayerNormalization", "x c c", axis=0)], {"c": reals(1, 3)}, "node 0 (LayerNormalization): it mixes rows of the batch"
     scaler = node("Scaler", "x", "s", domain="ai.onnx.ml", offset=[0.0], scale=[2.0])
     yield "scaled", [scaler, node("Softmax", "s", axis=0)], {}, "node 1 (Softmax): it mixes rows of the batch"
     size = [node("Shape", "x", "s", start=0, end=1), node("Cast", "s", "f", to=FLOAT)]
@@ -301,7 +301,7 @@ def malformed():
     yield "pool-indices", image(node("MaxPool", "x", "m i", kernel_shape=[2]), node("Cast", "i", to=FLOAT)), (
         "node 1 (Cast): input `i` is output 1 of operator `MaxPool`, which is not supported: only its first is"
     )
-    yield "normalisation-mean", make(node("LayerNormalization", "x c c", "n y"), c=reals(3)), "output `y` is output 1 of operator `LayerNormalization`, which is not supported"
+    yield "normalization-mean", make(node("LayerNormalization", "x c c", "n y"), c=reals(3)), "output `y` is output 1 of operator `LayerNormalization`, which is not supported"
     yield "pool-without-kernel", image(node("MaxPool", "x")), "attribute `kernel_shape` is missing"
     yield "pool-rounded-up", image(node("MaxPool", "x", kernel_shape=[2], strides=[2], ceil_mode=1)), "attribute `ceil_mode` is not 0"
     yield "pool-of-nothing", image(

@@ -120,7 +120,7 @@ def test_inputs_far_from_zero_keep_their_digits(tmp_path, of, mean, spread):
     for name, model in far_from_zero(of, mean, spread):
         folder = tmp_path / name
         folder.mkdir()
-        # ONNX Runtime multiplies before it subtracts in a batch normalisation, which the definition does not
+        # ONNX Runtime multiplies before it subtracts in a batch normalization, which the definition does not
         evaluate = of_reference if of == np.float64 or name == "batch-normalization" else of_runtime
         try:
             imported(folder, model, rows, evaluate(model, rows), of)

@@ -126,7 +126,7 @@ def test_the_fmu_keeps_states_and_outputs_of_its_source(oscillator):
         assert [variable.derivative.name for variable in derivatives] == ["x0_state", "x1_state"]
 
 
-def test_the_position_is_recognised_and_one_function_is_learned_exactly(oscillator):
+def test_the_position_is_recognized_and_one_function_is_learned_exactly(oscillator):
     record = json.loads((oscillator / "training.json").read_text())["state_space"]
     assert (record["functions"], record["exported"], record["products"]) == (1, "dictionary", 5)
     assert record["candidates"][0]["error"] < 1e-12

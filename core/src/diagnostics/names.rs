@@ -101,7 +101,7 @@ fn difference(one: &[char], other: &[char]) -> Option<usize> {
     Some(edits(one, other)).filter(|&edits| edits <= limit)
 }
 
-/// Letters that are to be changed, added, removed, or exchanged with their neighbour to make `other` of `one` (the optimal
+/// Letters that are to be changed, added, removed, or exchanged with their neighbor to make `other` of `one` (the optimal
 /// string alignment distance).
 fn edits(one: &[char], other: &[char]) -> usize {
     let mut before: Vec<usize> = Vec::new();

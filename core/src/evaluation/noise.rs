@@ -86,7 +86,7 @@ fn is_independent(runs: &[(Vec<f64>, &[f64])], rows: f64) -> bool {
         let [signals, others] = [signals, others].map(|all| all.iter().map(Vec::as_slice).collect::<Vec<_>>());
         let variance = |of: &[&[f64]]| covariance(of, of, 0).unwrap_or(0.0);
         let scale = (variance(&signals) * variance(&others)).sqrt();
-        // neighbours are correlated by the difference: its correlations are -2/3 and 1/6
+        // neighbors are correlated by the difference: its correlations are -2/3 and 1/6
         // 4.5 standard errors, and what is too small to matter
         let limit = 0.02 + 4.5 * (1.95 / rows).sqrt();
         scale == 0.0

@@ -27,7 +27,7 @@ const FEW_OUTPUTS: usize = 8;
 /// transposed   W in panels of 32 inputs [padded(inputs) / 32, outputs, 32]: for the backward pass of a layer by panels
 /// ```
 ///
-/// The biases of a hidden layer that is normalised over its rows are followed by the factors of the normalised values
+/// The biases of a hidden layer that is normalized over its rows are followed by the factors of the normalized values
 /// [padded(outputs)]. The padding is zero and stays so.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct LayerShape {
@@ -60,7 +60,7 @@ pub(crate) struct NetworkLayout {
 }
 
 impl NetworkLayout {
-    /// `batch_norm`: whether hidden layers are normalised over their rows.
+    /// `batch_norm`: whether hidden layers are normalized over their rows.
     pub(crate) fn new(sizes: &[usize], batch_norm: bool) -> Self {
         let (mut shapes, mut pieces) = (Vec::new(), Vec::new());
         let (mut begin, mut transposed) = (0, 0);
@@ -175,7 +175,7 @@ impl LayerShape {
         begin..begin + padded(self.outputs)
     }
 
-    /// The factors of the normalised values; empty where there are none.
+    /// The factors of the normalized values; empty where there are none.
     pub(crate) fn factors<'a>(&self, block: &'a [f32]) -> &'a [f32] {
         &block[self.biases().end..self.range.end]
     }
@@ -185,7 +185,7 @@ impl LayerShape {
     }
 
     /// Rows and columns of the layer's parameters as one matrix: `[W^T; b]` of a layer by panels, with the factors of the
-    /// normalised values as another row, `[W b]` of a layer by rows.
+    /// normalized values as another row, `[W b]` of a layer by rows.
     pub(crate) fn matrix_size(&self) -> (usize, usize) {
         if self.by_rows {
             (self.outputs, self.inputs + 1)

@@ -194,7 +194,7 @@ impl Network {
         &mut self.parameters
     }
 
-    /// Standardised outputs `[rows, outputs]` at standardised inputs `[rows, inputs]`, on all cores; the values do not
+    /// Standardized outputs `[rows, outputs]` at standardized inputs `[rows, inputs]`, on all cores; the values do not
     /// depend on the number of threads.
     ///
     /// # Panics

@@ -60,7 +60,7 @@ impl Packed {
         Self::with(network, false, 0.0)
     }
 
-    /// For a training with normalisation or with a share of the hidden nodes left out.
+    /// For a training with normalization or with a share of the hidden nodes left out.
     pub(crate) fn with(network: &Network, batch_norm: bool, dropout: f64) -> Self {
         let layout = NetworkLayout::new(network.sizes(), batch_norm);
         let (parameters, transposed) = (Buffer::zeros(layout.len()), Buffer::zeros(layout.transposed_len()));
@@ -89,7 +89,7 @@ impl Packed {
         workspace.simd.run(ForwardPass { network: self, rows, workspace, mask: None });
     }
 
-    /// As [`forward`](Self::forward), with what [`backward`](Self::backward) needs, normalisation over the rows, and some
+    /// As [`forward`](Self::forward), with what [`backward`](Self::backward) needs, normalization over the rows, and some
     /// nodes left out.
     pub(crate) fn forward_in_training(&self, workspace: &mut Workspace, mask: DropoutMask) {
         workspace.simd.run(ForwardPass { network: self, rows: mask.rows.len(), workspace, mask: Some(mask) });

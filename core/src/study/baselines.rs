@@ -192,7 +192,7 @@ impl Baselines {
 #[serde(deny_unknown_fields)]
 pub struct Linear {}
 
-/// `[baselines.ridge]`: the smallest `1/(2 rows) |y - b - X w|^2 + alpha/2 |w|^2` over standardised columns.
+/// `[baselines.ridge]`: the smallest `1/(2 rows) |y - b - X w|^2 + alpha/2 |w|^2` over standardized columns.
 ///
 /// linfa's elastic net never finds its end without a penalty on sizes, so this is its least squares with one more row
 /// `sqrt(rows alpha) e_i` for each weight.
@@ -242,7 +242,7 @@ impl Lasso {
 }
 
 /// `[baselines.elastic-net]`: the smallest
-/// `1/(2 rows) |y - b - X w|^2 + alpha (l1_ratio |w|_1 + (1 - l1_ratio)/2 |w|_2^2)` over standardised columns.
+/// `1/(2 rows) |y - b - X w|^2 + alpha (l1_ratio |w|_1 + (1 - l1_ratio)/2 |w|_2^2)` over standardized columns.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ElasticNet {
@@ -318,7 +318,7 @@ impl Polynomial {
     }
 }
 
-/// `[baselines.svr]`: the kernel is `exp(-gamma |z - c|^2)` over standardised inputs.
+/// `[baselines.svr]`: the kernel is `exp(-gamma |z - c|^2)` over standardized inputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Svr {
@@ -353,14 +353,14 @@ impl Svr {
     }
 }
 
-/// `[baselines.knn]`: the mean of the nearest training rows, weighted by the inverse of their distance in standardised
+/// `[baselines.knn]`: the mean of the nearest training rows, weighted by the inverse of their distance in standardized
 /// inputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Knn {
     /// Number of neighbors.
     #[schemars(range(min = 1))]
-    pub neighbours: usize,
+    pub neighbors: usize,
     /// Maximum number of rows.
     #[schemars(range(min = 2))]
     pub rows: usize,
@@ -368,15 +368,15 @@ pub struct Knn {
 
 impl Default for Knn {
     fn default() -> Self {
-        Self { neighbours: 5, rows: 100_000 }
+        Self { neighbors: 5, rows: 100_000 }
     }
 }
 
 impl Knn {
     fn problems(&self) -> Problems {
         let mut problems = Problems::default();
-        expect_at_least(&mut problems, "neighbours", self.neighbours, 1);
-        expect_at_least(&mut problems, "rows", self.rows, self.neighbours.max(2));
+        expect_at_least(&mut problems, "neighbors", self.neighbors, 1);
+        expect_at_least(&mut problems, "rows", self.rows, self.neighbors.max(2));
         problems
     }
 }
@@ -495,7 +495,7 @@ impl GradientBoosting {
     }
 }
 
-/// `[baselines.gaussian-process]`: a squared exponential kernel with a length for each standardised input.
+/// `[baselines.gaussian-process]`: a squared exponential kernel with a length for each standardized input.
 /// Amplitude, lengths and noise are those of the greatest likelihood of a few rows; the model is that of more.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -575,7 +575,7 @@ mod tests {
             ("elastic-net = { l1_ratio = 2 }", "elastic-net.l1_ratio: 2, expected a share above 0, at most 1"),
             ("polynomial = { degree = 0 }", "polynomial.degree: 0, expected 1 to 20"),
             ("svr = { rows = 1 }", "svr.rows: 1, expected at least 2"),
-            ("knn = { neighbours = 0 }", "knn.neighbours: 0, expected at least 1"),
+            ("knn = { neighbors = 0 }", "knn.neighbors: 0, expected at least 1"),
             ("random-forest = { trees = 0 }", "random-forest.trees: 0, expected at least 1"),
             ("random-forest = { trees = 1000000000 }", "random-forest.trees: 1000000000, expected at most 10000"),
             (

@@ -17,7 +17,7 @@ pub struct ExportOptions {
     pub author: Option<String>,
     /// Copyright of the model.
     pub copyright: Option<String>,
-    /// Licence of the model.
+    /// License of the model.
     pub license: Option<String>,
 }
 

@@ -326,7 +326,7 @@ fn the_schemas_limits_are_those_of_the_checks() {
                 "structure = 'dynamics'\nsource = { fmu = 'none.fmu' }"
             }
             ("sampling", "train_stop") => "structure = 'dynamics'\nsource = { table = 'none.csv' }",
-            ("baselines.knn", "rows") => "baselines = { knn = { neighbours = 1 } }",
+            ("baselines.knn", "rows") => "baselines = { knn = { neighbors = 1 } }",
             ("compliant", "dissipation") => "compliant = { velocities = ['v'] }",
             // of more parameters there are too many terms
             (_, "degree") => "parameters = { L = { min = 0.1, max = 0.2 } }",

@@ -17,7 +17,7 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Standardised samples of functions, with derivatives along some directions.
+/// Standardized samples of functions, with derivatives along some directions.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FunctionSamples {
     /// Number of directions.
@@ -60,7 +60,7 @@ const FEW_NODES: usize = 256;
 /// Minimum numbers of rows and of samples for each node.
 const ROWS: usize = 4;
 const SAMPLES: usize = 2;
-/// Error, of standardised outputs, at which more nodes cost more than they are worth.
+/// Error, of standardized outputs, at which more nodes cost more than they are worth.
 const ENOUGH: f64 = 1e-8;
 /// Term added to the diagonal of the normal equations, relative to its largest element: nodes are nearly dependent.
 const RIDGE: f64 = 1e-14;

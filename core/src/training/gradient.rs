@@ -102,7 +102,7 @@ impl Gradients {
             part.loss = 0.0;
             part.statistics.iter_mut().for_each(|statistics| statistics.fill(0.0));
             let mut store = Store::Replace;
-            // blocks of nearly equal size: a small one would be normalised badly
+            // blocks of nearly equal size: a small one would be normalized badly
             let blocks = numbers.len().div_ceil(most);
             for block in 0..blocks {
                 let numbers = &numbers[block * numbers.len() / blocks..(block + 1) * numbers.len() / blocks];
@@ -147,7 +147,7 @@ impl Gradients {
         &self.parts[0].gradient
     }
 
-    /// Takes the means and variances of the nodes of a normalised layer over the last batch, which had `rows` rows, into
+    /// Takes the means and variances of the nodes of a normalized layer over the last batch, which had `rows` rows, into
     /// running ones, with this share.
     pub(super) fn blend_statistics(&self, rows: usize, layer: usize, share: f32, running: &mut [f32]) {
         for (index, running) in running.iter_mut().enumerate() {

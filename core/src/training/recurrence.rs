@@ -12,7 +12,7 @@ use super::{
 };
 use crate::network::{BLOCK_ROWS, DropoutMask, Packed, Workspace, kernels::Store, layout::stride};
 
-/// Predictions are standardised: farther from the mean than this they have diverged, and are kept there.
+/// Predictions are standardized: farther from the mean than this they have diverged, and are kept there.
 const LIMIT: f32 = 30.0;
 
 /// Working memory for the rows of a block of stretches.

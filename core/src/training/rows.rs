@@ -3,10 +3,10 @@
 use super::TrainingError;
 use crate::network::Network;
 
-/// Standardised outputs no farther than this from zero in any row are those of a column that is constant, up to rounding.
+/// Standardized outputs no farther than this from zero in any row are those of a column that is constant, up to rounding.
 const CONSTANT: f32 = 1e-6;
 
-/// Standardised inputs and outputs, row by row.
+/// Standardized inputs and outputs, row by row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingRows {
     n_inputs: usize,

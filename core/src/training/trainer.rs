@@ -12,7 +12,7 @@ use crate::{
 };
 use std::time::Instant;
 
-/// Share of a batch in the running statistics of a normalised layer: PyTorch's.
+/// Share of a batch in the running statistics of a normalized layer: PyTorch's.
 const STATISTICS_SHARE: f32 = 0.1;
 
 /// A network under training: its parameters, the optimizer's memory and all working memory of a step.
@@ -70,7 +70,7 @@ impl Trainer {
         })
     }
 
-    /// The current network, with its normalisation, if there is one, in its weights and biases.
+    /// The current network, with its normalization, if there is one, in its weights and biases.
     pub fn network(&self) -> Network {
         let mut network = self.network.clone();
         let mut parameters = self.packed.parameters.clone();
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn the_exported_network_contains_the_normalisation() {
+    fn the_exported_network_contains_the_normalization() {
         let network = from_parameters(&[1, 1, 1], Activation::Identity, &[1.0, 0.0, 1.0, 0.0]);
         let options = TrainingOptions { batch_norm: true, ..TrainingOptions::default() };
         let mut trainer = Trainer::new(network, &options, 4, 1, 1).unwrap();

@@ -64,7 +64,7 @@ pub enum FormatError {
         name: String,
         /// Shape in the file.
         found: Vec<usize>,
-        /// Shape that fits the variables and the neighbouring layers.
+        /// Shape that fits the variables and the neighboring layers.
         expected: Vec<usize>,
     },
     /// A NaN or an infinity.

@@ -8,7 +8,7 @@ use crate::{
 
 /// A feed-forward network and the scaling of its columns.
 ///
-/// With standardised inputs `z = (x - input_mean) / input_scale` and layers `h = f(W h + b)`, `f` the activation of the
+/// With standardized inputs `z = (x - input_mean) / input_scale` and layers `h = f(W h + b)`, `f` the activation of the
 /// layer, the outputs are `y = output_mean + output_scale * h` with the `h` of the last layer.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScaledNetwork {
@@ -18,7 +18,7 @@ pub struct ScaledNetwork {
     pub layers: Vec<Layer>,
 }
 
-/// Column-wise affine scaling of inputs and outputs: `standardised = (value - mean) / scale`. Input columns are those after
+/// Column-wise affine scaling of inputs and outputs: `standardized = (value - mean) / scale`. Input columns are those after
 /// the inputs' [`Encoding`](crate::Encoding).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scaling {

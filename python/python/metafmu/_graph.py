@@ -120,10 +120,10 @@ class Graph:
         numbers = np.atleast_1d(np.asarray(numbers, dtype=np.float64))
         return self.elementwise(self.columns([(0, 0)] * len(numbers)), "linear", np.zeros(len(numbers)), numbers)
 
-    def standardise(self, of: int, epsilon: float) -> int:
+    def standardize(self, of: int, epsilon: float) -> int:
         """Subtracts the mean of all numbers of a value and divides by ``sqrt(variance + epsilon)``, as a layer normalization does."""
-        self._note("standardise", of, epsilon)
-        return self._core.standardise(of, float(epsilon))
+        self._note("standardize", of, epsilon)
+        return self._core.standardize(of, float(epsilon))
 
     def softmax(self, of: int) -> int:
         """Softmax over all numbers of a value, ``exp(x_i) / sum(exp(x))``."""

@@ -176,7 +176,7 @@ def _layer_norm(layer, x):
     axes = sorted(axis % x.ndim for axis in axes)
     if axes != list(range(x.ndim - len(axes), x.ndim)) or getattr(layer, "rms_scaling", False):
         raise Error(f"axes {axes}, expected the last ones and no rms_scaling")
-    row = x.standardise(len(axes), layer.epsilon)
+    row = x.standardize(len(axes), layer.epsilon)
     factor = _variable(layer.gamma).astype(np.float64) if layer.scale else 1.0
     offset = _variable(layer.beta).astype(np.float64) if layer.center else 0.0
     return row.linear(factor, offset)

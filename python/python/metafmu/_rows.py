@@ -74,11 +74,11 @@ class Row:
         """A linear function of all elements: `weight` of shape (outputs, elements)."""
         return Row(self.graph, self.graph.affine(self.value, weight), shape)
 
-    def standardise(self, dimensions, epsilon):
+    def standardize(self, dimensions, epsilon):
         """Minus the mean over the last dimensions, over the root of the variance."""
         length = int(np.prod(self.shape[self.ndim - dimensions :], dtype=np.int64))
         flat = Row(self.graph, self.value, (self.size // length, length))
-        return Row(self.graph, flat._each(length, length, lambda value: self.graph.standardise(value, epsilon)).value, self.shape)
+        return Row(self.graph, flat._each(length, length, lambda value: self.graph.standardize(value, epsilon)).value, self.shape)
 
     def softmax(self, axis):
         moved = np.moveaxis(self.index(), axis, -1)

@@ -467,7 +467,7 @@ def _scaled_elu(x, alpha):
 
 
 def _layer_norm(x, normalized_shape, weight=None, bias=None, eps=1e-5):
-    row = x.standardise(len(tuple(normalized_shape)), eps)
+    row = x.standardize(len(tuple(normalized_shape)), eps)
     if weight is None and bias is None:
         return row
     return row.linear(1.0 if weight is None else _double(weight), 0.0 if bias is None else _double(bias))
@@ -479,7 +479,7 @@ def _double(tensor):
 
 def _batch_norm(x, running_mean, running_var, weight=None, bias=None, training=False, momentum=0.1, eps=1e-5):
     if training or running_mean is None:
-        raise Error("a normalisation over the batch, expected one by running statistics")
+        raise Error("a normalization over the batch, expected one by running statistics")
     factor = 1.0 / np.sqrt(_double(running_var) + eps)
     factor = factor if weight is None else factor * _double(weight)
     mean, offset = _double(running_mean), np.broadcast_to(0.0 if bias is None else _double(bias), factor.shape)
@@ -558,7 +558,7 @@ def _rms_norm(x, normalized_shape, weight=None, eps=None):
 
 
 def _group_norm(x, num_groups, weight=None, bias=None, eps=1e-5):
-    grouped = x.take(x.index().reshape(x.shape[0], num_groups, -1)).standardise(1, eps)
+    grouped = x.take(x.index().reshape(x.shape[0], num_groups, -1)).standardize(1, eps)
     row = grouped.take(grouped.index().reshape(x.shape))
     each = lambda tensor: _double(tensor).reshape((-1,) + (1,) * (x.ndim - 2))
     return row.linear(1.0 if weight is None else each(weight), 0.0 if bias is None else each(bias))

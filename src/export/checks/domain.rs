@@ -25,9 +25,9 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
             match outside(fmu, surrogate, policy, column) {
                 Ok(None) => {}
                 Ok(Some(problem)) => {
-                    report.problem(Area::Behaviour, format!("domain_policy {}: {problem}", policy as i32))
+                    report.problem(Area::Behavior, format!("domain_policy {}: {problem}", policy as i32))
                 }
-                Err(error) => report.problem(Area::Behaviour, format!("domain_policy {}: {error}", policy as i32)),
+                Err(error) => report.problem(Area::Behavior, format!("domain_policy {}: {error}", policy as i32)),
             }
         }
     }
@@ -43,8 +43,8 @@ pub fn check_data(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     report.doing("domain of the training data");
     match without_data(fmu, surrogate, &point) {
         Ok(None) => {}
-        Ok(Some(problem)) => report.problem(Area::Behaviour, format!("far from the training data: {problem}")),
-        Err(error) => report.problem(Area::Behaviour, format!("far from the training data: {error}")),
+        Ok(Some(problem)) => report.problem(Area::Behavior, format!("far from the training data: {problem}")),
+        Err(error) => report.problem(Area::Behavior, format!("far from the training data: {error}")),
     }
 }
 

@@ -39,7 +39,7 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     // where the first of those alike is
     errors.dedup_by(|one, other| one.0 == other.0);
     for (error, at) in errors {
-        report.problem(Area::Behaviour, format!("{error}, in a run with {at}"));
+        report.problem(Area::Behavior, format!("{error}, in a run with {at}"));
     }
 }
 
@@ -211,7 +211,7 @@ impl PredictionComparison<'_> {
                 let right = (found - expected).abs() <= scale;
                 if step.is_err() || !right {
                     let message = format!("state \"{}\" is {found} after a step, expected {expected}", state.name);
-                    report.problem(Area::Behaviour, message);
+                    report.problem(Area::Behavior, message);
                     return Ok(false);
                 }
             }
@@ -239,7 +239,7 @@ impl PredictionComparison<'_> {
             let at: Vec<String> = inputs.map(|(input, value)| format!("{} = {value}", input.name)).collect();
             let (name, at) = (&surrogate.outputs()[index].name, at.join(", "));
             let message = format!("{when}, \"{name}\" is {found}, but the surrogate predicts {expected} at {at}");
-            report.problem(Area::Behaviour, message);
+            report.problem(Area::Behavior, message);
             return Ok(false);
         }
         Ok(true)

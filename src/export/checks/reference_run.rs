@@ -44,8 +44,8 @@ pub fn check(fmu: &Fmu, reference: &Reference, report: &mut Notes) {
     report.doing("the reference run");
     match compare(fmu, reference) {
         Ok(None) => {}
-        Ok(Some(problem)) => report.problem(Area::Behaviour, format!("{interface}, the reference run: {problem}")),
-        Err(error) => report.problem(Area::Behaviour, format!("{interface}, the reference run: {error}")),
+        Ok(Some(problem)) => report.problem(Area::Behavior, format!("{interface}, the reference run: {problem}")),
+        Err(error) => report.problem(Area::Behavior, format!("{interface}, the reference run: {error}")),
     }
 }
 

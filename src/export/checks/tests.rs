@@ -71,7 +71,7 @@ fn an_fmu_without_a_binary_is_wrong_and_one_for_another_platform_is_not_checked(
 }
 
 #[test]
-fn problems_of_behaviour_are_found_by_either_version() {
+fn problems_of_behavior_are_found_by_either_version() {
     let folder = tempfile::tempdir().unwrap();
     for version in [FmiVersion::V2, FmiVersion::V3] {
         let missing = fmu_of_described_as(folder.path(), version, |text| {
@@ -93,7 +93,7 @@ fn a_changed_reference_is_found() {
         *text = String::from_utf8_lossy(text).replacen("\n0,", "\n0,1", 1).into_bytes();
     }));
     assert_eq!(found.len(), 2, "{found:?}");
-    assert!(found[0].starts_with("behaviour: co-simulation, the reference run: \"angle\" is "), "{found:?}");
+    assert!(found[0].starts_with("behavior: co-simulation, the reference run: \"angle\" is "), "{found:?}");
 }
 
 #[test]
@@ -137,7 +137,7 @@ fn outputs_that_are_not_those_predicted_are_found() {
     let found = problems(swapped);
     // once for each point: the start values and four corners; and the reference run of each interface
     assert_eq!(found.len(), 7, "{found:?}");
-    assert!(found[0].starts_with("behaviour: in Initialization Mode, \"angle\" is "), "{found:?}");
+    assert!(found[0].starts_with("behavior: in Initialization Mode, \"angle\" is "), "{found:?}");
 }
 
 #[test]

@@ -55,8 +55,8 @@ pub fn check(fmu: &Fmu, without: &[(String, String)], report: &mut Notes) {
         }
         report.doing(format!("derivatives of \"{}\"", unknown.name));
         match differences(fmu, unknown, &knowns, capabilities.adjoint_derivative, report) {
-            Ok(problems) => problems.into_iter().for_each(|problem| report.problem(Area::Behaviour, problem)),
-            Err(error) => report.problem(Area::Behaviour, format!("derivatives of \"{}\": {error}", unknown.name)),
+            Ok(problems) => problems.into_iter().for_each(|problem| report.problem(Area::Behavior, problem)),
+            Err(error) => report.problem(Area::Behavior, format!("derivatives of \"{}\": {error}", unknown.name)),
         }
     }
 }

@@ -2,7 +2,7 @@
 //! interface are checked, and the [`Checks`] of the FMU's maker are made.
 
 mod archive;
-mod behaviour;
+mod behavior;
 mod derivatives;
 mod description;
 pub(crate) mod run;
@@ -43,7 +43,7 @@ pub enum Area {
     /// The shared library.
     Binary,
     /// Behavior of the FMU in a run.
-    Behaviour,
+    Behavior,
     /// The model file of a metafmu surrogate.
     Surrogate,
 }
@@ -176,7 +176,7 @@ impl fmt::Display for Area {
             Self::Archive => "archive",
             Self::Description => "modelDescription.xml",
             Self::Binary => "binary",
-            Self::Behaviour => "behaviour",
+            Self::Behavior => "behavior",
             Self::Surrogate => "surrogate",
         })
     }
@@ -239,7 +239,7 @@ pub(super) fn examine(
 
 /// Runs an FMU; what cannot be read of the archive has been reported.
 pub(super) fn run(fmu: &Fmu, archive: &mut Archive, checks: &dyn Checks, notes: &mut Notes) {
-    behaviour::check(fmu, notes);
+    behavior::check(fmu, notes);
     match checks.no_derivatives(archive) {
         Some(reason) => notes.skipped(format!("derivatives: {reason}")),
         None => derivatives::check(fmu, &checks.no_derivatives_by(archive), notes),

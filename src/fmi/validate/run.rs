@@ -105,7 +105,7 @@ pub fn experiment(fmu: &Fmu, report: &mut Notes) -> Option<Grid> {
             Some(grid)
         }
         Err(error) => {
-            report.problem(Area::Behaviour, format!("the default experiment cannot be run: {error}"));
+            report.problem(Area::Behavior, format!("the default experiment cannot be run: {error}"));
             None
         }
     }

@@ -62,7 +62,7 @@ fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<(
             ReplyStatus::Stopped => return Err(Error::Interrupted),
         }
     };
-    report.problem(Area::Behaviour, format!("{interface}, {doing}: {problem}"));
+    report.problem(Area::Behavior, format!("{interface}, {doing}: {problem}"));
     report.skipped(format!("{interface} after {doing}: the process had ended"));
     Ok(())
 }

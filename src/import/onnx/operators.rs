@@ -2,7 +2,7 @@
 
 mod constants;
 mod machine_learning;
-mod normalisation;
+mod normalization;
 mod pairs;
 mod products;
 mod recurrent;

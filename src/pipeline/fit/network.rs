@@ -6,7 +6,7 @@ use crate::{
     baselines::StandardizedRows,
     network::Network,
     pipeline::observer::{Control, CountedWork, Event},
-    scaling::{of_columns, standardise_rows},
+    scaling::{of_columns, standardize_rows},
     study::SmallNetworks,
     training::{
         self, EpochRecord, FewRows, IterationFollower, Observer, Outcome, Progress, SmallNetwork, TrainingRows,
@@ -77,8 +77,8 @@ impl FitContext<'_> {
         let (x, y) = (chosen(inputs, seen), chosen(outputs, seen));
         let scaling = scaling_of(&x, &y);
         let rows = |x: &[Vec<f64>], y: &[Vec<f64>]| {
-            let x = standardise_rows(x, &scaling.input_mean, &scaling.input_scale);
-            let y = standardise_rows(y, &scaling.output_mean, &scaling.output_scale);
+            let x = standardize_rows(x, &scaling.input_mean, &scaling.input_scale);
+            let y = standardize_rows(y, &scaling.output_mean, &scaling.output_scale);
             TrainingRows::new(columns[0], columns[1], x, y)
         };
         let training_rows = rows(&x, &y)?;

@@ -288,7 +288,7 @@ impl<'a> DiscreteSamples<'a> {
         }
     }
 
-    /// Standardised past samples at each sample but the last, and the outputs of the next one.
+    /// Standardized past samples at each sample but the last, and the outputs of the next one.
     fn regressors(&self, runs: &[&Run], history: [usize; 2]) -> Regressors {
         let [parameters, inputs, outputs] = self.counts;
         let [of_parameters, of_inputs, of_outputs] = &self.scales;
@@ -305,15 +305,15 @@ impl<'a> DiscreteSamples<'a> {
                 let mut row = Vec::new();
                 for lag in 0..history[0] {
                     let sample = k.checked_sub(lag).map_or(outputs_before, |k| &run.outputs[k * outputs..][..outputs]);
-                    row.extend(standardised(sample, of_outputs));
+                    row.extend(standardized(sample, of_outputs));
                 }
                 for lag in 0..history[1] {
                     let sample = k.checked_sub(lag).map_or(inputs_before, |k| &run.inputs[k * inputs..][..inputs]);
-                    row.extend(standardised(sample, of_inputs));
+                    row.extend(standardized(sample, of_inputs));
                 }
-                row.extend(standardised(p, of_parameters));
+                row.extend(standardized(p, of_parameters));
                 found.inputs.push(row);
-                found.outputs.push(standardised(&run.outputs[(k + 1) * outputs..][..outputs], of_outputs).collect());
+                found.outputs.push(standardized(&run.outputs[(k + 1) * outputs..][..outputs], of_outputs).collect());
             }
         }
         found
@@ -333,6 +333,6 @@ impl<'a> DiscreteSamples<'a> {
     }
 }
 
-fn standardised<'a>(values: &'a [f64], (means, scales): &'a ColumnMoments) -> impl Iterator<Item = f64> + 'a {
+fn standardized<'a>(values: &'a [f64], (means, scales): &'a ColumnMoments) -> impl Iterator<Item = f64> + 'a {
     values.iter().zip(means).zip(scales).map(|((value, mean), scale)| (value - mean) / scale)
 }

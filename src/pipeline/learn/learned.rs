@@ -124,10 +124,10 @@ pub(super) fn draw(
         let mut samples = drawn::FunctionSamples { directions, ..drawn::FunctionSamples::default() };
         for row in 0..inputs.len() {
             let mut add = |input: &[f64], output: &[f64], share: f64| {
-                let standardised = |value: &f64, mean: &f64, scale: &f64| (value - share * mean) / scale;
+                let standardized = |value: &f64, mean: &f64, scale: &f64| (value - share * mean) / scale;
                 let of = |values: &[f64], means: &[f64], scales: &[f64]| -> Vec<f64> {
                     let values = values.iter().zip(means).zip(scales);
-                    values.map(|((value, mean), scale)| standardised(value, mean, scale)).collect()
+                    values.map(|((value, mean), scale)| standardized(value, mean, scale)).collect()
                 };
                 samples.inputs.extend(of(input, &scaling.input_mean, &scaling.input_scale));
                 samples.outputs.extend(of(output, &scaling.output_mean, &scaling.output_scale));
@@ -179,14 +179,14 @@ pub(super) fn train(
     let scaling = scaling_of(seen);
     let (inputs, outputs) = (scaling.input_mean.len(), scaling.output_mean.len());
     let rows = |examples: &Examples| {
-        let x = scaling::standardise_rows(&examples.inputs, &scaling.input_mean, &scaling.input_scale);
-        let y = scaling::standardise_rows(&examples.outputs, &scaling.output_mean, &scaling.output_scale);
+        let x = scaling::standardize_rows(&examples.inputs, &scaling.input_mean, &scaling.input_scale);
+        let y = scaling::standardize_rows(&examples.outputs, &scaling.output_mean, &scaling.output_scale);
         let rows = TrainingRows::new(inputs, outputs, x, y)?;
         let Some(directions) = &examples.tangents else { return Ok(rows) };
         rows.with_tangents(Tangents {
             directions: directions.inputs.len() / examples.inputs.len().max(1),
-            inputs: scaling::standardise_rows(&directions.inputs, &vec![0.0; inputs], &scaling.input_scale),
-            outputs: scaling::standardise_rows(&directions.outputs, &vec![0.0; outputs], &scaling.output_scale),
+            inputs: scaling::standardize_rows(&directions.inputs, &vec![0.0; inputs], &scaling.input_scale),
+            outputs: scaling::standardize_rows(&directions.outputs, &vec![0.0; outputs], &scaling.output_scale),
             known: directions.known.clone(),
         })
     };

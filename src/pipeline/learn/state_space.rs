@@ -48,7 +48,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let began = Instant::now();
     let space = StateSpaceColumns::new(project, driven);
     let samples = space.ask(project, model)?;
-    let (given, samples) = recognise(samples, &space.counts);
+    let (given, samples) = recognize(samples, &space.counts);
     let mut learned = space.learn(project, &samples, checkpoints)?;
     let best = learned::chosen(&learned.records, &study.dynamics);
     let (Candidate { name, error, .. }, dictionary, network) = learned.candidates.swap_remove(best);
@@ -256,7 +256,7 @@ impl StateSpaceColumns {
 
 /// Recognizes outputs and derivatives that are states or equal functions. Returns them, outputs first, and the samples
 /// of the remaining functions.
-fn recognise(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, EquationSamples) {
+fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, EquationSamples) {
     let width = samples.labels.first().map_or(0, Vec::len);
     let EquationSamples { points, labels } = samples;
     let same = |label: usize, of: &dyn Fn(usize) -> f64| {

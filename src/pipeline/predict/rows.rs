@@ -33,7 +33,7 @@ pub(super) enum Batch {
     /// Each row is a point.
     Points(Vec<Points>),
     /// Whole runs.
-    Runs(Vec<LabelledRun>),
+    Runs(Vec<LabeledRun>),
 }
 
 /// Points of a surrogate without states.
@@ -45,7 +45,7 @@ pub(super) struct Points {
 }
 
 /// A run, whose parameters are those of the surrogate and then the values of its states at the start.
-pub(super) struct LabelledRun {
+pub(super) struct LabeledRun {
     /// Empty without a column for it.
     pub(super) label: String,
     pub(super) run: Run,
@@ -157,7 +157,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Whole runs, and whether the table has ended.
-    fn next_runs(&mut self) -> Result<(Vec<LabelledRun>, bool)> {
+    fn next_runs(&mut self) -> Result<(Vec<LabeledRun>, bool)> {
         let mut runs = Vec::new();
         for _ in 0..BATCH {
             if !self.table.next_row()? {
@@ -170,7 +170,7 @@ impl<'a> Reader<'a> {
     }
 
     /// Reads a row, and gives the run that has ended before it.
-    fn read_row(&mut self) -> Result<Option<LabelledRun>> {
+    fn read_row(&mut self) -> Result<Option<LabeledRun>> {
         let Self { surrogate, table, columns, current, labels, .. } = self;
         let time = columns.time.map_or(Ok(0.0), |column| table.number(column))?;
         let (mut constants, mut inputs) = (Vec::new(), Vec::new());
@@ -228,10 +228,10 @@ impl PredictionRun {
         self.times.last().copied().unwrap_or(f64::NEG_INFINITY)
     }
 
-    fn finish(self) -> LabelledRun {
+    fn finish(self) -> LabeledRun {
         let Self { label, constants, times, inputs, outputs } = self;
         let run = Run { parameters: constants, times: times.into(), inputs, outputs };
-        LabelledRun { label, run }
+        LabeledRun { label, run }
     }
 }
 

@@ -196,7 +196,7 @@ impl<'a> WeakEquations<'a> {
         let (unknowns, n) = (basis.unknowns.len(), trajectories[0].coordinates);
         let windows = |motion: &Trajectory| motion.rows().saturating_sub(2 * half);
         let count: usize = trajectories.iter().map(windows).sum();
-        // neighbouring windows overlap
+        // neighboring windows overlap
         if count * n < 2 * unknowns || count < half {
             return Ok(None);
         }

@@ -1,4 +1,4 @@
-//! Normalisation of a layer's values over the rows of a block: Ioffe and Szegedy, arXiv:1502.03167, on blocks of the
+//! Normalization of a layer's values over the rows of a block: Ioffe and Szegedy, arXiv:1502.03167, on blocks of the
 //! batch (Hoffer and others, arXiv:1705.08741), so that the blocks stay independent.
 //!
 //! ```text
@@ -15,7 +15,7 @@ pub(crate) const EPSILON: f32 = 1e-5;
 /// Numbers that describe a node over a block: mean, variance (not corrected for the number of rows) and `s`.
 pub(crate) const STATISTICS: usize = 3;
 
-/// From `z` in `y` to the normalised values `v`, `y` and the slopes `f'(u)`. `statistics`: mean, variance and `s` of each
+/// From `z` in `y` to the normalized values `v`, `y` and the slopes `f'(u)`. `statistics`: mean, variance and `s` of each
 /// node, `[3, padded(outputs)]`.
 #[inline(always)]
 pub(crate) fn forward<L: SimdLanes, F: ActivationFunction>(

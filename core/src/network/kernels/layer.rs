@@ -54,7 +54,7 @@ pub(crate) fn forward<L: SimdLanes>(
     let distance = stride(shape.outputs);
     for (index, bias) in bias.as_chunks::<WIDTH>().0.iter().enumerate() {
         let panel = Panel { values: &weight[index * shape.inputs * WIDTH..], stride: WIDTH };
-        // the biases of a normalised layer are added after the normalisation
+        // the biases of a normalized layer are added after the normalization
         let start = if shape.normalized { L::splat(0.0) } else { L::load(bias) };
         let y = &mut y[index * WIDTH..];
         product::<L>(left, panel, start, Store::Replace, y, distance);
@@ -215,7 +215,7 @@ pub(crate) fn gradient<L: SimdLanes>(
         }
     }
     if shape.normalized {
-        // the biases are added after the normalisation, which has dealt with them
+        // the biases are added after the normalization, which has dealt with them
         return;
     }
     for (index, bias) in bias.as_chunks_mut::<WIDTH>().0.iter_mut().enumerate() {

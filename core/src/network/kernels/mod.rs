@@ -14,7 +14,7 @@
 //! - [`activation`]: activation functions and their derivatives
 //! - [`transpose`](mod@transpose): the transpose
 //! - [`layer`]: forward pass, backward pass and gradient of a layer
-//! - [`batch_norm`]: normalisation over the rows of a block
+//! - [`batch_norm`]: normalization over the rows of a block
 //! - [`matrix`]: products of small matrices
 //! - [`buffer`]: memory that begins at a cache line
 

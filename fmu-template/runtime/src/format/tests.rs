@@ -377,7 +377,7 @@ fn a_description_that_is_wrong_is_refused_with_its_reason() {
     for (from, to, says) in [
         (r#"\"time_step\":0.01"#, r#"\"time_step\":\"x\""#, "expected f64"),
         (r#"\"time_step\":0.01,"#, "", "missing field `time_step`"),
-        (r#"\"time_step\""#, r#"\"colour\":1,\"time_step\""#, "unknown field `colour`"),
+        (r#"\"time_step\""#, r#"\"color\":1,\"time_step\""#, "unknown field `color`"),
         (r#"\"tunable\""#, r#"\"loose\""#, "unknown variant `loose`"),
         (r#"\"format\":7"#, r#"\"format\":6"#, "format 6, expected 7: an older metafmu wrote it; make it again"),
         (r#"\"format\":7"#, r#"\"format\":8"#, "format 8, expected 7: a newer metafmu wrote it; use that one"),

@@ -146,7 +146,7 @@ impl Evaluator {
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
-    // the shell of the FMU, which calls it, is optimised for size
+    // the shell of the FMU, which calls it, is optimized for size
     #[inline(never)]
     pub fn advance(&mut self, point: &mut [f64], step: CommunicationStep, drive: Drive) -> Result<u32, StepError> {
         self.check_point(point);

@@ -41,7 +41,7 @@ impl GraphReader {
             }
         };
         let (offset, scale) = (numbers("offset")?, numbers("scale")?);
-        self.standardised(&value, &offset, &scale, &vec![0.0; count])
+        self.standardized(&value, &offset, &scale, &vec![0.0; count])
     }
 
     pub(super) fn linear_regressor(&mut self, node: &NodeProto) -> Made {

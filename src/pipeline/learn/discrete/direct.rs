@@ -10,7 +10,7 @@ use super::{
     DiscreteSamples, Regressors,
     dead_time::{DeadTimes, LAGS, few},
     linear::{gains, solve},
-    standardised,
+    standardized,
 };
 use crate::dataset::{Dataset, Run};
 use std::borrow::Cow;
@@ -122,7 +122,7 @@ fn ahead(samples: &DiscreteSamples, past: &Regressors) -> Vec<Vec<f64>> {
     let inputs = samples.counts[1];
     let of_run = |(run, length): (&&Run, &usize)| {
         let rows = run.inputs.chunks(inputs).skip(run.times.len() - length);
-        rows.map(|row| standardised(row, &samples.scales[1]).collect()).collect::<Vec<Vec<f64>>>()
+        rows.map(|row| standardized(row, &samples.scales[1]).collect()).collect::<Vec<Vec<f64>>>()
     };
     samples.training.iter().zip(&past.lengths).flat_map(of_run).collect()
 }

@@ -16,7 +16,7 @@ mod saturation;
 mod simulate;
 mod start;
 
-use super::{DiscreteSamples, LearnedDiscrete, standardised};
+use super::{DiscreteSamples, LearnedDiscrete, standardized};
 use crate::{
     Error, Result,
     dataset::Run,
@@ -533,13 +533,13 @@ impl Signals {
     fn of(samples: &DiscreteSamples, run: &Run, number: usize) -> Self {
         let [of_parameters, of_inputs, of_outputs] = &samples.scales;
         let [parameters, inputs, outputs] = samples.counts;
-        let p: Vec<f64> = standardised(&run.parameters[..parameters], of_parameters).collect();
+        let p: Vec<f64> = standardized(&run.parameters[..parameters], of_parameters).collect();
         let rows = run.times.len();
         let columns = |row: usize| {
-            let u = standardised(&run.inputs[row * inputs..][..inputs], of_inputs);
+            let u = standardized(&run.inputs[row * inputs..][..inputs], of_inputs);
             u.chain(p.iter().copied()).collect::<Vec<f64>>()
         };
-        let outputs_of = |row: usize| standardised(&run.outputs[row * outputs..][..outputs], of_outputs);
+        let outputs_of = |row: usize| standardized(&run.outputs[row * outputs..][..outputs], of_outputs);
         Self {
             outputs: (0..rows).flat_map(outputs_of).collect(),
             inputs: (0..rows).flat_map(columns).collect(),

@@ -122,7 +122,7 @@ impl NetworkTerm {
         WrittenNetwork { functions: self.outputs.clone(), outputs }
     }
 
-    /// Standardised columns, those that are fixed first, and for each of the first columns the derivatives that are not zero.
+    /// Standardized columns, those that are fixed first, and for each of the first columns the derivatives that are not zero.
     fn standardized(&self, x: &[Register], first: usize, tape: &mut TapeBuilder) -> (LayerColumns, Vec<LayerColumns>) {
         let Scaling { input_mean, input_scale, .. } = &self.network.scaling;
         let (mut fixed, mut varying, mut slopes) = (Vec::new(), Vec::new(), Vec::new());

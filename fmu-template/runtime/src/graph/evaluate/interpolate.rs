@@ -204,7 +204,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_moment_is_found_between_its_neighbours_and_outside_at_the_ends() {
+    fn a_moment_is_found_between_its_neighbors_and_outside_at_the_ends() {
         let instants = PreparedInstants::new(&[0.0, 0.5, 0.75, 2.0], 1, &[], Precision::Double);
         for (time, left, weight, slope) in [
             (-1.0, 0, 0.0, 0.0),

@@ -152,7 +152,7 @@ impl OtherStep {
                 let from = &before[*of];
                 let parameters = Parameters::new(*function, parameters, width);
                 match function {
-                    // of every standardised column
+                    // of every standardized column
                     Elementwise::Linear => {
                         for i in 0..width {
                             let [factor, offset] = parameters.of(i);

@@ -4,7 +4,7 @@ use super::{
     super::{
         DiscreteSamples, Regressors,
         linear::{LinearPart, solve},
-        standardised,
+        standardized,
     },
     fit::CountedRuns,
     simulate::{Limits, Signals, Simulated, StateShape, overwriting, simulate},
@@ -30,7 +30,7 @@ const SMALL: f64 = 1e-12;
 pub fn common(samples: &DiscreteSamples, study: &Study) -> Option<Vec<f64>> {
     let runs = samples.training.iter().chain(&samples.validation).filter(|run| run.times[0] >= 0.0);
     let outputs = samples.counts[2];
-    let first = |run: &&Run| standardised(&run.outputs[..outputs], &samples.scales[2]).collect::<Vec<f64>>();
+    let first = |run: &&Run| standardized(&run.outputs[..outputs], &samples.scales[2]).collect::<Vec<f64>>();
     let starts: Vec<Vec<f64>> = runs.map(first).collect();
     if let [] | [_] = starts[..] {
         return starts.into_iter().next();

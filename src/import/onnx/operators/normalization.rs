@@ -1,4 +1,4 @@
-//! Normalisations and sums along axes.
+//! Normalizations and sums along axes.
 
 use super::*;
 
@@ -39,12 +39,12 @@ impl GraphReader {
         }
         let channel = places(&shape, |index| index[1]);
         let of = |numbers: &[f64]| channel.iter().map(|channel| numbers[*channel]).collect::<Vec<f64>>();
-        self.standardised(&value, &of(&mean), &of(&factors), &of(&bias))
+        self.standardized(&value, &of(&mean), &of(&factors), &of(&bias))
     }
 
     /// `(x - mean) factor + offset`, in this order: with inputs far from zero, a difference of products would have few
     /// digits.
-    pub(super) fn standardised(&mut self, value: &Value, mean: &[f64], factors: &[f64], offsets: &[f64]) -> Made {
+    pub(super) fn standardized(&mut self, value: &Value, mean: &[f64], factors: &[f64], offsets: &[f64]) -> Made {
         let difference = self.with_constant(Operation::Subtract, value, mean, false)?;
         self.mapped(&difference, Elementwise::Linear, [factors, offsets].concat())
     }
@@ -128,11 +128,11 @@ impl GraphReader {
         at: usize,
         mut make: impl FnMut(&mut Self, usize, usize) -> Result<usize, String>,
     ) -> Made {
-        let Value::Row(row) = value else { return Err("a normalisation of a constant".into()) };
+        let Value::Row(row) = value else { return Err("a normalization of a constant".into()) };
         let width: usize = row.shape[at..].iter().product();
         let groups: usize = row.shape[..at].iter().product();
         if width == 0 || groups == 0 {
-            return Err("a normalisation of nothing".into());
+            return Err("a normalization of nothing".into());
         }
         if groups == 1 {
             let made = make(self, row.value, width)?;
@@ -149,7 +149,7 @@ impl GraphReader {
     }
 
     /// The axis of a softmax, and `true` if those after it belong to it as well.
-    fn normalised_axis(&self, node: &NodeProto, rank: usize) -> Result<(usize, bool), String> {
+    fn normalized_axis(&self, node: &NodeProto, rank: usize) -> Result<(usize, bool), String> {
         // before version 13 all axes from this one on are one
         let (default, whole) = if self.opset < 13 { (1, true) } else { (-1, false) };
         Ok((axis(Attributes::of(node).integer("axis").unwrap_or(default), rank)?, whole))
@@ -158,7 +158,7 @@ impl GraphReader {
     pub(super) fn softmax(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         let rank = value.shape().len();
-        let (at, whole) = self.normalised_axis(node, rank)?;
+        let (at, whole) = self.normalized_axis(node, rank)?;
         let normal = |reader: &mut Self, value: &Value, at: usize| {
             reader.in_groups(value, at, |reader, of, width| reader.builder.add(Step::Softmax { of }, width))
         };
@@ -176,7 +176,7 @@ impl GraphReader {
     /// Subtracts the logarithm of a sum that is at least 1, so nothing underflows to -inf.
     pub(super) fn log_softmax(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let (at, whole) = self.normalised_axis(node, value.shape().len())?;
+        let (at, whole) = self.normalized_axis(node, value.shape().len())?;
         let is_one = |place: usize| place == at || (whole && place > at);
         let kept = value.shape().iter().enumerate().map(|(place, dim)| if is_one(place) { 1 } else { *dim }).collect();
         let logarithm = self.logarithm_of_sum(&value, kept)?;

@@ -18,7 +18,7 @@ pub fn check(fmu: &Fmu, report: &mut Notes) {
     binary(fmu, report);
     report.doing("an instance with a wrong token");
     if fmu.instantiate_as("wrong token", "{no such token}", false).is_ok() {
-        report.problem(Area::Behaviour, "an instance is made with a token that is not that of modelDescription.xml");
+        report.problem(Area::Behavior, "an instance is made with a token that is not that of modelDescription.xml");
     }
     let Some(mut experiment) = experiment(fmu, report) else { return };
     attempt(fmu, report, "outputs in Initialization Mode", || in_initialization_mode(fmu, experiment.time(0)));
@@ -70,10 +70,10 @@ pub fn attempt(fmu: &Fmu, report: &mut Notes, what: &str, check: impl FnOnce() -
     report.doing(what);
     match check() {
         Ok(None) => {}
-        Ok(Some(difference)) => report.problem(Area::Behaviour, format!("{interface}, {what}: {difference}")),
+        Ok(Some(difference)) => report.problem(Area::Behavior, format!("{interface}, {what}: {difference}")),
         // the FMU may be right and the method not made for it
         Err(error @ Error::Integration { .. }) => report.skipped(format!("{what}: {error}")),
-        Err(error) => report.problem(Area::Behaviour, format!("{interface}, {what}: {error}")),
+        Err(error) => report.problem(Area::Behavior, format!("{interface}, {what}: {error}")),
     }
 }
 
