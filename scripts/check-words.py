@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Checks the English of documentation, doc comments, docstrings and comments of C against docs/maintainers/style.md.
+"""Checks the English of documentation, doc comments, docstrings, comments of C and texts of Rust against docs/maintainers/style.md.
 
 Refused are the phrases of the page's table, sentences of more than 35 words, and summaries of doc comments and comments of C
-that open with a pronoun or a clause: OPENINGS. EXCEPTIONS has the exceptions, each with its reason.
+that open with a pronoun or a clause: OPENINGS. Texts of Rust are string literals outside tests: messages, help, pages; only their
+phrases count. EXCEPTIONS has the exceptions, each with its reason.
 
 Usage: python3 scripts/check-words.py [--count] [FILE...]
 """
@@ -116,6 +117,14 @@ def c_comments(source):
             yield source.count("\n", 0, match.start()) + 1, re.sub(r"(?m)^ *\* ?|^ ", "", comment).splitlines()
 
 
+def strings(source):
+    """Line and text of each string literal of Rust with three words and more, outside tests."""
+    source = source.split("#[cfg(test)]\nmod tests {")[0]
+    for match in re.finditer(r'//[^\n]*|"((?:\\.|[^"\\])*)"|\'(?:\\.|[^\'\\])\'', source, re.S):
+        if match[1] and len(match[1].split()) > 2:
+            yield source.count("\n", 0, match.start()) + 1, re.sub(r"\\\n\s*", "", match[1])
+
+
 def texts(path):
     """Line, text, and whether it is the summary of a doc comment."""
     content = path.read_text(encoding="utf-8").splitlines()
@@ -139,7 +148,17 @@ def docstrings(source):
             yield node.body[0].lineno, text.splitlines()
 
 
+def refused(line, text):
+    """The refused phrases of a text."""
+    for phrase, instead in PHRASES.items():
+        if found := re.search(phrase, text, re.I):
+            yield line, f"{found[0]!r}, expected {instead}: {text[max(0, found.start() - 30) : found.end() + 40]}"
+
+
 def problems(path):
+    if path.suffix == ".rs" and "tests" not in path.parts and path.stem != "tests":
+        for line, text in strings(path.read_text(encoding="utf-8")):
+            yield from refused(line, text)
     for line, text, is_summary in texts(path):
         for index, sentence in enumerate(sentences(text)):
             if any(re.search(exception, sentence) for exception in EXCEPTIONS):
@@ -148,9 +167,7 @@ def problems(path):
                 yield line, f"{words(sentence)} words, expected at most {LONGEST}: {sentence[:70]}..."
             if is_summary and index == 0 and OPENINGS.search(sentence):
                 yield line, f"summary opens with {sentence.split()[0]!r}, expected the noun or \"Returns true if\": {sentence[:70]}"
-            for phrase, instead in PHRASES.items():
-                if found := re.search(phrase, sentence, re.I):
-                    yield line, f"{found[0]!r}, expected {instead}: {sentence[:70]}"
+            yield from refused(line, sentence)
 
 
 def main():

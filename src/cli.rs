@@ -180,9 +180,8 @@ study's surrogate of the same variables is measured on the same test runs.")]
   metafmu export examples/single-pendulum.toml --model ridge
   metafmu export examples/single-pendulum.toml --onnx single-pendulum.onnx    # for third-party tools: no states
 
-The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise. Instead of a study, a model \
-file or an FMU made by metafmu may be given: its FMUs are written to the working directory, or to that of --out, and their model cards \
-do not say what was measured.")]
+The FMU has a binary for every platform embedded in this program unless --platform or --binary says otherwise. STUDY can also be a model \
+file or an FMU made by metafmu. Its FMUs are written to the working directory or to --out, and their model cards have no accuracy.")]
     Export(ExportModelArgs),
     /// Read a third-party network and write NAME.safetensors, which `export` takes
     #[command(after_help = "Examples:
@@ -191,8 +190,8 @@ do not say what was measured.")]
   metafmu export model.safetensors --fmi both
 
 The interface says which column of the model is which variable: names, units, ranges, causality. Ranges that it does not have are those of \
---data. With --check, rows of inputs and of the outputs that the model gave for them are compared, and nothing is written if they \
-differ: exit code 1. docs/import.md lists the operators of ONNX that are known, and every key of an interface.")]
+--data. --check compares a table of the model's inputs and outputs with the import: if they differ, nothing is written, and the exit code \
+is 1. docs/import.md lists the operators of ONNX that are known, and every key of an interface.")]
     Import(ImportArgs),
     /// Print the JSON schema of study, mechanism or interface files, with which editors complete and check them
     #[command(after_help = "Examples:
