@@ -241,7 +241,7 @@ impl PyGraph {
         });
         let trees = trees.iter().map(|[root, output]| Tree { root: *root, output: *output });
         let forest = Forest { nodes: nodes.collect(), trees: trees.collect() };
-        let made = self.of(&[of])?.add(Step::Forest { of, forest, outputs }, outputs);
+        let made = self.of(&[of])?.add(Step::Forest { of, forest: forest.into(), outputs }, outputs);
         self.made(made)
     }
 

@@ -19,7 +19,7 @@ use metafmu_runtime::{
     Sampling, State, Surrogate, Tunability,
     dictionary::Dictionary,
     function_set::NetworkTerm,
-    graph::{Elementwise, Forest, Step},
+    graph::{Elementwise, Step},
 };
 
 const STYLE: &str = "\
@@ -361,10 +361,10 @@ fn of_baseline(graph: &Graph) -> Option<(&'static str, String)> {
         [.., Step::Products { products, .. }, _] => {
             Some(("a polynomial", format!("polynomial of {} terms", products.terms())))
         }
-        [first, Step::Forest { forest: Forest { trees, nodes }, .. }, last]
+        [first, Step::Forest { forest, .. }, last]
             if is(first, Elementwise::Linear) && is(last, Elementwise::Linear) =>
         {
-            let size = format!("{} decision trees, {} nodes", trees.len(), nodes.len());
+            let size = format!("{} decision trees, {} nodes", forest.trees.len(), forest.nodes.len());
             Some(("a sum of decision trees, piecewise constant,", size))
         }
         steps => {

@@ -7,7 +7,7 @@ use super::{
     proto::NodeProto,
 };
 use metafmu_runtime::graph::{Elementwise, Forest, LEAF, Node, Step, Tree};
-use std::collections::HashMap;
+use std::{collections::HashMap, sync::Arc};
 
 /// Nodes of all trees together, each once for every output that it adds to.
 const MAX_NODES: usize = 1 << 24;
@@ -61,7 +61,7 @@ impl GraphReader {
         if !base.is_empty() && base.len() != outputs {
             return Err(format!("{} base values, expected {outputs}", base.len()));
         }
-        let forest = forest(&nodes, &trees, &leaves, (outputs, scale))?;
+        let forest = Arc::new(forest(&nodes, &trees, &leaves, (outputs, scale))?);
         // each row has the trees once more
         let rows = shape.iter().product::<usize>().checked_div(columns).unwrap_or(0);
         if rows > 1 && rows.saturating_mul(forest.nodes.len()) > MAX_NODES_OF_ROWS {

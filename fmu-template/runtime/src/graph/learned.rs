@@ -112,7 +112,7 @@ impl Graph {
         let mut forest = forest;
         let splits = forest.nodes.iter_mut().filter(|node| node.column != LEAF);
         splits.for_each(|node| node.number *= scale(node.column));
-        let of = graph.add(Step::Forest { of: 1, forest, outputs: scaling.output_mean.len() });
+        let of = graph.add(Step::Forest { of: 1, forest: forest.into(), outputs: scaling.output_mean.len() });
         graph.add(linear(of, &scaling.output_scale, &scaling.output_mean));
         graph
     }

@@ -30,7 +30,7 @@ pub use forest::{Forest, LEAF, Node, Tree};
 pub use learned::KernelMachine;
 pub use process::ProcessDeviation;
 pub use products::Products;
-use std::fmt;
+use std::{fmt, sync::Arc};
 
 /// A function as a sequence of steps. Value 0 is the vector of the input columns, step `k` makes value `k + 1`, and the last
 /// value is the outputs. Derivatives are exact.
@@ -124,8 +124,8 @@ pub enum Step {
     Forest {
         /// `x`
         of: usize,
-        /// The trees.
-        forest: Forest,
+        /// The trees: megabytes, which an evaluator shares.
+        forest: Arc<Forest>,
         /// Number of `y_i`.
         outputs: usize,
     },

@@ -109,9 +109,10 @@ impl PreparedProducts {
         let (mut known, mut first_terms) = (PlaceTable::default(), vec![None]);
         for (term, degrees) in products.degrees.chunks_exact(products.inputs).enumerate() {
             let place = |(input, degree): (usize, &u8)| (polynomials + input * orders + usize::from(*degree)) as u32;
-            let mut own: Vec<u32> = degrees.iter().enumerate().filter(|(_, degree)| **degree > 0).map(place).collect();
+            let begin = factors.len();
+            factors.extend(degrees.iter().enumerate().filter(|(_, degree)| **degree > 0).map(place));
             let (mut product, mut earlier) = (0, None);
-            for &factor in &own {
+            for &factor in &factors[begin..] {
                 earlier = first_terms[product as usize];
                 let key = [product, factor, 0];
                 product = known.get(&key).copied().unwrap_or(first_terms.len() as u32);
@@ -121,10 +122,11 @@ impl PreparedProducts {
                 }
             }
             first_terms[product as usize].get_or_insert(term as u32);
-            if let Some(earlier) = earlier.filter(|_| own.len() > 2) {
-                own.splice(..own.len() - 1, [earlier]);
+            if let Some(earlier) = earlier.filter(|_| factors.len() > begin + 2) {
+                let last = factors[factors.len() - 1];
+                factors.truncate(begin);
+                factors.extend([earlier, last]);
             }
-            factors.extend(own);
             ends.push(factors.len() as u32);
         }
         Self { inputs: products.inputs, orders, polynomials, factors, ends }

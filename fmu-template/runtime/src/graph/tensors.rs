@@ -186,7 +186,7 @@ impl Step {
                 expect_shape(name("centres"), &centres.shape()[1..], &[lengths.len()])?;
                 Ok(Self::Distances { of, centres: elements(centres.data(), f64::from_le_bytes), lengths })
             }
-            FOREST => Ok(Self::Forest { of, forest: Forest::read(tensors, prefix)?, outputs: code as usize }),
+            FOREST => Ok(Self::Forest { of, forest: Forest::read(tensors, prefix)?.into(), outputs: code as usize }),
             PRODUCTS => {
                 let view = take(tensors, &name("degrees"), Dtype::U8, 2)?;
                 Ok(Self::Products { of, products: Products { inputs: view.shape()[1], degrees: view.data().to_vec() } })

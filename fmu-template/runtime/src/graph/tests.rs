@@ -35,7 +35,7 @@ fn graph() -> Graph {
             of: 8,
             products: Products { inputs: 4, degrees: vec![1, 0, 0, 1, 0, 1, 0, 0, 2, 0, 1, 0, 0, 0, 3, 2] },
         },
-        Step::Forest { of: 0, forest: Forest { nodes, trees: vec![Tree { root: 0, output: 1 }] }, outputs: 2 },
+        Step::Forest { of: 0, forest: Forest { nodes, trees: vec![Tree { root: 0, output: 1 }] }.into(), outputs: 2 },
         affine(9, &[0.4, -0.6, 0.3, 1.2, -0.9, 0.2, 0.5, 0.7], &[0.0, 0.5]),
         Step::Combine { of: [11, 10], operation: Operation::Add },
         of(11, Elementwise::Exponential, &[]),

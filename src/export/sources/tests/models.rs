@@ -131,7 +131,7 @@ pub(super) fn graph(example: &Surrogate) -> Surrogate {
     let leaf = |number| Node { column: LEAF, number, below: [0; 2] };
     let nodes = vec![Node { column: 1, number: 0.1, below: [1, 2] }, leaf(0.25), leaf(-1.0), leaf(0.5)];
     let trees = vec![Tree { root: 0, output: 2 }, Tree { root: 3, output: 0 }];
-    steps.push(Step::Forest { of: standard, forest: Forest { nodes, trees }, outputs: 3 });
+    steps.push(Step::Forest { of: standard, forest: Forest { nodes, trees }.into(), outputs: 3 });
     let forest = steps.len() as u32;
     let degrees = (0..12).map(|index| index * 5 % 7).collect();
     steps.push(Step::Products { of: distances as usize - 1, products: Products { inputs: 4, degrees } });

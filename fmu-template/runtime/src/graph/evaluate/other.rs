@@ -6,6 +6,7 @@ use crate::{
     graph::{Elementwise, Forest, Operation, Step, cell::Cell, products::PreparedProducts, series::Series},
     simd::{Lanes, Real, flat, flat_mut},
 };
+use std::sync::Arc;
 
 /// A step with what it takes: see [`Step`].
 #[derive(Clone, Debug)]
@@ -46,7 +47,7 @@ pub(super) enum OtherStep {
     },
     Forest {
         of: usize,
-        forest: Forest,
+        forest: Arc<Forest>,
     },
     Products {
         of: usize,
