@@ -262,16 +262,16 @@ mod tests {
     #[test]
     fn a_trial_is_the_study_with_its_values() {
         let text = format!(
-            "{STUDY}\n[search]\ntrials = 2\nmethod = 'random'\n[search.space]\n'network.hidden' = [[5, 6]]\n'training.batch' = [7]\n'training.optimizer' = ['adam']"
+            "{STUDY}\n[search]\ntrials = 2\nmethod = 'random'\n[search.space]\n'network.hidden' = [[5, 6]]\n'training.batch' = [7]\n'training.optimiser' = ['adam']"
         );
         let path = Path::new("study.toml");
         let message = Study::parse(&text, path).unwrap_err().to_string();
         let says = "study.toml:";
         assert!(
-            message.starts_with(says) && message.contains("search.space.training.optimizer: unknown key `optimizer`"),
+            message.starts_with(says) && message.contains("search.space.training.optimiser: unknown key `optimiser`"),
             "{message}"
         );
-        let text = text.replace("'training.optimizer' = ['adam']", "'export.author' = ['A']");
+        let text = text.replace("'training.optimiser' = ['adam']", "'export.author' = ['A']");
         let study = Study::parse(&text, path).unwrap();
         let trial = studies(&study).unwrap().swap_remove(0).1.unwrap();
         assert_eq!((trial.network.hidden, trial.training.batch), (vec![5, 6], 7));

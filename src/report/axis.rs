@@ -214,7 +214,7 @@ mod tests {
     fn a_short_logarithmic_axis_has_ticks_between_the_decades() {
         assert_eq!(labels(&Axis::log("x", "", [0.3, 4.0])), ["0.2", "0.5", "1", "2", "5"]);
         assert_eq!(labels(&Axis::log("x", "", [1.0])), ["0.1", "0.2", "0.5", "1"]);
-        assert_eq!(labels(&Axis::log("x", "", [30_000.0, 200_000.0])), ["2e4", "5e4", "1e5", "2e5"]);
+        assert_eq!(labels(&Axis::log("x", "", [30_000.0, 200_000.0])), ["2·10⁴", "5·10⁴", "10⁵", "2·10⁵"]);
     }
 
     #[test]
