@@ -698,13 +698,16 @@ def test_the_model_card_has_the_errors_of_the_roll_outs(crane):
         card = archive.read("documentation/index.html").decode()
     for horizon in horizons:
         numbers = [horizon["median"], horizon["q90"], *horizon["sensitivity"]]
-        cells = "".join(f'<td class="n">{mantissa(number)}</td>' for number in numbers)
+        cells = "".join(f'<td class="n">{brief(number)}</td>' for number in numbers)
         assert cells in card, (cells, card)
 
 
-def mantissa(number):
-    """As Rust writes it: 1.2e-7."""
-    return re.sub(r"e([+-])0*(\d)", lambda match: "e" + match[1].strip("+") + match[2], f"{number:.1e}")
+def brief(number):
+    """Two digits, as people write them: 0.012, 1.2 × 10⁻⁷."""
+    mantissa, exponent = f"{number:.1e}".removesuffix(".0").split("e")
+    if -3 <= int(exponent) < 6:
+        return f"{float(f'{number:.1e}'):.{max(1 - int(exponent), 0)}f}".rstrip("0").rstrip(".")
+    return f"{mantissa.removesuffix('.0')}\u00a0×\u00a010{str(int(exponent)).translate(str.maketrans('-0123456789', '⁻⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
 SHORT = ("stop = 5.0", "stop = 0.05")
