@@ -9,6 +9,7 @@ same commit on the same kind of processor are not repeated. All of them take hou
     .venv/bin/python scripts/figures.py                      # all
     .venv/bin/python scripts/figures.py stds plans           # some
     .venv/bin/python scripts/figures.py --minutes 2          # those that take two minutes or less
+    .venv/bin/python scripts/figures.py --write motions      # also renews the rows of tables in the page that the output has, too
 
 Needs target/release/metafmu and .venv (scripts/venv.sh). The exit code is 1 if a figure failed.
 """
@@ -96,6 +97,32 @@ def replace(path, text):
     unfinished.replace(path)
 
 
+def cells(row):
+    """Cells of a table's row, without code marks."""
+    return [cell.strip().replace("`", "") for cell in row.strip().strip("|").split("|")]
+
+
+def renewed(page, output, key):
+    """The page with those rows of the output whose first `key` cells and number of cells are those of a row of the page, and their number."""
+    rows = [line for line in output.splitlines() if re.match(r"\|.*\d", line)]
+    found = {(*cells(row)[:key], len(cells(row))): row for row in rows}
+    lines = page.split("\n")
+    places = [place for place, line in enumerate(lines) if line.startswith("|") and (*cells(line)[:key], len(cells(line))) in found]
+    for place in places:
+        lines[place] = found[(*cells(lines[place])[:key], len(cells(lines[place])))]
+    return "\n".join(lines), len(places)
+
+
+def write(name, figure, folder):
+    """Renews the rows of the page of a figure, if they can be told by their first cells."""
+    if "key" not in figure:
+        return "not written: the entry has no `key`"
+    page = ROOT / figure["page"].split("#")[0]
+    text, count = renewed(page.read_text(encoding="utf-8"), (folder / f"{name}.txt").read_text(encoding="utf-8"), figure["key"])
+    replace(page, text)
+    return f"{count} rows of {figure['page'].split('#')[0]} written"
+
+
 def is_done(folder, name, figure):
     """Returns True if the same commands were successful before."""
     record = folder / f"{name}.json"
@@ -118,6 +145,7 @@ def main():
     parser.add_argument("--list", action="store_true", help="print names, pages and commands, and run nothing")
     parser.add_argument("--minutes", type=float, metavar="N", help="only those that take about N minutes or less")
     parser.add_argument("--again", action="store_true", help="also those that were finished before")
+    parser.add_argument("--write", action="store_true", help="renew the rows of tables in the pages")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "figures", help="where the folder of results is made; out/figures unless given")
     parser.add_argument("--from", dest="file", type=Path, default=LIST, metavar="FILE", help="another list")
     options = parser.parse_args()
@@ -145,6 +173,8 @@ def main():
             print(f"{name}: skipped, {'; '.join(missing)}", flush=True)
         elif not options.again and is_done(folder, name, figure):
             print(f"{name}: finished before", flush=True)
+            if options.write:
+                print(f"{name}: {write(name, figure, folder)}")
         else:
             print(f"{name}: about {figure['minutes']} min", end="", flush=True)
             record = run(name, figure, folder)
@@ -152,6 +182,8 @@ def main():
             failed += [name] if record["exit_code"] else []
             how = f"FAILED with exit code {record['exit_code']}" if record["exit_code"] else "finished"
             print(f"; {how} after {record['seconds']:.0f} s: {name}.txt", flush=True)
+            if options.write and not record["exit_code"]:
+                print(f"{name}: {write(name, figure, folder)}")
     if failed:
         print(f"{len(failed)} of {len(wanted)} failed: {', '.join(failed)}")
     return 1 if failed else 0

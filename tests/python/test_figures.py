@@ -45,7 +45,7 @@ def test_options_that_docs_give_to_a_measurement_are_known():
 @pytest.mark.parametrize("name", LISTED)
 def test_an_entry_has_its_page_and_its_files(name):
     figure = LISTED[name]
-    assert set(figure) <= {"page", "commands", "minutes", "needs", "root"} and figure["commands"] and figure["minutes"] > 0
+    assert set(figure) <= {"page", "commands", "key", "minutes", "needs", "root"} and figure["commands"] and figure["minutes"] > 0
     page, _, heading = figure["page"].partition("#")
     text = (ROOT / page).read_text(encoding="utf-8")
     slugs = {re.sub(r"[^\w -]", "", line.lower()).strip().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)}
@@ -60,6 +60,13 @@ def test_an_entry_has_its_page_and_its_files(name):
 
 def call(*arguments):
     return subprocess.run([sys.executable, ROOT / "scripts" / "figures.py", *map(str, arguments)], capture_output=True, text=True)
+
+
+def test_rows_of_a_page_are_renewed_by_their_first_cells():
+    page = "| model | error | ns |\n|---|---|---|\n| `crane` | 1e-9 | 5 |\n| pendulum | 2e-9 | 3 |\n\n| crane | 4 |\n"
+    output = "$ command\n| model | error | ns |\n| crane | 1e-9 | 7 |\n| wiper | 1 | 2 |\n"
+    text, count = figures.renewed(page, output, 1)
+    assert (text, count) == (page.replace("| `crane` | 1e-9 | 5 |", "| crane | 1e-9 | 7 |"), 1)
 
 
 def test_the_list_names_figures_and_pages():
