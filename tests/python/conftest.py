@@ -141,6 +141,22 @@ def changed(example, *changes):
     return text
 
 
+def small_study(epochs):
+    """A study of the single pendulum named `study`, which builds in a second."""
+    return changed(
+        "single-pendulum.toml",
+        ('name = "single-pendulum"', 'name = "study"'),
+        ("runs = 1331", "runs = 40"),
+        ("test_runs = 200", "test_runs = 5"),
+        ("\nruns = 1000", "\nruns = 20"),
+        ("step = 0.01", "step = 0.05"),
+        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [16, 16]"),
+        ("batch = 1024", "batch = 128"),
+        ("epochs = 150", f"epochs = {epochs}"),
+        *ALL_EPOCHS,
+    )
+
+
 def pytest_configure(config):
     config.addinivalue_line("markers", "thorough: takes minutes, or its tool does to build; run by scripts/test.sh --ci and --all only")
     config.addinivalue_line("markers", "quick: also run by scripts/test.sh --quick")

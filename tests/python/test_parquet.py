@@ -11,7 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, abort_at, changed, metafmu
+from conftest import ANY, METAFMU, ROOT, abort_at, metafmu, small_study
 
 STUDY = """name = "s"
 source = {{ {source} }}
@@ -277,18 +277,7 @@ SETS = ["train", "test", "calibration"]
 @pytest.fixture(scope="module")
 def builds(tmp_path_factory):
     """A study and the folder of its build, with tables in each format."""
-    text = changed(
-        "single-pendulum.toml",
-        ('name = "single-pendulum"', 'name = "study"'),
-        ("runs = 1331", "runs = 40"),
-        ("test_runs = 200", "test_runs = 5"),
-        ("\nruns = 1000", "\nruns = 20"),
-        ("step = 0.01", "step = 0.05"),
-        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [16, 16]"),
-        ("batch = 1024", "batch = 128"),
-        ("epochs = 150", "epochs = 4"),
-        *ALL_EPOCHS,
-    )
+    text = small_study(epochs=4)
     folder, found = tmp_path_factory.mktemp("builds"), {}
     for name in ("csv", "parquet"):
         study = folder / f"{name}.toml"

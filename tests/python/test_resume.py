@@ -4,7 +4,7 @@ import subprocess
 import time
 
 import pytest
-from conftest import ALL_EPOCHS, ANY, METAFMU, ROOT, RandomKills, abort_at, changed, losses, metafmu
+from conftest import ANY, METAFMU, ROOT, RandomKills, abort_at, changed, losses, metafmu, small_study
 
 KILLS = 20
 EPOCHS = 8
@@ -26,18 +26,7 @@ MOMENTS = [
 
 @pytest.fixture(scope="module")
 def study(tmp_path_factory):
-    text = changed(
-        "single-pendulum.toml",
-        ('name = "single-pendulum"', 'name = "study"'),
-        ("runs = 1331", "runs = 40"),
-        ("test_runs = 200", "test_runs = 5"),
-        ("\nruns = 1000", "\nruns = 20"),
-        ("step = 0.01", "step = 0.05"),
-        ("hidden = [64, 64, 64, 64, 64, 64]", "hidden = [16, 16]"),
-        ("batch = 1024", "batch = 128"),
-        ("epochs = 150", f"epochs = {EPOCHS}"),
-        *ALL_EPOCHS,
-    )
+    text = small_study(EPOCHS)
     path = tmp_path_factory.mktemp("resume") / "study.toml"
     path.write_text(text + ANY)
     return path
