@@ -102,15 +102,28 @@ def cells(row):
     return [cell.strip().replace("`", "") for cell in row.strip().strip("|").split("|")]
 
 
+def tables(text):
+    """Each table: cells of its heading, and line numbers of its rows."""
+    lines, found = text.split("\n"), []
+    for number, line in enumerate(lines):
+        if not line.startswith("|"):
+            continue
+        if number == 0 or not lines[number - 1].startswith("|"):
+            found.append((cells(line), []))
+        elif not re.fullmatch(r"[|\s:-]+", line):
+            found[-1][1].append(number)
+    return found
+
+
 def renewed(page, output, key):
-    """The page with those rows of the output whose first `key` cells and number of cells are those of a row of the page, and their number."""
-    rows = [line for line in output.splitlines() if re.match(r"\|.*\d", line)]
-    found = {(*cells(row)[:key], len(cells(row))): row for row in rows}
-    lines = page.split("\n")
-    places = [place for place, line in enumerate(lines) if line.startswith("|") and (*cells(line)[:key], len(cells(line))) in found]
-    for place in places:
-        lines[place] = found[(*cells(lines[place])[:key], len(cells(lines[place])))]
-    return "\n".join(lines), len(places)
+    """The page with rows of the output, and their number: those of tables with the same heading and the same first `key` cells."""
+    new, lines, count = output.split("\n"), page.split("\n"), 0
+    for heading, places in tables(page):
+        rows = {tuple(cells(new[row])[:key]): new[row] for other, of in tables(output) if other == heading for row in of}
+        for place in places:
+            if row := rows.get(tuple(cells(lines[place])[:key])):
+                lines[place], count = row, count + 1
+    return "\n".join(lines), count
 
 
 def write(name, figure, folder):
