@@ -186,7 +186,7 @@ def main():
     options = parser.parse_args()
     # fmpy's and pythonfmu3's commands are beside this Python
     os.environ["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    print("| model | operations at worst (+, -, ×, / and others) | single against double precision: median, largest | double precision against the truth |")
+    print("| model | operations in the worst case (+, -, ×, / and others) | single against double precision: median, largest | double precision against the truth |")
     print("|---|---|---|---|", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         folder = options.built or Path(folder)
