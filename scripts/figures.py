@@ -103,14 +103,13 @@ def cells(row):
 
 
 def tables(text):
-    """Each table: cells of its heading, and line numbers of its rows."""
+    """Each table: cells of its heading, and line numbers of its rows, between which a program may print other lines."""
     lines, found = text.split("\n"), []
+    is_rule = [bool(re.fullmatch(r"\|[|\s:-]+", line)) for line in [*lines, ""]]
     for number, line in enumerate(lines):
-        if not line.startswith("|"):
-            continue
-        if number == 0 or not lines[number - 1].startswith("|"):
-            found.append((cells(line), []))
-        elif not re.fullmatch(r"[|\s:-]+", line):
+        if is_rule[number]:
+            found.append((cells(lines[number - 1]), []))
+        elif line.startswith("|") and found and not is_rule[number + 1]:
             found[-1][1].append(number)
     return found
 

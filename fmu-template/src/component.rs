@@ -187,7 +187,7 @@ struct Called<'a> {
     legal: Row,
 }
 
-/// [`call`] of what is called in every step: compiled into the function itself.
+/// Variant of [`call`] for the functions of every step, compiled into the function itself.
 ///
 /// # Safety
 /// The host's promise.

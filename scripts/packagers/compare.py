@@ -216,7 +216,7 @@ def main():
         for tool, fmu, *_, runs in made:
             runs.append(stepped(tool, fmu))
 
-    print("| tool | set-up, s | installed, MB | export, s | FMU, MB | instantiate, ms | step, ns: median | longest step, ns, out of |")
+    print("| tool | set-up, s | installed, MB | export, s | FMU, MB | instantiate, ms | step, ns: median | longest of all steps, ns |")
     print("|---|---|---|---|---|---|---|---|")
     for tool, fmu, set_up, installed, export, runs in made:
         instantiate, median, longest = (statistics.median(of) for of in zip(*runs))

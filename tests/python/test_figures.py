@@ -64,7 +64,7 @@ def call(*arguments):
 
 def test_rows_of_a_page_are_renewed_by_their_first_cells():
     page = "| model | error | ns |\n|---|---|---|\n| `crane` | 1e-9 | 5 |\n| pendulum | 2e-9 | 3 |\n\n| model | mass | L |\n|---|---|---|\n| crane | 4 | 2 |\n"
-    output = "$ command\n| model | error | ns |\n| crane | 1e-9 | 7 |\n| wiper | 1 | 2 |\n"
+    output = "$ command\n| model | error | ns |\n|---|---|---|\n[WARNING] outside\n| crane | 1e-9 | 7 |\n| wiper | 1 | 2 |\n"
     text, count = figures.renewed(page, output, 1)
     assert (text, count) == (page.replace("| `crane` | 1e-9 | 5 |", "| crane | 1e-9 | 7 |"), 1)
 

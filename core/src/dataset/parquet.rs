@@ -129,7 +129,7 @@ fn group_values(file: &SerializedFileReader<File>, group: usize) -> std::result:
             }
             match values.len() == rows {
                 true => Ok(values),
-                false => Err(ParquetError::EOF(format!("{} rows less than in its row group", rows - values.len()))),
+                false => Err(ParquetError::EOF(format!("{} rows fewer than in its row group", rows - values.len()))),
             }
         })
         .collect()

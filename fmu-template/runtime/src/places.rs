@@ -1,14 +1,14 @@
-//! The table of what was written before, while an FMU is instantiated.
+//! Table of earlier entries, used while an FMU is instantiated.
 
 use std::{
     collections::HashMap,
     hash::{BuildHasherDefault, Hasher},
 };
 
-/// Places by what they have, in three numbers: one type for all, since each type of table is a kilobyte and a half of every FMU.
+/// Position of an entry by its key. One type for all uses, since each type of table is 1.5 kB of every FMU.
 pub(crate) type PlaceTable = HashMap<[u32; 3], u32, BuildHasherDefault<QuickHasher>>;
 
-/// Places and bits of numbers from a checked file are no place for an attack, and there are many when an FMU is instantiated.
+/// Hash of keys from a checked file: fast, as there are many, and not made to withstand an attack.
 #[derive(Debug, Default)]
 pub(crate) struct QuickHasher(u64);
 

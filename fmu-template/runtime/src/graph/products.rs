@@ -105,7 +105,7 @@ impl PreparedProducts {
         let orders = products.orders();
         let polynomials = products.terms().next_multiple_of(width);
         let (mut factors, mut ends) = (Vec::new(), Vec::new());
-        // the products of the first factors of terms, each by the product before it and its last factor, and the first term that it is
+        // number of each product of a term's first factors, by the product before it and its last factor; the first term equal to each
         let (mut known, mut first_terms) = (PlaceTable::default(), vec![None]);
         for (term, degrees) in products.degrees.chunks_exact(products.inputs).enumerate() {
             let place = |(input, degree): (usize, &u8)| (polynomials + input * orders + usize::from(*degree)) as u32;
