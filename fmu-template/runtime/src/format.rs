@@ -141,10 +141,7 @@ use crate::{
 };
 use fields::Fields;
 use motion::{double, doubles, integration, of_integration};
-use safetensors::{
-    Dtype, SafeTensorError, SafeTensors,
-    tensor::{TensorInfo, TensorView},
-};
+use safetensors::{Dtype, SafeTensorError, SafeTensors, tensor::TensorView};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -207,19 +204,15 @@ impl Surrogate {
         let text = container.metadata().as_ref().and_then(|entries| entries.get(METADATA_KEY));
         let (clock, metadata) = parse_header(text.ok_or(FormatError::NoMetadata)?)?;
         let data = &bytes[size_of::<u64>() + length..];
-        let mut tensors = Views::default();
-        for (name, TensorInfo { dtype, shape, data_offsets: (begin, end) }) in container.tensors() {
-            let view = TensorView::new(*dtype, shape.clone(), &data[*begin..*end]).map_err(FormatError::Container)?;
-            tensors.insert(name, view);
-        }
+        let mut tensors = Views::new(&container, data);
         let graph = Graph::read(&mut tensors, GRAPH, false)?;
         let clock = match clock {
             ClockKind::Static => Clock::Static,
             ClockKind::Continuous => Clock::Continuous(integration(&mut tensors)?),
             ClockKind::Sampled => Clock::Sampled(Box::new(Sampling::read(&mut tensors)?)),
         };
-        if let Some(name) = tensors.names().min() {
-            return Err(FormatError::UnknownTensor { name: name.into() });
+        if let Some(name) = tensors.unread() {
+            return Err(FormatError::UnknownTensor { name });
         }
         let surrogate = Self::new(metadata, Program { graph, clock })?;
         surrogate.check_content(bytes)?;

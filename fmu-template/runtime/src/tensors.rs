@@ -1,66 +1,108 @@
 //! Tensors of the model file; `format` says what they are.
 
 use crate::{FormatError, Numbers, check::expect_shape};
-use safetensors::{Dtype, tensor::TensorView};
-use std::{collections::HashMap, iter};
+use safetensors::{
+    Dtype,
+    tensor::{Metadata, TensorInfo},
+};
+use std::iter;
 
 /// Name, type, shape and content.
 pub(crate) type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
 
-/// Tensors of a file that have not been read yet.
-#[derive(Default)]
+/// Tensor of a file.
+#[derive(Clone, Copy)]
+pub(crate) struct View<'a> {
+    pub(crate) dtype: Dtype,
+    pub(crate) shape: &'a [usize],
+    pub(crate) data: &'a [u8],
+}
+
+impl<'a> View<'a> {
+    /// One of `count` equal parts of the content.
+    fn part(&self, part: usize, count: usize) -> &'a [u8] {
+        let size = self.data.len() / count;
+        &self.data[part * size..][..size]
+    }
+}
+
+/// Tensors of a file, of which each is read once.
 pub(crate) struct Views<'a> {
-    tensors: HashMap<String, TensorView<'a>>,
-    /// Part of each tensor that is read, and the number of parts, which is its leading dimension.
-    part: Option<(usize, usize)>,
+    container: &'a Metadata,
+    data: &'a [u8],
+    /// Names of the tensors that were read.
+    taken: Vec<String>,
+    /// Number of parts of tensors of which the first is read, and the tensors.
+    parts: Option<(usize, Vec<View<'a>>)>,
 }
 
 impl<'a> Views<'a> {
-    pub(crate) fn insert(&mut self, name: String, view: TensorView<'a>) {
-        self.tensors.insert(name, view);
+    /// Tensors of a container with this content.
+    pub(crate) fn new(container: &'a Metadata, data: &'a [u8]) -> Self {
+        Self { container, data, taken: Vec::new(), parts: None }
     }
 
     pub(crate) fn contain(&self, name: &str) -> bool {
-        self.tensors.contains_key(name)
+        self.container.info(name).is_some()
     }
 
-    /// Names of the tensors that have not been read.
-    pub(crate) fn names(&self) -> impl Iterator<Item = &str> {
-        self.tensors.keys().map(String::as_str)
+    /// Returns true if a name begins with this.
+    pub(crate) fn contain_any(&self, prefix: &str) -> bool {
+        self.container.tensors().keys().any(|name| name.starts_with(prefix))
     }
 
-    /// Reads each of `count` parts of tensors that are [stacked].
+    /// First name of a tensor that was not read.
+    pub(crate) fn unread(&self) -> Option<String> {
+        let all = self.container.tensors();
+        // without the search, whose time would grow with the square of their number
+        if all.len() == self.taken.len() {
+            None
+        } else {
+            all.into_keys().filter(|name| !self.taken.contains(name)).min()
+        }
+    }
+
+    /// Reads `count` parts of tensors that are [stacked]: the first by names, the others as the first, from their numbers in the same order.
+    ///
+    /// # Errors
+    /// That of the first part, or [`FormatError::StepKinds`] if whole numbers, which tell kinds and sizes, differ.
     pub(crate) fn parts<T>(
         &mut self,
         count: usize,
-        read: impl Fn(&mut Self) -> Result<T, FormatError>,
+        first: impl FnOnce(&mut Self) -> Result<T, FormatError>,
+        with_numbers: impl Fn(&T, &mut dyn Iterator<Item = Numbers>) -> T,
     ) -> Result<Vec<T>, FormatError> {
-        let parts = (0..count).map(|part| {
-            self.part = Some((part, count));
-            read(self)
-        });
-        let parts = parts.collect();
-        self.part = None;
-        parts
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        self.parts = Some((count, Vec::new()));
+        let first = first(self);
+        let stacked = self.parts.take().map(|(_, stacked)| stacked).unwrap_or_default();
+        let mut parts = vec![first?];
+        for part in 1..count {
+            if stacked.iter().any(|view| view.dtype == Dtype::U32 && view.part(part, count) != view.part(0, count)) {
+                return Err(FormatError::StepKinds { instant: part });
+            }
+            let views = stacked.iter().filter(|view| view.dtype != Dtype::U32);
+            parts.push(with_numbers(&parts[0], &mut views.map(|view| numbers(view.dtype, view.part(part, count)))));
+        }
+        Ok(parts)
     }
 
     /// The tensor, or the present part of it.
-    fn take(&mut self, name: &str) -> Result<TensorView<'a>, FormatError> {
-        let missing = || FormatError::MissingTensor { name: name.into() };
-        let Some((part, count)) = self.part else { return self.tensors.remove(name).ok_or_else(missing) };
-        let view = self.tensors.get(name).ok_or_else(missing)?;
-        let (dtype, shape, data) = (view.dtype(), view.shape(), view.data());
-        if shape.first() != Some(&count) {
-            let expected = iter::once(count).chain(shape.iter().skip(1).copied()).collect();
+    fn take(&mut self, name: &str) -> Result<View<'a>, FormatError> {
+        let info = self.container.info(name).ok_or_else(|| FormatError::MissingTensor { name: name.into() })?;
+        let TensorInfo { dtype, shape, data_offsets: (begin, end) } = info;
+        let view = View { dtype: *dtype, shape, data: &self.data[*begin..*end] };
+        self.taken.push(name.into());
+        let Some((count, stacked)) = &mut self.parts else { return Ok(view) };
+        let View { dtype, shape, .. } = view;
+        if shape.first() != Some(count) {
+            let expected = iter::once(*count).chain(shape.iter().skip(1).copied()).collect();
             return Err(FormatError::Shape { name: name.into(), found: shape.to_vec(), expected });
         }
-        let size = data.len() / count;
-        let shape = shape[1..].to_vec();
-        let of_part = TensorView::new(dtype, shape, &data[part * size..][..size]).map_err(FormatError::Container)?;
-        if part + 1 == count {
-            self.tensors.remove(name);
-        }
-        Ok(of_part)
+        stacked.push(view);
+        Ok(View { dtype, shape: &shape[1..], data: view.part(0, *count) })
     }
 }
 
@@ -99,7 +141,7 @@ pub(crate) fn take<'a>(
     name: &str,
     expected: Dtype,
     dimensions: usize,
-) -> Result<TensorView<'a>, FormatError> {
+) -> Result<View<'a>, FormatError> {
     take_one_of(tensors, name, &[expected], dimensions)
 }
 
@@ -109,16 +151,16 @@ pub(crate) fn take_one_of<'a>(
     name: &str,
     expected: &[Dtype],
     dimensions: usize,
-) -> Result<TensorView<'a>, FormatError> {
+) -> Result<View<'a>, FormatError> {
     let view = tensors.take(name)?;
-    if !expected.contains(&view.dtype()) {
+    if !expected.contains(&view.dtype) {
         let expected = expected.iter().map(|dtype| format!("{dtype:?}")).collect::<Vec<_>>().join(" or ");
-        return Err(FormatError::Type { name: name.into(), found: format!("{:?}", view.dtype()), expected });
+        return Err(FormatError::Type { name: name.into(), found: format!("{:?}", view.dtype), expected });
     }
-    if view.shape().len() != dimensions {
-        let mut expected = view.shape().to_vec();
+    if view.shape.len() != dimensions {
+        let mut expected = view.shape.to_vec();
         expected.resize(dimensions, 1);
-        return Err(FormatError::Shape { name: name.into(), found: view.shape().to_vec(), expected });
+        return Err(FormatError::Shape { name: name.into(), found: view.shape.to_vec(), expected });
     }
     Ok(view)
 }
@@ -132,14 +174,14 @@ pub(crate) fn elements<T, const N: usize>(bytes: &[u8], from: fn([u8; N]) -> T) 
 #[inline(never)]
 pub(crate) fn counts(tensors: &mut Views, name: &str, count: usize) -> Result<Vec<u32>, FormatError> {
     let view = take(tensors, name, Dtype::U32, 1)?;
-    expect_shape(name, view.shape(), &[count])?;
-    Ok(elements(view.data(), u32::from_le_bytes))
+    expect_shape(name, view.shape, &[count])?;
+    Ok(elements(view.data, u32::from_le_bytes))
 }
 
 /// Rows of whole numbers.
 #[inline(never)]
 pub(crate) fn whole_rows<const N: usize>(tensors: &mut Views, name: &str) -> Result<Vec<[u32; N]>, FormatError> {
     let view = take(tensors, name, Dtype::U32, 2)?;
-    expect_shape(name, &view.shape()[1..], &[N])?;
-    Ok(elements(view.data(), u32::from_le_bytes).as_chunks().0.to_vec())
+    expect_shape(name, &view.shape[1..], &[N])?;
+    Ok(elements(view.data, u32::from_le_bytes).as_chunks().0.to_vec())
 }

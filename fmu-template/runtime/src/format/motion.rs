@@ -89,7 +89,7 @@ impl Motion {
             let name = name(what);
             // empty tensors are omitted
             let numbers = match tensors.contain(&name) {
-                true => elements(take(tensors, &name, Dtype::U32, 1)?.data(), u32::from_le_bytes),
+                true => elements(take(tensors, &name, Dtype::U32, 1)?.data, u32::from_le_bytes),
                 false => Vec::new(),
             };
             Ok(numbers.into_iter().map(|number| number as usize).collect::<Vec<_>>())
@@ -98,7 +98,7 @@ impl Motion {
         let dynamics =
             Dynamics::with_efforts(efforts, function_set)?.with_forces(forces)?.with_prescribed(&prescribed)?;
         let of_reactions = name("reactions.");
-        let has_reactions = tensors.names().any(|name| name.starts_with(&of_reactions));
+        let has_reactions = tensors.contain_any(&of_reactions);
         let reactions = has_reactions.then(|| dictionary(tensors, &of_reactions, factors)).transpose()?;
         let reactions = reactions.map(|functions| Reactions::new(coordinates, count, functions)).transpose()?;
         Ok(Self { dynamics, positions, windings, reactions, actuator_states, outputs })
@@ -250,7 +250,7 @@ fn network(tensors: &mut Views, prefix: &str) -> Result<Option<NetworkTerm>, For
         Ok(NetworkColumn { of: of as usize, kind: *kind })
     });
     let columns = columns.collect::<Result<Vec<_>, FormatError>>()?;
-    let outputs = elements(take(tensors, &name("outputs"), Dtype::U32, 1)?.data(), u32::from_le_bytes);
+    let outputs = elements(take(tensors, &name("outputs"), Dtype::U32, 1)?.data, u32::from_le_bytes);
     let outputs = outputs.into_iter().map(|output| output as usize).collect();
     let graph = Graph::read(tensors, &name("graph."), true)?;
     graph.widths()?;
@@ -311,7 +311,7 @@ fn splines(tensors: &mut Views, prefix: &str) -> Result<Vec<SplineFactor>, Forma
     if !tensors.contain(&name) {
         return Ok(Vec::new());
     }
-    let columns = elements(take(tensors, &name, Dtype::U32, 1)?.data(), u32::from_le_bytes);
+    let columns = elements(take(tensors, &name, Dtype::U32, 1)?.data, u32::from_le_bytes);
     let tables = lookup_tables(tensors, &joined([prefix, "splines"]))?;
     expect_shape(&name, &[columns.len()], &[tables.len()])?;
     let spline = |(column, table)| SplineFactor { column: column as usize, table };
@@ -335,9 +335,9 @@ pub(super) fn doubles(
     dimensions: usize,
 ) -> Result<(Vec<f64>, Vec<usize>), FormatError> {
     let view = take(tensors, name, Dtype::F64, dimensions)?;
-    let values = elements(view.data(), f64::from_le_bytes);
+    let values = elements(view.data, f64::from_le_bytes);
     expect_finite(name, values.iter().copied())?;
-    Ok((values, view.shape().to_vec()))
+    Ok((values, view.shape.to_vec()))
 }
 
 /// Longest step and tolerance of the solver, under a name for each method with error control.
@@ -384,12 +384,12 @@ fn factors(tensors: &mut Views, prefix: &str) -> Result<Vec<Factor>, FormatError
 fn dictionary(tensors: &mut Views, prefix: &str, factors: KnownFactors) -> Result<Dictionary, FormatError> {
     let (coefficients_name, exponents_name) = (joined([prefix, "coefficients"]), joined([prefix, "exponents"]));
     let view = take(tensors, &exponents_name, Dtype::I16, 2)?;
-    let (exponents, shape) = (elements(view.data(), i16::from_le_bytes), view.shape().to_vec());
+    let (exponents, shape) = (elements(view.data, i16::from_le_bytes), view.shape.to_vec());
     let view = take(tensors, &coefficients_name, Dtype::F64, 2)?;
     let width = factors.0.len() + SPLINE_POWERS * factors.1.len();
-    expect_shape(&exponents_name, &shape, &[view.shape()[0], width])?;
-    let functions = view.shape()[1];
-    let coefficients = elements(view.data(), f64::from_le_bytes);
+    expect_shape(&exponents_name, &shape, &[view.shape[0], width])?;
+    let functions = view.shape[1];
+    let coefficients = elements(view.data, f64::from_le_bytes);
     // chunks of no length are not allowed
     let rows = |index: usize, width: usize| index * width..(index + 1) * width;
     let term = |index| (&exponents[rows(index, width)], &coefficients[rows(index, functions)]);

@@ -670,8 +670,10 @@ fn functions_that_a_step_calls_have_no_such_steps() {
         assert_eq!(found.to_string(), expected);
     }
     let of_instants = per_instant().to_bytes().unwrap();
-    let found = Surrogate::from_bytes(&patched(of_instants, "graph.0.functions.steps", 60, 12)).unwrap_err();
+    let found = Surrogate::from_bytes(&patched(of_instants.clone(), "graph.0.functions.steps", 4, 12)).unwrap_err();
     assert_eq!(found.to_string(), "tensor `graph.0.functions.steps`, element 4: 12 is not known");
+    let found = Surrogate::from_bytes(&patched(of_instants, "graph.0.functions.steps", 60, 12)).unwrap_err();
+    assert_eq!(found.to_string(), "instant 2: steps of other kinds or precisions than at the first instant");
     let found = Surrogate::from_bytes(&patched(bytes, "graph.1.function.inputs", 0, 0)).unwrap_err();
     assert_eq!(found.to_string(), "tensor `graph.inputs` has shape [0], expected [6]");
 }

@@ -65,6 +65,23 @@ impl Graph {
         let steps = steps.iter().enumerate().map(step).collect::<Result<_, _>>()?;
         Ok(Self { inputs, steps })
     }
+
+    /// A network with the same steps and other numbers: those of its tensors, in their order.
+    fn with_numbers(&self, tensors: &mut dyn Iterator<Item = Numbers>) -> Self {
+        let mut next = || tensors.next().unwrap_or(Numbers::Double(Vec::new()));
+        // types are those of the first network, which were checked
+        let doubles = |next: Numbers| match next {
+            Numbers::Double(numbers) => numbers,
+            Numbers::Single(_) => Vec::new(),
+        };
+        let steps = self.steps.iter().map(|step| match *step {
+            Step::Affine { of, .. } => Step::Affine { of, weight: next(), bias: next() },
+            Step::Standardize { of, .. } => Step::Standardize { of, mean: doubles(next()), scale: doubles(next()) },
+            Step::Rescale { of, .. } => Step::Rescale { of, mean: doubles(next()), scale: doubles(next()) },
+            ref other => other.clone(),
+        });
+        Self { inputs: self.inputs, steps: steps.collect() }
+    }
 }
 
 impl Step {
@@ -148,17 +165,17 @@ impl Step {
         let name = |what: &str| joined([prefix, what]);
         let mut doubles = |what: &str| -> Result<Vec<f64>, FormatError> {
             let view = take(tensors, &name(what), Dtype::F64, 1)?;
-            Ok(elements(view.data(), f64::from_le_bytes))
+            Ok(elements(view.data, f64::from_le_bytes))
         };
         let of = a as usize;
         match kind {
             AFFINE => {
-                let mut read = |what: &str, dimensions: usize| -> Result<(Numbers, Vec<usize>), FormatError> {
+                let mut read = |what: &str, dimensions: usize| -> Result<_, FormatError> {
                     let view = take_one_of(tensors, &name(what), &[Dtype::F32, Dtype::F64], dimensions)?;
-                    Ok((numbers(view.dtype(), view.data()), view.shape().to_vec()))
+                    Ok((numbers(view.dtype, view.data), view.shape))
                 };
                 let ((weight, shape), (bias, _)) = (read("weight", 2)?, read("bias", 1)?);
-                expect_shape(name("weight"), &shape, &[bias.len(), weight.len() / bias.len().max(1)])?;
+                expect_shape(name("weight"), shape, &[bias.len(), weight.len() / bias.len().max(1)])?;
                 Ok(Self::Affine { of, weight, bias })
             }
             ELEMENTWISE => {
@@ -183,19 +200,23 @@ impl Step {
             DISTANCES => {
                 let lengths = doubles("lengths")?;
                 let centres = take(tensors, &name("centres"), Dtype::F64, 2)?;
-                expect_shape(name("centres"), &centres.shape()[1..], &[lengths.len()])?;
-                Ok(Self::Distances { of, centres: elements(centres.data(), f64::from_le_bytes), lengths })
+                expect_shape(name("centres"), &centres.shape[1..], &[lengths.len()])?;
+                Ok(Self::Distances { of, centres: elements(centres.data, f64::from_le_bytes), lengths })
             }
             FOREST => Ok(Self::Forest { of, forest: Forest::read(tensors, prefix)?.into(), outputs: code as usize }),
             PRODUCTS => {
                 let view = take(tensors, &name("degrees"), Dtype::U8, 2)?;
-                Ok(Self::Products { of, products: Products { inputs: view.shape()[1], degrees: view.data().to_vec() } })
+                Ok(Self::Products { of, products: Products { inputs: view.shape[1], degrees: view.data.to_vec() } })
             }
             CALL => Ok(Self::Call { of, function: Graph::read(tensors, &name("function."), true)? }),
             INTERPOLATE => {
                 let instants = doubles("instants")?;
-                let of_functions = name("functions.");
-                let functions = tensors.parts(instants.len(), |part| Graph::read(part, &of_functions, true))?;
+                let first = |part: &mut Views| {
+                    let function = Graph::read(part, &name("functions."), true)?;
+                    let problem = || FormatError::NoNetwork { name: name("functions") };
+                    if function.is_network() { Ok(function) } else { Err(problem()) }
+                };
+                let functions = tensors.parts(instants.len(), first, Graph::with_numbers)?;
                 Ok(Self::Interpolate { of, column: code as usize, instants, functions })
             }
             DICTIONARY => Ok(Self::Dictionary { of, dictionary: Dictionary::read(tensors, prefix)? }),
@@ -228,14 +249,14 @@ impl Forest {
         let name = |what: &str| joined([prefix, "forest.", what]);
         let mut indices = |what: &str| {
             let view = take(tensors, &name(what), Dtype::U32, 1)?;
-            Ok::<_, FormatError>(elements(view.data(), u32::from_le_bytes))
+            Ok::<_, FormatError>(elements(view.data, u32::from_le_bytes))
         };
         let (columns, roots, outputs) = (indices("column")?, indices("root")?, indices("output")?);
         let below = take(tensors, &name("below"), Dtype::U32, 2)?;
-        expect_shape(name("below"), below.shape(), &[columns.len(), 2])?;
-        let below = elements(below.data(), u32::from_le_bytes);
+        expect_shape(name("below"), below.shape, &[columns.len(), 2])?;
+        let below = elements(below.data, u32::from_le_bytes);
         let numbers = take(tensors, &name("number"), Dtype::F64, 1)?;
-        let numbers = elements(numbers.data(), f64::from_le_bytes);
+        let numbers = elements(numbers.data, f64::from_le_bytes);
         let nodes = columns.len();
         expect_shape(name("number"), &[numbers.len()], &[nodes])?;
         expect_shape(name("output"), &[outputs.len()], &[roots.len()])?;

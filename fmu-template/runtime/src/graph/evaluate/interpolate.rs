@@ -35,26 +35,35 @@ pub(in crate::graph) fn check(
     let outputs = expected.last().copied().unwrap_or_default();
     for (instant, function) in functions.iter().enumerate() {
         let problem = |source| FormatError::OfInstant { instant, source: Box::new(source) };
-        let found = function.shape(columns - 1).map_err(problem)?;
         // they share their working memory
-        if found != expected {
-            return Err(FormatError::LayerSizes { instant, found, expected });
-        }
-        let kind = |step: &Step| match step {
-            Step::Affine { weight, bias, .. } => {
-                (discriminant(step), [weight, bias].map(|of| of.as_single().is_some()))
+        if instant == 0 || function.inputs != functions[0].inputs || !sizes(function).eq(sizes(&functions[0])) {
+            let found = function.shape(columns - 1).map_err(problem)?;
+            if found != expected {
+                return Err(FormatError::LayerSizes { instant, found, expected });
             }
-            _ => (discriminant(step), [false; 2]),
-        };
-        let kinds = |graph: &Graph| graph.steps.iter().map(kind).collect::<Vec<_>>();
-        if kinds(function) != kinds(&functions[0]) {
-            return Err(FormatError::StepKinds { instant });
+            if instant > 0 {
+                return Err(FormatError::StepKinds { instant });
+            }
         }
         if !function.is_network() {
             return Err(problem(FormatError::NoNetwork { name: "function".into() }));
         }
     }
     Ok(outputs)
+}
+
+/// Kind of each step, how many numbers it has, and whether they are single.
+fn sizes(graph: &Graph) -> impl Iterator<Item = impl PartialEq> {
+    graph.steps.iter().map(|step| {
+        let numbers = match step {
+            Step::Affine { weight, bias, .. } => [weight, bias].map(|of| (of.len(), of.as_single().is_some())),
+            Step::Standardize { mean, scale, .. } | Step::Rescale { mean, scale, .. } => {
+                [mean, scale].map(|of| (of.len(), false))
+            }
+            _ => [(0, false); 2],
+        };
+        (discriminant(step), numbers)
+    })
 }
 
 /// The networks laid out for evaluation.
