@@ -1,6 +1,9 @@
 //! Activation functions and their derivatives, written so that the compiler turns them into SIMD code.
 
-use crate::simd::{AVX512, Compute, Lanes, PLAIN, PORTABLE, Real, flat_mut, fma, share};
+use crate::{
+    numbers::jet::Number,
+    simd::{AVX512, Compute, Lanes, PLAIN, PORTABLE, Real, flat_mut, fma, share},
+};
 use serde::{Deserialize, Serialize};
 use std::iter::once;
 
@@ -213,6 +216,52 @@ fn orders<const SIMD: u8>(kernel: Kernel, x: f64) -> [f64; 3] {
         found[0]
     });
     orders
+}
+
+/// Returns true if a function follows from a hyperbolic tangent, which is computed for all of a block at once.
+pub(crate) fn has_tanh(function: Activation) -> bool {
+    matches!(function, Activation::Tanh | Activation::Sigmoid | Activation::Silu | Activation::Gelu)
+}
+
+const GELU_LINEAR: f64 = <f64 as Real>::GELU_LINEAR;
+const GELU_CUBIC: f64 = <f64 as Real>::GELU_CUBIC;
+
+/// Of equations: replaces arguments by those of the hyperbolic tangent, and keeps them in place of slopes.
+#[inline(never)]
+pub(crate) fn prepare<T: Number>(function: Activation, values: &mut [T], slopes: &mut [T]) {
+    if function == Activation::Tanh {
+        return;
+    }
+    slopes.copy_from_slice(values);
+    for x in values {
+        *x = match function {
+            Activation::Gelu => *x * (T::from(GELU_LINEAR) + (*x * *x).scaled(GELU_CUBIC)),
+            _ => x.scaled(0.5),
+        };
+    }
+}
+
+/// Of equations: replaces hyperbolic tangents, or arguments if there are none, by values of the function and its slopes.
+#[inline(never)]
+pub(crate) fn finish<T: Number>(function: Activation, values: &mut [T], slopes: &mut [T]) {
+    let one = T::from(1.0);
+    for (y, slope) in values.iter_mut().zip(slopes) {
+        // of a share `s = (1 + tanh u) / 2` the derivative with respect to `u` is `2 s (1 - s)`
+        let (x, share) = (*slope, (*y + one).scaled(0.5));
+        [*y, *slope] = match function {
+            Activation::Identity => [*y, one],
+            Activation::Tanh => [*y, one - *y * *y],
+            Activation::Sigmoid => [share, share * (one - share)],
+            Activation::Silu => [x * share, share + x * share * (one - share)],
+            Activation::Gelu => {
+                let slope = T::from(GELU_LINEAR) + (x * x).scaled(3.0 * GELU_CUBIC);
+                [x * share, share + (x * share * (one - share) * slope).scaled(2.0)]
+            }
+            Activation::Sine => y.sin_cos().into(),
+            Activation::Relu if y.value() > 0.0 => [*y, one],
+            Activation::Relu => [y.scaled(0.0), T::from(0.0)],
+        };
+    }
 }
 
 /// `tanh x`, NaN for NaN; absolute error below 3e-16 in double and 1.2e-7 in single precision.
