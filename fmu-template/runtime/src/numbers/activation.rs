@@ -242,15 +242,26 @@ pub(crate) fn prepare<T: Number>(function: Activation, values: &mut [T], slopes:
 }
 
 /// Of equations: replaces hyperbolic tangents, or arguments if there are none, by values of the function and its slopes.
-#[inline(never)]
+#[inline(always)]
 pub(crate) fn finish<T: Number>(function: Activation, values: &mut [T], slopes: &mut [T]) {
+    // compiled into the layers, and without a choice for each number
+    if function == Activation::Tanh {
+        for (y, slope) in values.iter().zip(slopes) {
+            *slope = T::from(1.0) - *y * *y;
+        }
+    } else {
+        finish_others(function, values, slopes);
+    }
+}
+
+#[inline(never)]
+fn finish_others<T: Number>(function: Activation, values: &mut [T], slopes: &mut [T]) {
     let one = T::from(1.0);
     for (y, slope) in values.iter_mut().zip(slopes) {
         // of a share `s = (1 + tanh u) / 2` the derivative with respect to `u` is `2 s (1 - s)`
         let (x, share) = (*slope, (*y + one).scaled(0.5));
         [*y, *slope] = match function {
-            Activation::Identity => [*y, one],
-            Activation::Tanh => [*y, one - *y * *y],
+            Activation::Identity | Activation::Tanh => [*y, one],
             Activation::Sigmoid => [share, share * (one - share)],
             Activation::Silu => [x * share, share + x * share * (one - share)],
             Activation::Gelu => {
