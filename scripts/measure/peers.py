@@ -9,11 +9,10 @@ compiling included) for training as the build has taken, or --minutes, on as man
 - LSTM: standardized force and position, windows of the runs, Adam with a cosine schedule over the budget; the weights that are best in
   simulations of held-out runs.
 
-Several sizes of each are tried, each with the whole budget; the table has all. Needs target/release/metafmu, and fmpy, torch, jax-sysid:
+Two sizes of each are tried, each with the whole budget; the table has all. Needs target/release/metafmu; scripts/venv.sh --peers installs the other
+programs.
 
-    pip install torch==2.15.0 jax-sysid==1.1.0 fmpy
-
-Usage: python3 scripts/measure peers [--minutes M] [--only metafmu|jax-sysid|lstm]
+Usage: .peers/bin/python scripts/measure peers [--minutes M] [--only metafmu|jax-sysid|lstm]
 """
 
 import argparse
@@ -98,7 +97,7 @@ def main():
     args = parser.parse_args()
     runs, unseen = make_table.runs(1, 22), make_table.runs(2, 10)
     budget = 60.0 * args.minutes if args.minutes else None
-    print("| | RMS error, m | of the standard deviation | processor time, s |\n|---|---|---|---|")
+    print("| | RMS error of the position, m | of the standard deviation | processor time, s |\n|---|---|---|---|")
 
     def row(name, result):
         (rms, relative), seconds = result
@@ -109,10 +108,10 @@ def main():
         seconds = row("metafmu", metafmu(unseen))
         budget = budget or seconds
     if args.only in (None, "jax-sysid"):
-        for states, nodes in [(4, 16), (4, 32), (6, 16)]:
+        for states, nodes in [(4, 16), (4, 32)]:
             row(f"jax-sysid, {states} states, {nodes} nodes", jax_sysid(runs, unseen, budget, states, nodes))
     if args.only in (None, "lstm"):
-        for nodes in [16, 32, 64]:
+        for nodes in [32, 64]:
             row(f"LSTM, {nodes} nodes", lstm(runs, unseen, budget, nodes))
 
 

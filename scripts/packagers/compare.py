@@ -107,19 +107,8 @@ class Metafmu(Tool):
         return self.folder / "network.fmu"
 
 
-class Onnx2fmu(Tool):
-    name, packages, steps, first = "onnx2fmu", ["onnx2fmu==0.3.3"], 1_000_000, (1, 1 + INPUTS)
-
-    def export(self):
-        columns = lambda name: [{"name": name, "description": name}]
-        description = {"name": "network", "FMIVersion": "2.0", "description": "", "inputs": columns("x"), "outputs": columns("y")}
-        (self.folder / "network.json").write_text(json.dumps(description))
-        self.command("onnx2fmu", "build", WORK / "network.onnx", "network.json", "target", "--destination", ".")
-        return self.folder / "network.fmu"
-
-
 class PythonFmu(Tool):
-    name, packages, steps, first = "PythonFMU", ["pythonfmu==0.7.0", "numpy"], 100_000, (0, INPUTS)
+    name, packages, steps, first = "PythonFMU 0.7", ["pythonfmu==0.7.0", "numpy"], 100_000, (0, INPUTS)
 
     def export(self):
         self.command("pythonfmu", "build", "-f", HERE / "slave.py", "-d", self.folder, WORK / "network.npz")
@@ -134,7 +123,7 @@ class PythonFmu(Tool):
 
 
 class UniFmu(Tool):
-    name, packages, steps, first = "UniFMU", ["unifmu==0.0.3", "lxml", "toml", "pyzmq", "numpy"], 10_000, (0, INPUTS)
+    name, packages, steps, first = "UniFMU 0.0.3", ["unifmu==0.0.3", "lxml", "toml", "pyzmq", "numpy"], 10_000, (0, INPUTS)
 
     def export(self):
         folder = self.folder / "network"
@@ -192,14 +181,14 @@ LAYERS = network()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("wheel", type=Path, help="metafmu's wheel, as scripts/release.sh makes it")
-    parser.add_argument("--rounds", type=int, default=5, help="how often all FMUs are stepped in turn")
+    parser.add_argument("--rounds", type=int, default=3, help="how often all FMUs are stepped in turn")
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
     write_network(LAYERS)
     run("cc", "-std=c11", "-O2", "-Wall", "-Wextra", HERE / "host.c", "-o", WORK / "host", "-ldl", "-lm")
 
     made, problems = [], []
-    for tool in (Metafmu(options.wheel.resolve()), Onnx2fmu(), PythonFmu(), UniFmu()):
+    for tool in (Metafmu(options.wheel.resolve()), PythonFmu(), UniFmu()):
         try:
             begin = time.perf_counter()
             tool.set_up()
