@@ -132,14 +132,37 @@ def renewed(page, output, key):
     return "\n".join(lines), count
 
 
+def with_blocks(page, output, blocks):
+    """The page with lines of the output, and their number: those after a heading that both have, up to an empty line."""
+    new, count = output.split("\n"), 0
+    for heading in blocks:
+        is_heading = lambda line: " ".join(line.split()).startswith(heading)
+        lines = page.split("\n")
+        begin = next((number for number, line in enumerate(lines) if line.startswith("    ") and is_heading(line)), None)
+        first = next((number for number, line in enumerate(new) if is_heading(line)), None)
+        if begin is None or first is None:
+            raise ValueError(f"`{heading}` begins no block of {'the page' if begin is None else 'the output'}")
+        end_of = lambda lines, number: next((later for later in range(number, len(lines)) if not lines[later].strip()), len(lines))
+        found = [f"    {line}".rstrip() for line in new[first : end_of(new, first)]]
+        page = "\n".join([*lines[:begin], *found, *lines[end_of(lines, begin) :]])
+        count += len(found)
+    return page, count
+
+
 def write(name, figure, folder):
-    """Renews the rows of the page of a figure, if they can be told by their first cells."""
-    if "key" not in figure:
-        return "not written: the entry has no `key`"
+    """Renews the rows and blocks of the page of a figure, if the entry tells which they are."""
+    if not figure.keys() & {"key", "blocks"}:
+        return "not written: the entry has neither `key` nor `blocks`"
     page = ROOT / figure["page"].split("#")[0]
-    text, count = renewed(page.read_text(encoding="utf-8"), (folder / f"{name}.txt").read_text(encoding="utf-8"), figure["key"])
+    text, output, count = page.read_text(encoding="utf-8"), (folder / f"{name}.txt").read_text(encoding="utf-8"), 0
+    if "key" in figure:
+        text, count = renewed(text, output, figure["key"])
+    try:
+        text, lines = with_blocks(text, output, figure.get("blocks", []))
+    except ValueError as error:
+        return f"not written: {error}"
     replace(page, text)
-    return f"{count} rows of {figure['page'].split('#')[0]} written"
+    return f"{count + lines} rows of {figure['page'].split('#')[0]} written"
 
 
 def link(page):
@@ -182,6 +205,12 @@ def is_done(folder, name, figure):
     return found["exit_code"] == 0 and found["commands"] == figure["commands"]
 
 
+def has_peers():
+    """Returns True if .peers has the packages of its list."""
+    installed, listed = ROOT / ".peers" / "requirements.txt", ROOT / "scripts" / "measure" / "requirements.txt"
+    return installed.exists() and installed.read_text(encoding="utf-8") == listed.read_text(encoding="utf-8")
+
+
 def chosen(listed, names, minutes):
     """The figures to run: all, those that are named, or those that take at most some minutes. Ends the program for an unknown name."""
     if unknown := [name for name in names if name not in listed]:
@@ -207,8 +236,8 @@ def main():
             print(f"{name:{width}}  {figure['page']}, about {figure['minutes']} min{needs}")
             print("".join(f"{'':{width}}    {line}\n" for command in figure["commands"] for line in command.splitlines()), end="")
         return 0
-    if not PEERS.exists() and any("$PEERS" in command for figure in wanted.values() for command in figure["commands"]):
-        sys.exit("error: .peers, the environment of the other programs, is missing: scripts/venv.sh --peers")
+    if not has_peers() and any("$PEERS" in command for figure in wanted.values() for command in figure["commands"]):
+        sys.exit("error: .peers, the environment of the other programs, is missing or out of date: scripts/venv.sh --peers")
     program = ROOT / "target" / "release" / "metafmu"
     if not program.exists():
         sys.exit(f"error: {program} is missing: cargo build --release")

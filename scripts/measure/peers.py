@@ -2,7 +2,7 @@
 
 The runs are those of examples/dynamics/bouc-wen/make_table.py: the same for training, and ten unseen ones, which are simulated from rest.
 metafmu builds the FMU from the command line, and fmpy steps it. The others get as much processor time (user and system, that of
-compiling included) for training as the build has taken, or --minutes, on as many threads as they want:
+compiling included) for training as the build has taken, or --minutes; the LSTM on one thread, where it needs the least of it:
 
 - jax-sysid: states of the next sample from a linear part, which its LinearModel finds first, and a network; Adam, then L-BFGS, as in its
   documentation. The runs are experiments from x0 = 0.
