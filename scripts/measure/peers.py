@@ -101,7 +101,7 @@ def main():
 
     def row(name, result):
         (rms, relative), seconds = result
-        print(f"| {name} | {rms:.2e} | {relative:.2%} | {seconds:.0f} |", flush=True)
+        print(f"| {name} | {rms:.2e} | {100 * relative:.2f} % | {seconds:.0f} |", flush=True)
         return seconds
 
     if args.only in (None, "metafmu"):
