@@ -91,11 +91,12 @@ def run(command: list[str], threads: int) -> str:
 def report(samples: dict[tuple[str, int, str], list[float]], peaks: dict[int, float]) -> None:
     columns = [f"{name.replace('-', ' ')}, {'-'.join(map(str, sizes))}, batch {batch}" for name, (sizes, batch) in NETWORKS.items()]
     print(f"| µs a step, minimum (median) | {' | '.join(columns)} |\n{'|---' * (1 + len(columns))}|")
+    shown = lambda value: f"{value:.3g}" if value < 1000 else f"{value:.0f}"
     of_threads = {1: "one thread", 2: "two threads"}
     for threads, named in of_threads.items():
         for tool, label in LABELS.items():
             times = [[1e6 * second for second in samples[network, threads, tool]] for network in NETWORKS]
-            cells = [f"{min(of):.3g} ({statistics.median(of):.3g})" if min(of) < 1000 else f"{min(of):.0f} ({statistics.median(of):.0f})" for of in times]
+            cells = [f"{shown(min(of))} ({shown(statistics.median(of))})" for of in times]
             print(f"| {label}, {named} | {' | '.join(cells)} |")
     for threads, named in of_threads.items():
         ours = [(flop(sizes, batch) / 1e9, samples[network, threads, "metafmu"]) for network, (sizes, batch) in NETWORKS.items()]
