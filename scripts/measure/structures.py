@@ -1,6 +1,6 @@
 """Compares one network of which the time is an input (S_full) with one network for each instant (S_fixed) on the single pendulum.
 
-    .venv/bin/python scripts/measure structures [--epochs-share 0.25] [--epochs 50] [--out out/structures]
+    .venv/bin/python scripts/measure structures [--epochs-share 1] [--epochs 150] [--out out/structures]
 
 Both structures get the same runs, by two recipes: that of Choi et al. 2021, and ours. Prints the tables of docs/structures.md
 and writes its figure, docs/structures.svg. Needs target/release/metafmu and .venv, which scripts/venv.sh makes. All jobs run one after the other; processor seconds are those of the child processes.
@@ -199,8 +199,8 @@ def figure(results, unseen, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--epochs-share", type=float, default=0.25, help="of the paper's 400 epochs [default: 0.25]")
-    parser.add_argument("--epochs", type=int, default=50, help="of our recipe [default: 50]")
+    parser.add_argument("--epochs-share", type=float, default=1.0, help="of the paper's 400 epochs [default: 1]")
+    parser.add_argument("--epochs", type=int, default=150, help="of our recipe [default: 150]")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "structures", help="folder of the trainings")
     arguments = parser.parse_args()
     # not above, as --help needs none; where it is missing that shows before the trainings
