@@ -120,7 +120,7 @@ def main():
             return states[:, :, 2 + parameters : 2 + parameters + columns].transpose(1, 2, 0), seconds
 
         states, ours = metafmu_runs(1e-10)
-        print(f"\n| {name.replace('-', ' ')}, {len(mesh):,} runs of {case['stop']:.0f} s | s | largest error | time of metafmu, 1e-10 |\n|---|---|---|---|")
+        print(f"\n| {name.replace('-', ' ')}, {len(mesh):,} runs of {case['stop']:.0f} s | s | largest error | times as long as metafmu, 1e-10 |\n|---|---|---|---|")
 
         def report(label, seconds, error):
             print(f"| {label} | {seconds:.3g} | {error:.1e} | {seconds / ours:.3g} |", flush=True)
