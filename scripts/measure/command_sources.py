@@ -47,7 +47,7 @@ def row(source, folder):
     found = re.search(r'(?m)^structure = "(\w+)"', study.read_text())
     structure = found[1] if found else "response"
     metrics = json.loads((out / "metrics.json").read_text())
-    error, speed = max(output["relative_max_error"] for output in metrics["outputs"].values()), metrics["speed"]
+    error, speed = max(output.get("relative_max_error", 0) for output in metrics["outputs"].values()), metrics["speed"]
     times = f"{1e3 * speed['surrogate']:.2g}, {1e3 * speed['source']:.2g}"
     print(f"| `{source}`: {SOURCES[source]} | {structure} | {seconds:.0f} | {100 * error:.2g} % | {times} | {speed['speed_up']:.3g} |", flush=True)
 
