@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from common import ROOT
+from common import METAFMU, ROOT
 
 TESTS = ["test_jax", "test_keras", "test_sklearn", "test_boosting", "test_torch"]
 # of tests whose framework their file does not tell
@@ -31,7 +31,9 @@ def main():
         subprocess.run(pip, check=True)
         files = [f"{name}.py" for name in TESTS]
         command = [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider", *files]
-        done = subprocess.run(command, cwd=ROOT / "python" / "tests", env={**os.environ, "PYTHONPATH": folder}, capture_output=True, text=True)
+        # some models run in processes of the command
+        environment = {**os.environ, "PYTHONPATH": folder, "PATH": os.pathsep.join([str(METAFMU.parent), os.environ["PATH"]])}
+        done = subprocess.run(command, cwd=ROOT / "python" / "tests", env=environment, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"error: {done.stdout[-3000:]}{done.stderr}")
     found = {}
