@@ -181,7 +181,7 @@ def main():
     print("| FMU 2.0, `fmi2DoStep` + `fmi2GetReal` | CPU ns, min | median | instantiate, ms |")
     print("|---|---|---|---|")
     for name, (cpu, _, instantiate) in found.items():
-        shown = "" if "bare" in name else f"{statistics.median(instantiate):.2g}"
+        shown = "" if "bare" in name else f"{statistics.median(instantiate):.3g}"
         print(f"| {name} | {min(cpu):.0f} | {statistics.median(cpu):.0f} | {shown} |")
     for precision in ("double", "single"):
         ours = found[f'metafmu, `precision = "{precision}"`'][0]
