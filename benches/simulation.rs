@@ -43,8 +43,7 @@ fn mechanism(name: &str, formulation: &str) -> Mechanism {
 
 /// Largest violation of the constraints, drift of the energy, and difference to the built-in system of the same name.
 fn accuracy() {
-    println!("\n10 s, 501 rows: largest over all rows\n");
-    println!("{:44} {:>10} {:>12} {:>12}", "", "residual", "energy drift", "closed form");
+    println!("\n| mechanism, formulation | residual | energy drift | to closed form |\n|---|---|---|---|");
     for name in MECHANISMS {
         for formulation in ["augmented", "embedding"] {
             let mechanism = mechanism(name, formulation);
@@ -63,7 +62,7 @@ fn accuracy() {
             let drift = if is_conservative { format!("{drift:.1e}") } else { "-".into() };
             let twin = SYSTEMS.iter().find(|system| system.name == name).map(|_| twin(&mechanism, name, &values));
             let twin = twin.map_or("-".into(), |difference| format!("{difference:.1e}"));
-            println!("{:44} {residual:10.1e} {drift:>12} {twin:>12}", format!("{name}, {formulation}"));
+            println!("| {name}, {formulation} | {residual:.1e} | {drift} | {twin} |");
         }
     }
 }
@@ -90,7 +89,7 @@ fn order() {
     let exact = solve(1e-13).states;
     let largest = |states: &[Vector2<f64>]| states.iter().zip(&exact).map(|(a, b)| (a - b).amax()).fold(0.0, f64::max);
 
-    println!("pendulum, 20 s, all rows\n\n     step  largest error  order");
+    println!("| step in s | error | order |\n|---|---|---|");
     let mut before: Option<f64> = None;
     for step in [0.8, 0.4, 0.2, 0.1] {
         // any error will do, no step grows, the largest and the first step are `step`
@@ -114,15 +113,15 @@ fn order() {
         );
         solver.integrate().unwrap();
         let error = largest(&solver.y_out()[..times.len()]);
-        let order = before.map_or(String::new(), |before| format!("{:5.1}", (before / error).log2()));
+        let order = before.map_or(String::new(), |before| format!("{:.1}", (before / error).log2()));
         before = Some(error);
-        println!("{step:9}  {error:13.1e}  {order}");
+        println!("| {step} | {error:.1e} | {order} |");
     }
-    println!("\ntolerance  largest error  evaluations");
+    println!("\n| tolerance | error | evaluations |\n|---|---|---|");
     for exponent in 4..=11 {
         let tolerance = 10f64.powi(-exponent);
         let IntegrationResult { states, evaluations, .. } = solve(tolerance);
-        println!("{tolerance:9.0e}  {:13.1e}  {evaluations:11}", largest(&states));
+        println!("| {tolerance:.0e} | {:.1e} | {evaluations} |", largest(&states));
     }
 }
 
@@ -136,9 +135,9 @@ fn cost() {
             simulate();
             shortest = shortest.min(begin.elapsed().as_secs_f64());
         }
-        println!("{name:44} {:10.3} ms", 1e3 * shortest);
+        println!("| {name} | {:.3} |", 1e3 * shortest);
     };
-    println!("\none run on one core, 500 rows of 5 s\n");
+    println!("\n| run of 5 s, 500 rows, on one core | ms |\n|---|---|");
     for system in SYSTEMS {
         let quantities: Vec<f64> = system.quantities.iter().map(|quantity| quantity.default).collect();
         report(&format!("{}, closed form", system.name), &|| {

@@ -3,15 +3,20 @@
 
 scripts/figures.toml lists them with their pages. Each figure has a text file, with the output of its commands, and a JSON file in a folder
 named after date, commit and processor. A figure that fails does not stop the others. A second call continues: figures that were finished for the
-same commit on the same kind of processor are not repeated. All of them take hours; times mean something on an idle machine only.
+same commit on the same kind of processor are not repeated. All take less than two hours on two idle cores; times of a busy machine mean little.
+
+One command renews every figure, and docs/maintainers/measurements.md with date, commit and processor of each:
+
+    scripts/venv.sh && scripts/venv.sh --peers && cargo build --release && .venv/bin/python scripts/figures.py --write
 
     .venv/bin/python scripts/figures.py --list               # names, pages, rough minutes
-    .venv/bin/python scripts/figures.py                      # all
+    .venv/bin/python scripts/figures.py                      # all, and the pages stay as they are
     .venv/bin/python scripts/figures.py stds plans           # some
     .venv/bin/python scripts/figures.py --minutes 2          # those that take two minutes or less
     .venv/bin/python scripts/figures.py --write motions      # also renews the rows of tables in the page that the output has, too
 
-Needs target/release/metafmu and .venv (scripts/venv.sh). The exit code is 1 if a figure failed.
+Needs target/release/metafmu and .venv (scripts/venv.sh); figures beside other programs need .peers (scripts/venv.sh --peers). The exit code is 1 if
+a figure failed.
 """
 
 import argparse
@@ -29,6 +34,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "scripts" / "figures.toml"
+MEASUREMENTS = ROOT / "docs" / "maintainers" / "measurements.md"
+PEERS = ROOT / ".peers" / "bin" / "python"
 
 
 def figures(file=LIST):
@@ -46,9 +53,9 @@ def processor():
 
 
 def commit():
-    """Short hash of the commit, with `-changed` if tracked files differ from it."""
+    """Short hash of the commit, with `-changed` if tracked files other than pages differ from it: `--write` changes these."""
     git = lambda *arguments: subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-    return git("rev-parse", "--short=9", "HEAD") + ("-changed" if git("status", "--porcelain", "--untracked-files=no") else "")
+    return git("rev-parse", "--short=9", "HEAD") + ("-changed" if git("status", "--porcelain", "--untracked-files=no", "--", ".", ":!docs", ":!*.md") else "")
 
 
 def folder_of(parent):
@@ -69,7 +76,7 @@ def run(name, figure, folder):
     out, work = folder / name, folder / "work"
     out.mkdir(parents=True, exist_ok=True)
     work.mkdir(exist_ok=True)
-    own = {"ROOT": ROOT, "OUT": out, "WORK": work, "PATH": os.pathsep.join([*map(str, programs), os.environ["PATH"]]), "MPLBACKEND": "agg"}
+    own = {"ROOT": ROOT, "OUT": out, "WORK": work, "PEERS": PEERS, "PATH": os.pathsep.join([*map(str, programs), os.environ["PATH"]]), "MPLBACKEND": "agg"}
     environment = {**os.environ, **{key: str(value) for key, value in own.items()}}
     begin, record = time.monotonic(), {"page": figure["page"], "commands": figure["commands"], "started": f"{datetime.datetime.now():%Y-%m-%d %H:%M}", "load": load()}
     with open(folder / f"{name}.txt", "w", encoding="utf-8") as output:
@@ -125,14 +132,68 @@ def renewed(page, output, key):
     return "\n".join(lines), count
 
 
+def with_blocks(page, output, blocks):
+    """The page with lines of the output, and their number: those after a heading that both have, up to an empty line."""
+    new, count = output.split("\n"), 0
+    for heading in blocks:
+        is_heading = lambda line: " ".join(line.split()).startswith(heading)
+        lines = page.split("\n")
+        begin = next((number for number, line in enumerate(lines) if line.startswith("    ") and is_heading(line)), None)
+        first = next((number for number, line in enumerate(new) if is_heading(line)), None)
+        if begin is None or first is None:
+            raise ValueError(f"`{heading}` begins no block of {'the page' if begin is None else 'the output'}")
+        end_of = lambda lines, number: next((later for later in range(number, len(lines)) if not lines[later].strip()), len(lines))
+        found = [f"    {line}".rstrip() for line in new[first : end_of(new, first)]]
+        page = "\n".join([*lines[:begin], *found, *lines[end_of(lines, begin) :]])
+        count += len(found)
+    return page, count
+
+
 def write(name, figure, folder):
-    """Renews the rows of the page of a figure, if they can be told by their first cells."""
-    if "key" not in figure:
-        return "not written: the entry has no `key`"
+    """Renews the rows and blocks of the page of a figure, if the entry tells which they are."""
+    if not figure.keys() & {"key", "blocks"}:
+        return "not written: the entry has neither `key` nor `blocks`"
     page = ROOT / figure["page"].split("#")[0]
-    text, count = renewed(page.read_text(encoding="utf-8"), (folder / f"{name}.txt").read_text(encoding="utf-8"), figure["key"])
+    text, output, count = page.read_text(encoding="utf-8"), (folder / f"{name}.txt").read_text(encoding="utf-8"), 0
+    if "key" in figure:
+        text, count = renewed(text, output, figure["key"])
+    try:
+        text, lines = with_blocks(text, output, figure.get("blocks", []))
+    except ValueError as error:
+        return f"not written: {error}"
     replace(page, text)
-    return f"{count} rows of {figure['page'].split('#')[0]} written"
+    return f"{count + lines} rows of {figure['page'].split('#')[0]} written"
+
+
+def link(page):
+    """A link to a page from the list of measurements."""
+    file, _, heading = page.partition("#")
+    path = f"../{file.removeprefix('docs/')}" if file.startswith("docs/") else f"../../{file}"
+    return f"[{file}]({path}{'#' if heading else ''}{heading})"
+
+
+def listed_measurements(text, listed, folder):
+    """The page of measurements, with the records of a folder; rows of other figures stay, those of unknown figures go."""
+    about = json.loads((folder / "machine.json").read_text(encoding="utf-8"))
+    heading = ["figure", "page", "date", "commit", "processor", "cores", "load before", "min"]
+    lines, rows = text.split("\n"), {}
+    [places] = [places for found, places in tables(text) if found == heading]
+    for place in places:
+        rows[cells(lines[place])[0]] = lines[place]
+    for name, figure in listed.items():
+        record = folder / f"{name}.json"
+        found = json.loads(record.read_text(encoding="utf-8")) if record.exists() else {"exit_code": 1}
+        if found["exit_code"] == 0:
+            of = [name, link(figure["page"]), found["started"].split(" ")[0], about["commit"], about["processor"], about["processors"], found["load"]]
+            rows[name] = f"| {' | '.join(map(str, of))} | {found['seconds'] / 60:.1f} |"
+    begin, end = (places[0], places[-1] + 1) if places else (rule_of(lines, heading) + 1,) * 2
+    lines[begin:end] = [rows[name] for name in listed if name in rows]
+    return "\n".join(lines)
+
+
+def rule_of(lines, heading):
+    """Number of the line between a heading and its rows."""
+    return 1 + next(number for number, line in enumerate(lines) if line.startswith("|") and cells(line) == heading)
 
 
 def is_done(folder, name, figure):
@@ -142,6 +203,12 @@ def is_done(folder, name, figure):
         return False
     found = json.loads(record.read_text(encoding="utf-8"))
     return found["exit_code"] == 0 and found["commands"] == figure["commands"]
+
+
+def has_peers():
+    """Returns True if .peers has the packages of its list."""
+    installed, listed = ROOT / ".peers" / "requirements.txt", ROOT / "scripts" / "measure" / "requirements.txt"
+    return installed.exists() and installed.read_text(encoding="utf-8") == listed.read_text(encoding="utf-8")
 
 
 def chosen(listed, names, minutes):
@@ -157,7 +224,7 @@ def main():
     parser.add_argument("--list", action="store_true", help="print names, pages and commands, and run nothing")
     parser.add_argument("--minutes", type=float, metavar="N", help="only those that take about N minutes or less")
     parser.add_argument("--again", action="store_true", help="also those that were finished before")
-    parser.add_argument("--write", action="store_true", help="renew the rows of tables in the pages")
+    parser.add_argument("--write", action="store_true", help="renew the rows of tables in the pages, and the page of measurements")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "figures", help="where the folder of results is made; out/figures unless given")
     parser.add_argument("--from", dest="file", type=Path, default=LIST, metavar="FILE", help="another list")
     options = parser.parse_args()
@@ -169,6 +236,8 @@ def main():
             print(f"{name:{width}}  {figure['page']}, about {figure['minutes']} min{needs}")
             print("".join(f"{'':{width}}    {line}\n" for command in figure["commands"] for line in command.splitlines()), end="")
         return 0
+    if not has_peers() and any("$PEERS" in command for figure in wanted.values() for command in figure["commands"]):
+        sys.exit("error: .peers, the environment of the other programs, is missing or out of date: scripts/venv.sh --peers")
     program = ROOT / "target" / "release" / "metafmu"
     if not program.exists():
         sys.exit(f"error: {program} is missing: cargo build --release")
@@ -196,6 +265,9 @@ def main():
             print(f"; {how} after {record['seconds']:.0f} s: {name}.txt", flush=True)
             if options.write and not record["exit_code"]:
                 print(f"{name}: {write(name, figure, folder)}")
+    if options.write and options.file == LIST:
+        replace(MEASUREMENTS, listed_measurements(MEASUREMENTS.read_text(encoding="utf-8"), figures(), folder))
+        print(f"{MEASUREMENTS.relative_to(ROOT)} written")
     if failed:
         print(f"{len(failed)} of {len(wanted)} failed: {', '.join(failed)}")
     return 1 if failed else 0

@@ -20,11 +20,11 @@ from model_file import evaluate, load
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("study", type=Path, nargs="+")
-    parser.add_argument("--runs", type=int, default=2000, help="fresh runs for each seed")
+    parser.add_argument("--runs", type=int, default=500, help="fresh runs for each seed")
     parser.add_argument("--seeds", type=int, nargs="+", default=[1001, 1002, 1003])
     parser.add_argument("--out", type=Path, default=ROOT / "out", help="where `metafmu build` wrote its results")
     options = parser.parse_args()
-    print("study            output     bound        within, % of the points of fresh runs")
+    print("| study | output | bound | within, % of the points of fresh runs |\n|---|---|---|---|")
     for study in options.study:
         name = tomllib.loads(study.read_text())["name"]
         if not (model := options.out / name / f"{name}.safetensors").is_file():
@@ -35,8 +35,8 @@ def main() -> None:
         outputs, half_widths = metadata["outputs"], metadata["bounds"]["half_widths"]
         shares = [coverage(study, seed, options.runs, metadata, tensors) for seed in options.seeds]
         for output, half_width, *within in zip(outputs, half_widths, *shares):
-            found = "  ".join(f"{100 * share:.2f}" for share in within)
-            print(f"{name:16} {output['name']:10} {half_width:.3e}    {found}")
+            found = ", ".join(f"{100 * share:.2f}" for share in within)
+            print(f"| {name} | {output['name']} | {half_width:.3e} {output.get('unit', '')} | {found} |", flush=True)
 
 
 def coverage(study: Path, seed: int, runs: int, metadata: dict, tensors: dict) -> np.ndarray:

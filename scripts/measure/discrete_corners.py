@@ -143,13 +143,14 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="write all figures to this file")
     options = parser.parse_args()
     found = [check(study, options.out, options.source, options.runs) for study in options.study]
-    print(f"{'errors in multiples of the bound':40} largest   inside  of the range   rows beyond it   runs beyond it   test rows outside")
+    print("| study | largest error, in bounds | where `in_domain` is true | of the output's range | rows there beyond the bound | rows of the test runs outside |")
+    print("|---|---|---|---|---|---|")
     for result in found:
-        cases = result["cases"]
-        late = [case for case in cases if case["inside"] > 1.0]
-        largest, inside, share = (max(case[key] for case in cases) for key in ("largest", "inside", "inside_share"))
-        shares = f"{100 * result['beyond']:14.2f} % {len(late):9} of {len(cases):4} {100 * result['alarms']:17.2f} %"
-        print(f"{result['study']:40} {largest:7.2f} {inside:8.2f} {100 * share:11.2f} % {shares}")
+        largest, inside, share = (max(case[key] for case in result["cases"]) for key in ("largest", "inside", "inside_share"))
+        cells = [f"{largest:.3g}", f"{inside:.2g}", f"{100 * share:.2g} %", f"{100 * result['beyond']:.2g} %", f"{100 * result['alarms']:.2g} %"]
+        print(f"| {result['study']} | {' | '.join(cells)} |")
+    for result in found:
+        late = [case for case in result["cases"] if case["inside"] > 1.0]
         for case in sorted(late, key=lambda case: -case["inside"])[:10]:
             point = ", ".join(f"{name} = {value:g}" for name, value in case["parameters"].items())
             left = "never" if case["left"] is None else f"first at {case['left']:g} s"

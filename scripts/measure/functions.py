@@ -5,11 +5,9 @@ other points. Errors are RMSEs relative to the standard deviation there; the tab
 
 `FMU` is the model that the study chooses, `network` an FMU of a study with model = "network", and `kriging` SMT's KRG. `MLP` is
 scikit-learn's MLPRegressor with L-BFGS on standardized columns, the best of three sizes by cross-validation. Each result is added to the
-file of --results, and results in this file are not measured again: methods may need different Python environments,
+file of --results, and results in this file are not measured again. scripts/venv.sh --peers installs the other programs.
 
-    pip install smt==2.15.0 scikit-learn==1.9.1 scipy
-
-Usage: python3 scripts/measure functions --results FILE.json [--method FMU,network,kriging,MLP] [--rows 50,200,500] [--seeds 3] [FUNCTION...]
+Usage: .peers/bin/python scripts/measure functions --results FILE.json [--method FMU,network,kriging,MLP] [--rows 50,200] [--seeds 3] [FUNCTION...]
 """
 
 import argparse
@@ -85,6 +83,7 @@ def torsion(u):
 
 
 FUNCTIONS = {"branin": (branin, 2), "borehole": (borehole, 8), "otl": (otl, 6), "wing-weight": (wing_weight, 10), "robot-arm": (robot_arm, 8), "torsion": (torsion, 15)}
+LABELS = {"branin": "Branin", "borehole": "borehole", "otl": "OTL circuit", "wing-weight": "wing weight", "robot-arm": "robot arm", "torsion": "torsion"}
 
 
 def kriging(x, y):
@@ -168,8 +167,8 @@ def measured(method, function, rows, seed):
 
 def table(results):
     """Medians of all results."""
-    print(f"| function | points | {' | '.join(METHODS)} | exported | FMU of kriging |")
-    print("|---" * (len(METHODS) + 4) + "|")
+    print("| function | points | FMU | exported | FMU of a network | SMT's kriging | MLPRegressor | FMU of kriging |")
+    print("|---" * 8 + "|")
     kinds = {}
     for key, result in results.items():
         function, rows, method, _ = key.split(" ")
@@ -177,11 +176,11 @@ def table(results):
     ratios = []
     for (function, rows), found in sorted(kinds.items(), key=lambda item: (list(FUNCTIONS).index(item[0][0]), item[0][1])):
         median = lambda method, of: float(np.median([result[of] for result in found[method]])) if method in found else float("nan")
-        cells = [f"{median(method, 'error'):.1e}, {median(method, 'seconds'):.2g} s" if method in found else "" for method in METHODS]
+        cells = [f"{median(method, 'error'):.1e}, {median(method, 'seconds'):.2g} s" if method in found else "-" for method in METHODS]
         ratio = median("FMU", "error") / median("kriging", "error")
         ratios += [ratio] if np.isfinite(ratio) else []
-        exported = " ".join(sorted({str(result["model"]) for result in found.get("FMU", [])}))
-        print(f"| {function} | {rows} | {' | '.join(cells)} | {exported} | {ratio:.2f} |")
+        exported = ", ".join(sorted({str(result["model"]) for result in found.get("FMU", [])}))
+        print(f"| {LABELS[function]}, {FUNCTIONS[function][1]} inputs | {rows} | {cells[0]} | {exported} | {' | '.join(cells[1:])} | {ratio:.2f} |")
     if ratios:
         print(f"\nRatios to kriging: median {np.median(ratios):.2f}, largest {max(ratios):.2f}")
 
@@ -190,8 +189,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("function", nargs="*", metavar="FUNCTION", help=f"of {', '.join(FUNCTIONS)}; all unless given")
     parser.add_argument("--results", type=Path, required=True, help="file of all results")
-    parser.add_argument("--method", default="FMU,network", help=f"of {', '.join(METHODS)}, separated by commas; empty: only print the table")
-    parser.add_argument("--rows", default="50,200,500", help="numbers of points, separated by commas")
+    parser.add_argument("--method", default=",".join(METHODS), help="methods separated by commas; all unless given; empty: only print the table")
+    parser.add_argument("--rows", default="50,200", help="numbers of points, separated by commas")
     parser.add_argument("--seeds", type=int, default=3)
     options = parser.parse_args()
     results = json.loads(options.results.read_text()) if options.results.exists() else {}

@@ -157,7 +157,7 @@ def at_error(error, largest, masses, step, factor):
 
 
 def compare_simulation(program):
-    print("links  tolerance  error    MuJoCo: step  error    ours, ms: minimum  median  MuJoCo, ms: minimum  median  ours / MuJoCo: minimum  median")
+    print("| links | tolerance | error, rad | MuJoCo's step | its error | ms | MuJoCo, ms | ratio of minima |\n|---|---|---|---|---|---|---|---|")
     for count in COUNTS:
         masses = MASSES[:1] * count
         with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
@@ -173,9 +173,9 @@ def compare_simulation(program):
                 ours = lambda: simulated(program, file.name, tolerance, 2)[1][1]
                 times = alternating({"ours": ours, "MuJoCo": lambda: timed(found[2])})
                 figures = [[1e3 * of(times[name]) for of in (min, statistics.median)] for name in ("ours", "MuJoCo")]
-                ratios = [ours / mujoco for ours, mujoco in zip(*figures)]
-                columns = [f"{value:.3g}" for value in (*figures[0], *figures[1], *ratios)]
-                print(f"{count}  {tolerance:.0e}  {error:.1e}  {step * 1e3:.3g} ms  {largest(found):.1e}  {'  '.join(columns)}", flush=True)
+                ms = [f"{least:.3g}, {median:.3g}" for least, median in figures]
+                columns = [count, f"{tolerance:.0e}".replace("e-0", "e-"), f"{error:.1e}", f"{step * 1e3:.3g} ms", f"{largest(found):.1e}", *ms]
+                print(f"| {' | '.join(map(str, columns))} | {figures[0][0] / figures[1][0]:.2g} |", flush=True)
 
 
 def compare_fmu(fmu):

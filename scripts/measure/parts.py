@@ -4,7 +4,7 @@ Each is built from the study that `metafmu new` writes. The table has the produc
 20 unseen runs relative to its range. Further columns are the processor time of both commands and the speedup of the surrogate over its
 source.
 
-Usage: .venv/bin/python scripts/measure parts [--chains 10 20] [--out FOLDER] [PART]...
+Usage: .venv/bin/python scripts/measure parts [--chains 10] [--out FOLDER] [PART]...
 """
 
 import argparse
@@ -18,6 +18,7 @@ from common import ROOT, run
 PARTS = ROOT / "examples" / "dynamics" / "parts"
 # of more links than these, no parameter varies
 MOST_LINKS = 10
+LABELS = {"wishbone": "double wishbone with stops", "chain": "chain of 5 links", "chain10": "chain of 10 links"}
 
 
 def chain(links):
@@ -52,7 +53,7 @@ def measure(folder, name, mechanism):
     metrics = json.loads((folder / "out" / name / "metrics.json").read_text())
     error = max(output["relative_max_error"] for output in metrics["outputs"].values())
     products = metrics["motion"]["products"][0]
-    print(f"| {name} | {products} | {error:.1e} | {spent() - before:.0f} | {metrics['speed']['speed_up']:.0f} |", flush=True)
+    print(f"| {LABELS.get(name, name)} | {products} | {error:.1e} | {spent() - before:.0f} | {metrics['speed']['speed_up']:.0f} |", flush=True)
 
 
 def main():
@@ -65,7 +66,8 @@ def main():
     if unknown := set(options.parts) - set(names):
         parser.error(f"no {', '.join(sorted(unknown))}, expected some of {', '.join(names)}")
     options.out.mkdir(parents=True, exist_ok=True)
-    print("| mechanism | products | largest error, of the range | CPU s | times as fast as its source |\n|---|---|---|---|---|")
+    heading = "mechanism | products | largest error of 20 unseen runs of 10 s, of the range | CPU s of `new` and `build` | times as fast as the source"
+    print(f"| {heading} |\n|---|---|---|---|---|")
     for name in options.parts or names:
         measure(options.out, name, (PARTS / f"{name}.toml").read_text())
     for links in options.chains:

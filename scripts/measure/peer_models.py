@@ -60,6 +60,8 @@ def lstm(window, held_out, seconds, nodes, seed, washout, look):
     began = time.process_time()
     import torch
 
+    # a second thread would cost more processor time than it saves in networks of this size
+    torch.set_num_threads(1)
     torch.manual_seed(seed)
     single = lambda values: torch.tensor(np.array(values), dtype=torch.float32)[..., None]
 

@@ -2,18 +2,17 @@
 
 The runs are those of examples/dynamics/bouc-wen/make_table.py: the same for training, and ten unseen ones, which are simulated from rest.
 metafmu builds the FMU from the command line, and fmpy steps it. The others get as much processor time (user and system, that of
-compiling included) for training as the build has taken, or --minutes, on as many threads as they want:
+compiling included) for training as the build has taken, or --minutes; the LSTM on one thread, where it needs the least of it:
 
 - jax-sysid: states of the next sample from a linear part, which its LinearModel finds first, and a network; Adam, then L-BFGS, as in its
   documentation. The runs are experiments from x0 = 0.
 - LSTM: standardized force and position, windows of the runs, Adam with a cosine schedule over the budget; the weights that are best in
   simulations of held-out runs.
 
-Several sizes of each are tried, each with the whole budget; the table has all. Needs target/release/metafmu, and fmpy, torch, jax-sysid:
+Two sizes of each are tried, each with the whole budget; the table has all. Needs target/release/metafmu; scripts/venv.sh --peers installs the other
+programs.
 
-    pip install torch==2.15.0 jax-sysid==1.1.0 fmpy
-
-Usage: python3 scripts/measure peers [--minutes M] [--only metafmu|jax-sysid|lstm]
+Usage: .peers/bin/python scripts/measure peers [--minutes M] [--only metafmu|jax-sysid|lstm]
 """
 
 import argparse
@@ -98,21 +97,21 @@ def main():
     args = parser.parse_args()
     runs, unseen = make_table.runs(1, 22), make_table.runs(2, 10)
     budget = 60.0 * args.minutes if args.minutes else None
-    print("| | RMS error, m | of the standard deviation | processor time, s |\n|---|---|---|---|")
+    print("| | RMS error of the position, m | of the standard deviation | processor time, s |\n|---|---|---|---|")
 
     def row(name, result):
         (rms, relative), seconds = result
-        print(f"| {name} | {rms:.2e} | {relative:.2%} | {seconds:.0f} |", flush=True)
+        print(f"| {name} | {rms:.2e} | {100 * relative:.2f} % | {seconds:.0f} |", flush=True)
         return seconds
 
     if args.only in (None, "metafmu"):
         seconds = row("metafmu", metafmu(unseen))
         budget = budget or seconds
     if args.only in (None, "jax-sysid"):
-        for states, nodes in [(4, 16), (4, 32), (6, 16)]:
+        for states, nodes in [(4, 16), (4, 32)]:
             row(f"jax-sysid, {states} states, {nodes} nodes", jax_sysid(runs, unseen, budget, states, nodes))
     if args.only in (None, "lstm"):
-        for nodes in [16, 32, 64]:
+        for nodes in [32, 64]:
             row(f"LSTM, {nodes} nodes", lstm(runs, unseen, budget, nodes))
 
 

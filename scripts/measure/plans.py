@@ -85,12 +85,13 @@ def main():
     parser.add_argument("--points", default="30,60", help="numbers of points, separated by commas")
     parser.add_argument("--seeds", type=int, default=3)
     options = parser.parse_args()
-    print("| function | points | adaptive | Latin hypercube | random |\n|---|---|---|---|---|")
+    print("| function | points | adaptive | one Latin hypercube by `plan` | uniform random |\n|---|---|---|---|---|")
     for function in options.function or ["branin", "borehole"]:
         for points in map(int, options.points.split(",")):
             errors = np.array([measured(function, points, seed) for seed in range(1, options.seeds + 1)])
             cells = [f"{median:.1e} ({worst:.1e})" for median, worst in zip(np.median(errors, axis=0), errors.max(axis=0))]
-            print(f"| {function} | {points} | {' | '.join(cells)} |", flush=True)
+            of = f"{function.capitalize() if function == 'branin' else function}, {FUNCTIONS[function][1]} inputs"
+            print(f"| {of} | {points} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,18 +1,20 @@
 """Measures surrogates of public records of measurements: Cascaded Tanks and Silverbox, by the studies that `metafmu new` writes.
 
 The FMU of the rows for estimation simulates the official test rows in fmpy, from 50 measured samples; errors are root mean squares of what follows.
-Of Cascaded Tanks, which has 1024 rows for estimation, the test rows are those of the study too, so that none for estimation are set aside.
+The study of Cascaded Tanks has the official test rows as its tests, so all 1024 rows for estimation are for training.
+
+jax-sysid and an LSTM in PyTorch (record_peers.py; scripts/venv.sh --peers) are trained on the same rows, in the processor time of the build.
 FOLDER has cascaded-tanks.csv and silverbox.csv (nonlinearbenchmark.org); results are written to out/.
 
-Usage: .venv/bin/python scripts/measure records --data FOLDER [--seeds 3] [--out FOLDER] [RECORD...]
+Usage: .peers/bin/python scripts/measure records --data FOLDER [--seeds 2] [--out FOLDER] [RECORD...]
 """
 
 import argparse
-import re
 import resource
 from pathlib import Path
 
 import numpy as np
+import record_peers
 from common import build_record
 from fmpy import simulate_fmu
 
@@ -32,8 +34,12 @@ def silverbox(file):
     return 1 / 610.35, rows[40650:105712], parts
 
 
-# unit, its factor, and the test rows that are those of the study
-RECORDS = {"cascaded-tanks": (tanks, "V", 1, "test"), "silverbox": (silverbox, "mV", 1e3, None)}
+# unit, its factor, and the test rows that are those of the study; as the page names the record, and its best published results
+RECORDS = {"silverbox": (silverbox, "mV", 1e3, None), "cascaded-tanks": (tanks, "V", 1, "test")}
+LABELS = {
+    "silverbox": ("Silverbox: multisine / arrow / arrow without extrapolation, mV", "SUBNET 0.36 / 1.4 / 0.32"),
+    "cascaded-tanks": ("Cascaded Tanks, V", "NLSS2 0.34, GRU 0.40, polynomial NARX 0.41"),
+}
 
 
 def write(file, rows, step):
@@ -50,37 +56,46 @@ def simulated(fmu, rows, step):
     return result["y"][: len(rows)]
 
 
-def measure(name, data, seed, folder):
-    read, _, factor, official = RECORDS[name]
-    step, training, tests = read(data / f"{name}.csv")
+def measure(name, rows, seed, folder):
+    """Errors of the FMU and the processor seconds of its build."""
+    official = RECORDS[name][3]
+    step, training, tests = rows
     folder = folder / f"{name}-{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     write(folder / "estimation.csv", training, step)
     if official:
         write(folder / "test.csv", tests[official], step)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    exported = re.search(r"exported: ([\w-]+)", build_record(folder, "estimation.csv", seed, "test.csv" if official else None)).group(1)
+    build_record(folder, "estimation.csv", seed, "test.csv" if official else None)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     rests = [simulated(folder / "out/study/study.fmu", rows, step)[GIVEN:] - rows[GIVEN:, 1] for rows in tests.values()]
-    return [factor * np.sqrt(np.mean(rest**2)) for rest in rests], seconds, exported
+    return [np.sqrt(np.mean(rest**2)) for rest in rests], seconds
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("record", nargs="*", metavar="RECORD", help=f"of {', '.join(RECORDS)}; all unless given")
     parser.add_argument("--data", required=True, type=Path, help="folder of the records")
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--seeds", type=int, default=2, help="of our builds")
     parser.add_argument("--out", type=Path, default=Path("out/records"))
     options = parser.parse_args()
+    print("| record | metafmu | processor time of the build, s | jax-sysid | LSTM | published |\n|---|---|---|---|---|---|")
     for name in options.record or RECORDS:
-        unit, listed = RECORDS[name][1], lambda errors: " / ".join(f"{error:.3g}" for error in errors)
-        found = []
+        read, _, factor, _ = RECORDS[name]
+        rows, spent = read(options.data / f"{name}.csv"), []
+        listed = lambda errors: " / ".join(f"{factor * error:.3g}" for error in errors)
+        label, published = LABELS[name]
+        found = {"metafmu": []} | {method: [] for method in record_peers.METHODS}
         for seed in range(1, options.seeds + 1):
-            errors, seconds, exported = measure(name, options.data, seed, options.out.resolve())
-            print(f"{name}, seed {seed}: {listed(errors)} {unit}, {seconds:.0f} s of processor time, {exported}", flush=True)
-            found.append(errors)
-        print(f"{name}, median: {listed(np.median(found, axis=0))} {unit}")
+            errors, seconds = measure(name, rows, seed, options.out.resolve())
+            found["metafmu"].append(listed(errors))
+            spent.append(seconds)
+            for method in record_peers.METHODS:
+                found[method].append(listed(record_peers.errors(method, name, rows[1], rows[2].values(), seconds, seed)))
+        own, *others = (", ".join(of) for of in found.values())
+        times = ", ".join(f"{seconds:.0f}" for seconds in spent)
+        print(f"| {label} | {own} | {times} | {' | '.join(others)} | {published} |", flush=True)
 
 
 if __name__ == "__main__":

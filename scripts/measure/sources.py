@@ -81,7 +81,9 @@ def main():
     arguments = parser.parse_args()
     compiler = os.environ.get("CC", "cc")
     print(f"{run(compiler, '--version').splitlines()[0]}\n")
-    print("| model | options | library, ns: min, median | sources, ns: min, median | ratio: min, median |\n|---|---|---|---|---|")
+    all_flags = arguments.flags or ["-O3"]
+    first, *others = (f"`{flags}`" for flags in all_flags)
+    print(f"| {' | '.join(['model', 'library, ns', f'ratio with {first}: min, median', *others])} |\n{'|---' * (2 + len(all_flags))}|")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         run(compiler, "-std=gnu11", "-O2", STEP, "-o", folder / "step", "-ldl", "-lm")
@@ -89,7 +91,6 @@ def main():
             unpacked = exported(name, arguments.activation, folder)
             precision = ["-DMETAFMU_SINGLE"] if name.endswith("single") else []
             candidates = [candidate(unpacked, next((unpacked / "binaries").rglob("*.so")))]
-            all_flags = arguments.flags or ["-O3"]
             for index, flags in enumerate(all_flags):
                 library = folder / f"{name}-{index}.so"
                 sources = sorted((unpacked / "sources").glob("*.c"))
@@ -105,9 +106,8 @@ def main():
                 for outputs in values[1:]:
                     np.testing.assert_allclose(outputs, values[0], rtol=1e-3 if precision else 1e-9)
             least, middle = ([reduced(of) for of in times] for reduced in (min, statistics.median))
-            for flags, fastest, median in zip(all_flags, least[1:], middle[1:]):
-                print(f"| {name} | `{' '.join([flags, *precision])}` | {least[0]:.0f}, {middle[0]:.0f} | {fastest:.0f}, {median:.0f} | "
-                      f"{fastest / least[0]:.2f}, {median / middle[0]:.2f} |", flush=True)  # fmt: skip
+            ratios = [f"{fastest / least[0]:.2f}, {median / middle[0]:.2f}" for fastest, median in zip(least[1:], middle[1:])]
+            print(f"| {' | '.join([name.replace('-', ', '), f'{least[0]:.0f}', *ratios])} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -77,7 +77,7 @@ def measured(function, rows, noise, seed, has_peer):
             costs.append(1e6 * seconds(folder))
         found, std = predicted(folder)
     error = np.sqrt(np.mean((found - truth) ** 2))
-    cells = [share(truth, found, std), error / truth.std(), np.sqrt(np.mean(std**2)) / error]
+    cells = [share(truth, found, std), np.sqrt(np.mean(std**2)) / error]
     return [*cells, *costs, share(truth, *peer(x, y, unseen)) if has_peer else np.nan]
 
 
@@ -89,15 +89,17 @@ def main():
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--no-peer", action="store_true", help="without scikit-learn")
     options = parser.parse_args()
-    print("| function | rows | noise | within 2 std | scikit-learn | relative RMSE | RMS std / RMSE | step without, us | with, us |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print("| function | rows | noise | within 2 std | scikit-learn | RMS std / RMSE | µs without std | µs with std |")
+    print("|---|---|---|---|---|---|---|---|")
     for function in options.function or ["branin", "borehole"]:
         for rows in map(int, options.rows.split(",")):
             for noise in map(float, options.noise.split(",")):
                 found = [measured(function, rows, noise, seed, not options.no_peer) for seed in range(1, options.seeds + 1)]
-                within, error, ratio, without, cost, of_peer = np.median(found, axis=0)
+                within, ratio, without, cost, of_peer = np.median(found, axis=0)
                 other = "-" if np.isnan(of_peer) else f"{100 * of_peer:.1f} %"
-                print(f"| {function} | {rows} | {noise:g} | {100 * within:.1f} % | {other} | {error:.1e} | {ratio:.2f} | {without:.1f} | {cost:.1f} |", flush=True)
+                of = f"{function.capitalize() if function == 'branin' else function}, {FUNCTIONS[function][1]} inputs"
+                level = f"{100 * noise:g} %" if noise else "none"
+                print(f"| {of} | {rows} | {level} | {100 * within:.1f} % | {other} | {ratio:.2f} | {without:.1f} | {cost:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
 """Compares one network of which the time is an input (S_full) with one network for each instant (S_fixed) on the single pendulum.
 
-    .venv/bin/python scripts/measure structures [--epochs-share 0.25] [--out out/structures]
+    .venv/bin/python scripts/measure structures [--epochs-share 1] [--epochs 150] [--out out/structures]
 
 Both structures get the same runs, by two recipes: that of Choi et al. 2021, and ours. Prints the tables of docs/structures.md
-and writes its figure, docs/structures.svg. Needs target/release/metafmu; scripts/venv.sh makes .venv, into which `pip install matplotlib` has to
-follow. All jobs run one after the other; processor seconds are those of the child processes.
+and writes its figure, docs/structures.svg. Needs target/release/metafmu and .venv, which scripts/venv.sh makes. All jobs run one after the other; processor seconds are those of the child processes.
 
 Smoothness: the root mean square of the second differences of the prediction's error, e(t-h) - 2 e(t) + e(t+h), over all unseen
 runs, relative to that of the truth. Zero is as smooth as the truth; a prediction whose second differences are pure noise of
@@ -14,12 +13,9 @@ the truth's size has 1.
 import argparse
 import csv
 import json
-import os
-import platform
 import resource
 import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -35,13 +31,6 @@ PARAMETERS = ["L", "c", "thetad0"]
 FINER = 4
 # the first named test case of Choi et al. 2021
 CASE = (0.1911, 0.055, 3.78)
-SEARCH = """
-[search]
-method = "grid"
-[search.space]
-"network.hidden" = [[64, 64], [128, 128]]
-"training.batch" = [64, 128]
-"""
 PAPER = (ROOT / "examples" / "paper" / "single-pendulum.toml").read_text()
 
 
@@ -55,11 +44,11 @@ def replaced(text, **values):
     return "\n".join(lines) + "\n"
 
 
-def ours():
+def ours(epochs):
     """The example's runs, but inside the ranges and the time, and a recipe that both structures can have."""
     text = (ROOT / "examples" / "single-pendulum.toml").read_text()
     lines = [line for line in text.splitlines() if not line.startswith(("margin = ", "faces = ", "enough = "))]
-    return replaced("\n".join(lines), hidden="[128, 128]", learning_rate=0.003, schedule='"cosine"', epochs=150)
+    return replaced("\n".join(lines), hidden="[128, 128]", learning_rate=0.003, schedule='"cosine"', epochs=epochs)
 
 
 def fixed(text):
@@ -155,17 +144,17 @@ class Result:
         np.testing.assert_allclose(self.on, [metrics[output]["r2"] for output in OUTPUTS], rtol=0, atol=1e-9)
 
 
-def table(results):
+def table(recipe, results):
     """Prints the table of a recipe: S_full, S_fixed, and S_fixed over S_full."""
     full, fixed = results
-    print("| | S_full | S_fixed | S_fixed / S_full |\n|---|---|---|---|")
+    print(f"| {recipe} | S_full | S_fixed | S_fixed / S_full |\n|---|---|---|---|")
 
     def row(name, of, form):
         a, b = of(full), of(fixed)
         print(f"| {name} | {a:{form}} | {b:{form}} | {b / a:.3g} |")
 
     for index, output in enumerate(OUTPUTS):
-        row(f"1 - R², `{output}`, at the instants", lambda result: 1 - result.on[index], ".2e")
+        row(f"1 - R², `{output}`, at the time points", lambda result: 1 - result.on[index], ".2e")
     for index, output in enumerate(OUTPUTS):
         row(f"1 - R², `{output}`, between them", lambda result: 1 - result.off[index], ".2e")
     for index, output in enumerate(OUTPUTS):
@@ -210,8 +199,8 @@ def figure(results, unseen, path):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--epochs-share", type=float, default=0.25, help="of the paper's 400 epochs [default: 0.25]")
-    parser.add_argument("--search-epochs", type=int, default=10, help="of a trial of the search [default: 10]")
+    parser.add_argument("--epochs-share", type=float, default=1.0, help="of the paper's 400 epochs [default: 1]")
+    parser.add_argument("--epochs", type=int, default=150, help="of our recipe [default: 150]")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "structures", help="folder of the trainings")
     arguments = parser.parse_args()
     # not above, as --help needs none; where it is missing that shows before the trainings
@@ -234,27 +223,15 @@ def main():
     metafmu("sample", folder / "case.toml", "--out", folder / "case")
     one_case = truth(folder / "case" / "train.csv")
 
-    print(f"`scripts/measure structures {' '.join(sys.argv[1:])}`, {platform.machine()}, {os.cpu_count()} processors\n")
     paper = replaced(PAPER, epochs=epochs)
     print(f"The paper's recipe, {epochs} epochs (the paper has 400):\n")
     results = [Result(folder, f"paper-{name}", study, unseen) for name, study in (("full", paper), ("fixed", fixed(paper)))]
-    table(results)
+    table("the paper's recipe", results)
     figure(results, one_case, ROOT / "docs" / "structures.svg")
 
     print("Our recipe; S_fixed in batches of 64, as one of 1024 would be nearly all rows of an instant:\n")
-    of_full, of_fixed = ours(), fixed(replaced(ours(), batch=64))
-    table([Result(folder, f"ours-{name}", study, unseen) for name, study in (("full", of_full), ("fixed", of_fixed))])
-
-    print(f"The search, {arguments.search_epochs} epochs a trial:\n")
-    searched = replaced(PAPER, epochs=arguments.search_epochs) + SEARCH
-    print("| | S_full | S_fixed | S_fixed / S_full |\n|---|---|---|---|")
-    costs = []
-    for name, study in (("full", searched), ("fixed", fixed(searched))):
-        (folder / f"search-{name}.toml").write_text(study)
-        costs.append(metafmu("search", folder / f"search-{name}.toml", "--out", folder / f"search-{name}"))
-    for what, full, of_fixed in zip(("processor seconds", "seconds"), *costs):
-        print(f"| four trials, {what} | {full:.0f} | {of_fixed:.0f} | {of_fixed / full:.3g} |")
-    print("| clock time in the paper | 1 | 18.3458 | 18.3 |")
+    of_full, of_fixed = ours(arguments.epochs), fixed(replaced(ours(arguments.epochs), batch=64))
+    table("our recipe", [Result(folder, f"ours-{name}", study, unseen) for name, study in (("full", of_full), ("fixed", of_fixed))])
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 
 The paper's three networks, Adam, mean squared error, the same rows in random order, one and two threads. Every tool takes its turn in every
 round, in a separate process. The minimum and the median are over all samples of all rounds, each some 20 ms long ("jax epoch": an epoch).
-The peak is that of the faster of numpy's and PyTorch's products of large square matrices, measured in the same rounds. The first run
-creates .venv-bench with scripts/measure/training-requirements.txt (several GB).
+The peak is that of the faster of numpy's and PyTorch's products of large square matrices, measured in the same rounds. scripts/venv.sh
+--peers makes the environment .peers.
 """
 
 import argparse
@@ -18,17 +18,18 @@ from pathlib import Path
 
 from common import ROOT
 
-VENV = ROOT / ".venv-bench"
+PEERS_PYTHON = ROOT / ".peers" / "bin" / "python"
 NETWORKS = {
     "single-pendulum": ([4, 128, 128, 3], 64),
     "slider-crank": ([4, 128, 128, 7], 64),
     "double-pendulum": ([5, 64, 64, 64, 64, 4], 1024),
 }
 ROWS = 600_000  # more than the caches near the cores hold
-PEERS = ["torch eager", "torch compile", "jax scan"]
+PEERS = ["torch eager", "jax scan"]
 # with the shuffling of all rows before each epoch compiled into it, as the training loops of JAX's documentation have it
 OTHERS = ["jax epoch"]
 SAMPLE = 0.02  # s
+LABELS = {"metafmu": "metafmu", "torch eager": "PyTorch, fused Adam", "jax scan": "JAX, steps scanned", "jax epoch": "JAX, epoch with its shuffling scanned"}
 ACTIVATIONS = ["relu", "tanh"]
 
 
@@ -40,26 +41,16 @@ def flop(sizes: list[int], batch: int) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=2.0, help="of measuring a tool, in each round")
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=1.0, help="of measuring a tool, in each round")
+    parser.add_argument("--rounds", type=int, default=1)
     parser.add_argument("--activation", default="relu", choices=ACTIVATIONS)
-    parser.add_argument("--python", default=None, help="an interpreter that has the packages, instead of .venv-bench")
+    parser.add_argument("--python", default=None, help="an interpreter that has the packages, instead of that of .peers")
     options = parser.parse_args()
-    python = options.python or environment()
+    python = options.python or PEERS_PYTHON
     build = ["cargo", "build", "--release", "--quiet", "--example", "training_speed"]
     subprocess.run(build, cwd=ROOT, check=True)
     with tempfile.TemporaryDirectory() as folder:
         measure(options, str(python), Path(folder))
-
-
-def environment() -> Path:
-    requirements, stamp = ROOT / "scripts/measure/training-requirements.txt", VENV / "requirements.txt"
-    if not stamp.exists() or stamp.read_text() != requirements.read_text():
-        subprocess.run([sys.executable, "-m", "venv", "--clear", VENV], check=True)
-        pip = [VENV / "bin/python", "-m", "pip", "install", "--quiet", "--requirement", requirements]
-        subprocess.run(pip, check=True)
-        stamp.write_text(requirements.read_text())
-    return VENV / "bin/python"
 
 
 def measure(options: argparse.Namespace, python: str, folder: Path) -> None:
@@ -72,7 +63,7 @@ def measure(options: argparse.Namespace, python: str, folder: Path) -> None:
                 rows = folder / f"{network}.f32"
                 if not rows.exists():
                     run([python, __file__, "--worker", "rows", network, str(rows), "0", "-"], threads)
-                for tool in ["metafmu", *PEERS, *OTHERS]:
+                for tool in LABELS:
                     found = worker(python, threads, tool, network, str(rows), options)
                     samples.setdefault((network, threads, tool), []).extend(found)
     report(samples, {threads: max(values) for threads, values in peaks.items()})
@@ -98,25 +89,29 @@ def run(command: list[str], threads: int) -> str:
 
 
 def report(samples: dict[tuple[str, int, str], list[float]], peaks: dict[int, float]) -> None:
-    print(f"sgemm peak: {peaks[1]:.0f} GFLOP/s on one thread, {peaks[2]:.0f} on two\n")
-    print("network          threads  tool           us/step min  median   samples/s  GFLOP/s  of peak")
-    for (network, threads, tool), times in samples.items():
-        sizes, batch = NETWORKS[network]
-        best, median = min(times), statistics.median(times)
-        speed = flop(sizes, batch) / best / 1e9
-        share = 100 * speed / peaks[threads]
-        print(
-            f"{network:16} {threads:7}  {tool:13} {best * 1e6:12.1f} {median * 1e6:7.1f} {batch / best:11.0f} {speed:8.1f}"
-            f" {share:7.0f}%"
-        )
-    print("\nthe fastest peer's time over ours, minimum (median); on two threads, of the peers on one or two")
-    for network in NETWORKS:
-        for threads in (1, 2):
-            ratios = []
-            for of in (min, statistics.median):
-                peers = [of(samples[network, t, peer]) for peer in PEERS for t in range(1, threads + 1)]
-                ratios.append(min(peers) / of(samples[network, threads, "metafmu"]))
-            print(f"{network:16} {threads} threads: {ratios[0]:.2f} ({ratios[1]:.2f})")
+    columns = [f"{name.replace('-', ' ')}, {'-'.join(map(str, sizes))}, batch {batch}" for name, (sizes, batch) in NETWORKS.items()]
+    print(f"| µs a step, minimum (median) | {' | '.join(columns)} |\n{'|---' * (1 + len(columns))}|")
+    shown = lambda value: f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+    of_threads = {1: "one thread", 2: "two threads"}
+    for threads, named in of_threads.items():
+        for tool, label in LABELS.items():
+            times = [[1e6 * second for second in samples[network, threads, tool]] for network in NETWORKS]
+            cells = [f"{shown(min(of))} ({shown(statistics.median(of))})" for of in times]
+            print(f"| {label}, {named} | {' | '.join(cells)} |")
+    for threads, named in of_threads.items():
+        ours = [(flop(sizes, batch) / 1e9, samples[network, threads, "metafmu"]) for network, (sizes, batch) in NETWORKS.items()]
+        print(f"| GFLOP/s of metafmu, {named} | {' | '.join(f'{work / min(times):.0f}' for work, times in ours)} |")
+        print(f"| GFLOP/s of a large product, {named} |{f' {peaks[threads]:.0f} |' * len(ours)}")
+    for threads, named in of_threads.items():
+        cells = []
+        for network in NETWORKS:
+            # on two threads, of the peers on one or two
+            ratios = [
+                min(of(samples[network, number, peer]) for peer in PEERS for number in range(1, threads + 1)) / of(samples[network, threads, "metafmu"])
+                for of in (min, statistics.median)
+            ]
+            cells.append(f"{ratios[0]:.2f} ({ratios[1]:.2f})")
+        print(f"| time of the fastest peer without shuffling over ours, {named} | {' | '.join(cells)} |")
 
 
 def work(tool: str, network: str, file: str, seconds: float, activation: str) -> None:
@@ -188,8 +183,6 @@ def torch_steps(tool, threads, sizes, inputs, targets, order, activation):
     def loss(x, y):
         return criterion(network(x), y)
 
-    if tool == "torch compile":
-        loss = torch.compile(loss)
     position = 0
 
     def steps(count):

@@ -76,6 +76,8 @@ class Tool:
     steps: int
     # value references of the first input and of the first output
     first: tuple
+    # false: the process may crash at its end, after the results
+    ends_well = True
 
     def __init__(self, *packages):
         self.packages = [*packages, *self.packages]
@@ -107,19 +109,10 @@ class Metafmu(Tool):
         return self.folder / "network.fmu"
 
 
-class Onnx2fmu(Tool):
-    name, packages, steps, first = "onnx2fmu", ["onnx2fmu==0.3.3"], 1_000_000, (1, 1 + INPUTS)
-
-    def export(self):
-        columns = lambda name: [{"name": name, "description": name}]
-        description = {"name": "network", "FMIVersion": "2.0", "description": "", "inputs": columns("x"), "outputs": columns("y")}
-        (self.folder / "network.json").write_text(json.dumps(description))
-        self.command("onnx2fmu", "build", WORK / "network.onnx", "network.json", "target", "--destination", ".")
-        return self.folder / "network.fmu"
-
-
 class PythonFmu(Tool):
-    name, packages, steps, first = "PythonFMU", ["pythonfmu==0.7.0", "numpy"], 100_000, (0, INPUTS)
+    name, packages, steps, first = "PythonFMU 0.7", ["pythonfmu==0.7.0", "numpy"], 100_000, (0, INPUTS)
+    # its interpreter, where the FMU is unloaded
+    ends_well = False
 
     def export(self):
         self.command("pythonfmu", "build", "-f", HERE / "slave.py", "-d", self.folder, WORK / "network.npz")
@@ -134,7 +127,7 @@ class PythonFmu(Tool):
 
 
 class UniFmu(Tool):
-    name, packages, steps, first = "UniFMU", ["unifmu==0.0.3", "lxml", "toml", "pyzmq", "numpy"], 10_000, (0, INPUTS)
+    name, packages, steps, first = "UniFMU 0.0.3", ["unifmu==0.0.3", "lxml", "toml", "pyzmq", "numpy"], 10_000, (0, INPUTS)
 
     def export(self):
         folder = self.folder / "network"
@@ -177,7 +170,7 @@ def stepped(tool, fmu):
     with open(tool.folder / "stderr.txt", "w") as log:
         words = [str(word) for word in (WORK / "host", *where)]
         done = subprocess.run(words, stdout=subprocess.PIPE, stderr=log, text=True, env=tool.environment(), timeout=900)
-    if done.returncode != 0 or not done.stdout.strip():
+    if (done.returncode != 0 and tool.ends_well) or not done.stdout.strip():
         raise RuntimeError(f"host: {(tool.folder / 'stderr.txt').read_text()[-800:]}")
     instantiate, median, longest, _, *outputs = map(float, done.stdout.strip().splitlines()[-1].split())
     difference = np.abs(np.array(outputs) - expected(LAYERS, tool.steps - 1)).max()
@@ -192,14 +185,14 @@ LAYERS = network()
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("wheel", type=Path, help="metafmu's wheel, as scripts/release.sh makes it")
-    parser.add_argument("--rounds", type=int, default=5, help="how often all FMUs are stepped in turn")
+    parser.add_argument("--rounds", type=int, default=3, help="how often all FMUs are stepped in turn")
     options = parser.parse_args()
     WORK.mkdir(parents=True, exist_ok=True)
     write_network(LAYERS)
     run("cc", "-std=c11", "-O2", "-Wall", "-Wextra", HERE / "host.c", "-o", WORK / "host", "-ldl", "-lm")
 
     made, problems = [], []
-    for tool in (Metafmu(options.wheel.resolve()), Onnx2fmu(), PythonFmu(), UniFmu()):
+    for tool in (Metafmu(options.wheel.resolve()), PythonFmu(), UniFmu()):
         try:
             begin = time.perf_counter()
             tool.set_up()

@@ -154,14 +154,14 @@ def main():
     compile_c("step.c", step)
 
     candidates = {
-        "metafmu, double": (candidate(double, 4), 200_000),
-        "metafmu, single": (candidate(single, 4), 200_000),
-        "onnxruntime, single": (build_onnx(layers), 40_000),
-        "PythonFMU (numpy), single": (build_pythonfmu(layers), 10_000),
+        "metafmu, `precision = \"double\"`": (candidate(double, 4), 200_000),
+        "metafmu, `precision = \"single\"`": (candidate(single, 4), 200_000),
+        f"ONNX Runtime {'.'.join(onnxruntime.__version__.split('.')[:2])}, single": (build_onnx(layers), 40_000),
+        "PythonFMU 0.7 (numpy), single": (build_pythonfmu(layers), 10_000),
     }
     if "avx512dq" in Path("/proc/cpuinfo").read_text():
-        candidates["bare C, AVX-512, double"] = (build_bare(layers, "f64", np.float64, "-DDOUBLE"), 200_000)
-        candidates["bare C, AVX-512, single"] = (build_bare(layers, "f32", np.float32), 200_000)
+        candidates["the bare network in AVX-512 intrinsics, double"] = (build_bare(layers, "f64", np.float64, "-DDOUBLE"), 200_000)
+        candidates["the bare network in AVX-512 intrinsics, single"] = (build_bare(layers, "f32", np.float32), 200_000)
     else:
         print("no bare C: it is written for AVX-512, which this processor does not have")
 
@@ -178,13 +178,14 @@ def main():
             for values, new in zip(found[name], (*zip(*times), [instantiate])):
                 values.extend(new)
 
-    print("| FMU 2.0, fmi2DoStep + fmi2GetReal | ns, min | median | wall, min | median | instantiate, ms |")
-    print("|---|---|---|---|---|---|")
-    for name, (cpu, wall, instantiate) in found.items():
-        times = " | ".join(f"{value(of):.0f}" for of in (cpu, wall) for value in (min, statistics.median))
-        print(f"| {name} | {times} | {statistics.median(instantiate):.2f} |")
+    print("| FMU 2.0, `fmi2DoStep` + `fmi2GetReal` | CPU ns, min | median | instantiate, ms |")
+    print("|---|---|---|---|")
+    for name, (cpu, _, instantiate) in found.items():
+        shown = "" if "bare" in name else f"{statistics.median(instantiate):.3g}"
+        print(f"| {name} | {min(cpu):.0f} | {statistics.median(cpu):.0f} | {shown} |")
     for precision in ("double", "single"):
-        ours, bare = found[f"metafmu, {precision}"][0], found.get(f"bare C, AVX-512, {precision}", [None])[0]
+        ours = found[f'metafmu, `precision = "{precision}"`'][0]
+        bare = found.get(f"the bare network in AVX-512 intrinsics, {precision}", [None])[0]
         if bare:
             print(f"{precision}: {min(ours) / min(bare):.2f} (min), {statistics.median(ours) / statistics.median(bare):.2f} (median) of bare C")
 

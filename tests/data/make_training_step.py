@@ -1,6 +1,6 @@
 """Writes training_step.json: losses, gradients and a few steps of a small network for every activation, loss, optimizer
 and regularization, computed by PyTorch (SOAP: by pytorch_optimizer) in double precision from single-precision parameters and rows.
-Run from this folder, after `pip install -r ../../scripts/measure/training-requirements.txt`: `python make_training_step.py`."""
+Run from this folder, after scripts/venv.sh --peers: `../../.peers/bin/python make_training_step.py`."""
 
 import json
 from unittest.mock import patch

@@ -30,7 +30,8 @@ def test_every_measurement_that_docs_name_exists():
 
 def test_every_measurement_is_in_the_list():
     assert len(SUBCOMMANDS) > 25
-    assert SUBCOMMANDS == set(MEASURED.findall(COMMANDS))
+    # that one compares two builds, for maintainers
+    assert SUBCOMMANDS - {"golden"} == set(MEASURED.findall(COMMANDS))
 
 
 def test_options_that_docs_give_to_a_measurement_are_known():
@@ -45,7 +46,7 @@ def test_options_that_docs_give_to_a_measurement_are_known():
 @pytest.mark.parametrize("name", LISTED)
 def test_an_entry_has_its_page_and_its_files(name):
     figure = LISTED[name]
-    assert set(figure) <= {"page", "commands", "key", "minutes", "needs", "root"} and figure["commands"] and figure["minutes"] > 0
+    assert set(figure) <= {"page", "commands", "key", "blocks", "minutes", "needs", "root"} and figure["commands"] and figure["minutes"] > 0
     page, _, heading = figure["page"].partition("#")
     text = (ROOT / page).read_text(encoding="utf-8")
     slugs = {re.sub(r"[^\w -]", "", line.lower()).strip().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)}
@@ -54,7 +55,7 @@ def test_an_entry_has_its_page_and_its_files(name):
     for path in re.findall(r"(?<![\w/$])(?:examples|scripts|docs)/[\w/.-]+\.(?:toml|py|sh|ssd|md)\b", commands):
         assert (ROOT / path).is_file(), path
     # what is not ours comes from a variable that the entry explains
-    known = {"ROOT", "OUT", "WORK", "PWD", "name", "force", *figure.get("needs", {})}
+    known = {"ROOT", "OUT", "WORK", "PEERS", "PWD", "name", "force", *figure.get("needs", {})}
     assert set(re.findall(r"\$\{?([A-Za-z]+)", commands)) <= known
 
 
@@ -67,6 +68,36 @@ def test_rows_of_a_page_are_renewed_by_their_first_cells():
     output = "$ command\n| model | error | ns |\n|---|---|---|\n[WARNING] outside\n| crane | 1e-9 | 7 |\n| wiper | 1 | 2 |\n"
     text, count = figures.renewed(page, output, 1)
     assert (text, count) == (page.replace("| `crane` | 1e-9 | 5 |", "| crane | 1e-9 | 7 |"), 1)
+
+
+def test_blocks_of_a_page_are_renewed_up_to_an_empty_line():
+    page = "Text\n\n    metafmu build x.toml\n\n    output   R²\n    x   0.9\n\nMore x\n"
+    output = "$ metafmu build x.toml\noutput     R²\nx        0.95\ny     0.8\n\nother\n"
+    text, count = figures.with_blocks(page, output, ["output R²"])
+    assert (text, count) == (page.replace("    output   R²\n    x   0.9\n", "    output     R²\n    x        0.95\n    y     0.8\n"), 3)
+    with pytest.raises(ValueError, match="begins no block of the output"):
+        figures.with_blocks(page, "", ["output R²"])
+
+
+@pytest.mark.parametrize("name", [name for name, figure in LISTED.items() if "blocks" in figure])
+def test_the_page_of_an_entry_has_its_blocks(name):
+    text = (ROOT / LISTED[name]["page"].split("#")[0]).read_text(encoding="utf-8")
+    lines = [" ".join(line.split()) for line in text.split("\n") if line.startswith("    ")]
+    for heading in LISTED[name]["blocks"]:
+        assert any(line.startswith(heading) for line in lines), heading
+
+
+def test_the_page_of_measurements_keeps_rows_of_other_figures_in_the_order_of_the_list(tmp_path):
+    (tmp_path / "machine.json").write_text(json.dumps({"commit": "abc", "processor": "P", "processors": 2}))
+    for name, code in [("stds", 0), ("plans", 1)]:
+        (tmp_path / f"{name}.json").write_text(json.dumps({"exit_code": code, "started": "2026-01-02 03:04", "load": 0.1, "seconds": 90.0}))
+    heading = "| figure | page | date | commit | processor | cores | load before | min |\n|---|---|---|---|---|---|---|---|\n"
+    page = f"# Page\n\n{heading}| plans | old |\n| gone | old |\n\nend\n"
+    listed = {name: {"page": "docs/tables.md#x"} for name in ("stds", "plans")}
+    row = "| stds | [docs/tables.md](../tables.md#x) | 2026-01-02 | abc | P | 2 | 0.1 | 1.5 |\n"
+    assert figures.listed_measurements(page, listed, tmp_path) == f"# Page\n\n{heading}{row}| plans | old |\n\nend\n"
+    assert row in figures.listed_measurements(f"# Page\n\n{heading}", listed, tmp_path)
+    assert figures.MEASUREMENTS.read_text(encoding="utf-8").count(heading) == 1
 
 
 def test_the_list_names_figures_and_pages():
