@@ -226,7 +226,7 @@ pub(crate) fn has_tanh(function: Activation) -> bool {
 const GELU_LINEAR: f64 = <f64 as Real>::GELU_LINEAR;
 const GELU_CUBIC: f64 = <f64 as Real>::GELU_CUBIC;
 
-/// Of equations: replaces arguments by those of the hyperbolic tangent, and keeps them in place of slopes.
+/// Replaces arguments of activations in equations by those of the hyperbolic tangent, and keeps them in place of slopes.
 #[inline(never)]
 pub(crate) fn prepare<T: Number>(function: Activation, values: &mut [T], slopes: &mut [T]) {
     if function == Activation::Tanh {
@@ -241,7 +241,7 @@ pub(crate) fn prepare<T: Number>(function: Activation, values: &mut [T], slopes:
     }
 }
 
-/// Of equations: replaces hyperbolic tangents, or arguments if there are none, by values of the function and its slopes.
+/// Replaces hyperbolic tangents in equations, or arguments if there are none, by values of the function and its slopes.
 #[inline(always)]
 pub(crate) fn finish<T: Number>(function: Activation, values: &mut [T], slopes: &mut [T]) {
     // compiled into the layers, and without a choice for each number
