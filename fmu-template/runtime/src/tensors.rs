@@ -12,13 +12,13 @@ pub(crate) type Tensor = (String, Dtype, Vec<usize>, Vec<u8>);
 
 /// Tensor of a file.
 #[derive(Clone, Copy)]
-pub(crate) struct View<'a> {
+pub(crate) struct TensorSlice<'a> {
     pub(crate) dtype: Dtype,
     pub(crate) shape: &'a [usize],
     pub(crate) data: &'a [u8],
 }
 
-impl<'a> View<'a> {
+impl<'a> TensorSlice<'a> {
     /// One of `count` equal parts of the content.
     fn part(&self, part: usize, count: usize) -> &'a [u8] {
         let size = self.data.len() / count;
@@ -33,7 +33,7 @@ pub(crate) struct Views<'a> {
     /// Names of the tensors that were read.
     taken: Vec<String>,
     /// Number of parts of tensors of which the first is read, and the tensors.
-    parts: Option<(usize, Vec<View<'a>>)>,
+    parts: Option<(usize, Vec<TensorSlice<'a>>)>,
 }
 
 impl<'a> Views<'a> {
@@ -90,19 +90,19 @@ impl<'a> Views<'a> {
     }
 
     /// The tensor, or the present part of it.
-    fn take(&mut self, name: &str) -> Result<View<'a>, FormatError> {
+    fn take(&mut self, name: &str) -> Result<TensorSlice<'a>, FormatError> {
         let info = self.container.info(name).ok_or_else(|| FormatError::MissingTensor { name: name.into() })?;
         let TensorInfo { dtype, shape, data_offsets: (begin, end) } = info;
-        let view = View { dtype: *dtype, shape, data: &self.data[*begin..*end] };
+        let view = TensorSlice { dtype: *dtype, shape, data: &self.data[*begin..*end] };
         self.taken.push(name.into());
         let Some((count, stacked)) = &mut self.parts else { return Ok(view) };
-        let View { dtype, shape, .. } = view;
+        let TensorSlice { dtype, shape, .. } = view;
         if shape.first() != Some(count) {
             let expected = iter::once(*count).chain(shape.iter().skip(1).copied()).collect();
             return Err(FormatError::Shape { name: name.into(), found: shape.to_vec(), expected });
         }
         stacked.push(view);
-        Ok(View { dtype, shape: &shape[1..], data: view.part(0, *count) })
+        Ok(TensorSlice { dtype, shape: &shape[1..], data: view.part(0, *count) })
     }
 }
 
@@ -141,7 +141,7 @@ pub(crate) fn take<'a>(
     name: &str,
     expected: Dtype,
     dimensions: usize,
-) -> Result<View<'a>, FormatError> {
+) -> Result<TensorSlice<'a>, FormatError> {
     take_one_of(tensors, name, &[expected], dimensions)
 }
 
@@ -151,7 +151,7 @@ pub(crate) fn take_one_of<'a>(
     name: &str,
     expected: &[Dtype],
     dimensions: usize,
-) -> Result<View<'a>, FormatError> {
+) -> Result<TensorSlice<'a>, FormatError> {
     let view = tensors.take(name)?;
     if !expected.contains(&view.dtype) {
         let expected = expected.iter().map(|dtype| format!("{dtype:?}")).collect::<Vec<_>>().join(" or ");

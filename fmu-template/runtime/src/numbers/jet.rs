@@ -1,6 +1,6 @@
 //! Numbers that carry their derivatives: a formula written once gives values and exact derivatives along a curve.
 
-use super::{activation, elementary::ElementaryFunction};
+use super::{elementary::ElementaryFunction, exponential};
 use crate::simd;
 use std::ops::{Add, Mul, Sub};
 
@@ -92,7 +92,7 @@ impl Number for f64 {
 
     #[inline(always)]
     fn tanh<const SIMD: u8>(self) -> Self {
-        activation::tanh::<f64, SIMD>(self)
+        exponential::tanh::<f64, SIMD>(self)
     }
 
     #[inline(always)]
