@@ -32,6 +32,15 @@ def run(*arguments, **options):
     return subprocess.run(list(map(str, arguments)), check=True, text=True, capture_output=True, **options).stdout
 
 
+def times(*command, environment=None):
+    """Microseconds of a step and of an instance."""
+    done = subprocess.run(list(map(str, command)), text=True, capture_output=True, env=environment)
+    # the interpreter in an FMU of PythonFMU may crash when its host ends, after the result
+    if done.returncode and not (environment and done.stdout):
+        raise SystemExit(f"error: {done.args}: {done.stderr}")
+    return map(float, done.stdout.split())
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("metafmu", type=Path)
@@ -60,8 +69,8 @@ def main():
         worst = min(accuracies.values(), key=lambda accuracy: accuracy["r2"])
         largest = max(accuracies, key=lambda column: accuracies[column]["max_abs_error"])
         error = f"{accuracies[largest]['max_abs_error']:.2g} of {largest}"
-        theirs, instance = map(float, run(step_time, fmu, stop, step, *outputs, env=environment).split())
-        ours, _ = map(float, run(step_time, out / f"{study.stem}.fmu", stop, step, *columns).split())
+        theirs, instance = times(step_time, fmu, stop, step, *outputs, environment=environment)
+        ours, _ = times(step_time, out / f"{study.stem}.fmu", stop, step, *columns)
         seconds = f"{samples['sample_seconds']:.1f} | {training['train_seconds']:.0f}"
         ratio = f"{theirs / ours:.0f}" if theirs > 10 * ours else f"{theirs / ours:.2f}"
         costs = f"{theirs:.3g} | {ours:.3g} | {ratio} | {instance:.3g}"
