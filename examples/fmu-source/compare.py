@@ -70,7 +70,8 @@ def main():
         largest = max(accuracies, key=lambda column: accuracies[column]["max_abs_error"])
         error = f"{accuracies[largest]['max_abs_error']:.2g} of {largest}"
         theirs, instance = times(step_time, fmu, stop, step, *outputs, environment=environment)
-        ours, _ = times(step_time, out / f"{study.stem}.fmu", stop, step, *columns)
+        (surrogate,) = out.glob("*.fmu")
+        ours, _ = times(step_time, surrogate, stop, step, *columns)
         seconds = f"{samples['sample_seconds']:.1f} | {training['train_seconds']:.0f}"
         ratio = f"{theirs / ours:.0f}" if theirs > 10 * ours else f"{theirs / ours:.2f}"
         costs = f"{theirs:.3g} | {ours:.3g} | {ratio} | {instance:.3g}"
