@@ -166,10 +166,9 @@ def write(name, figure, folder):
 
 
 def link(page):
-    """A link to a page from the list of measurements."""
+    """A link to a page from the list of measurements; the name alone of one that the site does not have."""
     file, _, heading = page.partition("#")
-    path = f"../{file.removeprefix('docs/')}" if file.startswith("docs/") else f"../../{file}"
-    return f"[{file}]({path}{'#' if heading else ''}{heading})"
+    return f"[{file}](../{page.removeprefix('docs/')})" if file.startswith("docs/") else file
 
 
 def listed_measurements(text, listed, folder):
