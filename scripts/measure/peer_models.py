@@ -1,4 +1,4 @@
-"""The models of `peers` and `record-peers`: a state space of jax-sysid, and an LSTM in PyTorch, trained in a given processor time."""
+"""The models of `peers` and `records`: a state space of jax-sysid, and an LSTM in PyTorch, trained in a given processor time."""
 
 import time
 
