@@ -264,7 +264,8 @@ fn finish_others<T: Number>(function: Activation, values: &mut [T], slopes: &mut
         // of a share `s = (1 + tanh u) / 2` the derivative with respect to `u` is `2 s (1 - s)`
         let (x, share) = (*slope, (*y + one).scaled(0.5));
         [*y, *slope] = match function {
-            Activation::Identity | Activation::Tanh => [*y, one],
+            Activation::Identity => [*y, one],
+            Activation::Tanh => [*y, one - *y * *y],
             Activation::Sigmoid => [share, share * (one - share)],
             Activation::Silu => [x * share, share + x * share * (one - share)],
             Activation::Gelu => {
