@@ -43,8 +43,9 @@ def test_bounds_are_checked_of_a_study_whose_name_is_not_that_of_its_file(pendul
     shutil.copytree(pendulum.folder, tmp_path / "out" / "single-pendulum")
     command = [sys.executable, ROOT / "scripts" / "measure", "bounds", study, "--out", tmp_path / "out", "--runs", "40", "--seeds", "7"]
     lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
-    assert [line.split()[:2] for line in lines[1:]] == [["single-pendulum", name] for name in ("theta", "thetad", "thetadd")]
-    assert all(75.0 < float(line.split()[-1]) <= 100.0 for line in lines[1:])
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+    assert [row[:2] for row in rows] == [["single-pendulum", name] for name in ("theta", "thetad", "thetadd")]
+    assert all(75.0 < float(row[-1]) <= 100.0 for row in rows)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["other.toml", "out"]
 
 
