@@ -30,9 +30,6 @@ static const Real TANH_ONE = 22.0;
 static const Real EXP_HALF_MAX = 350.0;
 #endif
 
-static const Real GELU_LINEAR = R(0.7978845608028654);  /* sqrt(2 / pi) */
-static const Real GELU_CUBIC = R(0.03567740813630013); /* 0.044715 sqrt(2 / pi) */
-
 /* Returns 2^k for the integer k in the low bits of ROUND + k, which become the exponent. */
 static INLINED Real two_to_the(Real shifted)
 {
@@ -148,216 +145,198 @@ static INLINED void limit_magnitudes(const Real x[BLOCK], Real limit, Real magni
     }
 }
 
+/* ---- Blocks: numbers for activation_formulas.h whose operations are loops of a constant length ---- */
+
+typedef struct {
+    Real of[BLOCK];
+} Block;
+
+static INLINED Block block_constant(Real value)
+{
+    Block a;
+    for (size_t i = 0; i < BLOCK; i++) {
+        a.of[i] = value;
+    }
+    return a;
+}
+
+static INLINED Block block_sum(Block a, Block b)
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        a.of[i] += b.of[i];
+    }
+    return a;
+}
+
+static INLINED Block block_difference(Block a, Block b)
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        a.of[i] -= b.of[i];
+    }
+    return a;
+}
+
+static INLINED Block block_product(Block a, Block b)
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        a.of[i] *= b.of[i];
+    }
+    return a;
+}
+
+static INLINED Block block_scaled(Block a, Real by)
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        a.of[i] *= by;
+    }
+    return a;
+}
+
 /* With e = exp(2 |x|) - 1, tanh |x| = e / (e + 2) keeps its digits near zero. Absolute error below 3e-16, in single precision 2e-7. */
-static INLINED void tanh_block(Real x[BLOCK])
+static INLINED Block block_hyperbolic_tangent(Block a)
 {
-    Real magnitude[BLOCK];
-    limit_magnitudes(x, TANH_ONE, magnitude);
+    Block magnitude;
+    limit_magnitudes(a.of, TANH_ONE, magnitude.of);
     for (size_t i = 0; i < BLOCK; i++) {
-        const Real e = exp_minus_one(magnitude[i]);
-        const Real y = MATH(copysign)(e / (e + R(2.0)), x[i]);
-        x[i] = MATH(fabs)(y) < NEGLIGIBLE ? R(0.0) : y;
+        const Real e = exp_minus_one(magnitude.of[i]);
+        const Real y = MATH(copysign)(e / (e + R(2.0)), a.of[i]);
+        a.of[i] = MATH(fabs)(y) < NEGLIGIBLE ? R(0.0) : y;
     }
-}
-
-/* 1 / (1 + exp(-x)) = (1 + tanh(x / 2)) / 2 */
-static INLINED void sigmoid_block(Real x[BLOCK])
-{
-    for (size_t i = 0; i < BLOCK; i++) {
-        x[i] *= R(0.5);
-    }
-    tanh_block(x);
-    for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = R(0.5) * x[i] + R(0.5);
-    }
-}
-
-static INLINED void relu_block(Real x[BLOCK])
-{
-    for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = x[i] < NEGLIGIBLE ? R(0.0) : x[i];
-    }
-}
-
-/* Returns u of gelu(x) = x (1 + tanh u) / 2. */
-static INLINED Real gelu_argument(Real x)
-{
-    return x * (x * x * GELU_CUBIC + GELU_LINEAR);
-}
-
-static INLINED void gelu_block(Real x[BLOCK])
-{
-    Real y[BLOCK];
-    for (size_t i = 0; i < BLOCK; i++) {
-        y[i] = gelu_argument(x[i]);
-    }
-    tanh_block(y);
-    for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = R(0.5) * x[i] * y[i] + R(0.5) * x[i];
-    }
-}
-
-/* x / (1 + exp(-x)) */
-static INLINED void silu_block(Real x[BLOCK])
-{
-    Real y[BLOCK];
-    memcpy(y, x, sizeof y);
-    sigmoid_block(y);
-    for (size_t i = 0; i < BLOCK; i++) {
-        x[i] *= y[i];
-    }
+    return a;
 }
 
 /* Absolute error below 3e-16, in single precision 2e-7, for |x| up to 8192; beyond, it grows with x. */
-static INLINED void sine_block(Real x[BLOCK])
+static INLINED void block_sine_and_cosine(Block a, Block *sine, Block *cosine)
 {
     for (size_t i = 0; i < BLOCK; i++) {
         Real sign;
-        const Real r = reduced(x[i], &sign);
-        x[i] = sign * sine_of_reduced(r);
+        const Real r = reduced(a.of[i], &sign);
+        sine->of[i] = sign * sine_of_reduced(r);
+        cosine->of[i] = sign * cosine_of_reduced(r);
     }
+}
+
+static INLINED Block block_positive_part(Block a, Block *slope)
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        slope->of[i] = a.of[i] > R(0.0) ? R(1.0) : R(0.0);
+        a.of[i] = a.of[i] < NEGLIGIBLE ? R(0.0) : a.of[i];
+    }
+    return a;
+}
+
+#define NUMBER Block
+#define OF(name) block_##name
+#include "activation_formulas.h"
+#undef NUMBER
+#undef OF
+
+/* ---- Blocks with their first and second derivatives ---- */
+
+typedef struct {
+    Block value;
+    Block first;
+    Block second;
+} BlockSeries;
+
+static INLINED BlockSeries series_constant(Real value)
+{
+    return (BlockSeries){block_constant(value), block_constant(R(0.0)), block_constant(R(0.0))};
+}
+
+static INLINED BlockSeries series_sum(BlockSeries a, BlockSeries b)
+{
+    return (BlockSeries){block_sum(a.value, b.value), block_sum(a.first, b.first), block_sum(a.second, b.second)};
+}
+
+static INLINED BlockSeries series_difference(BlockSeries a, BlockSeries b)
+{
+    return (BlockSeries){block_difference(a.value, b.value), block_difference(a.first, b.first),
+                    block_difference(a.second, b.second)};
+}
+
+static INLINED BlockSeries series_product(BlockSeries a, BlockSeries b)
+{
+    for (size_t i = 0; i < BLOCK; i++) {
+        const Real mixed = a.first.of[i] * b.first.of[i];
+        a.second.of[i] = a.second.of[i] * b.value.of[i] + R(2.0) * mixed + a.value.of[i] * b.second.of[i];
+        a.first.of[i] = a.first.of[i] * b.value.of[i] + a.value.of[i] * b.first.of[i];
+        a.value.of[i] *= b.value.of[i];
+    }
+    return a;
+}
+
+static INLINED BlockSeries series_scaled(BlockSeries a, Real by)
+{
+    return (BlockSeries){block_scaled(a.value, by), block_scaled(a.first, by), block_scaled(a.second, by)};
 }
 
 /* The slope is 4 (e + 1) / (e + 2)^2: unlike 1 - tanh^2 x, it keeps its digits where tanh saturates. */
-static INLINED void tanh_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED BlockSeries series_hyperbolic_tangent(BlockSeries a)
 {
-    Real magnitude[BLOCK];
-    limit_magnitudes(x, EXP_HALF_MAX, magnitude);
+    Block magnitude;
+    limit_magnitudes(a.value.of, EXP_HALF_MAX, magnitude.of);
     for (size_t i = 0; i < BLOCK; i++) {
-        const Real e = exp_minus_one(magnitude[i]);
-        x[i] = MATH(copysign)(e / (e + R(2.0)), x[i]);
-        slope[i] = R(4.0) * ((e + R(1.0)) / (e + R(2.0))) / (e + R(2.0));
-        curvature[i] = -R(2.0) * x[i] * slope[i];
+        const Real e = exp_minus_one(magnitude.of[i]);
+        const Real y = MATH(copysign)(e / (e + R(2.0)), a.value.of[i]);
+        const Real slope = R(4.0) * ((e + R(1.0)) / (e + R(2.0))) / (e + R(2.0));
+        a.second.of[i] = slope * (a.second.of[i] - R(2.0) * (y * a.first.of[i] * a.first.of[i]));
+        a.first.of[i] *= slope;
+        a.value.of[i] = y;
     }
+    return a;
 }
 
-static INLINED void sigmoid_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED void series_sine_and_cosine(BlockSeries a, BlockSeries *sine, BlockSeries *cosine)
 {
+    Block s;
+    Block c;
+    block_sine_and_cosine(a.value, &s, &c);
     for (size_t i = 0; i < BLOCK; i++) {
-        x[i] *= R(0.5);
+        const Real square = a.first.of[i] * a.first.of[i];
+        sine->second.of[i] = c.of[i] * a.second.of[i] - s.of[i] * square;
+        cosine->second.of[i] = -s.of[i] * a.second.of[i] - c.of[i] * square;
+        sine->first.of[i] = c.of[i] * a.first.of[i];
+        cosine->first.of[i] = -s.of[i] * a.first.of[i];
     }
-    tanh_series(x, slope, curvature);
-    for (size_t i = 0; i < BLOCK; i++) {
-        x[i] = R(0.5) * x[i] + R(0.5);
-        slope[i] *= R(0.25);
-        curvature[i] *= R(0.125);
-    }
+    sine->value = s;
+    cosine->value = c;
 }
 
 /* The slope is zero at the kink. */
-static INLINED void relu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
+static INLINED BlockSeries series_positive_part(BlockSeries a, BlockSeries *slope)
 {
-    for (size_t i = 0; i < BLOCK; i++) {
-        slope[i] = x[i] > R(0.0) ? R(1.0) : R(0.0);
-        x[i] = x[i] < R(0.0) ? R(0.0) : x[i];
-        curvature[i] = R(0.0);
-    }
+    *slope = series_constant(R(0.0));
+    a.value = block_positive_part(a.value, &slope->value);
+    a.first = block_product(a.first, slope->value);
+    a.second = block_product(a.second, slope->value);
+    return a;
 }
 
-/* Uses the derivatives of tanh u. */
-static INLINED void gelu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
-{
-    Real y[BLOCK];
-    for (size_t i = 0; i < BLOCK; i++) {
-        y[i] = gelu_argument(x[i]);
-    }
-    tanh_series(y, slope, curvature);
-    for (size_t i = 0; i < BLOCK; i++) {
-        const Real u1 = R(3.0) * x[i] * x[i] * GELU_CUBIC + GELU_LINEAR;
-        const Real u2 = R(6.0) * x[i] * GELU_CUBIC;
-        const Real inner = R(0.5) * x[i];
-        const Real outer = R(0.5) * y[i] + R(0.5);
-        const Real first = slope[i] * u1;
-        const Real second = curvature[i] * u1 * u1 + slope[i] * u2;
-        x[i] *= outer;
-        slope[i] = inner * first + outer;
-        curvature[i] = inner * second + first;
-    }
-}
-
-/* Uses the derivatives of the sigmoid. */
-static INLINED void silu_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
-{
-    Real y[BLOCK];
-    memcpy(y, x, sizeof y);
-    sigmoid_series(y, slope, curvature);
-    for (size_t i = 0; i < BLOCK; i++) {
-        const Real first = slope[i];
-        slope[i] = x[i] * first + y[i];
-        curvature[i] = x[i] * curvature[i] + R(2.0) * first;
-        x[i] *= y[i];
-    }
-}
-
-static INLINED void sine_series(Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
-{
-    for (size_t i = 0; i < BLOCK; i++) {
-        Real sign;
-        const Real r = reduced(x[i], &sign);
-        x[i] = sign * sine_of_reduced(r);
-        slope[i] = sign * cosine_of_reduced(r);
-        curvature[i] = -x[i];
-    }
-}
-
-static INLINED void identity_series(Real slope[BLOCK], Real curvature[BLOCK])
-{
-    for (size_t i = 0; i < BLOCK; i++) {
-        slope[i] = R(1.0);
-        curvature[i] = R(0.0);
-    }
-}
+#define NUMBER BlockSeries
+#define OF(name) series_##name
+#include "activation_formulas.h"
 
 CLONED void activate(Activation activation, Real x[BLOCK])
 {
-    switch (activation) {
-    case ACTIVATION_TANH:
-        tanh_block(x);
-        break;
-    case ACTIVATION_SIGMOID:
-        sigmoid_block(x);
-        break;
-    case ACTIVATION_RELU:
-        relu_block(x);
-        break;
-    case ACTIVATION_GELU:
-        gelu_block(x);
-        break;
-    case ACTIVATION_SILU:
-        silu_block(x);
-        break;
-    case ACTIVATION_SINE:
-        sine_block(x);
-        break;
-    default:
-        break; /* the identity */
-    }
+    Block slope;
+    block_activate_one(activation, (Block *)x, &slope);
 }
 
 CLONED void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK])
 {
-    switch (activation) {
-    case ACTIVATION_TANH:
-        tanh_series(x, slope, curvature);
-        break;
-    case ACTIVATION_SIGMOID:
-        sigmoid_series(x, slope, curvature);
-        break;
-    case ACTIVATION_RELU:
-        relu_series(x, slope, curvature);
-        break;
-    case ACTIVATION_GELU:
-        gelu_series(x, slope, curvature);
-        break;
-    case ACTIVATION_SILU:
-        silu_series(x, slope, curvature);
-        break;
-    case ACTIVATION_SINE:
-        sine_series(x, slope, curvature);
-        break;
-    default:
-        identity_series(slope, curvature);
-        break;
+    BlockSeries value;
+    BlockSeries slopes;
+    for (size_t i = 0; i < BLOCK; i++) {
+        value.value.of[i] = x[i];
+        value.first.of[i] = R(1.0);
+        value.second.of[i] = R(0.0);
+    }
+    series_activate_one(activation, &value, &slopes);
+    for (size_t i = 0; i < BLOCK; i++) {
+        x[i] = value.value.of[i];
+        slope[i] = value.first.of[i];
+        curvature[i] = value.second.of[i];
     }
 }
 

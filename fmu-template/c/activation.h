@@ -17,7 +17,7 @@ void activate(Activation activation, Real x[BLOCK]);
 /* Replaces x by its activation. Slope and curvature receive the first and second derivatives. */
 void activate_series(Activation activation, Real x[BLOCK], Real slope[BLOCK], Real curvature[BLOCK]);
 
-/* Replaces whole blocks by their activations. Slopes may be null. jet_activation.h does this for jets. */
+/* Replaces whole blocks by their activations. Slopes may be null. */
 void real_activate(Activation activation, Real x[], Real *slopes, size_t count);
 
 #endif

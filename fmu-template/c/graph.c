@@ -209,7 +209,7 @@ static void jet_activations(const GraphStep *step, const Jet x[], Jet y[])
 #define NUMBER Jet
 #define OF(name) jet_##name
 #if MODEL_HAS_DICTIONARY
-#include "jet_activation.h"
+#include "activation_formulas.h"
 #include "tape_run.h"
 #else
 #include "blocks.h"

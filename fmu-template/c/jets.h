@@ -8,6 +8,7 @@
 
 #include "clones.h"
 #include "real.h"
+#include <stdbool.h>
 
 /* A value with its first and second derivatives. */
 typedef struct {
@@ -136,6 +137,13 @@ static inline Jet jet_hyperbolic_tangent(Jet a)
     return (Jet){value, slope * a.first, slope * (a.second - R(2.0) * (value * a.first * a.first))};
 }
 
+static INLINED Jet jet_positive_part(Jet a, Jet *slope)
+{
+    const bool is_positive = a.value > R(0.0);
+    *slope = jet_constant(is_positive ? R(1.0) : R(0.0));
+    return is_positive ? a : jet_scaled(a, R(0.0));
+}
+
 /* ---- Jets of jets ---- */
 
 static INLINED Nested nested_constant(Real value)
@@ -191,6 +199,13 @@ static inline Nested nested_hyperbolic_tangent(Nested a)
     const Jet bent = jet_product(jet_product(value, a.first), a.first);
     return (Nested){value, jet_product(slope, a.first),
                     jet_product(slope, jet_difference(a.second, jet_scaled(bent, R(2.0))))};
+}
+
+static INLINED Nested nested_positive_part(Nested a, Nested *slope)
+{
+    const bool is_positive = nested_value(a) > R(0.0);
+    *slope = nested_constant(is_positive ? R(1.0) : R(0.0));
+    return is_positive ? a : nested_scaled(a, R(0.0));
 }
 
 #endif

@@ -13,6 +13,7 @@ macro_rules! files {
 pub const COMMON: &[File] = files![
     "activation.c",
     "activation.h",
+    "activation_formulas.h",
     "blocks.h",
     "clones.h",
     "derivatives.c",
@@ -40,7 +41,7 @@ pub const NETWORK: &[File] = files!["network.c", "network.h"];
 pub const GRAPH: &[File] = files!["graph.c", "graph.h", "graph_steps.h"];
 
 /// Files of lists of operations: equations and sums of products.
-pub const TAPE: &[File] = files!["jet_activation.h", "tape.h", "tape_run.h"];
+pub const TAPE: &[File] = files!["tape.h", "tape_run.h"];
 
 /// Files of models with continuous states.
 pub const STATES: &[File] = files!["rosenbrock.h", "states.c", "states.h"];

@@ -9,7 +9,7 @@ static void nested_call(const Operation *operation, Nested *registers)
 #define NUMBER Nested
 #define OF(name) nested_##name
 #define CALL nested_call
-#include "jet_activation.h"
+#include "activation_formulas.h"
 #include "tape_run.h"
 #undef NUMBER
 #undef OF
@@ -20,7 +20,7 @@ static void nested_call(const Operation *operation, Nested *registers)
 #define WORK JetWork
 #define ALONG Nested
 #define OF_ALONG(name) nested_##name
-#include "jet_activation.h"
+#include "activation_formulas.h"
 #include "equations.h"
 #undef NUMBER
 #undef OF

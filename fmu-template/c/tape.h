@@ -10,7 +10,7 @@
  *     2 BLOCK c    for a block of a matrix with c columns,
  *     2 BLOCK      for a block of a scalar product,
  *     BLOCK        for a block of products,
- *     BLOCK activations    for a block of nodes, with their slopes at most 70 operations of activation.c each,
+ *     BLOCK activations    for a block of nodes, with their slopes at most 110 operations of activation.c each,
  *     1            for a quotient, reciprocal or minimum,
  *     a (6 m + 52) for a table of a arguments with m numbers at a node, besides the search of its knots,
  *

@@ -17,7 +17,7 @@ use metafmu_runtime::{
     graph::{Elementwise, Forest, LEAF, Operation, Products, Step},
 };
 use prost::Message;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 const IR_VERSION: i64 = 8;
 const OPSET: i64 = 17;
@@ -171,26 +171,22 @@ impl OnnxWriter {
         self.joined(&parts)
     }
 
-    fn activation(&mut self, activation: Activation, x: String) -> String {
-        match activation {
-            Activation::Identity => x,
-            Activation::Tanh => self.of("Tanh", &[&x]),
-            Activation::Sigmoid => self.of("Sigmoid", &[&x]),
-            Activation::Relu => self.of("Relu", &[&x]),
-            Activation::Sine => self.of("Sin", &[&x]),
-            Activation::Silu => {
-                let gate = self.of("Sigmoid", &[&x]);
-                self.of("Mul", &[&x, &gate])
-            }
-            Activation::Gelu => {
-                let square = self.of("Mul", &[&x, &x]);
-                let factor = self.linear(&square, &[0.044715 * (2.0 / PI).sqrt()], &[(2.0 / PI).sqrt()]);
-                let argument = self.of("Mul", &[&x, &factor]);
-                let tanh = self.of("Tanh", &[&argument]);
-                let half = self.linear(&tanh, &[0.5], &[0.5]);
-                self.of("Mul", &[&x, &half])
-            }
+    /// [`Activation::onnx`] of a value.
+    fn activation(&mut self, activation: Activation, x: &str) -> String {
+        let mut operands: Vec<String> = Vec::new();
+        for word in activation.onnx().split(' ') {
+            let operand = match (word, word.parse()) {
+                ("x", _) => x.to_owned(),
+                (_, Ok(number)) => self.real(number),
+                (operator, Err(_)) => {
+                    let count = if matches!(operator, "Add" | "Mul") { 2 } else { 1 };
+                    let of = operands.split_off(operands.len() - count);
+                    self.of(operator, &of.iter().map(String::as_str).collect::<Vec<&str>>())
+                }
+            };
+            operands.push(operand);
         }
+        operands.pop().expect("a formula has a result")
     }
 
     /// Legendre polynomials of all columns by Bonnet's recursion, and their products.
@@ -360,7 +356,7 @@ impl OnnxWriter {
         let negative_part = |writer: &mut Self| writer.binary("Min", x, 0.0);
         let positive_part = |writer: &mut Self| writer.binary("Max", x, 0.0);
         match function {
-            Elementwise::Activation(activation) => self.activation(activation, x.into()),
+            Elementwise::Activation(activation) => self.activation(activation, x),
             Elementwise::Linear => self.linear(x, row(0), row(1)),
             Elementwise::Cosine => self.of("Cos", &[x]),
             Elementwise::Exponential => self.of("Exp", &[x]),

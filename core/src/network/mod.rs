@@ -250,10 +250,7 @@ impl From<NetworkError> for crate::Error {
 #[cfg(test)]
 mod tests {
     use super::{
-        kernels::{
-            InstructionSet, Store,
-            activation::tests::{self as activations, ALL},
-        },
+        kernels::{InstructionSet, Store, activation::tests as activations},
         *,
     };
 
@@ -285,7 +282,7 @@ mod tests {
 
     #[test]
     fn predictions_agree_with_the_textbook_formula_in_double_precision() {
-        for activation in ALL {
+        for activation in Activation::ALL {
             for (inputs, hidden, outputs, rows) in
                 [(4, vec![128, 128], 3, 300), (1, vec![], 1, 1), (3, vec![7, 33], 2, 129), (5, vec![64; 4], 4, 128)]
             {
@@ -307,7 +304,7 @@ mod tests {
     #[test]
     fn every_gradient_agrees_with_central_differences_in_double_precision() {
         let (inputs, hidden, outputs, rows) = (3, [9, 17, 6], 2, 21);
-        for activation in ALL {
+        for activation in Activation::ALL {
             let network = network(inputs, &hidden, outputs, activation);
             let (x, weights) = (spread(rows * inputs), spread(rows * outputs + 5)[5..].to_vec());
             let loss = |parameters: &[f64]| -> f64 {

@@ -304,17 +304,6 @@ pub(crate) mod tests {
     use super::*;
     use crate::network::kernels::{InstructionSet, SimdKernel, WIDTH};
 
-    /// Every activation.
-    pub(crate) const ALL: [Activation; 7] = [
-        Activation::Tanh,
-        Activation::Sigmoid,
-        Activation::Relu,
-        Activation::Gelu,
-        Activation::Silu,
-        Activation::Sine,
-        Activation::Identity,
-    ];
-
     /// Replaces points by values, and puts the derivatives into `slopes`.
     struct ActivationValues<'a> {
         activation: Activation,
@@ -386,7 +375,7 @@ pub(crate) mod tests {
         let small = (1..120).flat_map(|k| [2f32.powi(-k), -(2f32.powi(-k))]);
         let points: Vec<f32> = dense.chain(wide).chain(small).chain([0.0, 88.0, -300.0, 1e30, -1e30]).collect();
         for simd in InstructionSet::available() {
-            for activation in ALL {
+            for activation in Activation::ALL {
                 let points: Vec<f32> =
                     points.iter().copied().filter(|x| activation != Activation::Sine || x.abs() < 8192.0).collect();
                 let (values, slopes) = activate(simd, activation, &points);
@@ -422,7 +411,7 @@ pub(crate) mod tests {
     #[test]
     fn nan_stays_nan_and_infinity_saturates() {
         for simd in InstructionSet::available() {
-            for activation in ALL {
+            for activation in Activation::ALL {
                 assert!(activate(simd, activation, &[f32::NAN]).0[0].is_nan(), "{simd:?} {activation:?}");
             }
             assert_eq!(activate(simd, Activation::Tanh, &[f32::INFINITY, f32::NEG_INFINITY]).0, [1.0, -1.0]);

@@ -61,6 +61,21 @@ impl Activation {
             Self::Identity => "linear",
         }
     }
+
+    /// Formula in operators of ONNX, in postfix notation, of its argument `x`.
+    ///
+    /// GELU is composed, as opset 17 does not have it: the numbers are `0.044715 √(2/π)` and `√(2/π)`.
+    pub fn onnx(self) -> &'static str {
+        match self {
+            Self::Tanh => "x Tanh",
+            Self::Sigmoid => "x Sigmoid",
+            Self::Relu => "x Relu",
+            Self::Gelu => "x x x Mul 0.03567740813630013 Mul 0.7978845608028654 Add Mul Tanh 0.5 Mul 0.5 Add Mul",
+            Self::Silu => "x x Sigmoid Mul",
+            Self::Sine => "x Sin",
+            Self::Identity => "x",
+        }
+    }
 }
 
 /// Implementation of an activation function.
