@@ -296,6 +296,34 @@ pub(crate) struct SumTerm {
     pub(crate) fixed: Register,
 }
 
+/// Orders operations by the time that is needed after their beginning, longest first: an operation then rarely waits for the one before.
+fn critical_first(operations: &mut [TapeOperation], registers: usize) {
+    let mut remaining = vec![0u32; registers];
+    for operation in operations.iter().rev() {
+        let Some((to, from)) = operation.registers() else { continue };
+        // in products of two numbers; divisions, functions and long sums take about as long as three of them
+        let own = if matches!(operation, TapeOperation::Product { .. }) { 1 } else { 3 };
+        remaining[to.index()] += own;
+        let whole = remaining[to.index()];
+        for (first, count) in from {
+            remaining[first.index()..][..count as usize].iter_mut().for_each(|time| *time = whole.max(*time));
+        }
+    }
+    let time = |operation: &TapeOperation| operation.registers().map_or(0, |(to, _)| remaining[to.index()]) as usize;
+    // by counting: a sort of the standard library takes 12 kB of machine code
+    let mut ends = vec![0; operations.iter().map(time).max().unwrap_or(0) + 1];
+    operations.iter().for_each(|operation| ends[time(operation)] += 1);
+    ends.iter_mut().rev().fold(0, |sum, end| {
+        *end += sum;
+        *end
+    });
+    for operation in operations.to_vec().iter().rev() {
+        let end = &mut ends[time(operation)];
+        *end -= 1;
+        operations[*end] = *operation;
+    }
+}
+
 /// When a number is known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum BindingTime {
@@ -341,8 +369,13 @@ impl TapeBuilder {
         builder
     }
 
-    pub(crate) fn finish(self) -> Tape {
-        Tape { registers: self.known.len(), ..self.tape }
+    pub(crate) fn finish(mut self) -> Tape {
+        let registers = self.known.len();
+        for part in [&mut self.tape.of_others, &mut self.tape.rest] {
+            let without_layers = part.operations.split_mut(|operation| operation.registers().is_none());
+            without_layers.for_each(|operations| critical_first(operations, registers));
+        }
+        Tape { registers, ..self.tape }
     }
 
     /// The tape whose [`run`](Tape::run) computes these registers. Operations that none of them follows from are the rest.
@@ -624,5 +657,27 @@ impl TapeBuilder {
             }
         });
         of_block.collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn operations_with_the_longest_time_after_them_are_first() {
+        let mut builder = TapeBuilder::new(3, 0..0);
+        let [x, y, z] = [0, 1, 2].map(Register::input);
+        let alone = builder.product(x, z);
+        let first = builder.product(x, y);
+        let inverse = builder.reciprocal(first);
+        let last = builder.add_product(alone, inverse, y);
+        let tape = builder.finish();
+        let order: Vec<Register> = tape.of_others.operations.iter().map(|it| it.registers().unwrap().0).collect();
+        assert_eq!(order, [first, inverse, alone, last]);
+        let mut work = tape.work::<f64>();
+        work.set_inputs([0.5, 8.0, 3.0].into_iter());
+        tape.run(&mut work);
+        assert_eq!(work.get(last), 8.0 / 4.0 + 1.5);
     }
 }
