@@ -23,7 +23,7 @@ impl Instance {
         !changed && self.domain.contains_point(values, self.near) && !values.iter().enumerate().any(is_changed)
     }
 
-    #[inline]
+    #[inline(always)]
     pub(super) fn check_value(
         &self,
         column: usize,
@@ -32,9 +32,12 @@ impl Instance {
         policy: DomainPolicy,
         status: Status,
     ) -> Result<(), Refusal> {
-        if policy != DomainPolicy::Error {
-            return Ok(());
-        }
+        if policy == DomainPolicy::Error { self.check_strictly(column, value, time, status) } else { Ok(()) }
+    }
+
+    // not compiled into every step, which it would slow down under each policy
+    #[inline(never)]
+    fn check_strictly(&self, column: usize, value: f64, time: f64, status: Status) -> Result<(), Refusal> {
         let name = || self.column_name(column);
         if !self.domain.contains(column, value) {
             return Err(Refusal::OutsideDomain { name: name(), value, valid: self.valid(column), status });
@@ -65,13 +68,17 @@ impl Instance {
         if self.is_changed(column, value, self.now.time) {
             self.note_change(column);
         }
-        if self.now.policy != DomainPolicy::Warn || self.warned[column] || self.domain.contains(column, value) {
-            return;
+        if self.now.policy == DomainPolicy::Warn && !self.warned[column] && !self.domain.contains(column, value) {
+            self.warn_outside(column);
         }
+    }
+
+    #[cold]
+    fn warn_outside(&mut self, column: usize) {
         self.warned[column] = true;
         let is_nominal = self.metadata.inputs.get(column).is_some_and(|input| input.nominal_values().is_some());
         let instead = if is_nominal { "those of the nearest" } else { "extrapolated" };
-        let (name, valid) = (self.column_name(column), self.valid(column));
+        let (name, value, valid) = (self.column_name(column), self.now.values[column], self.valid(column));
         self.warnings.push(Warning::OutsideDomain { name, value, valid, instead });
     }
 

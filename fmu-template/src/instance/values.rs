@@ -61,19 +61,21 @@ impl Instance {
     }
 
     /// Before the initialization FMI 3.0 lets start values be read, and FMI 2.0 nothing.
-    #[inline]
+    #[inline(always)]
     fn check_readable(&self, reference: u32, quantity: Quantity) -> Result<(), Refusal> {
-        let has_start = || match quantity {
+        if self.now.state == InstanceState::Instantiated { self.check_start(reference, quantity) } else { Ok(()) }
+    }
+
+    #[cold]
+    fn check_start(&self, reference: u32, quantity: Quantity) -> Result<(), Refusal> {
+        let has_start = match quantity {
             Quantity::Input(column) => self.metadata.inputs[column].role != Role::Time,
             Quantity::Bound(_) => !self.variables.bounds_grow(),
             Quantity::Measured(_) => true,
             Quantity::BuiltIn(built_in) => matches!(built_in, BuiltIn::DomainPolicy | BuiltIn::UseMeasured),
             Quantity::Output(_) | Quantity::Array(_) | Quantity::State(_) | Quantity::Derivative(_) => false,
         };
-        if self.now.state != InstanceState::Instantiated || has_start() {
-            return Ok(());
-        }
-        Err(Refusal::NoStartValue { name: self.name(reference), reference })
+        if has_start { Ok(()) } else { Err(Refusal::NoStartValue { name: self.name(reference), reference }) }
     }
 
     /// Time since the start of the run.
@@ -232,6 +234,7 @@ impl Instance {
         inputs.get(column).map_or_else(|| states[column - inputs.len()].name.clone(), |input| input.name.clone())
     }
 
+    #[cold]
     fn wrong_type(&self, reference: u32, asked: &'static str) -> Refusal {
         let found = match self.quantity(reference) {
             Ok(Quantity::BuiltIn(BuiltIn::DomainPolicy)) => "integer",
