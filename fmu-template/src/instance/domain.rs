@@ -84,15 +84,16 @@ impl Instance {
 
     /// Checks that training data are near the inputs. This concerns all inputs together, so it is checked where they
     /// are used, not where they are set one after the other. Values outside their ranges are handled elsewhere.
-    #[inline]
+    #[inline(always)]
     pub(super) fn note_data(&mut self, refused: Status) -> Result<(), Refusal> {
         // a history that becomes measured is no prediction yet
         let is_silent = self.now.policy == DomainPolicy::Clamp || self.warned_of_data || self.is_measured();
-        if is_silent
-            || !self.domain.knows_data()
-            || !self.domain.is_in_ranges(&self.now.values)
-            || self.domain.is_near_data(&self.now.values, &mut self.near)
-        {
+        if is_silent || !self.domain.knows_data() { Ok(()) } else { self.look_for_data(refused) }
+    }
+
+    #[inline(never)]
+    fn look_for_data(&mut self, refused: Status) -> Result<(), Refusal> {
+        if !self.domain.is_in_ranges(&self.now.values) || self.domain.is_near_data(&self.now.values, &mut self.near) {
             return Ok(());
         }
         let distance = self.domain.distance(&self.now.values, self.near);
