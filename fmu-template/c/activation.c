@@ -252,7 +252,7 @@ static INLINED BlockSeries series_sum(BlockSeries a, BlockSeries b)
 static INLINED BlockSeries series_difference(BlockSeries a, BlockSeries b)
 {
     return (BlockSeries){block_difference(a.value, b.value), block_difference(a.first, b.first),
-                    block_difference(a.second, b.second)};
+                         block_difference(a.second, b.second)};
 }
 
 static INLINED BlockSeries series_product(BlockSeries a, BlockSeries b)
