@@ -239,37 +239,13 @@ typedef struct {
     Block second;
 } BlockSeries;
 
-static INLINED BlockSeries series_constant(Real value)
-{
-    return (BlockSeries){block_constant(value), block_constant(R(0.0)), block_constant(R(0.0))};
-}
-
-static INLINED BlockSeries series_sum(BlockSeries a, BlockSeries b)
-{
-    return (BlockSeries){block_sum(a.value, b.value), block_sum(a.first, b.first), block_sum(a.second, b.second)};
-}
-
-static INLINED BlockSeries series_difference(BlockSeries a, BlockSeries b)
-{
-    return (BlockSeries){block_difference(a.value, b.value), block_difference(a.first, b.first),
-                         block_difference(a.second, b.second)};
-}
-
-static INLINED BlockSeries series_product(BlockSeries a, BlockSeries b)
-{
-    for (size_t i = 0; i < BLOCK; i++) {
-        const Real mixed = a.first.of[i] * b.first.of[i];
-        a.second.of[i] = a.second.of[i] * b.value.of[i] + R(2.0) * mixed + a.value.of[i] * b.second.of[i];
-        a.first.of[i] = a.first.of[i] * b.value.of[i] + a.value.of[i] * b.first.of[i];
-        a.value.of[i] *= b.value.of[i];
-    }
-    return a;
-}
-
-static INLINED BlockSeries series_scaled(BlockSeries a, Real by)
-{
-    return (BlockSeries){block_scaled(a.value, by), block_scaled(a.first, by), block_scaled(a.second, by)};
-}
+#define NUMBER BlockSeries
+#define OF(name) series_##name
+#define PART Block
+#define OF_PART(name) block_##name
+#include "jet_arithmetic.h"
+#undef PART
+#undef OF_PART
 
 /* The slope is 4 (e + 1) / (e + 2)^2: unlike 1 - tanh^2 x, it keeps its digits where tanh saturates. */
 static INLINED BlockSeries series_hyperbolic_tangent(BlockSeries a)
@@ -313,8 +289,6 @@ static INLINED BlockSeries series_positive_part(BlockSeries a, BlockSeries *slop
     return a;
 }
 
-#define NUMBER BlockSeries
-#define OF(name) series_##name
 #include "activation_formulas.h"
 
 CLONED void activate(Activation activation, Real x[BLOCK])

@@ -78,35 +78,19 @@ static inline Real real_hyperbolic_tangent(Real a)
 
 /* ---- Jets ---- */
 
-static INLINED Jet jet_constant(Real value)
-{
-    return (Jet){value, R(0.0), R(0.0)};
-}
+#define NUMBER Jet
+#define OF(name) jet_##name
+#define PART Real
+#define OF_PART(name) real_##name
+#include "jet_arithmetic.h"
+#undef NUMBER
+#undef OF
+#undef PART
+#undef OF_PART
 
 static INLINED Real jet_value(Jet a)
 {
     return a.value;
-}
-
-static INLINED Jet jet_sum(Jet a, Jet b)
-{
-    return (Jet){a.value + b.value, a.first + b.first, a.second + b.second};
-}
-
-static INLINED Jet jet_difference(Jet a, Jet b)
-{
-    return (Jet){a.value - b.value, a.first - b.first, a.second - b.second};
-}
-
-static INLINED Jet jet_product(Jet a, Jet b)
-{
-    return (Jet){a.value * b.value, a.first * b.value + a.value * b.first,
-                 a.second * b.value + R(2.0) * (a.first * b.first) + a.value * b.second};
-}
-
-static INLINED Jet jet_scaled(Jet a, Real by)
-{
-    return (Jet){by * a.value, by * a.first, by * a.second};
 }
 
 static inline Jet jet_reciprocal(Jet a)
@@ -146,38 +130,19 @@ static INLINED Jet jet_positive_part(Jet a, Jet *slope)
 
 /* ---- Jets of jets ---- */
 
-static INLINED Nested nested_constant(Real value)
-{
-    return (Nested){jet_constant(value), jet_constant(R(0.0)), jet_constant(R(0.0))};
-}
+#define NUMBER Nested
+#define OF(name) nested_##name
+#define PART Jet
+#define OF_PART(name) jet_##name
+#include "jet_arithmetic.h"
+#undef NUMBER
+#undef OF
+#undef PART
+#undef OF_PART
 
 static INLINED Real nested_value(Nested a)
 {
     return a.value.value;
-}
-
-static INLINED Nested nested_sum(Nested a, Nested b)
-{
-    return (Nested){jet_sum(a.value, b.value), jet_sum(a.first, b.first), jet_sum(a.second, b.second)};
-}
-
-static INLINED Nested nested_difference(Nested a, Nested b)
-{
-    return (Nested){jet_difference(a.value, b.value), jet_difference(a.first, b.first),
-                    jet_difference(a.second, b.second)};
-}
-
-static INLINED Nested nested_product(Nested a, Nested b)
-{
-    const Jet first = jet_sum(jet_product(a.first, b.value), jet_product(a.value, b.first));
-    const Jet mixed = jet_scaled(jet_product(a.first, b.first), R(2.0));
-    const Jet second = jet_sum(jet_sum(jet_product(a.second, b.value), mixed), jet_product(a.value, b.second));
-    return (Nested){jet_product(a.value, b.value), first, second};
-}
-
-static INLINED Nested nested_scaled(Nested a, Real by)
-{
-    return (Nested){jet_scaled(a.value, by), jet_scaled(a.first, by), jet_scaled(a.second, by)};
 }
 
 static inline void nested_sine_and_cosine(Nested a, Nested *sine, Nested *cosine)

@@ -21,6 +21,7 @@ pub const COMMON: &[File] = files![
     "evaluator.h",
     "instance.c",
     "instance.h",
+    "jet_arithmetic.h",
     "jets.h",
     "model.h",
     "parts.h",
