@@ -183,14 +183,16 @@ impl Instance {
     /// [`Refusal::IllegalState`] if the present state does not allow it.
     #[inline]
     pub(crate) fn begin(&self, row: Row) -> Result<(), Refusal> {
+        if self.now.state.allows(row, self.kind.interface) { Ok(()) } else { Err(self.illegal(row)) }
+    }
+
+    #[cold]
+    fn illegal(&self, row: Row) -> Refusal {
         let interface = self.kind.interface;
-        if self.now.state.allows(row, interface) {
-            return Ok(());
-        }
         let is_possible = |state: &InstanceState| *state != InstanceState::IntermediateUpdate || self.offers_updates();
         let legal =
             InstanceState::ALL.into_iter().filter(is_possible).filter(|state| state.allows(row, interface)).collect();
-        Err(Refusal::IllegalState { state: self.now.state, legal })
+        Refusal::IllegalState { state: self.now.state, legal }
     }
 
     /// Warnings about calls that were carried out; the list is empty afterwards.
