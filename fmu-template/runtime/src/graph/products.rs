@@ -5,7 +5,6 @@ use crate::{
     FormatError,
     check::expect_shape,
     numbers::jet::Number,
-    places::PlaceTable,
     simd::{Lanes, Real, flat, flat_mut},
 };
 
@@ -104,29 +103,22 @@ impl PreparedProducts {
     pub(super) fn new(products: &Products, width: usize) -> Self {
         let orders = products.orders();
         let polynomials = products.terms().next_multiple_of(width);
-        let (mut factors, mut ends) = (Vec::new(), Vec::new());
-        // number of each product of a term's first factors, by the product before it and its last factor; the first term equal to each
-        let (mut known, mut first_terms) = (PlaceTable::default(), vec![None]);
+        let (mut factors, mut ends) = (Vec::new(), Vec::with_capacity(products.terms()));
+        // for each input, the last term without factors of it and of those after it
+        let mut shorter = vec![None; products.inputs];
         for (term, degrees) in products.degrees.chunks_exact(products.inputs).enumerate() {
-            let place = |(input, degree): (usize, &u8)| (polynomials + input * orders + usize::from(*degree)) as u32;
             let begin = factors.len();
+            let place = |(input, degree): (usize, &u8)| (polynomials + input * orders + usize::from(*degree)) as u32;
             factors.extend(degrees.iter().enumerate().filter(|(_, degree)| **degree > 0).map(place));
-            let (mut product, mut earlier) = (0, None);
-            for &factor in &factors[begin..] {
-                earlier = first_terms[product as usize];
-                let key = [product, factor, 0];
-                product = known.get(&key).copied().unwrap_or(first_terms.len() as u32);
-                if product as usize == first_terms.len() {
-                    known.insert(key, product);
-                    first_terms.push(None);
-                }
-            }
-            first_terms[product as usize].get_or_insert(term as u32);
-            if let Some(earlier) = earlier.filter(|_| factors.len() > begin + 2) {
-                let last = factors[factors.len() - 1];
+            let end = degrees.iter().rposition(|degree| *degree > 0).map_or(0, |last| last + 1);
+            if let [_, _, .., last] = factors[begin..]
+                && let Some(earlier) = shorter[end - 1]
+                && products.degrees[earlier * products.inputs..].starts_with(&degrees[..end - 1])
+            {
                 factors.truncate(begin);
-                factors.extend([earlier, last]);
+                factors.extend([earlier as u32, last]);
             }
+            shorter[end..].fill(Some(term));
             ends.push(factors.len() as u32);
         }
         Self { inputs: products.inputs, orders, polynomials, factors, ends }
