@@ -29,7 +29,7 @@ scaling
 study
 sampling network
 compliant training evaluation fmi
-acceptance baselines calibration html refinement source swap templates
+acceptance baselines calibration discrete html refinement source swap templates
 search surrogate
 import report
 export

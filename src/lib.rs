@@ -78,7 +78,7 @@ pub use metafmu_baselines as baselines;
 use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{
-    Error, Result, acceptance, calibration, compliant, dataset, diagnostics, dynamics, evaluation, files, integrate,
-    layout, multibody, network, refinement, sampling, scaling, signal, study, systems, table, training, variable,
-    worst,
+    Error, Result, acceptance, calibration, compliant, dataset, diagnostics, discrete, dynamics, evaluation, files,
+    integrate, layout, multibody, network, refinement, sampling, scaling, signal, study, systems, table, training,
+    variable, worst,
 };

@@ -11,6 +11,7 @@ pub mod calibration;
 pub mod compliant;
 pub mod dataset;
 pub mod diagnostics;
+pub mod discrete;
 pub mod dynamics;
 pub mod evaluation;
 pub mod fail_points;

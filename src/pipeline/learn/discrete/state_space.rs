@@ -10,26 +10,19 @@
 //! penalty are those with the best simulations in a cross-validation.
 
 mod export;
-mod features;
-mod fit;
-mod saturation;
-mod simulate;
 mod start;
 
 use super::{DiscreteSamples, LearnedDiscrete, standardized};
 use crate::{
     Error, Result,
     dataset::Run,
+    discrete::{CountedRuns, Features, Goal, Limits, Saturation, Signals, Simulated, StateShape, correct, overwriting},
     pipeline::{observer::Event, project::Project},
     training::StopReason,
 };
-use features::Features;
-use fit::{CountedRuns, Goal};
 use nalgebra::{DMatrix, DVector};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
-use saturation::Saturation;
-use simulate::{Limits, Signals, Simulated, StateShape, correct, overwriting};
 use start::LinearStart;
 use std::{ops::Range, sync::atomic::Ordering};
 
@@ -154,7 +147,7 @@ struct SearchRuns {
 impl SearchRuns {
     fn new(samples: &DiscreteSamples) -> Self {
         let runs = samples.training.iter().chain(&samples.validation).enumerate();
-        let all: Vec<Signals> = runs.map(|(number, run)| Signals::of(samples, run, number)).collect();
+        let all: Vec<Signals> = runs.map(|(number, run)| signals(samples, run, number)).collect();
         let (count, training) = (all.len(), samples.training.len());
         if all.iter().map(Signals::rows).sum::<usize>() <= ROWS {
             return Self { few: joined(&all), pieces: all, all: None, count, training };
@@ -529,23 +522,22 @@ impl std::fmt::Display for Nonlinearity {
     }
 }
 
-impl Signals {
-    fn of(samples: &DiscreteSamples, run: &Run, number: usize) -> Self {
-        let [of_parameters, of_inputs, of_outputs] = &samples.scales;
-        let [parameters, inputs, outputs] = samples.counts;
-        let p: Vec<f64> = standardized(&run.parameters[..parameters], of_parameters).collect();
-        let rows = run.times.len();
-        let columns = |row: usize| {
-            let u = standardized(&run.inputs[row * inputs..][..inputs], of_inputs);
-            u.chain(p.iter().copied()).collect::<Vec<f64>>()
-        };
-        let outputs_of = |row: usize| standardized(&run.outputs[row * outputs..][..outputs], of_outputs);
-        Self {
-            outputs: (0..rows).flat_map(outputs_of).collect(),
-            inputs: (0..rows).flat_map(columns).collect(),
-            given: run.times.partition_point(|time| *time < 0.0).max(1),
-            runs: vec![number; rows],
-        }
+/// A run, standardized.
+fn signals(samples: &DiscreteSamples, run: &Run, number: usize) -> Signals {
+    let [of_parameters, of_inputs, of_outputs] = &samples.scales;
+    let [parameters, inputs, outputs] = samples.counts;
+    let p: Vec<f64> = standardized(&run.parameters[..parameters], of_parameters).collect();
+    let rows = run.times.len();
+    let columns = |row: usize| {
+        let u = standardized(&run.inputs[row * inputs..][..inputs], of_inputs);
+        u.chain(p.iter().copied()).collect::<Vec<f64>>()
+    };
+    let outputs_of = |row: usize| standardized(&run.outputs[row * outputs..][..outputs], of_outputs);
+    Signals {
+        outputs: (0..rows).flat_map(outputs_of).collect(),
+        inputs: (0..rows).flat_map(columns).collect(),
+        given: run.times.partition_point(|time| *time < 0.0).max(1),
+        runs: vec![number; rows],
     }
 }
 

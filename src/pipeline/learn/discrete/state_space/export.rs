@@ -1,10 +1,7 @@
 //! A state space in the units of the table.
 
-use super::{
-    super::{DiscreteSamples, LearnedDiscrete},
-    features::{Features, SPAN},
-    simulate::{Limits, Simulated, StateShape, correct, overwriting},
-};
+use super::super::{DiscreteSamples, LearnedDiscrete};
+use crate::discrete::{Features, Limits, SPAN, Simulated, StateShape, correct, overwriting};
 use metafmu_runtime::{Activation, Graph, Layer, ScaledNetwork, Scaling, graph::StateObserver};
 
 /// The next sample, and the hidden states at the start. `gain` corrects the states by outputs that are given.

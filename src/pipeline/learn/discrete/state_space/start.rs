@@ -1,15 +1,16 @@
 //! Linear state spaces from which trainings begin, of ARX models.
 
-use super::{
-    super::{
-        DiscreteSamples, Regressors,
-        linear::{LinearPart, solve},
-        standardized,
-    },
-    fit::CountedRuns,
-    simulate::{Limits, Signals, Simulated, StateShape, overwriting, simulate},
+use super::super::{
+    DiscreteSamples, Regressors,
+    linear::{LinearPart, solve},
+    standardized,
 };
-use crate::{dataset::Run, scaling, study::Study};
+use crate::{
+    dataset::Run,
+    discrete::{CountedRuns, Limits, Signals, Simulated, StateShape, overwriting, simulate},
+    scaling,
+    study::Study,
+};
 use nalgebra::{DMatrix, DVector};
 
 /// Largest number of past samples of the ARX model whose impulse responses are realized, and of its columns.

@@ -40,6 +40,7 @@ pub struct Goal<'a> {
     pub center: &'a [f64],
     /// Correction of the states by the errors of outputs that are given, shape `[states, outputs]`.
     pub gain: &'a [f64],
+    /// Ranges that simulations do not leave.
     pub limits: &'a Limits,
     /// Penalty of the square of that distance.
     pub penalty: f64,
@@ -51,6 +52,7 @@ pub struct Goal<'a> {
 
 /// Result of a training.
 pub struct Minimum {
+    /// Coefficients, in the order of [`StateShape::places`].
     pub coefficients: Vec<f64>,
     /// Sum of squares and penalties, for each error.
     pub value: f64,

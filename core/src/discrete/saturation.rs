@@ -13,6 +13,7 @@ const OFTEN: usize = 5;
 /// Saturation of outputs, with the ends of their ranges; infinite ones if they do not saturate.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Saturation {
+    /// No saturation.
     None,
     /// Saturated sensor: the output may leave the measured range.
     Sensor(Vec<[f64; 2]>),
@@ -30,6 +31,7 @@ impl Saturation {
         vec![Self::None, Self::Sensor(ends.clone()), Self::Stop(ends)]
     }
 
+    /// Ranges of a state space of this shape.
     pub fn limits(&self, shape: &StateShape) -> Limits {
         let mut limits =
             Limits { states: vec![Limits::NONE; shape.states], measured: vec![Limits::NONE; shape.outputs] };

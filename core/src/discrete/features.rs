@@ -1,6 +1,5 @@
 //! Nonlinear functions of the columns of a state space: none, nodes of a network, or products.
 
-use crate::baselines::polynomial_degrees;
 use metafmu_runtime::graph::Products;
 
 /// Standardized magnitude at which products take the end of a column's range: `z / SPAN` is in `[-1, 1]`.
@@ -23,23 +22,28 @@ pub struct FeatureValues {
     states: usize,
     /// Legendre polynomials of the columns, each with its slope, shape `[columns, orders]`.
     polynomials: Vec<[f64; 2]>,
+    /// Factors of all products: column and position of the polynomial.
+    factors: Vec<[usize; 2]>,
+    /// End of the factors of each product.
+    ends: Vec<usize>,
 }
 
 impl Features {
     /// All products of powers with a sum from 2 to `degree`, of the columns that are `among` them; none if there are more than `most`.
     pub fn products(columns: usize, degree: u8, among: impl Fn(usize) -> bool, most: usize) -> Option<Self> {
         let among: Vec<usize> = (0..columns).filter(|column| among(*column)).collect();
-        let all = polynomial_degrees(among.len(), degree, most + among.len() + 1).ok()?;
-        let is_nonlinear = |powers: &&[u8]| powers.iter().sum::<u8>() > 1;
-        let in_columns = |powers: &[u8]| {
+        let all = Products::up_to(among.len(), degree, most + among.len() + 1)?;
+        let is_nonlinear = |powers: &&Vec<u8>| powers.iter().sum::<u8>() > 1;
+        let in_columns = |powers: &Vec<u8>| {
             let mut degrees = vec![0; columns];
             among.iter().zip(powers).for_each(|(column, power)| degrees[*column] = *power);
             degrees
         };
-        let degrees = all.chunks_exact(among.len()).filter(is_nonlinear).flat_map(in_columns).collect();
+        let degrees = all.iter().filter(is_nonlinear).flat_map(in_columns).collect();
         Some(Self::Products(Products { inputs: columns, degrees }))
     }
 
+    /// Number of functions.
     pub fn count(&self) -> usize {
         match self {
             Self::Nodes(count) => *count,
@@ -57,16 +61,24 @@ impl FeatureValues {
     /// Memory for features of `states` states.
     pub fn new(features: &Features, states: usize) -> Self {
         let count = features.count();
-        let polynomials = match features {
-            Features::Nodes(_) => 0,
-            Features::Products(products) => products.polynomials(),
-        };
-        Self {
+        let mut found = Self {
             values: vec![0.0; count],
             slopes: vec![0.0; count * states],
             states,
-            polynomials: vec![[0.0; 2]; polynomials],
+            polynomials: Vec::new(),
+            factors: Vec::new(),
+            ends: Vec::new(),
+        };
+        if let Features::Products(products) = features {
+            let orders = products.orders();
+            found.polynomials = vec![[0.0; 2]; products.polynomials()];
+            for degrees in products.degrees.chunks_exact(products.inputs) {
+                let factors = degrees.iter().enumerate().filter(|(_, degree)| **degree > 0);
+                found.factors.extend(factors.map(|(column, degree)| [column, column * orders + usize::from(*degree)]));
+                found.ends.push(found.factors.len());
+            }
         }
+        found
     }
 
     /// Values at columns `z`; `weights` and `biases` are those of nodes.
@@ -82,8 +94,10 @@ impl FeatureValues {
                 let orders = products.orders();
                 let of_columns = self.polynomials.chunks_exact_mut(orders);
                 z.iter().zip(of_columns).for_each(|(z, polynomials)| legendre(z / SPAN, polynomials));
-                for (value, degrees) in self.values.iter_mut().zip(products.degrees.chunks_exact(z.len())) {
-                    *value = product(&self.polynomials, orders, degrees, None);
+                let mut begin = 0;
+                for (value, end) in self.values.iter_mut().zip(&self.ends) {
+                    *value = self.factors[begin..*end].iter().map(|[_, place]| self.polynomials[*place][0]).product();
+                    begin = *end;
                 }
             }
         }
@@ -102,28 +116,20 @@ impl FeatureValues {
                     slopes.iter_mut().zip(weights).for_each(|(found, weight)| *found = slope * weight);
                 }
             }
-            Features::Products(products) => {
-                let orders = products.orders();
-                for (term, degrees) in products.degrees.chunks_exact(products.inputs).enumerate() {
-                    for state in 0..states {
-                        self.slopes[term * states + state] = match degrees[state] {
-                            0 => 0.0,
-                            _ => product(&self.polynomials, orders, degrees, Some(state)) / SPAN,
-                        };
+            Features::Products(_) => {
+                let mut begin = 0;
+                for (slopes, end) in self.slopes.chunks_exact_mut(states).zip(&self.ends) {
+                    let factors = &self.factors[begin..*end];
+                    // slopes in columns without a factor stay zero
+                    for &[state, _] in factors.iter().take_while(|[column, _]| *column < states) {
+                        let of = |[column, place]: &[usize; 2]| self.polynomials[*place][usize::from(*column == state)];
+                        slopes[state] = factors.iter().map(of).product::<f64>() / SPAN;
                     }
+                    begin = *end;
                 }
             }
         }
     }
-}
-
-/// Product of the polynomials of some degrees, of one of them the slope.
-fn product(polynomials: &[[f64; 2]], orders: usize, degrees: &[u8], of_slope: Option<usize>) -> f64 {
-    let factors = degrees.iter().enumerate().filter(|(_, degree)| **degree > 0);
-    let of = |(column, degree): (usize, &u8)| {
-        polynomials[column * orders + usize::from(*degree)][usize::from(of_slope == Some(column))]
-    };
-    factors.map(of).product()
 }
 
 /// `P_0(x), P_1(x), ...` by Bonnet's recursion, each with its slope, `P'_(k+1) = P'_(k-1) + (2k + 1) P_k`.

@@ -1,10 +1,13 @@
 //! State spaces, and their simulations with sensitivities to the coefficients.
 
 use super::features::{FeatureValues, Features};
+use crate::network::kernels::{InstructionSet, SimdKernel, SimdLanes};
 use std::ops::Range;
 
 /// Standardized magnitude from which on a simulation has diverged.
 const DIVERGED: f64 = 1e3;
+/// Sensitivities that are computed at once, in registers.
+const BLOCK: usize = 16;
 
 /// Sizes of a state space, and the positions of its coefficients: `L`, `c`, `G`, `W`, `b`, then the initial states,
 /// matrices row by row. `W` and `b` are those of nodes.
@@ -12,9 +15,11 @@ const DIVERGED: f64 = 1e3;
 pub struct StateShape {
     /// Number of states, the outputs first.
     pub states: usize,
+    /// Number of outputs.
     pub outputs: usize,
     /// Number of columns: states, inputs, parameters.
     pub columns: usize,
+    /// Nonlinear functions of the columns.
     pub features: Features,
     /// Outputs at the start of runs from rest, if they differ by no more than noise. All states at the start are then
     /// coefficients, which the first outputs correct as those of later rows do. Otherwise a run begins with its first
@@ -23,6 +28,7 @@ pub struct StateShape {
 }
 
 impl StateShape {
+    /// Number of hidden states.
     pub fn hidden(&self) -> usize {
         self.states - self.outputs
     }
@@ -81,6 +87,7 @@ impl StateShape {
         })
     }
 
+    /// Number of coefficients.
     pub fn coefficients(&self) -> usize {
         self.places()[5].end
     }
@@ -125,9 +132,11 @@ fn within([low, high]: [f64; 2], value: f64) -> f64 {
 /// A state space to simulate.
 #[derive(Clone, Copy)]
 pub struct Simulated<'a> {
+    /// Coefficients, in the order of [`StateShape::places`].
     pub coefficients: &'a [f64],
     /// Correction of the states by the errors of outputs that are given, shape `[states, outputs]`.
     pub gain: &'a [f64],
+    /// Ranges that the simulation does not leave.
     pub limits: &'a Limits,
 }
 
@@ -145,6 +154,7 @@ pub struct Signals {
 }
 
 impl Signals {
+    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.runs.len()
     }
@@ -192,6 +202,75 @@ pub fn overwriting(shape: &StateShape) -> Vec<f64> {
     (0..shape.states * outputs).map(element).collect()
 }
 
+/// The next states, with the matrices column by column: all states are computed at once.
+struct NextStates<'a> {
+    constant: &'a [f64],
+    linear: Vec<f64>,
+    last: Vec<f64>,
+    /// Parts of the change that are linear, and those of the features.
+    parts: [Vec<f64>; 2],
+}
+
+impl<'a> NextStates<'a> {
+    fn new(constant: &'a [f64], linear: &[f64], last: &[f64]) -> Self {
+        let states = constant.len();
+        let by_columns = |matrix: &[f64]| -> Vec<f64> {
+            let columns = matrix.len() / states;
+            (0..matrix.len()).map(|place| matrix[place % states * columns + place / states]).collect()
+        };
+        let parts = [vec![0.0; states], vec![0.0; states]];
+        Self { constant, linear: by_columns(linear), last: by_columns(last), parts }
+    }
+
+    /// `x[k+1]` from the columns and the values of the features.
+    fn evaluate(&mut self, z: &[f64], features: &[f64], next: &mut [f64]) {
+        let states = next.len();
+        for (part, (matrix, factors)) in self.parts.iter_mut().zip([(&self.linear, z), (&self.last, features)]) {
+            part.fill(0.0);
+            matrix.chunks_exact(states).zip(factors).for_each(|(column, factor)| add(part, column, *factor));
+        }
+        let [linear, last] = &self.parts;
+        for (state, next) in next.iter_mut().enumerate() {
+            *next = z[state] + (self.constant[state] + linear[state]) + last[state];
+        }
+    }
+}
+
+/// `S' = J S`, the part of the sensitivities that continues from one row to the next: `S` of shape `[states, coefficients]`, `J` of
+/// `[states, states]`. Products are added in the order of the states, so all instruction sets have the same result.
+struct Propagation<'a> {
+    jacobian: &'a [f64],
+    sensitivities: &'a [f64],
+    changed: &'a mut [f64],
+    states: usize,
+}
+
+impl SimdKernel for Propagation<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<L: SimdLanes>(self) {
+        let count = self.sensitivities.len() / self.states;
+        let rows = self.changed.chunks_exact_mut(count).zip(self.jacobian.chunks_exact(self.states));
+        for (changed, slopes) in rows {
+            let (blocks, rest) = changed.as_chunks_mut::<BLOCK>();
+            for (index, block) in blocks.iter_mut().enumerate() {
+                let mut sums = [0.0; BLOCK];
+                for (slope, sensitivity) in slopes.iter().zip(self.sensitivities.chunks_exact(count)) {
+                    let of_block = &sensitivity[index * BLOCK..][..BLOCK];
+                    sums.iter_mut().zip(of_block).for_each(|(sum, more)| *sum += slope * more);
+                }
+                *block = sums;
+            }
+            let first = count - rest.len();
+            rest.fill(0.0);
+            for (slope, sensitivity) in slopes.iter().zip(self.sensitivities.chunks_exact(count)) {
+                add(rest, &sensitivity[first..], *slope);
+            }
+        }
+    }
+}
+
 /// Simulates the first rows of a run, and calls back with the states at each row, before measured outputs correct them. None if it diverges.
 pub fn simulate(
     shape: &StateShape,
@@ -203,7 +282,7 @@ pub fn simulate(
     let StateShape { states, outputs, columns, ref features, .. } = *shape;
     let [linear, constant, last, first, bias, start] = shape.places().map(|place| &coefficients[place]);
     let mut active = FeatureValues::new(features, states);
-    let count = active.values.len();
+    let mut equation = NextStates::new(constant, linear, last);
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     for row in 0..rows {
         let measured = &run.outputs[row * outputs..][..outputs];
@@ -216,10 +295,7 @@ pub fn simulate(
         }
         z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
         active.evaluate(features, [first, bias], &z);
-        for (state, next) in next.iter_mut().enumerate() {
-            let change = constant[state] + dot(&linear[state * columns..][..columns], &z);
-            *next = z[state] + change + dot(&last[state * count..][..count], &active.values);
-        }
+        equation.evaluate(&z, &active.values, &mut next);
         next.iter_mut().zip(&limits.states).for_each(|(state, range)| *state = within(*range, *state));
         if !next.iter().all(|value| value.abs() < DIVERGED) {
             return None;
@@ -244,6 +320,9 @@ pub fn simulate_with_sensitivities(
     let count = coefficients.len();
     let mut active = FeatureValues::new(features, states);
     let terms = active.values.len();
+    let mut equation = NextStates::new(constant, linear, last);
+    let mut jacobian = vec![0.0; states * states];
+    let set = InstructionSet::detect();
     let (mut z, mut next) = (vec![0.0; columns], vec![0.0; states]);
     let mut seen = vec![true; outputs];
     let (mut sensitivities, mut changed) = (vec![0.0; states * count], vec![0.0; states * count]);
@@ -266,18 +345,19 @@ pub fn simulate_with_sensitivities(
         z[states..].copy_from_slice(&run.inputs[row * (columns - states)..][..columns - states]);
         active.evaluate(features, [first, bias], &z);
         active.differentiate(features, first);
-        for state in 0..states {
+        equation.evaluate(&z, &active.values, &mut next);
+        for (state, slopes) in jacobian.chunks_exact_mut(states).enumerate() {
+            slopes.fill(0.0);
             let weights = &last[state * terms..][..terms];
-            let change = constant[state] + dot(&linear[state * columns..][..columns], &z);
-            next[state] = z[state] + change + dot(weights, &active.values);
-            let changed = &mut changed[state * count..][..count];
-            changed.fill(0.0);
-            for (other, sensitivity) in sensitivities.chunks_exact(count).enumerate() {
+            weights.iter().zip(active.slopes.chunks_exact(states)).for_each(|(weight, of)| add(slopes, of, *weight));
+            for (other, slope) in slopes.iter_mut().enumerate() {
                 let own = if other == state { 1.0 } else { 0.0 };
-                let through = |term: usize| weights[term] * active.slopes[term * states + other];
-                let slope = own + linear[state * columns + other] + (0..terms).map(through).sum::<f64>();
-                changed.iter_mut().zip(sensitivity).for_each(|(sum, more)| *sum += slope * more);
+                *slope += own + linear[state * columns + other];
             }
+        }
+        set.run(Propagation { jacobian: &jacobian, sensitivities: &sensitivities, changed: &mut changed, states });
+        for (state, changed) in changed.chunks_exact_mut(count).enumerate() {
+            let weights = &last[state * terms..][..terms];
             add(&mut changed[places[0].start + state * columns..], &z, 1.0);
             changed[places[1].start + state] += 1.0;
             add(&mut changed[places[2].start + state * terms..], &active.values, 1.0);
