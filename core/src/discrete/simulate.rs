@@ -435,6 +435,24 @@ pub mod tests {
     }
 
     #[test]
+    fn all_instruction_sets_propagate_the_same_bits() {
+        let (states, count) = (3, 2 * BLOCK + 5);
+        let number = |index: usize| (1.7 * index as f64 + 0.3).sin();
+        let jacobian: Vec<f64> = (0..states * states).map(number).collect();
+        let sensitivities: Vec<f64> = (0..states * count).map(|index| number(index + 50)).collect();
+        let element = |place: usize| {
+            let row = &jacobian[place / count * states..][..states];
+            row.iter().enumerate().fold(0.0, |sum, (of, slope)| sum + slope * sensitivities[of * count + place % count])
+        };
+        let expected: Vec<f64> = (0..states * count).map(element).collect();
+        for set in InstructionSet::available() {
+            let mut changed = vec![f64::NAN; states * count];
+            set.run(Propagation { jacobian: &jacobian, sensitivities: &sensitivities, changed: &mut changed, states });
+            assert_eq!(changed, expected, "{set:?}");
+        }
+    }
+
+    #[test]
     fn sensitivities_are_those_of_differences() {
         let products = Features::products(5, 3, |_| true, 100).unwrap();
         for (features, common_start) in [(Features::Nodes(4), None), (products, Some(vec![0.3, -0.2]))] {
