@@ -202,10 +202,13 @@ pub fn overwriting(shape: &StateShape) -> Vec<f64> {
     (0..shape.states * outputs).map(element).collect()
 }
 
-/// The next states, with the matrices column by column: all states are computed at once.
+/// `x + L z + c + G f`, with the matrices column by column: all states are computed at once.
 struct NextStates<'a> {
+    /// `c`
     constant: &'a [f64],
+    /// `L`, shape `[columns, states]`.
     linear: Vec<f64>,
+    /// `G`, shape `[features, states]`.
     last: Vec<f64>,
     /// Parts of the change that are linear, and those of the features.
     parts: [Vec<f64>; 2],
@@ -248,6 +251,7 @@ struct Propagation<'a> {
 impl SimdKernel for Propagation<'_> {
     type Output = ();
 
+    // without lanes of its own: the compiler makes vectors of the blocks, and joins no product with a sum
     #[inline(always)]
     fn run<L: SimdLanes>(self) {
         let count = self.sensitivities.len() / self.states;

@@ -42,7 +42,6 @@ pub mod graph;
 mod metadata;
 mod network;
 mod numbers;
-mod places;
 mod program;
 mod simd;
 mod surrogate;

@@ -7,6 +7,7 @@ pub mod formula;
 pub mod function_set;
 pub(crate) mod lookup;
 pub(crate) mod motion;
+mod places;
 pub(crate) mod reactions;
 pub(crate) mod tape;
 

@@ -4,10 +4,9 @@
 mod lanes;
 pub mod listing;
 
-use super::lookup::LookupTable;
+use super::{lookup::LookupTable, places::PlaceTable};
 use crate::{
     numbers::{combination::Combination, elementary::ElementaryFunction, jet::Number},
-    places::PlaceTable,
     simd::{Compute, Simd},
 };
 use lanes::LaneOperation;

@@ -104,7 +104,8 @@ impl PreparedProducts {
         let orders = products.orders();
         let polynomials = products.terms().next_multiple_of(width);
         let (mut factors, mut ends) = (Vec::new(), Vec::with_capacity(products.terms()));
-        // for each input, the last term without factors of it and of those after it
+        // for each input, the last term without factors of it and of those after it. In the order of `up_to` it is the one that a longer
+        // term continues; in another order fewer terms are shared
         let mut shorter = vec![None; products.inputs];
         for (term, degrees) in products.degrees.chunks_exact(products.inputs).enumerate() {
             let begin = factors.len();
@@ -179,6 +180,39 @@ impl PreparedProducts {
                 (before, slope) = (slope, before + (2.0 * order as f64 + 1.0) * values[order].into());
             }
             *sum = *sum + T::narrow(total);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Positions of the polynomials of a term.
+    fn expanded(prepared: &PreparedProducts, term: usize) -> Vec<u32> {
+        let factors = prepared.terms().nth(term).unwrap().1;
+        let of = |factor: &u32| match (*factor as usize) < prepared.polynomials {
+            true => expanded(prepared, *factor as usize),
+            false => vec![*factor],
+        };
+        factors.iter().flat_map(of).collect()
+    }
+
+    #[test]
+    fn terms_continue_shorter_ones_in_any_order() {
+        let ordered = Products::up_to(4, 6, 1000).unwrap();
+        let reversed: Vec<_> = ordered.iter().rev().cloned().collect();
+        let repeated = [ordered.clone(), reversed.clone(), ordered.clone()].concat();
+        for rows in [&ordered, &reversed, &repeated] {
+            let products = Products { inputs: 4, degrees: rows.concat() };
+            let prepared = PreparedProducts::new(&products, 8);
+            for (term, degrees) in rows.iter().enumerate() {
+                let place =
+                    |(input, degree): (usize, &u8)| (prepared.polynomials + 7 * input) as u32 + u32::from(*degree);
+                let expected: Vec<u32> = degrees.iter().enumerate().filter(|(_, of)| **of > 0).map(place).collect();
+                assert_eq!(expanded(&prepared, term), expected, "{degrees:?}");
+            }
+            assert!(rows != &ordered || prepared.terms().all(|(_, factors)| factors.len() <= 2));
         }
     }
 }

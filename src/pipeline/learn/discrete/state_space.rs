@@ -1,13 +1,7 @@
-//! Nonlinear state spaces with hidden states, fitted to whole simulations.
+//! Choice among nonlinear state spaces with hidden states, which are fitted to whole simulations ([`crate::discrete`]).
 //!
-//! ```text
-//! x[k+1] = x[k] + L z[k] + c + G f(z[k]),    z = (x, u, p),    x = (y, h)
-//! ```
-//!
-//! Functions `f` are none, products of powers, or nodes `tanh(W z + b)`. Outputs, inputs and parameters are standardized. The squares of the errors
-//! of all simulated outputs are minimized by the method of Levenberg and Marquardt (Nocedal, Wright (2006), section 10.3), with exact sensitivities
-//! of the simulations. A training begins with a linear state space; the penalty of the distance from it falls step by step. Order, functions and
-//! penalty are those with the best simulations in a cross-validation.
+//! A training begins with a linear state space; the penalty of the distance from it falls step by step. Order, functions and penalty are those
+//! with the best simulations in a cross-validation.
 
 mod export;
 mod start;
