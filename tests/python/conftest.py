@@ -109,12 +109,17 @@ class RandomKills:
         self.seconds = seconds
         self.moments = random.Random(1)
 
-    def __call__(self, *arguments, earliest=0, latest=1):
-        """Run a command and kill it at a share of its time; true if it was still at work."""
+    def __call__(self, *arguments, latest=1, after=None):
+        """Run a command and kill it at a share of its time; true if it was still at work.
+
+        The share is at most `latest`, and counts from when the file `after` exists.
+        """
         begin = time.monotonic()
         process = subprocess.Popen([METAFMU, *map(str, arguments)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        while after and not after.exists() and process.poll() is None:
+            time.sleep(0.001)
         try:
-            process.wait(self.moments.uniform(earliest, latest) * self.seconds)
+            process.wait(self.moments.uniform(0, latest) * self.seconds)
         except subprocess.TimeoutExpired:
             process.kill()
             return process.wait() == -signal.SIGKILL
