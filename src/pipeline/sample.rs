@@ -1,6 +1,7 @@
 //! Simulates the training and test runs and writes their tables.
 
 use super::{
+    learn::method,
     observer::{CountedWork, Event},
     project::{FailedRun, Project, SamplesRecord},
 };
@@ -120,6 +121,7 @@ pub fn stage(project: &Project) -> Result<Samples> {
             let plan = simulation.plan(&project.study);
             let points = all_points(&plan);
             let journal = simulation.journal(&project.journal(), &project.study)?;
+            method(&project.study).check(project)?;
             let outcomes = run_points(project, simulation, &points, points.len(), &journal)?;
             let (sets, failed) = sort(project, simulation, plan, outcomes)?;
             let samples = write(project, sets, failed, start.elapsed().as_secs_f64())?;
@@ -156,6 +158,7 @@ pub fn sample_shard(project: &Project, part: Shard) -> Result<ShardRecord> {
     let all = all_points(&simulation.plan(&project.study));
     let points: Vec<Vec<f64>> = part.positions(all.len()).map(|position| all[position].clone()).collect();
     let journal = simulation.journal(&project.shard_journal(part), &project.study)?;
+    method(&project.study).check(project)?;
     let outcomes = run_points(project, simulation, &points, all.len(), &journal)?;
     let path = part.file(project.folder());
     let seconds = start.elapsed().as_secs_f64();

@@ -320,6 +320,7 @@ def test_a_shell_command_writes_a_file_for_each_run(tmp_path):
     x = np.exp(-rows["damping"] * rows["time"]) * np.cos(2 * np.pi * rows["frequency"] * rows["time"])
     assert np.abs(rows["x"] - x).max() < 1e-11
     script = (work / "run.sh").read_text()
+    limits = "[source]\ntime_limit = 1\nretries = 0\nmax_failed = 0"
     for more, says in [
         ("echo out of tokens >&2; exit 4", "the program ended with exit code 4: out of tokens"),
         ('rm "$5"', "the program ended with exit code 0, but did not write {result}"),
@@ -328,7 +329,7 @@ def test_a_shell_command_writes_a_file_for_each_run(tmp_path):
         ("sleep 60", "took longer than 1s (source.time_limit)"),
     ]:
         (work / "run.sh").write_text(f"{script}{more}\n")
-        study.write_text((COMMANDS / "shell" / "oscillation.toml").read_text().replace("[source]", "[source]\ntime_limit = 1"))
+        study.write_text((COMMANDS / "shell" / "oscillation.toml").read_text().replace("[source]", limits))
         result = metafmu("sample", study, "--out", tmp_path / "bad", check=False)
         assert result.returncode == 2 and says in result.stderr, result.stderr
 

@@ -30,6 +30,11 @@ use std::{ops::Range, time::Instant};
 pub(super) struct EquationsWithMassMatrix;
 
 impl LearningMethod for EquationsWithMassMatrix {
+    fn check(&self, project: &Project) -> Result<()> {
+        let (driven, model) = asked(project)?;
+        AskedProgram::new(project, driven, model).map(|_| ())
+    }
+
     fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
         train(project, dataset, &Checkpoints::new(project, begin.resume)?)
     }

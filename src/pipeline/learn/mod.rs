@@ -22,6 +22,14 @@ use metafmu_runtime::Surrogate;
 
 /// A way to learn a surrogate from sampled runs.
 pub(super) trait LearningMethod {
+    /// Asks the source for a few of its equations, so that one that does not give them is refused before its runs take their time.
+    ///
+    /// # Errors
+    /// Those of [`learn`](Self::learn) that a few equations show.
+    fn check(&self, _: &Project) -> Result<()> {
+        Ok(())
+    }
+
     /// The surrogate, and how it was learned. The last runs of the data set may be for training only.
     ///
     /// # Errors

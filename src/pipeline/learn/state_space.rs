@@ -36,6 +36,11 @@ pub(super) const SAME: f64 = 1e-12;
 pub(super) struct StateEquations;
 
 impl LearningMethod for StateEquations {
+    fn check(&self, project: &Project) -> Result<()> {
+        let (driven, model) = asked(project)?;
+        StateSpaceColumns::new(project, driven).ask(project, model, 1).map(|_| ())
+    }
+
     fn learn(&self, project: &Project, dataset: &Dataset, begin: &Beginning) -> Result<Trained> {
         train(project, dataset, &Checkpoints::new(project, begin.resume)?)
     }
@@ -47,7 +52,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let (driven, model) = asked(project)?;
     let began = Instant::now();
     let space = StateSpaceColumns::new(project, driven);
-    let samples = space.ask(project, model)?;
+    let samples = space.ask(project, model, learned::states(study))?;
     let (given, samples) = recognize(samples, &space.counts);
     let mut learned = space.learn(project, &samples, checkpoints)?;
     let best = learned::chosen(&learned.records, &study.dynamics);
@@ -139,8 +144,7 @@ impl StateSpaceColumns {
     }
 
     /// Derivatives and outputs of the source at random points, the same ones for the same seed.
-    fn ask(&self, project: &Project, model: &WorkerModel) -> Result<EquationSamples> {
-        let count = learned::states(&project.study);
+    fn ask(&self, project: &Project, model: &WorkerModel, count: usize) -> Result<EquationSamples> {
         let points = learned::random_points(&self.ranges, count, project.study.seed ^ 0x5354_4154);
         let labels = learned::ask(project, model, &points)?;
         Ok(EquationSamples { points, labels })
