@@ -2,6 +2,7 @@
 
 import csv
 import fcntl
+import hashlib
 import json
 import os
 import random
@@ -58,6 +59,10 @@ def fmu_of(folder, name, version):
     return folder / (f"{name}-fmi3.fmu" if int(version) == 3 else f"{name}.fmu")
 
 
+# folder of the library by digest of the sources and flags: tests of a file compile the same ones
+COMPILED = {}
+
+
 def compiled_from_sources(packed, monkeypatch, flags=""):
     """Unpacked folder of an FMU whose library is compiled from its sources with these flags, without any other file that it could read."""
     # fmpy calls the cmake that was installed beside it
@@ -66,7 +71,14 @@ def compiled_from_sources(packed, monkeypatch, flags=""):
     # the weights are compiled in: neither library nor model file is needed
     shutil.rmtree(unpacked / "binaries")
     shutil.rmtree(unpacked / "resources")
-    build_platform_binary(unpacked, all_warnings=True, cmake_options={"CMAKE_C_FLAGS": flags})
+    sources = sorted(path for path in (unpacked / "sources").rglob("*") if path.is_file())
+    content = b"".join(path.name.encode() + path.read_bytes() for path in [unpacked / "modelDescription.xml", *sources])
+    digest = hashlib.sha256(flags.encode() + content).digest()
+    if digest in COMPILED:
+        shutil.copytree(COMPILED[digest], unpacked / "binaries")
+    else:
+        build_platform_binary(unpacked, all_warnings=True, cmake_options={"CMAKE_C_FLAGS": flags})
+        COMPILED[digest] = unpacked / "binaries"
     return unpacked
 
 

@@ -39,6 +39,8 @@ const LEAST: f64 = 1e-8;
 const PATIENCE: usize = 4;
 /// Share of the error of a simpler state space, below which another one is better.
 const BETTER: f64 = 0.98;
+/// Standardized error below which the search ends: rounding would choose among others.
+const EXACT: f64 = 1e-9;
 /// Iterations with a penalty, and of the linear state space with each of the stretches.
 const ITERATIONS: usize = 15;
 /// Iterations with all rows of many.
@@ -258,6 +260,12 @@ struct BestSetting {
     fitted: FittedStates,
 }
 
+impl BestSetting {
+    fn is_exact(best: &Option<Self>) -> bool {
+        best.as_ref().is_some_and(|best| best.error < EXACT)
+    }
+}
+
 /// Runs of a cross-validation.
 #[derive(Clone, Copy)]
 struct Folds<'a> {
@@ -312,11 +320,14 @@ impl Search<'_> {
         for saturation in &saturations {
             let budget = self.budget / saturations.len() as f64;
             self.with(saturation, Folds { sets: &sets, own, unseen: &unseen }, budget, &mut best);
+            if BestSetting::is_exact(&best) {
+                break;
+            }
         }
         best
     }
 
-    /// Replaces the best setting by a better one with some saturation.
+    /// Replaces the best setting by a better one with some saturation; the first exact one is the last.
     fn with(&self, saturation: &Saturation, folds: Folds, budget: f64, best: &mut Option<BestSetting>) {
         let Folds { sets, own, unseen } = folds;
         let count = (sets[..unseen.len()].iter().map(CountedRuns::rows).sum::<usize>() / unseen.len().max(1)) as f64;
@@ -327,6 +338,7 @@ impl Search<'_> {
             penalty: penalty * count,
         };
         let mut left = budget;
+        // returns true if the best setting is exact
         let mut keep = |choice: Setting, error: f64, fitted: &[FittedStates]| {
             let is_better = |error: f64, best: &Option<BestSetting>| {
                 error.is_finite() && best.as_ref().is_none_or(|best| error < BETTER * best.error)
@@ -336,12 +348,13 @@ impl Search<'_> {
                 *best = Some(BestSetting { error, choice, fitted: fitted[own].clone() });
             } else if choice.order > 1 && !matches!(choice.kind, Nonlinearity::Linear) {
                 let bounded = fitted.iter().zip(sets).map(|(fitted, data)| fitted.bounded(&shape, data));
-                let Some(bounded) = bounded.collect::<Option<Vec<_>>>() else { return };
+                let Some(bounded) = bounded.collect::<Option<Vec<_>>>() else { return false };
                 let error = self.error(&shape, unseen, &bounded);
                 if is_better(error, best) && self.is_stable(&shape, &bounded[own]) {
                     *best = Some(BestSetting { error, choice, fitted: bounded[own].clone() });
                 }
             }
+            BestSetting::is_exact(best)
         };
         // one order after the other
         let mut linear: Vec<(usize, Vec<FittedStates>)> = Vec::new();
@@ -357,7 +370,9 @@ impl Search<'_> {
                 let limits = saturation.limits(&shape);
                 let Some(fitted) = self.linear(origin, folds, &shape, &limits, LEAST * count) else { continue };
                 let error = self.error(&shape, unseen, &fitted);
-                keep(setting(order, Nonlinearity::Linear, LEAST), error, &fitted);
+                if keep(setting(order, Nonlinearity::Linear, LEAST), error, &fitted) {
+                    return;
+                }
                 of_order.push((error, fitted));
             }
             of_order.sort_by(|(a, _), (b, _)| a.total_cmp(b));
@@ -383,7 +398,9 @@ impl Search<'_> {
                     left -= costs.into_iter().sum::<f64>();
                     let error = self.error(&shape, unseen, &fitted);
                     (least, since) = if error < least { (error, 0) } else { (least, since + 1) };
-                    keep(setting(order, kind, penalty), error, &fitted);
+                    if keep(setting(order, kind, penalty), error, &fitted) {
+                        return;
+                    }
                 }
             }
         }
