@@ -49,6 +49,7 @@ speed = {{}}
 history = 3
 window = 12
 stretch = 20
+budget = 20    # s, a third of what a study has
 
 [network]
 hidden = [12]
@@ -556,7 +557,7 @@ def test_noise_of_the_first_row_has_little_effect_on_a_simulation_from_rest(tmp_
     metafmu("new", tmp_path / "study", "--table", tmp_path / "record.csv", "--structure", "discrete")
     study = tmp_path / "study.toml"
     # of the training runs, none begins at rest
-    text = study.read_text().replace("seed = 1", "seed = 3").replace("[discrete]", '[discrete]\nmodel = "state-space"')
+    text = study.read_text().replace("seed = 1", "seed = 3").replace("[discrete]", '[discrete]\nmodel = "state-space"\nbudget = 20')
     study.write_text(text)
     metafmu("build", study, "--out", tmp_path / "out")
     errors = []
@@ -622,7 +623,7 @@ def test_mistakes_in_a_study_are_found_with_key_and_line(tmp_path, old, new, mes
 
 def test_a_budget_limits_the_epochs(tmp_path):
     table(tmp_path / "runs.csv")
-    study = STUDY.replace("history = 3", 'history = 3\nmodel = "window"\nbudget = 1').replace("[12]", "[512, 512]")
+    study = STUDY.replace("history = 3", 'history = 3\nmodel = "window"').replace("budget = 20", "budget = 1").replace("[12]", "[512, 512]")
     (tmp_path / "plant.toml").write_text(study)
     result = metafmu("build", tmp_path / "plant.toml", "--out", tmp_path / "out", check=False)
     epochs = re.search(r"(\d+) of 300 epochs are within the budget \(discrete.budget\)", result.stderr)

@@ -48,7 +48,7 @@ def built(request, tmp_path_factory):
     metafmu("new", "study", "--table", "record.csv", "--structure", "discrete", "--inputs", "force", cwd=folder)
     study = (folder / "study.toml").read_text()
     study = re.sub(r"(?m)^test_runs = .*$", 'test = "test.csv"', study)
-    study = study.replace("[discrete]\n", '[discrete]\nmodel = "state-space"\n')
+    study = study.replace("[discrete]\n", '[discrete]\nmodel = "state-space"\nbudget = 20\n')
     (folder / "study.toml").write_text(study)
     printed = metafmu("build", "study.toml", cwd=folder).stderr
     return request.param, folder, printed
