@@ -8,6 +8,7 @@ the same paths. `metafmu` is on their PATH, or the variable METAFMU names it. `s
 """
 
 import csv
+import fcntl
 import hashlib
 import itertools
 import json
@@ -95,6 +96,19 @@ def run(verb, study, out, unit, old_shard=None):
             return do(study, out, unit)
         except Busy:
             time.sleep(0.5)
+            if verb == "sample":
+                # a shard that is finished between the look at its version and the command would be sampled again
+                wait_for_lock(out, unit)
+
+
+def wait_for_lock(out, unit):
+    """Returns when no command holds the lock of a shard's runs, which it holds until the shard is written."""
+    number, of = unit.split("/")
+    try:
+        with open(out / f"unfinished-runs-{number}-of-{of}.bin", "r+b") as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
+    except FileNotFoundError:
+        pass
 
 
 def sample_shard(study, out, unit):
