@@ -154,7 +154,7 @@ fn in_single_precision_nothing_is_computed_in_double_precision_but_times_turns_a
             if HOST_FILES.contains(&name) {
                 continue;
             }
-            let assembly = compile(folder.path(), &[name], &[SINGLE, "-Og", "-fno-inline", "-S"], "code.s");
+            let assembly = compile(folder.path(), &[name], &[SINGLE, "-fno-inline", "-S"], "code.s");
             let mut function = String::new();
             for line in fs::read_to_string(assembly).unwrap().lines() {
                 if let Some(label) = line.strip_suffix(':').filter(|label| !label.starts_with('.')) {
