@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -156,6 +157,16 @@ def changed(example, *changes):
         assert line in text, line
         text = text.replace(line, other)
     return text
+
+
+def change(path, *changes):
+    """The path of a file, in which patterns are replaced, each of which it must have."""
+    text = path.read_text()
+    for pattern, other in changes:
+        assert re.search(pattern, text), (pattern, text)
+        text = re.sub(pattern, other, text)
+    path.write_text(text)
+    return path
 
 
 def small_study(epochs):

@@ -12,7 +12,7 @@ import types
 
 import numpy as np
 import pytest
-from conftest import METAFMU, OTHER_THREADS, ROOT, SMALL, metafmu
+from conftest import METAFMU, OTHER_THREADS, ROOT, SMALL, change, metafmu
 from scipy.integrate import solve_ivp
 
 COMMANDS = ROOT / "examples" / "commands"
@@ -260,14 +260,6 @@ def new(folder, name, script, *options):
     work = shutil.copytree(source.parent, folder / name, ignore=lambda *_: {"__pycache__"})
     metafmu("new", name, *options, "--command", sys.executable, source.name, cwd=work)
     return work / f"{name}.toml"
-
-
-def change(study, *changes):
-    text = study.read_text()
-    for pattern, other in changes:
-        assert re.search(pattern, text), (pattern, text)
-        text = re.sub(pattern, other, text)
-    study.write_text(text)
 
 
 def test_twenty_lines_of_python_are_a_source(tmp_path):

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from conftest import compiled_from_sources, fmu_of, metafmu
+from conftest import change, compiled_from_sources, fmu_of, metafmu
 from fmpy import read_model_description
 from scipy.signal import cont2discrete
 from test_discrete import Running
@@ -146,8 +146,7 @@ def test_it_starts_from_measured_samples(fmu, built, tmp_path):
 
 def linear(study):
     """A study that learns linear equations only: direct effects are found before."""
-    study.write_text(study.read_text().replace("[discrete]", '[discrete]\nmodel = "linear"'))
-    return study
+    return change(study, (r"\[discrete\]", '[discrete]\nmodel = "linear"'))
 
 
 def test_noise_and_inputs_that_act_later_are_no_direct_effects(tmp_path):

@@ -1,13 +1,12 @@
 """Programs that give their mass matrix: equations of motion with exact structure."""
 
 import json
-import re
 import shutil
 import sys
 
 import numpy as np
 import pytest
-from conftest import ROOT, metafmu
+from conftest import ROOT, change, metafmu
 
 COMMANDS = ROOT / "examples" / "commands"
 
@@ -26,15 +25,6 @@ def study(folder, *changes):
     path = folder / "robot.toml"
     # scipy integrates the runs in Python
     return change(path, (r"stop = \S+", "stop = 0.5"), (r"test_runs = \d+", "test_runs = 5"), *changes)
-
-
-def change(path, *changes):
-    text = path.read_text()
-    for pattern, other in changes:
-        assert re.search(pattern, text), (pattern, text)
-        text = re.sub(pattern, other, text)
-    path.write_text(text)
-    return path
 
 
 def results(out):

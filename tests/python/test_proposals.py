@@ -147,7 +147,7 @@ def test_one_long_record_is_cut_into_runs(tmp_path):
     # unless set, the FMU starts where the first training run does: means of several runs are no state
     (tmp_path / "proposed.toml").write_text(text.replace("epochs = 300", "epochs = 2") + ANY)
     built = metafmu("build", "proposed.toml", cwd=tmp_path)
-    # the first state space is exact, so no other one is looked for
+    # the first state space is exact, which ends the search
     assert "state space: 0 hidden states, linear" in built.stderr
     folder = tmp_path / "out" / "proposed"
     with open(folder / "train.csv") as file:
