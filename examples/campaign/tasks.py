@@ -8,7 +8,6 @@ the same paths. `metafmu` is on their PATH, or the variable METAFMU names it. `s
 """
 
 import csv
-import fcntl
 import hashlib
 import itertools
 import json
@@ -20,6 +19,12 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+
+try:
+    import fcntl
+except ImportError:
+    # on Windows
+    fcntl = None
 
 VERBS = ("sample", "search", "compare")
 # how the command says that another one samples into the same file
@@ -96,8 +101,8 @@ def run(verb, study, out, unit, old_shard=None):
             return do(study, out, unit)
         except Busy:
             time.sleep(0.5)
-            if verb == "sample":
-                # a shard that is finished between the look at its version and the command would be sampled again
+            if verb == "sample" and fcntl:
+                # else a shard that is finished just before the next attempt would be sampled again
                 wait_for_lock(out, unit)
 
 
