@@ -251,7 +251,7 @@ struct Propagation<'a> {
 impl SimdKernel for Propagation<'_> {
     type Output = ();
 
-    // without lanes of its own: the compiler makes vectors of the blocks, and joins no product with a sum
+    // no explicit lanes: the compiler vectorizes over the blocks, and fuses no multiplication with an addition
     #[inline(always)]
     fn run<L: SimdLanes>(self) {
         let count = self.sensitivities.len() / self.states;

@@ -22,7 +22,7 @@ use metafmu_runtime::Surrogate;
 
 /// A way to learn a surrogate from sampled runs.
 pub(super) trait LearningMethod {
-    /// Asks the source for a few of its equations, so that one that does not give them is refused before its runs take their time.
+    /// Evaluates a few of the source's equations, to refuse unusable ones before any run is sampled.
     ///
     /// # Errors
     /// Those of [`learn`](Self::learn) that a few equations show.

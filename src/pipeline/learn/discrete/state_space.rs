@@ -39,7 +39,7 @@ const LEAST: f64 = 1e-8;
 const PATIENCE: usize = 4;
 /// Share of the error of a simpler state space, below which another one is better.
 const BETTER: f64 = 0.98;
-/// Standardized error below which the search ends: rounding would choose among others.
+/// Standardized error of an exact setting, which ends the search: among better ones, rounding would decide.
 const EXACT: f64 = 1e-9;
 /// Iterations with a penalty, and of the linear state space with each of the stretches.
 const ITERATIONS: usize = 15;
@@ -261,8 +261,8 @@ struct BestSetting {
 }
 
 impl BestSetting {
-    fn is_exact(best: &Option<Self>) -> bool {
-        best.as_ref().is_some_and(|best| best.error < EXACT)
+    fn is_exact(&self) -> bool {
+        self.error < EXACT
     }
 }
 
@@ -320,7 +320,7 @@ impl Search<'_> {
         for saturation in &saturations {
             let budget = self.budget / saturations.len() as f64;
             self.with(saturation, Folds { sets: &sets, own, unseen: &unseen }, budget, &mut best);
-            if BestSetting::is_exact(&best) {
+            if best.as_ref().is_some_and(BestSetting::is_exact) {
                 break;
             }
         }
@@ -354,7 +354,7 @@ impl Search<'_> {
                     *best = Some(BestSetting { error, choice, fitted: bounded[own].clone() });
                 }
             }
-            BestSetting::is_exact(best)
+            best.as_ref().is_some_and(BestSetting::is_exact)
         };
         // one order after the other
         let mut linear: Vec<(usize, Vec<FittedStates>)> = Vec::new();
