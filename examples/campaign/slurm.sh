@@ -21,8 +21,11 @@ task=${SLURM_ARRAY_TASK_ID:+$SLURM_ARRAY_TASK_ID/${TASKS:-$SLURM_ARRAY_TASK_COUN
 if [ "$verb" != sample ]; then
   # SLURM runs a copy of this script: its own folder is another one
   exec python3 "${CAMPAIGN:-examples/campaign}/tasks.py" "$verb" "$study" "$out" "${task:-merge}"
+elif ! command -v "${METAFMU:-metafmu}" >/dev/null; then
+  echo "error: $(hostname): found no command \`${METAFMU:-metafmu}\`, expected \`metafmu\` on the PATH, or its path in the variable METAFMU" >&2
+  exit 1
 elif [ -n "$task" ]; then
-  exec metafmu sample "$study" --out "$out" --shard "$task"
+  exec "${METAFMU:-metafmu}" sample "$study" --out "$out" --shard "$task"
 else
-  exec metafmu sample "$study" --out "$out" --merge
+  exec "${METAFMU:-metafmu}" sample "$study" --out "$out" --merge
 fi

@@ -12,6 +12,7 @@ import hashlib
 import itertools
 import json
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -43,7 +44,11 @@ os._exit(code if code >= 0 else 128 - code)
 
 
 def program():
-    return os.environ.get("METAFMU", "metafmu")
+    """Path of the command on this machine."""
+    name = os.environ.get("METAFMU", "metafmu")
+    if path := shutil.which(name):
+        return path
+    raise RuntimeError(f"{platform.node()}: found no command `{name}`, expected `metafmu` on the PATH, or its path in the variable METAFMU")
 
 
 class Busy(RuntimeError):
@@ -141,7 +146,9 @@ def merge(verb, study, out):
     """Merges the units' results into the files that one machine would write."""
     study, out = Path(study), Path(out)
     if verb == "sample":
-        subprocess.run([program(), "sample", study, "--out", out, "--merge"], check=True)
+        # the command has printed the reason of a failure
+        if code := subprocess.run([program(), "sample", study, "--out", out, "--merge"]).returncode:
+            sys.exit(code)
         return
     folder = results(verb, study, out)
     names = units(verb, study, None)
@@ -246,7 +253,9 @@ def merge_search(study, out, folder):
         if len(found) != len(numbers):
             sys.exit(f"{folder / str(unit)}: {len(found)} trials, expected {len(numbers)}")
         for number, row in zip(numbers, found):
-            message = row[-1].replace(str(part_path(study, unit)), str(study))
+            part = part_path(study, unit)
+            # tasks of Dask have absolute paths
+            message = row[-1].replace(os.path.abspath(part), str(study)).replace(str(part), str(study))
             rows[number], owners[number] = [str(number), *row[1:-1], message], unit
     with open(out / "search.csv", "w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows([header, *(rows[number] for number in sorted(rows))])
@@ -297,7 +306,7 @@ def merge_comparison(study, out, folder):
         else:
             whole["models"] += found["models"][1:]
         lines += itertools.filterfalse(is_network, rows)
-    (out / "comparison.json").write_text(json.dumps(whole, indent=2, ensure_ascii=False))
+    (out / "comparison.json").write_text(json.dumps(whole, indent=2, ensure_ascii=False) + "\n")
     (out / "comparison.csv").write_text("\n".join(lines) + "\n")
     print(f"{len(whole['models'])} models: {out / 'comparison.json'}")
 
@@ -306,14 +315,17 @@ def main():
     verb, study, out, task = sys.argv[1:]
     if verb not in VERBS:
         sys.exit(f"found {verb!r}, expected one of {', '.join(VERBS)}")
-    if task == "merge":
-        merge(verb, study, out)
-        return
-    number, of = map(int, task.split("/"))
-    names = units(verb, study, of)
-    for name in names[number - 1 :: of]:
-        old_shard = shard_version(out, name) if verb == "sample" else None
-        print(run(verb, study, out, name, old_shard), flush=True)
+    try:
+        if task == "merge":
+            merge(verb, study, out)
+            return
+        number, of = map(int, task.split("/"))
+        names = units(verb, study, of)
+        for name in names[number - 1 :: of]:
+            old_shard = shard_version(out, name) if verb == "sample" else None
+            print(run(verb, study, out, name, old_shard), flush=True)
+    except (RuntimeError, OSError) as error:
+        sys.exit(f"error: {error}")
 
 
 if __name__ == "__main__":

@@ -3,10 +3,13 @@
 import csv
 import json
 import os
+import platform
 import signal
+import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import psutil
 import pytest
@@ -181,6 +184,68 @@ def test_the_campaign_on_a_dask_cluster(study, tmp_path):
     result = dask_campaign("sample", study, tmp_path, "--shards", SHARDS)
     assert result.stdout.count("sampled shard") == SHARDS
     assert tables(tmp_path) == tables(study.parent / "whole")
+
+
+@pytest.fixture
+def dask_worker(tmp_path):
+    """Starts workers as Dask's guide does, in other folders and with no variable of this process, and returns the scheduler's address."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    dask, processes = Path(sys.executable).with_name("dask"), []
+
+    def start(name, *arguments, path="/usr/bin:/bin"):
+        folder = tmp_path / "cluster" / name
+        folder.mkdir(parents=True)
+        clean = {"PATH": path, "HOME": str(folder)}
+        with open(folder / "log", "w") as log:
+            command = [dask, *arguments, "--host", "127.0.0.1", "--no-dashboard"]
+            processes.append(subprocess.Popen(list(map(str, command)), cwd=folder, env=clean, stdout=log, stderr=log, start_new_session=True))
+        return folder / "log"
+
+    def start_worker(path):
+        number = len(processes)
+        log = start(f"worker-{number}", "worker", address, "--nthreads", 1, path=f"{path}:/usr/bin:/bin")
+        wait_until(lambda: "Registered to:" in log.read_text())
+        return address
+
+    try:
+        start("scheduler", "scheduler", "--port", address.rpartition(":")[2])
+        yield start_worker
+    finally:
+        for process in processes:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def test_the_campaign_on_a_cluster_that_was_started_by_hand(study, dask_worker, tmp_path):
+    for _ in range(2):
+        address = dask_worker(METAFMU.parent)
+    # as documented: paths are relative to the user's folder
+    command = [sys.executable, CAMPAIGN / "dask_campaign.py", "sample", "study.toml", tmp_path.name, "--shards", str(SHARDS), "--scheduler", address]
+    (study.parent / tmp_path.name).symlink_to(tmp_path)
+    result = subprocess.run(command, env=environment(), cwd=study.parent, capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.count("sampled shard") == SHARDS
+    assert tables(tmp_path) == tables(study.parent / "whole")
+
+
+def test_a_dask_worker_without_metafmu_is_reported_in_a_sentence(study, dask_worker, tmp_path):
+    command = [sys.executable, CAMPAIGN / "dask_campaign.py", "sample", study, tmp_path, "--shards", "1", "--scheduler", dask_worker(tmp_path)]
+    result = subprocess.run(command, env=environment(), capture_output=True, text=True, timeout=60)
+    says = "found no command `metafmu`, expected `metafmu` on the PATH, or its path in the variable METAFMU"
+    assert (result.returncode, result.stderr) == (1, f"error: {platform.node()}: {says}\n")
+    # and the user's machine, before anything runs
+    result = subprocess.run(command, env=environment(METAFMU="none"), capture_output=True, text=True, timeout=60)
+    assert (result.returncode, result.stderr.replace("`none`", "`metafmu`")) == (1, f"error: {platform.node()}: {says}\n")
+
+
+def test_a_node_of_slurm_without_metafmu_is_reported_in_a_sentence(study, tmp_path):
+    task = {"SLURM_ARRAY_TASK_ID": "1", "SLURM_ARRAY_TASK_COUNT": "1", "METAFMU": "none"}
+    for command in [["slurm.sh", "sample"], ["slurm.sh", "compare"]]:
+        result = subprocess.run([CAMPAIGN / command[0], command[1], study, tmp_path], env=environment(**task), cwd=ROOT, capture_output=True, text=True)
+        assert result.returncode == 1 and result.stderr.endswith("its path in the variable METAFMU\n"), result.stderr
+        assert result.stderr.count("\n") == 1 and "found no command `none`" in result.stderr, result.stderr
 
 
 @pytest.fixture
