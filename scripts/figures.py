@@ -28,6 +28,7 @@ import re
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 import tomllib
 from pathlib import Path
@@ -35,6 +36,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 LIST = ROOT / "scripts" / "figures.toml"
 MEASUREMENTS = ROOT / "docs" / "maintainers" / "measurements.md"
+# of paragraphs that are renewed
+WIDTH = 140
 PEERS = ROOT / ".peers" / "bin" / "python"
 
 
@@ -149,20 +152,37 @@ def with_blocks(page, output, blocks):
     return page, count
 
 
+def with_paragraphs(page, output, beginnings):
+    """The page with paragraphs and list items of the output, and their number. The output has each in one line, with the same beginning."""
+    lines, printed, count = page.split("\n"), output.split("\n"), 0
+    for beginning in beginnings:
+        begin = next((number for number, line in enumerate(lines) if line.startswith(beginning)), None)
+        text = next((line for line in printed if line.startswith(beginning)), None)
+        if begin is None or text is None:
+            raise ValueError(f"`{beginning}` begins no paragraph of {'the page' if begin is None else 'the output'}")
+        end = next((number for number in range(begin + 1, len(lines)) if not lines[number].strip() or lines[number].startswith("- ")), len(lines))
+        hanging = "  " if text.startswith("- ") else ""
+        wrapped = textwrap.wrap(text, WIDTH, subsequent_indent=hanging, break_long_words=False, break_on_hyphens=False)
+        lines[begin:end] = wrapped
+        count += len(wrapped)
+    return "\n".join(lines), count
+
+
 def write(name, figure, folder):
-    """Renews the rows and blocks of the page of a figure, if the entry tells which they are."""
-    if not figure.keys() & {"key", "blocks"}:
-        return "not written: the entry has neither `key` nor `blocks`"
+    """Renews the rows, blocks and paragraphs of the page of a figure, if the entry tells which they are."""
+    if not figure.keys() & {"key", "blocks", "paragraphs"}:
+        return "not written: the entry has neither `key`, `blocks` nor `paragraphs`"
     page = ROOT / figure["page"].split("#")[0]
     text, output, count = page.read_text(encoding="utf-8"), (folder / f"{name}.txt").read_text(encoding="utf-8"), 0
     if "key" in figure:
         text, count = renewed(text, output, figure["key"])
     try:
         text, lines = with_blocks(text, output, figure.get("blocks", []))
+        text, sentences = with_paragraphs(text, output, figure.get("paragraphs", []))
     except ValueError as error:
         return f"not written: {error}"
     replace(page, text)
-    return f"{count + lines} rows of {figure['page'].split('#')[0]} written"
+    return f"{count + lines + sentences} rows of {figure['page'].split('#')[0]} written"
 
 
 def link(page):
@@ -223,7 +243,7 @@ def main():
     parser.add_argument("--list", action="store_true", help="print names, pages and commands, and run nothing")
     parser.add_argument("--minutes", type=float, metavar="N", help="only those that take about N minutes or less")
     parser.add_argument("--again", action="store_true", help="also those that were finished before")
-    parser.add_argument("--write", action="store_true", help="renew the rows of tables in the pages, and the page of measurements")
+    parser.add_argument("--write", action="store_true", help="renew tables, blocks and paragraphs of the pages, and the page of measurements")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "figures", help="where the folder of results is made; out/figures unless given")
     parser.add_argument("--from", dest="file", type=Path, default=LIST, metavar="FILE", help="another list")
     options = parser.parse_args()

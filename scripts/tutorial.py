@@ -30,7 +30,7 @@ def pictures(page):
 
 
 def run(page, folder):
-    """Runs a page in a folder; a block that fails ends it."""
+    """Runs a page in a folder. A block that fails ends it, as does a warning of `metafmu`."""
     programs = [ROOT / "target" / "release", Path(sys.executable).parent]
     environment = {**os.environ, "PATH": os.pathsep.join([*map(str, programs), os.environ["PATH"]]), "MPLBACKEND": "agg"}
     for language, name, text in blocks(page):
@@ -40,6 +40,8 @@ def run(page, folder):
             finished = subprocess.run(["bash", "-euo", "pipefail", "-c", text], cwd=folder, env=environment, capture_output=True, text=True)
             if finished.returncode != 0:
                 raise RuntimeError(f"{page.name}: exit code {finished.returncode} of\n{text}\n{finished.stdout}\n{finished.stderr}")
+            if "warning: " in finished.stderr:
+                raise RuntimeError(f"{page.name}: a warning of\n{text}\n{finished.stderr}")
             print(finished.stdout, end="")
 
 

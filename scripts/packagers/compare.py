@@ -4,7 +4,7 @@
 
 Each tool gets a fresh virtual environment and packages target/packagers/network.onnx: 4 inputs, six hidden layers of 64 tanh nodes, 3
 outputs, single precision. One C program then steps all FMUs in turn, and their outputs are compared with numpy's. Needs a C compiler, and
-numpy and onnx in the environment of this script.
+numpy and onnx in the environment of this script; onnx2fmu downloads ONNX Runtime's C library where it has not before.
 """
 
 import argparse
@@ -126,6 +126,21 @@ class PythonFmu(Tool):
         return {**os.environ, "LD_PRELOAD": str(library), "PYTHONHOME": sys.base_prefix, "PYTHONPATH": str(modules)}
 
 
+class Onnx2Fmu(Tool):
+    name, packages, steps, first = "onnx2fmu 0.3.3", ["onnx2fmu==0.3.3"], 200_000, (1, INPUTS + 1)
+
+    def set_up(self):
+        super().set_up()
+        # downloads ONNX Runtime unless it did before, which later exports use again
+        self.export()
+
+    def export(self):
+        variables = {"inputs": [{"name": "x", "description": "inputs"}], "outputs": [{"name": "y", "description": "outputs"}]}
+        (self.folder / "network.json").write_text(json.dumps({"name": "network", "description": "network", "FMIVersion": "2.0", **variables}))
+        self.command("onnx2fmu", "build", WORK / "network.onnx", "network.json", "target", "--destination", ".")
+        return self.folder / "network.fmu"
+
+
 class UniFmu(Tool):
     name, packages, steps, first = "UniFMU 0.0.3", ["unifmu==0.0.3", "lxml", "toml", "pyzmq", "numpy"], 10_000, (0, INPUTS)
 
@@ -192,7 +207,7 @@ def main():
     run("cc", "-std=c11", "-O2", "-Wall", "-Wextra", HERE / "host.c", "-o", WORK / "host", "-ldl", "-lm")
 
     made, problems = [], []
-    for tool in (Metafmu(options.wheel.resolve()), PythonFmu(), UniFmu()):
+    for tool in (Metafmu(options.wheel.resolve()), Onnx2Fmu(), PythonFmu(), UniFmu()):
         try:
             begin = time.perf_counter()
             tool.set_up()

@@ -21,7 +21,11 @@ import pytest
 from fmpy import simulate_fmu
 from fmpy.build import build_platform_binary
 from scipy.integrate import solve_ivp
+from selenium import webdriver
+from selenium.webdriver.chrome.service import Service
 
+# of a browser, (width, height) in CSS pixels
+DESKTOP, PHONE = (1440, 900), (390, 844)
 ROOT = Path(__file__).resolve().parents[2]
 METAFMU = ROOT / "target" / "release" / "metafmu"
 IS_WORKER = "PYTEST_XDIST_WORKER" in os.environ
@@ -239,3 +243,30 @@ def reference(length, damping, thetad0, times, mass=0.3, gravity=9.81):
     )
     theta, thetad = solution.y
     return np.stack([theta, thetad, derivative(0, solution.y)[1]])
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    options = webdriver.ChromeOptions()
+    options.binary_location = "/usr/bin/chromium"
+    for argument in ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-component-update",
+                     "--disable-background-networking", "--disable-sync", f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"]:
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options, Service("/usr/bin/chromedriver"))
+    yield driver
+    driver.quit()
+
+
+def show(browser, page, size):
+    """Opens the page in a window of this size; returns what the page requested."""
+    width, height = size
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": size != DESKTOP}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    # a new window has a separate page
+    browser.get("about:blank")
+    browser.get_log("performance")
+    browser.get_log("browser")
+    browser.get(page.as_uri())
+    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
+    return [message["params"]["request"]["url"] for message in messages if message["method"] == "Network.requestWillBeSent"]

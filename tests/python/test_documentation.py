@@ -4,12 +4,13 @@ import re
 import subprocess
 import tomllib
 from html.parser import HTMLParser
-from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
+from conftest import DESKTOP, PHONE, ROOT, show
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.support.wait import WebDriverWait
 
-ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 
 
@@ -69,3 +70,38 @@ def test_the_site_has_every_page_and_no_dead_link(site):
 def test_the_site_can_be_searched(site):
     index = (site / "docs" / "search.json").read_text(encoding="utf-8")
     assert "torsion" in index and "in_domain" in index
+
+
+@pytest.mark.parametrize("page", ["index.html", "tutorial/mechanism.html", "maintainers/style.html"])
+def test_a_page_loads_nothing_from_elsewhere(site, browser, page):
+    requested = show(browser, site / "docs" / page, DESKTOP)
+    assert len(requested) > 5 and [url for url in requested if not url.startswith(("file:", "data:"))] == []
+
+
+def test_no_page_names_a_file_from_elsewhere(site):
+    loads = re.compile(r"""<(?:script|img|iframe|source|embed|link (?:[^>]* )?rel="(?!canonical|prev|next)[^"]*")[^>]*(?:src|href)="((?:https?:)?//[^"]*)""")
+    assert {page.name: loads.findall(page.read_text(encoding="utf-8")) for page in site.glob("docs/**/*.html")}.keys() >= {"index.html", "404.html"}
+    assert [found for page in site.glob("docs/**/*.html") for found in loads.findall(page.read_text(encoding="utf-8"))] == []
+
+
+def test_the_search_finds_pages_that_are_opened_as_files(site, browser):
+    show(browser, site / "docs" / "index.html", DESKTOP)
+    browser.execute_script("document.querySelector('.md-search__button').click()")
+    ActionChains(browser).pause(0.5).send_keys("torsion").perform()
+    found = "return [...document.querySelectorAll('div')].flatMap(e => [...e.shadowRoot?.querySelectorAll('a') ?? []]).map(a => a.href).filter(href => href.includes('mechanism'))"
+    assert WebDriverWait(browser, 20).until(lambda browser: browser.execute_script(found))
+    assert browser.get_log("browser") == []
+
+
+def test_comments_of_commands_stay_inside_a_phone(site, browser):
+    show(browser, site / "docs" / "install.html", PHONE)
+    cut = "return [...document.querySelectorAll('.wraps, .wraps .comment')].filter(e => e.getBoundingClientRect().right > innerWidth || e.scrollWidth > e.clientWidth + 1 && e.tagName == 'CODE').length"
+    assert browser.execute_script("return document.querySelectorAll('.wraps .comment').length") > 3
+    assert browser.execute_script(cut) == 0
+
+
+def test_the_site_has_the_version_of_the_package(site):
+    version = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]["package"]["version"]
+    settings = tomllib.loads((ROOT / "zensical.toml").read_text(encoding="utf-8"))["project"]
+    assert settings["site_name"] == f"metafmu {version}" and f"metafmu {version}, " in settings["copyright"]
+    assert f"metafmu {version}" in (site / "docs" / "install.html").read_text(encoding="utf-8")

@@ -46,7 +46,7 @@ def test_options_that_docs_give_to_a_measurement_are_known():
 @pytest.mark.parametrize("name", LISTED)
 def test_an_entry_has_its_page_and_its_files(name):
     figure = LISTED[name]
-    assert set(figure) <= {"page", "commands", "key", "blocks", "minutes", "needs", "root"} and figure["commands"] and figure["minutes"] > 0
+    assert set(figure) <= {"page", "commands", "key", "blocks", "paragraphs", "minutes", "needs", "root"} and figure["commands"] and figure["minutes"] > 0
     page, _, heading = figure["page"].partition("#")
     text = (ROOT / page).read_text(encoding="utf-8")
     slugs = {re.sub(r"[^\w -]", "", line.lower()).strip().replace(" ", "-") for line in re.findall(r"^#+ (.*)$", text, re.M)}
@@ -77,6 +77,25 @@ def test_blocks_of_a_page_are_renewed_up_to_an_empty_line():
     assert (text, count) == (page.replace("    output   R²\n    x   0.9\n", "    output     R²\n    x        0.95\n    y     0.8\n"), 3)
     with pytest.raises(ValueError, match="begins no block of the output"):
         figures.with_blocks(page, "", ["output R²"])
+
+
+def test_paragraphs_of_a_page_are_renewed_and_wrapped():
+    page = "Text\n\n- **Pays:** it takes 5 s,\n  or more.\n- Other\n\nA cable takes 7 s.\nReally.\n\nEnd\n"
+    long = "- **Pays:** " + "it takes 6 s, " * 12
+    output = f"$ command\n{long.strip()}\nA cable takes 8 s.\n"
+    text, count = figures.with_paragraphs(page, output, ["- **Pays:**", "A cable"])
+    item, rest = text.removeprefix("Text\n\n").split("\n- Other\n", 1)
+    assert item.replace("\n  ", " ") == long.strip() and [len(line) <= 140 for line in item.split("\n")] == [True, True]
+    assert rest == "\nA cable takes 8 s.\n\nEnd\n" and count == 3
+    with pytest.raises(ValueError, match="begins no paragraph of the page"):
+        figures.with_paragraphs("", output, ["A cable"])
+
+
+@pytest.mark.parametrize("name", [name for name, figure in LISTED.items() if "paragraphs" in figure])
+def test_the_page_of_an_entry_has_its_paragraphs(name):
+    lines = (ROOT / LISTED[name]["page"].split("#")[0]).read_text(encoding="utf-8").split("\n")
+    for beginning in LISTED[name]["paragraphs"]:
+        assert any(line.startswith(beginning) for line in lines), beginning
 
 
 @pytest.mark.parametrize("name", [name for name, figure in LISTED.items() if "blocks" in figure])

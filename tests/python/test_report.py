@@ -7,12 +7,10 @@ import zipfile
 
 import numpy as np
 import pytest
-from conftest import ANY, OTHER_THREADS, ROOT, metafmu
-from selenium import webdriver
-from selenium.webdriver.chrome.service import Service
+from conftest import ANY, DESKTOP, OTHER_THREADS, PHONE, ROOT, metafmu, show
 
 # (width, height) in CSS pixels
-DESKTOP, PHONE, SMALL_PHONE = (1440, 900), (390, 844), (320, 568)
+SMALL_PHONE = (320, 568)
 FIGURES = {
     "single-pendulum": ["density-theta", "histogram-thetadd", "median-theta", "worst-thetad", "phase-worst-theta",
                         "path-median-mass", "error-time-theta", "error-L-relative", "worst-L-c", "sensitivity-theta",
@@ -85,33 +83,6 @@ def reports(tmp_path_factory):
         metafmu("report", study, "--out", out, *extra)
         pages[example] = out / "report.html"
     return pages
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    options = webdriver.ChromeOptions()
-    options.binary_location = "/usr/bin/chromium"
-    for argument in ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-component-update",
-                     "--disable-background-networking", "--disable-sync", f"--user-data-dir={tmp_path_factory.mktemp('chromium')}"]:
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options, Service("/usr/bin/chromedriver"))
-    yield driver
-    driver.quit()
-
-
-def show(browser, page, size):
-    """Opens the page in a window of this size; returns what the page requested."""
-    width, height = size
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": size != DESKTOP}
-    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
-    # a new window has a separate page
-    browser.get("about:blank")
-    browser.get_log("performance")
-    browser.get_log("browser")
-    browser.get(page.as_uri())
-    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    return [message["params"]["request"]["url"] for message in messages if message["method"] == "Network.requestWillBeSent"]
 
 
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
