@@ -220,6 +220,11 @@ class Axes:
         for x, y in zip(xs, ys, strict=True):
             self.picture.circle(*self.at(x, y), radius, fill=color, color="#FFFFFF", width=1)
 
+    def cloud(self, xs, ys, color=BLUE, size=2.4):
+        """Many dots as one path, whose parts have length zero and round ends."""
+        moves = "".join(f"M{number(at[0])} {number(at[1])}h0" for at in (self.at(x, y) for x, y in zip(xs, ys, strict=True)))
+        self.picture.parts.append(f'<path d="{moves}" fill="none" stroke="{color}" stroke-width="{size}" stroke-linecap="round"/>')
+
     def text(self, x, y, text, color=INK, anchor="start", dx=0, dy=0):
         at = self.at(x, y)
         self.picture.text(at[0] + dx, at[1] + dy, text, color=color, anchor=anchor, size=11.5, halo=True)

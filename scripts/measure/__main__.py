@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
-SHARED = ("__main__", "common", "model_file", "onnx_layers", "peer_models", "planar", "record_peers")
+SHARED = ("__main__", "common", "model_file", "onnx_layers", "paper_models", "paper_page", "paper_pictures", "peer_models", "planar", "record_peers")
 FILES = {file.stem.replace("_", "-"): file for file in sorted(FOLDER.glob("*.py")) if file.stem not in SHARED}
 
 

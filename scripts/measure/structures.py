@@ -14,16 +14,14 @@ import argparse
 import csv
 import json
 import resource
-import shutil
 import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
 from common import ROOT
-from fmpy import extract, read_model_description
-from fmpy.fmi2 import FMU2Slave
 from model_file import evaluate, load
+from paper_models import at_time_points, changed, r2, roughness, speed
 
 OUTPUTS = ["theta", "thetad", "thetadd"]
 PARAMETERS = ["L", "c", "thetad0"]
@@ -34,25 +32,11 @@ CASE = (0.1911, 0.055, 3.78)
 PAPER = (ROOT / "examples" / "paper" / "single-pendulum.toml").read_text()
 
 
-def replaced(text, **values):
-    """The study with other values of some keys, which it must have."""
-    lines = text.splitlines()
-    for key, value in values.items():
-        places = [index for index, line in enumerate(lines) if line.startswith(f"{key} = ")]
-        assert len(places) == 1, (key, places)
-        lines[places[0]] = f"{key} = {value}"
-    return "\n".join(lines) + "\n"
-
-
 def ours(epochs):
     """The example's runs, but inside the ranges and the time, and a recipe that both structures can have."""
     text = (ROOT / "examples" / "single-pendulum.toml").read_text()
     lines = [line for line in text.splitlines() if not line.startswith(("margin = ", "faces = ", "enough = "))]
-    return replaced("\n".join(lines), hidden="[128, 128]", learning_rate=0.003, schedule='"cosine"', epochs=epochs)
-
-
-def fixed(text):
-    return text.replace("[network]\n", '[network]\nstructure = "fixed"\n')
+    return changed("\n".join(lines), hidden="[128, 128]", learning_rate=0.003, schedule='"cosine"', epochs=epochs)
 
 
 def metafmu(*arguments):
@@ -81,43 +65,6 @@ def truth(path):
     return of(PARAMETERS)[:, 0], rows[0, :, header.index("time")], of(OUTPUTS)
 
 
-def r2(found, expected):
-    return 1 - ((found - expected) ** 2).sum((0, 1)) / ((expected - expected.mean((0, 1))) ** 2).sum((0, 1))
-
-
-def roughness(found, expected):
-    size = lambda values: np.sqrt((np.diff(values, 2, axis=1) ** 2).mean((0, 1)))
-    return size(found - expected) / size(expected)
-
-
-def speed(fmu):
-    """Microseconds of a step with its outputs through fmpy, and milliseconds of an instantiation: the least of 40."""
-    description, folder = read_model_description(fmu), extract(fmu)
-    references = [variable.valueReference for variable in description.modelVariables if variable.name in OUTPUTS]
-    steps, instantiations = [], []
-    for _ in range(40):
-        began = time.perf_counter()
-        identifier = description.coSimulation.modelIdentifier
-        instance = FMU2Slave(
-            guid=description.guid, unzipDirectory=folder, modelIdentifier=identifier, instanceName="timed"
-        )
-        instance.instantiate()
-        instantiations.append(time.perf_counter() - began)
-        instance.setupExperiment(startTime=0.0)
-        instance.enterInitializationMode()
-        instance.exitInitializationMode()
-        began = time.perf_counter()
-        # of a size that does not meet the instants
-        for step in range(600):
-            instance.doStep(0.0033 * step, 0.0033)
-            instance.getReal(references)
-        steps.append((time.perf_counter() - began) / 600)
-        instance.terminate()
-        instance.freeInstance()
-    shutil.rmtree(folder)
-    return 1e6 * min(steps), 1e3 * min(instantiations)
-
-
 class Result:
     """A structure trained by a recipe, and measured."""
 
@@ -131,7 +78,7 @@ class Result:
         metafmu("evaluate", path, "--out", folder)
         metafmu("export", path, "--out", folder)
         self.size, self.fmu_size = ((folder / f"single-pendulum.{kind}").stat().st_size for kind in ("safetensors", "fmu"))
-        self.step, self.instantiation = speed(folder / "single-pendulum.fmu")
+        self.step, self.instantiation = speed(folder / "single-pendulum.fmu", OUTPUTS)
         _, self.model = load(folder / "single-pendulum.safetensors")
         parameters, times, expected = unseen
         found = predict(self.model, parameters, times)
@@ -212,25 +159,25 @@ def main():
     # unseen runs at finer steps: the same as every study's test runs, which follow from the seed
     folder.mkdir(parents=True, exist_ok=True)
     finer = folder / "finer.toml"
-    finer.write_text(replaced(PAPER, levels=2, step=0.01 / FINER))
+    finer.write_text(changed(PAPER, levels=2, step=0.01 / FINER))
     metafmu("sample", finer, "--out", folder / "finer")
     unseen = truth(folder / "finer" / "test.csv")
     case = folder / "case.csv"
     case.write_text(",".join(PARAMETERS) + "\n" + ",".join(map(str, CASE)) + "\n0.15,0.05,1\n")
-    of_case = replaced(PAPER, levels=2, step=0.01 / FINER).replace('method = "mesh"', 'method = "list"\nfile = "case.csv"')
+    of_case = changed(PAPER, levels=2, step=0.01 / FINER).replace('method = "mesh"', 'method = "list"\nfile = "case.csv"')
     of_case = "\n".join(line for line in of_case.splitlines() if not line.startswith("levels")) + "\n"
     (folder / "case.toml").write_text(of_case)
     metafmu("sample", folder / "case.toml", "--out", folder / "case")
     one_case = truth(folder / "case" / "train.csv")
 
-    paper = replaced(PAPER, epochs=epochs)
+    paper = changed(PAPER, epochs=epochs)
     print(f"The paper's recipe, {epochs} epochs (the paper has 400):\n")
-    results = [Result(folder, f"paper-{name}", study, unseen) for name, study in (("full", paper), ("fixed", fixed(paper)))]
+    results = [Result(folder, f"paper-{name}", study, unseen) for name, study in (("full", paper), ("fixed", at_time_points(paper)))]
     table("the paper's recipe", results)
     figure(results, one_case, ROOT / "docs" / "structures.svg")
 
     print("Our recipe; S_fixed in batches of 64, as one of 1024 would be nearly all rows of an instant:\n")
-    of_full, of_fixed = ours(arguments.epochs), fixed(replaced(ours(arguments.epochs), batch=64))
+    of_full, of_fixed = ours(arguments.epochs), at_time_points(changed(ours(arguments.epochs), batch=64))
     table("our recipe", [Result(folder, f"ours-{name}", study, unseen) for name, study in (("full", of_full), ("fixed", of_fixed))])
 
 
