@@ -149,7 +149,7 @@ def of_mechanism(name, file):
 
 SURROGATES = {
     "pendulum": Surrogate(
-        "A pendulum", "A response surrogate: length, damping and initial speed are parameters, the time is an input of one network. It plays back two seconds.",
+        "A pendulum", "A response surrogate: length, damping and initial speed are parameters, the time is an input of one network. It plays back two seconds, more slowly than its source, which solves two equations: it shows the method.",
         ("metafmu build examples/quick/single-pendulum.toml",), "single-pendulum-quick", {"theta": "rad", "thetad": "rad/s"}, pendulum,
     ),
     "slider-crank": Surrogate(

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Makes a picture of a report's first screen, as a desktop shows it: docs/report.png.
 
-    metafmu build examples/single-pendulum.toml
-    .venv/bin/python scripts/report_picture.py out/single-pendulum/report.html docs/report.png
+    metafmu build examples/commands/cable.toml
+    .venv/bin/python scripts/report_picture.py out/cable/report.html docs/report.png
 
 Needs Chromium (scripts/chromium.sh).
 """
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from PIL import Image
 
-WIDTH, HEIGHT = 1200, 560
+WIDTH, HEIGHT = 1200, 486
 # enough for text and curves, in a quarter of the bytes
 COLORS = 96
 

@@ -7,7 +7,7 @@ from exudyn.beams import GenerateStraightLineANCFCable2D
 
 import metafmu
 
-ELEMENTS = 8
+ELEMENTS = 16
 STEPS_PER_ROW = 10
 
 

@@ -21,7 +21,7 @@ SOURCES = {
     "arm/arm.toml": "3 joints, 3 motors, a cable, MuJoCo",
     "arm/fall.toml": "the arm falls onto the floor",
     "arm/driven.toml": "the arm is driven onto the floor",
-    "cable.py": "a clamped cable with a mass, Exudyn",
+    "cable.toml": "a clamped cable with a mass, Exudyn",
     "spring_pendulum.py": "scipy",
     "shell/oscillation.toml": "awk",
 }

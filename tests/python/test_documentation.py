@@ -8,7 +8,6 @@ from urllib.parse import unquote
 
 import pytest
 from conftest import DESKTOP, PHONE, ROOT, show
-from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
 
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -86,10 +85,10 @@ def test_no_page_names_a_file_from_elsewhere(site):
 
 def test_the_search_finds_pages_that_are_opened_as_files(site, browser):
     show(browser, site / "docs" / "index.html", DESKTOP)
-    browser.execute_script("document.querySelector('.md-search__button').click()")
-    ActionChains(browser).pause(0.5).send_keys("torsion").perform()
-    found = "return [...document.querySelectorAll('div')].flatMap(e => [...e.shadowRoot?.querySelectorAll('a') ?? []]).map(a => a.href).filter(href => href.includes('mechanism'))"
-    assert WebDriverWait(browser, 20).until(lambda browser: browser.execute_script(found))
+    focused = "const field = document.activeElement?.shadowRoot?.activeElement; if (!field) document.querySelector('.md-search__button').click(); return field"
+    WebDriverWait(browser, 60).until(lambda browser: browser.execute_script(focused)).send_keys("torsion")
+    found = "return [...document.activeElement.shadowRoot.querySelectorAll('a')].map(a => a.href).filter(href => href.includes('h=torsion'))"
+    assert WebDriverWait(browser, 60).until(lambda browser: browser.execute_script(found))
     assert browser.get_log("browser") == []
 
 

@@ -9,7 +9,7 @@ if (location.protocol === "file:") {
       this.scope = new Promise((resolve, reject) => {
         this.frame.addEventListener("load", () => {
           const scope = this.frame.contentWindow;
-          scope.postMessage = (data) => setTimeout(() => this.onmessage?.({ data }));
+          scope.postMessage = (data) => this.send(this, data);
           const element = scope.document.createElement("script");
           element.src = new URL(script, location.href);
           element.onload = () => resolve(scope);
@@ -22,7 +22,13 @@ if (location.protocol === "file:") {
     }
 
     postMessage(data) {
-      this.scope.then((scope) => scope.onmessage?.({ data }), () => {});
+      this.scope.then((scope) => this.send(scope, data), () => {});
+    }
+
+    // a copy, as of a worker's messages
+    send(receiver, data) {
+      const copy = structuredClone(data);
+      setTimeout(() => receiver.onmessage?.({ data: copy }));
     }
 
     terminate() {

@@ -1,0 +1,131 @@
+"""Compares surrogates with their sources at equal errors: the lines of README that say when a surrogate pays.
+
+CABLE, CRANE and PENDULUM are the folders that `metafmu build` wrote for examples/commands/cable.toml, examples/dynamics/crane-study.toml and
+examples/quick/single-pendulum.toml. The cable's errors are those of tip.x and tip.y at all rows of fifty unseen runs, relative to the range, against
+Exudyn with twice the elements and a fortieth of the output step. Exudyn is then run with all of the meshes and time steps below, alternately with
+the FMU: the fastest whose error is no larger than the FMU's is compared. A run includes the set-up of the model, and of the FMU's instance. The
+other two speed-ups are those of `metafmu build`. Needs target/release/metafmu, the example step_time, exudyn, and the package `metafmu` for sources.
+
+Usage: .venv/bin/python scripts/measure worth CABLE CRANE PENDULUM
+"""
+
+import argparse
+import csv
+import json
+import statistics
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+from common import ROOT, run
+
+RUNS = 50
+MESHES, TIME_STEPS = (6, 8, 12, 16), (1, 2, 3, 5)
+# elements, and time steps in a row
+TRUTH = (32, 40)
+OUTPUTS = ("tip.x", "tip.y")
+STEP_TIME = ROOT / "target" / "release" / "examples" / "step_time"
+ROUNDS = 3
+
+
+def unseen(folder, fmu):
+    """Parameters of the first unseen runs, their times, and the outputs of the FMU: runs by outputs by rows."""
+    rows = list(csv.DictReader((folder / "test.csv").read_text(encoding="utf-8").splitlines()))
+    names = list(rows[0])[2 : -len(OUTPUTS)]
+    runs = sorted({row["run"] for row in rows}, key=int)[:RUNS]
+    table = folder / "unseen-runs.csv"
+    with open(table, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["run", "time", *names])
+        writer.writerows([row["run"], row["time"], *(row[name] for name in names)] for row in rows if row["run"] in runs)
+    predicted = folder / "predicted-runs.csv"
+    run(folder, "predict", fmu, table, "--out", predicted)
+    outputs = list(csv.DictReader(predicted.read_text(encoding="utf-8").splitlines()))
+    first = [next(row for row in rows if row["run"] == label) for label in runs]
+    parameters = [{name: float(row[name]) for name in names} for row in first]
+    times = np.array([float(row["time"]) for row in outputs if row["run"] == runs[0]])
+    return parameters, times, np.array([[[float(row[output]) for row in outputs if row["run"] == label] for output in OUTPUTS] for label in runs])
+
+
+def exudyn_runs(cable, setting, times, parameters):
+    """Outputs of Exudyn with a mesh and a number of time steps in a row, and milliseconds of a run."""
+    cable.ELEMENTS, cable.STEPS_PER_ROW = setting
+    begin = time.perf_counter()
+    found = [cable.cable(times, of_run) for of_run in parameters]
+    milliseconds = 1e3 * (time.perf_counter() - begin) / len(parameters)
+    return np.array([[of_run[output] for output in OUTPUTS] for of_run in found]), milliseconds
+
+
+def fmu_run(fmu, times):
+    """Milliseconds of a run of the FMU with its instance, and microseconds of a step."""
+    words = [STEP_TIME, fmu, times[-1], times[1], *OUTPUTS]
+    step, instance = map(float, subprocess.run(list(map(str, words)), check=True, capture_output=True, text=True).stdout.split())
+    return 1e-3 * (instance + step * (len(times) - 1)), step
+
+
+def rounded(number):
+    """Text of a number with two digits that count."""
+    return f"{float(f'{number:.2g}'):,.10g}"
+
+
+def compared(folder):
+    """Line of README on the cable; the settings of Exudyn are printed as a table."""
+    sys.path.insert(0, str(ROOT / "examples" / "commands"))
+    import cable
+
+    fmu = folder / "cable.fmu"
+    parameters, times, predicted = unseen(folder, fmu)
+    truth, _ = exudyn_runs(cable, TRUTH, times, parameters)
+    widths = np.ptp(truth, axis=(0, 2))
+    error = lambda found: (np.abs(found - truth).max(axis=(0, 2)) / widths).max()
+    largest = error(predicted)
+    settings = {}
+    for _ in range(ROUNDS):
+        of_fmu = fmu_run(fmu, times)
+        for setting in [(mesh, steps) for mesh in MESHES for steps in TIME_STEPS]:
+            found, milliseconds = exudyn_runs(cable, setting, times, parameters)
+            settings.setdefault(setting, (error(found), []))[1].append((milliseconds, *of_fmu))
+    medians = {setting: (at, *map(statistics.median, zip(*of))) for setting, (at, of) in settings.items()}
+    print("| cable of | elements | time step, ms | error, of the range | a run, ms |\n|---|---|---|---|---|")
+    for (mesh, steps), (at, milliseconds, *_) in medians.items():
+        print(f"| Exudyn | {mesh} | {1e3 * times[1] / steps:.3g} | {100 * at:.2g} % | {milliseconds:.3g} |")
+    of_run, of_step = (statistics.median(of) for of in zip(*(times[1:] for _, of in settings.values() for times in of)))
+    print(f"| the FMU | | | {100 * largest:.2g} % | {of_run:.2g} |")
+    equal = [(milliseconds, setting) for setting, (at, milliseconds, *_) in medians.items() if at <= largest]
+    if not equal:
+        raise SystemExit("error: no setting is as accurate as the FMU")
+    fastest, (mesh, steps) = min(equal)
+    metrics = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
+    cost = metrics["sample_seconds"] + metrics["train_seconds"]
+    return (
+        f"- **Yes, for runs of milliseconds.** A second of a flexible cable takes Exudyn {rounded(fastest)} ms and its FMU {rounded(of_run)} ms, {rounded(fastest / of_run)} times less, "
+        f"both with errors of at most {100 * largest:.2g} % of the range. Sampling and training took {cost:.0f} s, as long as {rounded(cost / (1e-3 * fastest))} runs."
+    )
+
+
+def speed_up(folder):
+    """How many times the FMU is as fast as its source, as the build measured it."""
+    return json.loads((folder / "metrics.json").read_text(encoding="utf-8"))["speed"]["speed_up"]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for name in ("cable", "crane", "pendulum"):
+        parser.add_argument(name, type=Path, help=f"folder of the {name}'s build")
+    options = parser.parse_args()
+    print(compared(options.cable.resolve()))
+    crane, pendulum = speed_up(options.crane), speed_up(options.pendulum)
+    print(
+        f"- **Yes, for components in a loop.** The FMU of a crane with a motor as its input has learned equations. It is {rounded(crane)} times as fast as "
+        "the simulator of mechanisms that it was learned from."
+    )
+    print(
+        f"- **No, for sources that are quick already.** The FMU of a damped pendulum has {rounded(pendulum)} times the speed of its source, which solves two "
+        "equations. Nor does it pay for a few runs, or outside the ranges of the training."
+    )
+
+
+if __name__ == "__main__":
+    main()
