@@ -7,9 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { KIND_MODEL_EXCHANGE, KIND_CO_SIMULATION };           /* fmi2Type */
-enum { LAST_SUCCESSFUL_TIME = 2, STATUS_OF_TERMINATION = 3 }; /* fmi2StatusKind */
-
 /* The object that fmi2Component points to. */
 typedef struct {
     Instance instance; /* first, so that a pointer to it is also one to the component */
@@ -23,14 +20,14 @@ typedef struct {
 static void send_message(const Instance *instance, Status status, const char *category, const char *message)
 {
     const Component *component = (const Component *)instance;
-    component->logger(component->environment, component->name, (int)status, category, "%s", message);
+    component->logger(component->environment, component->name, status, category, "%s", message);
 }
 
 /* ---- Version, instances, logging ---- */
 
 const char *fmi2GetTypesPlatform(void)
 {
-    return "default";
+    return fmi2TypesPlatform;
 }
 
 const char *fmi2GetVersion(void)
@@ -57,16 +54,17 @@ static Component *new_component(const char *name, const fmi2CallbackFunctions *f
     return component;
 }
 
-static bool check_type(Instance *instance, int type)
+static bool check_type(Instance *instance, fmi2Type type)
 {
-    if (type == KIND_MODEL_EXCHANGE || type == KIND_CO_SIMULATION) {
+    if (type == fmi2ModelExchange || type == fmi2CoSimulation) {
         return true;
     }
-    instance_tell(instance, STATUS_ERROR, "FMU type is %d, expected 0 (model exchange) or 1 (co-simulation)", type);
+    instance_tell(instance, STATUS_ERROR, "FMU type is %d, expected 0 (model exchange) or 1 (co-simulation)",
+                  (int)type);
     return false;
 }
 
-void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID, const char *fmuResourceLocation,
+void *fmi2Instantiate(const char *instanceName, fmi2Type fmuType, const char *fmuGUID, const char *fmuResourceLocation,
                       const fmi2CallbackFunctions *functions, int visible, int loggingOn)
 {
     (void)fmuResourceLocation; /* everything is compiled in */
@@ -80,7 +78,7 @@ void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID
     }
     Instance *instance = &component->instance;
     instance->fmi_version = 2;
-    instance->interface = fmuType == KIND_MODEL_EXCHANGE ? MODEL_EXCHANGE : CO_SIMULATION;
+    instance->interface = fmuType == fmi2ModelExchange ? MODEL_EXCHANGE : CO_SIMULATION;
     instance->event_mode = false;
     instance->send = send_message;
     /* loggingOn controls debug messages only: no status reports a warning. fmi2SetDebugLogging can turn warnings off. */
@@ -490,19 +488,19 @@ static Status no_status(void *c, int kind)
                          "status information %d is not available: steps are synchronous and always complete", kind);
 }
 
-Status fmi2GetStatus(void *c, int s, Status *value)
+Status fmi2GetStatus(void *c, fmi2StatusKind s, Status *value)
 {
     (void)value;
     return instance_begin(c, CALL(fmi2GetStatus)) ? no_status(c, s) : STATUS_ERROR;
 }
 
-Status fmi2GetRealStatus(void *c, int s, double *value)
+Status fmi2GetRealStatus(void *c, fmi2StatusKind s, double *value)
 {
     const Instance *instance = c;
     if (!instance_begin(c, CALL(fmi2GetRealStatus))) {
         return STATUS_ERROR;
     }
-    if (s != LAST_SUCCESSFUL_TIME) {
+    if (s != fmi2LastSuccessfulTime) {
         return no_status(c, s);
     }
     if (instance_lacks(c, value, 1, "value")) {
@@ -512,18 +510,18 @@ Status fmi2GetRealStatus(void *c, int s, double *value)
     return STATUS_OK;
 }
 
-Status fmi2GetIntegerStatus(void *c, int s, int *value)
+Status fmi2GetIntegerStatus(void *c, fmi2StatusKind s, int *value)
 {
     (void)value;
     return instance_begin(c, CALL(fmi2GetIntegerStatus)) ? no_status(c, s) : STATUS_ERROR;
 }
 
-Status fmi2GetBooleanStatus(void *c, int s, int *value)
+Status fmi2GetBooleanStatus(void *c, fmi2StatusKind s, int *value)
 {
     if (!instance_begin(c, CALL(fmi2GetBooleanStatus))) {
         return STATUS_ERROR;
     }
-    if (s != STATUS_OF_TERMINATION) {
+    if (s != fmi2Terminated) {
         return no_status(c, s);
     }
     if (instance_lacks(c, value, 1, "value")) {
@@ -533,7 +531,7 @@ Status fmi2GetBooleanStatus(void *c, int s, int *value)
     return STATUS_OK;
 }
 
-Status fmi2GetStringStatus(void *c, int s, const char **value)
+Status fmi2GetStringStatus(void *c, fmi2StatusKind s, const char **value)
 {
     (void)value;
     return instance_begin(c, CALL(fmi2GetStringStatus)) ? no_status(c, s) : STATUS_ERROR;

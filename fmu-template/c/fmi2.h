@@ -1,5 +1,6 @@
 /*
- * C interface of FMI 2.0: types and functions of the standard, in plain C types of the same size.
+ * C interface of FMI 2.0: types and functions of the standard. Prototypes have the plain C types that the standard's
+ * names stand for.
  *
  * Names are those of a shared library, unless FMI2_FUNCTION_PREFIX is defined, as for statically linked FMUs.
  * FMI2_OVERRIDE_FUNCTION_PREFIX cancels it.
@@ -72,16 +73,46 @@
 #define fmi2GetBooleanStatus FMI2_NAME(fmi2GetBooleanStatus)
 #define fmi2GetStringStatus FMI2_NAME(fmi2GetStringStatus)
 
+#define fmi2TypesPlatform "default"
+#define fmi2True 1
+#define fmi2False 0
+
+typedef void *fmi2Component;
+typedef void *fmi2ComponentEnvironment;
+typedef void *fmi2FMUstate;
+typedef uint32_t fmi2ValueReference;
+typedef double fmi2Real;
+typedef int32_t fmi2Integer;
+typedef int fmi2Boolean;
+typedef char fmi2Char;
+typedef const fmi2Char *fmi2String;
+typedef char fmi2Byte;
+
+typedef Status fmi2Status;
+#define fmi2OK STATUS_OK
+#define fmi2Warning STATUS_WARNING
+#define fmi2Discard STATUS_DISCARD
+#define fmi2Error STATUS_ERROR
+#define fmi2Fatal STATUS_FATAL
+#define fmi2Pending STATUS_PENDING
+
+typedef enum { fmi2ModelExchange, fmi2CoSimulation } fmi2Type;
+
+typedef enum { fmi2DoStepStatus, fmi2PendingStatus, fmi2LastSuccessfulTime, fmi2Terminated } fmi2StatusKind;
+
 /* Sends a message to the host. `message` is a printf format for the arguments after it. */
-typedef void (*fmi2CallbackLogger)(void *componentEnvironment, const char *instanceName, int status,
-                                   const char *category, const char *message, ...);
+typedef void (*fmi2CallbackLogger)(fmi2ComponentEnvironment componentEnvironment, fmi2String instanceName,
+                                   fmi2Status status, fmi2String category, fmi2String message, ...);
+typedef void *(*fmi2CallbackAllocateMemory)(size_t nobj, size_t size);
+typedef void (*fmi2CallbackFreeMemory)(void *obj);
+typedef void (*fmi2StepFinished)(fmi2ComponentEnvironment componentEnvironment, fmi2Status status);
 
 typedef struct {
     fmi2CallbackLogger logger;
-    void *(*allocateMemory)(size_t nobj, size_t size);
-    void (*freeMemory)(void *obj);
-    void (*stepFinished)(void *componentEnvironment, int status);
-    void *componentEnvironment;
+    fmi2CallbackAllocateMemory allocateMemory;
+    fmi2CallbackFreeMemory freeMemory;
+    fmi2StepFinished stepFinished;
+    fmi2ComponentEnvironment componentEnvironment;
 } fmi2CallbackFunctions;
 
 typedef struct {
@@ -95,7 +126,7 @@ typedef struct {
 
 FMI2_Export const char *fmi2GetTypesPlatform(void);
 FMI2_Export const char *fmi2GetVersion(void);
-FMI2_Export void *fmi2Instantiate(const char *instanceName, int fmuType, const char *fmuGUID,
+FMI2_Export void *fmi2Instantiate(const char *instanceName, fmi2Type fmuType, const char *fmuGUID,
                                   const char *fmuResourceLocation, const fmi2CallbackFunctions *functions,
                                   int visible, int loggingOn);
 FMI2_Export void fmi2FreeInstance(void *c);
@@ -141,10 +172,10 @@ FMI2_Export Status fmi2GetRealOutputDerivatives(void *c, const uint32_t vr[], si
 FMI2_Export Status fmi2DoStep(void *c, double currentCommunicationPoint, double communicationStepSize,
                               int noSetFMUStatePriorToCurrentPoint);
 FMI2_Export Status fmi2CancelStep(void *c);
-FMI2_Export Status fmi2GetStatus(void *c, int s, Status *value);
-FMI2_Export Status fmi2GetRealStatus(void *c, int s, double *value);
-FMI2_Export Status fmi2GetIntegerStatus(void *c, int s, int *value);
-FMI2_Export Status fmi2GetBooleanStatus(void *c, int s, int *value);
-FMI2_Export Status fmi2GetStringStatus(void *c, int s, const char **value);
+FMI2_Export Status fmi2GetStatus(void *c, fmi2StatusKind s, Status *value);
+FMI2_Export Status fmi2GetRealStatus(void *c, fmi2StatusKind s, double *value);
+FMI2_Export Status fmi2GetIntegerStatus(void *c, fmi2StatusKind s, int *value);
+FMI2_Export Status fmi2GetBooleanStatus(void *c, fmi2StatusKind s, int *value);
+FMI2_Export Status fmi2GetStringStatus(void *c, fmi2StatusKind s, const char **value);
 
 #endif

@@ -6,8 +6,6 @@
 #include "calls_fmi3.h"
 #include <stdlib.h>
 
-enum { DEPENDENT = 5 }; /* fmi3DependencyKind */
-
 /* The object that fmi3Instance points to. */
 typedef struct {
     Instance instance; /* first, so that a pointer to it is also one to the component */
@@ -22,7 +20,7 @@ static void send_message(const Instance *instance, Status status, const char *ca
 {
     const Component *component = (const Component *)instance;
     if (component->logger != NULL) {
-        component->logger(component->environment, (int)status, category, message);
+        component->logger(component->environment, status, category, message);
     }
 }
 
@@ -116,8 +114,8 @@ void *fmi3InstantiateCoSimulation(const char *instanceName, const char *instanti
 void *fmi3InstantiateScheduledExecution(const char *instanceName, const char *instantiationToken,
                                         const char *resourcePath, bool visible, bool loggingOn,
                                         void *instanceEnvironment, fmi3LogMessageCallback logMessage,
-                                        fmi3ClockUpdateCallback clockUpdate, fmi3PreemptionCallback lockPreemption,
-                                        fmi3PreemptionCallback unlockPreemption)
+                                        fmi3ClockUpdateCallback clockUpdate, fmi3LockPreemptionCallback lockPreemption,
+                                        fmi3UnlockPreemptionCallback unlockPreemption)
 {
     (void)instanceName;
     (void)instantiationToken;
@@ -333,7 +331,7 @@ Status fmi3GetNumberOfVariableDependencies(void *instance, uint32_t valueReferen
 
 Status fmi3GetVariableDependencies(void *instance, uint32_t dependent, size_t elementIndicesOfDependent[],
                                    uint32_t independents[], size_t elementIndicesOfIndependents[],
-                                   int dependencyKinds[], size_t nDependencies)
+                                   fmi3DependencyKind dependencyKinds[], size_t nDependencies)
 {
     size_t count;
     if (!instance_begin(instance, CALL(fmi3GetVariableDependencies)) ||
@@ -350,7 +348,7 @@ Status fmi3GetVariableDependencies(void *instance, uint32_t dependent, size_t el
         elementIndicesOfDependent[i] = 0;
         elementIndicesOfIndependents[i] = 0;
         independents[i] = instance_dependency(i);
-        dependencyKinds[i] = DEPENDENT;
+        dependencyKinds[i] = fmi3Dependent;
     }
     return STATUS_OK;
 }

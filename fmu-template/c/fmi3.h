@@ -1,5 +1,6 @@
 /*
- * C interface of FMI 3.0: types and functions of the standard, in plain C types of the same size.
+ * C interface of FMI 3.0: types and functions of the standard. Prototypes have the plain C types that the standard's
+ * names stand for.
  *
  * Names are those of a shared library, unless FMI3_FUNCTION_PREFIX is defined, as for statically linked FMUs.
  * FMI3_OVERRIDE_FUNCTION_PREFIX cancels it.
@@ -103,15 +104,60 @@
 #define fmi3DoStep FMI3_NAME(fmi3DoStep)
 #define fmi3ActivateModelPartition FMI3_NAME(fmi3ActivateModelPartition)
 
-typedef void (*fmi3LogMessageCallback)(void *instanceEnvironment, int status, const char *category,
-                                       const char *message);
+#define fmi3True true
+#define fmi3False false
+#define fmi3ClockActive true
+#define fmi3ClockInactive false
+
+typedef void *fmi3Instance;
+typedef void *fmi3InstanceEnvironment;
+typedef void *fmi3FMUState;
+typedef uint32_t fmi3ValueReference;
+typedef float fmi3Float32;
+typedef double fmi3Float64;
+typedef int8_t fmi3Int8;
+typedef uint8_t fmi3UInt8;
+typedef int16_t fmi3Int16;
+typedef uint16_t fmi3UInt16;
+typedef int32_t fmi3Int32;
+typedef uint32_t fmi3UInt32;
+typedef int64_t fmi3Int64;
+typedef uint64_t fmi3UInt64;
+typedef bool fmi3Boolean;
+typedef char fmi3Char;
+typedef const fmi3Char *fmi3String;
+typedef uint8_t fmi3Byte;
+typedef const fmi3Byte *fmi3Binary;
+typedef bool fmi3Clock;
+
+typedef Status fmi3Status;
+#define fmi3OK STATUS_OK
+#define fmi3Warning STATUS_WARNING
+#define fmi3Discard STATUS_DISCARD
+#define fmi3Error STATUS_ERROR
+#define fmi3Fatal STATUS_FATAL
+
+typedef enum {
+    fmi3Independent,
+    fmi3Constant,
+    fmi3Fixed,
+    fmi3Tunable,
+    fmi3Discrete,
+    fmi3Dependent
+} fmi3DependencyKind;
+
+typedef enum { fmi3IntervalNotYetKnown, fmi3IntervalUnchanged, fmi3IntervalChanged } fmi3IntervalQualifier;
+
+typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment instanceEnvironment, fmi3Status status,
+                                       fmi3String category, fmi3String message);
 typedef void (*fmi3ClockUpdateCallback)(void *instanceEnvironment);
 typedef void (*fmi3IntermediateUpdateCallback)(void *instanceEnvironment, double intermediateUpdateTime,
                                                bool intermediateVariableSetRequested,
                                                bool intermediateVariableGetAllowed, bool intermediateStepFinished,
                                                bool canReturnEarly, bool *earlyReturnRequested,
                                                double *earlyReturnTime);
-typedef void (*fmi3PreemptionCallback)(void);
+typedef void (*fmi3LockPreemptionCallback)(void);
+typedef void (*fmi3UnlockPreemptionCallback)(void);
 
 FMI3_Export const char *fmi3GetVersion(void);
 FMI3_Export Status fmi3SetDebugLogging(void *instance, bool loggingOn, size_t nCategories,
@@ -130,8 +176,8 @@ FMI3_Export void *fmi3InstantiateScheduledExecution(const char *instanceName, co
                                                     const char *resourcePath, bool visible, bool loggingOn,
                                                     void *instanceEnvironment, fmi3LogMessageCallback logMessage,
                                                     fmi3ClockUpdateCallback clockUpdate,
-                                                    fmi3PreemptionCallback lockPreemption,
-                                                    fmi3PreemptionCallback unlockPreemption);
+                                                    fmi3LockPreemptionCallback lockPreemption,
+                                                    fmi3UnlockPreemptionCallback unlockPreemption);
 FMI3_Export void fmi3FreeInstance(void *instance);
 FMI3_Export Status fmi3EnterInitializationMode(void *instance, bool toleranceDefined, double tolerance,
                                                double startTime, bool stopTimeDefined, double stopTime);
@@ -198,7 +244,7 @@ FMI3_Export Status fmi3SetClock(void *instance, const uint32_t valueReferences[]
 FMI3_Export Status fmi3GetNumberOfVariableDependencies(void *instance, uint32_t valueReference, size_t *nDependencies);
 FMI3_Export Status fmi3GetVariableDependencies(void *instance, uint32_t dependent, size_t elementIndicesOfDependent[],
                                                uint32_t independents[], size_t elementIndicesOfIndependents[],
-                                               int dependencyKinds[], size_t nDependencies);
+                                               fmi3DependencyKind dependencyKinds[], size_t nDependencies);
 FMI3_Export Status fmi3GetFMUState(void *instance, void **FMUState);
 FMI3_Export Status fmi3SetFMUState(void *instance, void *FMUState);
 FMI3_Export Status fmi3FreeFMUState(void *instance, void **FMUState);
@@ -215,9 +261,9 @@ FMI3_Export Status fmi3GetAdjointDerivative(void *instance, const uint32_t unkno
 FMI3_Export Status fmi3EnterConfigurationMode(void *instance);
 FMI3_Export Status fmi3ExitConfigurationMode(void *instance);
 FMI3_Export Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                                          double intervals[], int qualifiers[]);
+                                          double intervals[], fmi3IntervalQualifier qualifiers[]);
 FMI3_Export Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                                           uint64_t counters[], uint64_t resolutions[], int qualifiers[]);
+                                           uint64_t counters[], uint64_t resolutions[], fmi3IntervalQualifier qualifiers[]);
 FMI3_Export Status fmi3GetShiftDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
                                        double shifts[]);
 FMI3_Export Status fmi3GetShiftFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,

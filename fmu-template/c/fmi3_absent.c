@@ -95,7 +95,7 @@ ABSENT_FRACTION(GetShiftFraction, uint64_t)
 ABSENT_FRACTION(SetShiftFraction, const uint64_t)
 
 Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                              double intervals[], int qualifiers[])
+                              double intervals[], fmi3IntervalQualifier qualifiers[])
 {
     (void)valueReferences;
     (void)intervals;
@@ -104,7 +104,7 @@ Status fmi3GetIntervalDecimal(void *instance, const uint32_t valueReferences[], 
 }
 
 Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[], size_t nValueReferences,
-                               uint64_t counters[], uint64_t resolutions[], int qualifiers[])
+                               uint64_t counters[], uint64_t resolutions[], fmi3IntervalQualifier qualifiers[])
 {
     (void)valueReferences;
     (void)counters;

@@ -15,7 +15,14 @@
  * Status of a call and severity of a message, with the numbers of fmi2Status and fmi3Status. No call returns a warning:
  * many hosts end a simulation on any status but OK.
  */
-typedef enum { STATUS_OK, STATUS_WARNING, STATUS_DISCARD, STATUS_ERROR } Status;
+typedef enum {
+    STATUS_OK,
+    STATUS_WARNING,
+    STATUS_DISCARD,
+    STATUS_ERROR,
+    STATUS_FATAL,  /* never returned */
+    STATUS_PENDING /* FMI 2.0, never returned */
+} Status;
 
 /* Modes of the standard's state machines. The numbers are bits, for sets of states. */
 typedef enum {

@@ -12,10 +12,10 @@
 enum { LENGTH, SPEED, TIME, ANGLE, VELOCITY, DOMAIN_POLICY, IN_DOMAIN, DISTANCE, UNKNOWN };
 
 static int messages = 0;
-static int last_severity = STATUS_OK;
+static fmi2Status last_severity = fmi2OK;
 static char last_message[MESSAGE_SIZE];
 
-static void logger(void *environment, const char *name, int status, const char *category, const char *format, ...)
+static void logger(void *environment, const char *name, fmi2Status status, const char *category, const char *format, ...)
 {
     va_list arguments;
     (void)environment;

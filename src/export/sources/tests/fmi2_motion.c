@@ -15,7 +15,7 @@ static int messages = 0;
 static int allocations = 0;
 static char last_message[MESSAGE_SIZE];
 
-static void logger(void *environment, const char *name, int status, const char *category, const char *format, ...)
+static void logger(void *environment, const char *name, fmi2Status status, const char *category, const char *format, ...)
 {
     va_list arguments;
     (void)environment;

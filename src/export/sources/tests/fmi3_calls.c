@@ -13,7 +13,7 @@ enum { LENGTH, SPEED, TIME, ANGLE, VELOCITY, DOMAIN_POLICY, IN_DOMAIN, DISTANCE,
 static int messages = 0;
 static char last_message[MESSAGE_SIZE];
 
-static void logger(void *environment, int status, const char *category, const char *message)
+static void logger(void *environment, fmi3Status status, const char *category, const char *message)
 {
     (void)environment;
     (void)status;

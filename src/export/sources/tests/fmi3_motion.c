@@ -12,7 +12,7 @@ enum { ROPE, STARTS, FORCE = 5, LOAD_X = 8, STATES = 13, RATES = 17, DOMAIN_POLI
 
 static char last_message[MESSAGE_SIZE];
 
-static void logger(void *environment, int status, const char *category, const char *message)
+static void logger(void *environment, fmi3Status status, const char *category, const char *message)
 {
     (void)environment;
     (void)status;
@@ -209,7 +209,7 @@ static void derivatives(void)
     size_t count = 0;
     uint32_t independents[11];
     size_t elements[11];
-    int kinds[11];
+    fmi3DependencyKind kinds[11];
     check(fmi3GetDirectionalDerivative(instance, unknowns, 4, knowns, 5, direction, 5, along, 4) == STATUS_OK,
           __LINE__);
     check(fmi3GetAdjointDerivative(instance, unknowns, 4, knowns, 5, weights, 4, gradient, 5) == STATUS_OK, __LINE__);

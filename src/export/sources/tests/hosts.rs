@@ -398,6 +398,13 @@ fn the_functions_of_fmi_3_answer_as_the_standard_says() {
 }
 
 #[test]
+fn hosts_written_with_the_names_of_the_standards_compile_and_run() {
+    let surrogate = seal(example::with_input()).unwrap();
+    run(&surrogate, FmiVersion::V2, include_str!("fmi2_standard.c"));
+    run(&surrogate, FmiVersion::V3, include_str!("fmi3_standard.c"));
+}
+
+#[test]
 fn the_functions_of_both_versions_answer_as_the_library_does_of_states() {
     let surrogate = seal(example::crane()).unwrap();
     run(&surrogate, FmiVersion::V2, include_str!("fmi2_motion.c"));
