@@ -8,6 +8,7 @@ GLIBC=2.17
 # Debian suites that carry the newer releases of rust-src, the first that has this compiler's is taken
 SUITES=(trixie-backports testing unstable)
 
+. scripts/remap.sh
 say() { printf '%s: %s\n' "$name" "$*" >&2; }
 fail() { say "error: $*"; exit 1; }
 need() { command -v "$1" >/dev/null || fail "$1 is missing: $2"; }
@@ -139,9 +140,8 @@ cross() {
     export RUSTC_BOOTSTRAP=1
     if [ "$overlay" != "$sysroot" ]; then export RUSTC=$overlay/rustc; fi
   fi
-  # the builder's folders do not appear in panic messages; the last that fits counts
-  flags=("--remap-path-prefix=$root=metafmu" "--remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo"
-    "--remap-path-prefix=$overlay/lib/rustlib/src/rust=/rustc/$commit")
+  remap "$root" "$overlay" "$commit"
+  flags=("${remapped[@]}")
   for argument in "$@"; do flags+=("-Clink-arg=$argument"); done
   CARGO_ENCODED_RUSTFLAGS=$(IFS=$'\x1f'; echo "${flags[*]}")
   export CARGO_ENCODED_RUSTFLAGS

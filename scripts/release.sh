@@ -103,12 +103,11 @@ archives() {
   done
   own=$(program x86_64-linux)
   [ -e "$own" ] || fail "completions and man pages come from the command for x86_64-linux: scripts/release.sh --only x86_64-linux archives"
-  python3 scripts/sbom.py --licenses "$work/THIRD-PARTY.txt" >/dev/null
   for tuple in "${only[@]}"; do
     stage=$work/stage/metafmu-$number-$tuple
     rm -rf "$stage"
     mkdir -p "$stage/completions"
-    cp "$(program "$tuple")" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$work/THIRD-PARTY.txt" "$stage"
+    cp "$(program "$tuple")" README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT python/licenses/THIRD-PARTY.txt "$stage"
     "$own" completions bash >"$stage/completions/metafmu.bash"
     "$own" completions zsh >"$stage/completions/_metafmu"
     "$own" completions fish >"$stage/completions/metafmu.fish"
@@ -158,10 +157,6 @@ maturin() {
 wheels() {
   local tuple options
   have_libraries
-  rm -rf python/licenses
-  mkdir python/licenses
-  cp LICENSE-APACHE LICENSE-MIT python/licenses
-  python3 scripts/sbom.py --licenses python/licenses/THIRD-PARTY.txt >/dev/null
   for tuple in "${only[@]}"; do
     options=(build --release --locked --manifest-path python/Cargo.toml --target-dir "$work/cargo" --out "$dist" --target "${TARGETS[$tuple]}")
     # 2014 is that of glibc 2.17
@@ -183,7 +178,7 @@ crates() {
 }
 
 sbom() {
-  python3 scripts/sbom.py --licenses "$work/THIRD-PARTY.txt" >"$dist/metafmu-$number.cdx.json"
+  python3 scripts/sbom.py >"$dist/metafmu-$number.cdx.json"
 }
 
 checksums() {

@@ -3,8 +3,7 @@
 That is what `cargo metadata` has for the command and the Python extension, on the platforms of releases, without what only builds and
 tests need. The checksums are those of Cargo.lock.
 
-Usage: python3 scripts/sbom.py [--licenses FILE] > metafmu.cdx.json
-  --licenses FILE   also writes the license texts of those packages, which must go with the programs
+Usage: python3 scripts/sbom.py > metafmu.cdx.json
 """
 
 import argparse
@@ -26,14 +25,14 @@ def metadata(target):
     return json.loads(subprocess.run(command, cwd=ROOT, check=True, stdout=subprocess.PIPE).stdout)
 
 
-def linked():
-    """Packages by id, and the ids of those that each is linked with."""
+def linked(programs, targets=TARGETS):
+    """Packages of programs by id, and the ids of those that each is linked with."""
     packages, edges = {}, {}
-    for target in TARGETS:
+    for target in targets:
         found = metadata(target)
         by_id = {package["id"]: package for package in found["packages"]}
         nodes = {node["id"]: node for node in found["resolve"]["nodes"]}
-        waiting = [id for id, package in by_id.items() if package["name"] in PROGRAMS and package["source"] is None]
+        waiting = [id for id, package in by_id.items() if package["name"] in programs and package["source"] is None]
         seen = set(waiting)
         while waiting:
             id = waiting.pop()
@@ -100,31 +99,9 @@ def bill(packages, edges):
     }
 
 
-def licenses(packages):
-    """The license files of all packages of others, each text once with the packages that have it."""
-    texts = {}
-    for package in sorted(packages.values(), key=lambda package: (package["name"], package["version"])):
-        if package["source"] is None:
-            continue
-        folder = Path(package["manifest_path"]).parent
-        files = sorted(path for path in folder.iterdir() if re.match(r"(?i)(licen[cs]e|copying|notice|unlicense)", path.name))
-        name = f"{package['name']} {package['version']} ({package['license']})"
-        for file in [path for path in files if path.is_file()]:
-            texts.setdefault(file.read_text(errors="replace").strip(), []).append(name)
-        if not files:
-            texts.setdefault("No license file: the terms are those that the package names.", []).append(name)
-    rule = "\n\n" + "=" * 100 + "\n\n"
-    return rule.join("\n".join(names) + "\n\n" + text for text, names in texts.items()) + "\n"
-
-
 def main():
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--licenses", type=Path)
-    arguments = parser.parse_args()
-    packages, edges = linked()
-    if arguments.licenses:
-        arguments.licenses.write_text(licenses(packages))
-    print(json.dumps(bill(packages, edges), indent=2, ensure_ascii=False))
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    print(json.dumps(bill(*linked(PROGRAMS)), indent=2, ensure_ascii=False))
 
 
 if __name__ == "__main__":

@@ -49,12 +49,17 @@ unit_tests() {
 # with the interpreter of the tests; models of PyTorch are left out, which is gigabytes
 python_package() {
   rm -rf target/wheels
-  .venv/bin/maturin build --quiet --release --locked --manifest-path python/Cargo.toml
+  scripts/wheel.sh --quiet
   .venv/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps target/wheels/*.whl
   (cd python/tests && pytest -n 2 --dist load --no-skips --ignore test_torch.py -k "not torch")
 }
 lints() { step "lints"; cargo clippy --workspace --all-targets --release --locked -- -D warnings; }
 
+# everything is compiled as the wheel is, and so once
+if [ $extent = ci ] || [ $extent = all ]; then
+  . scripts/remap.sh
+  export_remapped
+fi
 step "format";              cargo fmt --all --check
 step "imports";             python3 scripts/check-imports.py
 step "words";               python3 scripts/check-words.py

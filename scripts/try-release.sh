@@ -209,6 +209,14 @@ wheel_of() { # TUPLE
   echo "$file"
 }
 
+# Complains of a wheel without our licenses or those of its packages.
+lacks_licenses() { # FOLDER
+  local file
+  for file in python/licenses/*; do
+    cmp -s "$file" "$(find "$1" -name "${file##*/}")" || echo "no ${file##*/}"
+  done
+}
+
 wheels() {
   local venv=$scratch/venv tuple wheel begin
   for tuple in "${only[@]}"; do
@@ -216,6 +224,9 @@ wheels() {
     rm -rf "$scratch/wheel-files"
     python3 -m zipfile -e "$wheel" "$scratch/wheel-files"
     check "the wheel of $tuple needs nothing but the system" "$(requirements "$tuple" "$scratch"/wheel-files/metafmu/_metafmu.*)"
+    check "the wheel of $tuple names no folder of the builder" \
+      "$(grep -aoFm 3 -e "$PWD" -e "${CARGO_HOME:-$HOME/.cargo}/" "$scratch"/wheel-files/metafmu/_metafmu.* || true)"
+    check "the wheel of $tuple has licenses" "$(lacks_licenses "$scratch"/wheel-files/metafmu-*.dist-info)"
   done
 
   wheel=$(wheel_of x86_64-linux)

@@ -1,5 +1,6 @@
 """Surrogates, studies, the estimator, and the command, from Python."""
 
+import importlib.metadata
 import json
 import os
 import pickle
@@ -34,6 +35,18 @@ def surrogate(rows):
     graph = metafmu.Graph(3)
     hidden = graph.elementwise(graph.affine(0, np.ones((4, 3)) / 3, np.arange(4.0)), "tanh")
     return graph.finish(graph.affine(hidden, [[1.0, -1.0, 0.5, 2.0]]), inputs={"a": "m", "b": (0, 2), "c": {"min": -3, "max": 3, "unit": "s"}}, data=rows[0])
+
+
+def test_the_package_has_licenses_and_no_folder_of_its_builder():
+    files = importlib.metadata.files("metafmu")
+    texts = {file.name: file.read_text() for file in files if "licenses" in file.parts}
+    assert sorted(texts) == ["LICENSE-APACHE", "LICENSE-MIT", "THIRD-PARTY.txt"]
+    assert all(f"\n{package} " in texts["THIRD-PARTY.txt"] for package in ("pyo3", "parquet", "zip", "The Rust standard library"))
+    [library] = [file for file in files if file.name.startswith("_metafmu.")]
+    content = library.locate().read_bytes()
+    cargo = os.environ.get("CARGO_HOME", Path.home() / ".cargo")
+    folders = [str(cargo), str(Path(__file__).parents[2])]
+    assert [folder for folder in folders if folder.encode() in content] == []
 
 
 def test_a_surrogate_is_saved_loaded_and_pickled(surrogate, rows, tmp_path):

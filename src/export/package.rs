@@ -29,8 +29,9 @@ const MAX_MODEL: u64 = 1 << 30;
 
 const ICON: &[u8] = include_bytes!("assets/icon.png");
 /// Licenses of the runtime library; that of the model is the author's business.
-const LICENSES: [(&str, &[u8]); 3] = [
+const LICENSES: [(&str, &[u8]); 4] = [
     ("license.txt", include_bytes!("assets/license.txt")),
+    ("third-party.txt", include_bytes!("assets/third-party.txt")),
     ("MIT.txt", include_bytes!("../../LICENSE-MIT")),
     ("Apache-2.0.txt", include_bytes!("../../LICENSE-APACHE")),
 ];
@@ -227,6 +228,11 @@ mod tests {
         let licenses = text(&ExportOptions::default(), FmiVersion::V3, "documentation/licenses/license.txt");
         assert!(licenses.contains("The runtime library (binaries/): metafmu's, MIT OR Apache-2.0"), "{licenses}");
         assert!(licenses.contains("Where they state none,\nnone is granted here"), "{licenses}");
+        let texts = text(&ExportOptions::default(), FmiVersion::V3, "documentation/licenses/third-party.txt");
+        for package in ["safetensors ", "serde ", "hashbrown ", "The Rust standard library"] {
+            assert!(texts.lines().any(|line| line.starts_with(package)), "{package}");
+        }
+        assert!(texts.contains("Permission is hereby granted, free of charge") && texts.contains("Apache License"));
     }
 
     #[test]
