@@ -194,6 +194,12 @@ def stepped(tool, fmu):
     return instantiate, median, longest
 
 
+def has_derivatives(fmu):
+    """Returns True if an FMU offers directional derivatives in co-simulation."""
+    description = ElementTree.fromstring(zipfile.ZipFile(fmu).read("modelDescription.xml"))
+    return description.find("CoSimulation").get("providesDirectionalDerivative") == "true"
+
+
 LAYERS = network()
 
 
@@ -231,6 +237,8 @@ def main():
         size = fmu.stat().st_size / 1e6
         print(f"| {tool.name} | {set_up:.1f} | {installed / 1e6:.0f} | {export:.2f} | {size:.2f} | {instantiate:.2f} "
               f"| {median:,.0f} | {longest:,.0f} of {tool.steps:,} |")
+    offered = [tool.name for tool, fmu, *_ in made if has_derivatives(fmu)]
+    print(f"\nDirectional derivatives are offered by {', '.join(offered)}.")
     for problem in problems:
         print(problem, file=sys.stderr)
     sys.exit(1 if problems else 0)
