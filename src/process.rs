@@ -1,5 +1,7 @@
 //! Child processes that answer requests in lines: a crash, a hang or output there does not affect the program that started them.
 
+mod memory;
+
 use serde::Serialize;
 use std::{
     io::{self, BufRead, BufReader, Read, Write},
@@ -113,6 +115,11 @@ impl<M: Send + 'static> ChildProcess<M> {
     /// Closes standard input: no requests follow.
     pub fn close(&mut self) {
         self.requests = None;
+    }
+
+    /// Resident memory of the process and those below it, in bytes, if the system tells it: see [`memory::resident`].
+    pub fn memory(&self) -> Option<u64> {
+        memory::resident(&self.child)
     }
 
     /// Waits for the next reply.

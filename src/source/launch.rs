@@ -26,6 +26,11 @@ pub(super) trait WorkerProcess {
         false
     }
 
+    /// Resident memory of the process and those below it, in bytes; none if it is not known, or no process outlives a run.
+    fn memory(&self) -> Option<u64> {
+        None
+    }
+
     /// Ends the process after its last run.
     fn finish(self: Box<Self>);
 }

@@ -1,24 +1,25 @@
 //! Runs by worker processes, one for each thread: of an FMU, or of a program.
 //!
 //! A run that fails, ends its process or takes longer than `source.time_limit` is repeated `source.retries` times, in a
-//! fresh process. After that it is dropped and reported. Results do not depend on which process makes which run, unless
-//! the FMU or program keeps data from run to run.
+//! fresh process. After that it is dropped and reported. Results do not depend on which process makes which run: a few runs
+//! are repeated after others, and a source whose results differ is refused. A process whose memory exceeds a limit is replaced.
+
+mod campaign;
+mod repeat;
 
 use super::{
     Journal,
     driven::Driven,
     fmu::{FmuRuns, ResolvedFmu},
-    launch::{Launcher, WorkerProcess, WorkerReply},
+    launch::{Launcher, WorkerReply},
     program::{ProgramRuns, ResolvedProgram},
 };
 use crate::{Error, Result, fmi::Workers, study::Study, variable::SourceVariable};
+use campaign::Campaign;
 use std::{
     borrow::Cow,
     path::Path,
-    sync::{
-        Arc,
-        atomic::{AtomicBool, AtomicUsize, Ordering},
-    },
+    sync::Arc,
     time::{Duration, Instant},
 };
 
@@ -28,6 +29,8 @@ const TIME_LIMIT: Duration = Duration::from_secs(60);
 const BATCH: usize = 64;
 /// Default `source.retries`.
 const RETRIES: usize = 1;
+/// Default `source.repeats`.
+const REPEATS: usize = 2;
 
 /// Outputs of a run, row by row, or the reason of its failure.
 pub type OutputsOrReason = std::result::Result<Vec<f64>, String>;
@@ -44,10 +47,17 @@ pub struct WorkerModel {
     times: Arc<[f64]>,
     /// Numbers of a reply.
     values: usize,
+    /// Names of the numbers of a row or point, for messages.
+    columns: Arc<[String]>,
     /// `true` if processes evaluate the equations and make no runs.
     is_of_equations: bool,
     time_limit: Duration,
     retries: usize,
+    /// Number of runs that are repeated.
+    repeats: usize,
+    /// Limit of the memory of a process in bytes, if the study has one.
+    memory_limit: Option<u64>,
+    study: Arc<Study>,
     /// Initial states of the runs, and inputs that drive them, if there are any.
     driven: Option<Driven>,
 }
@@ -90,10 +100,15 @@ impl WorkerModel {
             outputs,
             masses: if study.has_mass_matrix() { rates * (rates + 1) / 2 } else { 0 },
             values: times.len() * outputs,
+            columns: study.outputs.keys().map(|name| format!("output `{name}`")).collect(),
             times,
             is_of_equations: false,
             time_limit: study.source.time_limit().unwrap_or(TIME_LIMIT),
             retries: study.source.retries.unwrap_or(RETRIES),
+            repeats: study.source.repeats.unwrap_or(REPEATS),
+            // a float beyond the range of integers becomes the largest one
+            memory_limit: study.source.memory_limit.map(|megabytes| (1e6 * megabytes) as u64),
+            study: Arc::new(study.clone()),
             driven,
         }
     }
@@ -131,7 +146,10 @@ impl WorkerModel {
             Runner::Fmu(runs) => Runner::Fmu(runs.of_equations()),
             Runner::Program(runs) => Runner::Program(runs.of_equations()),
         };
-        let model = Self { runner, values: size * width, is_of_equations: true, ..self.clone() };
+        let states = self.study.states.keys().map(|name| format!("the derivative of `{name}`"));
+        let masses = (0..self.masses).map(|_| "an element of the mass matrix".to_owned());
+        let columns = states.chain(self.columns.iter().cloned()).chain(masses).collect();
+        let model = Self { runner, values: size * width, columns, is_of_equations: true, ..self.clone() };
         // the last batch is filled up
         let batch = |points: &[Vec<f64>]| {
             let more = std::iter::repeat_n(last, size - points.len());
@@ -154,7 +172,7 @@ impl WorkerModel {
     /// # Errors
     /// - Those of `failure`, of the journal and of an FMU that cannot be unpacked;
     /// - [`Error::Worker`] if an FMU cannot be loaded;
-    /// - [`Error::Study`] if a program does not answer, or does not have what the study names;
+    /// - [`Error::Study`] if a program does not answer, or does not have what the study names, or a run that is repeated has other results;
     /// - [`Error::Interrupted`], [`Error::Io`] of the processes.
     pub fn run_all(
         &self,
@@ -175,11 +193,9 @@ impl WorkerModel {
                 launcher: &*launcher,
                 points,
                 missing: &missing,
-                next: AtomicUsize::new(0),
                 failure,
                 journal,
                 workers,
-                halt: AtomicBool::new(false),
                 done: &done,
             };
             for (index, outcome) in campaign.run()? {
@@ -256,93 +272,5 @@ impl WorkerModel {
             Runner::Fmu(runs) => runs.task.path.display().to_string(),
             Runner::Program(runs) => runs.name(),
         }
-    }
-}
-
-/// Runs on their way.
-struct Campaign<'a> {
-    model: &'a WorkerModel,
-    launcher: &'a dyn Launcher,
-    points: &'a [Vec<f64>],
-    /// Positions of the points to run, and which of these is next.
-    missing: &'a [usize],
-    next: AtomicUsize,
-    failure: &'a (dyn Fn(&[f64], &str) -> Result<()> + Sync),
-    journal: Option<&'a Journal>,
-    workers: Workers<'a>,
-    /// Another thread met an error.
-    halt: AtomicBool,
-    done: &'a (dyn Fn() + Sync),
-}
-
-impl Campaign<'_> {
-    fn run(&self) -> Result<Vec<(usize, OutputsOrReason)>> {
-        let threads = rayon::current_num_threads().min(self.missing.len());
-        let results: Vec<Result<Vec<_>>> = std::thread::scope(|scope| {
-            let threads: Vec<_> = (0..threads).map(|_| scope.spawn(|| self.work())).collect();
-            threads.into_iter().map(|thread| thread.join().unwrap_or_else(|p| std::panic::resume_unwind(p))).collect()
-        });
-        // threads that were halted do not know why
-        let mut outcomes = Vec::new();
-        for result in results {
-            outcomes.extend(result?);
-        }
-        if self.workers.stop.load(Ordering::Relaxed) && outcomes.len() < self.missing.len() {
-            return Err(Error::Interrupted);
-        }
-        Ok(outcomes)
-    }
-
-    /// Makes one run after the other with a separate process.
-    fn work(&self) -> Result<Vec<(usize, OutputsOrReason)>> {
-        let (mut outcomes, mut worker) = (Vec::new(), None);
-        while !self.workers.stop.load(Ordering::Relaxed) && !self.halt.load(Ordering::Relaxed) {
-            let Some(&index) = self.missing.get(self.next.fetch_add(1, Ordering::Relaxed)) else { break };
-            match self.attempt(&self.points[index], &mut worker) {
-                Ok(Some(outcome)) => outcomes.push((index, outcome)),
-                Ok(None) => return Ok(outcomes),
-                Err(error) => {
-                    self.halt.store(true, Ordering::Relaxed);
-                    return Err(error);
-                }
-            }
-            (self.done)();
-        }
-        if let Some(process) = worker {
-            process.finish();
-        }
-        Ok(outcomes)
-    }
-
-    /// One run, with retries; none if the program must stop.
-    fn attempt(&self, point: &[f64], worker: &mut Option<Box<dyn WorkerProcess>>) -> Result<Option<OutputsOrReason>> {
-        let (limit, stop) = (self.model.time_limit, self.workers.stop);
-        let mut reason = String::new();
-        for _ in 0..=self.model.retries {
-            let begin = Instant::now();
-            let started = match worker.take() {
-                Some(process) => Some(process),
-                None => self.launcher.start(limit, self.workers)?,
-            };
-            // a process in which something goes wrong is not trusted any more
-            let Some(mut process) = started else { return Ok(None) };
-            reason = match process.run(&self.model.request(point), limit, stop) {
-                WorkerReply::Done(outputs) if outputs.len() == self.model.values => {
-                    if !process.is_spent() {
-                        *worker = Some(process);
-                    }
-                    if let Some(journal) = self.journal {
-                        journal.keep(point, &outputs, begin.elapsed())?;
-                    }
-                    return Ok(Some(Ok(outputs)));
-                }
-                WorkerReply::Done(_) => "the worker's reply made no sense".into(),
-                WorkerReply::Failed(reason) => reason,
-                WorkerReply::TimedOut => format!("took longer than {limit:?} (source.time_limit)"),
-                WorkerReply::Stopped => return Ok(None),
-            };
-        }
-        (self.failure)(point, &reason)?;
-        Ok(Some(Err(reason)))
     }
 }

@@ -123,6 +123,62 @@ def test_a_program_that_dies_at_its_tenth_run_loses_nothing(tmp_path):
     assert all(run["reason"] == "the program ended with exit code 1: out of memory" for run in failed(tmp_path / "lossy"))
 
 
+@pytest.mark.parametrize(
+    ("memory", "says"),
+    [
+        # a state that no run resets
+        ("outputs['y'][5] += 0.1 * runs", "a difference of 0.1, 0.1 of its range"),
+        # the run before, as a solver that starts from its last solution
+        ("globals().setdefault('last', [0.0]).insert(0, k); outputs['x'][3] += 1e-9 * last[1]", "of its range"),
+        # noise
+        ("import random; outputs['x'] = [x + random.gauss(0, 1e-3) for x in outputs['x']]", "of its range"),
+        # a file that one run leaves to the next
+        ("open('calls', 'a').write('.'); outputs['y'][5] += 0.1 * os.stat('calls').st_size", "a difference of "),
+    ],
+)
+def test_a_program_whose_results_depend_on_earlier_runs_is_refused(tmp_path, memory, says):
+    calls = f"    open('{tmp_path}/all-calls', 'a').write('.')\n"
+    study = write_study(tmp_path, f"{calls}    {memory}\n")
+    for threads in (1, 3):
+        (tmp_path / "all-calls").unlink(missing_ok=True)
+        result = sample(study, tmp_path / "out", threads=threads, check=False)
+        assert result.returncode == 2 and "campaign.toml:3: source.command: output `" in result.stderr, result.stderr
+        assert " when that is repeated after other runs: " in result.stderr and says in result.stderr, result.stderr
+        assert "noise, set source.repeats = 0" in result.stderr and not (tmp_path / "out" / "train.csv").exists()
+        # before most of the 70 runs
+        assert threads > 1 or 3 <= (tmp_path / "all-calls").stat().st_size <= 4
+    study.write_text(study.read_text().replace("time_limit", "repeats = 0\ntime_limit"))
+    sample(study, tmp_path / "out")
+
+
+def test_equations_that_depend_on_earlier_requests_are_refused(tmp_path, package):
+    study = new(tmp_path, "oscillator", "oscillator.py", "--structure", "dynamics")
+    script = study.parent / "oscillator.py"
+    text = script.read_text()
+    assert "    def equations(self, parameters, inputs, states):\n" in text
+    drift = "        self.drift = getattr(self, 'drift', 0.0) + 1e-6\n        states = states | {'v': states['v'] + self.drift}\n"
+    script.write_text(text.replace("    def equations(self, parameters, inputs, states):\n", f"    def equations(self, parameters, inputs, states):\n{drift}"))
+    result = metafmu("sample", study, "--out", tmp_path / "out", check=False)
+    assert result.returncode == 2 and "source.command: the derivative of `" in result.stderr, result.stderr
+    assert " at damping = " in result.stderr and "repeated after other runs" in result.stderr, result.stderr
+
+
+def test_a_program_that_leaks_memory_is_replaced_at_the_limit(tmp_path):
+    leak = f"    import resource\n    globals().setdefault('leak', []).append(b'x' * 30_000_000)\n"
+    peak = f"    open('{tmp_path}/peak', 'a').write(f'{{resource.getrusage(resource.RUSAGE_SELF).ru_maxrss}}\\n')\n"
+    study = write_study(tmp_path / "leaking", leak + peak)
+    text = study.read_text()
+    study.write_text(text.replace("time_limit", "memory_limit = 150\ntime_limit"))
+    sample(study, tmp_path / "out", threads=1)
+    # kilobytes: four runs of 30 MB in a process, never six
+    peaks = [int(line) for line in (tmp_path / "peak").read_text().split()]
+    assert len(peaks) >= 70 and 130_000 < max(peaks) < 185_000, max(peaks)
+    sample(write_study(tmp_path / "good"), tmp_path / "whole")
+    assert tables(tmp_path / "out") == tables(tmp_path / "whole") and failed(tmp_path / "out") == []
+    study.write_text(text.replace("time_limit", "memory_limit = 0\ntime_limit"))
+    assert "source.memory_limit: 0, expected a positive" in sample(study, tmp_path / "out", check=False).stderr
+
+
 def test_a_killed_sampling_continues_and_a_changed_model_is_not_resumed(tmp_path):
     slow = write_study(tmp_path / "slow", f"    open('{tmp_path}/calls', 'a').write('.')\n    time.sleep(0.05)\n")
     out = tmp_path / "out"
@@ -134,7 +190,8 @@ def test_a_killed_sampling_continues_and_a_changed_model_is_not_resumed(tmp_path
     process.wait()
     made = calls.stat().st_size
     sample(slow, out)
-    assert calls.stat().st_size <= 70 + 4 < made + 70
+    # both repeat two runs
+    assert calls.stat().st_size <= 70 + 4 + 4 < made + 70
     sample(write_study(tmp_path / "good"), tmp_path / "whole")
     assert tables(out) == tables(tmp_path / "whole")
     # another program: the runs before are of no use
@@ -147,7 +204,7 @@ def test_a_killed_sampling_continues_and_a_changed_model_is_not_resumed(tmp_path
     write_study(tmp_path / "slow", f"    open('{tmp_path}/calls', 'a').write('.')\n    outputs['x'][0] = 7.0\n")
     before = calls.stat().st_size
     sample(slow, tmp_path / "again")
-    assert calls.stat().st_size == before + 70
+    assert calls.stat().st_size == before + 70 + 2
     assert b",7.0," in tables(tmp_path / "again")["train.csv"]
 
 

@@ -134,6 +134,21 @@ def test_a_campaign_over_a_crashing_and_hanging_fmu_completes_and_reports(folder
     assert not list((folder / "temporary").iterdir())
 
 
+def test_an_fmu_whose_instances_share_state_is_refused_or_gets_a_process_a_run(folder):
+    study = folder / "campaign.toml"
+    study.write_text(STUDY.replace("time_limit = 1", "time_limit = 20").replace("min = 0, max = 1", "min = 0, max = 0.09"))
+    for threads in ("1", "3"):
+        result = sample(folder, SHARED="1", RAYON_NUM_THREADS=threads)
+        assert result.returncode == 2 and "campaign.toml:3: source.fmu: output `der(z)` is " in result.stderr, result.stderr
+        assert "when that is repeated after other runs: a difference of 0.001, " in result.stderr, result.stderr
+        assert not (folder / "out" / "train.csv").exists()
+    # no process has so little memory
+    study.write_text(study.read_text().replace("time_limit", "memory_limit = 0.1\ntime_limit"))
+    result = sample(folder, SHARED="1", out="separate")
+    assert result.returncode == 0, result.stderr
+    assert {float(row["der(z)"]) for row in rows(folder / "separate" / "test.csv") if float(row["time"]) == 0} == {0.001}
+
+
 def test_too_many_failures_end_the_campaign_and_what_was_done_counts_when_more_are_allowed(folder):
     study = folder / "campaign.toml"
     study.write_text(STUDY.replace("max_failed = 0.5", "max_failed = 0.02"))

@@ -136,6 +136,7 @@ for line in sys.stdin:
 SLOW_STUDY = f"""name = "s"
 [source]
 command = ["{sys.executable}", "program.py"]
+repeats = 0
 [time]
 stop = 1
 step = 0.1

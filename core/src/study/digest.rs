@@ -169,6 +169,8 @@ fn of_source<'a>(study: &'a Study, options: &'a SourceOptions) -> DigestedSource
         tolerance,
         time_limit: _,
         retries: _,
+        repeats: _,
+        memory_limit: _,
         max_failed: _,
     } = options;
     DigestedSource {

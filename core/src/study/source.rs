@@ -58,6 +58,13 @@ pub struct SourceOptions {
     pub time_limit: Option<f64>,
     /// How often a failed run of an FMU or program is repeated, in a fresh process; 1 unless given.
     pub retries: Option<usize>,
+    /// Number of runs of an FMU or program that are simulated twice, after other runs, before most others; 2 unless given. The sampling ends if a
+    /// result differs in any bit. 0 for a source that is random on purpose, or whose differences are accepted.
+    pub repeats: Option<usize>,
+    /// Memory of a worker process of an FMU or program after a run, above which it is replaced by a fresh one. Unless given 1000, or twice the
+    /// memory after its first run if that is more.
+    #[schemars(extend("x-unit" = "MB", "exclusiveMinimum" = 0))]
+    pub memory_limit: Option<f64>,
     /// Share of the runs that may fail, 0.1 unless given; they are left out. If more do, the sampling fails.
     #[schemars(range(min = 0), extend("exclusiveMaximum" = 1))]
     pub max_failed: Option<f64>,
@@ -127,7 +134,19 @@ impl SourceOptions {
     /// Every mistake, by dotted key.
     pub(super) fn problems(&self) -> Problems {
         let Self {
-            fmu, command, columns, outliers, constants, step, tolerance, time_limit, retries, max_failed, ..
+            fmu,
+            command,
+            columns,
+            outliers,
+            constants,
+            step,
+            tolerance,
+            time_limit,
+            retries,
+            repeats,
+            memory_limit,
+            max_failed,
+            ..
         } = self;
         let mut problems = Problems::default();
         let is_recorded = self.is_recorded();
@@ -143,6 +162,13 @@ impl SourceOptions {
         if retries.is_some() && !self.is_run_apart() {
             let reason = if is_recorded { "" } else { ": a simulation that failed would fail again" };
             problems.add("source.retries", format!("belongs to `fmu` and `command`{reason}"));
+        }
+        for (key, is_given) in [("repeats", repeats.is_some()), ("memory_limit", memory_limit.is_some())] {
+            problems.expect_absent(
+                is_given && !self.is_run_apart(),
+                format!("source.{key}"),
+                "belongs to `fmu` and `command`",
+            );
         }
         problems.expect_absent(!self.files.is_empty() && command.is_none(), "source.files", "belongs to `command`");
         let integrates = "belongs to sources that metafmu integrates: a program has its own solver";
@@ -160,6 +186,9 @@ impl SourceOptions {
         }
         if let Some(limit) = time_limit {
             problems.expect_positive("source.time_limit", *limit);
+        }
+        if let Some(limit) = memory_limit {
+            problems.expect_positive("source.memory_limit", *limit);
         }
         if let Some(share) = max_failed {
             let expected = "a share of at least 0 and below 1";

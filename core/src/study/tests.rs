@@ -321,7 +321,7 @@ fn the_schemas_limits_are_those_of_the_checks() {
         let mut study = given.clone();
         let (section, name) = key.rsplit_once('.').unwrap_or_default();
         let also = match (section, name) {
-            ("source", "step" | "retries") => "source = { fmu = 'none.fmu' }",
+            ("source", "step" | "retries" | "memory_limit" | "repeats") => "source = { fmu = 'none.fmu' }",
             ("sampling", "states") | ("dynamics", "solver_step") => {
                 "structure = 'dynamics'\nsource = { fmu = 'none.fmu' }"
             }

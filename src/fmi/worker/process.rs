@@ -68,6 +68,11 @@ impl<R: DeserializeOwned + Send + 'static> Worker<R> {
         self.0.reply(limit, stop)
     }
 
+    /// Resident memory of the process, in bytes, if the system tells it.
+    pub fn memory(&self) -> Option<u64> {
+        self.0.memory()
+    }
+
     /// After the last reply: reads its remaining output.
     pub fn finish(self) {
         self.0.finish();

@@ -140,5 +140,9 @@ impl WorkerProcess for FmuProcess {
         self.one_run
     }
 
+    fn memory(&self) -> Option<u64> {
+        self.worker.memory()
+    }
+
     fn finish(self: Box<Self>) {}
 }

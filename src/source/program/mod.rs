@@ -316,6 +316,10 @@ impl WorkerProcess for ProgramProcess {
         found.map_or_else(WorkerReply::Failed, WorkerReply::Done)
     }
 
+    fn memory(&self) -> Option<u64> {
+        self.program.process.memory()
+    }
+
     fn finish(self: Box<Self>) {
         self.program.finish();
     }

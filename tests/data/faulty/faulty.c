@@ -13,6 +13,7 @@
  *
  * It prints unrequested text, and a run lasts at least SLOW milliseconds. For any k1, FAULTY makes a function go wrong, for
  * instance FAULTY=fmi2Reset:exit: by exit(0), SIGSEGV (crash), an infinite loop (hang), or an orphaned process (orphan).
+ * With SHARED, instances share a count: z is larger by 1e-3 for each earlier instance of the process.
  */
 #define _POSIX_C_SOURCE 199309L
 #include <fcntl.h>
@@ -40,6 +41,7 @@ typedef struct {
 } Model;
 
 static int *volatile nowhere;
+static double shared;
 
 static void fault(const char *function) {
     const char *wanted = getenv("FAULTY");
@@ -88,6 +90,7 @@ API void *fmi2Instantiate(const char *name, int type, const char *guid, const ch
     model->callbacks = callbacks;
     model->k1 = 0.6;
     model->k2 = 0.5;
+    if (getenv("SHARED")) shared += 1e-3;
     printf("{\"Done\": 3}\n\033[31mhello from the FMU\n");
     fflush(stdout);
     return model;
@@ -118,7 +121,7 @@ API Status fmi2GetReal(void *m, const unsigned *references, size_t n, double *va
     const Model *model = m;
     for (size_t i = 0; i < n; i++) {
         const double all[] = {model->k1, model->k2, model->k1 * cos(2 * model->time) + model->k2,
-                              model->time * model->k1};
+                              model->time * model->k1 + shared};
         values[i] = all[references[i]];
         if (model->time >= 0.5 && within(model->k1, 0.8, 0.85)) values[i] = NAN;
     }
