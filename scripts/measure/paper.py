@@ -127,17 +127,28 @@ def scatter(name, model, test, outputs, r2):
     return pictures.scatter(title, model.predict(test), test.outputs, list(outputs), [page.score(value) for value in r2])
 
 
-def slider_crank(bench):
+SLIDER = ["`theta`, rad", "`phi`, rad", "`phid`, rad/s", "`phidd`, rad/s²", "`xB`, m", "`xBd`, m/s", "`xBdd`, m/s²"]
+
+
+def of_slider(bench, fixed):
+    """S_full by the paper's recipe, the unseen runs, the cases, and figures of it, of our default and of S_fixed if there is one."""
     system = "slider-crank"
-    outputs = ["`theta`, rad", "`phi`, rad", "`phid`, rad/s", "`phidd`, rad/s²", "`xB`, m", "`xBd`, m/s", "`xBdd`, m/s²"]
-    full = bench.model(f"{system}-full", recipe(system))
-    fixed = bench.model(f"{system}-fixed", models.at_time_points(recipe(system)))
-    ours = bench.model(f"{system}-default", default(system))
+    full, ours = bench.model(f"{system}-full", recipe(system)), bench.model(f"{system}-default", default(system))
     test, cases = tests_of(full.folder, system), models.cases_of(bench.out / f"{system}-cases", system, CASES[system])
-    values = {name: measured(model, test, cases) for name, model in (("full", full), ("fixed", fixed), ("default", ours))}
+    return full, test, cases, {name: measured(model, test, cases) for name, model in {"full": full, "default": ours, **fixed}.items()}
+
+
+def slider_crank(bench):
+    full, test, _, values = of_slider(bench, {})
+    bench.draw("slider-scatter", scatter("Slider crank", full, test, SLIDER, values["full"]["r2"]))
+    return values
+
+
+def slider_crank_fixed(bench):
+    fixed = bench.model("slider-crank-fixed", models.at_time_points(recipe("slider-crank")))
+    full, _, cases, values = of_slider(bench, {"fixed": fixed})
     columns = {"S_fixed": Shown(cases, fixed.predict(cases)), "S_full": Shown(cases, full.predict(cases))}
-    bench.draw("slider-scatter", scatter("Slider crank", full, test, outputs, values["full"]["r2"]))
-    slider = {outputs[number]: number for number in (4, 5, 6)}
+    slider = {SLIDER[number]: number for number in (4, 5, 6)}
     bench.draw("slider-case", pictures.in_time("Slider crank, one case in time: S_fixed and S_full", columns, slider, [0]))
     rod = {"`phid` over `phi`": (1, 2), "`phidd` over `phi`": (1, 3)}
     bench.draw("slider-rod", pictures.phases("Slider crank: derivatives of phi over phi", columns, rod, 0))
@@ -255,6 +266,7 @@ PARTS = {
     "samples": samples,
     "single-pendulum": single_pendulum,
     "slider-crank": slider_crank,
+    "slider-crank-fixed": slider_crank_fixed,
     "double-pendulum": double_pendulum,
     "choices": choices,
     "search": search,

@@ -315,8 +315,9 @@ def caption(name, row):
         return "Figures 3, 8 and 13: the three systems."
     text = row["title"] + "."
     if "cases" in row:
-        names = ", ".join(f"`{parameter}`" for parameter in tomllib.loads(models.recipe(row["part"]))["parameters"])
-        values = lambda case: ", ".join(f"{value:g}" for value in models.CASES[row["part"]][case])
+        system = row["part"].removesuffix("-fixed")
+        names = ", ".join(f"`{parameter}`" for parameter in tomllib.loads(models.recipe(system))["parameters"])
+        values = lambda case: ", ".join(f"{value:g}" for value in models.CASES[system][case])
         colors = ("top", "middle", "bottom") if name == "double-paths" else COLORS if len(row["cases"]) > 1 else [""]
         text += f" Values of {names}: " + "; ".join(f"{color} {values(case)}".strip() for color, case in zip(colors, row["cases"])) + "."
     return text
