@@ -1,5 +1,7 @@
 //! Compares the derivatives an FMU offers with differences of its outputs.
 
+mod slopes;
+
 use super::{Area, Notes};
 use crate::{
     Result,
@@ -8,12 +10,8 @@ use crate::{
         model_description::{Causality, RealAttributes, ScalarVariable, Unknown, VariableType},
     },
 };
+use slopes::{FiniteDifference, LONGEST, Slopes};
 
-/// Steps of central differences relative to the magnitude of a variable. If outputs have all digits of a double, the
-/// shortest are exact to 1e-9; if they have fewer, for instance those of single precision, longer ones are better.
-const STEPS: [f64; 8] = [1e-5, 4e-5, 1.6e-4, 6.4e-4, 2.56e-3, 1.024e-2, 4.096e-2, 1.6384e-1];
-/// Step at which outputs of twelve digits are a straight line, so that deviations from it are rounding.
-const STRAIGHT: f64 = 1e-6;
 /// Largest difference, relative to the largest derivative of the same output; the error of the finite differences is
 /// added.
 const TOLERANCE: f64 = 1e-4;
@@ -80,11 +78,11 @@ fn differences(
         found.push(instance.directional_derivative(&[unknown.value_reference], &[known.value_reference], &[1.0])?[0]);
         expected.push(difference(&instance, unknown, known)?);
     }
-    let largest = expected.iter().fold(f64::MIN_POSITIVE, |largest, difference| largest.max(difference.value.abs()));
+    let largest = expected.iter().fold(f64::MIN_POSITIVE, |largest, of| largest.max(of.slopes.largest()));
     // where an output is at an extreme, all derivatives are 0, and the smallest error is larger than they are
     let nominal = unknown.kind.as_real().and_then(|real| real.nominal).unwrap_or(1.0);
-    let is_rough = |difference: &FiniteDifference| {
-        difference.error > UNSURE * largest && difference.error * difference.magnitude > NEGLIGIBLE * nominal
+    let is_rough = |Differences { slopes, magnitude }: &Differences| {
+        slopes.error() > UNSURE * largest && slopes.error() * magnitude > NEGLIGIBLE * nominal
     };
     for (known, difference) in knowns.iter().zip(&expected) {
         if is_rough(difference) {
@@ -93,7 +91,8 @@ fn differences(
         }
     }
     let wrong = |what: &str, found: f64, index: usize| {
-        let (name, FiniteDifference { value, error, unseen, .. }) = (&knowns[index].name, expected[index]);
+        let (name, slopes) = (&knowns[index].name, &expected[index].slopes);
+        let FiniteDifference { value, error, unseen } = slopes.nearest(found);
         // written so that NaN is wrong
         let right = (found - value).abs() <= TOLERANCE * largest + 2.0 * error + unseen;
         let message =
@@ -111,21 +110,15 @@ fn differences(
     Ok(problems)
 }
 
-/// A derivative by differences, and how unsure it is.
-#[derive(Clone, Copy)]
-struct FiniteDifference {
-    value: f64,
-    error: f64,
-    /// Slope that the last digit of the output hides, plus half the difference of the slopes above and below at this and shorter steps.
-    unseen: f64,
+/// Derivatives of an output by a known variable.
+struct Differences {
+    slopes: Slopes,
     /// Magnitude of the known variable.
     magnitude: f64,
 }
 
-/// Central difference with the smallest error estimate. The estimate is the difference from the slopes at the next
-/// shorter and the next longer step, where curvature shows. It is at least the rounding error of the outputs, because
-/// slopes might agree by chance.
-fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<FiniteDifference> {
+/// Derivatives by differences at the current value of a known variable.
+fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVariable) -> Result<Differences> {
     let reference = [known.value_reference];
     let mut center = [0.0];
     instance.get_real(&reference, &mut center)?;
@@ -135,37 +128,13 @@ fn difference(instance: &FmuInstance, unknown: &ScalarVariable, known: &ScalarVa
     // a start value may be at the end of its range, where steps in both directions do not stay inside
     let room = [limit(|real| real.min), limit(|real| real.max)].into_iter().flatten().filter(|room| *room > 0.0);
     let room = room.fold(f64::INFINITY, f64::min);
-    let magnitude =
-        center.abs().max(real.and_then(|real| real.nominal).unwrap_or(1.0)).min(room / STEPS[STEPS.len() - 1]);
+    let magnitude = center.abs().max(real.and_then(|real| real.nominal).unwrap_or(1.0)).min(room / LONGEST);
     let at = |value: f64| {
         instance.set_real(&reference, &[value])?;
         let mut output = [0.0];
         instance.get_real(&[unknown.value_reference], &mut output).map(|()| output[0])
     };
-    let mut line = [0.0; 7];
-    for (value, step) in line.iter_mut().zip(-3..) {
-        *value = at(center + f64::from(step) * STRAIGHT * magnitude)?;
-    }
-    let bend = |of: &[f64]| (of[0] - 2.0 * of[1] + of[2]).abs();
-    let rounding = line.windows(3).map(bend).fold(0.0, f64::max);
-    let last_digit = f64::EPSILON * line.iter().fold(0.0, |largest: f64, output| largest.max(output.abs()));
-    let mut values = [0.0; STEPS.len()];
-    // where the slopes above and below differ at this step and every shorter one there is a kink, and both are right
-    let (mut kink, mut kinks) = (f64::INFINITY, [0.0; STEPS.len()]);
-    for ((value, kink_there), step) in values.iter_mut().zip(&mut kinks).zip(STEPS) {
-        let step = step * magnitude;
-        let (above, below) = (center + step, center - step);
-        let (high, low) = (at(above)?, at(below)?);
-        *value = (high - low) / (above - below);
-        kink = kink.min((high - 2.0 * line[3] + low).abs() / step);
-        *kink_there = kink;
-    }
-    at(center)?;
-    let disagreement = |of: &[f64]| (of[1] - of[0]).abs().max((of[2] - of[1]).abs());
-    let differences = values.windows(3).zip(kinks[1..].iter().zip(&STEPS[1..])).map(|(of, (kink, step))| {
-        let error = disagreement(of).max(rounding / (step * magnitude));
-        FiniteDifference { value: of[1], error, unseen: last_digit / (step * magnitude) + 0.5 * kink, magnitude }
-    });
-    let best = differences.min_by(|a, b| a.error.total_cmp(&b.error));
-    Ok(best.expect("there are several steps"))
+    let slopes = Slopes::of(center, magnitude, at)?;
+    instance.set_real(&reference, &[center])?;
+    Ok(Differences { slopes, magnitude })
 }
