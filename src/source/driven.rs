@@ -190,7 +190,7 @@ impl Driven {
                 return Err(problems);
             }
             match dynamics::check(mechanism, &region, study.seed) {
-                Ok(Checked { idle, is_periodic }) => {
+                Ok(Checked { idle, is_periodic, .. }) => {
                     problems.extend(starts_outside(&|k, name, state| !state.goes_around(name) || is_periodic[k]));
                     for name in idle {
                         let message = "acts neither on the equations of motion nor on an output; states have separate parameters for \

@@ -11,7 +11,7 @@ use crate::multibody::{
 };
 use metafmu_runtime::{
     Efforts,
-    formula::{Formula, FormulaStep},
+    formula::{ElementaryFunction, Formula, FormulaStep},
 };
 
 /// Formulas, and the positions that occur in them.
@@ -88,6 +88,28 @@ impl KnownEfforts {
     pub(super) fn wind(&mut self, reduced: &Reduced) -> Result<(), String> {
         self.windings = Windings::find(&self.positions_of(reduced.model()), reduced)?;
         Ok(())
+    }
+
+    /// Returns true if a formula has a function that repeats itself: a periodic table, or a sine, cosine or tangent.
+    pub(super) fn have_periods(&self) -> bool {
+        let repeats = |step: &FormulaStep| match step {
+            FormulaStep::Lookup(table) => (0..table.axes().len()).any(|axis| table.period(axis).is_some()),
+            FormulaStep::Call(function) => {
+                matches!(function, ElementaryFunction::Sin | ElementaryFunction::Cos | ElementaryFunction::Tan)
+            }
+            _ => false,
+        };
+        self.bound.iter().any(|bound| bound.formula.steps().iter().any(repeats))
+    }
+
+    /// Returns true if a position, not its rate alone, occurs that moves along with one of `n` coordinates.
+    pub(super) fn has_position_along(&self, coordinate: usize, n: usize) -> bool {
+        let moves = |(slot, occurs): (&Slot, &Option<usize>)| match (slot, occurs) {
+            (Slot::Position(_), Some(position)) => self.windings.0[position * n + coordinate] != 0.0,
+            _ => false,
+        };
+        let mut formulas = self.bound.iter().zip(&self.occurs);
+        formulas.any(|(bound, occurs)| bound.slots.iter().zip(occurs).any(moves))
     }
 
     /// Returns true if a parameter occurs, by its position in the mechanism.

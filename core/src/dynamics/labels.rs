@@ -1,7 +1,7 @@
 //! Equations of motion of a mechanism in a configuration.
 
 use super::{
-    QuantityRange, Region,
+    QuantityRange, Region, UNCHANGED,
     efforts::KnownEfforts,
     outputs::Outputs,
     reactions::{self, Forces},
@@ -19,7 +19,7 @@ use metafmu_runtime::{
     formula::FormulaStep,
 };
 use nalgebra::DVector;
-use std::{borrow::Cow, f64::consts::TAU, sync::Arc};
+use std::{borrow::Cow, f64::consts::TAU, ops::Range, sync::Arc};
 
 /// Point of a region: coordinates, then parameters.
 pub(super) type RegionPoint = Vec<f64>;
@@ -30,8 +30,18 @@ const SHORTEST: f64 = 1e-9;
 /// Where in their ranges parameters are when it is seen whether positions repeat: not in the middle, where whole numbers may be.
 const ASIDE: f64 = 0.37;
 
-/// Distances from the start, in rad, at which forces are compared with those a turn later.
-const SHIFTS: [f64; 3] = [0.0, 0.11, -0.23];
+/// Where in its range a coordinate is when it is seen whether forces are the same everywhere.
+const SHARES: [f64; 4] = [0.04, 0.31, 0.67, 0.93];
+
+/// Distances from the start, in turns, at which forces are compared with those a turn later.
+const SHIFTS: [f64; 3] = [0.0, 0.0175, -0.0366];
+
+/// Largest number of turns after which forces may repeat: of a cycle of an engine two.
+const MOST_TURNS: u32 = 12;
+
+/// Number of distances in each turn at which forces that repeat themselves are compared with later ones, and the first of these distances.
+const SHIFTS_OF_TURN: u32 = 60;
+const FIRST_SHIFT: f64 = 0.37;
 
 /// A mechanism whose equations are evaluated in a region.
 pub(super) struct MechanismRegion<'a> {
@@ -41,9 +51,12 @@ pub(super) struct MechanismRegion<'a> {
     defaults: Vec<f64>,
     varied: Vec<usize>,
     is_angle: Vec<bool>,
-    /// Flags of the coordinates: angles with functions that are the same a turn later, and those with such efforts, too.
+    /// Flags of the coordinates: angles with functions that are the same a turn later.
     is_harmonic: Vec<bool>,
-    is_periodic: Vec<bool>,
+    /// Number of turns of each harmonic angle after which efforts are the same, too.
+    periods: Vec<Option<u32>>,
+    /// Flags of the coordinates along which a part of the potential's force is uniform: the weight of a load on a drum.
+    is_uniform: Vec<bool>,
     /// Coordinates whose accelerations are prescribed, and rows of the equations that are of one kind.
     driven: Vec<usize>,
     alike: Vec<Vec<usize>>,
@@ -97,7 +110,7 @@ impl<'a> MechanismRegion<'a> {
         }
         let outputs = Outputs::new(&mechanism, [&defaults, &others], &region.outputs)?;
         let efforts = KnownEfforts::new(&mechanism, [&defaults, &others], outputs.unused_formulas())?;
-        let [is_angle, is_harmonic, is_periodic] = [const { Vec::new() }; 3];
+        let ([is_angle, is_harmonic, is_uniform], periods) = ([const { Vec::new() }; 3], Vec::new());
         let (driven, alike) = (Vec::new(), Vec::new());
         let mut labels = Self {
             mechanism,
@@ -106,7 +119,8 @@ impl<'a> MechanismRegion<'a> {
             varied,
             is_angle,
             is_harmonic,
-            is_periodic,
+            periods,
+            is_uniform,
             driven,
             alike,
             efforts,
@@ -122,9 +136,14 @@ impl<'a> MechanismRegion<'a> {
         labels.efforts.wind(&reduced)?;
         let aside: RegionPoint = labels.ranges().map(|range| range.min + ASIDE * (range.max - range.min)).collect();
         for k in 0..labels.coordinates() {
-            let is_harmonic = labels.repeats(&reduced, k, false) && labels.positions_repeat(&aside, k)?;
+            let is_harmonic = labels.repeats(&reduced, k, None, &SHIFTS) && labels.positions_repeat(&aside, k)?;
             labels.is_harmonic.push(is_harmonic);
-            labels.is_periodic.push(is_harmonic && labels.repeats(&reduced, k, true));
+            labels.periods.push(if is_harmonic { labels.period(&reduced, k) } else { None });
+        }
+        let reduced_aside = labels.reduced(&aside)?;
+        for k in 0..labels.coordinates() {
+            let is_uniform = [&reduced, &reduced_aside].iter().any(|reduced| labels.has_uniform_force(reduced, k));
+            labels.is_uniform.push(is_uniform);
         }
         Ok(labels)
     }
@@ -157,6 +176,11 @@ impl<'a> MechanismRegion<'a> {
         self.efforts.formulas(&self.varied, self.inputs(), self.coordinates())
     }
 
+    /// Returns true if a position that moves along with a coordinate occurs in a formula.
+    pub(super) fn is_in_formula(&self, coordinate: usize) -> bool {
+        self.efforts.has_position_along(coordinate, self.coordinates())
+    }
+
     /// Returns true if a parameter of the region occurs in a formula.
     pub(super) fn occurs(&self, parameter: usize) -> bool {
         self.efforts.has_parameter(self.varied[parameter])
@@ -165,6 +189,13 @@ impl<'a> MechanismRegion<'a> {
     /// Number of functions of the equations of motion.
     pub(super) fn functions_of_equations(&self) -> usize {
         Dynamics::functions(self.coordinates(), self.efforts()) + self.efforts.positions()
+    }
+
+    /// Functions that are uniform forces.
+    pub(super) fn uniform(&self) -> Range<usize> {
+        let (n, positions) = (self.coordinates(), self.efforts.positions());
+        let first = n * (n + 1) / 2 + 1 + positions;
+        first..first + n
     }
 
     /// Number of functions of the equations and of the positions that the outputs need.
@@ -176,18 +207,34 @@ impl<'a> MechanismRegion<'a> {
         &self.outputs
     }
 
+    /// Number of turns of a harmonic angle after which efforts are the same; none if they never are. Only formulas that repeat themselves do
+    /// so after several turns.
+    fn period(&self, reduced: &Reduced, k: usize) -> Option<u32> {
+        let repeats = |turns: u32, shifts: &[f64]| self.repeats(reduced, k, Some(turns), shifts);
+        if !self.efforts.have_periods() {
+            return repeats(1, &SHIFTS).then_some(1);
+        }
+        let everywhere = |turns: u32| -> Vec<f64> {
+            let shifts = (0..SHIFTS_OF_TURN * turns).map(|index| f64::from(index) + FIRST_SHIFT);
+            shifts.map(|shift| shift / f64::from(SHIFTS_OF_TURN)).collect()
+        };
+        (1..=MOST_TURNS).find(|&turns| repeats(turns, &SHIFTS) && repeats(turns, &everywhere(turns)))
+    }
+
     /// Returns true if a coordinate is an angle and forces are the same a turn later: the torque of a spring on a joint is not. An angle
-    /// that cannot go around counts as periodic. Efforts are taken into account or left out.
-    fn repeats(&self, reduced: &Reduced, k: usize, with_efforts: bool) -> bool {
+    /// that cannot go around counts as periodic. Efforts are left out, or compared after a number of turns. `shifts` are distances from
+    /// the start, in turns.
+    fn repeats(&self, reduced: &Reduced, k: usize, of_efforts: Option<u32>, shifts: &[f64]) -> bool {
         if !self.is_angle[k] {
             return false;
         }
+        let turns = of_efforts.map_or(1.0, f64::from);
         let (rates, inputs) = self.probe();
-        let forces = |angle: f64| {
+        let forces = |turns: f64| {
             let mut s = reduced.start().0.clone();
-            s[k] += angle;
+            s[k] += turns * TAU;
             let terms = reduced.terms(&s).ok()?;
-            if with_efforts {
+            if of_efforts.is_some() {
                 let [rest, moving] = [&(0.0 * &rates), &rates].map(|v| {
                     let of_actuators = reduced.model().actuator_rates(0.0, &terms.q, &(&terms.velocities * v), &inputs);
                     let forces = reduced.force(&terms, v, &inputs);
@@ -201,7 +248,10 @@ impl<'a> MechanismRegion<'a> {
             let unit = DVector::from_element(terms.effort_map.ncols(), 1.0);
             Some([terms.potential_force.clone(), &terms.effort_map * unit - &terms.damping * &rates])
         };
-        let pairs = SHIFTS.iter().filter_map(|shift| Option::zip(forces(*shift), forces(shift + TAU)));
+        // one after the other: each configuration is followed from the one before
+        let [before, after] =
+            [0.0, turns].map(|turns| shifts.iter().map(|shift| forces(shift + turns)).collect::<Vec<_>>());
+        let pairs = before.into_iter().zip(after).filter_map(|(before, after)| Option::zip(before, after));
         let pairs: Vec<[DVector<f64>; 2]> = pairs
             .flat_map(|([rest, moving], after)| {
                 let [a, b] = after;
@@ -243,9 +293,57 @@ impl<'a> MechanismRegion<'a> {
         }))
     }
 
-    /// For each coordinate, true if it is an angle whose equations repeat after a turn.
-    pub(super) fn is_periodic(&self) -> &[bool] {
-        &self.is_periodic
+    /// Returns true if the potential of a harmonic angle differs a turn later, or if the potential's forces are the same wherever any other
+    /// coordinate is. Configurations that cannot be reached count as without a uniform force.
+    fn has_uniform_force(&self, reduced: &Reduced, k: usize) -> bool {
+        if self.is_harmonic[k] {
+            let change = || {
+                let [before, after] = [0.0, 1.0].map(|turns| self.potential_after(reduced, k, turns));
+                let least = UNCHANGED * TAU * largest_force(reduced, &reduced.terms(reduced.start().0)?, k);
+                Ok::<_, String>((after? - before?).abs() > least)
+            };
+            return change().unwrap_or(false);
+        }
+        let QuantityRange { min, max, .. } = self.region.coordinates[k];
+        let terms = SHARES.iter().map(|share| {
+            let mut s = reduced.start().0.clone();
+            s[k] = min + share * (max - min);
+            reduced.terms(&s)
+        });
+        let Ok(terms) = terms.collect::<Result<Vec<Terms>, _>>() else { return false };
+        let forces = |row: usize| terms.iter().map(move |terms| terms.potential_force[row]);
+        let least =
+            |row: usize| UNCHANGED * terms.iter().map(|terms| largest_force(reduced, terms, row)).fold(0.0, f64::max);
+        let is_same = |row: usize| forces(row).all(|force| (force - terms[0].potential_force[row]).abs() <= least(row));
+        (0..self.coordinates()).all(is_same) && forces(k).all(|force| force.abs() > least(k))
+    }
+
+    /// Potential this number of turns of an angle after the start.
+    fn potential_after(&self, reduced: &Reduced, k: usize, turns: f64) -> Result<f64, String> {
+        let mut s = reduced.start().0.clone();
+        s[k] += turns * TAU;
+        Ok(reduced.model().potential_energy(&reduced.configuration(&s)?))
+    }
+
+    /// Uniform forces of the potential, functions of the parameters: the mean over a turn along a harmonic angle, that at the start along
+    /// any other coordinate, zero where there is none.
+    fn uniform_forces(&self, reduced: &Reduced) -> Result<Vec<f64>, String> {
+        let along = |k: usize| {
+            if !self.is_uniform[k] {
+                return Ok(0.0);
+            }
+            if self.is_harmonic[k] {
+                let [before, after] = [0.0, 1.0].map(|turns| self.potential_after(reduced, k, turns));
+                return Ok((before? - after?) / TAU);
+            }
+            Ok(reduced.terms(reduced.start().0)?.potential_force[k])
+        };
+        (0..self.coordinates()).map(along).collect()
+    }
+
+    /// For each coordinate, the number of turns after which equations and efforts are the same; none if they never are.
+    pub(super) fn periods(&self) -> &[Option<u32>] {
+        &self.periods
     }
 
     /// Checks that the mechanism can be put together at a point.
@@ -318,6 +416,11 @@ impl<'a> MechanismRegion<'a> {
             largest.iter_mut().zip(label).for_each(|(largest, value)| *largest = largest.max(value.abs()));
         }
         let (n, mut begin) = (self.coordinates(), 0);
+        // without the part of uniform forces, rounding may be left of a potential
+        let potential = n * (n + 1) / 2;
+        for (force, QuantityRange { min, max, .. }) in self.uniform().zip(&self.region.coordinates) {
+            largest[potential] = largest[potential].max(largest[force] * (max - min));
+        }
         let mut share = |group: &[usize]| {
             let scale = group.iter().map(|function| largest[*function]).fold(0.0, f64::max);
             group.iter().for_each(|function| largest[*function] = if scale > 0.0 { scale } else { 1.0 });
@@ -328,7 +431,7 @@ impl<'a> MechanismRegion<'a> {
         }
         let in_efforts = self.efforts.are_angles().zip(begin..);
         begin += self.efforts.positions();
-        // other forces, of which there are none, damping, map of the efforts, row by row
+        // uniform forces, damping, map of the efforts, row by row
         for width in [1, n, self.efforts()] {
             for rows in &self.alike {
                 share(&rows.iter().flat_map(|row| begin + row * width..begin + (row + 1) * width).collect::<Vec<_>>());
@@ -341,11 +444,24 @@ impl<'a> MechanismRegion<'a> {
         let lengths = positions.iter().filter(|(is_angle, _)| !is_angle).map(|(_, function)| largest[*function]);
         let ranges = self.region.coordinates.iter().zip(&self.is_angle).filter(|(_, is_angle)| !**is_angle);
         let longest = ranges.map(|(range, _)| range.max - range.min).fold(SHORTEST, f64::max);
-        let longest = lengths.fold(longest, f64::max);
+        let longest = lengths.fold(longest, f64::max).max(self.longest_travel());
         for (is_angle, function) in positions {
             largest[function] = if is_angle { largest[function].max(1.0) } else { longest };
         }
         largest
+    }
+
+    /// Longest way that a position which is a length moves along with coordinates in their ranges: the rope of a drum.
+    fn longest_travel(&self) -> f64 {
+        let n = self.coordinates();
+        let of_outputs = self.outputs.positions.iter().map(Coordinate::is_angle).zip(self.outputs.windings.0.chunks(n));
+        let of_efforts = self.efforts.are_angles().zip(self.efforts.windings.0.chunks(n));
+        let travel = |windings: &[f64]| -> f64 {
+            let ways = windings.iter().zip(&self.region.coordinates);
+            ways.map(|(winding, range)| winding.abs() * (range.max - range.min)).sum()
+        };
+        let lengths = of_outputs.chain(of_efforts).filter(|(is_angle, _)| !is_angle);
+        lengths.map(|(_, windings)| travel(windings)).fold(0.0, f64::max)
     }
 
     /// The functions at a point.
@@ -364,11 +480,12 @@ impl<'a> MechanismRegion<'a> {
         for row in 0..n {
             functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
         }
-        functions.push(terms.potential);
+        let uniform = self.uniform_forces(&reduced).map_err(|message| self.explain(point, &message))?;
+        functions.push(terms.potential + uniform.iter().zip(point).map(|(force, s)| force * s).sum::<f64>());
         let in_efforts = self.efforts.positions_of(reduced.model());
         functions.extend(self.efforts.windings.unturned(&in_efforts, &terms.q, &point[..n]));
-        // all forces are those of the potential, of damping and of efforts
-        functions.extend((0..n).map(|_| 0.0));
+        // all other forces are those of the potential, of damping and of efforts
+        functions.extend(&uniform);
         for matrix in [&terms.damping, &terms.effort_map] {
             matrix.row_iter().for_each(|row| functions.extend(row.iter()));
         }
@@ -378,7 +495,7 @@ impl<'a> MechanismRegion<'a> {
         for row in 0..n {
             gradients.extend((0..=row).flat_map(|column| terms.mass_gradient.iter().map(move |by| by[(row, column)])));
         }
-        gradients.extend(terms.potential_force.iter().map(|force| -force));
+        gradients.extend(terms.potential_force.iter().zip(&uniform).map(|(force, uniform)| uniform - force));
         gradients.extend(self.efforts.windings.gradients(&in_efforts, &terms.q, &terms.velocities));
         gradients.resize(self.functions_of_equations() * n, 0.0);
         gradients.extend(self.outputs.windings.gradients(&positions, &terms.q, &terms.velocities));
@@ -446,6 +563,12 @@ impl<'a> MechanismRegion<'a> {
     }
 }
 
+/// Sum of the magnitudes of the potential's forces along a coordinate: less than a small part of it is rounding.
+fn largest_force(reduced: &Reduced, terms: &Terms, k: usize) -> f64 {
+    let forces = reduced.model().potential_forces(&terms.q);
+    terms.velocities.column(k).iter().zip(forces.iter()).map(|(along, force)| (along * force).abs()).sum()
+}
+
 impl Configured {
     /// The accelerations.
     pub(super) fn accelerations(&self, q: &[f64], v: &[f64], u: &[f64]) -> Result<Vec<f64>, String> {
@@ -453,3 +576,6 @@ impl Configured {
         Ok(self.reduced.accelerations(&q, &v, u)?.iter().copied().collect())
     }
 }
+
+#[cfg(test)]
+mod tests;

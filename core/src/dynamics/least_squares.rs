@@ -49,6 +49,26 @@ pub(super) fn solve(
     }
 }
 
+/// The coefficients of [`solve`] with products of the `used` columns alone; the others are zero.
+///
+/// # Errors
+/// As [`solve`].
+pub(super) fn solve_with(
+    (set, used): (FactorSet, &[bool]),
+    exponents: &[Vec<i16>],
+    samples: &EquationSamples,
+    unseen: &EquationSamples,
+    scales: &[f64],
+) -> Result<(DMatrix<f64>, f64), String> {
+    let is_used = |term: &usize| exponents[*term].iter().zip(used).all(|(exponent, used)| *exponent == 0 || *used);
+    let kept: Vec<usize> = (0..exponents.len()).filter(is_used).collect();
+    let of_used: Vec<Vec<i16>> = kept.iter().map(|term| exponents[*term].clone()).collect();
+    let (coefficients, error) = solve(set, &of_used, samples, unseen, scales)?;
+    let mut all = DMatrix::zeros(exponents.len(), scales.len());
+    kept.iter().zip(coefficients.row_iter()).for_each(|(term, row)| all.set_row(*term, &row));
+    Ok((all, error))
+}
+
 /// Coefficients of products, shape `[products, functions]`, largest magnitudes of the products, and the error.
 struct Solved {
     coefficients: DMatrix<f64>,

@@ -15,6 +15,8 @@ use metafmu_runtime::{
 pub struct MassMatrixProblem<'a> {
     /// Factor of each coordinate, then of each parameter.
     pub factors: &'a [Factor],
+    /// Flag of each of them: true if it changes a function. No product has a factor that changes none.
+    pub used: &'a [bool],
     /// Largest velocity of each coordinate.
     pub velocities: &'a [f64],
     /// Largest magnitude of each input.
@@ -67,7 +69,7 @@ impl MassMatrixProblem<'_> {
                 samples = sample(count, false)?;
             }
             let scales = self.scales(samples.labels.iter().chain(&unseen.labels));
-            least_squares::solve(set, exponents, &samples.first(count), &unseen, &scales)
+            least_squares::solve_with((set, self.used), exponents, &samples.first(count), &unseen, &scales)
         })?;
         let (all, of_equations) = (self.functions(), self.functions() - self.positions);
         let dynamics = solution.dictionary(set, 0..of_equations)?;
@@ -151,7 +153,13 @@ mod tests {
     fn a_cart_with_a_pendulum_is_exact() {
         let power = |middle: f64, half: f64| Factor::Power { middle, half };
         let factors = [power(0.0, 1.0), Factor::Angle, power(0.75, 0.25)];
-        let problem = MassMatrixProblem { factors: &factors, velocities: &[2.0, 5.0], inputs: &[10.0], positions: 1 };
+        let problem = MassMatrixProblem {
+            factors: &factors,
+            used: &[true; 3],
+            velocities: &[2.0, 5.0],
+            inputs: &[10.0],
+            positions: 1,
+        };
         let fitted = problem.fit(|count, is_unseen| {
             let mut random = ChaCha8Rng::seed_from_u64(u64::from(is_unseen));
             let mut point = || {

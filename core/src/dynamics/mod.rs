@@ -100,8 +100,8 @@ pub struct FittedEquations {
     /// Largest error of any function at configurations that were held out to choose the order, relative to the function's largest value; functions of the same kind
     /// (the mass matrix, the forces) are taken together.
     pub error: f64,
-    /// Flag for each coordinate: true if it is an angle, and equations and efforts are the same a turn later.
-    pub is_periodic: Vec<bool>,
+    /// Number of turns of each coordinate after which equations and efforts are the same; none if they never are.
+    pub periods: Vec<Option<u32>>,
 }
 
 /// Forces of joints and springs that were learned, and how well.
@@ -134,7 +134,10 @@ const REACHED: usize = 300;
 /// Corners of the ranges that are checked for them as well, at most.
 const MOST_CORNERS: usize = 256;
 
-/// Number of the [`CHECKED`] configurations at which the effect of each parameter is checked.
+/// Share of a coordinate's range at which functions are compared with those at its lower end.
+const ELSEWHERE: f64 = 0.37;
+
+/// Number of the [`CHECKED`] configurations at which the effect of each parameter and coordinate is checked.
 const COMPARED: usize = 4;
 
 /// Largest change of a function, relative to its largest value, that is rounding.
@@ -159,11 +162,16 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
     let mut samples = OfEquations::default();
     // accelerations have derivatives of the functions, reactions do not
-    let equations = raise_order((set, 1), (FIRST_ORDER, EXACT), |exponents| {
+    let mut equations = raise_order((set, 1), (FIRST_ORDER, EXACT), |exponents| {
         samples.extend(&labels, rows(exponents), seed)?;
         let scales = labels.scales(samples.samples.labels.iter().chain(&unseen.samples.labels));
         least_squares::solve(set, exponents, &samples.samples.first(rows(exponents)), &unseen.samples, &scales)
     })?;
+    // no coordinate changes a uniform force, though functions that are no such sums may seem to
+    equations.clear(labels.uniform(), |exponents| {
+        let (of_columns, of_splines) = exponents.split_at(factors.len());
+        of_columns[..labels.coordinates()].iter().chain(of_splines).any(|exponent| *exponent != 0)
+    });
     let counts = [labels.coordinates(), labels.efforts()];
     let of_reactions = |exponents: &[Vec<i16>]| {
         samples.extend(&labels, rows(exponents), seed)?;
@@ -198,7 +206,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         order: equations.order,
         terms: equations.exponents.len(),
         error: equations.error,
-        is_periodic: labels.is_periodic().to_vec(),
+        periods: labels.periods().to_vec(),
     })
 }
 
@@ -212,6 +220,14 @@ struct Solution {
 }
 
 impl Solution {
+    /// Sets coefficients of some functions to zero, in some of the products.
+    fn clear(&mut self, functions: std::ops::Range<usize>, is_cleared: impl Fn(&[i16]) -> bool) {
+        let products = self.exponents.iter().enumerate().filter(|(_, exponents)| is_cleared(exponents));
+        for (product, _) in products {
+            self.coefficients.row_mut(product).columns_range_mut(functions.clone()).fill(0.0);
+        }
+    }
+
     /// Some of the functions.
     fn dictionary(&self, set: FactorSet, columns: std::ops::Range<usize>) -> Result<Dictionary, String> {
         least_squares::dictionary(set, &self.exponents, &self.coefficients, columns)
@@ -276,8 +292,10 @@ fn raise_order(
 pub struct Checked {
     /// Parameters on which neither the equations nor the outputs depend.
     pub idle: Vec<String>,
-    /// For each coordinate, true if it is an angle whose equations repeat after a turn.
+    /// For each coordinate, true if it is an angle whose equations repeat after a turn or several.
     pub is_periodic: Vec<bool>,
+    /// For each coordinate, true if equations, known forces or outputs depend on it.
+    pub is_used: Vec<bool>,
 }
 
 /// Checks that the mechanism can be put together in random configurations of a region and, with `corners`, at its ends.
@@ -315,22 +333,29 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
     let counts = [labels.coordinates(), labels.efforts()];
     scales.extend(reactions::scales(counts, &samples.sizes, samples.reactions.iter()));
     let samples = samples.samples;
-    let mut idle = Vec::new();
-    for (index, parameter) in region.parameters.iter().enumerate().filter(|(index, _)| !labels.occurs(*index)) {
+    // a function of an angle is the same at both ends of a turn
+    let changes = |column: usize, [low, high]: [f64; 2]| {
         let changes = samples.points.iter().take(COMPARED).map(|point| {
             let at = |value: f64| {
                 let mut point = point.clone();
-                point[labels.coordinates() + index] = value;
+                point[column] = value;
                 labels.at(&point).map(|label| [label.functions, label.reactions.functions].concat())
             };
-            let differences = at(parameter.min)?.into_iter().zip(at(parameter.max)?).map(|(low, high)| high - low);
+            let differences = at(low)?.into_iter().zip(at(high)?).map(|(low, high)| high - low);
             Ok(differences.zip(&scales).any(|(change, scale)| change.abs() > UNCHANGED * scale))
         });
-        if !changes.collect::<Result<Vec<bool>, String>>()?.contains(&true) {
+        changes.collect::<Result<Vec<bool>, String>>().map(|changes| changes.contains(&true))
+    };
+    let (mut idle, mut is_used) = (Vec::new(), Vec::new());
+    for (index, parameter) in region.parameters.iter().enumerate().filter(|(index, _)| !labels.occurs(*index)) {
+        if !changes(labels.coordinates() + index, [parameter.min, parameter.max])? {
             idle.push(parameter.name.clone());
         }
     }
-    Ok(Checked { idle, is_periodic: labels.is_periodic().to_vec() })
+    for (k, QuantityRange { min, max, .. }) in region.coordinates.iter().enumerate() {
+        is_used.push(labels.is_in_formula(k) || changes(k, [*min, min + ELSEWHERE * (max - min)])?);
+    }
+    Ok(Checked { idle, is_periodic: labels.periods().iter().map(Option::is_some).collect(), is_used })
 }
 
 /// Number of configurations that determine these terms.

@@ -18,12 +18,13 @@ pub struct FittedFunctions {
 /// columns by none below its own.
 const PATIENCE: usize = 3;
 
-/// Finds functions from samples; the order is raised as long as unseen points gain, unless it is the `lowest` that is wanted.
+/// Finds functions of the `used` columns from samples; the order is raised as long as unseen points gain, unless it is the `lowest` that is
+/// wanted.
 ///
 /// # Errors
 /// A sentence if there are more columns than a dictionary of the lowest order can have, or too few samples for it.
 pub fn fit_functions(
-    factors: &[Factor],
+    (factors, used): (&[Factor], &[bool]),
     samples: &EquationSamples,
     unseen: &EquationSamples,
     lowest: bool,
@@ -35,9 +36,10 @@ pub fn fit_functions(
         if largest > 0.0 { largest } else { 1.0 }
     };
     let scales: Vec<f64> = (0..functions).map(largest).collect();
-    let has_angles = factors.contains(&Factor::Angle);
+    let has_angles = factors.iter().zip(used).any(|(factor, used)| *used && *factor == Factor::Angle);
     let try_order = |order: [usize; 2]| -> Option<Result<FittedFunctions, String>> {
-        let exponents = terms::exponents(factors, order);
+        let is_used = |exponents: &Vec<i16>| exponents.iter().zip(used).all(|(exponent, used)| *exponent == 0 || *used);
+        let exponents: Vec<Vec<i16>> = terms::exponents(factors, order).into_iter().filter(is_used).collect();
         let needed = rows(&exponents);
         if exponents.len() > MOST_TERMS || needed > samples.points.len() {
             return None;
@@ -93,7 +95,8 @@ mod tests {
         for (factors, of) in
             [([power; 3], &van_der_pol as &dyn Fn(&[f64]) -> Vec<f64>), ([power, Factor::Angle, power], &pendulum)]
         {
-            let found = fit_functions(&factors, &samples(2000, 1, of), &samples(200, 2, of), false).unwrap();
+            let found =
+                fit_functions((&factors, &[true; 3]), &samples(2000, 1, of), &samples(200, 2, of), false).unwrap();
             assert!(found.error < 1e-12 && found.dictionary.products() <= 4, "{found:?}");
         }
     }
@@ -102,9 +105,11 @@ mod tests {
     fn what_is_no_such_sum_is_approximated_and_the_error_says_how_well() {
         let friction = |p: &[f64]| vec![(5.0 * p[0]).tanh() - p[1]];
         let factors = [Factor::Power { middle: 0.0, half: 2.0 }; 3];
-        let found = fit_functions(&factors, &samples(5000, 1, friction), &samples(500, 2, friction), false).unwrap();
+        let found =
+            fit_functions((&factors, &[true; 3]), &samples(5000, 1, friction), &samples(500, 2, friction), false)
+                .unwrap();
         assert!((1e-3..0.5).contains(&found.error), "{}", found.error);
         let few = samples(20, 1, friction);
-        assert!(fit_functions(&factors, &few, &few, false).is_err());
+        assert!(fit_functions((&factors, &[true; 3]), &few, &few, false).is_err());
     }
 }

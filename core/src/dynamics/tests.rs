@@ -133,7 +133,8 @@ fn what_cannot_be_learned_is_refused() {
     assert_eq!(message(CRANE, &empty), "`rail.position`: range from -5 to -5, expected an end above the beginning");
     let idle = CRANE.replace("[0, \"-l\"]", "[\"l*sin(b)\", \"-l*cos(b)\"]").replace("-b * rail", "-0.1 * rail");
     let checked = |text: &str| check(&parse(text), &region, 1).unwrap();
-    assert_eq!(checked(CRANE), Checked { idle: Vec::new(), is_periodic: vec![false, true] });
+    let expected = Checked { idle: Vec::new(), is_periodic: vec![false, true], is_used: vec![false, true] };
+    assert_eq!(checked(CRANE), expected);
     assert_eq!(checked(&idle).idle, ["b"]);
     let few = with(&|region| region.coordinates.truncate(1));
     assert!(message(CRANE, &few).contains("1 coordinate, expected 2: one for each degree of freedom"));
@@ -173,8 +174,8 @@ fn known_forces_are_exact_however_they_depend_on_velocities_inputs_and_parameter
 fn an_effort_that_is_another_one_a_turn_later_is_exact_too() {
     let text = CRANE.replace("effort = \"-b * rail.velocity\"", "effort = \"-b * rope.angle^3\"");
     let fitted = fit(&parse(&text), &crane_region(), 1).unwrap();
-    assert_eq!(fitted.is_periodic, [false, false]);
-    assert_eq!(fit(&parse(CRANE), &crane_region(), 1).unwrap().is_periodic, [false, true]);
+    assert_eq!(fitted.periods, [None, None]);
+    assert_eq!(fit(&parse(CRANE), &crane_region(), 1).unwrap().periods, [None, Some(1)]);
     assert_exact(&text, &crane_region(), [&[3.0, 7.5], &[1.5, -2.0], &[12.0], &[1.3, 0.8, 0.2]], 1e-11);
 }
 

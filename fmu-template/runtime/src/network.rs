@@ -122,6 +122,25 @@ impl From<Vec<f64>> for Numbers {
 }
 
 impl ScaledNetwork {
+    /// Returns true if an input has a weight other than zero.
+    pub fn reads(&self, input: usize) -> bool {
+        self.layers.first().is_some_and(|layer| layer.weight.iter().skip(input).step_by(layer.inputs).any(|w| w != 0.0))
+    }
+
+    /// Sets the weights of some inputs to zero. Without effect on the outputs where these inputs are at their means.
+    pub fn clear_inputs(&mut self, inputs: &[usize]) {
+        let Some(layer) = self.layers.first_mut() else { return };
+        let is_cleared = |index: usize| inputs.contains(&(index % layer.inputs));
+        match &mut layer.weight {
+            Numbers::Single(values) => {
+                values.iter_mut().enumerate().filter(|(index, _)| is_cleared(*index)).for_each(|(_, w)| *w = 0.0)
+            }
+            Numbers::Double(values) => {
+                values.iter_mut().enumerate().filter(|(index, _)| is_cleared(*index)).for_each(|(_, w)| *w = 0.0)
+            }
+        }
+    }
+
     /// Sizes of the layers' outputs.
     pub fn sizes(&self) -> Vec<usize> {
         self.layers.iter().map(|layer| layer.outputs).collect()

@@ -120,6 +120,7 @@ step = {:<20?} # s
         let spread = 0.5 * rate.abs().max(10.0 / usual);
         let is_periodic = checked.is_periodic.get(k).copied().unwrap_or(is_angle(&coordinate.name));
         let comment = match (is_periodic, goes_around(coordinate)) {
+            _ if checked.is_used.get(k) == Some(&false) => format!("{unit}; nothing depends on it: valid everywhere"),
             (true, true) => "a full turn: all angles".into(),
             (false, true) => "rad; forces differ a turn later: the surrogate is valid there".into(),
             _ if ranges.is_narrowed(k) => {

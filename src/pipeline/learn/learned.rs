@@ -56,6 +56,34 @@ pub(super) fn random_points(ranges: &[[f64; 2]], count: usize, seed: u64) -> Vec
     (0..count).map(|_| point()).collect()
 }
 
+/// Two values that differ by less of the largest one are the same.
+pub(super) const SAME: f64 = 1e-12;
+
+/// Number of values in its range at which the effect of a column is checked.
+const COMPARED: usize = 32;
+
+/// For each column of parameters, inputs and states, true if it changes some of the labels of a source, numbered as [`ask`] returns them.
+/// Each column is compared with its lower end at values that are evenly spaced in its range, the other columns being anywhere.
+pub(super) fn used(project: &Project, model: &WorkerModel, ranges: &[[f64; 2]], labels: &[usize]) -> Result<Vec<bool>> {
+    let random = random_points(ranges, COMPARED, project.study.seed ^ 0x5553_4544);
+    let pairs = ranges.iter().enumerate().flat_map(|(column, [min, max])| {
+        random.iter().enumerate().flat_map(move |(index, point)| {
+            let share = (index + 1) as f64 / COMPARED as f64;
+            [*min, min + share * (max - min)].map(|value| {
+                let mut point = point.clone();
+                point[column] = value;
+                point
+            })
+        })
+    });
+    let found = ask(project, model, &pairs.collect::<Vec<_>>())?;
+    let largest = |label: usize| found.iter().fold(0.0f64, |largest, found| largest.max(found[label].abs()));
+    let limits: Vec<(usize, f64)> = labels.iter().map(|label| (*label, SAME * largest(*label))).collect();
+    let is_same =
+        |pair: &[Vec<f64>]| limits.iter().all(|(label, limit)| (pair[0][*label] - pair[1][*label]).abs() <= *limit);
+    Ok(found.chunks(2 * COMPARED).map(|of_column| !of_column.chunks(2).all(is_same)).collect())
+}
+
 /// Columns of a network of these columns of `factors` and beyond: angles enter as sine and cosine.
 pub(super) fn network_columns(factors: &[Factor], of: impl Iterator<Item = usize>) -> Vec<NetworkColumn> {
     let kinds = |column: usize| match factors.get(column) {

@@ -2,8 +2,8 @@
 
 use super::{
     Beginning, LearningMethod,
-    learned::{self, Examples, encoded, held_out, invalid, network_columns},
-    state_space::{SAME, asked},
+    learned::{self, Examples, SAME, encoded, held_out, invalid, network_columns},
+    state_space::asked,
 };
 use crate::{
     Error, Result,
@@ -107,6 +107,8 @@ struct AskedProgram<'a> {
     inputs: Vec<[f64; 2]>,
     states: Vec<[f64; 2]>,
     shown: ShownOutputs,
+    /// Flags of parameters, inputs, coordinates and velocities: true for those that change accelerations, masses or learned outputs.
+    used: Vec<bool>,
 }
 
 /// Equations in random states.
@@ -149,9 +151,27 @@ impl<'a> AskedProgram<'a> {
             inputs: driven.drivers().iter().map(|driver| [driver.min, driver.max]).collect(),
             states: study.states.values().map(|state| [state.min, state.max]).collect(),
             shown: ShownOutputs { outputs: Vec::new(), positions: Vec::new() },
+            used: Vec::new(),
         };
         program.shown = program.outputs()?;
+        let (n, outputs) = (program.coordinates(), study.outputs.len());
+        let masses = (0..n * (n + 1) / 2).map(|mass| 2 * n + outputs + mass);
+        let labels = (n..2 * n).chain(program.shown.learned().map(|output| 2 * n + output)).chain(masses);
+        let ranges = [&program.parameters[..], &program.inputs, &program.states].concat();
+        program.used = learned::used(project, model, &ranges, &labels.collect::<Vec<_>>())?;
         Ok(program)
+    }
+
+    /// Flags of `(q, p)`, of those of all columns.
+    fn of_configuration(&self, all: &[bool]) -> Vec<bool> {
+        let (p, e, n) = (self.parameters.len(), self.inputs.len(), self.coordinates());
+        [&all[p + e..p + e + n], &all[..p]].concat()
+    }
+
+    /// Flags of `(q, p, v, u)`, of those of all columns.
+    fn of_forces(&self, all: &[bool]) -> Vec<bool> {
+        let (p, e, n) = (self.parameters.len(), self.inputs.len(), self.coordinates());
+        [&self.of_configuration(all)[..], &all[p + e + n..], &all[p..p + e]].concat()
     }
 
     fn coordinates(&self) -> usize {
@@ -338,7 +358,8 @@ impl<'a> AskedProgram<'a> {
         };
         if study.dynamics.tries(DICTIONARY_AND_NETWORK, error <= POOR) {
             let began = Instant::now();
-            let columns = network_columns(&factors, 0..factors.len() + self.coordinates() + self.inputs.len());
+            let used = self.of_forces(&self.used);
+            let columns = network_columns(&factors, (0..used.len()).filter(|column| used[*column]));
             let examples = [&seen, &unseen].map(|states| states.examples(&learned.fitted.dynamics, &columns));
             let (network, outcome) = learned::train(self.project, examples.each_ref(), checkpoints)?;
             let outputs = (0..self.coordinates()).collect();
@@ -357,6 +378,7 @@ impl<'a> AskedProgram<'a> {
     /// The better dictionary: of harmonics, or of powers of angles.
     fn fit(&self) -> Result<(FittedMassMatrix, Vec<Factor>)> {
         let (speeds, study) = (self.speeds(), &self.project.study);
+        let used = self.of_configuration(&self.used);
         let inputs: Vec<f64> = self.inputs.iter().map(|[min, max]| min.abs().max(max.abs())).collect();
         // both kinds of factors are fitted to the same samples, and more of them begin with these
         let mut asked = [EquationSamples::default(), EquationSamples::default()];
@@ -372,6 +394,7 @@ impl<'a> AskedProgram<'a> {
         let mut fit = |factors: Vec<Factor>| {
             let problem = MassMatrixProblem {
                 factors: &factors,
+                used: &used,
                 velocities: &speeds,
                 inputs: &inputs,
                 positions: self.shown.learned().count(),

@@ -122,8 +122,9 @@ fn assemble(
         outputs: fitted.outputs.clone(),
     };
     let ranges = project.study.coordinates().enumerate().map(|(column, (name, options))| {
-        // the torque of a spring on a joint is another one a turn later
-        let is_periodic = fitted.is_periodic[column] && options.goes_around(name);
+        // the torque of a spring on a joint is another one a turn later, and a network of accelerations knows one turn only
+        let is_known = |turns: u32| turns == 1 || learned.velocities.is_none();
+        let is_periodic = fitted.periods[column].is_some_and(is_known) && options.goes_around(name);
         let is_limited = motion.depends_on(column) && !is_periodic;
         is_limited.then_some([options.min, options.max])
     });

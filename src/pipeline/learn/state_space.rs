@@ -2,7 +2,7 @@
 
 use super::{
     Beginning, LearningMethod,
-    learned::{self, EXACT, Examples, held_out},
+    learned::{self, EXACT, Examples, SAME, held_out},
 };
 use crate::{
     Result,
@@ -27,10 +27,7 @@ use metafmu_runtime::{
     dictionary::{Dictionary, Factor},
     graph::Given,
 };
-use std::{f64::consts::TAU, time::Instant};
-
-/// Two values that differ by less of the largest one are the same.
-pub(super) const SAME: f64 = 1e-12;
+use std::{f64::consts::TAU, ops::Range, time::Instant};
 
 /// Derivatives of the states of an FMU or a program.
 pub(super) struct StateEquations;
@@ -51,21 +48,22 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let study = &project.study;
     let (driven, model) = asked(project)?;
     let began = Instant::now();
-    let space = StateSpaceColumns::new(project, driven);
+    let mut space = StateSpaceColumns::new(project, driven);
     let samples = space.ask(project, model, learned::states(study))?;
-    let (given, samples) = recognize(samples, &space.counts);
+    let Recognized { results, functions, samples } = recognize(samples, &space.counts);
+    space.used = learned::used(project, model, &space.ranges, &functions)?;
     let mut learned = space.learn(project, &samples, checkpoints)?;
     let best = learned::chosen(&learned.records, &study.dynamics);
     let (Candidate { name, error, .. }, dictionary, network) = learned.candidates.swap_remove(best);
     let ranges: Vec<Option<[f64; 2]>> = (study.states.iter().enumerate())
         .map(|(state, (name, options))| {
             let column = space.counts[0] + space.counts[1] + state;
-            let depends = network.is_some() || dictionary.terms().any(|term| term.exponents[column] != 0);
+            let depends = dictionary.depends_on(column) || network.as_ref().is_some_and(|of| space.reads(of, column));
             (depends && !options.goes_around(name)).then_some([options.min, options.max])
         })
         .collect();
     let assemble = |integration: Integration| {
-        let graph = Graph::of_rates(&dictionary, network.as_ref().map(Graph::from), space.counts[2], &given);
+        let graph = Graph::of_rates(&dictionary, network.as_ref().map(Graph::from), space.counts[2], &results);
         // a source without states provides outputs
         let clock = if space.counts[2] > 0 { Clock::Continuous(integration) } else { Clock::Static };
         let program = Program { graph, clock };
@@ -112,6 +110,18 @@ struct StateSpaceColumns {
     counts: [usize; 3],
     ranges: Vec<[f64; 2]>,
     factors: Vec<Factor>,
+    /// Flags of the columns that change any function.
+    used: Vec<bool>,
+}
+
+/// Results of a source that are functions of its columns, and those that are not.
+struct Recognized {
+    /// Outputs and derivatives: states, or functions by their number.
+    results: Vec<Given>,
+    /// Label of each function.
+    functions: Vec<usize>,
+    /// Samples of the functions.
+    samples: EquationSamples,
 }
 
 /// Results of all ways to learn a state-space model.
@@ -138,6 +148,7 @@ impl StateSpaceColumns {
         };
         Self {
             counts: [study.parameters.len(), driven.drivers().len(), study.states.len()],
+            used: vec![true; columns.len()],
             factors: columns.iter().map(factor).collect(),
             ranges: columns.into_iter().map(|(range, _)| range).collect(),
         }
@@ -158,14 +169,14 @@ impl StateSpaceColumns {
     ) -> Result<LearnedStateSpace> {
         let study = &project.study;
         let held_out = held_out(samples.points.len());
-        let part = |range: std::ops::Range<usize>| EquationSamples {
+        let part = |range: Range<usize>| EquationSamples {
             points: samples.points[range.clone()].to_vec(),
             labels: samples.labels[range].to_vec(),
         };
         let (unseen, seen) = (part(0..held_out), part(held_out..samples.points.len()));
         let began = Instant::now();
         let fit = |lowest: bool| {
-            let fitted = fit_functions(&self.factors, &seen, &unseen, lowest);
+            let fitted = fit_functions((&self.factors, &self.used), &seen, &unseen, lowest);
             fitted.map_err(|message| study.refusal("states", message))
         };
         let fitted = fit(false)?;
@@ -218,7 +229,22 @@ impl StateSpaceColumns {
             outputs: residuals(base, samples),
             tangents: None,
         });
-        learned::train(project, [&seen, &unseen], checkpoints)
+        let (mut network, outcome) = learned::train(project, [&seen, &unseen], checkpoints)?;
+        let unused = (0..self.used.len()).filter(|column| !self.used[*column]).flat_map(|column| self.encoded(column));
+        network.clear_inputs(&unused.collect::<Vec<_>>());
+        Ok((network, outcome))
+    }
+
+    /// Columns of a network that a column is encoded by.
+    fn encoded(&self, column: usize) -> Range<usize> {
+        let width = |factor: &Factor| if *factor == Factor::Angle { 2 } else { 1 };
+        let first: usize = self.factors[..column].iter().map(width).sum();
+        first..first + width(&self.factors[column])
+    }
+
+    /// Returns true if a network has weights of a column.
+    fn reads(&self, network: &ScaledNetwork, column: usize) -> bool {
+        self.encoded(column).any(|input| network.reads(input))
     }
 
     fn encoder(&self) -> Encoder {
@@ -230,12 +256,14 @@ impl StateSpaceColumns {
         Encoder::new(encodings.iter().map(|encoding| (encoding, 0.0, TAU)))
     }
 
-    /// Columns of a network.
+    /// Columns of a network, in which columns that change nothing are constant.
     fn columns(&self, samples: &EquationSamples) -> Vec<Vec<f64>> {
         let encoder = self.encoder();
         let encoded = |point: &Vec<f64>| {
+            let used = point.iter().zip(&self.used).zip(&self.ranges);
+            let point: Vec<f64> = used.map(|((value, used), [min, _])| if *used { *value } else { *min }).collect();
             let mut columns = vec![0.0; encoder.width()];
-            encoder.encode(point, &mut columns);
+            encoder.encode(&point, &mut columns);
             columns
         };
         samples.points.iter().map(encoded).collect()
@@ -258,9 +286,8 @@ impl StateSpaceColumns {
     }
 }
 
-/// Recognizes outputs and derivatives that are states or equal functions. Returns them, outputs first, and the samples
-/// of the remaining functions.
-fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Given>, EquationSamples) {
+/// Recognizes outputs and derivatives that are states or equal functions. Results are outputs, then derivatives.
+fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> Recognized {
     let width = samples.labels.first().map_or(0, Vec::len);
     let EquationSamples { points, labels } = samples;
     let same = |label: usize, of: &dyn Fn(usize) -> f64| {
@@ -269,11 +296,11 @@ fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Giv
     };
     let mut functions: Vec<usize> = Vec::new();
     // labels are derivatives, then outputs
-    let mut given: Vec<Given> = Vec::new();
+    let mut results: Vec<Given> = Vec::new();
     for label in 0..width {
         let state = (0..states).find(|state| same(label, &|row| points[row][points[row].len() - states + state]));
         let known = || functions.iter().position(|function| same(label, &|row| labels[row][*function]));
-        given.push(match state {
+        results.push(match state {
             Some(state) => Given::State(state),
             None => Given::Function(known().unwrap_or_else(|| {
                 functions.push(label);
@@ -281,9 +308,9 @@ fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> (Vec<Giv
             })),
         });
     }
-    given.rotate_left(states);
+    results.rotate_left(states);
     let labels = labels.iter().map(|labels| functions.iter().map(|label| labels[*label]).collect()).collect();
-    (given, EquationSamples { points, labels })
+    Recognized { results, functions, samples: EquationSamples { points, labels } }
 }
 
 /// Residuals of a dictionary.

@@ -232,9 +232,21 @@ impl Dictionary {
         Ok(())
     }
 
-    /// Returns true if an output depends on a column.
+    /// Returns true if any output depends on a column.
     pub fn depends_on(&self, column: usize) -> bool {
-        self.factors.iter().any(|(of, _)| self.columns[*of].of == column)
+        self.has_column(0..self.factors.len(), column)
+    }
+
+    /// Returns true if an output depends on a column.
+    pub fn output_depends_on(&self, output: usize, column: usize) -> bool {
+        let is_in =
+            |term: &&PreparedTerm| self.coefficients[term.coefficients.clone()].iter().any(|(of, _)| *of == output);
+        self.products.iter().filter(is_in).any(|term| self.has_column(term.factors.clone(), column))
+    }
+
+    /// Returns true if some of the factors are functions of a column.
+    fn has_column(&self, factors: Range<usize>, column: usize) -> bool {
+        self.factors[factors].iter().any(|(of, _)| self.columns[*of].of == column)
     }
 
     /// Number of outputs.

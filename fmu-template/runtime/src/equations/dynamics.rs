@@ -11,12 +11,17 @@
 //! functions are. No velocity enters a learned function, so none is ever extrapolated, unless a network of `(q, p, v,
 //! u)` adds to the right-hand side.
 //!
+//! A force `F_k(p)` that no coordinate changes is uniform and has the potential `-F_k q_k`: the weight of a load on a drum, of whose
+//! angle `V` alone is periodic.
+//!
 //! Drivers may prescribe accelerations, of the coordinates `d`; the others, `f`, follow:
 //!
 //! ```text
 //! vd_d = F_d - D_d v + B_d e
 //! M_ff vd_f + h_f = -dV/dq_f + F_f - D_f v + B_f e - M_fd vd_d
 //! ```
+//!
+//! A uniform `F_d` belongs to the potential, and does not act.
 
 use super::{
     efforts::Efforts,
@@ -51,7 +56,7 @@ pub struct Dynamics {
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Written {
     tape: Tape,
-    /// The lower triangle of `M` row by row, and `V`.
+    /// The lower triangle of `M` row by row, and `V` with the potentials of uniform forces.
     energies: Vec<Register>,
     efforts: Vec<Register>,
     accelerations: Vec<Register>,
@@ -155,7 +160,11 @@ impl Dynamics {
         let potential = n * (n + 1) / 2;
         let force = potential + 1 + r;
         let (damping, effort_map) = (force + n, force + n + n * n);
-        let energies: Vec<Register> = (0..=potential).map(|index| function(index, &mut tape)).collect();
+        let mut energies: Vec<Register> = (0..=potential).map(|index| function(index, &mut tape)).collect();
+        for k in (0..n).filter(|k| self.is_uniform(*k)) {
+            let uniform = function(force + k, &mut tape);
+            energies[potential] = tape.subtract_product(energies[potential], uniform, q[k]);
+        }
         let slopes: Vec<Register> = (0..potential * n).map(|index| slope(index / n, index % n, &mut tape)).collect();
         // positions and their rates
         let mut motion = [Vec::new(), Vec::new()];
@@ -176,7 +185,8 @@ impl Dynamics {
         let efforts: Vec<Register> = formulas.map(|formula| formula.write(&of_formulas, &mut tape)).collect();
         let mut sides = Vec::with_capacity(n);
         for i in 0..n {
-            let mut side = function(force + i, &mut tape);
+            let has_force = !(self.prescribed[i] && self.is_uniform(i));
+            let mut side = if has_force { function(force + i, &mut tape) } else { zero };
             side = added(&forces, side, i, None, &mut tape);
             for (j, v) in v.iter().enumerate() {
                 let damping = function(damping + i * n + j, &mut tape);
@@ -302,6 +312,13 @@ impl Dynamics {
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
 
+    /// Returns true if a force `F_k` other than zero acts on a coordinate, and no coordinate changes it.
+    pub fn is_uniform(&self, coordinate: usize) -> bool {
+        let force = self.differentiated() + coordinate;
+        let depends = |column: usize| self.function_set.function_depends_on(force, column);
+        !self.function_set.is_zero(force) && !(0..self.coordinates).any(depends)
+    }
+
     /// Returns true if a velocity enters the network of forces, which may extrapolate it: elsewhere velocities enter
     /// exactly.
     pub fn extrapolates(&self, coordinate: usize) -> bool {
@@ -322,9 +339,10 @@ impl Dynamics {
     /// Returns true if only the inputs change the energy.
     pub fn is_conservative(&self) -> bool {
         let (n, first) = (self.coordinates, self.differentiated());
-        let mut forces = first..first + n + n * n;
+        let mut damping = first + n..first + n + n * n;
+        let has_potential = |k: usize| self.is_uniform(k) || self.function_set.is_zero(first + k);
         let is_free = self.forces.is_none() && !self.is_driven && self.efforts.are_inputs();
-        is_free && forces.all(|function| self.function_set.is_zero(function))
+        is_free && (0..n).all(has_potential) && damping.all(|function| self.function_set.is_zero(function))
     }
 
     /// Number of columns `(q, p, v, u)`.
@@ -377,7 +395,7 @@ impl Dynamics {
         derivative.iter_mut().zip(self.found(series)).for_each(|(to, found)| *to = found.first);
     }
 
-    /// `v^T M v / 2 + V`, in J. Does not allocate.
+    /// `v^T M v / 2 + V` with the potentials of uniform forces, in J. Does not allocate.
     ///
     /// # Panics
     /// As [`Dynamics::accelerations`].
@@ -407,7 +425,7 @@ impl Dynamics {
         work.get(self.written.efforts[index])
     }
 
-    /// `v^T M v / 2` and `V`, once the equations were solved.
+    /// `v^T M v / 2`, and `V` with the potentials of uniform forces, once the equations were solved.
     pub(super) fn energies<T: Number>(&self, v: impl Fn(usize) -> T, work: &mut TapeWork<T>) -> [T; 2] {
         let n = self.coordinates;
         self.written.tape.run_rest(work);

@@ -135,15 +135,13 @@ impl Efforts {
     }
 
     /// Returns true if a formula has a column, or a position that moves along with a coordinate, by its position among the
-    /// coordinates and parameters.
+    /// coordinates and parameters. The rate of such a position depends on the coordinate only as far as functions do.
     pub(super) fn depends_on(&self, column: usize) -> bool {
         let n = self.coordinates;
         let depends = |of: EffortColumn| match of {
             EffortColumn::Parameter(parameter) => column == n + parameter,
-            EffortColumn::Position(position) | EffortColumn::Rate(position) => {
-                column < n && self.windings[position * n + column] != 0.0
-            }
-            EffortColumn::Input(_) => false,
+            EffortColumn::Position(position) => column < n && self.windings[position * n + column] != 0.0,
+            EffortColumn::Rate(_) | EffortColumn::Input(_) => false,
         };
         (0..self.count()).any(|formula| self.columns(formula).any(depends))
     }

@@ -86,6 +86,12 @@ impl FunctionSet {
         self.dictionary.depends_on(column) || self.network.as_ref().is_some_and(|network| network.depends_on(column))
     }
 
+    /// Returns true if a function depends on a column.
+    pub fn function_depends_on(&self, function: usize, column: usize) -> bool {
+        let of_network = |network: &NetworkTerm| network.outputs.contains(&function) && network.depends_on(column);
+        self.dictionary.output_depends_on(function, column) || self.network.as_ref().is_some_and(of_network)
+    }
+
     /// Returns true if a function is zero everywhere.
     pub fn is_zero(&self, function: usize) -> bool {
         self.dictionary.is_zero(function)

@@ -99,7 +99,7 @@ impl Neighborhood {
         bend(&self.straight)
     }
 
-    /// The same on the straighter side: a kink bends the line, but not on both sides.
+    /// Deviation on the straighter side: a kink bends the line, but not on both sides.
     fn rounding_of_sides(&self) -> f64 {
         bend(&self.straight[..4]).min(bend(&self.straight[3..])).max(self.last_digit())
     }
