@@ -1,7 +1,7 @@
 """Compares surrogates with their sources at equal errors: the lines of README that say when a surrogate pays.
 
 CABLE, CRANE and PENDULUM are the folders that `metafmu build` wrote for examples/commands/cable.toml, examples/dynamics/crane-study.toml and
-examples/quick/single-pendulum.toml. The cable's errors are those of tip.x and tip.y at all rows of fifty unseen runs, relative to the range, against
+examples/quick/single-pendulum.toml. The cable's errors are those of tip.x and tip.y at all rows of a hundred unseen runs, relative to the range, against
 Exudyn with twice the elements and a fortieth of the output step. Exudyn is then run with all of the meshes and time steps below, alternately with
 the FMU: the fastest whose error is no larger than the FMU's is compared. A run includes the set-up of the model, and of the FMU's instance.
 The shortest of three processor times counts. The other two speed-ups are those of `metafmu build`. Needs target/release/metafmu, the example
@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from common import ROOT, run
 
-RUNS = 50
+RUNS = 100
 MESHES, TIME_STEPS = (6, 8, 12, 16), (1, 2, 3, 5)
 # elements, and time steps in a row
 TRUTH = (32, 40)
