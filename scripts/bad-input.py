@@ -7,6 +7,7 @@ Needs target/release/metafmu, and pandas with pyarrow: `.venv/bin/python scripts
 import argparse
 import datetime
 import io
+import os
 import subprocess
 import sys
 import tempfile
@@ -47,6 +48,8 @@ for line in sys.stdin:
     print(json.dumps({"id": request["id"]} | (DESCRIPTION if request["request"] == "describe" else {"outputs": {"theta": [0, 1]}})), flush=True)
 """
 RUNS = "run,time,L,theta\na,0,0.1,1\na,0.5,0.1,2\na,1,0.1,3\nb,0,0.2,4\nb,1,0.2,5\nc,0,0.15,6\nc,1,0.15,7\n"
+# in the place of a file's content: it is a pipe
+PIPE = object()
 PENDULUM = (ROOT / "examples" / "mechanisms" / "single-pendulum.toml").read_text()
 CRANK = (ROOT / "examples" / "mechanisms" / "slider-crank.toml").read_text()
 LINKAGE = (ROOT / "examples" / "mechanisms" / "four-bar.toml").read_text()
@@ -628,6 +631,7 @@ SECTIONS = {
         "FMI 1.0": fmu('fmiVersion="2.0"', 'fmiVersion="1.0"'),
         "no interface": fmu("<CoSimulation", "<Simulation"),
         "no binary for this platform": fmu(more={"binaries/win64/van_der_pol.dll": ""}),
+        "a binary that is not named after modelIdentifier": fmu(more={"binaries/linux64/van.der.pol.so": ""}),
         "a file that leads out of the archive": fmu(more={**BINARY, "../escape": "hello"}),
         "a value reference that is not a number": fmu('valueReference="0"', 'valueReference="mu"'),
         "an empty modelIdentifier": fmu('modelIdentifier="van_der_pol"', 'modelIdentifier=""'),
@@ -662,6 +666,11 @@ SECTIONS = {
         "a program without a protocol": command(program="input(); print('{\"id\": 1}')"),
         "a parameter that no argument has": command('"model.py"', '"model.py", "{result}"'),
     },
+    "Files without an end, and archives beyond the limits": {
+        "a pipe": {"model.fmu": PIPE},
+        "entries": fmu(more={**BINARY, **{f"resources/{index}": "" for index in range(50_000)}}),
+        "bytes": fmu(more={**BINARY, "resources/zeros": bytes(64 << 20)}),
+    },
     "Outputs": {
         "in a folder that is not there": {},
         "in a file": {"runs": "no folder"},
@@ -676,6 +685,7 @@ ARGUMENTS = {
     "Static maps": ["train", "study.toml", "--out", "out"],
     "Searches": ["search", "study.toml", "--out", "out"],
     "FMUs": ["simulate", "model.fmu"],
+    "Files without an end, and archives beyond the limits": ["simulate", "FILE"],
     "Outputs": ["simulate", "model.fmu", "--output", "runs/run.csv"],
 }
 
@@ -685,9 +695,11 @@ def message(folder, files, arguments):
     for name, text in files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         if isinstance(text, dict):
-            with zipfile.ZipFile(folder / name, "w") as archive:
+            with zipfile.ZipFile(folder / name, "w", zipfile.ZIP_DEFLATED) as archive:
                 for entry, content in text.items():
                     archive.writestr(entry, content)
+        elif text is PIPE:
+            os.mkfifo(folder / name)
         elif isinstance(text, bytes):
             (folder / name).write_bytes(text)
         else:
@@ -695,17 +707,39 @@ def message(folder, files, arguments):
     command = [ROOT / "target" / "release" / "metafmu", *arguments]
     result = subprocess.run(command, cwd=folder, capture_output=True, text=True)
     assert (result.returncode, result.stdout) == (2, ""), (files, result)
-    written = sum(path.is_file() for path in folder.rglob("*"))
+    written = sum(not path.is_dir() for path in folder.rglob("*"))
     assert "panicked" not in result.stderr and written == len(files), (files, result.stderr)
     return [line.removeprefix("error: ") for line in result.stderr.splitlines() if line.startswith("error: ")]
 
 
+INTRODUCTION = """# Bad input
+
+What `metafmu` says to malformed input: file, line, key or column, what was found, what was expected. All of them end
+with exit code 2 and write nothing. `scripts/bad-input.py` makes this page, `tests/python/test_bad_input.py` keeps it true.
+
+## Limits
+
+Files must be regular ones: a pipe, a device or a socket is refused before it is opened. Only the table of `predict` and the inputs of `simulate`
+may also be pipes and devices, such as `/dev/stdin` and `<(command)` of a shell; they are read once, up to their end, after a note on stderr.
+
+| of | at most |
+|---|---|
+| a study, a mechanism, an interface of `import`, the description of a system | 64 MiB |
+| a trained model, a model file, a library, the inputs of `simulate` | 2 GiB |
+| a line of a table in CSV | 64 MiB |
+| an archive: FMU, SSP, `.npz` | 50,000 entries and 4 GiB when it is unpacked, and 100 times its size if that is more than 64 MiB |
+| the time to unpack an FMU | 60 s; `--time-limit`; `source.time_limit` of a study if that is longer |
+| a run of an FMU or a program in a sampling | `source.time_limit`, 60 s without it |
+| each check of `validate` | `--time-limit`, 60 s without it |
+
+Of an FMU only the part that a run may need is unpacked, into the temporary folder: neither documents and source code nor libraries for other
+operating systems. The folder is removed when `metafmu` ends. If it was killed meanwhile, the next `metafmu` that unpacks an FMU removes it.
+"""
+
+
 def document():
     """The text of docs/bad-input.md."""
-    parts = [
-        "# Bad input\n\nWhat `metafmu` says to malformed input: file, line, key or column, what was found, what was expected. All of them end\n"
-        "with exit code 2 and write nothing. `scripts/bad-input.py` makes this page, `tests/python/test_bad_input.py` keeps it true.\n"
-    ]
+    parts = [INTRODUCTION]
     for section, cases in SECTIONS.items():
         parts.append(f"\n## {section}\n\n| what | message |\n|---|---|\n")
         for what, files in cases.items():

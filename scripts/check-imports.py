@@ -19,8 +19,9 @@ from pathlib import Path
 
 # from the bottom to the top; modules in one line do not know each other
 ORDER = """
+reading
 diagnostics fail_points process worst
-files integrate signal variable
+files integrate signal unpacking variable
 table
 multibody systems
 dataset dynamics

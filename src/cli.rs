@@ -35,7 +35,8 @@ Review the file that this writes, then:
   metafmu export NAME.safetensors                    an FMU of what `import` wrote
 
 `metafmu help VERB` has examples of each verb. Results go to stdout, progress to stderr.
-Exit codes: 0 fine, 1 problems found, 2 failure, 130 stopped by Ctrl-C, even if the later stages completed."
+Exit codes: 0 fine, 1 problems found, 2 failure, 3 the FMU to validate could not be run here, 130 stopped by Ctrl-C, even if the later \
+stages completed."
 )]
 pub struct Cli {
     #[command(flatten)]
@@ -205,7 +206,9 @@ Visual Studio Code with Even Better TOML. `metafmu new NAME --schema` writes bot
     #[command(after_help = "Example:\n  metafmu validate out/single-pendulum/single-pendulum.fmu
 
 Takes FMI 2.0 and 3.0 FMUs of any tool and runs them by each interface they offer, in a separate process: an FMU that \
-crashes, exits or hangs is reported as a problem. What it prints goes to stderr. Exit code 1 if there are problems.")]
+crashes, exits or hangs is reported as a problem. What it prints goes to stderr. The libraries of all platforms are checked by their names \
+and headers. Exit code 1 if there are problems; 3 if none was found, but the FMU could not be run by all of its interfaces, for instance \
+because it has no library for this platform.")]
     Validate(ValidateArgs),
     /// Run an FMU and write its outputs as CSV
     #[command(after_help = "Example:
@@ -525,7 +528,7 @@ pub struct ValidateArgs {
     /// FMU to check
     #[arg(value_name = "FMU")]
     pub fmu: PathBuf,
-    /// Seconds that loading the FMU and each of the checks that run it may take
+    /// Seconds that unpacking the FMU, loading it and each of the checks that run it may take
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = duration)]
     pub time_limit: Duration,
     /// Print findings as JSON

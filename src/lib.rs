@@ -68,6 +68,7 @@ pub mod source;
 pub mod surrogate;
 pub mod swap;
 mod templates;
+pub mod unpacking;
 
 // the commands use the public items here, like every other program
 extern crate self as metafmu;
@@ -79,6 +80,6 @@ use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{
     Error, Result, acceptance, calibration, compliant, dataset, diagnostics, discrete, dynamics, evaluation, files,
-    integrate, layout, multibody, network, refinement, sampling, scaling, signal, study, systems, table, training,
-    variable, worst,
+    integrate, layout, multibody, network, reading, refinement, sampling, scaling, signal, study, systems, table,
+    training, variable, worst,
 };

@@ -5,7 +5,7 @@ use crate::{
     baselines::BaselineKind,
     dataset::Dataset,
     files::write_whole,
-    layout,
+    layout, reading,
     source::driven::Driven,
     study::{self, ParameterOptions, Study},
     variable::SourceVariable,
@@ -283,7 +283,7 @@ pub fn seal(surrogate: Surrogate) -> Result<Surrogate> {
 /// # Errors
 /// [`Error::Io`] if the file cannot be read, [`Error::Model`] if it is no valid model file or its content was changed.
 pub fn load(path: &Path) -> Result<Surrogate> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let bytes = reading::read(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
     let model = |source| Error::Model { path: path.to_owned(), source: Box::new(source) };
     Surrogate::from_bytes(&bytes).map_err(model)
 }

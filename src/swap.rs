@@ -14,6 +14,7 @@ use crate::{
         },
         worker::run_system_apart,
     },
+    unpacking::Patience,
 };
 use metafmu_runtime::BuiltIn;
 use serde::Serialize;
@@ -174,7 +175,7 @@ impl Swap {
             return Err(Error::UnknownComponent { path: system.path, name: options.component.clone(), known });
         };
         let mut sources = (0..system.components.len()).map(|index| system.load(index)).collect::<Result<Vec<_>>>()?;
-        let surrogate = ComponentSource::Fmu(Box::new(Unpacked::open(&options.surrogate, None)?));
+        let surrogate = ComponentSource::Fmu(Box::new(Unpacked::open(&options.surrogate, None, Patience::default())?));
         let experiment = experiment(options, &system, surrogate.description(), sources[replaced].description())?;
         let mut with_source = system.plan(&sources, replaced, experiment)?;
         refuse_misfits(&system, replaced, &surrogate)?;

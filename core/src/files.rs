@@ -5,6 +5,7 @@ mod destination;
 use crate::{
     Error, Result,
     fail_points::{Moment, reach},
+    reading,
 };
 use destination::{Destination, folder_of};
 use sha2::{Digest, Sha256};
@@ -235,7 +236,7 @@ pub fn write_json(path: &Path, value: &impl serde::Serialize) -> Result<()> {
 /// # Errors
 /// [`Error::Io`].
 pub fn digest(path: &Path) -> Result<String> {
-    let mut file = File::open(path).map_err(Error::io(path, "read"))?;
+    let mut file = reading::open(path).map_err(Error::io(path, "read"))?;
     let (mut hash, mut buffer) = (Sha256::new(), vec![0; 1 << 16]);
     loop {
         match file.read(&mut buffer).map_err(Error::io(path, "read"))? {

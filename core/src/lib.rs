@@ -20,6 +20,7 @@ pub mod integrate;
 pub mod layout;
 pub mod multibody;
 pub mod network;
+pub mod reading;
 pub mod refinement;
 pub mod sampling;
 pub mod scaling;

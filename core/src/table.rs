@@ -17,6 +17,7 @@ use crate::{
         kinds::{self, FileKind},
         names::{did_you_mean, listed},
     },
+    reading,
 };
 use csv::Csv;
 use parquet::Parquet;
@@ -67,12 +68,24 @@ impl Table {
         &self.path
     }
 
-    /// Opens a table and reads its header.
+    /// Opens a table, a regular file, and reads its header.
     ///
     /// # Errors
     /// [`Error::Io`], or [`Error::Table`] if the header is not one.
     pub fn open(path: &Path) -> Result<Self> {
-        let mut input = BufReader::with_capacity(1 << 16, File::open(path).map_err(Error::io(path, "read"))?);
+        Self::of_file(path, reading::open(path).map_err(Error::io(path, "read"))?)
+    }
+
+    /// Opens a table that may also be a pipe or a device, for readers that go through it once: see [`reading::open_stream`].
+    ///
+    /// # Errors
+    /// As [`Table::open`].
+    pub fn open_stream(path: &Path) -> Result<Self> {
+        Self::of_file(path, reading::open_stream(path).map_err(Error::io(path, "read"))?)
+    }
+
+    fn of_file(path: &Path, file: File) -> Result<Self> {
+        let mut input = BufReader::with_capacity(1 << 16, file);
         if kinds::of(path).is_some_and(|kind| kind != FileKind::Table) {
             return Err(kinds::other(path, "a table, in CSV or Parquet"));
         }

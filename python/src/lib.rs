@@ -376,8 +376,11 @@ fn validate(py: Python<'_>, fmu: PathBuf, time_limit: f64, program: PathBuf) -> 
         validate_apart(&fmu, watch)
     })?;
     let report = report.map_err(refused)?;
-    Ok(json!({ "problems": report.problems, "not_checked": report.not_checked, "text": report.to_string() })
-        .to_string())
+    let text = report.to_string();
+    let report = json!({
+        "problems": report.problems, "not_checked": report.not_checked, "was_run": report.was_run, "text": text
+    });
+    Ok(report.to_string())
 }
 
 /// The command `metafmu`; the result is its exit code.

@@ -4,11 +4,15 @@ use crate::cli::GlobalArgs;
 use anstream::AutoStream;
 use anstyle::AnsiColor;
 use clap::ColorChoice;
-use metafmu::evaluation::{Grade, Verdict};
+use metafmu::{
+    evaluation::{Grade, Verdict},
+    reading,
+};
 use std::{
     borrow::Cow,
     fmt::Display,
     io::Write,
+    path::Path,
     sync::atomic::{AtomicU8, Ordering},
 };
 
@@ -54,6 +58,13 @@ pub fn verbosity() -> Verbosity {
 pub fn say(line: impl Display) {
     if verbosity() > Verbosity::Quiet {
         line.to_string().lines().for_each(heard);
+    }
+}
+
+/// Writes a note before a pipe or device is read, which may take until its writer ends.
+pub fn say_stream(path: &Path) {
+    if reading::is_stream(path) {
+        say(format_args!("{}: reading a pipe or device up to its end", path.display()));
     }
 }
 

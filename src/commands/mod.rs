@@ -74,6 +74,7 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
     match run(command) {
         Ok(CommandOutcome::Fine) => 0,
         Ok(CommandOutcome::ProblemsFound) => 1,
+        Ok(CommandOutcome::NotRun) => 3,
         Ok(CommandOutcome::Interrupted) => 130,
         Err(error) => {
             terminal::end();
@@ -151,6 +152,8 @@ pub enum CommandOutcome {
     Fine,
     /// The command worked and found problems.
     ProblemsFound,
+    /// `validate` found no problem, and could not run the FMU.
+    NotRun,
     /// Ctrl-C shortened the training; the results are those of the best network so far.
     Interrupted,
 }

@@ -1,6 +1,6 @@
 //! `metafmu predict`: computes a surrogate's outputs for every row of a table.
 
-use super::{CommandOutcome, print, print_json, say, stdout::write_result, terminal, warn};
+use super::{CommandOutcome, messages::say_stream, print, print_json, say, stdout::write_result, terminal, warn};
 use crate::cli::PredictArgs;
 use metafmu::{
     Result, files,
@@ -14,6 +14,7 @@ pub fn run(args: &PredictArgs) -> Result<CommandOutcome> {
     out.map_or(Ok(()), files::check_output)?;
     let control = terminal::control()?;
     let surrogate = load(&args.model, control)?;
+    say_stream(&args.table);
     let format = args.out.as_ref().map_or(Format::Csv, |(_, format)| *format);
     let options = PredictOptions { outputs: args.outputs.clone(), format };
     let path = out.unwrap_or(Path::new("stdout"));

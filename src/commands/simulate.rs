@@ -1,6 +1,6 @@
 //! `metafmu simulate`: runs an FMU and writes its outputs.
 
-use super::{CommandOutcome, heard, say, stdout::write_result, terminal::workers, warn};
+use super::{CommandOutcome, heard, messages::say_stream, say, stdout::write_result, terminal::workers, warn};
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result,
@@ -24,9 +24,13 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
         InterfaceArg::Cs => InterfaceKind::CoSimulation,
         InterfaceArg::Me => InterfaceKind::ModelExchange,
     });
-    let unpacked = Unpacked::open(&args.fmu, wanted)?;
+    let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
+    let unpacked = Unpacked::open(&args.fmu, wanted, watch.patience())?;
     let (inputs, first) = match &args.input {
-        Some(path) => read_inputs(&args.fmu, unpacked.description(), path)?,
+        Some(path) => {
+            say_stream(path);
+            read_inputs(&args.fmu, unpacked.description(), path)?
+        }
         None => (Inputs::default(), None),
     };
     let options = SimulationOptions {
@@ -41,7 +45,6 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
         record: Vec::new(),
         record_only: false,
     };
-    let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let (mut table, mut domain) = (args.plot.as_ref().map(|_| SimulationTable::default()), DomainWarning::default());
     let path = args.output.as_deref().unwrap_or(Path::new("stdout"));
     let mut simulate = |csv: Option<&mut dyn Write>| {

@@ -12,5 +12,9 @@ pub fn run(args: &ValidateArgs) -> Result<CommandOutcome> {
     } else {
         print(&report.to_string())?;
     }
-    Ok(if report.problems.is_empty() { CommandOutcome::Fine } else { CommandOutcome::ProblemsFound })
+    Ok(match report.problems.is_empty() {
+        false => CommandOutcome::ProblemsFound,
+        true if report.was_run => CommandOutcome::Fine,
+        true => CommandOutcome::NotRun,
+    })
 }

@@ -4,6 +4,8 @@ use super::xml::{self, Document};
 use crate::{
     Error, Result,
     diagnostics::kinds::{self, FileKind},
+    reading,
+    unpacking::{ArchiveSize, Patience, UnpackingClock, allowed_bytes},
 };
 use std::{
     fs::{self, File},
@@ -12,10 +14,6 @@ use std::{
 };
 use zip::{CompressionMethod, ZipArchive};
 
-/// No more is unpacked than this many bytes: an archive of a few kilobytes can claim to hold petabytes.
-const MAX_UNPACKED: u64 = 4 << 30;
-/// Nor more entries than this.
-const MAX_ENTRIES: usize = 100_000;
 /// Largest modelDescription.xml that is read.
 const MAX_DESCRIPTION: u64 = 256 << 20;
 
@@ -23,6 +21,8 @@ const MAX_DESCRIPTION: u64 = 256 << 20;
 #[derive(Debug)]
 pub struct Archive {
     path: PathBuf,
+    /// Bytes of the file.
+    size: u64,
     zip: ZipArchive<BufReader<File>>,
 }
 
@@ -47,11 +47,7 @@ impl Archive {
     /// # Errors
     /// [`Error::Io`] if there is no such file or it cannot be read, [`Error::Archive`] if it is not a zip archive.
     pub fn open(path: &Path) -> Result<Self> {
-        let file = File::open(path).map_err(Error::io(path, "open"))?;
-        // a folder can be opened like a file on some systems
-        if file.metadata().map_err(Error::io(path, "open"))?.is_dir() {
-            return Err(Error::io(path, "open")(ErrorKind::IsADirectory.into()));
-        }
+        let file = reading::open(path).map_err(Error::io(path, "open"))?;
         match kinds::of(path) {
             None | Some(FileKind::Fmu | FileKind::System | FileKind::Arrays) => Self::of_file(path.to_owned(), file),
             Some(_) => Err(kinds::other(path, "an FMU")),
@@ -59,8 +55,9 @@ impl Archive {
     }
 
     fn of_file(path: PathBuf, file: File) -> Result<Self> {
+        let size = file.metadata().map_err(Error::io(&path, "open"))?.len();
         match ZipArchive::new(BufReader::new(file)) {
-            Ok(zip) => Ok(Self { path, zip }),
+            Ok(zip) => Ok(Self { path, size, zip }),
             Err(source) => Err(Error::Archive { path, source }),
         }
     }
@@ -78,9 +75,10 @@ impl Archive {
         // a file without a name, which vanishes when it is closed
         let mut file = tempfile::tempfile().map_err(Error::io(&path, "unpack"))?;
         let content = self.zip.by_name(entry).map_err(|error| problem(error.to_string()))?;
-        let count = io::copy(&mut content.take(MAX_UNPACKED + 1), &mut file).map_err(Error::io(&path, "unpack"))?;
-        if count > MAX_UNPACKED {
-            return Err(problem(format!("is larger than the {MAX_UNPACKED} bytes that are unpacked")));
+        let limit = allowed_bytes(self.size);
+        let count = io::copy(&mut content.take(limit + 1), &mut file).map_err(Error::io(&path, "unpack"))?;
+        if count > limit {
+            return Err(problem(format!("has more than {limit} bytes when it is unpacked")));
         }
         file.rewind().map_err(Error::io(&path, "unpack"))?;
         Self::of_file(path, file)
@@ -124,7 +122,7 @@ impl Archive {
         self.zip.index_for_name(name).is_some()
     }
 
-    /// The content of an entry of at most `limit` bytes.
+    /// The content of an entry of at most `limit` bytes, and no more than the archive may have.
     ///
     /// # Errors
     /// [`Error::ArchiveEntry`] if it is missing, damaged or larger.
@@ -134,6 +132,7 @@ impl Archive {
         if !self.contains(name) {
             return Err(problem("is missing: not an FMU".into()));
         }
+        let limit = limit.min(allowed_bytes(self.size));
         let entry = self.zip.by_name(name).map_err(|error| problem(error.to_string()))?;
         let large = || problem(format!("is larger than {limit} bytes"));
         if entry.size() > limit {
@@ -148,6 +147,19 @@ impl Archive {
         Ok(bytes)
     }
 
+    /// The first bytes of an entry, at most `limit`.
+    ///
+    /// # Errors
+    /// [`Error::ArchiveEntry`] if it is missing or damaged.
+    pub fn read_start(&mut self, name: &str, limit: u64) -> Result<Vec<u8>> {
+        let path = self.path.clone();
+        let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: name.into(), problem };
+        let entry = self.zip.by_name(name).map_err(|error| problem(error.to_string()))?;
+        let mut bytes = Vec::new();
+        entry.take(limit).read_to_end(&mut bytes).map_err(|error| problem(error.to_string()))?;
+        Ok(bytes)
+    }
+
     /// Reads modelDescription.xml as far as it can be read.
     ///
     /// # Errors
@@ -157,37 +169,32 @@ impl Archive {
         xml::read(&bytes).map_err(|problem| description_error(&self.path, &problem))
     }
 
-    /// Unpacks everything into a folder.
+    /// Unpacks the entries that are needed into a folder.
     ///
     /// # Errors
-    /// [`Error::ArchiveEntry`] if an entry would land outside the folder, is damaged, or is too large; [`Error::Io`] if
-    /// a file cannot be written.
-    pub fn unpack(&mut self, folder: &Path) -> Result<()> {
+    /// [`Error::ArchiveEntry`] if an entry would land outside the folder, is damaged, or is beyond the limits of size and
+    /// time; [`Error::Io`] if a file cannot be written; [`Error::Interrupted`].
+    pub fn unpack(&mut self, folder: &Path, is_needed: fn(&str) -> bool, patience: Patience) -> Result<()> {
         let entries = self.entries()?;
         let refuse = |entry: &str, problem: String| {
             Err(Error::ArchiveEntry { path: self.path.clone(), entry: entry.into(), problem })
         };
-        if entries.len() > MAX_ENTRIES {
-            return refuse(
-                &entries[MAX_ENTRIES].name,
-                format!("is beyond the {MAX_ENTRIES} entries that are unpacked"),
-            );
-        }
         if let Some((entry, problem)) = entries.iter().find_map(|entry| Some((entry, entry.unsafe_name?))) {
             return refuse(&entry.name, problem.into());
         }
-        let mut sum = 0u64;
-        for entry in &entries {
-            sum = sum.saturating_add(entry.size);
-            if sum > MAX_UNPACKED {
-                return refuse(&entry.name, format!("makes more than the {MAX_UNPACKED} bytes that are unpacked"));
-            }
+        let needed: Vec<(usize, &Entry)> =
+            entries.iter().enumerate().filter(|(_, entry)| is_needed(&entry.name)).collect();
+        let unpacked = needed.iter().fold(0u64, |sum, (_, entry)| sum.saturating_add(entry.size));
+        let size = ArchiveSize { archive: self.size, entries: needed.len(), unpacked };
+        if let Some(problem) = size.problem() {
+            return Err(Error::ArchiveLimit { path: self.path.clone(), problem });
         }
         fs::create_dir_all(folder).map_err(Error::io(folder, "create"))?;
-        (0..).zip(&entries).try_for_each(|(index, entry)| self.unpack_entry(index, entry, folder))
+        let clock = patience.begin();
+        needed.into_iter().try_for_each(|(index, entry)| self.unpack_entry(index, entry, folder, &clock))
     }
 
-    fn unpack_entry(&mut self, index: usize, entry: &Entry, folder: &Path) -> Result<()> {
+    fn unpack_entry(&mut self, index: usize, entry: &Entry, folder: &Path, clock: &UnpackingClock) -> Result<()> {
         let path = self.path.clone();
         let problem = |problem: String| Error::ArchiveEntry { path: path.clone(), entry: entry.name.clone(), problem };
         // some names are not valid for files here, or name a file that is a folder for another entry: the archive's fault
@@ -214,6 +221,9 @@ impl Archive {
         let mut file = File::create(&target).map_err(|error| failed(&target, "write", error))?;
         let mut buffer = vec![0; 1 << 16];
         loop {
+            if let Some(reason) = clock.problem()? {
+                return Err(problem(reason));
+            }
             let count = match content.read(&mut buffer) {
                 Ok(0) => return Ok(()),
                 Ok(count) => count,
@@ -251,6 +261,7 @@ fn unsafe_name(name: &str) -> Option<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::unpacking::MAX_ENTRIES;
     use zip::{ZipWriter, write::SimpleFileOptions};
 
     fn archive(folder: &Path, entries: &[(&str, &[u8])]) -> PathBuf {
@@ -262,6 +273,11 @@ mod tests {
         }
         zip.finish().unwrap();
         path
+    }
+
+    /// Unpacks everything.
+    fn unpack(archive: &mut Archive, folder: &Path) -> Result<()> {
+        archive.unpack(folder, |_| true, Patience::default())
     }
 
     fn message(result: Result<impl std::fmt::Debug>) -> String {
@@ -297,7 +313,7 @@ mod tests {
             let mut archive = Archive::open(&archive(folder.path(), &[("good", b""), (name, b"")])).unwrap();
             let target = folder.path().join("out");
             assert!(
-                matches!(archive.unpack(&target), Err(Error::ArchiveEntry { entry, .. }) if entry == name),
+                matches!(unpack(&mut archive, &target), Err(Error::ArchiveEntry { entry, .. }) if entry == name),
                 "{name}"
             );
             assert!(!target.exists(), "{name}");
@@ -329,10 +345,48 @@ mod tests {
         let path = archive(folder.path(), &[("a", b"1"), ("b", b"2")]);
         declare(&path, u32::MAX - 1);
         let target = folder.path().join("out");
-        let found = message(Archive::open(&path).unwrap().unpack(&target));
-        assert!(found.ends_with("entry `b`: makes more than the 4294967296 bytes that are unpacked"), "{found}");
+        let found = message(unpack(&mut Archive::open(&path).unwrap(), &target));
+        let says = "x.fmu: has 8589934588 bytes when it is unpacked, expected at most 67108864: pack it with less";
+        assert!(found.contains(says), "{found}");
         assert!(!target.exists());
         assert!(message(Archive::open(&path).unwrap().read("a", 1 << 20)).ends_with("is larger than 1048576 bytes"));
+    }
+
+    #[test]
+    fn archives_of_too_many_entries_are_refused_before_anything_is_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let names: Vec<String> = (0..=MAX_ENTRIES).map(|index| format!("{index}")).collect();
+        let entries: Vec<(&str, &[u8])> = names.iter().map(|name| (name.as_str(), b"".as_slice())).collect();
+        let mut archive = Archive::open(&archive(folder.path(), &entries)).unwrap();
+        let target = folder.path().join("out");
+        let found = message(unpack(&mut archive, &target));
+        assert!(found.ends_with("has 50001 entries to unpack, expected at most 50000"), "{found}");
+        assert!(!target.exists());
+        // what is not needed does not count
+        archive.unpack(&target, |name| name == "7", Patience::default()).unwrap();
+        assert_eq!(fs::read_dir(&target).unwrap().count(), 1);
+    }
+
+    #[test]
+    fn unpacking_ends_at_its_time_limit() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut archive = Archive::open(&archive(folder.path(), &[("a", b"1")])).unwrap();
+        let patience = Patience { limit: std::time::Duration::ZERO, option: "--time-limit", stop: None };
+        let found = message(archive.unpack(&folder.path().join("out"), |_| true, patience));
+        assert!(
+            found.ends_with("entry `a`: is not unpacked: the archive took longer than 0 s (--time-limit)"),
+            "{found}"
+        );
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_pipe_is_refused_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pipe.fmu");
+        assert!(std::process::Command::new("mkfifo").arg(&path).status().unwrap().success());
+        let found = message(Archive::open(&path));
+        assert!(found.contains("pipe.fmu: cannot open: it is not a regular file but a pipe"), "{found}");
     }
 
     #[test]
@@ -341,7 +395,7 @@ mod tests {
         let path = archive(folder.path(), &[("zeros", &vec![0; 1 << 20])]);
         declare(&path, 10);
         let target = folder.path().join("out");
-        let found = message(Archive::open(&path).unwrap().unpack(&target));
+        let found = message(unpack(&mut Archive::open(&path).unwrap(), &target));
         assert!(found.ends_with("entry `zeros`: File is larger than its declared uncompressed size"), "{found}");
         assert!(fs::read(target.join("zeros")).unwrap().len() <= 10);
     }
@@ -352,11 +406,11 @@ mod tests {
         let long = "x".repeat(5000);
         for (name, target) in [("a/b", "one"), (long.as_str(), "two")] {
             let path = archive(folder.path(), &[("a", b"1"), (name, b"2")]);
-            let found = Archive::open(&path).unwrap().unpack(&folder.path().join(target));
+            let found = unpack(&mut Archive::open(&path).unwrap(), &folder.path().join(target));
             assert!(matches!(&found, Err(Error::ArchiveEntry { entry, .. }) if entry == name), "{found:?}");
         }
         let path = archive(folder.path(), &[("a", b"1")]);
-        let found = Archive::open(&path).unwrap().unpack(Path::new("/dev/null/none"));
+        let found = unpack(&mut Archive::open(&path).unwrap(), Path::new("/dev/null/none"));
         assert!(matches!(found, Err(Error::Io { .. })), "{found:?}");
     }
 
@@ -365,7 +419,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let mut archive = Archive::open(&archive(folder.path(), &[("a\\b.txt", b"b"), ("c/d/e.txt", b"e")])).unwrap();
         let target = folder.path().join("out");
-        archive.unpack(&target).unwrap();
+        unpack(&mut archive, &target).unwrap();
         assert_eq!(fs::read(target.join("a/b.txt")).unwrap(), b"b");
         assert_eq!(fs::read(target.join("c/d/e.txt")).unwrap(), b"e");
     }

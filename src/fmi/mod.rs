@@ -10,7 +10,7 @@ mod archive;
 pub mod host;
 pub mod identifier;
 pub mod model_description;
-mod platform;
+pub(crate) mod platform;
 pub mod system;
 pub mod unit;
 pub mod validate;

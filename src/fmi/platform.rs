@@ -72,3 +72,77 @@ impl Platform {
         format!("binaries/{}/{model_identifier}.{}", self.folder(version), self.extension)
     }
 }
+
+/// The platforms that a library is for, by its first bytes; none if it is no library of a known kind.
+///
+/// Layouts: System V ABI, "ELF Header"; Microsoft PE format, "COFF File Header"; Apple's `mach-o/loader.h` and
+/// `mach-o/fat.h`.
+pub fn platforms_of(bytes: &[u8]) -> Vec<&'static str> {
+    let part = |place: usize, length: usize| bytes.get(place..place.checked_add(length)?);
+    let little = |place: usize, length: usize| {
+        let field = part(place, length)?;
+        Some(field.iter().rev().fold(0u64, |sum, &byte| sum << 8 | u64::from(byte)))
+    };
+    let big = |place: usize| part(place, 4).map(|field| field.iter().fold(0u64, |sum, &b| sum << 8 | u64::from(b)));
+    let found = if bytes.starts_with(b"\x7fELF") {
+        match little(18, 2) {
+            Some(62) => &["x86_64-linux"][..],
+            Some(3) => &["x86-linux"],
+            Some(183) => &["aarch64-linux"],
+            _ => &[],
+        }
+    } else if bytes.starts_with(b"MZ") {
+        let header = little(0x3c, 4).map_or(0, |place| place as usize);
+        match (part(header, 4), header.checked_add(4).and_then(|place| little(place, 2))) {
+            (Some(b"PE\0\0"), Some(0x8664)) => &["x86_64-windows"][..],
+            (Some(b"PE\0\0"), Some(0x14c)) => &["x86-windows"],
+            (Some(b"PE\0\0"), Some(0xaa64)) => &["aarch64-windows"],
+            _ => &[],
+        }
+    } else if bytes.starts_with(b"\xcf\xfa\xed\xfe") {
+        return little(4, 4).and_then(darwin).into_iter().collect();
+    } else if bytes.starts_with(b"\xca\xfe\xba\xbe") {
+        // several architectures in one file, each announced by 20 bytes
+        let count = big(4).unwrap_or(0).min(16) as usize;
+        return (0..count).filter_map(|index| darwin(big(8 + 20 * index)?)).collect();
+    } else {
+        &[]
+    };
+    found.to_vec()
+}
+
+fn darwin(cpu_type: u64) -> Option<&'static str> {
+    match cpu_type {
+        0x0100_0007 => Some("x86_64-darwin"),
+        0x0100_000c => Some("aarch64-darwin"),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_tell_the_platform() {
+        let elf = |machine: u8| [b"\x7fELF\x02\x01".as_slice(), &[0; 12], &[machine, 0]].concat();
+        let pe = |machine: [u8; 2]| [b"MZ".as_slice(), &[0; 58], &[0x40, 0, 0, 0], b"PE\0\0", &machine].concat();
+        let fat =
+            [b"\xca\xfe\xba\xbe\0\0\0\x02".as_slice(), &[1, 0, 0, 7], &[0; 16], &[1, 0, 0, 12], &[0; 16]].concat();
+        for (bytes, expected) in [
+            (elf(62), &["x86_64-linux"][..]),
+            (elf(183), &["aarch64-linux"]),
+            (elf(8), &[]),
+            (pe([0x64, 0x86]), &["x86_64-windows"]),
+            (pe([0x64, 0xaa]), &["aarch64-windows"]),
+            (b"MZ\x90".to_vec(), &[]),
+            (b"\xcf\xfa\xed\xfe\x0c\0\0\x01".to_vec(), &["aarch64-darwin"]),
+            (fat, &["x86_64-darwin", "aarch64-darwin"]),
+            (b"\xca\xfe\xba\xbe\xff\xff\xff\xff".to_vec(), &[]),
+            (b"#!/bin/sh".to_vec(), &[]),
+            (Vec::new(), &[]),
+        ] {
+            assert_eq!(platforms_of(&bytes), expected, "{bytes:?}");
+        }
+    }
+}

@@ -2,7 +2,10 @@
 
 use super::interface::{LayerOptions, ModelInterface};
 use super::{Imported, builder::Builder};
-use crate::diagnostics::{Problems, names::expected_one_of};
+use crate::{
+    diagnostics::{Problems, names::expected_one_of},
+    unpacking::ArchiveSize,
+};
 use metafmu_runtime::{Activation, Numbers, graph::Elementwise};
 use safetensors::{Dtype, SafeTensors};
 use std::{
@@ -10,9 +13,6 @@ use std::{
     io::{Cursor, Read},
 };
 use zip::ZipArchive;
-
-/// Bytes of one tensor that are read at most.
-const MAX_BYTES: u64 = 1 << 30;
 
 /// Tensors by name.
 pub type Tensors = BTreeMap<String, NumericTensor>;
@@ -60,16 +60,21 @@ pub fn made_already(bytes: &[u8]) -> Option<String> {
 pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
     let broken = |error: zip::result::ZipError| vec![format!("not an archive of numpy (.npz): {error}")];
     let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
+    let mut size = ArchiveSize { archive: bytes.len() as u64, entries: archive.len(), unpacked: 0 };
+    for index in 0..archive.len() {
+        size.unpacked = size.unpacked.saturating_add(archive.by_index_data(index).map_err(broken)?.size());
+    }
+    if let Some(problem) = size.problem() {
+        return Err(vec![problem]);
+    }
     let (mut tensors, mut problems) = (Tensors::new(), Vec::new());
     for index in 0..archive.len() {
-        let entry = archive.by_index(index).map_err(broken)?;
+        // gives no more than the size that is declared
+        let mut entry = archive.by_index(index).map_err(broken)?;
         let name = entry.name().map_err(broken)?;
         let name = name.strip_suffix(".npy").unwrap_or(name.as_ref()).to_owned();
         let mut content = Vec::new();
-        match entry.take(MAX_BYTES + 1).read_to_end(&mut content) {
-            Ok(_) if content.len() as u64 > MAX_BYTES => {
-                problems.push(format!("`{name}`: more than {MAX_BYTES} bytes"))
-            }
+        match entry.read_to_end(&mut content) {
             Ok(_) => match read_npy(&content) {
                 Ok(_) if tensors.contains_key(&name) => {
                     problems.push(format!("`{name}`: two entries of this name, expected one"));

@@ -14,6 +14,7 @@ use crate::{
         onnx::{self, Described},
         tensors,
     },
+    reading,
     study::MAX_NAME,
     surrogate,
     table::{Table, TableColumn},
@@ -411,7 +412,7 @@ fn later_names(input: &str) -> Vec<String> {
 
 /// Columns and content of a model's file; a file of tensors needs the layers of an interface.
 fn read(path: &Path, interface: Option<&ModelInterface>) -> Result<(Vec<u8>, Imported)> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let bytes = reading::read(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
     let refused = |problems| Error::Import { path: path.to_owned(), problems };
     if let Some(kind) = kinds::of(path).filter(|kind| !kind.is_trained_model()) {
         return Err(refused(vec![kind.instead("a trained model: ONNX, .npz or .safetensors")]));

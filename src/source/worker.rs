@@ -14,7 +14,7 @@ use super::{
     launch::{Launcher, WorkerReply},
     program::{ProgramRuns, ResolvedProgram},
 };
-use crate::{Error, Result, fmi::Workers, study::Study, variable::SourceVariable};
+use crate::{Error, Result, fmi::Workers, study::Study, unpacking::Patience, variable::SourceVariable};
 use campaign::Campaign;
 use std::{
     borrow::Cow,
@@ -187,7 +187,7 @@ impl WorkerModel {
         let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
         (missing.len()..points.len()).for_each(|_| done());
         if !missing.is_empty() {
-            let launcher = self.launcher()?;
+            let launcher = self.launcher(workers)?;
             let campaign = Campaign {
                 model: self,
                 launcher: &*launcher,
@@ -211,7 +211,7 @@ impl WorkerModel {
     /// # Errors
     /// Those of [`WorkerModel::run_all`], but of the runs.
     pub fn seconds(&self, points: &[Vec<f64>], long: Duration, workers: Workers<'_>) -> Result<Option<f64>> {
-        let launcher = self.launcher()?;
+        let launcher = self.launcher(workers)?;
         let (mut shortest, mut idle) = (None, None);
         for point in points {
             let started = match idle.take() {
@@ -239,9 +239,13 @@ impl WorkerModel {
         Ok(shortest.map(|time| time.as_secs_f64()))
     }
 
-    fn launcher(&self) -> Result<Box<dyn Launcher + '_>> {
+    fn launcher(&self, workers: Workers) -> Result<Box<dyn Launcher + '_>> {
+        let default = Patience::default();
+        // a limit of short runs is none of unpacking
+        let limit = self.time_limit.max(default.limit);
+        let patience = Patience { limit, option: "source.time_limit", stop: Some(workers.stop) };
         Ok(match &self.runner {
-            Runner::Fmu(runs) => Box::new(runs.launcher()?),
+            Runner::Fmu(runs) => Box::new(runs.launcher(patience)?),
             Runner::Program(runs) => Box::new(runs),
         })
     }

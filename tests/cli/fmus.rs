@@ -25,13 +25,18 @@ fn what_is_no_fmu_cannot_be_simulated() {
 
 /// Copies an FMU entry by entry; `edit` drops entries or changes their bytes.
 fn rewrite(from: &Path, to: &Path, edit: impl Fn(&str, Vec<u8>) -> Option<Vec<u8>>) {
+    rewrite_entries(from, to, |name, bytes| edit(&name, bytes).map(|bytes| (name, bytes)));
+}
+
+/// Copies an FMU entry by entry; `edit` drops entries or changes their names and bytes.
+fn rewrite_entries(from: &Path, to: &Path, mut edit: impl FnMut(String, Vec<u8>) -> Option<(String, Vec<u8>)>) {
     let mut archive = zip::ZipArchive::new(fs::File::open(from).unwrap()).unwrap();
     let mut writer = zip::ZipWriter::new(fs::File::create(to).unwrap());
     for index in 0..archive.len() {
         let mut entry = archive.by_index(index).unwrap();
         let (name, mut bytes) = (entry.name().unwrap().into_owned(), Vec::new());
         entry.read_to_end(&mut bytes).unwrap();
-        if let Some(bytes) = edit(&name, bytes) {
+        if let Some((name, bytes)) = edit(name, bytes) {
             writer.start_file(name, zip::write::SimpleFileOptions::default()).unwrap();
             writer.write_all(&bytes).unwrap();
         }
@@ -86,6 +91,43 @@ fn validate_finds_nothing_in_a_good_fmu_and_says_what_is_wrong_with_a_bad_one() 
     let output = bench.run(&["validate", "bad.fmu"]);
     assert_eq!(output.status.code(), Some(1), "{}", stderr(&output));
     assert!(stdout(&output).contains("start"), "{}", stdout(&output));
+}
+
+/// First bytes of a library for Windows on 64-bit ARM.
+fn pe_of_arm() -> Vec<u8> {
+    [b"MZ".as_slice(), &[0; 58], &[0x40, 0, 0, 0], b"PE\0\0", &[0x64, 0xaa]].concat()
+}
+
+/// Last line of a validation.
+fn last_line(output: &Output) -> String {
+    stdout(output).lines().last().unwrap_or_default().to_owned()
+}
+
+#[test]
+fn validate_passes_only_what_a_host_can_load_and_it_has_run() {
+    let bench = Bench::built();
+    // a library with another name is found by no host
+    rewrite_entries(&bench.path(FMU), &bench.path("named.fmu"), |name, bytes| {
+        Some((name.replace("/single_pendulum.", "/single.pendulum."), bytes))
+    });
+    let output = bench.run(&["validate", "named.fmu"]);
+    assert_eq!(output.status.code(), Some(1), "{}", stdout(&output));
+    let says = "single.pendulum.so`, expected `single_pendulum.so`: hosts load co-simulation by its modelIdentifier";
+    assert!(!cfg!(target_os = "linux") || stdout(&output).contains(says), "{}", stdout(&output));
+    assert!(last_line(&output).ends_with(" found") && last_line(&output) != "no problems found");
+    bench.fails(&["simulate", "named.fmu"], &["no binary for this platform: found `binaries/", "/single.pendulum."]);
+
+    // without a library for this platform nothing is run: neither a problem nor a pass
+    let mut library = Some(("binaries/aarch64-windows/single_pendulum.dll".to_owned(), pe_of_arm()));
+    rewrite_entries(&bench.path(FMU), &bench.path("elsewhere.fmu"), |name, bytes| {
+        if name.starts_with("binaries/") { library.take() } else { Some((name, bytes)) }
+    });
+    let output = bench.run(&["validate", "elsewhere.fmu"]);
+    assert_eq!(output.status.code(), Some(3), "{}", stdout(&output));
+    assert_eq!(last_line(&output), "no problems found, but the FMU was not run");
+    let output = bench.run(&["validate", "elsewhere.fmu", "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&json["was_run"], &json["problems"]), (&false.into(), &serde_json::json!([])));
 }
 
 #[test]

@@ -14,7 +14,8 @@ def test_every_message_is_the_documented_one():
 
 
 def test_there_are_many_cases_and_each_names_its_file():
-    cases = [line for line in bad_input.document().splitlines() if line.startswith("| ") and "| what |" not in line]
+    sections = bad_input.document().removeprefix(bad_input.INTRODUCTION)
+    cases = [line for line in sections.splitlines() if line.startswith("| ") and "| what |" not in line]
     assert len(cases) >= 30
     endings = (".toml", ".csv", ".parquet", ".fmu", ".xlsx", ".onnx", ".pt", ".keras", ".pkl", ".mo", ".slx", ".ipynb", ".ssp")
     assert all(any(ending in case for ending in endings) for case in cases)

@@ -1,11 +1,10 @@
 //! Tables of runs as CSV: numbers are the shortest decimals that read back as the same doubles.
 
 use super::{Dataset, DatasetColumns, Run, RunReader};
-use crate::{Error, Result, diagnostics::Place, files, table::header_field};
+use crate::{Error, Result, diagnostics::Place, files, reading, table::header_field};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
 use std::{
-    fs::File,
     io::{self, BufRead, BufReader, Read, Write},
     path::Path,
 };
@@ -28,7 +27,7 @@ pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<(Dataset, S
     let DatasetColumns { parameters, inputs, .. } = variables;
     let mistake =
         |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
-    let mut file = BufReader::new(File::open(path).map_err(Error::io(path, "read"))?);
+    let mut file = BufReader::new(reading::open(path).map_err(Error::io(path, "read"))?);
     let mut header = Vec::new();
     file.read_until(b'\n', &mut header).map_err(Error::io(path, "read"))?;
     let mut hash = Sha256::new_with_prefix(&header);

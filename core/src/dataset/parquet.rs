@@ -4,6 +4,7 @@ use super::{Dataset, DatasetColumns, Run, RunReader};
 use crate::{
     Error, Result,
     diagnostics::Place,
+    reading,
     table::{
         contained,
         writer::{Block, Format, Values, Writer},
@@ -66,7 +67,7 @@ fn block(index: usize, run: &Run) -> Block {
 /// Reads the table from a file that is not damaged.
 pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<Dataset> {
     let wrong = |place, message| Error::Table { path: path.to_owned(), place, message };
-    let file = File::open(path).map_err(Error::io(path, "read"))?;
+    let file = reading::open(path).map_err(Error::io(path, "read"))?;
     let file = contained(|| SerializedFileReader::new(file)).map_err(|message| wrong(Place::Whole, message))?;
     let mut dataset = variables.without_runs();
     let columns = dataset.columns();

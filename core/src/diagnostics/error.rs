@@ -166,6 +166,14 @@ pub enum Error {
         /// The problem.
         problem: String,
     },
+    /// An archive is beyond the limits of what is unpacked.
+    #[error("{}: {problem}", path.display())]
+    ArchiveLimit {
+        /// The archive.
+        path: PathBuf,
+        /// Found and expected size.
+        problem: String,
+    },
     /// An FMU's modelDescription.xml cannot be used.
     #[error("{}: modelDescription.xml, line {line}: {problem}", path.display())]
     Description {
@@ -235,7 +243,7 @@ pub enum Error {
     NoBinary {
         /// The FMU.
         path: PathBuf,
-        /// Platforms it has binaries for.
+        /// Files in the folder of the missing entry; without any, platforms that it has binaries for.
         found: Vec<String>,
         /// The entry that is missing.
         expected: String,

@@ -8,7 +8,7 @@ use super::{
     problem::Problem,
     schema::{self, Formats},
 };
-use crate::{Error, Result};
+use crate::{Error, Result, reading};
 use serde::de::DeserializeOwned;
 use std::{
     borrow::Cow,
@@ -22,7 +22,7 @@ use toml::{Spanned, de::DeTable, de::DeValue};
 /// # Errors
 /// [`Error::Io`], or [`Error::Study`] if it is something else than text in UTF-8.
 pub fn read(path: &Path, expected: &str) -> Result<String> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let bytes = reading::read(path, reading::MAX_TEXT).map_err(Error::io(path, "read"))?;
     if let Some(kind) = kinds::of(path).filter(|kind| *kind != FileKind::Toml) {
         let message = kind.instead(expected);
         return Err(Error::Study {

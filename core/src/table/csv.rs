@@ -11,9 +11,12 @@ use csv_core::{Reader, ReaderBuilder};
 use std::{
     borrow::Cow,
     fs::File,
-    io::{BufRead, BufReader},
+    io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
 };
+
+/// Bytes of a line at most.
+const MAX_LINE: u64 = 64 << 20;
 
 /// The rows of a file, one after the other.
 #[derive(Debug)]
@@ -155,13 +158,17 @@ impl Csv {
     fn next_line(&mut self) -> Result<bool> {
         loop {
             self.record.raw.clear();
-            let count = self.input.read_until(self.line_end, &mut self.record.raw);
-            let count = count.map_err(Error::io(&self.path, "read"))?;
+            let mut input = self.input.by_ref().take(MAX_LINE + 1);
+            let count = input.read_until(self.line_end, &mut self.record.raw);
+            let count = count.map_err(Error::io(&self.path, "read"))? as u64;
             if count == 0 {
                 return Ok(false);
             }
-            self.read += count as u64;
+            self.read += count;
             self.record.line += 1;
+            if count > MAX_LINE {
+                return Err(self.mistake(&format!("a line of more than {MAX_LINE} bytes, expected a table")));
+            }
             if !self.record.raw.trim_ascii().is_empty() && !self.record.raw.starts_with(b"#") {
                 return Ok(true);
             }

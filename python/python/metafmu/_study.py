@@ -125,19 +125,21 @@ class Report(os.PathLike):
 
 
 class Validation:
-    """Problems found in an FMU, returned by :func:`metafmu.validate`. An instance is true if none was found.
+    """Problems found in an FMU, returned by :func:`metafmu.validate`. An instance is true if the FMU was run and has none.
 
     - ``problems``: a list of dicts with ``area``, ``line`` and ``message``
     - ``not_checked``: list of features that were not checked, with the reasons
+    - ``was_run``: ``False`` if the FMU could not be run by all of its interfaces, for instance on this platform
     """
 
     def __init__(self, found):
         self.problems = found["problems"]
         self.not_checked = found["not_checked"]
+        self.was_run = found["was_run"]
         self._text = found["text"]
 
     def __bool__(self):
-        return not self.problems
+        return self.was_run and not self.problems
 
     def __repr__(self):
         return self._text.rstrip()

@@ -5,6 +5,7 @@ use crate::{
     Error, Result,
     diagnostics::Place,
     fmi::model_description::{Causality, ModelDescription, ScalarVariable, Variability},
+    reading,
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -36,7 +37,7 @@ impl Inputs {
     /// # Errors
     /// Those of [`Inputs::read_csv`].
     pub fn read_csv_with(path: &Path, problem: impl Fn(&Self, f64) -> Option<String>) -> Result<Self> {
-        let text = std::fs::read_to_string(path).map_err(Error::io(path, "read"))?;
+        let text = reading::read_stream_text(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
         let wrong =
             |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
         let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());

@@ -52,7 +52,7 @@ use super::{
     model_description::{CoSimulation, FmiVersion, InterfaceCapabilities},
     xml::{self, Document},
 };
-use crate::{Error, Result};
+use crate::{Error, Result, reading, unpacking::Patience};
 use libloading::Library;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -112,7 +112,7 @@ fn inspect(archive: &mut Archive, wanted: Option<InterfaceKind>) -> Result<(Mode
     let (description, interface) = usable(&path, archive.document()?, wanted)?;
     let binary = binary(&description, interface);
     if !archive.contains(&binary) && !archive.contains(&binary.replace('/', "\\")) {
-        return Err(Error::NoBinary { path, found: platforms(archive)?, expected: binary });
+        return Err(Error::NoBinary { path, found: libraries(archive, &binary)?, expected: binary });
     }
     Ok((description, interface))
 }
@@ -159,7 +159,7 @@ impl Fmu {
     }
 
     fn load(path: &Path, wanted: Option<InterfaceKind>) -> Result<Self> {
-        Unpacked::open(path, wanted)?.load()
+        Unpacked::open(path, wanted, Patience::default())?.load()
     }
 
     /// Loads an FMU that another process has unpacked into a [temporary folder](Unpacked::folder), in a process that is there
@@ -170,7 +170,7 @@ impl Fmu {
     pub fn open_unpacked(path: &Path, folder: &Path, interface: InterfaceKind) -> Result<Self> {
         let folder = unpacked::files(folder);
         let file = folder.join("modelDescription.xml");
-        let text = std::fs::read(&file).map_err(Error::io(&file, "read"))?;
+        let text = reading::read(&file, reading::MAX_WHOLE).map_err(Error::io(&file, "read"))?;
         let document = xml::read(&text).map_err(|problem| description_error(path, &problem))?;
         let (description, interface) = usable(path, document, Some(interface))?;
         Self::of_folder(path, &folder, description, interface, true)
@@ -187,7 +187,7 @@ impl Fmu {
         let resources = folder.join("resources");
         let binary = binary(&description, interface);
         let file = folder.join(&binary);
-        let bytes = std::fs::read(&file).map_err(Error::io(&file, "read"))?;
+        let bytes = reading::read(&file, reading::MAX_WHOLE).map_err(Error::io(&file, "read"))?;
         if let Some(problem) = elf::cut_short(&bytes) {
             return Err(Error::ArchiveEntry { path: path.to_owned(), entry: binary, problem });
         }
@@ -317,17 +317,24 @@ fn load_library(binary: &Path, alone: bool) -> std::result::Result<Library, (lib
     }
 }
 
-/// The platforms that an FMU has binaries for.
-fn platforms(archive: &Archive) -> Result<Vec<String>> {
-    let mut found: Vec<String> = archive
-        .entries()?
-        .iter()
-        .filter_map(|entry| {
-            let name = entry.name.replace('\\', "/");
-            let (folder, file) = name.strip_prefix("binaries/")?.split_once('/')?;
-            (!file.is_empty()).then(|| folder.to_owned())
-        })
-        .collect();
+/// Files in the folder of the missing `binary`; if there are none, the platforms that an FMU has binaries for.
+fn libraries(archive: &Archive, binary: &str) -> Result<Vec<String>> {
+    let (mut beside, mut platforms) = (Vec::new(), Vec::new());
+    let expected_folder = binary.split('/').nth(1);
+    for entry in archive.entries()? {
+        let name = entry.name.replace('\\', "/");
+        let Some((folder, file)) = name.strip_prefix("binaries/").and_then(|rest| rest.split_once('/')) else {
+            continue;
+        };
+        if file.is_empty() {
+            continue;
+        }
+        platforms.push(folder.to_owned());
+        if expected_folder == Some(folder) {
+            beside.push(name);
+        }
+    }
+    let mut found = if beside.is_empty() { platforms } else { beside };
     found.sort_unstable();
     found.dedup();
     Ok(found)

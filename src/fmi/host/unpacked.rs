@@ -3,7 +3,8 @@
 use super::{Fmu, InterfaceKind, inspect};
 use crate::{
     Error, Result,
-    fmi::{Archive, ModelDescription},
+    fmi::{Archive, ModelDescription, Platform},
+    unpacking::Patience,
 };
 use std::{
     fs::{File, OpenOptions},
@@ -40,19 +41,19 @@ impl Unpacked {
     ///
     /// # Errors
     /// As [`Fmu::open`], but for what concerns the content of the binary.
-    pub fn open(path: &Path, wanted: Option<InterfaceKind>) -> Result<Self> {
-        Self::of_archive(Archive::open(path)?, wanted)
+    pub fn open(path: &Path, wanted: Option<InterfaceKind>, patience: Patience) -> Result<Self> {
+        Self::of_archive(Archive::open(path)?, wanted, patience)
     }
 
     /// Unpacks an FMU, see [`Unpacked::open`].
     ///
     /// # Errors
     /// As [`Unpacked::open`].
-    pub fn of_archive(mut archive: Archive, wanted: Option<InterfaceKind>) -> Result<Self> {
+    pub fn of_archive(mut archive: Archive, wanted: Option<InterfaceKind>, patience: Patience) -> Result<Self> {
         let (description, interface) = inspect(&mut archive, wanted)?;
         let folder = TemporaryFolder::create()?;
         let files = folder.files();
-        archive.unpack(&files)?;
+        archive.unpack(&files, is_needed, patience)?;
         let resources = files.join("resources");
         std::fs::create_dir_all(&resources).map_err(Error::io(&resources, "create"))?;
         Ok(Self { path: archive.path().to_owned(), description, interface, folder })
@@ -116,6 +117,22 @@ impl TemporaryFolder {
     }
 }
 
+/// Returns true if an FMU that runs here may need an entry: neither documents and source code nor libraries for other
+/// operating systems. Libraries for other processors stay, as some FMUs start programs for these.
+fn is_needed(entry: &str) -> bool {
+    let name = entry.replace('\\', "/");
+    let (folder, rest) = name.split_once('/').unwrap_or(("", &name));
+    match folder {
+        "documentation" | "sources" | "terminalsAndIcons" => false,
+        "binaries" => {
+            let platform = rest.split('/').next().unwrap_or_default();
+            let known = Platform::ALL.into_iter().find(|known| [known.tuple, known.folder_2].contains(&platform));
+            known.is_none_or(|known| known.extension == Platform::CURRENT.extension)
+        }
+        _ => true,
+    }
+}
+
 /// Path of the FMU's files in a temporary folder.
 pub(super) fn files(folder: &Path) -> PathBuf {
     folder.join(FILES)
@@ -158,6 +175,18 @@ fn have_one_owner(first: &Path, second: &Path) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_entries_that_a_run_may_need_are_unpacked() {
+        let own = Platform::CURRENT.binary(crate::fmi::FmiVersion::V2, "m");
+        for name in ["modelDescription.xml", "resources/a/b", "extra/x", "binaries/odd/m.so", "resources\\a", &own] {
+            assert!(is_needed(name), "{name}");
+        }
+        let other = if cfg!(windows) { "binaries/linux64/m.so" } else { "binaries/win64/m.dll" };
+        for name in ["documentation/index.html", "sources/m.c", "terminalsAndIcons/icon.png", other] {
+            assert!(!is_needed(name), "{name}");
+        }
+    }
 
     #[test]
     fn a_folder_that_nobody_holds_is_removed_when_another_is_made() {

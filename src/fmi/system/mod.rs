@@ -11,7 +11,7 @@ mod source;
 mod structure;
 
 use super::{Archive, InterfaceKind, host::Unpacked};
-use crate::{Error, Result};
+use crate::{Error, Result, reading, unpacking::Patience};
 pub use plan::Experiment;
 pub(crate) use plan::{is_number, misfit, port};
 pub use source::ComponentSource;
@@ -131,7 +131,7 @@ impl FmuSystem {
     pub fn open(path: &Path) -> Result<Self> {
         let is_description = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("ssd"));
         if is_description {
-            let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+            let bytes = reading::read(path, MAX_DESCRIPTION).map_err(Error::io(path, "read"))?;
             let root = path.parent().unwrap_or(Path::new(""));
             return structure::read(&bytes, path, root, false);
         }
@@ -158,14 +158,16 @@ impl FmuSystem {
         if *is_mechanism {
             let bytes = match self.is_archive {
                 true => Archive::open(&self.root)?.read(source, MAX_DESCRIPTION)?,
-                false => std::fs::read(&path).map_err(Error::io(&path, "read"))?,
+                false => reading::read(&path, MAX_DESCRIPTION).map_err(Error::io(&path, "read"))?,
             };
             let set = |name: &str| values.iter().find(|value| value.name == name).map(|value| value.value);
             return ComponentSource::mechanism(path, String::from_utf8_lossy(&bytes).into_owned(), set);
         }
         let fmu = match self.is_archive {
-            true => Unpacked::of_archive(Archive::open(&self.root)?.open_inner(source)?, *interface),
-            false => Unpacked::open(&path, *interface),
+            true => {
+                Unpacked::of_archive(Archive::open(&self.root)?.open_inner(source)?, *interface, Patience::default())
+            }
+            false => Unpacked::open(&path, *interface, Patience::default()),
         };
         fmu.map(Box::new).map(ComponentSource::Fmu)
     }

@@ -1,7 +1,8 @@
 //! Checks the zip archive.
 
 use super::{Area, Report};
-use crate::fmi::Archive;
+use crate::fmi::{Archive, archive::Entry};
+use std::collections::BTreeSet;
 
 /// Reports what in the archive some host would stumble over.
 pub fn check(archive: &mut Archive, report: &mut Report) {
@@ -28,11 +29,29 @@ pub fn check(archive: &mut Archive, report: &mut Report) {
         }
     }
     if !archive.contains("modelDescription.xml") {
-        let message = match entries.iter().find(|entry| entry.name.ends_with("/modelDescription.xml")) {
-            Some(entry) => format!("there is no `modelDescription.xml`; `{}` is in the wrong place", entry.name),
-            None => "there is no `modelDescription.xml`".into(),
+        let named = |name: &str| entries.iter().find(|entry| entry.name.eq_ignore_ascii_case(name));
+        let misplaced = entries.iter().find(|entry| entry.name.ends_with("/modelDescription.xml"));
+        let hint = match (named("modelDescription.xml"), misplaced) {
+            (Some(entry), _) => format!("; `{}` differs in case", entry.name),
+            (None, Some(entry)) => format!("; `{}` is in the wrong place", entry.name),
+            (None, None) => String::new(),
         };
-        report.problem(Area::Archive, message);
+        report.problem(Area::Archive, format!("there is no `modelDescription.xml`{hint}"));
+    }
+    check_folders(&entries, report);
+}
+
+/// Folders of the standard that hosts search.
+const FOLDERS: [&str; 6] = ["binaries", "documentation", "extra", "resources", "sources", "terminalsAndIcons"];
+
+/// Reports folders whose names differ from those of the standard in case: hosts on Linux do not find them.
+fn check_folders(entries: &[Entry], report: &mut Report) {
+    let folders: BTreeSet<&str> = entries.iter().filter_map(|entry| Some(entry.name.split_once('/')?.0)).collect();
+    for folder in folders {
+        let expected = FOLDERS.into_iter().find(|known| *known != folder && known.eq_ignore_ascii_case(folder));
+        if let Some(expected) = expected {
+            report.problem(Area::Archive, format!("folder `{folder}` differs in case from `{expected}`"));
+        }
     }
 }
 
@@ -80,6 +99,17 @@ mod tests {
                 "entry `resources\\a` has a backslash in its name, expected forward slashes",
                 "entry `../b` leads out of the archive by `..`",
                 "there is no `modelDescription.xml`; `x/modelDescription.xml` is in the wrong place",
+            ]
+        );
+    }
+
+    #[test]
+    fn names_that_differ_in_case_are_problems() {
+        assert_eq!(
+            messages(&["ModelDescription.xml", "Binaries/linux64/a.so", "resources/a"], |_| {}),
+            [
+                "there is no `modelDescription.xml`; `ModelDescription.xml` differs in case",
+                "folder `Binaries` differs in case from `binaries`",
             ]
         );
     }

@@ -3,12 +3,15 @@
 
 mod archive;
 mod behavior;
+mod binaries;
 mod derivatives;
 mod description;
 pub(crate) mod run;
 
-use super::{Archive, Fmu, InterfaceKind, ModelDescription, Platform, host::Unpacked};
-use crate::Error;
+use super::{
+    Archive, Fmu, InterfaceKind, ModelDescription, Platform, host::Unpacked, model_description::InterfaceCapabilities,
+};
+use crate::{Error, diagnostics::names::listed, unpacking::Patience};
 use serde::{Deserialize, Serialize};
 use std::{collections::HashSet, fmt, path::Path};
 
@@ -19,6 +22,8 @@ pub struct Report {
     pub problems: Vec<Finding>,
     /// Checks that could not be made, with the reason.
     pub not_checked: Vec<String>,
+    /// `true` if the FMU was run by each of its interfaces for co-simulation and model exchange.
+    pub was_run: bool,
 }
 
 /// One problem.
@@ -144,7 +149,7 @@ impl Report {
     }
 }
 
-/// A line for each problem, for each thing not checked, and for the number of problems.
+/// A line for each problem, for each thing not checked, and for the result.
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         for problem in &self.problems {
@@ -154,7 +159,8 @@ impl fmt::Display for Report {
             writeln!(f, "not checked: {what}")?;
         }
         match self.problems.len() {
-            0 => writeln!(f, "no problems found"),
+            0 if self.was_run => writeln!(f, "no problems found"),
+            0 => writeln!(f, "no problems found, but the FMU was not run"),
             1 => writeln!(f, "1 problem found"),
             count => writeln!(f, "{count} problems found"),
         }
@@ -189,7 +195,7 @@ impl fmt::Display for Area {
 /// [`Error::Io`] if the file cannot be read or unpacked, [`Error::Archive`] if it is not a zip archive: there is nothing to validate.
 pub fn validate(path: impl AsRef<Path>, checks: &dyn Checks) -> crate::Result<Report> {
     let path = path.as_ref();
-    examine(path, checks, &mut |unpacked, report| {
+    examine(path, checks, Patience::default(), &mut |unpacked, report| {
         let mut archive = Archive::open(path)?;
         match unpacked.load() {
             Ok(fmu) => run(&fmu, &mut archive, checks, &mut Notes(&mut |note| report.add(note))),
@@ -203,6 +209,7 @@ pub fn validate(path: impl AsRef<Path>, checks: &dyn Checks) -> crate::Result<Re
 pub(super) fn examine(
     path: &Path,
     checks: &dyn Checks,
+    patience: Patience,
     run: &mut dyn FnMut(Unpacked, &mut Report) -> crate::Result<()>,
 ) -> crate::Result<Report> {
     let mut report = Report::default();
@@ -223,15 +230,22 @@ pub(super) fn examine(
         Err(_) => return Ok(nothing_run(report)),
     };
     description::check(&document, &mut report);
+    binaries::check(&mut archive, &document.description, &mut report);
     checks.archive(&mut archive, &mut report);
     if document.description.scheduled_execution.is_some() {
         report.skipped("scheduled execution: only co-simulation and model exchange are run");
     }
-    for interface in [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange] {
-        if let Some(unpacked) = unpack(path, &document.description, interface, &mut report)? {
+    let interfaces = [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange];
+    let offered = interfaces.into_iter().filter(|kind| document.description.interface(*kind).is_some());
+    let (mut offered_count, mut run_count) = (0, 0);
+    for interface in offered {
+        offered_count += 1;
+        if let Some(unpacked) = unpack(&archive, &document.description, interface, patience, &mut report)? {
+            run_count += 1;
             run(unpacked, &mut report)?;
         }
     }
+    report.was_run = run_count > 0 && run_count == offered_count;
     checks.end(&mut archive, &mut report);
     report.forget_repetitions();
     Ok(report)
@@ -254,9 +268,10 @@ fn nothing_run(mut report: Report) -> Report {
 
 /// The FMU for one of its interfaces, if it offers that and can be run here.
 fn unpack(
-    path: &Path,
+    archive: &Archive,
     description: &ModelDescription,
     interface: InterfaceKind,
+    patience: Patience,
     report: &mut Report,
 ) -> crate::Result<Option<Unpacked>> {
     let Some(offered) = description.interface(interface) else { return Ok(None) };
@@ -264,30 +279,40 @@ fn unpack(
         report.skipped(format!("{interface}: the FMU needs another program to run"));
         return Ok(None);
     }
-    match Unpacked::open(path, Some(interface)) {
+    match Unpacked::open(archive.path(), Some(interface), patience) {
         Ok(unpacked) => return Ok(Some(unpacked)),
         // its mistakes have been reported with their lines
         Err(Error::Description { .. }) => {
             report.skipped("the binary and what it computes: modelDescription.xml cannot be used");
         }
         Err(Error::NoBinary { found, expected, .. }) if !found.is_empty() => {
-            let (found, platform) = (found.join(", "), Platform::CURRENT.tuple);
             report.skipped(format!(
-                "the binary and what it computes: there is no `{expected}` for this platform, {platform}, only for {found}"
+                "{interface}: this platform, {}, needs `{expected}`, the FMU has {}",
+                Platform::CURRENT.tuple,
+                listed(&found.iter().map(String::as_str).collect::<Vec<_>>())
             ));
+        }
+        Err(Error::NoBinary { .. }) if has_sources(archive, offered) => {
+            report.skipped(format!("{interface}: the FMU has source code only: compile it and validate the result"));
         }
         Err(Error::NoBinary { expected, .. }) => {
             report.problem(Area::Binary, format!("there is no binary for any platform, expected `{expected}`"));
         }
         // the machine's fault
-        Err(error @ Error::Io { .. }) => return Err(error),
+        Err(error @ (Error::Io { .. } | Error::Interrupted)) => return Err(error),
         // the check of the archive may have found it, too
         Err(Error::ArchiveEntry { entry, problem, .. }) => {
             report.problem(Area::Archive, format!("entry `{entry}` {problem}"));
         }
+        Err(Error::ArchiveLimit { problem, .. }) => report.problem(Area::Archive, problem),
         Err(error) => report.problem(Area::Archive, error.to_string()),
     }
     Ok(None)
+}
+
+/// Returns true if an interface comes as source code.
+fn has_sources(archive: &Archive, interface: &InterfaceCapabilities) -> bool {
+    !interface.source_files.is_empty() || archive.contains("sources/buildDescription.xml")
 }
 
 #[cfg(test)]
@@ -297,6 +322,8 @@ mod tests {
     #[test]
     fn a_report_is_printed_line_by_line() {
         let mut report = Report::default();
+        assert_eq!(report.to_string(), "no problems found, but the FMU was not run\n");
+        report.was_run = true;
         assert_eq!(report.to_string(), "no problems found\n");
         report.at_line(7, "something is wrong");
         report.skipped("the weather");

@@ -4,6 +4,7 @@ use super::{ARGUMENT, FOLDER, Job};
 use crate::{
     Error, Result,
     process::{ChildProcess, ReplyStatus, ReplyStream},
+    unpacking::Patience,
 };
 use serde::{Serialize, de::DeserializeOwned};
 use std::{
@@ -33,6 +34,16 @@ pub struct Watch<'a> {
     pub limit: Option<Duration>,
     /// Receives each line that it prints.
     pub heard: fn(&str),
+}
+
+impl<'a> Watch<'a> {
+    /// Limit of the unpacking of the FMU.
+    pub fn patience(self) -> Patience<'a> {
+        let of_unpacking = Patience::default();
+        let (limit, option) =
+            self.limit.map_or((of_unpacking.limit, of_unpacking.option), |limit| (limit, "--time-limit"));
+        Patience { limit, option, stop: Some(self.workers.stop) }
+    }
 }
 
 /// A running worker for an FMU, with replies of a type and numbers; killed when dropped.

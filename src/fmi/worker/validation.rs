@@ -38,7 +38,7 @@ enum ValidationReply {
 /// # Errors
 /// Those of [`validate`](crate::fmi::validate()), [`Error::Interrupted`], and [`Error::Io`] if no process can be started.
 pub fn validate_apart(path: impl AsRef<Path>, watch: Watch, checks: &dyn Checks) -> Result<Report> {
-    examine(path.as_ref(), checks, &mut |unpacked, report| run_apart(&unpacked, watch, report))
+    examine(path.as_ref(), checks, watch.patience(), &mut |unpacked, report| run_apart(&unpacked, watch, report))
 }
 
 fn run_apart(unpacked: &Unpacked, watch: Watch, report: &mut Report) -> Result<()> {

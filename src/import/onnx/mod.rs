@@ -15,7 +15,7 @@ mod tensor;
 mod trees;
 
 use super::{Imported, RecurrentState, builder::Builder};
-use crate::{Error, Result};
+use crate::{Error, Result, reading};
 use batch::TwoRows;
 use node::{RowTensor, Value};
 use prost::Message;
@@ -31,7 +31,7 @@ const OPSETS: std::ops::RangeInclusive<i64> = 7..=24;
 /// # Errors
 /// [`Error::Io`] if it cannot be read, [`Error::Import`] with the nodes and operators that do not fit.
 pub fn load(path: &Path) -> Result<Imported> {
-    let bytes = std::fs::read(path).map_err(Error::io(path, "read"))?;
+    let bytes = reading::read(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     read(&bytes, Some(folder)).map_err(|problems| Error::Import { path: path.to_owned(), problems })
 }

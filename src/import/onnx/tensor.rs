@@ -1,9 +1,8 @@
 //! Constants of an ONNX file: initializers, attributes, and results computed from them.
 
 use super::proto::{BOOL, DOUBLE, FLOAT, INT32, INT64, TensorProto, type_name};
-use crate::import::builder::MAX_WEIGHTS;
+use crate::{import::builder::MAX_WEIGHTS, reading};
 use std::{
-    fs::File,
     io::{Read, Seek, SeekFrom},
     path::{Component, Path},
 };
@@ -198,13 +197,9 @@ fn external_data(proto: &TensorProto, folder: Option<&Path>) -> Result<Vec<u8>, 
         }
         None => Ok(None),
     };
-    // before it is opened, as a pipe would wait for a writer
-    let metadata = path.metadata().map_err(unreadable)?;
-    if !metadata.is_file() {
-        return Err(outside());
-    }
-    let mut file = File::open(&path).map_err(unreadable)?;
-    let (offset, size) = (number("offset")?.unwrap_or(0), metadata.len());
+    let mut file = reading::open(&path).map_err(unreadable)?;
+    let size = file.metadata().map_err(unreadable)?.len();
+    let offset = number("offset")?.unwrap_or(0);
     let length = number("length")?.unwrap_or(size.saturating_sub(offset));
     if offset.checked_add(length).is_none_or(|end| end > size) {
         return Err(format!(

@@ -95,7 +95,7 @@ impl<'a> Reader<'a> {
         stop: &'a AtomicBool,
         tell: impl Fn(&str),
     ) -> Result<Self> {
-        let table = Table::open(path)?;
+        let table = Table::open_stream(path)?;
         let columns = PredictionColumns::find(surrogate, &table, tell)?;
         Ok(Self { surrogate, stop, table, columns, labels: runs::RunLabels::default(), current: None })
     }

@@ -21,6 +21,7 @@ use crate::{
     },
     process::ReplyStatus,
     study::Study,
+    unpacking::Patience,
     variable::SourceVariable,
 };
 use std::{
@@ -85,8 +86,8 @@ impl FmuRuns {
     }
 
     /// Unpacks the FMU, for as long as the launcher lives.
-    pub(super) fn launcher(&self) -> Result<FmuLauncher<'_>> {
-        let unpacked = Unpacked::open(&self.task.path, Some(self.task.interface))?;
+    pub(super) fn launcher(&self, patience: Patience) -> Result<FmuLauncher<'_>> {
+        let unpacked = Unpacked::open(&self.task.path, Some(self.task.interface), patience)?;
         Ok(FmuLauncher { runs: self, unpacked })
     }
 }
