@@ -352,7 +352,7 @@ fn experiment(
             Err(expected) => expected,
         },
     };
-    Err(Error::Experiment { start, stop: stop.unwrap_or(f64::NAN), step: step.unwrap_or(f64::NAN), expected })
+    Err(Error::Experiment { start, stop, step, expected })
 }
 
 /// Start values of a surrogate that replaces a source, and values of the system for which the surrogate has no

@@ -1,7 +1,7 @@
 //! Verdict on a surrogate by `[accept]` of the study: good, usable, or rejected.
 
 use crate::{
-    diagnostics::numbers::number,
+    diagnostics::numbers::{number, power},
     evaluation::{
         Accuracy, CHAOTIC, Horizon, OutputMetrics, RollOuts, Verdict,
         comparison::{Comparison, ModelRow, ModelStatus, NETWORK},
@@ -206,7 +206,7 @@ impl Judged<'_> {
 /// A number with three decimals, or as many as distinguish it from another one.
 fn told_apart(value: f64, other: f64) -> String {
     if value.abs() >= 1e4 {
-        return format!("{value:.2e}");
+        return power(value, 2);
     }
     let fixed = |decimals: usize| (format!("{value:.decimals$}"), format!("{other:.decimals$}"));
     let found = (3..=17).map(fixed).find(|(value, other)| value != other);

@@ -16,6 +16,7 @@ use crate::{
         Place,
         kinds::{self, FileKind},
         names::{did_you_mean, listed},
+        numbers::{ends, exact},
     },
     reading,
 };
@@ -176,7 +177,11 @@ impl Table {
         let value = self.number(column)?;
         if value < min || value > max {
             let name = &self.columns[column].name;
-            return Err(self.mistake(&format!("column `{name}`: {value}, expected {min} to {max}, the study's range")));
+            return Err(self.mistake(&format!(
+                "column `{name}`: {}, expected {}, the study's range",
+                exact(value),
+                ends(min, max)
+            )));
         }
         Ok(value)
     }

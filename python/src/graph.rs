@@ -3,7 +3,7 @@
 use crate::{Error, PySurrogate, bytes, doubles, refused, rows, threads::shared};
 use metafmu::{
     import::interface::ModelInterface,
-    import::{self, About, Imported, builder::Builder},
+    import::{self, About, Imported, builder::Builder, rounding::RandomRounding},
 };
 use metafmu_runtime::{
     Activation, Layer, Numbers, ScaledNetwork,
@@ -69,7 +69,8 @@ fn by_name<T: Copy>(table: &[(&str, T)], wanted: &str) -> PyResult<T> {
 /// A graph that is being made: value 0 is the row of inputs, and each method makes a value of others and gives its number.
 #[pyclass(name = "Graph", module = "metafmu._metafmu")]
 pub struct PyGraph {
-    builder: Option<Builder>,
+    builder: Builder,
+    is_finished: bool,
     values: usize,
 }
 
@@ -79,7 +80,7 @@ impl PyGraph {
         if let Some(value) = values.iter().find(|value| **value >= self.values) {
             return Err(refused(format!("value {value} of {}", self.values)));
         }
-        self.builder.as_mut().ok_or_else(|| Error::new_err("the graph is finished"))
+        if self.is_finished { Err(Error::new_err("the graph is finished")) } else { Ok(&mut self.builder) }
     }
 
     fn made(&mut self, made: Result<usize, String>) -> PyResult<usize> {
@@ -105,7 +106,7 @@ impl PyGraph {
         if inputs == 0 {
             return Err(refused("no inputs, expected at least one"));
         }
-        Ok(Self { builder: Some(Builder::new(inputs)), values: 1 })
+        Ok(Self { builder: Builder::new(inputs), is_finished: false, values: 1 })
     }
 
     fn width(&mut self, value: usize) -> PyResult<usize> {
@@ -259,6 +260,29 @@ impl PyGraph {
         Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).concat())))
     }
 
+    /// Values of these columns at rows of the inputs, with all values rounded at random: relative and absolute size, and a seed. The graph
+    /// may be finished.
+    #[allow(clippy::needless_pass_by_value)]
+    fn rounded<'py>(
+        &self,
+        py: Python<'py>,
+        columns: Vec<[u32; 2]>,
+        x: &[u8],
+        sizes: (f64, f64),
+        seed: u64,
+    ) -> PyResult<Bound<'py, PyByteArray>> {
+        let points = rows(Some(x), self.builder.width(0)).unwrap_or_default();
+        let is_there = |[of, place]: &[u32; 2]| {
+            (*of as usize) < self.values && (*place as usize) < self.builder.width(*of as usize)
+        };
+        if !columns.iter().all(is_there) {
+            return Err(refused("a column that no value has"));
+        }
+        let (relative, absolute) = sizes;
+        let graph = RandomRounding { relative, absolute, seed }.of(&self.builder, columns).map_err(refused)?;
+        Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).concat())))
+    }
+
     /// Finishes the graph with these columns as the outputs of a model, whose columns have names: `named` has those of
     /// the inputs and of the outputs.
     #[allow(clippy::too_many_arguments)]
@@ -311,7 +335,8 @@ impl PyGraph {
         self.check_columns(columns)?;
         lengths("outputs", columns.len(), outputs)?;
         lengths("columns of inputs", self.of(&[0])?.width(0), inputs)?;
-        self.builder.take().ok_or_else(|| refused("the graph is finished"))
+        self.is_finished = true;
+        Ok(self.builder.clone())
     }
 
     fn check_columns(&mut self, columns: &[[u32; 2]]) -> PyResult<()> {

@@ -16,7 +16,7 @@ use metafmu::{
     export::validate_apart,
     fmi::{Watch, Workers},
     import::interface::ModelInterface,
-    import::{self, Imported, onnx},
+    import::{self, Imported, onnx, rounding::RandomRounding},
     pipeline::{
         self, Project,
         export::{ExportPlan, ExportRequest, WrittenFmu},
@@ -260,13 +260,15 @@ fn out_of_order(names: (String, Vec<String>), columns: (String, Vec<String>)) ->
     names::out_of_order_problem((&names.0, &listed), (&columns.0, &known))
 }
 
-/// The outputs of an ONNX model at rows of its columns, as they are read here; states that it has itself are those of the start.
+/// The outputs of an ONNX model at rows of its columns, as they are read here; states that it has itself are those of the start. `rounding`
+/// rounds all values at random: its relative and absolute size, and a seed.
 #[pyfunction]
 fn onnx_evaluate<'py>(
     py: Python<'py>,
     model: &[u8],
     folder: Option<PathBuf>,
     x: &[u8],
+    rounding: Option<(f64, f64, u64)>,
 ) -> PyResult<Bound<'py, PyByteArray>> {
     let evaluated = detached(py, || {
         let Imported { inputs, builder, columns, recurrences, .. } =
@@ -274,7 +276,11 @@ fn onnx_evaluate<'py>(
         let mut points = rows(Some(x), inputs.len()).unwrap_or_default();
         let starts: Vec<f64> = recurrences.into_iter().flat_map(|state| state.start).collect();
         points.iter_mut().for_each(|point| point.extend(&starts));
-        Ok(builder.finish(columns)?.evaluate(&points).concat())
+        let graph = match rounding {
+            Some((relative, absolute, seed)) => RandomRounding { relative, absolute, seed }.of(&builder, columns)?,
+            None => builder.finish(columns)?,
+        };
+        Ok(graph.evaluate(&points).concat())
     });
     evaluated.map(|values| PyByteArray::new(py, &bytes(&values))).map_err(|problem: String| refused(problem))
 }

@@ -4,6 +4,7 @@ import importlib.metadata
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 import threading
@@ -680,6 +681,42 @@ def test_onnx_files_are_read_and_compared_with_onnxruntime(rows, agrees, tmp_pat
         metafmu.from_onnx(model, data=rows[0])
     with pytest.raises(metafmu.Error, match="not an ONNX model"):
         metafmu.from_onnx(b"nothing", data=rows[0])
+
+
+def single_onnx(nodes, **numbers):
+    """An ONNX model of a column `x` in single precision: operators with their operands, one after the other, to `y`."""
+    onnx = pytest.importorskip("onnx")
+    helper = onnx.helper
+    steps = [helper.make_node(operator, [*operands], ["y" if place == len(nodes) - 1 else f"v{place}"]) for place, (operator, *operands) in enumerate(nodes)]
+    tensor = lambda name: helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, ["n", 1])
+    constants = [onnx.numpy_helper.from_array(np.array([value], np.float32), name) for name, value in numbers.items()]
+    graph = helper.make_graph(steps, "g", [tensor("x")], [tensor("y")], constants)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+
+
+@pytest.mark.parametrize(
+    ("nodes", "numbers", "ends"),
+    [
+        # below -1.1 the sigmoid has few digits in single precision, below -1.3 it is 0
+        ([("Mul", "x", "a"), ("Sigmoid", "v0"), ("Log", "v1")], {"a": 80.0}, (-1.29, -1.1)),
+        # exactly 0 in single precision, 1.5e-8 x in double precision
+        ([("Mul", "x", "a"), ("Mul", "v0", "b"), ("Sub", "v1", "x")], {"a": 0.1, "b": 10.0}, (1.0, 2.0)),
+        # a difference of large numbers
+        ([("Add", "x", "a"), ("Sub", "v0", "a")], {"a": 1e6}, (-1.0, 2.0)),
+    ],
+)
+def test_what_rounding_explains_is_not_read_wrongly(nodes, numbers, ends, monkeypatch):
+    runtime = pytest.importorskip("onnxruntime")
+    model = single_onnx(nodes, **numbers)
+    metafmu.from_onnx(model, inputs={"x": ends})
+    # a model that is another one is still refused
+    other = single_onnx([*nodes, ("Add", "v%d" % (len(nodes) - 1), "c")], **numbers, c=100.0)
+    session = runtime.InferenceSession
+    monkeypatch.setattr(runtime, "InferenceSession", lambda _, *options, **more: session(other.SerializeToString(), *options, **more))
+    with pytest.raises(metafmu.Error, match="was read wrongly: predictions differ by [^;]{,60};") as error:
+        metafmu.from_onnx(model, inputs={"x": ends})
+    # no sentinel
+    assert not re.search(r"e\+?[23]\d\d", str(error.value)), error.value
 
 
 def test_columns_go_by_the_names_of_an_onnx_model(goes_by_names, tmp_path):

@@ -3,7 +3,9 @@
 use super::{CommandOutcome, heard, print, print_json};
 use crate::cli::ImportArgs;
 use metafmu::{
-    Error, Result, files,
+    Error, Result,
+    diagnostics::numbers::power,
+    files,
     pipeline::import::{ImportOptions, ImportedSurrogate, OutputDifference, import, starter},
 };
 
@@ -36,8 +38,9 @@ fn report(imported: &ImportedSurrogate, json: bool) -> Result<CommandOutcome> {
     } else {
         for OutputDifference { output, largest, relative, row, fits } in &imported.check {
             let verdict = if *fits { "" } else { ": not what was expected" };
+            let (largest, relative) = (power(*largest, 3), power(*relative, 1));
             print(&format!(
-                "{output}: largest difference {largest:.3e}, {relative:.1e} of the range, in row {row}{verdict}\n"
+                "{output}: largest difference {largest}, {relative} of the range, in row {row}{verdict}\n"
             ))?;
         }
         if let Some(model) = &imported.model {

@@ -3,7 +3,9 @@
 use super::{CommandOutcome, messages::say_stream, print, print_json, say, stdout::write_result, terminal, warn};
 use crate::cli::PredictArgs;
 use metafmu::{
-    Result, files,
+    Result,
+    diagnostics::numbers::counted,
+    files,
     pipeline::predict::{Found, PredictOptions, Predicted, load, predict},
     table::writer::Format,
 };
@@ -34,7 +36,7 @@ pub fn run(args: &PredictArgs) -> Result<CommandOutcome> {
 }
 
 fn summary(Predicted { rows, runs, seconds, .. }: &Predicted) -> String {
-    let runs = runs.map_or(String::new(), |runs| format!(" of {runs} runs"));
+    let runs = runs.map_or(String::new(), |runs| format!(" of {}", counted(runs as usize, "run")));
     format!("{rows} rows{runs} in {seconds:.2} s, {:.0} rows/s", *rows as f64 / seconds)
 }
 

@@ -1,6 +1,7 @@
 //! The description of the FMU that a surrogate becomes.
 
 use crate::{
+    diagnostics::numbers::power,
     fmi::{
         identifier::model_identifier,
         model_description::{
@@ -337,8 +338,9 @@ fn units(metadata: &Metadata) -> Vec<UnitDefinition> {
 fn of_fixed_steps(surrogate: &Surrogate) -> String {
     match (surrogate.program().integration(), surrogate.metadata().solver_error) {
         (Some(Integration::Fixed { step }), Some(error)) => {
+            let error = power(error, 1);
             format!(
-                " (solver: fixed steps of {step} s, in the domain like an initial state perturbed by at most {error:.1e})"
+                " (solver: fixed steps of {step} s, in the domain like an initial state perturbed by at most {error})"
             )
         }
         _ => String::new(),

@@ -4,6 +4,7 @@ pub mod builder;
 mod cover;
 pub mod interface;
 pub mod onnx;
+pub mod rounding;
 mod stateful;
 pub mod tensors;
 

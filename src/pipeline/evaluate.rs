@@ -9,7 +9,7 @@ use super::{
 use crate::{
     Result, calibration,
     dataset::Dataset,
-    diagnostics::numbers::{self, number},
+    diagnostics::numbers::{self, counted, is_proper, number, percent, power},
     dynamics::Assembly,
     evaluation::comparison::Comparison,
     evaluation::{Accuracy, Horizon, KindCoverage, OutputMetrics, RollOuts, TestRows, Verdict, constraint_residual},
@@ -169,15 +169,15 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let OutputMetrics { r2, mse, max_abs_error, relative_max_error, worst_run, worst_time, bound, .. } = of_output;
         let r2 = r2.map_or("constant".into(), numbers::r2);
         let unit = if variable.unit.is_empty() { "-" } else { &variable.unit };
-        let share = relative_max_error.map_or(String::new(), |share| format!(", {:.3} %", 100.0 * share));
+        let share = relative_max_error.map_or(String::new(), |share| format!(", {}", percent(share)));
         let place = match metrics.accuracy.rows {
             Some(TestRows::OfRuns) => format!("row {} of the test table", worst_run + 1),
             Some(_) => format!("row {} of unseen.csv", worst_run + 1),
             None => format!("test run {worst_run}, t = {worst_time:.3} s"),
         };
-        let worst = format!("{max_abs_error:.3e}{share} ({place})");
-        let bound = bound.map_or(String::new(), |bound| format!("  {bound:>11.3e}"));
-        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {mse:>12.3e}{bound}  {worst}");
+        let worst = format!("{}{share} ({place})", power(*max_abs_error, 3));
+        let bound = bound.map_or(String::new(), |bound| format!("  {:>11}", power(bound, 3)));
+        let _ = writeln!(text, "{name:<12} {unit:<8} {r2:>11} {:>12}{bound}  {worst}", power(*mse, 3));
     }
     let noise = variables().filter_map(|(name, of_output, variable)| {
         Some(of_output.noise?.describe(name, &variable.unit, of_output.bound.is_some()))
@@ -201,7 +201,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     }
     for KindCoverage { kind, runs, within } in &metrics.accuracy.calibration {
         let shares: Vec<String> = within.values().map(|share| format!("{:.1}", 100.0 * share)).collect();
-        let _ = writeln!(text, "  of {runs} calibration runs, {kind}: {}", shares.join(", "));
+        let _ = writeln!(text, "  of {}, {kind}: {}", counted(*runs, "calibration run"), shares.join(", "));
     }
     if let Some(speed) = &metrics.cost.speed {
         let _ = writeln!(text, "\n{}", speed.describe());
@@ -217,21 +217,52 @@ fn roll_out_table(
         format!("{:<10} {:>15} {:>10}   start perturbed by 1e-9: median, 90 %\n", "roll-out", "relative RMS", "90 %");
     for Horizon { seconds, median, q90, sensitivity: [changed, changed_q90], .. } in horizons {
         let time = format!("{} s", number(*seconds));
-        let _ = writeln!(text, "{time:<10} {median:>15.1e} {q90:>10.1e}   {changed:.1e}, {changed_q90:.1e}");
+        let [median, q90, changed, changed_q90] = [median, q90, changed, changed_q90].map(|value| power(*value, 1));
+        let _ = writeln!(text, "{time:<10} {median:>15} {q90:>10}   {changed}, {changed_q90}");
     }
     let diverges = match divergence_time {
         Some(time) => format!("half of the runs are off by 0.1 standard deviations within {} s", number(*time)),
         None => "over half of the runs stay within 0.1 standard deviations of the truth".into(),
     };
-    let energy = energy_drift.map_or(String::new(), |drift| {
-        format!("; without inputs the energy stays within {drift:.1e} of the largest kinetic energy")
+    let energy = energy_drift.map_or(String::new(), |drift| match is_proper(drift) {
+        true => format!("; without inputs the energy stays within {drift:.1e} of the largest kinetic energy"),
+        false => "; without inputs the energy grows beyond all limits, or a run ends".into(),
     });
-    let residual = constraint_residual.map_or(String::new(), |residual| {
-        format!(
+    let residual = constraint_residual.map_or(String::new(), |residual| match is_proper(residual) {
+        true => format!(
             "; at the same coordinates, positions differ from the mechanism's by at most {residual:.1e} of their ranges"
-        )
+        ),
+        false => "; the surrogate reaches coordinates at which the mechanism cannot be assembled".into(),
     });
-    let _ =
-        writeln!(text, "{diverges}{energy}{residual}; {finite} of {runs} runs are finite after ten times their length");
+    let of_runs = counted(*runs, "run");
+    let _ = writeln!(text, "{diverges}{energy}{residual}; {finite} of {of_runs} finite after ten times the length");
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn errors_that_are_not_finite_are_told_without_a_number() {
+        let horizon = Horizon { seconds: 2.0, median: 1e-3, q90: f64::MAX, of_run: 0.0, sensitivity: [1e-9, f64::MAX] };
+        let found = RollOuts {
+            horizons: vec![horizon],
+            chaotic_runs: Vec::new(),
+            divergence_time: None,
+            energy_drift: Some(f64::MAX),
+            constraint_residual: Some(f64::MAX),
+            long_runs: [1, 0],
+        };
+        let text = roll_out_table(&found);
+        assert!(!text.contains("e308") && text.matches("not finite").count() == 2, "{text}");
+        assert!(text.contains("the energy grows beyond all limits, or a run ends; the surrogate reaches"), "{text}");
+        assert!(text.contains("0 of 1 run finite after ten times the length"), "{text}");
+        let finite = RollOuts { energy_drift: Some(0.01), constraint_residual: Some(2e-3), long_runs: [2, 2], ..found };
+        let text = roll_out_table(&finite);
+        assert!(
+            text.contains("stays within 1.0e-2 of") && text.contains("by at most 2.0e-3 of their ranges"),
+            "{text}"
+        );
+    }
 }

@@ -7,6 +7,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::Dataset,
+    diagnostics::numbers::power,
     evaluation::Accuracy,
     files,
     refinement::next_points,
@@ -145,7 +146,9 @@ fn failures(points: Vec<Vec<f64>>, made: &Dataset) -> Vec<Vec<f64>> {
 }
 
 fn report(project: &Project, before: &[Round], round: &Round, target: &TargetOptions, validation_runs: usize) {
-    let worst = round.worst().map_or("none".into(), |worst| format!("{worst:.7}"));
+    let worst = round
+        .worst()
+        .map_or("none".into(), |worst| if worst.abs() < 1e4 { format!("{worst:.7}") } else { power(worst, 2) });
     let went = match round.worst() {
         Some(worst) if worst < target.r2 && round.runs >= target.max_runs => {
             "short of the target, and no more runs allowed"

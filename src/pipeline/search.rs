@@ -12,6 +12,7 @@ use crate::{
     Error, Result,
     baselines::BaselineKind,
     dataset::Dataset,
+    diagnostics::numbers::power,
     evaluation::comparison::ModelStatus,
     files,
     network::Network,
@@ -559,7 +560,7 @@ fn sentence(record: &TrialRecord) -> String {
                 1 => " after 1 epoch".to_owned(),
                 _ => format!(" after {epochs} epochs"),
             };
-            format!("trial {trial}: 1 - R² {score:.2e} on held-out runs{after}")
+            format!("trial {trial}: 1 - R² {} on held-out runs{after}", power(*score, 2))
         }
         None => format!("trial {trial} {}: {message}", name(*status)),
     }
@@ -574,15 +575,10 @@ fn summary(project: &Project, records: &[TrialRecord]) -> String {
     for record in order.iter().take(5) {
         let values: Vec<String> =
             keys(project).zip(&record.values).map(|(key, value)| format!("{key} = {value}")).collect();
-        let (status, score) = (name(record.status), record.score.unwrap_or(f64::NAN));
+        let (status, score) = (name(record.status), record.score.map_or_else(String::new, |score| power(score, 2)));
         // writing to a string does not fail
-        let _ = writeln!(
-            text,
-            "{:>5}  {status:<8}  {:>6}  {score:>9.2e}  {}",
-            record.trial,
-            record.epochs,
-            values.join(", ")
-        );
+        let _ =
+            writeln!(text, "{:>5}  {status:<8}  {:>6}  {score:>9}  {}", record.trial, record.epochs, values.join(", "));
     }
     let failed = records.iter().filter(|record| record.status == TrialStatus::Failed).count();
     if failed > 0 {

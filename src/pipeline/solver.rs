@@ -8,6 +8,7 @@ use super::{
 use crate::{
     Result,
     dataset::{Dataset, Run},
+    diagnostics::numbers::power,
     evaluation::{OFF, RollOut},
     source::driven::Driven,
     surrogate,
@@ -342,7 +343,8 @@ impl<'a> IntegrationComparison<'a> {
             }
             Some(_) => "is unstable".into(),
             None => {
-                format!("has the effect of an initial state perturbed by {:.1e}, expected at most {POOR}", record.error)
+                let error = power(record.error, 1);
+                format!("has the effect of an initial state perturbed by {error}, expected at most {POOR}")
             }
         };
         Some(format!(

@@ -111,6 +111,7 @@ fn accuracy(material: &Material) -> String {
         }
         (Some(_), _) => format!("{rows_text} unseen rows"),
         (None, Some(stop)) => format!("{} test runs, unseen after {} s", count(*test_runs), number(stop)),
+        (None, None) if *test_runs == 1 => format!("1 unseen run, {rows_text} rows"),
         (None, None) => format!("{} unseen runs, {rows_text} rows", count(*test_runs)),
     };
     let bounds = evaluated.surrogate.bounds();
@@ -160,13 +161,12 @@ fn strips(evaluated: &Evaluated) -> Vec<Strip> {
     if evaluated.is_of_rows() {
         return vec![of_rows(evaluated, column, quantity, [order[(order.len() - 1) / 2], worst])];
     }
-    let runs = count(order.len());
     let strip = |title: &str, run: usize| {
         let rows: Vec<[f64; 3]> =
             evaluated.rows(run, column).map(|row| [row.time, row.label, row.prediction]).collect();
         let end = |row: Option<&[f64; 3]>| row.map_or(String::new(), |row| format!("{} s", number(row[0])));
         Strip {
-            title: format!("{title} of {runs} runs"),
+            title: title.to_owned(),
             about: format!(
                 "run {run}, RMS error {} of the range: {}",
                 percent(evaluated.run_errors()[run]),
@@ -178,7 +178,14 @@ fn strips(evaluated: &Evaluated) -> Vec<Strip> {
             rows,
         }
     };
-    vec![strip("Worst", worst), strip("Median", order[(order.len() - 1) / 2])]
+    match order.len() {
+        1 => vec![strip("The only run", worst)],
+        _ => ["Worst", "Median"]
+            .into_iter()
+            .zip([worst, order[(order.len() - 1) / 2]])
+            .map(|(which, run)| strip(&format!("{which} of {} runs", count(order.len())), run))
+            .collect(),
+    }
 }
 
 fn of_rows(evaluated: &Evaluated, column: usize, quantity: [String; 2], [median, worst]: [usize; 2]) -> Strip {
@@ -249,6 +256,9 @@ mod tests {
         let off = strips[0].rows.iter().filter(|row| (row[2] - row[1] - 0.25).abs() < 1e-9).count();
         assert_eq!((off, strips[0].rows.len()), (1, 21));
         assert!(strips[1].rows.iter().all(|row| row[1] == row[2]));
+        test.runs.truncate(1);
+        let single = super::strips(&Evaluated::new(&surrogate, &test));
+        assert_eq!(single.iter().map(|strip| strip.title.as_str()).collect::<Vec<_>>(), ["The only run"]);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! Numbers on the page as people write them: few digits, powers of ten with raised exponents, thousands apart.
 
+use crate::diagnostics::numbers::{self, is_proper};
+
 /// Four significant digits.
 pub fn number(value: f64) -> String {
     rounded(value, 4)
@@ -26,8 +28,11 @@ pub fn tick(scientific: &str) -> String {
 
 /// A number with this many significant digits, without zeros at its end.
 fn rounded(value: f64, digits: usize) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return if value == 0.0 { "0".into() } else { value.to_string() };
+    if value == 0.0 {
+        return "0".into();
+    } else if !is_proper(value) {
+        // without an exponent
+        return numbers::number(value);
     }
     // the exponent is that of the rounded number: 9.996 is 10 in three digits
     let scientific = format!("{value:.*e}", digits - 1);
@@ -101,7 +106,7 @@ pub fn r2(value: f64) -> String {
 
 /// A share as percentage.
 pub fn percent(share: f64) -> String {
-    format!("{}\u{a0}%", short(100.0 * share))
+    if is_proper(100.0 * share) { format!("{}\u{a0}%", short(100.0 * share)) } else { short(share) }
 }
 
 /// A duration in a unit that makes it a short number.
@@ -130,7 +135,8 @@ mod tests {
             (4.567e-14, "4.567\u{a0}×\u{a0}10⁻¹⁴"),
             (0.0012345, "0.001234"),
             (2.5e20, "2.5\u{a0}×\u{a0}10²⁰"),
-            (f64::INFINITY, "inf"),
+            (f64::INFINITY, "not finite"),
+            (f64::MAX, "not finite"),
         ] {
             assert_eq!(number(value), text);
         }

@@ -20,7 +20,7 @@ mod runs;
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    diagnostics::{KeyProblem, Problems, names::did_you_mean},
+    diagnostics::{KeyProblem, Problems, names::did_you_mean, numbers::counted},
     dynamics::trajectory::Trajectory,
     sampling::{self, Sets, Stream},
     study::{InputOptions, ParameterOptions, Study, read_value},
@@ -253,7 +253,7 @@ impl Recorded {
             let part = if self.is_motion { "; `sampling.train_stop` divides every run in time" } else { "" };
             let tests = if test_runs == 0 { String::new() } else { format!("{test_runs} for the tests, ") };
             let expected = format!("expected at least {least}: {tests}{bounds}{to_train} to train{part}");
-            return Err(format!("{count} runs, {expected}"));
+            return Err(format!("{}, {expected}", counted(count, "run")));
         }
         let order: Vec<usize> = match is_record {
             true => (0..count).rev().collect(),

@@ -10,7 +10,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    diagnostics::{Problems, names::expected_one_of},
+    diagnostics::{Problems, names::expected_one_of, numbers::exact},
     fmi::Workers,
     integrate::{Budget, TOLERANCE},
     multibody::{BodyMotion, Mechanism, description::MechanismOutput},
@@ -220,7 +220,7 @@ impl Simulation {
 
     /// The values of a point of a plan, for messages.
     pub fn values(&self, point: &[f64]) -> String {
-        list(self.planned.iter().zip(point).map(|(name, value)| format!("{name} = {value}")))
+        list(self.planned.iter().zip(point).map(|(name, value)| format!("{name} = {}", exact(*value))))
     }
 
     /// The run of a point of a plan from its outputs, row by row. Before a discrete-time run, outputs have the values

@@ -21,6 +21,7 @@ fn what_is_no_fmu_cannot_be_simulated() {
     bench.fails(&["simulate", "cut.fmu"], &["model.safetensors", "cut short"]);
     bench.fails(&["simulate", FMU, "--start", "mass=1"], &["mass"]);
     bench.fails(&["simulate", FMU, "--step-size", "-1"], &["step"]);
+    bench.fails(&["simulate", FMU, "--stop-time", "-1e300"], &["start 0 s, stop -1e300 s, step "]);
 }
 
 /// Copies an FMU entry by entry; `edit` drops entries or changes their bytes.

@@ -136,7 +136,7 @@ def test_the_domain_is_that_of_the_fmu(pendulum, designs, tmp_path):
 
 def test_a_roll_out_is_what_the_fmu_does(crane, tmp_path):
     found, done = predict(crane.fmu(2), drive(), tmp_path)
-    assert f"{len(ROWS)} rows of 1 runs" in done.stdout and set(found.run) == {"a b"}
+    assert f"{len(ROWS)} rows of 1 run " in done.stdout and set(found.run) == {"a b"}
     with Running(crane.fmu(2), "CoSimulation", tmp_path / "fmu") as running:
         expected = [running.get(["x", "theta"])]
         for row in range(len(ROWS) - 1):

@@ -3,6 +3,7 @@
 use super::{
     Place,
     names::{did_you_mean, expected_one_of},
+    numbers::exact,
     problem::Problem,
 };
 use std::path::{Path, PathBuf};
@@ -336,14 +337,14 @@ pub enum Error {
         problem: String,
     },
     /// Times that make no simulation.
-    #[error("start {start} s, stop {stop} s, step {step} s: {expected}")]
+    #[error("start {} s, {}, {}: {expected}", exact(*start), time_or_none("stop", *stop), time_or_none("step", *step))]
     Experiment {
         /// Start time.
         start: f64,
-        /// Stop time.
-        stop: f64,
-        /// Communication step size.
-        step: f64,
+        /// Stop time, if there is one.
+        stop: Option<f64>,
+        /// Communication step size, if there is one.
+        step: Option<f64>,
         /// The expected times.
         expected: &'static str,
     },
@@ -353,6 +354,11 @@ pub enum Error {
     /// The network cannot be trained.
     #[error(transparent)]
     Training(Box<dyn std::error::Error + Send + Sync>),
+}
+
+/// A time with its name, for instance `stop 1 s` or `no stop`.
+fn time_or_none(name: &str, time: Option<f64>) -> String {
+    time.map_or_else(|| format!("no {name}"), |time| format!("{name} {} s", exact(time)))
 }
 
 /// At most ten items, in backquotes.

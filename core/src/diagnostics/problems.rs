@@ -1,5 +1,6 @@
 //! Problems of a file by key, before their lines are known.
 
+use super::numbers::shown;
 use std::fmt::Display;
 
 /// Mistakes in a file by dotted key; `Origin` gives them their lines.
@@ -29,7 +30,7 @@ impl Problems {
     /// Adds a problem of a key unless its value is good.
     pub fn expect(&mut self, good: bool, key: impl Into<String>, found: impl Display, expected: &str) {
         if !good {
-            self.add(key, format!("{found}, expected {expected}"));
+            self.add(key, format!("{}, expected {expected}", shown(found)));
         }
     }
 

@@ -1,6 +1,7 @@
 //! The table of models side by side: `comparison.json` and `comparison.csv`.
 
 use super::OutputMetrics;
+use crate::diagnostics::numbers::{self, power};
 use indexmap::{IndexMap, IndexSet};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -101,7 +102,10 @@ impl ModelRow {
     pub fn summary(&self) -> String {
         let Self { model, status, note, .. } = self;
         match (self.worst_r2(), self.fit_seconds) {
-            (Some(r2), Some(seconds)) => format!("{model}: smallest R² {r2:.5}, fitted in {seconds:.2} s"),
+            (Some(r2), Some(seconds)) => {
+                let r2 = if r2.abs() < 1e4 { format!("{r2:.5}") } else { power(r2, 2) };
+                format!("{model}: smallest R² {r2}, fitted in {seconds:.2} s")
+            }
             _ => format!("{model}: {}: {note}", status.name()),
         }
     }
@@ -133,10 +137,9 @@ impl Comparison {
                 let _ = writeln!(text, " {}: {}", row.status.name(), row.note);
                 continue;
             }
-            let digits = |r2: f64| if r2.abs() < 1e4 { format!("{r2:.9}") } else { format!("{r2:.2e}") };
             for output in &outputs {
                 let r2 = row.outputs.get(*output).and_then(|accuracy| accuracy.r2);
-                let _ = write!(text, " {:>11}", r2.map_or("constant".into(), digits));
+                let _ = write!(text, " {:>11}", r2.map_or("constant".into(), numbers::r2));
             }
             let fit = row.fit_seconds.map_or(String::new(), |seconds| format!("{seconds:.2} s"));
             let point =

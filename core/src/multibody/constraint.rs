@@ -9,6 +9,7 @@ use super::{
     coordinate::{Coordinate, Positions, TurnedBodies},
     gradients::{Elimination, SparseGradients},
 };
+use crate::diagnostics::numbers::power;
 use metafmu_runtime::{Jet, formula::Formula};
 use nalgebra::{DMatrix, DVector, Vector3};
 use std::{ops::Deref, sync::OnceLock};
@@ -304,12 +305,16 @@ impl Constraints {
         if residual.amax() <= 1e-12 * (1.0 + q.amax()) {
             return Ok(());
         }
-        let worst = residual.iter().enumerate().max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-        let (row, gap) = worst.map_or((0, f64::NAN), |(row, gap)| (row, gap.abs()));
+        // a residual without rows is zero
+        let Some((row, gap)) = residual.iter().map(|gap| gap.abs()).enumerate().max_by(|a, b| a.1.total_cmp(&b.1))
+        else {
+            return Ok(());
+        };
         let unit = if self[row].coordinate.is_angle() { "rad" } else { "m" };
         Err(format!(
-            "the mechanism cannot be assembled at t = {t} s: `{}` stays open by {gap:.3e} {unit}",
-            self[row].owner
+            "the mechanism cannot be assembled at t = {t} s: `{}` stays open by {} {unit}",
+            self[row].owner,
+            power(gap, 3)
         ))
     }
 

@@ -1,7 +1,7 @@
 //! `[inputs]`: what acts on a surrogate with states while it runs.
 
 use super::{Study, outputs::check_variable_name};
-use crate::diagnostics::Problems;
+use crate::diagnostics::{Problems, numbers::ends};
 use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -103,7 +103,7 @@ pub(super) fn range_problems(study: &Study) -> Problems {
         if min >= max {
             problems.add(format!("inputs.{name}"), format!("from {min} to {max}, expected min below max"));
         } else if let Some(start) = input.start.filter(|start| !(min..=max).contains(start)) {
-            problems.add(format!("inputs.{name}.start"), format!("{start}, expected {min} to {max}"));
+            problems.add(format!("inputs.{name}.start"), format!("{start}, expected {}", ends(min, max)));
         }
     }
     problems

@@ -2,7 +2,7 @@
 
 use crate::{
     Result,
-    diagnostics::Place,
+    diagnostics::{Place, numbers::ends},
     files,
     signal::{Knots, Signal},
     table::{Table, TableColumn},
@@ -88,7 +88,8 @@ impl Recording {
         }
         let (value, place) = self.extremes.into_iter().find(|(value, _)| !(min..=max).contains(value))?;
         let place = place.behind_path();
-        Some(format!("{path}{place}: column `{name}`: {value}, expected {min} to {max}, the input's range"))
+        let expected = ends(min, max);
+        Some(format!("{path}{place}: column `{name}`: {value}, expected {expected}, the input's range"))
     }
 
     /// Its values at ascending times from 0 on, if that is a point in the recording: the first one at which the times fit for a `place` of

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,25 +12,33 @@ from . import _metafmu
 
 #: Rows of a first comparison, and further ones.
 FEW, _MORE = 32, 512
+#: Number of random roundings of all values, and how many times their largest effect explains a difference: sums of many products round more often.
+_ROUNDINGS, _SAFETY = 4, 8.0
 
 
 class Precision(NamedTuple):
-    """Relative rounding error of a number type, and largest difference of predictions as a share of their spread.
+    """Number type of a model: relative rounding error, smallest positive normal number, and a share of the spread of predictions.
 
-    Differences by rounding are below this share, even in ill-conditioned models; differences of a model that was read wrongly are above.
+    Differences by rounding are below this share, except in ill-conditioned models: there :func:`compare` measures what rounding does.
     """
 
     epsilon: float
+    smallest: float
     share: float
 
     @classmethod
     def of(cls, name):
         """By the name of a type in numpy or PyTorch; unknown types get that of float32."""
-        known = {"float64": cls(2.2e-16, 1e-8), "float32": SINGLE, "float16": cls(9.8e-4, 0.03), "bfloat16": cls(7.8e-3, 0.1)}
+        known = {
+            "float64": cls(2.2e-16, 2.3e-308, 1e-8),
+            "float32": SINGLE,
+            "float16": cls(9.8e-4, 6.2e-5, 0.03),
+            "bfloat16": cls(7.8e-3, 1.2e-38, 0.1),
+        }
         return known.get(str(name).rsplit(".", 1)[-1], SINGLE)
 
 
-SINGLE = Precision(1.2e-7, 1e-4)
+SINGLE = Precision(1.2e-7, 1.2e-38, 1e-4)
 DOUBLE = Precision.of("float64")
 
 
@@ -49,51 +58,89 @@ def some_rows(surrogate, rows):
 _ONNX_MAY_HELP = "; an export to ONNX and from_onnx may help"
 
 
-def compare(rows, found, what, predict, precision, advice=_ONNX_MAY_HELP):
-    """Raises :class:`metafmu.Error` if a surrogate and its source model ``what`` predict different outputs.
+class Readings(NamedTuple):
+    """Outputs of a surrogate for rows of the inputs, of shape (rows, outputs), as functions of the rows.
 
-    Reasons are a part of the model that was read wrongly, rows that depend on each other, and random predictions. ``found`` and ``predict``
-    map rows of the inputs to outputs of the surrogate and of the model, of shape (rows, outputs).
+    ``rounded``: outputs with all values of the graph, the inputs among them, rounded at random, as a function of the rows, the relative and
+    the absolute size of the rounding, and a seed.
+    """
+
+    exact: Callable
+    rounded: Callable
+
+
+def compare(rows, readings, what, predict, precision, advice=_ONNX_MAY_HELP):
+    """Raises :class:`metafmu.Error` if a surrogate and its source model ``what`` predict different outputs, by more than rounding in the
+    model's precision explains.
+
+    Reasons are a part of the model that was read wrongly, rows that depend on each other, and random predictions. ``predict`` maps rows of
+    the inputs to outputs of the model, of shape (rows, outputs).
 
     ``rows``: known rows, and random points.
     """
     known, drawn = rows
     first = np.concatenate([known, drawn[:FEW]])
-    wrong, difference = _different(first, found, what, predict, precision)
+    wrong, difference = _different(first, readings, what, predict, precision)
     # some of the known ones may lie on a threshold; whether points that were drawn do is a matter of more of them
     count = wrong[len(known) :].sum()
     if count and len(drawn) > FEW:
-        more, _ = _different(drawn[FEW:], found, what, predict, precision)
+        more, _ = _different(drawn[FEW:], readings, what, predict, precision)
         count = count if more.mean() > 0.01 else 0
     if count or wrong.mean() > 0.05:
         raise _metafmu.Error(
-            f"{what} was read wrongly: predictions differ by {difference:.1e} of their spread; a part of it does something else in this version, or with these "
+            f"{what} was read wrongly: predictions differ by {difference}; a part of it does something else in this version, or with these "
             f"options, or its rows depend on each other, or on chance{advice}"
         )
 
 
-def _different(rows, found, what, predict, precision):
-    """Mask of the rows that differ, and the largest difference."""
+def _different(rows, readings, what, predict, precision):
+    """Mask of the rows that differ, and the size of the clearest difference as text, None if no row differs."""
     try:
         expected = np.asarray(predict(rows), dtype=np.float64).reshape(len(rows), -1)
     except _metafmu.Error:
         raise
     except Exception as error:
         raise _metafmu.Error(f"{what} does not predict rows of inputs: {type(error).__name__}: {error}") from error
-    results = found(rows)
+    results = readings.exact(rows)
     if expected.shape != results.shape:
         raise _metafmu.Error(f"{what} has {expected.shape[1]} outputs, and what was read of it {results.shape[1]}")
     finite = np.isfinite(expected).all(axis=1)
     if not finite.any():
         raise _metafmu.Error(f"{what} predicts no finite numbers in {len(rows)} rows: the ranges, or `data`, lead where it is not defined")
-    some = expected[finite]
-    allowed = 32.0 * precision.epsilon * np.abs(some).max(axis=0) + precision.share * np.ptp(some, axis=0)
-    with np.errstate(invalid="ignore"):
-        difference = np.abs(results[finite] - some)
-        wrong = np.zeros(len(rows), dtype=bool)
-        wrong[finite] = ~(difference <= allowed).all(axis=1)
-    spread = np.maximum(np.ptp(some, axis=0), np.abs(some).max(axis=0) * 1e-3) + np.finfo(np.float64).tiny
-    return wrong, np.nanmax(difference / spread, initial=0.0)
+    some, results = expected[finite], results[finite]
+    spread = np.ptp(some, axis=0)
+    allowed = np.broadcast_to(32.0 * precision.epsilon * np.abs(some).max(axis=0) + precision.share * spread, some.shape)
+    wrong = np.zeros(len(rows), dtype=bool)
+    with np.errstate(all="ignore"):
+        difference = np.abs(results - some)
+        if (difference <= allowed).all():
+            return wrong, None
+        allowed = allowed + _SAFETY * _rounding(rows[finite], readings, precision)
+        exceeds = ~(difference <= allowed)
+        wrong[finite] = exceeds.any(axis=1)
+        if not exceeds.any():
+            return wrong, None
+        clear = np.where(exceeds, np.nan_to_num(difference / allowed, nan=np.inf, posinf=np.inf), 0.0)
+    row, column = np.unravel_index(np.argmax(clear), clear.shape)
+    return wrong, _described(difference[row, column], column, spread[column], np.abs(some[:, column]).max())
+
+
+def _described(difference, column, spread, largest):
+    """Size of a difference as text, relative to the spread of the output if it varies."""
+    if not np.isfinite(difference):
+        return f"NaN or infinity in output {column + 1}, where the model's are finite"
+    if spread > 1e-3 * largest:
+        return f"{difference / spread:.1e} of their spread"
+    return f"{difference:.1e} in output {column + 1}, which hardly varies"
+
+
+def _rounding(rows, readings, precision):
+    """Largest effect of rounding on each output in each row: infinite where a rounded value has no result."""
+    exact = readings.rounded(rows, 0.0, 0.0, 0)
+    sizes = precision.epsilon, precision.smallest
+    effects = [np.abs(readings.rounded(rows, *sizes, seed) - exact) for seed in range(_ROUNDINGS)]
+    # no effect where there is no result without rounding: that is a difference
+    return np.where(np.isfinite(exact), np.nan_to_num(np.max(effects, axis=0), nan=np.inf, posinf=np.inf), 0.0)
 
 
 def ranges_of(columns, text, rows):

@@ -170,6 +170,16 @@ class Graph:
         columns = [[value, place] for place in range(self.width(value))]
         return np.frombuffer(self._core.evaluate(columns, rows.tobytes()), dtype=np.float64).reshape(len(rows), -1)
 
+    def _rounded(self, value):
+        """Function of rows, sizes of rounding and a seed: numbers of a value with all values before it rounded at random."""
+        columns = [[value, place] for place in range(self.width(value))]
+
+        def at(rows, relative, absolute, seed):
+            rows = np.ascontiguousarray(rows, dtype=np.float64)
+            return np.frombuffer(self._core.rounded(columns, rows.tobytes(), (relative, absolute), seed)).reshape(len(rows), -1)
+
+        return at
+
     def _finish(self, value, described, single, producer, names=None):
         """Surrogate with a value as its outputs. ``described``: text and rows of its interface; ``names``: names of the input and output
         columns of a model with states."""

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 
 from . import _metafmu
-from ._comparison import SINGLE, Precision, compare, drawn_rows, ranges_of, some_rows
+from ._comparison import DOUBLE, SINGLE, Readings, compare, drawn_rows, ranges_of, some_rows
 from ._interface import as_bytes, interface_of_columns
 from ._reader import ReaderOptions
 from ._surrogate import Names, States, Surrogate
 
 
 # attributes of operators are in single precision only: here they are the decimal that was meant, in onnxruntime what it was rounded to
-_DOUBLE = Precision(2.2e-16, 1e-5)
+_DOUBLE = DOUBLE._replace(share=1e-5)
 
 
 def from_onnx(
@@ -79,18 +79,19 @@ def _compare(surrogate, source, model, names, text, rows):
     about = json.loads(text)
     entries = [*about["inputs"].values(), *about["outputs"].values()]
     in_order = not about["states"] and not any("column" in entry or "value" in entry for entry in entries)
+    evaluated = lambda x, *rounding: np.frombuffer(_metafmu.onnx_evaluate(*model, x.tobytes(), rounding or None)).reshape(len(x), -1)
     if in_order and (len(surrogate.inputs), len(surrogate.outputs)) == (len(columns), len(results)):
         points, found = some_rows(surrogate, rows), surrogate.predict
     else:
         drawn = drawn_rows(*ranges_of(columns, text, rows))
-        points, found = (drawn[:0], drawn), lambda x: np.frombuffer(_metafmu.onnx_evaluate(*model, x.tobytes())).reshape(len(x), -1)
+        points, found = (drawn[:0], drawn), evaluated
     try:
         predict, precision = _by_onnxruntime(onnxruntime, source, len(columns))
         predict(points[1][:1])
     except Exception as error:  # onnxruntime has no base class of errors
         warnings.warn(f"the model was not compared with onnxruntime, which does not run it: {error}", stacklevel=3)
         return
-    compare(points, found, "the ONNX model", predict, precision, "")
+    compare(points, Readings(found, evaluated), "the ONNX model", predict, precision, "")
 
 
 def _by_onnxruntime(onnxruntime, source, count):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from . import _metafmu
-from ._comparison import FEW, compare, drawn_rows, ranges_of, some_rows
+from ._comparison import FEW, Readings, compare, drawn_rows, ranges_of, some_rows
 from ._interface import interface, interface_of_columns
 from ._rows import names_of, outputs_of
 from ._surrogate import Names, States
@@ -51,11 +51,11 @@ def surrogate_of(graph, made, options, title, *, what, predict, precision, colum
         shape = graph.width(0), graph.width(value)
         described = interface(*shape, **about, input_names=known, output_names=results if isinstance(made, dict) else None)
         surrogate = graph._finish(value, described, single, producer)
-        compare(some_rows(surrogate, graph.rows), surrogate.predict, what, predict, precision)
+        compare(some_rows(surrogate, graph.rows), Readings(surrogate.predict, graph._rounded(value)), what, predict, precision)
         return surrogate
     described = interface_of_columns(names, results, **about)
     drawn = drawn_rows(*ranges_of(names, *described))
-    compare((drawn[:0], drawn), lambda rows: graph.evaluate(value, rows), what, predict, precision)
+    compare((drawn[:0], drawn), Readings(lambda rows: graph.evaluate(value, rows), graph._rounded(value)), what, predict, precision)
     _refuse_frozen_time(graph, value, names, options.inputs, drawn[:FEW])
     return graph._finish(value, described, single, producer, (names, results))
 

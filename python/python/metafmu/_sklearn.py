@@ -11,7 +11,7 @@ import numpy as np
 from . import _boosting, _metafmu
 from ._graph import Graph
 from ._interface import names_in
-from ._comparison import DOUBLE, SINGLE, Precision
+from ._comparison import DOUBLE, SINGLE
 from ._reader import ReaderOptions, surrogate_of
 from ._rows import Row, columns_of
 from ._surrogate import Names, States, Surrogate, is_frame
@@ -63,7 +63,7 @@ def from_sklearn(
     names, title = _names(model, count), type(model).__name__
     given = _as_given(names, inputs, data)
     # of ill-conditioned kernels more than rounding is left
-    precision = Precision((SINGLE if graph.is_single else DOUBLE).epsilon, 1e-3)
+    precision = (SINGLE if graph.is_single else DOUBLE)._replace(share=1e-3)
     return surrogate_of(
         graph, Row(graph, value, (1, graph.width(value))), options, title, what=title, predict=_predict(model, names, data), precision=precision,
         columns=(given or columns_of("x", count), given), producer="scikit-learn",

@@ -26,7 +26,8 @@ impl Grid {
         let experiment = fmu.description().default_experiment.unwrap_or_default();
         let start = options.start.or(experiment.start).unwrap_or(0.0);
         let Some(stop) = options.stop.or(experiment.stop) else {
-            let (stop, step, expected) = (f64::NAN, f64::NAN, "a stop time: the FMU suggests none");
+            let (stop, step, expected) =
+                (None, options.step.or(experiment.step_size), "a stop time: the FMU suggests none");
             return Err(Error::Experiment { start, stop, step, expected });
         };
         let step = options.step.or(experiment.step_size).unwrap_or((stop - start) / DEFAULT_STEPS);
@@ -35,7 +36,7 @@ impl Grid {
 
     /// Common communication points of several FMUs.
     pub fn of_fmus<'a>(start: f64, stop: f64, step: f64, fmus: impl IntoIterator<Item = &'a Fmu>) -> Result<Self> {
-        let wrong = |expected| Err(Error::Experiment { start, stop, step, expected });
+        let wrong = |expected| Err(Error::Experiment { start, stop: Some(stop), step: Some(step), expected });
         let grid = match Self::of_times(start, stop, step) {
             Ok(grid) => grid,
             Err(expected) => return wrong(expected),

@@ -134,8 +134,7 @@ pub(super) fn follow(
 fn finite(options: &SimulationOptions) -> Result<()> {
     let SimulationOptions { start, stop, step, .. } = *options;
     if [start, stop, step].into_iter().flatten().any(|time| !time.is_finite()) {
-        let (start, stop, step) = (start.unwrap_or(0.0), stop.unwrap_or(f64::NAN), step.unwrap_or(f64::NAN));
-        return Err(Error::Experiment { start, stop, step, expected: "finite times" });
+        return Err(Error::Experiment { start: start.unwrap_or(0.0), stop, step, expected: "finite times" });
     }
     let inputs = &options.inputs;
     let over_time = inputs.rows.iter().flat_map(|row| inputs.names.iter().zip(row));

@@ -6,6 +6,7 @@ use crate::{
     baselines::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, worker},
     dataset::Dataset,
     diagnostics::names::listed,
+    diagnostics::numbers::power,
     evaluation::{self, OutputMetrics},
     scaling::of_columns,
     study::ModelKind,
@@ -101,7 +102,7 @@ impl CandidateScore {
     fn summary(&self) -> String {
         match (self.one_minus_r2, self.fit_seconds) {
             (Some(error), Some(seconds)) => {
-                format!("{}: 1 - R² {error:.1e} on unseen rows, fitted in {seconds:.2} s", self.model)
+                format!("{}: 1 - R² {} on unseen rows, fitted in {seconds:.2} s", self.model, power(error, 1))
             }
             _ => format!("{}: {}", self.model, self.note),
         }

@@ -1,6 +1,7 @@
 //! Record of the training of a discrete-time model.
 
 use super::Candidate;
+use crate::diagnostics::numbers::power;
 use serde::{Deserialize, Serialize};
 
 /// Result of a training on runs with inputs.
@@ -18,8 +19,11 @@ pub struct DiscreteRecord {
 impl DiscreteRecord {
     /// Description of the training as text.
     pub(in crate::pipeline) fn describe(&self) -> String {
-        let list: Vec<String> =
-            self.candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+        let list: Vec<String> = self
+            .candidates
+            .iter()
+            .map(|Candidate { name, error, .. }| format!("{name} {}", power(*error, 1)))
+            .collect();
         let [outputs, inputs] = self.history;
         format!(
             "error in simulations of held-out runs: {}; exported: {} (past samples: outputs {outputs}, inputs {inputs})",

@@ -20,6 +20,7 @@ pub use trajectories::TrajectoriesRecord;
 
 use crate::{
     acceptance::OfTraining,
+    diagnostics::numbers::power,
     study::{Study, StudyStructure},
     training::StopReason,
 };
@@ -186,7 +187,7 @@ pub(super) const ACCELERATIONS: &str = "accelerations";
 /// Candidates as text, with their errors.
 pub(super) fn list(candidates: &[Candidate]) -> String {
     let words: Vec<String> =
-        candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+        candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {}", power(*error, 1))).collect();
     words.join(", ")
 }
 

@@ -1,6 +1,7 @@
 //! Record of the training of equations of motion.
 
 use super::{Candidate, DICTIONARY, SolverRecord, list};
+use crate::diagnostics::numbers::power;
 use serde::{Deserialize, Serialize};
 
 /// Result of a training on the equations of motion of a mechanism.
@@ -60,9 +61,9 @@ impl MotionRecord {
         let is_good = reactions.error <= POOR;
         (!is_good).then(|| {
             format!(
-                "the learned forces of joints, drivers and springs are off by {:.1e} of their largest value at unseen configurations, expected \
+                "the learned forces of joints, drivers and springs are off by {} of their largest value at unseen configurations, expected \
                  at most {POOR}: they are no sums of sines, cosines and powers, or the ranges are too wide",
-                reactions.error
+                power(reactions.error, 1)
             )
         })
     }
@@ -73,17 +74,17 @@ impl MotionRecord {
             let is_good = exported.error <= POOR;
             return (!is_good).then(|| {
                 format!(
-                    "the learned accelerations or positions are off by {:.1e} of their standard deviation at unseen states, expected \
+                    "the learned accelerations or positions are off by {} of their standard deviation at unseen states, expected \
                      at most {POOR}: more `sampling.states`, smaller ranges or a larger network may help",
-                    exported.error
+                    power(exported.error, 1)
                 )
             });
         }
         (self.error > POOR).then(|| {
             format!(
-                "the learned equations of motion are off by {:.1e} of their largest value at unseen configurations, expected at most \
+                "the learned equations of motion are off by {} of their largest value at unseen configurations, expected at most \
                  {POOR}: they are no sums of sines, cosines and powers, or the ranges are too wide",
-                self.error
+                power(self.error, 1)
             )
         })
     }

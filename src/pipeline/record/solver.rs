@@ -1,5 +1,6 @@
 //! Record of a surrogate's solver.
 
+use crate::diagnostics::numbers::power;
 use metafmu_runtime::Integration;
 use serde::{Deserialize, Serialize};
 
@@ -67,9 +68,10 @@ impl SolverRecord {
         if training + corners == 0 {
             return how;
         }
+        let error = power(*error, 1);
         let [median, most] = steps_per_second.map(|steps| format!("{:.0}", steps.ceil()));
         format!(
-            "{how}: {median} steps a second, at most {most} (at {slowest})\nerror of the solver like an initial state perturbed by {error:.1e}, in \
+            "{how}: {median} steps a second, at most {most} (at {slowest})\nerror of the solver like an initial state perturbed by {error}, in \
              {training} training runs and at {corners} corners of the domain (most at {worst})"
         )
     }

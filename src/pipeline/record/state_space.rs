@@ -1,6 +1,7 @@
 //! Record of the training of the equations of an FMU.
 
 use super::{Candidate, SolverRecord, list};
+use crate::diagnostics::numbers::power;
 use serde::{Deserialize, Serialize};
 
 /// Result of a training on the equations of an FMU.
@@ -38,8 +39,9 @@ impl StateSpaceRecord {
         let is_good = error <= POOR;
         (!is_good).then(|| {
             format!(
-                "the learned equations are off by {error:.1e} of their standard deviation at unseen states, expected at most {POOR}: \
-                 more `sampling.states`, smaller ranges or a larger network may help"
+                "the learned equations are off by {} of their standard deviation at unseen states, expected at most {POOR}: \
+                 more `sampling.states`, smaller ranges or a larger network may help",
+                power(error, 1)
             )
         })
     }

@@ -1,6 +1,7 @@
 //! Record of the identification from motions of a table.
 
 use super::{Candidate, SolverRecord};
+use crate::diagnostics::numbers::power;
 use serde::{Deserialize, Serialize};
 
 /// Result of an identification from the motions of a table.
@@ -47,9 +48,10 @@ impl TrajectoriesRecord {
         let is_good = error <= POOR;
         (!is_good).then(|| {
             format!(
-                "the learned equations are off by {error:.1e} of the coordinates' standard deviation along stretches that were held \
+                "the learned equations are off by {} of the coordinates' standard deviation along stretches that were held \
                  out, expected at most {POOR}: the rows are too few, too far apart or too noisy, or the equations are no sums of sines, \
-                 cosines and powers"
+                 cosines and powers",
+                power(error, 1)
             )
         })
     }
@@ -58,7 +60,7 @@ impl TrajectoriesRecord {
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { candidates, exported, harmonics, powers, coefficients, solutions, solver, periodic, .. } = self;
         let errors: Vec<String> =
-            candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {error:.1e}")).collect();
+            candidates.iter().map(|Candidate { name, error, .. }| format!("{name} {}", power(*error, 1))).collect();
         let of_mass = if exported == MOTION { " in the mass matrix" } else { "" };
         let order = match (harmonics, powers) {
             (0, powers) => format!("powers up to {powers}{of_mass}"),

@@ -2,6 +2,7 @@
 
 use super::{Material, ReportBlock, Section, code, escape, number, paragraph, percent, table, unit};
 use crate::{
+    diagnostics::numbers::is_proper,
     evaluation::{Accuracy, Horizon, RollOuts, TestRows},
     report::readable::{brief, count},
     study::NetworkOptions,
@@ -140,19 +141,22 @@ fn roll_outs(
         Some(time) => format!("Half of the runs are off by 0.1 standard deviations within {} s", number(*time)),
         None => "Over half of the runs stay within 0.1 standard deviations of the truth".into(),
     };
-    let energy = energy_drift.map_or(String::new(), |drift| {
-        format!(", and without inputs the energy stays within {} of the largest kinetic energy", brief(drift))
+    let energy = energy_drift.map_or(String::new(), |drift| match is_proper(drift) {
+        true => format!(", and without inputs the energy stays within {} of the largest kinetic energy", brief(drift)),
+        false => ", and without inputs the energy grows beyond all limits, or a run ends".into(),
     });
-    let residual = constraint_residual.map_or(String::new(), |residual| {
-        format!(
+    let residual = constraint_residual.map_or(String::new(), |residual| match is_proper(residual) {
+        true => format!(
             " At the same coordinates, positions differ from the mechanism's by at most {} of their ranges: closed loops are as well \
              closed as that.",
             brief(residual)
-        )
+        ),
+        false => " The surrogate reaches coordinates at which the mechanism cannot be assembled.".into(),
     });
+    let of_runs = counted(*runs, "run");
     let text = format!(
         "The errors are those of roll-outs: the surrogate starts once and is driven by the inputs of the run. The effect of \
-         an initial state perturbed by 10⁻⁹ is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {runs} runs are finite after ten times their \
+         an initial state perturbed by 10⁻⁹ is the motion's own sensitivity. {diverges}{energy}.{residual} {finite} of {of_runs} finite after ten times the \
          length.{chaos}"
     );
     [table(&headings, rows), paragraph(&text)]

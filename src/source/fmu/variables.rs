@@ -9,6 +9,7 @@ use crate::{
     diagnostics::{
         Problems,
         names::{did_you_mean, expected_one_of},
+        numbers::ends,
     },
     fmi::{
         ModelDescription,
@@ -92,10 +93,9 @@ impl Resolver<'_> {
                 continue;
             }
             let (min, max) = range(description, variable);
-            if options.min < min.unwrap_or(f64::NEG_INFINITY) || options.max > max.unwrap_or(f64::INFINITY) {
-                let end = |end: Option<f64>| end.map_or("any".into(), |end: f64| end.to_string());
-                let (from, to) = (end(min), end(max));
-                add(format!("range from {} to {}, the FMU takes {from} to {to}", options.min, options.max));
+            let (least, most) = (min.unwrap_or(f64::NEG_INFINITY), max.unwrap_or(f64::INFINITY));
+            if options.min < least || options.max > most {
+                add(format!("range from {} to {}, the FMU takes {}", options.min, options.max, ends(least, most)));
             }
             let unit = description.unit_of(variable).unwrap_or_default();
             problems.extend(wrong_unit(&key, options.unit.as_deref(), unit));

@@ -5,7 +5,7 @@ use super::{
     reply::{check_id, from_json},
 };
 use crate::{
-    diagnostics::{Problems, names::expected_one_of},
+    diagnostics::{Problems, names::expected_one_of, numbers::ends},
     study::Study,
 };
 use indexmap::IndexMap;
@@ -157,7 +157,7 @@ impl DifferenceCheck {
         let (least, most) = (quantity.min.unwrap_or(f64::NEG_INFINITY), quantity.max.unwrap_or(f64::INFINITY));
         if min < least || max > most {
             let found = if min == max { format!("{min}") } else { format!("range from {min} to {max}") };
-            self.problems.add(key, format!("{found}, the program takes {least} to {most}"));
+            self.problems.add(key, format!("{found}, the program takes {}", ends(least, most)));
         }
     }
 }

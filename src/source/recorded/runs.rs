@@ -9,7 +9,10 @@ use super::{
 use crate::{
     Error, Result,
     dataset::Run,
-    diagnostics::Place,
+    diagnostics::{
+        Place,
+        numbers::{ends, exact},
+    },
     scaling,
     table::{
         Table,
@@ -110,7 +113,7 @@ impl<'a> Runs<'a> {
         // motions and runs with inputs differ in what drives them
         if let Some(before) = first.filter(|_| self.recorded.inputs.is_empty() && !self.recorded.is_motion) {
             let names = &self.recorded.names.parameters;
-            let values = list(names.iter().zip(&parameters).map(|(name, value)| format!("{name} = {value}")));
+            let values = list(names.iter().zip(&parameters).map(|(name, value)| format!("{name} = {}", exact(*value))));
             let message = format!("a second run with {values}, the first is in {before}: runs must differ");
             return Err(table.mistake(&message));
         }
@@ -154,7 +157,8 @@ impl<'a> Runs<'a> {
                 && !(min..=max).contains(&value)
             {
                 let name = &self.recorded.names.inputs[index];
-                let message = format!("column `{name}`: {value}, expected {min} to {max}, the study's range");
+                let message =
+                    format!("column `{name}`: {}, expected {}, the study's range", exact(value), ends(min, max));
                 return Err(table.mistake(&message));
             }
             if is_within {
@@ -236,8 +240,11 @@ impl<'a> Runs<'a> {
         let count = if rows.len() == 1 { String::new() } else { format!(", the first of {}", rows.len()) };
         let name = &self.recorded.names.outputs[output];
         let message = format!(
-            "column `{name}`: {value} is an outlier{count}, all other rows are from {low} to {high}: correct it, or leave it out and \
-             divide the record there into runs; `source.outliers = true` keeps it, if the component does that"
+            "column `{name}`: {} is an outlier{count}, all other rows are from {} to {}: correct it, or leave it out and \
+             divide the record there into runs; `source.outliers = true` keeps it, if the component does that",
+            exact(value),
+            exact(low),
+            exact(high)
         );
         Err(Error::Table { path: path.clone(), place: places[row], message })
     }
@@ -357,9 +364,10 @@ fn even_out(table: &Table, run: &str, times: &mut [f64], places: &[Place]) -> Re
         return Ok(());
     }
     // stamps that drift have no single row
-    let (row, expected) = stamps::uneven(times).unwrap_or((times.len() - 1, f64::NAN));
+    let uneven = stamps::uneven(times);
+    let row = uneven.map_or(times.len() - 1, |(row, _)| row);
     let (time, before) = (times[row], times[row - 1]);
-    let expected = if expected.is_nan() { String::new() } else { format!("expected {expected} s: ") };
+    let expected = uneven.map_or_else(String::new, |(_, expected)| format!("expected {expected} s: "));
     let message =
         format!("time {time} s after {before} s in {run}, {expected}rows are to be equally far apart in time");
     Err(table.mistake_at(places[row], &message))
