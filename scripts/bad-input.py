@@ -732,6 +732,8 @@ may also be pipes and devices, such as `/dev/stdin` and `<(command)` of a shell;
 | a run of an FMU or a program in a sampling | `source.time_limit`, 60 s without it |
 | each check of `validate` | `--time-limit`, 60 s without it |
 
+A communication step of an exported FMU is 0 or at least 1e-30 s; a shorter one is an error at once, in C sources too.
+
 Of an FMU only the part that a run may need is unpacked, into the temporary folder: neither documents and source code nor libraries for other
 operating systems. The folder is removed when `metafmu` ends. If it was killed meanwhile, the next `metafmu` that unpacks an FMU removes it.
 """

@@ -276,6 +276,9 @@ static Status refusal_of_step(const Instance *instance)
     return instance->fmi_version == 2 ? STATUS_ERROR : STATUS_DISCARD;
 }
 
+/* Smallest size of a communication step that is not zero, in s: shorter ones cannot be divided. */
+#define SMALLEST_STEP 1e-30
+
 Status instance_check_step(Instance *instance, double from, double size)
 {
     const double tolerance = 1e-6 * size + 1e-9 * fabs(from);
@@ -289,6 +292,11 @@ Status instance_check_step(Instance *instance, double from, double size)
     }
     if (size < 0.0) {
         return instance_tell(instance, STATUS_ERROR, "communication step size %.10g is negative", size);
+    }
+    if (size > 0.0 && size < SMALLEST_STEP) {
+        return instance_tell(instance, STATUS_ERROR,
+                             "communication step size %.10g is below %.10g s, the smallest one, and not zero", size,
+                             SMALLEST_STEP);
     }
     if (fabs(from - instance->now.time) > tolerance) {
         return instance_tell(instance, STATUS_ERROR,

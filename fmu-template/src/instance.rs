@@ -4,7 +4,7 @@
 use crate::{
     snapshot::{Snapshot, fingerprint},
     state::{InstanceState, Interface, Row, Version},
-    status::{Refusal, Status, Warning},
+    status::{Refusal, SMALLEST_STEP, Status, Warning},
 };
 use metafmu_runtime::{Domain, DomainPolicy, Evaluator, FormatError, Integration, Metadata, Role, Surrogate};
 use std::{collections::TryReserveError, fs, hint::black_box, io, ops::Range, path::Path, path::PathBuf};
@@ -358,6 +358,9 @@ impl Instance {
         finite("communicationStepSize", size)?;
         if size < 0.0 {
             return Err(Refusal::NegativeStep { size });
+        }
+        if size > 0.0 && size < SMALLEST_STEP {
+            return Err(Refusal::ShortStep { size });
         }
         let tolerance = 1e-6 * size + 1e-9 * from.abs();
         if (from - self.now.time).abs() > tolerance {

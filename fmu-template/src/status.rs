@@ -3,6 +3,9 @@
 
 use crate::state::InstanceState;
 
+/// Smallest size of a communication step that is not zero, in seconds: shorter ones cannot be divided in double precision.
+pub(crate) const SMALLEST_STEP: f64 = 1e-30;
+
 /// Status of a call and severity of a message; the numbers of `fmi2Status` and `fmi3Status`. No call returns `Warning`:
 /// many hosts end a simulation on every status but OK. FMI 3.0 advises them to: "For production environments warnings
 /// should be treated like errors unless they can be safely ignored."
@@ -103,6 +106,8 @@ pub(crate) enum Refusal {
     NoEventMode,
     #[error("communication step size {size} is negative")]
     NegativeStep { size: f64 },
+    #[error("communication step size {size:e} is below {SMALLEST_STEP:e} s, the smallest one, and not zero")]
+    ShortStep { size: f64 },
     #[error("current communication point is {found}, expected {expected}, where the last step ended")]
     CommunicationPoint { found: f64, expected: f64 },
     #[error("a step to {time} would go past the stop time {stop}")]

@@ -241,7 +241,7 @@ class Walk:
         return [self.chance.choice([1, 1, 2, 2, 2, 0, 3, -1] if self.bad(0.3) else [1, 2]) for _ in range(n)]
 
     def span(self):
-        return self.chance.choice([-0.1, math.nan, math.inf, -1e-12, 1e300] if self.bad(0.06) else [0.01, 0.05, 0.1, 0.1, 0.13, 0.0, 0.5])
+        return self.chance.choice([-0.1, math.nan, math.inf, -1e-12, 5e-324, 1e-31, 1e300] if self.bad(0.06) else [0.01, 0.05, 0.1, 0.1, 0.13, 0.0, 0.5])
 
     def odd_time(self, time):
         return self.chance.choice([math.nan, math.inf, -1.0, time + 0.01, time - 0.2, 1e300]) if self.bad(0.06) else time

@@ -23,6 +23,8 @@ fn steps_that_make_no_sense_are_refused() {
         (0.0, nan, "`communicationStepSize`: NaN is not finite"),
         (0.0, infinity, "`communicationStepSize`: inf is not finite"),
         (0.0, -0.1, "step size -0.1 is negative"),
+        (0.0, 5e-324, "step size 5e-324 is below 1e-30 s"),
+        (0.0, 9.9e-31, "step size 9.9e-31 is below 1e-30 s"),
         (0.1, 0.1, "current communication point is 0.1, expected 0"),
         (-1e-6, 0.1, "current communication point is -0.000001, expected 0"),
         (f64::MAX, f64::MAX, "current communication point"),
@@ -40,7 +42,7 @@ fn steps_of_any_size_follow_the_hosts_clock() {
     let host = Host::stepping();
     let [length, speed] = starts();
     let mut time = 0.0;
-    for size in [0.1, 0.0, 1e-9, 1.0 / 3.0, 0.5] {
+    for size in [0.1, 0.0, 1e-30, 1e-9, 1.0 / 3.0, 0.5] {
         assert_eq!(host.step(time, size), Status::Ok);
         time += size;
         assert_eq!(host.try_get([TIME]), Ok([time]));
