@@ -21,7 +21,7 @@ from pathlib import Path
 ORDER = """
 reading
 diagnostics fail_points process worst
-files integrate signal unpacking variable
+files integrate processor_time signal unpacking variable
 table
 multibody systems
 dataset dynamics

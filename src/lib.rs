@@ -80,6 +80,6 @@ use metafmu_core::fail_points;
 #[doc(inline)]
 pub use metafmu_core::{
     Error, Result, acceptance, calibration, compliant, dataset, diagnostics, discrete, dynamics, evaluation, files,
-    integrate, layout, multibody, network, reading, refinement, sampling, scaling, signal, study, systems, table,
-    training, variable, worst,
+    integrate, layout, multibody, network, processor_time, reading, refinement, sampling, scaling, signal, study,
+    systems, table, training, variable, worst,
 };

@@ -1,5 +1,7 @@
 //! A surrogate in the place of its source: one system, simulated with each of them, and the differences.
 
+mod step_speed;
+
 use crate::{
     Error, Result,
     fmi::{
@@ -7,9 +9,7 @@ use crate::{
         host::{Grid, RecordedColumn, RowSink, Unpacked, is_settable},
         model_description::{Causality, DefaultExperiment, ScalarVariable, VariableType},
         system::{
-            ComponentSource, Connector, ConnectorKind, Experiment, FmuSystem, is_number,
-            master::TIMES,
-            misfit, port,
+            ComponentSource, Connector, ConnectorKind, Experiment, FmuSystem, is_number, misfit, port,
             run::{Port, SystemRun},
         },
         worker::run_system_apart,
@@ -22,6 +22,7 @@ use std::{
     fmt::{self, Write},
     path::{Path, PathBuf},
 };
+pub use step_speed::{StepSpeed, StepTime};
 
 /// Behind the name of a state: the parameter of a surrogate that has its value at the start.
 const AT_START: &str = "_start";
@@ -57,6 +58,8 @@ pub struct Swap {
     warnings: Vec<String>,
     with_source: SystemRun,
     with_surrogate: SystemRun,
+    /// Tolerance of the source's default experiment.
+    suggested_tolerance: Option<f64>,
     // with the folders of the runs
     _sources: Vec<ComponentSource>,
 }
@@ -97,6 +100,11 @@ pub struct SwapComparison {
     pub component_step: StepSpeed,
     /// Wall time of a step of all components.
     pub system_step: StepSpeed,
+    /// Tolerance of the source in the simulations that are timed: the loosest whose differences are no larger than the
+    /// surrogate's. None for an FMU with a separate solver.
+    pub source_tolerance: Option<f64>,
+    /// Simulations that are timed, of each component alternately.
+    pub timed_simulations: usize,
     /// Rows where the surrogate was outside its domain; none if it never was, or does not report it.
     pub outside_domain: Option<Outside>,
     /// Limits of the comparison.
@@ -128,26 +136,6 @@ pub struct Difference {
     pub relative_rms: Option<f64>,
     /// `max / range`; none for an output that is constant.
     pub relative_max: Option<f64>,
-}
-
-/// Wall times of a step, in s.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct StepSpeed {
-    /// Step time with the source.
-    pub source: StepTime,
-    /// Step time with the surrogate.
-    pub surrogate: StepTime,
-    /// Median with the source by median with the surrogate.
-    pub speed_up: f64,
-}
-
-/// Wall time of a step, in s.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct StepTime {
-    /// Half of the steps are faster.
-    pub median: f64,
-    /// The fastest step.
-    pub minimum: f64,
 }
 
 /// Rows outside the ranges that a surrogate is made for.
@@ -201,6 +189,8 @@ impl Swap {
         with_surrogate.connections = system.connect(&sources)?;
         with_surrogate.watched = in_domain(replaced, &sources[replaced]).into_iter().collect();
         let path = source.path().to_owned();
+        let suggested_tolerance =
+            source.description().default_experiment.and_then(|experiment| experiment.tolerance).filter(|t| *t > 0.0);
         sources.push(source);
         Ok(Self {
             component: options.component.clone(),
@@ -211,6 +201,7 @@ impl Swap {
             warnings,
             with_source,
             with_surrogate,
+            suggested_tolerance,
             _sources: sources,
         })
     }
@@ -243,7 +234,8 @@ impl Swap {
             let values = [&source, &surrogate].map(|recorded| &recorded.values[index][..rows]);
             Difference::of(output, unit.clone(), &source.times[..rows], values)
         };
-        let speed = |name: &str| StepSpeed::of([&source, &surrogate].map(|recorded| recorded.column(name)));
+        let differences: Vec<Difference> = self.outputs.iter().enumerate().map(difference).collect();
+        let timed = self.time(watch, &source, &differences)?;
         let watched = surrogate.values.get(self.outputs.len()).filter(|_| !self.with_surrogate.watched.is_empty());
         Ok(SwapComparison {
             system: self.system.name.clone(),
@@ -254,9 +246,11 @@ impl Swap {
             stop: source.times[rows - 1],
             step: self.with_source.step,
             steps: rows - 1,
-            outputs: self.outputs.iter().enumerate().map(difference).collect(),
-            component_step: speed(TIMES[0]),
-            system_step: speed(TIMES[1]),
+            outputs: differences,
+            component_step: timed.component_step,
+            system_step: timed.system_step,
+            source_tolerance: timed.source_tolerance,
+            timed_simulations: timed.simulations,
             outside_domain: watched.and_then(|inside| Outside::of(&surrogate.times, inside)),
             warnings,
             with_source: source,
@@ -450,19 +444,6 @@ impl Difference {
     }
 }
 
-impl StepSpeed {
-    fn of(seconds: [&[f64]; 2]) -> Self {
-        let [source, surrogate] = seconds.map(|seconds| {
-            // no step leads to the first row
-            let mut seconds = seconds[1..].to_vec();
-            seconds.sort_by(f64::total_cmp);
-            StepTime { median: seconds[seconds.len() / 2], minimum: seconds[0] }
-        });
-        // a clock may stand still
-        Self { source, surrogate, speed_up: source.median / surrogate.median.max(1e-9) }
-    }
-}
-
 impl Outside {
     fn of(times: &[f64], inside: &[f64]) -> Option<Self> {
         let mut rows = times.iter().zip(inside).filter(|(_, inside)| **inside == 0.0).map(|(time, _)| *time);
@@ -501,7 +482,16 @@ impl fmt::Display for SwapComparison {
             let times = [source.median, source.minimum, surrogate.median, surrogate.minimum].map(micro);
             rows.push([vec![name.to_owned()], times.to_vec(), vec![format!("{speed_up:.2}")]].concat());
         }
-        f.write_str(&aligned(&rows))
+        f.write_str(&aligned(&rows))?;
+        let simulations = self.timed_simulations;
+        match self.source_tolerance {
+            Some(tolerance) => writeln!(
+                f,
+                "(alternately in {simulations} simulations of each; the source with a tolerance of {tolerance:?}, the loosest whose \
+                 differences are no larger than the surrogate's)"
+            ),
+            None => writeln!(f, "(alternately in {simulations} simulations of each)"),
+        }
     }
 }
 
@@ -541,12 +531,5 @@ mod tests {
         let times = [0.0, 0.1, 0.2, 0.3];
         assert_eq!(Outside::of(&times, &[1.0; 4]), None);
         assert_eq!(Outside::of(&times, &[1.0, 0.0, 1.0, 0.0]), Some(Outside { rows: 2, first: 0.1 }));
-    }
-
-    #[test]
-    fn the_first_row_is_no_step() {
-        let speed = StepSpeed::of([&[0.0, 4.0, 6.0, 5.0], &[0.0, 0.5, 2.0, 1.0]]);
-        assert_eq!(speed.source, StepTime { median: 5.0, minimum: 4.0 });
-        assert_eq!((speed.surrogate.minimum, speed.speed_up), (0.5, 5.0));
     }
 }

@@ -5,6 +5,7 @@
 //! predictions. All numbers are little-endian doubles.
 
 use crate::{BaselineKind, Baselines, Fitted, StandardizedRows, model};
+use metafmu_core::processor_time::{ProcessorClock, ProcessorTimer};
 use metafmu_runtime::Scaling;
 use serde::{Deserialize, Serialize};
 use std::{
@@ -43,7 +44,7 @@ pub struct FitResult {
 /// A fit that went well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BaselineFit {
-    /// Seconds that fitting took.
+    /// Processor seconds of fitting.
     pub fit_seconds: f64,
     /// Seconds of one prediction of all outputs at one point.
     pub predict_seconds_per_point: f64,
@@ -113,9 +114,9 @@ impl FitTask {
     }
 
     fn fit_and_predict(&self) -> Result<(BaselineFit, Vec<f64>), String> {
-        let began = Instant::now();
+        let timer = ProcessorTimer::start(ProcessorClock::Process);
         let fitted = model(&self.options, self.kind).fit(&self.rows, self.seed)?;
-        let fit_seconds = began.elapsed().as_secs_f64();
+        let fit_seconds = timer.seconds();
         let began = Instant::now();
         let predictions = self.predict(&fitted)?;
         let points = (self.test.len() / self.rows.inputs).max(1);

@@ -20,6 +20,12 @@ use std::fmt;
 /// On the undamped pendulum over 2 s the largest error at any row is 2e-11 against a fixed-step solution.
 pub const TOLERANCE: f64 = 1e-13;
 
+/// Powers of ten above a tolerance, from 1e-2 downward: settings that are tried for a source that need not be as accurate.
+pub fn looser_tolerances(tolerance: f64) -> impl Iterator<Item = f64> {
+    const LOOSER: [f64; 10] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11];
+    LOOSER.into_iter().filter(move |looser| *looser > tolerance)
+}
+
 /// Result of an integration.
 #[derive(Clone, Debug)]
 pub struct IntegrationResult<State> {

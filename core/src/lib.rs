@@ -20,6 +20,7 @@ pub mod integrate;
 pub mod layout;
 pub mod multibody;
 pub mod network;
+pub mod processor_time;
 pub mod reading;
 pub mod refinement;
 pub mod sampling;

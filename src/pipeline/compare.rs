@@ -168,7 +168,7 @@ pub(super) fn network_row(
 ) -> ComparedNetwork {
     let row = ModelRow {
         rows: training.train_rows,
-        fit_seconds: Some(training.train_seconds),
+        fit_seconds: training.processor_seconds,
         predict_seconds_per_point: seconds_per_row(surrogate, test),
         memory_bytes: surrogate.to_bytes().ok().map(|bytes| bytes.len() as u64),
         exportable: true,

@@ -204,7 +204,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let _ = writeln!(text, "  of {}, {kind}: {}", counted(*runs, "calibration run"), shares.join(", "));
     }
     if let Some(speed) = &metrics.cost.speed {
-        let _ = writeln!(text, "\n{}", speed.describe());
+        let _ = writeln!(text, "\n{}\n({})", speed.describe(), speed.conditions());
     }
     text
 }

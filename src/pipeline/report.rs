@@ -101,7 +101,9 @@ pub(super) fn stage(
     let points = project.source.points(&project.study);
     let mut facts = facts(project, samples, training);
     let cost = project.load_cost(evaluated.surrogate).unwrap_or_default();
-    facts.extend(cost.speed.map(|speed| ("Speed on one core".into(), speed.describe())));
+    facts.extend(
+        cost.speed.map(|speed| ("Speed on one core".into(), format!("{}; {}", speed.describe(), speed.conditions()))),
+    );
     let worst = evaluated.runs_by_error().last().map(|&run| &evaluated.test.runs[run]);
     let material = Material {
         study: &project.study,

@@ -186,6 +186,7 @@ fn total(rounds: &[Round], added_runs: usize, target: &TargetOptions) -> Trainin
         epochs: before + last.record.epochs,
         best_epoch: before + last.record.best_epoch,
         train_seconds: rounds.iter().map(|round| round.record.train_seconds).sum(),
+        processor_seconds: rounds.iter().map(|round| round.record.processor_seconds).sum(),
         added_runs,
         target_met: Some(last.worst().is_none_or(|worst| worst >= target.r2)),
         ..last.record.clone()

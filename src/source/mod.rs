@@ -10,8 +10,10 @@ mod point;
 pub mod program;
 pub mod recorded;
 pub mod rows;
+pub mod setting;
 pub mod shard;
 pub mod simulation;
+pub mod timed;
 pub mod worker;
 
 use crate::{

@@ -4,6 +4,7 @@ use super::{
     Journal, MovingMechanism, MovingPoint, before_start, calibration_runs,
     driven::Driven,
     list,
+    setting::SourceSetting,
     worker::{OutputsOrReason, WorkerModel},
     wrong_unit,
 };
@@ -141,6 +142,36 @@ impl Simulation {
             SimulationModel::Equations(_) => None,
             SimulationModel::Apart(model) => Some(model),
         }
+    }
+
+    /// Copy whose runs have the first rows only.
+    pub fn with_rows(&self, rows: usize) -> Self {
+        let rows = rows.min(self.times.len());
+        let model = match &self.model {
+            SimulationModel::Equations(equations) => SimulationModel::Equations(equations.clone()),
+            SimulationModel::Apart(model) => SimulationModel::Apart(Box::new(model.with_rows(rows))),
+        };
+        Self { model, times: self.times[..rows].into(), ..self.clone() }
+    }
+
+    /// Settings of the accuracy from the loosest to the study's.
+    pub fn settings(&self) -> Vec<SourceSetting> {
+        match &self.model {
+            SimulationModel::Equations(equations) => SourceSetting::tolerances_above(Some(equations.tolerance)),
+            SimulationModel::Apart(model) => model.settings(),
+        }
+    }
+
+    /// Copy with another setting of the accuracy.
+    pub fn with_setting(&self, setting: SourceSetting) -> Self {
+        let model = match (&self.model, setting) {
+            (SimulationModel::Equations(equations), SourceSetting::Tolerance(tolerance)) => {
+                SimulationModel::Equations(Box::new(SimulatedEquations { tolerance, ..(**equations).clone() }))
+            }
+            (SimulationModel::Equations(equations), _) => SimulationModel::Equations(equations.clone()),
+            (SimulationModel::Apart(model), setting) => SimulationModel::Apart(Box::new(model.with_setting(setting))),
+        };
+        Self { model, ..self.clone() }
     }
 
     /// The parameters, in the study's order.

@@ -11,17 +11,13 @@ use super::{
     Journal,
     driven::Driven,
     fmu::{FmuRuns, ResolvedFmu},
-    launch::{Launcher, WorkerReply},
+    launch::Launcher,
     program::{ProgramRuns, ResolvedProgram},
+    setting::SourceSetting,
 };
 use crate::{Error, Result, fmi::Workers, study::Study, unpacking::Patience, variable::SourceVariable};
 use campaign::Campaign;
-use std::{
-    borrow::Cow,
-    path::Path,
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use std::{borrow::Cow, path::Path, sync::Arc, time::Duration};
 
 /// Default `source.time_limit` of a run.
 const TIME_LIMIT: Duration = Duration::from_secs(60);
@@ -205,41 +201,44 @@ impl WorkerModel {
         outcomes.into_iter().map(|outcome| outcome.ok_or(Error::Interrupted)).collect()
     }
 
-    /// Seconds of the shortest of these runs, one after the other, without the start of the process; none if one fails.
-    /// A run that takes longer than `long` is the last one.
-    ///
-    /// # Errors
-    /// Those of [`WorkerModel::run_all`], but of the runs.
-    pub fn seconds(&self, points: &[Vec<f64>], long: Duration, workers: Workers<'_>) -> Result<Option<f64>> {
-        let launcher = self.launcher(workers)?;
-        let (mut shortest, mut idle) = (None, None);
-        for point in points {
-            let started = match idle.take() {
-                Some(process) => Some(process),
-                None => launcher.start(self.time_limit, workers)?,
-            };
-            let Some(mut process) = started else { return Err(Error::Interrupted) };
-            let request = self.request(point);
-            let begin = Instant::now();
-            match process.run(&request, self.time_limit, workers.stop) {
-                WorkerReply::Done(outputs) if outputs.len() == self.values => {}
-                WorkerReply::Stopped => return Err(Error::Interrupted),
-                _ => return Ok(None),
-            }
-            let time = begin.elapsed();
-            shortest = Some(shortest.map_or(time, |shortest: Duration| shortest.min(time)));
-            if time > long {
-                break;
-            }
-            idle = (!process.is_spent()).then_some(process);
-        }
-        if let Some(process) = idle {
-            process.finish();
-        }
-        Ok(shortest.map(|time| time.as_secs_f64()))
+    /// Time limit of a run.
+    pub(super) fn time_limit(&self) -> Duration {
+        self.time_limit
     }
 
-    fn launcher(&self, workers: Workers) -> Result<Box<dyn Launcher + '_>> {
+    /// Numbers of a reply.
+    pub(super) fn values(&self) -> usize {
+        self.values
+    }
+
+    /// Copy whose runs end with the row of this number.
+    pub(super) fn with_rows(&self, rows: usize) -> Self {
+        let times: Arc<[f64]> = self.times[..rows].into();
+        let runner = match &self.runner {
+            Runner::Fmu(runs) => Runner::Fmu(runs.until(times.last().copied().unwrap_or_default())),
+            Runner::Program(runs) => Runner::Program(runs.with_times(Arc::clone(&times))),
+        };
+        Self { runner, values: rows * self.outputs, times, ..self.clone() }
+    }
+
+    /// Settings of the accuracy from the loosest to the study's.
+    pub(super) fn settings(&self) -> Vec<SourceSetting> {
+        match &self.runner {
+            Runner::Fmu(runs) => runs.settings(),
+            Runner::Program(_) => vec![SourceSetting::Fixed],
+        }
+    }
+
+    /// Copy with another setting of the accuracy.
+    pub(super) fn with_setting(&self, setting: SourceSetting) -> Self {
+        match &self.runner {
+            Runner::Fmu(runs) => Self { runner: Runner::Fmu(runs.with_setting(setting)), ..self.clone() },
+            Runner::Program(_) => self.clone(),
+        }
+    }
+
+    /// Unpacks an FMU, for as long as the launcher lives.
+    pub(super) fn launcher(&self, workers: Workers) -> Result<Box<dyn Launcher + '_>> {
         let default = Patience::default();
         // a limit of short runs is none of unpacking
         let limit = self.time_limit.max(default.limit);
@@ -251,7 +250,7 @@ impl WorkerModel {
     }
 
     /// Request to a process for a point.
-    fn request<'p>(&self, point: &'p [f64]) -> Cow<'p, [f64]> {
+    pub(super) fn request<'p>(&self, point: &'p [f64]) -> Cow<'p, [f64]> {
         match &self.driven {
             Some(driven) if !self.is_of_equations => {
                 // a number from which only the signals follow is no value of the model

@@ -108,7 +108,15 @@ fn build_writes_every_result_and_prints_the_table() {
     );
     assert_eq!(metrics["test_runs"], 5);
     assert_eq!(metrics["train_rows"], 26 * 41, "one of 27 runs is held out");
-    assert!(metrics["train_seconds"].is_number());
+    assert!(metrics["train_seconds"].is_number() && metrics["processor_seconds"].is_number());
+    let speed = &metrics["speed"];
+    assert!(
+        stdout(&output).contains("both with outputs every 0.05 s, alternately in 4 test runs"),
+        "{}",
+        stdout(&output)
+    );
+    assert!(speed["setting"]["tolerance"].as_f64() > Some(1e-13), "{speed}");
+    assert!(speed["source_error"].as_f64() <= speed["surrogate_error"].as_f64(), "{speed}");
 }
 
 #[test]

@@ -35,7 +35,7 @@ pub struct ModelRow {
     pub note: String,
     /// Number of rows it was fitted to; 0 if it was not.
     pub rows: usize,
-    /// Seconds that fitting took, with all outputs.
+    /// Processor seconds of fitting all outputs.
     pub fit_seconds: Option<f64>,
     /// Seconds of one prediction of all outputs at one point, on one core, in the test rows' order.
     pub predict_seconds_per_point: Option<f64>,
@@ -104,7 +104,7 @@ impl ModelRow {
         match (self.worst_r2(), self.fit_seconds) {
             (Some(r2), Some(seconds)) => {
                 let r2 = if r2.abs() < 1e4 { format!("{r2:.5}") } else { power(r2, 2) };
-                format!("{model}: smallest R² {r2}, fitted in {seconds:.2} s")
+                format!("{model}: smallest R² {r2}, fitted in {seconds:.2} CPU s")
             }
             _ => format!("{model}: {}: {note}", status.name()),
         }
@@ -130,7 +130,7 @@ impl Comparison {
         let mut text = format!("{name} on {on}\n\n{:<18}", "R² of");
         // writing to a string does not fail
         let _ = outputs.iter().try_for_each(|output| write!(text, " {output:>11.11}"));
-        let _ = writeln!(text, " {:>9} {:>11} {:>9}  note", "fit", "prediction", "memory");
+        let _ = writeln!(text, " {:>10} {:>11} {:>9}  note", "fit, CPU s", "prediction", "memory");
         for row in models {
             let _ = write!(text, "{:<18}", row.model);
             if row.status != ModelStatus::Fine {
@@ -141,11 +141,11 @@ impl Comparison {
                 let r2 = row.outputs.get(*output).and_then(|accuracy| accuracy.r2);
                 let _ = write!(text, " {:>11}", r2.map_or("constant".into(), numbers::r2));
             }
-            let fit = row.fit_seconds.map_or(String::new(), |seconds| format!("{seconds:.2} s"));
+            let fit = row.fit_seconds.map_or(String::new(), |seconds| format!("{seconds:.2}"));
             let point =
                 row.predict_seconds_per_point.map_or(String::new(), |seconds| format!("{:.2} us", seconds * 1e6));
             let memory = row.memory_bytes.map_or(String::new(), |bytes| format!("{:.1} kB", bytes as f64 / 1e3));
-            let _ = writeln!(text, " {fit:>9} {point:>11} {memory:>9}  {}", row.note);
+            let _ = writeln!(text, " {fit:>10} {point:>11} {memory:>9}  {}", row.note);
         }
         text
     }

@@ -17,7 +17,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::ops::Range;
 
-pub(super) const FORMAT: u32 = 2;
+pub(super) const FORMAT: u32 = 3;
 
 const HEADER_KEY: &str = "metafmu_training";
 
@@ -37,6 +37,8 @@ pub(super) struct Header {
     /// Steps of the optimizer.
     pub(super) steps: u64,
     pub(super) best_epoch: usize,
+    /// Processor time so far.
+    pub(super) processor_seconds: f64,
     /// Hexadecimal digits of the SHA-256; [`NO_DIGEST`] until there is one.
     pub(super) digest: String,
 }

@@ -145,6 +145,8 @@ pub struct Outcome {
     pub history: Vec<EpochRecord>,
     /// The epoch that `network` is from; 0 if there was no validation yet.
     pub best_epoch: usize,
+    /// Processor time of this process during the training in seconds, before an interruption included.
+    pub processor_seconds: f64,
     /// Reason for the end of the training.
     pub reason: StopReason,
 }

@@ -8,6 +8,7 @@ use super::{
 };
 use crate::{
     network::Network,
+    processor_time::{ProcessorClock, ProcessorTimer},
     study::{Schedule, TrainingOptions},
 };
 use rand::{SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
@@ -36,7 +37,7 @@ pub fn train(
 }
 
 /// Resumes a training from the checkpoint that [`Observer::checkpoint`] received; the other arguments must be those of
-/// the beginning. Apart from wall times, the outcome has the same bits as without the interruption.
+/// the beginning. Apart from times, the outcome has the same bits as without the interruption.
 ///
 /// # Errors
 /// As [`train`], and [`TrainingError::Checkpoint`] if the checkpoint is damaged or that of another training.
@@ -76,6 +77,9 @@ struct TrainingRun<'a> {
     digests: [String; 2],
     /// Seconds before this run.
     seconds: f64,
+    /// Processor time before this run in seconds.
+    processor_seconds: f64,
+    processor_timer: ProcessorTimer,
 }
 
 /// Losses and learning rate of an epoch for its record.
@@ -112,6 +116,8 @@ impl<'a> TrainingRun<'a> {
             validation_sums: sums(validation.len()),
             digests: [training, validation].map(|rows| format!("{:016x}", rows.digest())),
             seconds: 0.0,
+            processor_seconds: 0.0,
+            processor_timer: ProcessorTimer::start(ProcessorClock::Process),
         })
     }
 
@@ -148,7 +154,13 @@ impl<'a> TrainingRun<'a> {
         if self.best_epoch == 0 && reason == StopReason::Interrupted {
             self.best = self.trainer.network();
         }
-        Outcome { network: self.best, history: self.history, best_epoch: self.best_epoch, reason }
+        let processor_seconds = self.processor_seconds();
+        Outcome { network: self.best, history: self.history, best_epoch: self.best_epoch, processor_seconds, reason }
+    }
+
+    /// Processor time of the training so far in seconds.
+    fn processor_seconds(&self) -> f64 {
+        self.processor_seconds + self.processor_timer.seconds()
     }
 
     fn best_loss(&self) -> f64 {
@@ -236,6 +248,7 @@ impl<'a> TrainingRun<'a> {
             digests: self.digests.clone(),
             steps: self.trainer.steps(),
             best_epoch: self.best_epoch,
+            processor_seconds: self.processor_seconds(),
             digest: NO_DIGEST.into(),
         }
     }
@@ -250,13 +263,16 @@ impl<'a> TrainingRun<'a> {
         let (best, mut state) = (self.best.parameters_mut(), self.trainer.state());
         let (found, history) = checkpoint::read(bytes, &mut state, best)?;
         // these fields of the header may differ, no others
-        let (steps, best_epoch, digest) = (found.steps, found.best_epoch, found.digest.clone());
-        if found != (Header { steps, best_epoch, digest, ..expected }) || best_epoch > history.len() {
+        let (steps, best_epoch, processor_seconds) = (found.steps, found.best_epoch, found.processor_seconds);
+        let digest = found.digest.clone();
+        if found != (Header { steps, best_epoch, processor_seconds, digest, ..expected }) || best_epoch > history.len()
+        {
             return Err(TrainingError::Checkpoint { problem: "it belongs to another training".into() });
         }
         self.trainer.restored(steps);
         self.best_epoch = best_epoch;
         self.seconds = history.last().map_or(0.0, |record| record.seconds);
+        self.processor_seconds = processor_seconds;
         self.history = history;
         Ok(())
     }

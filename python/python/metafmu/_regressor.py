@@ -115,7 +115,7 @@ class Regressor(RegressorMixin, BaseEstimator):
 
     - `surrogate_`
     - `model_`: kind of model
-    - `candidates_`: list of dicts with ``model``, ``one_minus_r2`` (mean over outputs of 1 - R² on unseen rows), ``fit_seconds``, ``note``
+    - `candidates_`: list of dicts with ``model``, ``one_minus_r2`` (mean over outputs of 1 - R² on unseen rows), ``fit_seconds`` (processor time), ``note``
     - `history_`: dict with the losses of each epoch; its lists are empty unless a network was trained in epochs
     - `n_features_in_` and, for a DataFrame, `feature_names_in_`
     """

@@ -281,7 +281,7 @@ class Surrogate:
         """Kinds of model that :func:`metafmu.fit` compared, a dict for each. Empty where `model` is None.
 
         The keys are ``model``, ``one_minus_r2`` (the mean over outputs of 1 - R² on rows that it was not fitted to, or None),
-        ``fit_seconds`` and ``note``.
+        ``fit_seconds`` (processor seconds of all its fits) and ``note``.
         """
         return [dict(row) for row in self._fit["candidates"]] if self._fit else []
 

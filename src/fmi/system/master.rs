@@ -203,11 +203,14 @@ impl<'a> CoupledComponent<'a> {
             sources.push((from.component, output.unwrap_or_default()));
         }
         let outputs = run.outputs(index);
+        let ComponentRun { name, tolerance, .. } = &run.components[index];
+        let tolerance = tolerance.or(run.tolerance);
         let simulator: Box<dyn Simulator> = match instance {
-            Instantiated::Fmu(instance) => Box::new(FmuSimulator::new(instance, &inputs, &outputs)?),
-            Instantiated::Mechanism(mechanism) => Box::new(MechanismSimulator::new(mechanism, &inputs, &outputs)),
+            Instantiated::Fmu(instance) => Box::new(FmuSimulator::new(instance, &inputs, &outputs, tolerance)?),
+            Instantiated::Mechanism(mechanism) => {
+                Box::new(MechanismSimulator::new(mechanism, &inputs, &outputs, tolerance))
+            }
         };
-        let name = &run.components[index].name;
         Ok(Self { name, simulator, sources, given: Vec::new(), values: Vec::new() })
     }
 

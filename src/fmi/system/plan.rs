@@ -51,6 +51,7 @@ impl FmuSystem {
             path: source.path().to_owned(),
             model: source.model(),
             start_values: component.values.iter().map(|value| (value.name.clone(), value.value)).collect(),
+            tolerance: None,
         });
         let Experiment { start, stop, step, tolerance } = experiment;
         Ok(SystemRun {

@@ -38,6 +38,8 @@ pub struct ComponentRun {
     pub model: ComponentModel,
     /// Values that variables start with, by name: 0 or 1 for a boolean.
     pub start_values: Vec<(String, f64)>,
+    /// Tolerance of its model exchange or mechanism in place of [`SystemRun::tolerance`].
+    pub tolerance: Option<f64>,
 }
 
 /// Model of a component in a run.

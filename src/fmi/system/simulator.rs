@@ -44,12 +44,19 @@ pub struct FmuSimulator<'a> {
     integration: Option<Exchange<'a>>,
     inputs: Vec<&'a ScalarVariable>,
     outputs: Recorder<'a>,
+    /// Tolerance of model exchange.
+    tolerance: Option<f64>,
 }
 
 impl<'a> FmuSimulator<'a> {
-    pub fn new(instance: &'a FmuInstance<'a>, inputs: &[&str], outputs: &[String]) -> Result<Self> {
+    pub fn new(
+        instance: &'a FmuInstance<'a>,
+        inputs: &[&str],
+        outputs: &[String],
+        tolerance: Option<f64>,
+    ) -> Result<Self> {
         let inputs = inputs.iter().map(|name| find(instance, name)).collect::<Result<_>>()?;
-        Ok(Self { instance, integration: None, inputs, outputs: Recorder::new(instance, outputs, true)? })
+        Ok(Self { instance, integration: None, inputs, outputs: Recorder::new(instance, outputs, true)?, tolerance })
     }
 }
 
@@ -78,7 +85,7 @@ impl Simulator for FmuSimulator<'_> {
         if self.instance.fmu().interface() == InterfaceKind::CoSimulation {
             return Ok(StepResult::Done);
         }
-        let (integration, begun) = Exchange::start(self.instance, &NO_INPUTS, run.tolerance, run.start)?;
+        let (integration, begun) = Exchange::start(self.instance, &NO_INPUTS, self.tolerance, run.start)?;
         self.integration = Some(integration);
         Ok(begun)
     }
@@ -134,10 +141,11 @@ pub struct MechanismSimulator<'a> {
     inputs: Vec<usize>,
     /// Positions of the outputs among all of the mechanism.
     outputs: Vec<usize>,
+    tolerance: Option<f64>,
 }
 
 impl<'a> MechanismSimulator<'a> {
-    pub fn new(mechanism: &'a Mechanism, inputs: &[&str], outputs: &[String]) -> Self {
+    pub fn new(mechanism: &'a Mechanism, inputs: &[&str], outputs: &[String], tolerance: Option<f64>) -> Self {
         let output = |name: &String| mechanism.outputs().iter().position(|output| output.name == *name);
         Self {
             mechanism,
@@ -145,6 +153,7 @@ impl<'a> MechanismSimulator<'a> {
             given: mechanism.inputs().values().map(|input| input.start).collect(),
             inputs: inputs.iter().filter_map(|name| mechanism.inputs().get_index_of(*name)).collect(),
             outputs: outputs.iter().filter_map(output).collect(),
+            tolerance,
         }
     }
 
@@ -161,7 +170,7 @@ impl Simulator for MechanismSimulator<'_> {
         for (given, name) in self.given.iter_mut().zip(self.mechanism.inputs().keys()) {
             *given = value(name).unwrap_or(*given);
         }
-        let tolerance = run.tolerance.unwrap_or(TOLERANCE);
+        let tolerance = self.tolerance.unwrap_or(TOLERANCE);
         let stepper = self.mechanism.stepper(&values, &self.given, run.start, tolerance).map_err(failed)?;
         self.stepper = Some(stepper);
         Ok(())

@@ -8,6 +8,7 @@ use crate::{
     diagnostics::names::listed,
     diagnostics::numbers::power,
     evaluation::{self, OutputMetrics},
+    processor_time::{ProcessorClock, ProcessorTimer},
     scaling::of_columns,
     study::ModelKind,
     training::Outcome,
@@ -16,7 +17,6 @@ use crate::{
 use metafmu_runtime::{Graph, Scaling, graph::Step};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use std::time::Instant;
 
 /// Name of the choice among the candidates.
 const AUTO: &str = "auto";
@@ -84,7 +84,7 @@ pub struct CandidateScore {
     pub model: &'static str,
     /// Mean over outputs of `1 - R²` on rows that it was not fitted to; None if it was not measured.
     pub one_minus_r2: Option<f64>,
-    /// Seconds of fitting, of a cross-validation the sum over its folds; None if it was not fitted.
+    /// Processor seconds of fitting, of a cross-validation the sum over its folds; None if it was not fitted.
     pub fit_seconds: Option<f64>,
     /// Remark, or the reason why it was not fitted; else empty.
     pub note: String,
@@ -102,7 +102,7 @@ impl CandidateScore {
     fn summary(&self) -> String {
         match (self.one_minus_r2, self.fit_seconds) {
             (Some(error), Some(seconds)) => {
-                format!("{}: 1 - R² {} on unseen rows, fitted in {seconds:.2} s", self.model, power(error, 1))
+                format!("{}: 1 - R² {} on unseen rows, fitted in {seconds:.2} CPU s", self.model, power(error, 1))
             }
             _ => format!("{}: {}", self.model, self.note),
         }
@@ -116,6 +116,7 @@ pub(super) struct FittedModel {
     pub(super) outcome: Option<Outcome>,
     /// Number of rows that it was fitted to.
     pub(super) rows: usize,
+    /// Processor time of the fit.
     seconds: f64,
 }
 
@@ -126,6 +127,15 @@ pub(super) struct SelectedModel {
     pub(super) candidates: Vec<CandidateScore>,
     /// Prediction of each row by a model that was neither fitted to it nor chosen by it; None without cross-validation.
     pub(super) unseen: Option<Vec<Vec<f64>>>,
+}
+
+/// Threads of a fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Threads {
+    /// All threads of the process: nothing else is fitted meanwhile.
+    All,
+    /// The calling thread, beside other fits.
+    One,
 }
 
 /// Candidate with its predictions of unseen rows, by row number, empty where there is none.
@@ -144,7 +154,7 @@ impl FitContext<'_> {
             Error::Import { problems, .. } => self.refusal(vec![format!("{}: {}", kind.name(), problems.join("; "))]),
             error => error,
         };
-        let model = self.fitted(kind, parts, true).map_err(named)?;
+        let model = self.fitted(kind, parts, Threads::All).map_err(named)?;
         let mut row = CandidateScore::new(kind, limit_note(kind, parts.usable().len()));
         row.fit_seconds = Some(model.seconds);
         let is_measured = self.options.measure && parts.judging.is_empty() && order.len() > 1 && !self.is_stopped();
@@ -190,7 +200,7 @@ impl FitContext<'_> {
             let kind = trials[place].kind;
             let fitted = match trials[place].model.take() {
                 Some(model) => Ok(model),
-                None => self.fitted(kind, parts, true),
+                None => self.fitted(kind, parts, Threads::All),
             };
             match fitted {
                 Ok(model) => {
@@ -232,7 +242,7 @@ impl FitContext<'_> {
             // rows that choose its best epoch are those that choose the kind
             let has_epochs = kind == ModelKind::Network && !self.has_small_network();
             let model =
-                self.fitted(kind, if has_epochs { parts } else { RowSplit { choosing: &[], ..parts } }, true)?;
+                self.fitted(kind, if has_epochs { parts } else { RowSplit { choosing: &[], ..parts } }, Threads::All)?;
             let found = model.graph.evaluate(&chosen(self.inputs, parts.choosing));
             let mut predictions = vec![Vec::new(); rows];
             parts.choosing.iter().zip(found).for_each(|(row, values)| predictions[*row] = values);
@@ -245,9 +255,14 @@ impl FitContext<'_> {
         Ok(EvaluatedCandidate { kind, row, predictions: Some(predictions), model })
     }
 
-    /// A model of the rows of a split; of a network the progress is reported if `is_shown`.
-    fn fitted(&self, kind: ModelKind, parts: RowSplit, is_shown: bool) -> Result<FittedModel> {
-        let began = Instant::now();
+    /// A model of the rows of a split. The progress of a network is reported unless it is one of several that are
+    /// trained side by side.
+    fn fitted(&self, kind: ModelKind, parts: RowSplit, threads: Threads) -> Result<FittedModel> {
+        let is_shown = threads == Threads::All;
+        let timer = ProcessorTimer::start(match threads {
+            Threads::All => ProcessorClock::Process,
+            Threads::One => ProcessorClock::Thread,
+        });
         let (graph, outcome, rows) = match kind {
             ModelKind::Network if self.has_small_network() => {
                 let rows = parts.usable();
@@ -263,11 +278,11 @@ impl FitContext<'_> {
                 (graph, None, rows)
             }
         };
-        Ok(FittedModel { graph, outcome, rows, seconds: began.elapsed().as_secs_f64() })
+        Ok(FittedModel { graph, outcome, rows, seconds: timer.seconds() })
     }
 
-    /// Predictions of all rows, each by a model that neither learned it nor chose its best epoch by it, and seconds of
-    /// fitting. None if the work was stopped. The folds are fitted side by side, each by one thread.
+    /// Predictions of all rows, each by a model that neither learned it nor chose its best epoch by it, and processor
+    /// seconds of fitting. None if the work was stopped. The folds are fitted side by side, each by one thread.
     fn cross_validated(&self, kind: ModelKind, order: &[usize]) -> Result<Option<(Vec<Vec<f64>>, f64)>> {
         type Fold = (Vec<(usize, Vec<f64>)>, f64);
         let folds = FOLDS.min(order.len());
@@ -276,7 +291,7 @@ impl FitContext<'_> {
                 return Ok((Vec::new(), 0.0));
             }
             let (judging, rest) = fold_rows(order, fold, folds);
-            let model = self.fitted(kind, RowSplit::of(&rest, &self.options.training, false), false)?;
+            let model = self.fitted(kind, RowSplit::of(&rest, &self.options.training, false), Threads::One)?;
             let predictions = model.graph.evaluate(&chosen(self.inputs, &judging));
             Ok((judging.into_iter().zip(predictions).collect(), model.seconds))
         };

@@ -1,5 +1,9 @@
 use super::{candidates::judged, *};
-use crate::{baselines::BaselineKind, pipeline::Silent};
+use crate::{
+    baselines::BaselineKind,
+    pipeline::Silent,
+    processor_time::{ProcessorClock, ProcessorTimer},
+};
 use rand::RngExt as _;
 use std::sync::atomic::AtomicBool;
 
@@ -218,6 +222,16 @@ fn a_comparison_that_is_stopped_is_interrupted() {
             assert!(matches!(stopped, Err(Error::Interrupted)), "{rows} {model:?}");
         }
     }
+}
+
+#[test]
+fn folds_that_are_fitted_side_by_side_count_their_processor_time_once() {
+    let x = points(200, 5);
+    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let all = ProcessorTimer::start(ProcessorClock::Process);
+    let (_, fit) = fitted(&x, &y, &quick(ModelChoice::Auto)).unwrap();
+    let of_candidates: f64 = fit.candidates.iter().filter_map(|row| row.fit_seconds).sum();
+    assert!(0.0 < of_candidates && of_candidates <= all.seconds(), "{of_candidates} of {}", all.seconds());
 }
 
 #[test]

@@ -150,6 +150,7 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
         best_epoch: one.best_epoch,
         stopped,
         train_seconds: began.elapsed().as_secs_f64(),
+        processor_seconds: None,
         added_runs: 0,
         target_met: None,
         method: Some(MethodRecord::Discrete(DiscreteRecord {

@@ -53,6 +53,7 @@ fn train(project: &Project, dataset: &Dataset, Beginning { added, start, resume 
         best_epoch: outcome.best_epoch,
         stopped: outcome.reason,
         train_seconds: outcome.history.last().map_or(0.0, |epoch| epoch.seconds),
+        processor_seconds: Some(outcome.processor_seconds),
         added_runs: *added,
         target_met: None,
         method: None,

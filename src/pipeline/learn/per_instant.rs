@@ -14,6 +14,7 @@ use crate::{
         project::Project,
         record::TrainingRecord,
     },
+    processor_time::{ProcessorClock, ProcessorTimer},
     source::Journal,
     study::Study,
     surrogate,
@@ -47,7 +48,7 @@ fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> 
     if resume {
         project.say(format_args!("{} of {} networks are already finished", kept.journal.len(), prepared.len()));
     }
-    let began = Instant::now();
+    let (began, timer) = (Instant::now(), ProcessorTimer::start(ProcessorClock::Process));
     let (total, finished) = (prepared.len(), AtomicUsize::new(0));
     project.begin(CountedWork::Networks, total);
     let outcomes = train_all(project, &project.study, &prepared, project.study.training.epochs, |instant, train| {
@@ -75,6 +76,7 @@ fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> 
         best_epoch: best_epoch(&outcomes),
         stopped: reason(&outcomes),
         train_seconds: began.elapsed().as_secs_f64(),
+        processor_seconds: Some(timer.seconds()),
         added_runs: 0,
         target_met: None,
         method: None,
@@ -220,19 +222,19 @@ impl<'a> Finished<'a> {
         let epochs = project.study.training.epochs;
         let parameters = prepared.first().map_or(0, |prepared| prepared.network.parameters().len());
         let of = format!("networks of {}{digests}", project.study.digest());
-        let journal = Journal::open(&project.unfinished_networks(), &of, 1, 2 + 4 * epochs + parameters)?;
+        let journal = Journal::open(&project.unfinished_networks(), &of, 1, 3 + 4 * epochs + parameters)?;
         Ok(Self { journal, prepared, epochs })
     }
 
-    /// Reason, best epoch, four numbers an epoch, parameters; epochs that were not needed are NaN.
+    /// Reason, best epoch, processor seconds, four numbers an epoch, parameters; epochs that were not needed are NaN.
     fn keep(&self, instant: usize, outcome: &Outcome) -> Result<()> {
-        let Outcome { network, history, best_epoch, reason } = outcome;
+        let Outcome { network, history, best_epoch, processor_seconds, reason } = outcome;
         let reason = REASONS.iter().position(|known| known == reason).unwrap_or(REASONS.len());
-        let mut values = vec![reason as f64, *best_epoch as f64];
+        let mut values = vec![reason as f64, *best_epoch as f64, *processor_seconds];
         for EpochRecord { train_loss, validation_loss, learning_rate, seconds, .. } in history {
             values.extend([train_loss, validation_loss, learning_rate, seconds]);
         }
-        values.resize(2 + 4 * self.epochs, f64::NAN);
+        values.resize(3 + 4 * self.epochs, f64::NAN);
         values.extend(network.parameters().iter().copied().map(f64::from));
         if self.journal.get(&[instant as f64]).is_none() {
             self.journal.keep(&[instant as f64], &values, Duration::MAX)?;
@@ -242,7 +244,7 @@ impl<'a> Finished<'a> {
 
     fn get(&self, instant: usize) -> Option<Outcome> {
         let values = self.journal.get(&[instant as f64])?;
-        let (&[reason, best_epoch], values) = values.split_first_chunk()?;
+        let (&[reason, best_epoch, processor_seconds], values) = values.split_first_chunk()?;
         let (epochs, parameters) = values.split_at_checked(4 * self.epochs)?;
         let mut history: Vec<EpochRecord> = Vec::new();
         for (epoch, &[train_loss, validation_loss, learning_rate, seconds]) in (1..).zip(epochs.as_chunks().0) {
@@ -255,7 +257,7 @@ impl<'a> Finished<'a> {
         let mut network = self.prepared[instant].network.clone();
         network.parameters_mut().iter_mut().zip(parameters).for_each(|(to, &from)| *to = from as f32);
         let reason = *REASONS.get(reason as usize)?;
-        Some(Outcome { network, history, best_epoch: best_epoch as usize, reason })
+        Some(Outcome { network, history, best_epoch: best_epoch as usize, processor_seconds, reason })
     }
 }
 

@@ -74,6 +74,7 @@ impl LearningMethod for StaticMap {
             best_epoch: fit.best_epoch.unwrap_or(0),
             stopped: fit.stopped.unwrap_or(StopReason::Solved),
             train_seconds: began.elapsed().as_secs_f64(),
+            processor_seconds: None,
             added_runs: 0,
             target_met: None,
             method: Some(MethodRecord::StaticMap(StaticRecord {

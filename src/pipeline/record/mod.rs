@@ -41,6 +41,9 @@ pub struct TrainingRecord {
     pub stopped: StopReason,
     /// Wall time of the training.
     pub train_seconds: f64,
+    /// Processor time of the training of a network that is compared with simpler models.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub processor_seconds: Option<f64>,
     /// Runs that were added to the plan's to meet the study's target.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub added_runs: usize,
@@ -62,6 +65,7 @@ impl TrainingRecord {
             best_epoch: 0,
             stopped: StopReason::Solved,
             train_seconds,
+            processor_seconds: None,
             added_runs: 0,
             target_met: None,
             method: Some(method),
@@ -175,7 +179,7 @@ pub struct Candidate {
     /// functions of an FMU, of the accelerations and positions of a mechanism, or of the outputs of recorded runs. For
     /// rows it is the mean over the outputs.
     pub error: f64,
-    /// Wall time.
+    /// Wall time; processor time of a kind of model of rows.
     pub seconds: f64,
 }
 

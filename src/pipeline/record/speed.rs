@@ -1,18 +1,31 @@
 //! Speed of a surrogate beside that of its source.
 
-use crate::diagnostics::numbers::number;
+use crate::{diagnostics::numbers::number, source::setting::SourceSetting};
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
 
-/// Speed of a surrogate beside that of its source. Both are measured one after the other on one core, on the first test run.
-#[derive(Clone, Copy, Debug, Serialize, Deserialize)]
+/// Speed of a surrogate beside that of its source: both make the same test runs with the same output step, alternately
+/// on one core. The source has the loosest setting whose error is no larger than the surrogate's. Its set-up before the
+/// first step does not count.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Speed {
-    /// Seconds the source takes for a simulated second; a run is from its start to its end.
+    /// Seconds the source takes for a simulated second.
     pub source: f64,
-    /// Seconds the surrogate takes for a simulated second, in steps of `time.step`.
+    /// Seconds the surrogate takes for a simulated second.
     pub surrogate: f64,
     /// Speed-up, the former divided by the latter.
     pub speed_up: f64,
+    /// Output step of both in s.
+    pub output_step: f64,
+    /// Number of test runs.
+    pub runs: usize,
+    /// Setting of the source.
+    pub setting: SourceSetting,
+    /// Root mean square error of the source in these runs relative to the standard deviation, of the worst output. The
+    /// truth is the source with the setting of the study.
+    pub source_error: f64,
+    /// Relative error of the surrogate in these runs.
+    pub surrogate_error: f64,
 }
 
 /// Cost of a surrogate on one core.
@@ -29,10 +42,31 @@ pub struct Cost {
 impl Speed {
     /// Speed as text.
     pub fn describe(&self) -> String {
-        let Self { source, surrogate, speed_up } = self;
+        let Self { source, surrogate, speed_up, .. } = self;
         let [source, surrogate] = [source, surrogate].map(|seconds| number(1e3 * seconds));
         let speed_up = number(*speed_up);
         format!("{speed_up} times as fast as its source: {surrogate} ms for a simulated second, the source {source} ms")
+    }
+
+    /// Conditions of the comparison as text.
+    pub fn conditions(&self) -> String {
+        let Self { output_step, runs, setting, source_error, surrogate_error, .. } = self;
+        let (step, surrogate_error) = (number(*output_step), number(100.0 * surrogate_error));
+        let runs = if *runs == 1 { "one test run".to_owned() } else { format!("{runs} test runs") };
+        let source_error = number(100.0 * source_error);
+        let setting = match setting {
+            SourceSetting::Tolerance(_) | SourceSetting::StepsPerRow(_) if self.source_error == 0.0 => {
+                format!("the source as in the study: {}, as looser ones have larger errors", setting.describe())
+            }
+            SourceSetting::Tolerance(_) | SourceSetting::StepsPerRow(_) => {
+                format!("the source with {}, whose error is {source_error} %", setting.describe())
+            }
+            SourceSetting::Fixed => "the source as in the study, as it has no looser setting of its accuracy".into(),
+        };
+        format!(
+            "both with outputs every {step} s, alternately in {runs}; the surrogate's RMS error there is {surrogate_error} % of the standard \
+             deviation; {setting}"
+        )
     }
 
     /// Warning about a surrogate that is slower than its source, with the reason.

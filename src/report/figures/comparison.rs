@@ -27,7 +27,7 @@ pub fn section(comparison: &Comparison, is_of_rows: bool) -> Section {
             1e6,
             (|row| row.predict_seconds_per_point) as fn(&ModelRow) -> Option<f64>,
         ),
-        ("fit", "time to fit", "s", 1.0, |row| row.fit_seconds),
+        ("fit", "processor time to fit", "s", 1.0, |row| row.fit_seconds),
         ("memory", "memory of the fitted model", "kB", 1e-3, |row| row.memory_bytes.map(|bytes| bytes as f64)),
     ];
     let figures = figures.into_iter().filter_map(|(id, name, unit, scale, cost)| {
@@ -45,7 +45,7 @@ pub fn section(comparison: &Comparison, is_of_rows: bool) -> Section {
 }
 
 fn overview(models: &[ModelRow]) -> ReportBlock {
-    let headings = ["model", "1 - R²", "prediction", "fit", "memory", "rows", "FMU", "note"];
+    let headings = ["model", "1 - R²", "prediction", "fit, CPU", "memory", "rows", "FMU", "note"];
     let rows = models.iter().enumerate().map(|(index, row)| {
         let ModelRow {
             model,

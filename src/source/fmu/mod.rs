@@ -7,6 +7,7 @@ pub mod variables;
 use super::{
     driven::Driven,
     launch::{Launcher, Started, WorkerProcess, WorkerReply},
+    setting::SourceSetting,
 };
 use crate::{
     Error, Result,
@@ -82,6 +83,40 @@ impl FmuRuns {
     pub(super) fn of_equations(&self) -> Self {
         let mut task = (*self.task).clone();
         task.driven = task.driven.map(|driven| DrivenRuns { derivatives: true, ..driven });
+        Self { task: Arc::new(task), ..self.clone() }
+    }
+
+    /// Copy whose runs end at a row.
+    pub(super) fn until(&self, stop: f64) -> Self {
+        let task = SamplingTask { stop, ..(*self.task).clone() };
+        Self { task: Arc::new(task), ..self.clone() }
+    }
+
+    /// Settings of the accuracy from the loosest to the study's.
+    pub(super) fn settings(&self) -> Vec<SourceSetting> {
+        let SamplingTask { interface, tolerance, steps_per_row, .. } = *self.task;
+        match interface {
+            InterfaceKind::ModelExchange => SourceSetting::tolerances_above(tolerance),
+            // each a divisor of the study's, so that every row is a communication point
+            InterfaceKind::CoSimulation if steps_per_row > 1 => {
+                let divisors = (1..=steps_per_row).filter(|steps| steps_per_row.is_multiple_of(*steps));
+                divisors.map(SourceSetting::StepsPerRow).collect()
+            }
+            InterfaceKind::CoSimulation => vec![SourceSetting::Fixed],
+        }
+    }
+
+    /// Copy with another setting of the accuracy.
+    pub(super) fn with_setting(&self, setting: SourceSetting) -> Self {
+        let mut task = (*self.task).clone();
+        match setting {
+            SourceSetting::Tolerance(tolerance) => task.tolerance = Some(tolerance),
+            SourceSetting::StepsPerRow(steps) => {
+                task.step *= task.steps_per_row as f64 / steps as f64;
+                task.steps_per_row = steps;
+            }
+            SourceSetting::Fixed => {}
+        }
         Self { task: Arc::new(task), ..self.clone() }
     }
 

@@ -101,6 +101,11 @@ impl ProgramRuns {
         Ok(ResolvedProgram { runs, driven, parameters, outputs })
     }
 
+    /// Copy whose runs have other times.
+    pub(super) fn with_times(&self, times: Arc<[f64]>) -> Self {
+        Self { times, ..self.clone() }
+    }
+
     /// Copy whose processes evaluate the equations.
     pub(super) fn of_equations(&self) -> Self {
         Self { is_of_equations: true, ..self.clone() }
