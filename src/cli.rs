@@ -92,8 +92,8 @@ Of a table without a time, columns are inputs or outputs; those that are constan
 
 Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.html, metrics.json, train.csv, test.csv, samples.json, history.csv. \
 Tables of more than 5 million numbers are Parquet, train.parquet and test.parquet; `tables` in [sampling] of the study selects a format.
-Exit code 1 if the surrogate is rejected: the training diverged, the R² of an output is below 0.9, or a simpler model is better. From 0.9 to 0.99 \
-it is usable, and the verdict has advice. `[accept]` in the study has the limits.
+Exit code 1 if the surrogate is rejected: the training diverged, the R² of an output is below 0.9, a simpler model is better, or a check \
+failed: the validation of the FMU, or the error of its solver. From 0.9 to 0.99 it is usable, and the verdict has advice. `[accept]` in the study has the limits.
 Ctrl-C during training keeps the best network so far, completes the build with it and ends with exit code 130; --resume continues the \
 training. Before the first epoch is complete nothing is written. Pressed again, Ctrl-C ends the program.")]
     Build(BuildArgs),

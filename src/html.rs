@@ -28,8 +28,10 @@ pub fn verdict(verdict: &Verdict, most: usize) -> String {
     format!("<div class=\"verdict {class}\"><p><strong>{word}</strong>: {}.</p>\n{list}</div>\n", escape(text))
 }
 
-/// Reasons of a verdict as HTML, a line each, then what may help.
+/// Reasons of a verdict as HTML, a line each, then notes, then what may help.
 pub fn reasons(verdict: &Verdict) -> Vec<String> {
-    let reasons = verdict.reasons().iter().map(|reason| escape(reason));
-    reasons.chain(verdict.advice.iter().map(|advice| format!("Try: {}", escape(advice)))).collect()
+    let reasons = verdict.reasons().iter().map(|reason| escape(&reason.to_string()));
+    let notes = verdict.notes.iter().map(|note| format!("Note: {}", escape(&note.to_string())));
+    let advice = verdict.advice.iter().map(|advice| format!("Try: {}", escape(advice)));
+    reasons.chain(notes).chain(advice).collect()
 }

@@ -3,22 +3,15 @@
 use crate::{
     diagnostics::numbers::{number, power},
     evaluation::{
-        Accuracy, CHAOTIC, Horizon, OutputMetrics, RollOuts, Verdict,
+        AcceptanceCheck, Accuracy, CHAOTIC, Findings, Grade, Horizon, OutputMetrics, OutsideRows, Reason, RollOuts,
+        Verdict,
         comparison::{Comparison, ModelRow, ModelStatus, NETWORK},
     },
     study::{AcceptOptions, Study},
 };
+use indexmap::IndexSet;
 use metafmu_runtime::{Output, Surrogate};
 use std::f64::consts::{PI, TAU};
-
-/// Findings about a training other than its accuracy.
-#[derive(Clone, Debug, Default)]
-pub struct OfTraining {
-    /// Reasons for a rejection.
-    pub problems: Vec<String>,
-    /// Changes of the study that may help.
-    pub advice: Vec<String>,
-}
 
 /// Relative difference up to which two errors count as equal.
 const TIE: f64 = 1e-3;
@@ -26,20 +19,106 @@ const TIE: f64 = 1e-3;
 const TURN_VARIANCE: f64 = PI * PI / 3.0;
 
 /// Verdict on a surrogate that was measured on these `runs` ("test runs"). Baselines are those of the study's builds, measured on the
-/// same runs.
+/// same runs. `others`: findings of all checks other than the accuracy; their advice helps if something was learned badly.
+///
+/// A surrogate that is not good on all rows is judged on the rows before motions leave the domain and, if the source's own equations were
+/// integrated, by these in place of the source's runs. The best of these verdicts counts, with what it rests on.
 pub fn judge(
     study: &Study,
     surrogate: &Surrogate,
     (accuracy, runs): (&Accuracy, &str),
     comparison: Option<&Comparison>,
-    training: OfTraining,
+    others: Findings,
+) -> Verdict {
+    let of_runs = judge_inside(study, surrogate, (accuracy, runs), comparison, others.clone());
+    let equations = accuracy.source_equations.as_ref().filter(|equations| equations.explain(accuracy));
+    let Some(equations) = equations.filter(|_| of_runs.grade != Grade::Good) else { return of_runs };
+    let (limit, advice) = equations.findings();
+    let mut others = others;
+    others.limits.push(limit);
+    let name = "runs of the source's equations";
+    let mut of_equations = judge_inside(study, surrogate, (&equations.surrogate, name), None, others);
+    if better(&of_equations, &of_runs) {
+        of_equations.advice.insert(0, advice);
+        return of_equations;
+    }
+    of_runs
+}
+
+/// Verdict by all rows or, if these are not good, by those before motions leave the domain.
+fn judge_inside(
+    study: &Study,
+    surrogate: &Surrogate,
+    (accuracy, runs): (&Accuracy, &str),
+    comparison: Option<&Comparison>,
+    others: Findings,
+) -> Verdict {
+    let of_all = judge_rows(study, surrogate, (accuracy, runs), comparison, others.clone());
+    let Some(outside) = accuracy.outside.as_ref().filter(|_| of_all.grade != Grade::Good) else { return of_all };
+    let (others, advice) = with_exits(others, outside);
+    let in_domain = format!("{runs} in the domain");
+    let mut of_inside = judge_rows(study, surrogate, (&outside.inside, &in_domain), comparison, others);
+    if better(&of_inside, &of_all) || of_inside.grade == Grade::Rejected {
+        if of_inside.grade != Grade::Good {
+            of_inside.advice.insert(0, advice);
+        }
+        return of_inside;
+    }
+    of_all
+}
+
+/// Share of the rows in the domain below which they are too few for a verdict other than a rejection, and below which they are too few for a
+/// good one.
+const FEW_INSIDE: [f64; 2] = [0.1, 0.5];
+
+/// The findings with that on motions that leave the domain, and advice.
+fn with_exits(mut others: Findings, outside: &OutsideRows) -> (Findings, String) {
+    let share = outside.share_inside();
+    let reason = |after: &str| Reason::new(AcceptanceCheck::Domain, "", format!("{}{after}", outside.describe()));
+    let [rejected, limited] = FEW_INSIDE;
+    if share < rejected {
+        others.problems.push(reason(": too few are left to be judged"));
+    } else if share < limited {
+        others.limits.push(reason(": only the others were judged"));
+    } else {
+        others.notes.push(reason(": only the others were judged"));
+    }
+    let variables: IndexSet<&str> = outside.exits.iter().map(|exit| exit.variable.as_str()).collect();
+    let names = variables.into_iter().collect::<Vec<&str>>().join(", ");
+    let has_dead_point = outside.exits.iter().any(|exit| exit.dead_point.is_some());
+    let other = if has_dead_point {
+        "a coordinate without a dead point, such as the angle of the crank, or "
+    } else {
+        "a wider range of "
+    };
+    let what = if has_dead_point { format!("starts and inputs that keep {names} in its range") } else { names };
+    (others, format!("{other}{what}"))
+}
+
+/// Returns true if the first of two verdicts has the better grade.
+fn better(first: &Verdict, second: &Verdict) -> bool {
+    let rank = |verdict: &Verdict| match verdict.grade {
+        Grade::Good => 0,
+        Grade::Usable => 1,
+        Grade::Rejected => 2,
+    };
+    rank(first) < rank(second)
+}
+
+/// Verdict by the figures of an accuracy.
+fn judge_rows(
+    study: &Study,
+    surrogate: &Surrogate,
+    (accuracy, runs): (&Accuracy, &str),
+    comparison: Option<&Comparison>,
+    others: Findings,
 ) -> Verdict {
     let baselines: Vec<&ModelRow> = comparison.map_or(Vec::new(), |comparison| of_build(study, comparison));
     let outputs = surrogate.outputs().iter().filter_map(|output| Some((output, accuracy.outputs.get(&output.name)?)));
     // nobody predicts a chaotic motion to its end: what counts is a sixth of the runs' length, or the runs that are not chaotic
     let of_regular = format!("{runs} that are not chaotic");
     let is_chaotic = accuracy.roll_outs.as_ref().is_some_and(is_chaotic);
-    let mut judged = Judged { options: study.accept, runs, problems: training.problems, limits: Vec::new() };
+    let mut judged = Judged { options: study.accept, runs, problems: others.problems, limits: others.limits };
     if let Some(roll_outs) = &accuracy.roll_outs {
         judged.strayed(roll_outs, is_chaotic);
     }
@@ -58,7 +137,11 @@ pub fn judge(
         judged.far_off(output, metrics);
     }
     let instead = better.map(|model| format!("the simpler model: `metafmu export STUDY --model {model}`"));
-    Verdict::of(judged.problems, judged.limits, instead.into_iter().chain(training.advice).collect())
+    let Judged { problems, limits, .. } = judged;
+    let is_of_learning = problems.iter().chain(&limits).any(Reason::is_of_learning);
+    let of_learning = others.advice.into_iter().filter(|_| is_of_learning);
+    let advice = instead.into_iter().chain(of_learning).collect();
+    Verdict::of(Findings { problems, limits, notes: others.notes, advice })
 }
 
 fn of_build<'a>(study: &Study, comparison: &'a Comparison) -> Vec<&'a ModelRow> {
@@ -79,16 +162,23 @@ fn is_chaotic(roll_outs: &RollOuts) -> bool {
 struct Judged<'a> {
     options: AcceptOptions,
     runs: &'a str,
-    problems: Vec<String>,
-    limits: Vec<String>,
+    problems: Vec<Reason>,
+    limits: Vec<Reason>,
 }
 
 impl Judged<'_> {
-    /// Notes an R² that is below a limit; `what` follows the number.
-    fn grade(&mut self, before: &str, r2: f64, what: &str, after: &str) {
+    /// Adds a problem of an output's accuracy.
+    fn reject(&mut self, output: &str, cause: String) {
+        self.problems.push(Reason::new(AcceptanceCheck::Accuracy, output, cause));
+    }
+
+    /// Notes an R² that is below a limit; `what` follows the number. `output` is empty if it is that of all outputs.
+    fn grade(&mut self, output: &str, r2: f64, what: &str, after: &str) {
         let AcceptOptions { r2: least, good, .. } = self.options;
         let line = |limit: f64, key: &str| {
-            format!("{before}R² {} {what}, expected at least {limit} ({key}){after}", told_apart(r2, limit))
+            let found = told_apart(r2, limit);
+            let cause = format!("R² {found} {what}, expected at least {limit} ({key}){after}");
+            Reason::new(AcceptanceCheck::Accuracy, output, cause)
         };
         if r2 < least {
             self.problems.push(line(least, "accept.r2"));
@@ -110,7 +200,7 @@ impl Judged<'_> {
     fn unexplained(&mut self, output: &Output, metrics: &OutputMetrics) {
         let Some(r2) = metrics.r2 else { return };
         let mean = if r2 < 0.0 { ": its mean would be better" } else { "" };
-        self.grade(&format!("{}: ", output.name), r2, &format!("on the {}", self.runs), mean);
+        self.grade(&output.name, r2, &format!("on the {}", self.runs), mean);
     }
 
     /// The variance of an angle that winds up grows with its turns: it is judged as one that is spread over a turn as well.
@@ -126,18 +216,18 @@ impl Judged<'_> {
         let (rms, largest) = (radians * metrics.mse.sqrt(), radians * metrics.max_abs_error);
         let limit = self.options.angle_error;
         if largest > limit {
-            let name = &output.name;
             let (found, turns) = (told_apart(largest, limit), number(largest / TAU));
-            self.problems.push(format!(
-                "{name}: largest error {found} rad on the {}, {turns} turns, expected at most {} rad (accept.angle_error)",
+            let cause = format!(
+                "largest error {found} rad on the {}, {turns} turns, expected at most {} rad (accept.angle_error)",
                 self.runs,
                 number(limit)
-            ));
+            );
+            self.reject(&output.name, cause);
         }
         let r2 = (1.0 - rms * rms / TURN_VARIANCE).max(f64::MIN);
         let what =
             format!("of its position in a turn (root mean square error {} rad) on the {}", number(rms), self.runs);
-        self.grade(&format!("{}: ", output.name), r2, &what, "");
+        self.grade(&output.name, r2, &what, "");
     }
 
     /// An output without an R² is where it should be: a constant exactly, another one as far as `accept.r2` allows.
@@ -151,11 +241,9 @@ impl Judged<'_> {
         let rms = metrics.mse.sqrt();
         if rms > limit {
             let runs = self.runs;
-            self.problems.push(format!(
-                "{name}: constant in the {runs}, root mean square error {}, expected at most {} (accept.r2)",
-                number(rms),
-                number(limit)
-            ));
+            let (found, limit) = (number(rms), number(limit));
+            let expected = format!("root mean square error {found}, expected at most {limit} (accept.r2)");
+            self.reject(name, format!("constant in the {runs}, {expected}"));
         }
     }
 
@@ -163,13 +251,9 @@ impl Judged<'_> {
     fn missed(&mut self, study: &Study, output: &Output, metrics: &OutputMetrics) {
         let Some((target, r2)) = study.target.zip(metrics.r2) else { return };
         if 1.0 - r2 > 2.0 * (1.0 - target.r2) {
-            self.problems.push(format!(
-                "{}: R² {} on the {}, more than twice as far from 1 as the target, {} (target.r2)",
-                output.name,
-                told_apart(r2, target.r2),
-                self.runs,
-                target.r2
-            ));
+            let found = format!("R² {} on the {}", told_apart(r2, target.r2), self.runs);
+            let expected = format!("more than twice as far from 1 as the target, {} (target.r2)", target.r2);
+            self.reject(&output.name, format!("{found}, {expected}"));
         }
     }
 
@@ -182,23 +266,23 @@ impl Judged<'_> {
         if factor <= limit * (1.0 + TIE) {
             return None;
         }
-        let (name, found, model) = (&output.name, told_apart(factor, limit), &best.model);
+        let (found, model) = (told_apart(factor, limit), &best.model);
         let theirs = accuracy.r2.map_or("-".into(), |theirs| told_apart(theirs, r2));
         let r2 = accuracy.r2.map_or_else(|| told_apart(r2, 1.0), |theirs| told_apart(r2, theirs));
-        self.problems.push(format!(
-            "{name}: root mean square error {found} times that of the baseline {model} (R² {r2} against {theirs}), expected at most \
+        let cause = format!(
+            "root mean square error {found} times that of the baseline {model} (R² {r2} against {theirs}), expected at most \
              {limit} times (accept.baseline_factor)"
-        ));
+        );
+        self.problems.push(Reason::new(AcceptanceCheck::Baselines, &output.name, cause));
         Some(model.clone())
     }
 
     fn far_off(&mut self, output: &Output, metrics: &OutputMetrics) {
         let Some((limit, share)) = self.options.largest_error.zip(metrics.relative_max_error) else { return };
         if share > limit {
-            let (name, share) = (&output.name, told_apart(share, limit));
-            self.problems.push(format!(
-                "{name}: largest error {share} of its range in training, expected at most {limit} (accept.largest_error)"
-            ));
+            let share = told_apart(share, limit);
+            let expected = format!("expected at most {limit} (accept.largest_error)");
+            self.reject(&output.name, format!("largest error {share} of its range in training, {expected}"));
         }
     }
 }
@@ -216,8 +300,7 @@ fn told_apart(value: f64, other: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::Grade;
-    use crate::evaluation::comparison::ModelAccuracy;
+    use crate::evaluation::{DomainExit, comparison::ModelAccuracy};
     use metafmu_example as example;
     use std::path::Path;
 
@@ -265,6 +348,8 @@ mod tests {
             rows: None,
             seen_until: None,
             calibration: Vec::new(),
+            outside: None,
+            source_equations: None,
             verdict: None,
         }
     }
@@ -285,11 +370,15 @@ mod tests {
         ];
         let comparison = Comparison { name: "s".into(), content_digest: None, test_runs: 20, test_rows: 100, models };
         let measured = (&accuracy(angle, velocity), "test runs");
-        judge(&study(accept), &example::surrogate(), measured, Some(&comparison), OfTraining::default())
+        judge(&study(accept), &example::surrogate(), measured, Some(&comparison), Findings::default())
     }
 
     fn problems(accept: &str, angle: OutputMetrics, velocity: OutputMetrics) -> Vec<String> {
-        verdict(accept, angle, velocity).problems
+        lines(&verdict(accept, angle, velocity).problems)
+    }
+
+    fn lines(reasons: &[Reason]) -> Vec<String> {
+        reasons.iter().map(Reason::to_string).collect()
     }
 
     #[test]
@@ -297,7 +386,7 @@ mod tests {
         let of = |angle: f64, velocity: f64| {
             let Verdict { grade, problems, limits, .. } =
                 verdict("", metrics(Some(angle), 1.0 - angle), metrics(Some(velocity), 1.0));
-            (grade, problems, limits)
+            (grade, lines(&problems), lines(&limits))
         };
         assert_eq!(of(0.992, 0.99), (Grade::Good, Vec::new(), Vec::new()));
         let limit = "velocity: R² 0.989 on the test runs, expected at least 0.99 (accept.good)";
@@ -318,7 +407,7 @@ mod tests {
     fn an_output_worse_than_its_mean_or_than_the_best_baseline_of_the_build_is_rejected() {
         let found = verdict("", metrics(Some(-388.2), 389.2), metrics(Some(0.995), 1.0));
         assert_eq!(
-            found.problems,
+            lines(&found.problems),
             [
                 "angle: R² -388.200 on the test runs, expected at least 0.9 (accept.r2): its mean would be better",
                 "angle: root mean square error 88.227 times that of the baseline decision-tree (R² -388.200 against 0.950), \
@@ -352,15 +441,16 @@ mod tests {
         let of = |rms: f64, largest: f64, accept: &str| {
             let angle = OutputMetrics { max_abs_error: largest, ..metrics(Some(0.999985), rms * rms) };
             let measured = accuracy(angle, metrics(Some(1.0), 0.0));
-            judge(&study(accept), &surrogate, (&measured, "test runs"), None, OfTraining::default())
+            judge(&study(accept), &surrogate, (&measured, "test runs"), None, Findings::default())
         };
         let lost = of(0.1, 4.4, "");
         let expected = "angle: largest error 4.400 rad on the test runs, 0.7003 turns, expected at most 3.142 rad \
                         (accept.angle_error)";
-        assert_eq!(lost.problems, [expected]);
+        assert_eq!(lines(&lost.problems), [expected]);
         // as spread as an angle can be within a turn, its R² would be 0.7
         assert!(
-            of(1.0, 2.0, "").problems[0].starts_with("angle: R² 0.696 of its position in a turn (root mean square")
+            lines(&of(1.0, 2.0, "").problems)[0]
+                .starts_with("angle: R² 0.696 of its position in a turn (root mean square")
         );
         assert_eq!(of(0.4, 2.0, "").grade, Grade::Usable);
         assert_eq!((of(0.1, 2.0, "").grade, of(0.1, 4.4, "angle_error = inf").grade), (Grade::Good, Grade::Good));
@@ -386,7 +476,8 @@ mod tests {
             };
             let metrics = || metrics(Some(0.72), 0.28);
             let measured = Accuracy { roll_outs: Some(roll_outs), ..accuracy(metrics(), metrics()) };
-            judge(&study(""), &example::surrogate(), (&measured, "test runs"), None, OfTraining::default()).problems
+            let others = Findings::default();
+            lines(&judge(&study(""), &example::surrogate(), (&measured, "test runs"), None, others).problems)
         };
         let found = of(1e-8, 0.01);
         assert!(found.len() == 2 && found[1].starts_with("velocity: R² 0.720 on the test runs"), "{found:?}");
@@ -414,12 +505,14 @@ mod tests {
             let regular = regular.map(|regular| ("angle".to_owned(), regular));
             let measured = accuracy(angle(17.0), metrics(Some(1.0), 0.0));
             let measured = Accuracy { regular_outputs: regular.into_iter().collect(), ..measured };
-            judge(&study("baseline_factor = inf"), &surrogate, (&measured, "test runs"), None, OfTraining::default())
+            judge(&study("baseline_factor = inf"), &surrogate, (&measured, "test runs"), None, Findings::default())
         };
-        assert!(of(None).problems[0].starts_with("angle: largest error 17.000 rad on the test runs, 2.706 turns"));
+        assert!(
+            lines(&of(None).problems)[0].starts_with("angle: largest error 17.000 rad on the test runs, 2.706 turns")
+        );
         let exact = OutputMetrics { max_abs_error: 1e-3, ..metrics(Some(1.0), 1e-8) };
         assert_eq!(of(Some(exact)).grade, Grade::Good);
-        let problems = of(Some(angle(4.4))).problems;
+        let problems = lines(&of(Some(angle(4.4))).problems);
         assert!(problems[0].starts_with("angle: largest error 4.400 rad on the test runs that are not chaotic"));
     }
 
@@ -433,6 +526,48 @@ mod tests {
         let expected =
             "angle: R² 0.970 on the test runs, more than twice as far from 1 as the target, 0.99 (target.r2)";
         assert_eq!(of(0.97), [expected]);
+    }
+
+    #[test]
+    fn rows_outside_the_domain_do_not_count_unless_few_are_inside() {
+        // 100 rows inside
+        let exact = || Box::new(accuracy(metrics(Some(1.0), 0.0), metrics(Some(1.0), 0.0)));
+        let exit = DomainExit {
+            run: 3,
+            time: 1.25,
+            variable: "rail.position".into(),
+            unit: "m".into(),
+            value: 0.31,
+            range: [0.0, 0.3],
+            states: [].into(),
+            parameters: Vec::new(),
+            dead_point: Some(0.35),
+        };
+        let of = |rows: usize, r2: f64| {
+            let outside = OutsideRows { rows, exits: vec![exit.clone()], inside: exact() };
+            let measured =
+                Accuracy { outside: Some(outside), ..accuracy(metrics(Some(r2), 2.0), metrics(Some(1.0), 0.0)) };
+            judge(
+                &study("baseline_factor = inf"),
+                &example::surrogate(),
+                (&measured, "test runs"),
+                None,
+                Findings::default(),
+            )
+        };
+        let good = of(100, -1.0);
+        assert_eq!((good.grade, good.notes[0].check), (Grade::Good, AcceptanceCheck::Domain));
+        let expected = "1 of 20 test runs leaves the domain, 100 of 200 rows are outside: run 3 at t = 1.25 s by rail.position = \
+                        0.31 m, range 0 to 0.3 m; the mechanism has a dead point at 0.35 m, where this coordinate stops to determine it: \
+                        only the others were judged";
+        assert_eq!(good.notes[0].cause, expected);
+        let usable = of(101, -1.0);
+        assert_eq!((usable.grade, usable.limits[0].check), (Grade::Usable, AcceptanceCheck::Domain));
+        assert!(usable.advice[0].starts_with("a coordinate without a dead point"), "{:?}", usable.advice);
+        let rejected = of(901, -1.0);
+        assert_eq!((rejected.grade, rejected.problems[0].check), (Grade::Rejected, AcceptanceCheck::Domain));
+        // what is good everywhere needs no exception
+        assert_eq!(of(901, 0.999), Verdict::of(Findings::default()));
     }
 
     #[test]

@@ -3,7 +3,9 @@
 pub mod comparison;
 mod coverage;
 mod noise;
+mod outside;
 mod roll_outs;
+mod source_equations;
 mod verdict;
 
 use crate::{
@@ -15,11 +17,13 @@ pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
 use metafmu_runtime::{Evaluator, Surrogate};
 pub use noise::NoiseEstimate;
+pub use outside::{DomainExit, OutsideRows};
 use rayon::prelude::*;
 pub use roll_outs::RollOut;
 pub use roll_outs::{CHAOTIC, Horizon, OFF, RollOuts, constraint_residual};
 use serde::{Deserialize, Serialize};
-pub use verdict::{Grade, Verdict};
+pub use source_equations::SourceEquations;
+pub use verdict::{AcceptanceCheck, Findings, Grade, Reason, Verdict};
 
 /// Accuracy of one output over all predicted rows of all test runs, in the output's unit. What is too large for a number, or an error of no
 /// number, counts as the largest one.
@@ -111,6 +115,12 @@ pub struct Accuracy {
     /// Share of the calibration runs' rows within the error bounds, by kind of signal, if bounds were measured on several kinds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub calibration: Vec<KindCoverage>,
+    /// Accuracy before motions leave the domain, if some do.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub outside: Option<OutsideRows>,
+    /// Accuracy relative to the source's own equations, if they were integrated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub source_equations: Option<SourceEquations>,
     /// Verdict on the surrogate, if it has been judged.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub verdict: Option<Verdict>,
@@ -124,6 +134,12 @@ impl Accuracy {
 
     /// Measures a surrogate by the predictions of [`predict_all`].
     pub fn from_predictions(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
+        let outside = OutsideRows::of(surrogate, test, predictions);
+        Self { outside, ..Self::of_all_rows(surrogate, test, predictions) }
+    }
+
+    /// Accuracy on all rows, whether they are in the domain or not.
+    fn of_all_rows(surrogate: &Surrogate, test: &Dataset, predictions: &[Vec<f64>]) -> Self {
         let roll_outs = surrogate.program().has_memory().then(|| RollOuts::of(surrogate, test, predictions));
         let chaotic = roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
         let of_runs = |runs: &[usize]| -> IndexMap<String, OutputMetrics> {
@@ -145,6 +161,8 @@ impl Accuracy {
             rows: None,
             seen_until: None,
             calibration: Vec::new(),
+            outside: None,
+            source_equations: None,
             verdict: None,
         }
     }

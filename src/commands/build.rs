@@ -25,17 +25,9 @@ pub fn run(args: &BuildArgs) -> Result<CommandOutcome> {
         print(&files(&project, &built))?;
     }
     let outcome = conclude(&built.verdict, json)?;
-    for (WrittenFmu { fmu, .. }, _) in built.fmus.iter().filter(|(_, report)| !report.problems.is_empty() && !json) {
-        print(&format!("{}: the validation found problems, see above\n", fmu.display()))?;
-    }
     let comparison_was = built.comparison.as_ref().is_some_and(Comparison::was_interrupted);
     let was_interrupted = built.metrics.training.was_interrupted() || comparison_was;
-    let has_problems = built.fmus.iter().any(|(_, report)| !report.problems.is_empty());
-    Ok(match outcome {
-        _ if was_interrupted => CommandOutcome::Interrupted,
-        _ if has_problems => CommandOutcome::ProblemsFound,
-        outcome => outcome,
-    })
+    Ok(if was_interrupted { CommandOutcome::Interrupted } else { outcome })
 }
 
 /// Paths of the results, the FMU first.

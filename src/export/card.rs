@@ -531,7 +531,7 @@ fn line(page: &mut String, text: &str) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::evaluation::OutputMetrics;
+    use crate::evaluation::{AcceptanceCheck, Findings, OutputMetrics, Reason};
     use metafmu_example as example;
 
     #[test]
@@ -560,8 +560,10 @@ mod tests {
             roll_outs: None,
             rows: None,
             seen_until: None,
+            outside: None,
+            source_equations: None,
             calibration: Vec::new(),
-            verdict: Some(Verdict::of(Vec::new(), Vec::new(), Vec::new())),
+            verdict: Some(Verdict::of(Findings::default())),
         };
         let figure =
             Drawn { id: "f".into(), caption: "truth & prediction".into(), svg: "<svg viewBox=\"0 0 1 1\"/>".into() };
@@ -595,7 +597,9 @@ mod tests {
         let unknown = card(&surrogate, &ExportOptions::default(), None, &[]);
         assert!(unknown.contains("was not evaluated") && !unknown.contains(trusted), "{unknown}");
         assert!(unknown.contains("<td>License of the model</td><td class=\"d\">none stated</td>"), "{unknown}");
-        let verdict = Some(Verdict::of(vec!["angle: R² -1 < 0".into()], Vec::new(), vec!["more runs".into()]));
+        let problem = Reason::new(AcceptanceCheck::Accuracy, "angle", "R² -1 < 0");
+        let advice = vec!["more runs".into()];
+        let verdict = Some(Verdict::of(Findings { problems: vec![problem], advice, ..Findings::default() }));
         let rejected = card(&surrogate, &about, Some(&Accuracy { verdict, ..accuracy }), &[]);
         let (title, rest) = rejected.split_once("</h1>").unwrap();
         assert!(

@@ -2,7 +2,7 @@
 
 use super::{
     compare, element, evaluate,
-    evaluate::Metrics,
+    evaluate::{JudgedAccuracy, Metrics},
     export::{self, ExportPlan, WrittenFmu},
     project::{Project, SamplesRecord},
     record::{Cost, TrainingRecord},
@@ -11,7 +11,7 @@ use super::{
 use crate::{
     Result,
     dataset::Dataset,
-    evaluation::{Accuracy, Verdict, comparison::Comparison},
+    evaluation::{AcceptanceCheck, Accuracy, Reason, Verdict, comparison::Comparison},
     export::validate_apart,
     fmi::Report,
     report::Evaluated,
@@ -36,7 +36,7 @@ pub struct Built {
 /// a stopped build of the same study.
 ///
 /// # Errors
-/// Those of the stages. A poor surrogate and the problems of an FMU are none: see [`Built`].
+/// Those of the stages. A poor surrogate and the problems of an FMU are none: the verdict of [`Built`] contains them.
 pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built> {
     project.describe_mechanism();
     project.prepare_folder()?;
@@ -50,6 +50,8 @@ pub fn build(project: &Project, plan: &ExportPlan, resume: bool) -> Result<Built
     let mut evaluated = element::evaluated(project, &surrogate, &test);
     evaluate::add_residual(project, &surrogate, &samples.sets.test, &mut evaluated.accuracy)?;
     evaluate::add_calibration(project, &surrogate, &samples.sets.calibration, &mut evaluated.accuracy);
+    evaluate::add_dead_points(project, &mut evaluated.accuracy)?;
+    evaluate::add_source_equations(project, &surrogate, &samples.sets.test, &training, &mut evaluated.accuracy)?;
     let accuracy = evaluated.accuracy.clone();
     let comparison = compare_in_build(project, &surrogate, &accuracy, &training, &samples.sets)?;
     let cost = evaluate::measure_cost(project, &surrogate, &samples.sets.test)?;
@@ -75,18 +77,41 @@ fn finish(
     (samples, training): (&SamplesRecord, &TrainingRecord),
 ) -> Result<Built> {
     let surrogate = evaluated.surrogate;
-    let measured = (evaluated.accuracy.clone(), cost);
-    let (metrics, verdict) = evaluate::stage(project, surrogate, measured, comparison.as_ref(), samples, training)?;
     let figures = export::figures(evaluated)?;
-    let written = export::stage(project, plan, surrogate, Some(&metrics.accuracy), &figures)?;
-    let validate = |written: WrittenFmu| {
-        let report = validate_apart(&written.fmu, project.watch())?;
-        project.say(format_args!("validated {}: {}", written.fmu.display(), report.to_string().trim_end()));
-        Ok((written, report))
+    let judge = |validation: Vec<Reason>| {
+        let accuracy = evaluated.accuracy.clone();
+        JudgedAccuracy::new(project, surrogate, accuracy, comparison.as_ref(), training, validation)
     };
-    let fmus = written.into_iter().map(validate).collect::<Result<_>>()?;
+    let mut judged = judge(Vec::new());
+    let mut written = export::stage(project, plan, surrogate, Some(&judged.accuracy), &figures)?;
+    let reports = written.iter().map(|written| validate(project, written)).collect::<Result<Vec<Report>>>()?;
+    let problems: Vec<Reason> = written.iter().zip(&reports).filter_map(problem_of).collect();
+    if !problems.is_empty() {
+        judged = judge(problems);
+        // nothing but the model card changes, which has the verdict
+        written = export::stage(project, plan, surrogate, Some(&judged.accuracy), &figures)?;
+    }
+    let (metrics, verdict) = evaluate::stage(project, surrogate, (judged, cost), samples, training)?;
     report::stage(project, evaluated, samples, training, None, None)?;
-    Ok(Built { metrics, verdict, comparison, fmus })
+    Ok(Built { metrics, verdict, comparison, fmus: written.into_iter().zip(reports).collect() })
+}
+
+fn validate(project: &Project, written: &WrittenFmu) -> Result<Report> {
+    let report = validate_apart(&written.fmu, project.watch())?;
+    project.say(format_args!("validated {}: {}", written.fmu.display(), report.to_string().trim_end()));
+    Ok(report)
+}
+
+/// Problems that the validation of an FMU found, as a reason of the verdict.
+fn problem_of((written, report): (&WrittenFmu, &Report)) -> Option<Reason> {
+    let first = report.problems.first()?;
+    let count = match report.problems.len() {
+        1 => "1 problem: ".to_owned(),
+        count => format!("{count} problems, the first: "),
+    };
+    let file = written.fmu.file_name().unwrap_or_default().to_string_lossy();
+    let cause = format!("the validation found {count}{first}; `metafmu validate` lists all");
+    Some(Reason::new(AcceptanceCheck::Validation, &file, cause))
 }
 
 /// The network beside the baselines that the study wants in a build.

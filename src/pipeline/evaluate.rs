@@ -10,11 +10,15 @@ use crate::{
     Result, calibration,
     dataset::Dataset,
     diagnostics::numbers::{self, counted, is_proper, number, percent, power},
-    dynamics::Assembly,
+    dynamics::{Assembly, Region},
     evaluation::comparison::Comparison,
-    evaluation::{Accuracy, Horizon, KindCoverage, OutputMetrics, RollOuts, TestRows, Verdict, constraint_residual},
+    evaluation::{
+        AcceptanceCheck, Accuracy, DomainExit, Horizon, KindCoverage, OutputMetrics, Reason, RollOuts, SourceEquations,
+        TestRows, Verdict, constraint_residual,
+    },
     files,
-    source::driven::Driven,
+    source::{Source, driven::Driven, integrate_own_equations},
+    study::StudyStructure,
 };
 use indexmap::IndexMap;
 use metafmu_runtime::{Output, Surrogate};
@@ -55,7 +59,8 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
         project.prepare_folder()?;
         let accuracy = unseen.evaluated(&surrogate).accuracy;
         let cost = measure_cost(project, &surrogate, &unseen.test)?;
-        return stage(project, &surrogate, (accuracy, cost), None, &unseen::samples(project, &training), &training);
+        let judged = judge_again(project, &surrogate, accuracy, None, &training);
+        return stage(project, &surrogate, (judged, cost), &unseen::samples(project, &training), &training);
     }
     let (test, samples) = (project.load_table("test")?, project.load_samples_record()?);
     project.prepare_folder()?;
@@ -64,8 +69,47 @@ pub fn evaluate(project: &Project) -> Result<(Metrics, Verdict)> {
     add_residual(project, &surrogate, &test, &mut accuracy)?;
     add_calibration(project, &surrogate, &project.load_table("calibration")?, &mut accuracy);
     let comparison = project.load_comparison(&accuracy)?;
+    add_dead_points(project, &mut accuracy)?;
+    add_source_equations(project, &surrogate, &test, &training, &mut accuracy)?;
     let cost = measure_cost(project, &surrogate, &test)?;
-    stage(project, &surrogate, (accuracy, cost), comparison.as_ref(), &samples, &training)
+    let judged = judge_again(project, &surrogate, accuracy, comparison.as_ref(), &training);
+    stage(project, &surrogate, (judged, cost), &samples, &training)
+}
+
+/// Judges a surrogate whose FMUs the last build validated.
+fn judge_again(
+    project: &Project,
+    surrogate: &Surrogate,
+    accuracy: Accuracy,
+    comparison: Option<&Comparison>,
+    training: &TrainingRecord,
+) -> JudgedAccuracy {
+    let validation = project.load_validation(surrogate);
+    JudgedAccuracy::new(project, surrogate, accuracy, comparison, training, validation)
+}
+
+/// Accuracy on the test runs, with the verdict.
+pub(super) struct JudgedAccuracy {
+    /// The accuracy, which contains the verdict.
+    pub(super) accuracy: Accuracy,
+    /// The verdict.
+    pub(super) verdict: Verdict,
+}
+
+impl JudgedAccuracy {
+    /// Judges a surrogate by its accuracy on the test runs. `validation`: problems of its FMUs.
+    pub(super) fn new(
+        project: &Project,
+        surrogate: &Surrogate,
+        accuracy: Accuracy,
+        comparison: Option<&Comparison>,
+        training: &TrainingRecord,
+        validation: Vec<Reason>,
+    ) -> Self {
+        let verdict = project.judge(surrogate, training, &accuracy, comparison, validation);
+        let seen_until = project.study.sampling.train_stop;
+        Self { accuracy: Accuracy { verdict: Some(verdict.clone()), seen_until, ..accuracy }, verdict }
+    }
 }
 
 /// Adds the residual of the mechanism's constraints in roll-outs.
@@ -80,6 +124,73 @@ pub(super) fn add_residual(
     if let (Some(mechanism), Some(region)) = (project.study.mechanism(), region) {
         let assembly = Assembly::new(mechanism, region).map_err(|message| project.study.refusal("source", message))?;
         roll_outs.constraint_residual = constraint_residual(surrogate, &assembly, test);
+    }
+    Ok(())
+}
+
+/// Steps in which a dead point is searched beyond the range of a coordinate, over one width of the range, and bisections of its step.
+const DEAD_POINT_STEPS: [usize; 2] = [64, 30];
+
+/// Adds the dead points of the mechanism at which motions leave the domain.
+pub(super) fn add_dead_points(project: &Project, accuracy: &mut Accuracy) -> Result<()> {
+    let (Some(outside), Some(mechanism)) = (&mut accuracy.outside, project.study.mechanism()) else { return Ok(()) };
+    let Some(region) = project.source.driven().and_then(Driven::region) else { return Ok(()) };
+    let assembly = Assembly::new(mechanism, region).map_err(|message| project.study.refusal("source", message))?;
+    for exit in &mut outside.exits {
+        exit.dead_point = dead_point(&assembly, region, exit);
+    }
+    Ok(())
+}
+
+/// Value of the coordinate that has left its range at which the mechanism cannot be assembled any more, from the exit on outward.
+fn dead_point(assembly: &Assembly, region: &Region, exit: &DomainExit) -> Option<f64> {
+    let coordinate = region.coordinates.iter().position(|range| range.name == exit.variable)?;
+    let assembled = assembly.with(exit.parameters.get(..region.parameters.len())?).ok()?;
+    let mut place: Vec<f64> = exit.states.values().copied().take(region.coordinates.len()).collect();
+    let [min, max] = exit.range;
+    let outward = if exit.value > max { max - min } else { min - max };
+    let mut is_possible = |value: f64| {
+        place[coordinate] = value;
+        assembled.positions(&place).is_ok()
+    };
+    let [steps, bisections] = DEAD_POINT_STEPS;
+    let end = if exit.value > max { max } else { min };
+    let at = |step: usize| end + outward * step as f64 / steps as f64;
+    // the configuration is followed from the end of the range on
+    if !is_possible(end) {
+        return None;
+    }
+    let first = (1..=steps).find(|step| !is_possible(at(*step)))?;
+    let (mut inside, mut beyond) = (at(first - 1), at(first));
+    for _ in 0..bisections {
+        let middle = 0.5 * (inside + beyond);
+        if is_possible(middle) { inside = middle } else { beyond = middle }
+    }
+    Some(inside)
+}
+
+/// Adds the accuracy relative to the source's own equations, where that to its runs is not good and the source gives equations.
+pub(super) fn add_source_equations(
+    project: &Project,
+    surrogate: &Surrogate,
+    test: &Dataset,
+    training: &TrainingRecord,
+    accuracy: &mut Accuracy,
+) -> Result<()> {
+    if project.study.structure != StudyStructure::Dynamics {
+        return Ok(());
+    }
+    let Source::Simulation(simulation) = &project.source else { return Ok(()) };
+    let Some(model) = simulation.worker_model() else { return Ok(()) };
+    let verdict = project.judge(surrogate, training, accuracy, None, Vec::new());
+    if !verdict.reasons().iter().any(|reason| reason.check == AcceptanceCheck::Accuracy) {
+        return Ok(());
+    }
+    project.note(
+        "integrating the source's own equations along the test runs: its runs may have the errors of its time step",
+    );
+    if let Some(exact) = integrate_own_equations(model, &test.runs, project.workers())? {
+        accuracy.source_equations = Some(SourceEquations::new(surrogate, test, exact));
     }
     Ok(())
 }
@@ -106,24 +217,19 @@ pub(super) fn measure_cost(project: &Project, surrogate: &Surrogate, test: &Data
     Ok(cost)
 }
 
-/// Judges the surrogate by its accuracy on the test runs and writes `metrics.json`.
+/// Writes `metrics.json`.
 pub(super) fn stage(
     project: &Project,
     surrogate: &Surrogate,
-    (accuracy, cost): (Accuracy, Cost),
-    comparison: Option<&Comparison>,
+    (judged, cost): (JudgedAccuracy, Cost),
     samples: &SamplesRecord,
     training: &TrainingRecord,
 ) -> Result<(Metrics, Verdict)> {
     let provenance = &surrogate.metadata().provenance;
-    let verdict = project.judge(surrogate, training, &accuracy, comparison);
+    let JudgedAccuracy { accuracy, verdict } = judged;
     let metrics = Metrics {
         name: project.study.name.clone(),
-        accuracy: Accuracy {
-            verdict: Some(verdict.clone()),
-            seen_until: project.study.sampling.train_stop,
-            ..accuracy
-        },
+        accuracy,
         cost,
         constants: constants(surrogate).map(|(output, constant)| (output.name.clone(), constant)).collect(),
         train_runs: samples.train_runs + training.added_runs,
@@ -188,6 +294,9 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         if let Some(chaos) = roll_outs.describe_chaos(*test_runs) {
             let _ = writeln!(text, "{chaos}");
         }
+    }
+    if let Some(outside) = &metrics.accuracy.outside {
+        let _ = writeln!(text, "{}", outside.describe());
     }
     if outputs.values().any(|metrics| metrics.within_bound.is_some()) {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);

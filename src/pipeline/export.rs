@@ -2,11 +2,9 @@
 
 use super::{compare, element, predict::load_file, prepare::baseline_rows, project::Project, unseen};
 use crate::{
-    Error, Result,
-    acceptance::{self, OfTraining},
+    Error, Result, acceptance,
     baselines::{self, BaselineKind, Fitted, choose_rows},
-    evaluation::Accuracy,
-    evaluation::Verdict,
+    evaluation::{Accuracy, Findings, Verdict},
     export::{Binary, Contents, onnx, pack},
     files,
     fmi::{Archive, FmiVersion},
@@ -100,7 +98,8 @@ pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<Writte
     let surrogate = project.load_model()?;
     let accuracy = project.load_accuracy(&surrogate)?.map(|accuracy| {
         let (training, comparison) = (project.load_training_record()?, project.load_comparison(&accuracy)?);
-        let verdict = project.judge(&surrogate, &training, &accuracy, comparison.as_ref());
+        let validation = project.load_validation(&surrogate);
+        let verdict = project.judge(&surrogate, &training, &accuracy, comparison.as_ref(), validation);
         Ok::<_, Error>(with_verdict(project, accuracy, verdict))
     });
     let accuracy = accuracy.transpose()?;
@@ -204,7 +203,7 @@ pub fn export_baseline(project: &Project, plan: &ExportPlan, kind: BaselineKind)
     let evaluated = Evaluated::new(&surrogate, &test);
     // the network's own: a baseline is not compared with baselines
     let measured = (&evaluated.accuracy, "test runs");
-    let verdict = acceptance::judge(study, &surrogate, measured, None, OfTraining::default());
+    let verdict = acceptance::judge(study, &surrogate, measured, None, Findings::default());
     let accuracy = with_verdict(project, evaluated.accuracy.clone(), verdict);
     write_of_project(project, plan, &surrogate, Some(&accuracy), &figures(&evaluated)?, &format!("-{model}"))
 }

@@ -8,7 +8,7 @@ use crate::{
     Error, Result, acceptance,
     baselines::BaselineKind,
     dataset::Dataset,
-    evaluation::{Accuracy, Verdict, comparison::Comparison},
+    evaluation::{AcceptanceCheck, Accuracy, Reason, Verdict, comparison::Comparison},
     files,
     fmi::{Watch, Workers},
     multibody::Mechanism,
@@ -371,20 +371,31 @@ impl<'a> Project<'a> {
         (measured.content_digest == surrogate.metadata().provenance.content_digest).then_some(measured.cost)
     }
 
-    /// The verdict on a surrogate with this accuracy on the test runs, or on the unseen rows.
+    /// Problems that the validation of the last build found in FMUs of this surrogate, from `metrics.json`.
+    pub(super) fn load_validation(&self, surrogate: &Surrogate) -> Vec<Reason> {
+        // a damaged file is reported where its figures are needed
+        let verdict = self.load_accuracy(surrogate).ok().flatten().and_then(|accuracy| accuracy.verdict);
+        let problems = verdict.map_or(Vec::new(), |verdict| verdict.problems);
+        problems.into_iter().filter(|reason| reason.check == AcceptanceCheck::Validation).collect()
+    }
+
+    /// The verdict on a surrogate with this accuracy on the test runs, or on the unseen rows. `validation`: problems of its FMUs.
     pub(super) fn judge(
         &self,
         surrogate: &Surrogate,
         training: &TrainingRecord,
         accuracy: &Accuracy,
         comparison: Option<&Comparison>,
+        validation: Vec<Reason>,
     ) -> Verdict {
         // the candidates of a static map are no baselines: the best of them is exported
         let (measured, comparison) = match accuracy.rows {
             Some(_) => ("unseen rows", None),
             None => ("test runs", comparison),
         };
-        acceptance::judge(&self.study, surrogate, (accuracy, measured), comparison, training.findings(&self.study))
+        let mut others = training.findings(&self.study);
+        others.problems.extend(validation);
+        acceptance::judge(&self.study, surrogate, (accuracy, measured), comparison, others)
     }
 
     /// Reads the comparison with other models; none if there is none of this network.

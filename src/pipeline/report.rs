@@ -8,7 +8,9 @@ use super::{
     unseen,
 };
 use crate::{
-    Error, Result, files,
+    Error, Result,
+    evaluation::OutsideRows,
+    files,
     report::{Beside, Evaluated, Material, page},
     sampling::Plan,
     source::Source,
@@ -62,6 +64,10 @@ pub fn report(project: &Project, beside: Option<BesideStudy>, plots: Option<&Pat
     let test = element::test_data(&project.study, &test);
     let mut evaluated = element::evaluated(project, &surrogate, &test);
     evaluate::add_residual(project, &surrogate, &test, &mut evaluated.accuracy)?;
+    if let Some(measured) = project.load_accuracy(&surrogate)? {
+        evaluated.accuracy.outside = measured.outside;
+        evaluated.accuracy.source_equations = measured.source_equations;
+    }
     stage(project, &evaluated, &samples, &training, other.as_ref(), plots)
 }
 
@@ -97,10 +103,13 @@ pub(super) fn stage(
     let beside = other.map(|other| Evaluated::new(&other.surrogate, evaluated.test));
     let beside = other.zip(beside.as_ref()).map(|(other, beside)| other.beside(project, evaluated, beside, training));
     let comparison = project.load_comparison(&evaluated.accuracy)?;
-    let verdict = project.judge(evaluated.surrogate, training, &evaluated.accuracy, comparison.as_ref());
+    let validation = project.load_validation(evaluated.surrogate);
+    let verdict = project.judge(evaluated.surrogate, training, &evaluated.accuracy, comparison.as_ref(), validation);
     let points = project.source.points(&project.study);
     let mut facts = facts(project, samples, training);
     let cost = project.load_cost(evaluated.surrogate).unwrap_or_default();
+    let outside = evaluated.accuracy.outside.as_ref().map(OutsideRows::describe);
+    facts.extend(outside.map(|text| ("Outside the domain".into(), text)));
     facts.extend(
         cost.speed.map(|speed| ("Speed on one core".into(), format!("{}; {}", speed.describe(), speed.conditions()))),
     );

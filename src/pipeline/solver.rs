@@ -3,7 +3,7 @@
 use super::{
     corners::{IntegrationTrial, corners},
     project::Project,
-    record::{ImplicitCost, SolverRecord},
+    record::{ImplicitCost, POOR, SolverRecord},
 };
 use crate::{
     Result,
@@ -23,8 +23,6 @@ const LEAST_ERROR: f64 = 3e-8;
 const LARGEST_ERROR: f64 = 1e-5;
 /// Part of the error of the equations that the solver may add.
 const PART: f64 = 0.1;
-/// Such an error of fixed steps that is refused.
-const POOR: f64 = 1e-3;
 /// Tolerances that are tried: the first one, the last one, and the reference of the others.
 const FIRST: f64 = 1e-6;
 const LAST: f64 = 1e-12;

@@ -21,6 +21,6 @@ pub fn fit(project: &Project, resume: bool) -> Result<(Surrogate, TrainingRecord
     let (surrogate, training) = stage(project, resume)?;
     let unseen = unseen::load(project, &training)?;
     let accuracy = unseen.evaluated(&surrogate).accuracy;
-    let verdict = project.judge(&surrogate, &training, &accuracy, None);
+    let verdict = project.judge(&surrogate, &training, &accuracy, None, Vec::new());
     Ok((surrogate, training, verdict))
 }

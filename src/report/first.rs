@@ -238,7 +238,10 @@ fn mechanism(material: &Material) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{evaluation::Verdict, report::testing};
+    use crate::{
+        evaluation::{AcceptanceCheck, Findings, Reason, Verdict},
+        report::testing,
+    };
 
     #[test]
     fn the_worst_output_and_the_worst_and_the_median_run_are_shown() {
@@ -267,8 +270,9 @@ mod tests {
         test.runs[3].outputs[5 * 2] -= 0.25;
         let evaluated = Evaluated::new(&surrogate, &test);
         let study = testing::study();
-        let reasons = ["angle: R² 0.5", "second", "third <3>"].map(String::from).to_vec();
-        let verdict = Verdict::of(reasons, Vec::new(), Vec::new());
+        let reason = |(place, cause): (&str, &str)| Reason::new(AcceptanceCheck::Accuracy, place, cause);
+        let reasons = [("angle", "R² 0.5"), ("", "second"), ("", "third <3>")].map(reason).to_vec();
+        let verdict = Verdict::of(Findings { problems: reasons, ..Findings::default() });
         let material = Material {
             step_seconds: Some(1.24e-6),
             speed_up: Some(0.5),
@@ -288,7 +292,7 @@ mod tests {
             assert!(page.contains(piece), "{piece} is not in {page}");
         }
         assert!(!page.contains("third"), "two reasons are enough here: {page}");
-        let verdict = Verdict::of(Vec::new(), Vec::new(), Vec::new());
+        let verdict = Verdict::of(Findings::default());
         let page = first_screen(&testing::material(&study, &evaluated, &verdict), "");
         assert!(page.contains("<b>Valid for</b>") && page.contains("not measured"), "{page}");
     }

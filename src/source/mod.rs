@@ -6,6 +6,7 @@ pub mod fmu;
 mod journal;
 mod kinds;
 mod launch;
+mod own_equations;
 mod point;
 pub mod program;
 pub mod recorded;
@@ -25,6 +26,7 @@ use crate::{
 };
 pub use journal::Journal;
 use metafmu_runtime::{BuiltIn, Output, State};
+pub use own_equations::integrate_own_equations;
 pub use point::{MovingMechanism, MovingPoint};
 pub use recorded::Recorded;
 pub use rows::StaticRows;

@@ -11,7 +11,7 @@ use super::{
     Journal,
     driven::Driven,
     fmu::{FmuRuns, ResolvedFmu},
-    launch::Launcher,
+    launch::{Launcher, WorkerProcess},
     program::{ProgramRuns, ResolvedProgram},
     setting::SourceSetting,
 };
@@ -138,14 +138,10 @@ impl WorkerModel {
     ) -> Result<Vec<Vec<f64>>> {
         let (Some(driven), Some(last)) = (&self.driven, points.last()) else { return Ok(Vec::new()) };
         let (width, size) = (driven.states().len() + self.outputs + self.masses, self.batch());
-        let runner = match &self.runner {
-            Runner::Fmu(runs) => Runner::Fmu(runs.of_equations()),
-            Runner::Program(runs) => Runner::Program(runs.of_equations()),
-        };
         let states = self.study.states.keys().map(|name| format!("the derivative of `{name}`"));
         let masses = (0..self.masses).map(|_| "an element of the mass matrix".to_owned());
         let columns = states.chain(self.columns.iter().cloned()).chain(masses).collect();
-        let model = Self { runner, values: size * width, columns, is_of_equations: true, ..self.clone() };
+        let model = Self { values: size * width, columns, ..self.of_equations() };
         // the last batch is filled up
         let batch = |points: &[Vec<f64>]| {
             let more = std::iter::repeat_n(last, size - points.len());
@@ -159,6 +155,46 @@ impl WorkerModel {
             .flatten()
             .flat_map(|reply| reply.chunks_exact(width).map(<[f64]>::to_vec).collect::<Vec<_>>());
         Ok(rows.take(points.len()).collect())
+    }
+
+    /// Copy whose processes evaluate the equations.
+    fn of_equations(&self) -> Self {
+        let runner = match &self.runner {
+            Runner::Fmu(runs) => Runner::Fmu(runs.of_equations()),
+            Runner::Program(runs) => Runner::Program(runs.of_equations()),
+        };
+        Self { runner, is_of_equations: true, ..self.clone() }
+    }
+
+    /// Works with a process that evaluates the equations at any number of points for one request, which follow one another; none if a
+    /// process makes only one run.
+    ///
+    /// # Errors
+    /// Those of the work and of a process that cannot be started, [`Error::Interrupted`].
+    pub(super) fn with_equations<T>(
+        &self,
+        workers: Workers<'_>,
+        work: impl FnOnce(&mut dyn WorkerProcess) -> Result<Option<T>>,
+    ) -> Result<Option<T>> {
+        if self.batch() == 1 {
+            return Ok(None);
+        }
+        let model = self.of_equations();
+        let launcher = model.launcher(workers)?;
+        let Some(mut process) = launcher.start(self.time_limit, workers)? else { return Err(Error::Interrupted) };
+        let found = work(&mut *process)?;
+        process.finish();
+        Ok(found)
+    }
+
+    /// Number of the study's parameters, the first of a point.
+    pub(super) fn parameters(&self) -> usize {
+        self.parameters
+    }
+
+    /// Time limit of a request.
+    pub(super) fn time_limit(&self) -> Duration {
+        self.time_limit
     }
 
     /// Makes the run of each point, with one process for each thread; runs in the journal are taken from it. `done` is
@@ -199,11 +235,6 @@ impl WorkerModel {
             }
         }
         outcomes.into_iter().map(|outcome| outcome.ok_or(Error::Interrupted)).collect()
-    }
-
-    /// Time limit of a run.
-    pub(super) fn time_limit(&self) -> Duration {
-        self.time_limit
     }
 
     /// Numbers of a reply.

@@ -215,7 +215,7 @@ fn platforms_are_chosen_and_added_by_name() {
 }
 
 /// The platform the command was built for, which is always embedded.
-fn own_tuple() -> &'static str {
+pub fn own_tuple() -> &'static str {
     metafmu::fmi::Platform::CURRENT.tuple
 }
 

@@ -1,6 +1,6 @@
 //! Studies: sampled, trained, built, refused and rejected.
 
-use super::*;
+use super::{fmus::own_tuple, *};
 
 #[test]
 fn a_dry_run_prints_the_plan_and_writes_nothing() {
@@ -436,6 +436,50 @@ fn a_build_that_is_interrupted_in_training_finishes_with_the_best_network_and_sa
 }
 
 #[test]
+fn a_build_whose_fmu_fails_its_validation_is_rejected() {
+    let bench = Bench::new();
+    fs::write(bench.path("study.toml"), small_study() + "good = -inf\n").unwrap();
+    let build = ["build", "study.toml", "--resume", "--platform", own_tuple()];
+    let output = bench.run(&build);
+    assert!(stdout(&output).contains("\ngood: every output"), "{}{}", stdout(&output), stderr(&output));
+    // no host can load the beginning of a library
+    let mut archive = zip::ZipArchive::new(fs::File::open(bench.path(FMU)).unwrap()).unwrap();
+    let name = archive.file_names().map(|name| name.unwrap().into_owned()).find(|name| name.starts_with("binaries/"));
+    let mut library = vec![0; 4000];
+    archive.by_name(&name.unwrap()).unwrap().read_exact(&mut library).unwrap();
+    fs::write(bench.path("cut.lib"), library).unwrap();
+    let cut = format!("{}=cut.lib", own_tuple());
+    let output = bench.run(&[&build[..], &["--binary", &cut]].concat());
+    assert_eq!(output.status.code(), Some(1), "{}{}", stdout(&output), stderr(&output));
+    let text = stdout(&output);
+    let (_, last) = text.split_once("\nrejected: this surrogate is not good enough to be used\n").unwrap();
+    assert!(last.starts_with("  single-pendulum.fmu: the validation found ") && last.lines().count() == 1, "{last}");
+    let rejected = |output: &Output, code: i32| {
+        let file = fs::read_to_string(bench.path("out/single-pendulum/metrics.json")).unwrap();
+        let verdict = serde_json::from_str::<serde_json::Value>(&file).unwrap()["verdict"].clone();
+        let problem = &verdict["problems"][0];
+        assert_eq!((&problem["check"], &problem["place"]), (&"validation".into(), &"single-pendulum.fmu".into()));
+        assert_eq!((&verdict["grade"], output.status.code()), (&"rejected".into(), Some(code)), "{verdict}");
+        let report = fs::read_to_string(bench.path("out/single-pendulum/report.html")).unwrap();
+        let mut archive = zip::ZipArchive::new(fs::File::open(bench.path(FMU)).unwrap()).unwrap();
+        let mut card = String::new();
+        archive.by_name("documentation/index.html").unwrap().read_to_string(&mut card).unwrap();
+        for page in [report, card] {
+            let (_, first) = page.split_once("</h1>\n").unwrap();
+            assert!(first.starts_with("<div class=\"verdict rejected\">"), "{}", &first[..200]);
+            assert!(first.contains("<li>single-pendulum.fmu: the validation found "), "{}", &first[..600]);
+        }
+    };
+    rejected(&output, 1);
+    // the verbs that judge again know what the build found
+    rejected(&bench.run(&["evaluate", "study.toml"]), 1);
+    rejected(&bench.run(&["report", "study.toml"]), 0);
+    rejected(&bench.run(&["export", "study.toml"]), 0);
+    let output = bench.run(&build);
+    assert!(output.status.success() && stdout(&output).contains("\ngood: every output"), "{}", stdout(&output));
+}
+
+#[test]
 fn a_poor_surrogate_is_rejected_in_the_last_lines_and_by_the_exit_code() {
     let bench = Bench::new();
     fs::write(bench.path("study.toml"), small_study().replace(ANY, "")).unwrap();
@@ -457,7 +501,8 @@ fn a_poor_surrogate_is_rejected_in_the_last_lines_and_by_the_exit_code() {
         serde_json::from_str(&fs::read_to_string(bench.path("out/single-pendulum/metrics.json")).unwrap()).unwrap()
     };
     assert_eq!(metrics()["verdict"]["accepted"], false);
-    assert!(metrics()["verdict"]["problems"][0].as_str().unwrap().starts_with("theta: "));
+    let problem = &metrics()["verdict"]["problems"][0];
+    assert_eq!((&problem["check"], &problem["place"]), (&"accuracy".into(), &"theta".into()), "{problem}");
     is_rejected(&bench.run(&["evaluate", "study.toml"]), &["  theta: ", of_baseline]);
     let output = bench.run(&["evaluate", "study.toml", "--json"]);
     let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

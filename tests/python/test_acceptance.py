@@ -125,7 +125,8 @@ def test_a_surrogate_that_is_usable_only_says_what_may_help(tmp_path):
     done = build(tmp_path, "study.toml", "--json")
     verdict = json.loads(done.stdout)["verdict"]
     assert (done.returncode, verdict["grade"], verdict["accepted"]) == (0, "usable", True), verdict
-    assert verdict["limits"][0].startswith("y: R² 0.9") and "record more runs" in " ".join(verdict["advice"])
+    limit = verdict["limits"][0]
+    assert (limit["check"], limit["place"], limit["cause"][:6]) == ("accuracy", "y", "R² 0.9") and "record more runs" in " ".join(verdict["advice"])
     assert "usable, not good" in done.stderr and "  try: record more runs" in done.stderr
     page = (tmp_path / "out" / "report.html").read_text()
     assert page.split("</h1>")[1].lstrip().startswith('<div class="verdict usable"><p><strong>Accepted with limits</strong>')

@@ -6,7 +6,9 @@ use crate::{
     dynamics::Assembly,
     worst::worst,
 };
-use metafmu_runtime::{CommunicationStep, Drive, Dynamics, Evaluator, Integration, Role, Shown, StepError, Surrogate};
+use metafmu_runtime::{
+    CommunicationStep, Domain, Drive, Dynamics, Evaluator, Integration, Role, Shown, StepError, Surrogate,
+};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -196,7 +198,7 @@ fn deviations(values: &[f64]) -> Vec<f64> {
 }
 
 /// Time at which a roll-out diverges whose predictions begin at row `first`; infinite if it does not.
-fn divergence(run: &Run, found: &[f64], first: usize, ranges: &[f64]) -> f64 {
+pub(super) fn divergence(run: &Run, found: &[f64], first: usize, ranges: &[f64]) -> f64 {
     let width = ranges.len();
     let of = |column: usize| {
         let values = |of: &[f64]| of.iter().skip(column).step_by(width).skip(first).copied().collect::<Vec<_>>();
@@ -235,7 +237,7 @@ fn energy_drift(surrogate: &Surrogate, evaluator: &Evaluator, test: &Dataset) ->
 }
 
 /// Largest deviation of positions from those of the mechanism it was learned from, at the coordinates of the test runs'
-/// roll-outs: see [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the
+/// roll-outs up to where they leave the domain: see [`RollOuts::constraint_residual`]. A configuration that the mechanism cannot have counts as the
 /// largest number.
 pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Dataset) -> Option<f64> {
     let motion = surrogate.program().motion()?;
@@ -243,15 +245,17 @@ pub fn constraint_residual(surrogate: &Surrogate, assembly: &Assembly, test: &Da
         return None;
     }
     let (n, parameters) = (motion.dynamics.coordinates(), motion.dynamics.parameters());
-    let evaluator = Evaluator::new(surrogate);
+    let (evaluator, domain) = (Evaluator::new(surrogate), Domain::of(surrogate));
     let ranges: Vec<f64> = surrogate.outputs().iter().map(|output| output.max - output.min).collect();
     let of_run = |run: &Run| -> Option<f64> {
         let assembled = assembly.with(&run.parameters[..parameters]).ok()?;
         let mut roll_out = RollOut::along(surrogate, &evaluator, run);
         let mut largest = 0.0f64;
         for row in 0..run.times.len() {
-            // a roll-out that ends is told elsewhere
-            let Some((point, results)) = roll_out.at(row) else { break };
+            // a roll-out that ends is reported elsewhere, and so is one that leaves the domain
+            let Some((point, results)) = roll_out.at(row).filter(|(point, _)| domain.is_in_ranges(point)) else {
+                break;
+            };
             for (output, position) in assembled.positions(&point[point.len() - motion.states()..][..n]).ok()? {
                 let range = if ranges[output] > 0.0 { ranges[output] } else { 1.0 };
                 largest = largest.max((results[output] - position).abs() / range);

@@ -12,6 +12,7 @@ pub(super) mod trajectories;
 pub use compliant::CompliantRecord;
 pub use discrete::DiscreteRecord;
 pub use motion::{MotionRecord, ReactionRecord};
+pub(super) use solver::POOR;
 pub use solver::{ImplicitCost, SolverRecord};
 pub use speed::{Cost, Speed};
 pub use state_space::StateSpaceRecord;
@@ -19,8 +20,8 @@ pub use static_map::StaticRecord;
 pub use trajectories::TrajectoriesRecord;
 
 use crate::{
-    acceptance::OfTraining,
     diagnostics::numbers::power,
+    evaluation::{AcceptanceCheck, Findings, Reason},
     study::{Study, StudyStructure},
     training::StopReason,
 };
@@ -82,9 +83,15 @@ impl TrainingRecord {
         self.stopped == StopReason::Interrupted
     }
 
-    /// Findings on the training itself, regardless of the accuracy.
-    pub fn findings(&self, study: &Study) -> OfTraining {
-        OfTraining { problems: self.problems(study), advice: self.advice(study) }
+    /// Findings on the training and the solver, regardless of the accuracy.
+    pub fn findings(&self, study: &Study) -> Findings {
+        let of_training = |cause: String| Reason::new(AcceptanceCheck::Training, "", cause);
+        let mut findings = Findings { advice: self.advice(study), ..Findings::default() };
+        findings.problems.extend(self.problems(study).into_iter().map(of_training));
+        if let Some(solver) = self.method.as_ref().and_then(MethodRecord::solver) {
+            solver.add_to(&mut findings);
+        }
+        findings
     }
 
     fn problems(&self, study: &Study) -> Vec<String> {
@@ -152,6 +159,16 @@ impl MethodRecord {
             Self::Motion(motion) => motion.problem(),
             Self::StateSpace(space) => space.problem(),
             Self::Trajectories(trajectories) => trajectories.problem(),
+            Self::Discrete(_) | Self::StaticMap(_) | Self::Compliant(_) => None,
+        }
+    }
+
+    /// Integration of the states, if there are any.
+    fn solver(&self) -> Option<&SolverRecord> {
+        match self {
+            Self::Motion(motion) => Some(&motion.solver),
+            Self::StateSpace(space) => Some(&space.solver),
+            Self::Trajectories(trajectories) => Some(&trajectories.solver),
             Self::Discrete(_) | Self::StaticMap(_) | Self::Compliant(_) => None,
         }
     }

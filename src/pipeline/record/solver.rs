@@ -1,6 +1,9 @@
 //! Record of a surrogate's solver.
 
-use crate::diagnostics::numbers::power;
+use crate::{
+    diagnostics::numbers::power,
+    evaluation::{AcceptanceCheck, Findings, Reason},
+};
 use metafmu_runtime::Integration;
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +42,27 @@ pub struct ImplicitCost {
     pub explicit: f64,
 }
 
+/// Error of the solver above which a surrogate is rejected, as a perturbation of the initial state.
+pub(in crate::pipeline) const POOR: f64 = 1e-3;
+
 impl SolverRecord {
+    /// Adds a missed criterion: a problem above [`POOR`], a limit above the wanted error. Fixed steps are the study's choice, and poor equations
+    /// are not measured.
+    pub(in crate::pipeline) fn add_to(&self, findings: &mut Findings) {
+        let Self { tolerance, error, wanted, runs, worst, .. } = self;
+        if runs.iter().sum::<usize>() == 0 || *error <= if tolerance.is_some() { *wanted } else { POOR } {
+            return;
+        }
+        let size = if *error < f64::MAX {
+            format!("has the effect of an initial state perturbed by {error:.1e}")
+        } else {
+            "is not finite".into()
+        };
+        let cause = format!("error of the solver {size}, in a run with {worst}, expected at most {wanted:.0e}");
+        let reason = Reason::new(AcceptanceCheck::Solver, "", cause);
+        if *error > POOR { findings.problems.push(reason) } else { findings.limits.push(reason) }
+    }
+
     /// Integration with these numbers.
     pub(in crate::pipeline) fn integration(&self) -> Integration {
         let Self { tolerance, step, .. } = *self;
