@@ -20,7 +20,7 @@ from pathlib import Path
 # from the bottom to the top; modules in one line do not know each other
 ORDER = """
 reading
-diagnostics fail_points process worst
+diagnostics fail_points process unit worst
 files integrate processor_time signal unpacking variable
 table
 multibody systems

@@ -7,7 +7,8 @@ use clap::{
 };
 use clap_complete::Shell;
 use metafmu::{
-    baselines::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS, table::writer::Format,
+    baselines::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS,
+    table::writer::Format, variable::DefaultValue,
 };
 use std::{path::PathBuf, time::Duration};
 
@@ -94,8 +95,9 @@ Writes into DIR: NAME.fmu (of FMI 3.0: NAME-fmi3.fmu), NAME.safetensors, report.
 Tables of more than 5 million numbers are Parquet, train.parquet and test.parquet; `tables` in [sampling] of the study selects a format.
 Exit code 1 if the surrogate is rejected: the training diverged, the R² of an output is below 0.9, a simpler model is better, or a check \
 failed: the validation of the FMU, or the error of its solver. From 0.9 to 0.99 it is usable, and the verdict has advice. `[accept]` in the study has the limits.
-Ctrl-C during training keeps the best network so far, completes the build with it and ends with exit code 130; --resume continues the \
-training. Before the first epoch is complete nothing is written. Pressed again, Ctrl-C ends the program.")]
+Ctrl-C ends with exit code 130 and says what is done, what is missing, and the command with --resume that continues. During training it keeps \
+the best network so far and completes the build with it, during the comparison with the models that are done. Before the first epoch is \
+complete there is no network. Pressed again, Ctrl-C ends the program.")]
     Build(BuildArgs),
     /// Simulate the training and test runs and write their tables, CSV or Parquet
     #[command(after_help = "Examples:
@@ -214,18 +216,22 @@ because it has no library for this platform.")]
     #[command(after_help = "Example:
   metafmu simulate out/single-pendulum/single-pendulum.fmu --start L=0.12 --start c=0.05 --output run.csv --plot run.svg
   metafmu simulate plant.fmu --input force.csv --interface me
+  metafmu simulate plant.fmu --input force.csv --default brake    # the input without a column keeps its start value
   metafmu simulate discrete.fmu --input record.csv    # from measured outputs in rows before time 0
 
-The FMU runs in a separate process; its output goes to stderr.")]
+With --input, every input of the FMU has a column, or a value by --default or --start. Parameters keep their start values unless --start sets \
+them. The FMU runs in a separate process; its output goes to stderr.")]
     Simulate(SimulateArgs),
     /// Compute a surrogate's outputs for every row of a table, on all cores
     #[command(after_help = "Examples:
   metafmu predict out/single-pendulum/single-pendulum.fmu designs.csv > predictions.csv
   metafmu predict examples/single-pendulum.toml designs.parquet --out predictions.parquet
   metafmu predict out/crane/crane.fmu out/crane/test.csv --out roll-outs.csv --outputs x,theta
+  metafmu predict out/crane/crane.fmu forces.csv --default l --default m=1.2    # without columns of two parameters
 
 Columns of TABLE are found by the names of the surrogate's parameters, inputs and `time`; of one with states also by those of the \
-values at the start, NAME_start. The result has a row for each row, in the same order: `run` and `time` if TABLE has them, the outputs, \
+values at the start, NAME_start. Parameters and inputs without a column are an error, which lists all of them: --default NAME uses a start \
+value, --default NAME=VALUE another one. A missing NAME_start has its start value unless columns remain that nothing uses. The result has a row for each row, in the same order: `run` and `time` if TABLE has them, the outputs, \
 `in_domain` and `domain_distance`. Without states each row is a point; with states the rows of a `run` are one roll-out, whose inputs are \
 linear between two rows. Exit code 1 if there are rows that cannot be computed.")]
     Predict(PredictArgs),
@@ -236,7 +242,8 @@ linear between two rows. Exit code 1 if there are rows that cannot be computed."
 
 SYSTEM is an SSP archive, or a SystemStructure.ssd beside its FMUs (SSP 1.0). The surrogate's connectors and parameters are those of the \
 component by their names; parameters have the values that the system sets, else the source's start values, and `NAME_start` takes \
-that of the source's variable NAME. The table has the difference of each output of the system, or of the component if the system has \
+that of the source's variable NAME. Inputs that the source lacks, and parameters that are perhaps spelled differently there, are an error \
+unless --default gives their values. The table has the difference of each output of the system, or of the component if the system has \
 none, and the time of a step.")]
     Swap(SwapArgs),
     /// Print a script with which a shell completes this command
@@ -549,6 +556,9 @@ pub struct SimulateArgs {
     /// surrogate starts from measured outputs, if there are columns of all outputs: in rows before time 0
     #[arg(long, value_name = "FILE.csv")]
     pub input: Option<PathBuf>,
+    /// Value of an input without a column in the file of --input: its start value, or VALUE; may be given several times
+    #[arg(long, value_name = "NAME[=VALUE]", value_parser = DefaultValue::parse, requires = "input")]
+    pub default: Vec<DefaultValue>,
     /// Interface to run it by [default: cs if the FMU offers it]
     #[arg(long)]
     pub interface: Option<InterfaceArg>,
@@ -586,6 +596,9 @@ pub struct PredictArgs {
     /// File to write: Parquet if it ends in .parquet, else CSV [default: CSV on stdout]
     #[arg(long, value_name = "FILE", value_parser = table_file, value_hint = ValueHint::FilePath)]
     pub out: Option<(PathBuf, Format)>,
+    /// Value of a parameter, input or NAME_start without a column: its start value, or VALUE; may be given several times
+    #[arg(long, value_name = "NAME[=VALUE]", value_parser = DefaultValue::parse)]
+    pub default: Vec<DefaultValue>,
     /// Outputs to compute [default: all]
     #[arg(long, value_name = "NAME,...", value_delimiter = ',')]
     pub outputs: Vec<String>,
@@ -610,6 +623,9 @@ pub struct SwapArgs {
     /// FMU that replaces it
     #[arg(long, value_name = "SURROGATE.fmu")]
     pub with: PathBuf,
+    /// Value of an input or parameter of the surrogate that the source lacks: its start value, or VALUE; may be given several times
+    #[arg(long, value_name = "NAME[=VALUE]", value_parser = DefaultValue::parse)]
+    pub default: Vec<DefaultValue>,
     /// First communication point in seconds [default: the system's, else 0]
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true)]
     pub start_time: Option<f64>,

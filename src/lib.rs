@@ -81,5 +81,5 @@ use metafmu_core::fail_points;
 pub use metafmu_core::{
     Error, Result, acceptance, calibration, compliant, dataset, diagnostics, discrete, dynamics, evaluation, files,
     integrate, layout, multibody, network, processor_time, reading, refinement, sampling, scaling, signal, study,
-    systems, table, training, variable, worst,
+    systems, table, training, unit, variable, worst,
 };

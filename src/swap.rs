@@ -1,5 +1,6 @@
 //! A surrogate in the place of its source: one system, simulated with each of them, and the differences.
 
+mod counterparts;
 mod step_speed;
 
 use crate::{
@@ -7,7 +8,7 @@ use crate::{
     fmi::{
         ModelDescription, Watch,
         host::{Grid, RecordedColumn, RowSink, Unpacked, is_settable},
-        model_description::{Causality, DefaultExperiment, ScalarVariable, VariableType},
+        model_description::{Causality, DefaultExperiment, ScalarVariable},
         system::{
             ComponentSource, Connector, ConnectorKind, Experiment, FmuSystem, is_number, misfit, port,
             run::{Port, SystemRun},
@@ -15,6 +16,7 @@ use crate::{
         worker::run_system_apart,
     },
     unpacking::Patience,
+    variable::DefaultValue,
 };
 use metafmu_runtime::BuiltIn;
 use serde::Serialize;
@@ -44,6 +46,8 @@ pub struct SwapOptions {
     pub step: Option<f64>,
     /// Tolerance of model exchange, see [`SystemRun::tolerance`].
     pub tolerance: Option<f64>,
+    /// Values of inputs and parameters of the surrogate that the source lacks.
+    pub defaults: Vec<DefaultValue>,
 }
 
 /// A system with a component's source and the surrogate that is to replace it, unpacked and checked.
@@ -171,7 +175,11 @@ impl Swap {
         let outputs = compared.names(&sources);
         let set: Vec<(&str, f64)> =
             system.components[replaced].values.iter().map(|value| (value.name.as_str(), value.value)).collect();
-        let [start_values, unused] = taken_over(sources[replaced].description(), &set, surrogate.description());
+        let [mut start_values, unused] = taken_over(sources[replaced].description(), &set, surrogate.description());
+        let names: Vec<&str> = unused.iter().map(|(name, _)| name.as_str()).collect();
+        let descriptions = [sources[replaced].description(), surrogate.description()];
+        refuse(&surrogate, counterparts::problems(descriptions, &names, &options.defaults))?;
+        start_values.extend(counterparts::values(surrogate.description(), &options.defaults));
         let unset = |(name, value): &(String, f64)| {
             format!("the system sets `{name}` to {value:?}, which the surrogate has no parameter for")
         };
@@ -268,6 +276,10 @@ fn refuse_misfits(system: &FmuSystem, replaced: usize, surrogate: &ComponentSour
     };
     let problems: Vec<String> =
         system.components[replaced].connectors.iter().filter(connected).filter_map(problem).collect();
+    refuse(surrogate, problems)
+}
+
+fn refuse(surrogate: &ComponentSource, problems: Vec<String>) -> Result<()> {
     let path = surrogate.path().to_owned();
     if problems.is_empty() { Ok(()) } else { Err(Error::Replacement { path, problems }) }
 }
@@ -369,9 +381,9 @@ fn taken_over(source: &ModelDescription, set: &[(&str, f64)], surrogate: &ModelD
         let state = parameter.name.strip_suffix(AT_START);
         let of_source =
             [Some(parameter.name.as_str()), state].into_iter().flatten().find_map(|name| source.variable(name));
-        let start = of_source.filter(|variable| is_number(variable)).and_then(start_value);
+        let start = of_source.filter(|variable| is_number(variable)).and_then(ScalarVariable::start_value);
         if let Some(start) = start
-            && start_value(parameter) != Some(start)
+            && parameter.start_value() != Some(start)
             && !values.iter().any(|(name, _)| *name == parameter.name)
         {
             values.push((parameter.name.clone(), start));
@@ -383,15 +395,6 @@ fn taken_over(source: &ModelDescription, set: &[(&str, f64)], surrogate: &ModelD
 fn unit(description: &ModelDescription, name: &str) -> String {
     let unit = description.variable(name).and_then(|variable| description.unit_of(variable));
     unit.unwrap_or_default().to_owned()
-}
-
-fn start_value(variable: &ScalarVariable) -> Option<f64> {
-    match &variable.kind {
-        VariableType::Real(real) => real.start,
-        VariableType::Integer(integer) | VariableType::Enumeration(integer) => integer.start.map(|start| start as f64),
-        VariableType::Boolean { start } => start.map(|start| f64::from(u8::from(start))),
-        _ => None,
-    }
 }
 
 impl RowSink for RecordedRows {

@@ -30,6 +30,7 @@ pub mod study;
 pub mod systems;
 pub mod table;
 pub mod training;
+pub mod unit;
 pub mod variable;
 pub mod worst;
 

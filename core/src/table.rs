@@ -15,10 +15,10 @@ use crate::{
     diagnostics::{
         Place,
         kinds::{self, FileKind},
-        names::{did_you_mean, listed},
+        names::{self, NameMatch},
         numbers::{ends, exact},
     },
-    reading,
+    reading, unit,
 };
 use csv::Csv;
 use parquet::Parquet;
@@ -111,11 +111,48 @@ impl Table {
     /// # Errors
     /// [`Error::Table`] with the columns there are.
     pub fn column(&self, name: &str) -> Result<usize> {
-        self.positions.get(name).copied().ok_or_else(|| {
-            let known: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
-            let suggestion = did_you_mean(name, known.iter().copied());
-            self.mistake_in_header(&format!("no column `{name}`, expected it among {}{suggestion}", listed(&known)))
-        })
+        match self.positions.get(name) {
+            Some(position) => Ok(*position),
+            None => Err(self.without(&[name])),
+        }
+    }
+
+    /// Positions of the columns of several names.
+    ///
+    /// # Errors
+    /// [`Error::Table`] with all names that have no column, each with the closest of the columns that are not used.
+    pub fn columns_of<T: AsRef<str>>(&self, names: &[T]) -> Result<Vec<usize>> {
+        let positions: Option<Vec<usize>> =
+            names.iter().map(|name| self.positions.get(name.as_ref()).copied()).collect();
+        positions.ok_or_else(|| self.without(&names.iter().map(AsRef::as_ref).collect::<Vec<&str>>()))
+    }
+
+    /// Position of a column that need not be there. `used`: columns that have another meaning.
+    ///
+    /// # Errors
+    /// [`Error::Table`] if it is missing, and the name of an unused column differs from it in case or punctuation only.
+    pub fn optional_column(&self, name: &str, used: &[usize]) -> Result<Option<usize>> {
+        if let Some(position) = self.positions.get(name) {
+            return Ok(Some(*position));
+        }
+        let mut unused = self.columns.iter().enumerate().filter(|(position, _)| !used.contains(position));
+        match unused.find(|(_, column)| names::is_respelled(&column.name, name)) {
+            None => Ok(None),
+            Some((_, TableColumn { name: found, .. })) => {
+                Err(self
+                    .mistake_in_header(&format!("column `{found}`, expected the spelling `{name}`, or another name")))
+            }
+        }
+    }
+
+    /// Error for wanted columns, some of which are missing.
+    fn without(&self, wanted: &[&str]) -> Error {
+        let known: Vec<&str> = self.columns.iter().map(|column| column.name.as_str()).collect();
+        let NameMatch { positions, unused } = NameMatch::of(wanted, &known);
+        let missing: Vec<&str> =
+            wanted.iter().zip(positions).filter(|(_, position)| position.is_none()).map(|(name, _)| *name).collect();
+        let unused: Vec<&str> = unused.into_iter().map(|column| known[column]).collect();
+        self.mistake_in_header(&names::missing("column", &missing, &known, &unused).unwrap_or_default())
     }
 
     /// Goes to the next row; `false` if there is none.
@@ -191,14 +228,25 @@ impl Table {
     /// # Errors
     /// [`Error::Table`].
     pub fn check_unit(&self, column: usize, expected: Option<&str>) -> Result<()> {
-        self.unit_problem(column, expected).map_or(Ok(()), |problem| Err(self.mistake_in_header(&problem)))
+        self.check_units([(column, expected)])
+    }
+
+    /// Checks that the units of columns, if they have some, are the expected ones, if there are some.
+    ///
+    /// # Errors
+    /// [`Error::Table`] with all that are not.
+    pub fn check_units<'a>(&self, expected: impl IntoIterator<Item = (usize, Option<&'a str>)>) -> Result<()> {
+        let problems = expected.into_iter().filter_map(|(column, expected)| self.unit_problem(column, expected));
+        let problems: Vec<String> = problems.collect();
+        if problems.is_empty() { Ok(()) } else { Err(self.mistake_in_header(&problems.join("; "))) }
     }
 
     /// The problem of a column's unit, if it has one, and one is expected.
     pub fn unit_problem(&self, column: usize, expected: Option<&str>) -> Option<String> {
         let column = &self.columns[column];
         let (found, expected) = (column.unit()?, expected?);
-        (found != expected).then(|| format!("column `{}`: unit `{found}`, expected `{expected}`", column.name))
+        (!unit::is_same(found, expected))
+            .then(|| format!("column `{}`: unit `{found}`, expected `{expected}`", column.name))
     }
 
     /// How much of the table has been read, from 0 to 1.
@@ -362,6 +410,9 @@ mod tests {
         let table = open(b"time,x\n0,1\n").unwrap();
         let message = table.column("y").unwrap_err().to_string();
         assert!(message.contains(":1: no column `y`, expected it among time, x"), "{message}");
+        let message = table.columns_of(&["Time", "x", "y"]).unwrap_err().to_string();
+        let says = ":1: no columns `Time`, `y`, expected them among time, x; did you mean `time` for `Time`?";
+        assert!(message.ends_with(says), "{message}");
     }
 
     #[test]

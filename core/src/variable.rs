@@ -1,4 +1,6 @@
-//! Named quantities, with their units and meanings.
+//! Named quantities, with their units and meanings, and the data that they are matched with by name.
+
+use crate::diagnostics::names::{self, NameMatch, closest, expected_one_of, listed};
 
 /// A named quantity of a source: a parameter or an output column of a dataset.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,5 +19,221 @@ impl SourceVariable {
     /// A quantity that is from no FMU.
     pub fn new(name: &str, unit: &str, description: &str) -> Self {
         Self { name: name.into(), unit: unit.into(), description: description.into(), start: None }
+    }
+}
+
+/// Value that a variable has where data lack it, as `--default` gives it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DefaultValue {
+    /// Name of the variable.
+    pub name: String,
+    /// The value; none for the start value.
+    pub value: Option<f64>,
+}
+
+impl DefaultValue {
+    /// Parses `NAME` or `NAME=VALUE`.
+    ///
+    /// # Errors
+    /// A message if the value is not a finite number.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let Some((name, value)) = text.rsplit_once('=') else {
+            return Ok(Self { name: text.trim().to_owned(), value: None });
+        };
+        let number = value.trim().parse().ok().filter(|number: &f64| number.is_finite());
+        let value = number.ok_or_else(|| format!("`{value}` is not a finite number, expected NAME or NAME=VALUE"))?;
+        Ok(Self { name: name.trim().to_owned(), value: Some(value) })
+    }
+
+    /// Message for a variable that does not exist.
+    pub fn unknown(&self, known: &[&str]) -> String {
+        format!("--default {}: no such variable, {}", self.name, expected_one_of(&self.name, known))
+    }
+}
+
+/// Option of a command that gives a variable its start value, or another one if it has none.
+pub fn option_for(name: &str, start: Option<f64>) -> String {
+    let is_plain = name.chars().all(|c| c.is_alphanumeric() || matches!(c, '_' | '.' | '-'));
+    let value = start.map_or("VALUE".into(), |start| format!("{:?}", readable(start)));
+    let text = format!("{name}={value}");
+    if is_plain { format!("--default {text}") } else { format!("--default '{text}'") }
+}
+
+/// A number without the rounding errors of its last digits.
+fn readable(number: f64) -> f64 {
+    format!("{number:.12e}").parse().unwrap_or(number)
+}
+
+/// A variable whose values are wanted.
+#[derive(Clone, Copy, Debug)]
+pub struct WantedVariable<'a> {
+    /// Name of the variable, and of its column.
+    pub name: &'a str,
+    /// Unit; empty for a dimensionless quantity.
+    pub unit: &'a str,
+    /// Start value, if it has one.
+    pub start: Option<f64>,
+    /// Importance of its data.
+    pub need: Need,
+}
+
+/// Importance of the data of a variable.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// Nothing can replace them.
+    Data,
+    /// They are needed unless a default value is requested.
+    DataOrDefault,
+    /// The start value serves, unless data that nothing uses could be meant.
+    Any,
+}
+
+/// Variables matched with the columns of data.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct MatchedVariables {
+    /// Column of each variable; none where its value is constant.
+    pub columns: Vec<Option<usize>>,
+    /// Value of each variable without a column; NaN for those with one.
+    pub values: Vec<f64>,
+    /// Lines about start values and columns that are not used.
+    pub notes: Vec<String>,
+    /// Lines about default values that an unused column was perhaps meant for.
+    pub doubts: Vec<String>,
+}
+
+/// Matches variables with the columns of data by name. Columns in `other` have a meaning that is none of these variables.
+///
+/// # Errors
+/// A message with all variables that lack data, each with the closest unused column, and with default values of unknown
+/// variables.
+pub fn match_variables(
+    wanted: &[WantedVariable],
+    columns: &[&str],
+    other: &[&str],
+    defaults: &[DefaultValue],
+) -> Result<MatchedVariables, String> {
+    let names: Vec<&str> = wanted.iter().map(|variable| variable.name).collect();
+    let NameMatch { positions, unused } = NameMatch::of(&names, columns);
+    let unused: Vec<&str> =
+        unused.into_iter().map(|column| columns[column]).filter(|name| !other.contains(name)).collect();
+    let default = |name: &str| defaults.iter().rev().find(|default| default.name == name);
+    let (mut found, mut missing) = (MatchedVariables { columns: positions, ..Default::default() }, Vec::new());
+    let (mut constants, mut doubtful) = (Vec::new(), Vec::new());
+    for (variable, column) in wanted.iter().zip(&found.columns) {
+        let WantedVariable { name, unit, start, need } = variable;
+        let default = default(name).filter(|_| *need != Need::Data);
+        let value = default.and_then(|default| default.value).or(*start);
+        found.values.push(if column.is_some() { f64::NAN } else { value.unwrap_or(f64::NAN) });
+        if column.is_some() {
+            continue;
+        }
+        match (need, default, value) {
+            (Need::Any, None, _) if !unused.is_empty() => doubtful.push(variable),
+            (Need::Any, ..) | (_, Some(_), Some(_)) => {}
+            _ => missing.push(variable),
+        }
+        let space = if unit.is_empty() { "" } else { " " };
+        constants.push(format!("{name} = {:?}{space}{unit}", readable(value.unwrap_or(f64::NAN))));
+        if default.is_some()
+            && let Some(meant) = closest(name, unused.iter().copied())
+        {
+            found.doubts.push(format!("`{name}` has its default value, and the column `{meant}` is not used"));
+        }
+    }
+    // an unused column is more likely one that is needed
+    let is_alone = missing.is_empty();
+    missing.extend(
+        doubtful.into_iter().filter(|variable| is_alone || closest(variable.name, unused.iter().copied()).is_some()),
+    );
+    let unknown = defaults.iter().filter(|default| !names.contains(&default.name.as_str()));
+    let unknown = unknown.map(|default| default.unknown(&names));
+    let problems: Vec<String> = lacking(&missing, columns, &unused).into_iter().chain(unknown).collect();
+    if !problems.is_empty() {
+        return Err(problems.join("; "));
+    }
+    if !constants.is_empty() {
+        let constants: Vec<&str> = constants.iter().map(String::as_str).collect();
+        found.notes.push(format!("constant, without a column: {}", listed(&constants)));
+    }
+    if !unused.is_empty() {
+        found.notes.push(format!("columns that are not used: {}", listed(&unused)));
+    }
+    Ok(found)
+}
+
+/// Message for variables that lack data: what is missing, what is not used, and the default values.
+fn lacking(missing: &[&WantedVariable], columns: &[&str], unused: &[&str]) -> Option<String> {
+    let names: Vec<&str> = missing.iter().map(|variable| variable.name).collect();
+    let mut message = names::missing("column", &names, columns, unused)?;
+    let mut add = |sentence: String| {
+        message += if message.ends_with('?') { " " } else { ". " };
+        message += &sentence;
+    };
+    let can_have_default = missing.iter().filter(|variable| variable.need != Need::Data);
+    let options: Vec<String> = can_have_default.map(|variable| option_for(variable.name, variable.start)).collect();
+    if !unused.is_empty() {
+        add(format!("Not used: {}", listed(unused)));
+    }
+    if !options.is_empty() {
+        add(format!("For constants: {}", options.join(" ")));
+    }
+    Some(message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn wanted<'a>(name: &'a str, need: Need) -> WantedVariable<'a> {
+        WantedVariable { name, unit: "m", start: Some(0.5), need }
+    }
+
+    fn default(text: &str) -> DefaultValue {
+        DefaultValue::parse(text).unwrap()
+    }
+
+    #[test]
+    fn data_that_are_missing_are_one_error_unless_defaults_are_asked_for() {
+        let variables = [
+            wanted("time", Need::Data),
+            wanted("L", Need::DataOrDefault),
+            wanted("force", Need::DataOrDefault),
+            wanted("x_start", Need::Any),
+        ];
+        let matched =
+            |columns: &[&str], defaults: &[DefaultValue]| match_variables(&variables, columns, &["run"], defaults);
+        let found = matched(&["force", "time", "run", "L"], &[]).unwrap();
+        assert_eq!(found.columns, [Some(1), Some(3), Some(0), None]);
+        assert_eq!(
+            (found.values[3], found.notes),
+            (0.5, vec!["constant, without a column: x_start = 0.5 m".to_owned()])
+        );
+        // a column that nothing uses may be meant
+        assert_eq!(
+            matched(&["t", "l", "force"], &[]).unwrap_err(),
+            "no columns `time`, `L`, expected them among t, l, force; did you mean `l` for `L`? Not used: t, l. \
+             For constants: --default L=0.5"
+        );
+        assert_eq!(
+            matched(&["time", "L", "force", "x0"], &[]).unwrap_err(),
+            "no column `x_start`, expected it among time, L, force, x0. Not used: x0. For constants: --default x_start=0.5"
+        );
+        let found = matched(&["time", "l", "force"], &[default("L"), default("x_start = -2")]).unwrap();
+        assert_eq!((found.values[1], found.values[3]), (0.5, -2.0));
+        assert_eq!(found.doubts, ["`L` has its default value, and the column `l` is not used"]);
+        assert_eq!(found.notes[1], "columns that are not used: l");
+        let message = matched(&["time", "L", "force"], &[default("forse=1"), default("time")]).unwrap_err();
+        assert!(message.contains("--default forse: no such variable") && message.ends_with("did you mean `force`?"));
+        assert!(matched(&["L", "force"], &[default("time=1")]).unwrap_err().starts_with("no column `time`"));
+    }
+
+    #[test]
+    fn a_default_is_a_name_with_or_without_a_number() {
+        assert_eq!(default("a=b=1e3"), DefaultValue { name: "a=b".into(), value: Some(1000.0) });
+        assert!(DefaultValue::parse("a=nan").is_err() && DefaultValue::parse("a=").is_err());
+        assert_eq!(option_for("L", Some(0.5 * (0.1 + 0.2))), "--default L=0.15");
+        let nameless = [WantedVariable { start: None, ..wanted("x[1] 2", Need::DataOrDefault) }];
+        let message = match_variables(&nameless, &[], &[], &[]).unwrap_err();
+        assert!(message.ends_with("For constants: --default 'x[1] 2=VALUE'"), "{message}");
     }
 }

@@ -11,7 +11,7 @@ mod threads;
 use interruptible::interruptible;
 use metafmu::{
     dataset::Run,
-    diagnostics::names,
+    diagnostics::names::{self, NameMatch},
     evaluation::{self, Accuracy, TestRows},
     export::validate_apart,
     fmi::{Watch, Workers},
@@ -260,6 +260,18 @@ fn out_of_order(names: (String, Vec<String>), columns: (String, Vec<String>)) ->
     names::out_of_order_problem((&names.0, &listed), (&columns.0, &known))
 }
 
+/// A message with all names that are missing among the known ones, each with the closest of those that are not wanted.
+/// `kind`: what they name. None if nothing is missing.
+#[pyfunction]
+#[allow(clippy::needless_pass_by_value)]
+fn missing(kind: &str, wanted: Vec<String>, known: Vec<String>) -> Option<String> {
+    let [wanted, known] = [&wanted, &known].map(|list| list.iter().map(String::as_str).collect::<Vec<_>>());
+    let NameMatch { positions, unused } = NameMatch::of(&wanted, &known);
+    let absent = wanted.iter().zip(positions).filter(|(_, position)| position.is_none()).map(|(name, _)| *name);
+    let unused: Vec<&str> = unused.into_iter().map(|place| known[place]).collect();
+    names::missing(kind, &absent.collect::<Vec<_>>(), &known, &unused)
+}
+
 /// The outputs of an ONNX model at rows of its columns, as they are read here; states that it has itself are those of the start. `rounding`
 /// rounds all values at random: its relative and absolute size, and a seed.
 #[pyfunction]
@@ -406,6 +418,7 @@ fn _metafmu(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(onnx_columns, module)?)?;
     module.add_function(wrap_pyfunction!(onnx_evaluate, module)?)?;
     module.add_function(wrap_pyfunction!(out_of_order, module)?)?;
+    module.add_function(wrap_pyfunction!(missing, module)?)?;
     module.add_function(wrap_pyfunction!(from_onnx, module)?)?;
     module.add_function(wrap_pyfunction!(fit, module)?)?;
     module.add_function(wrap_pyfunction!(study, module)?)?;

@@ -88,7 +88,7 @@ def test_a_history_that_does_not_fit_is_refused_with_what_is_expected(surrogate)
     moved[3] += 0.1 * STEP
     for history, message in [
         (past[:, :2], r"history has the shape \(12, 2\), expected \(rows, 3\): force, position, speed"),
-        ({"force": past[:, 0], "speed": past[:, 2]}, "history has no `position`, it has force, speed"),
+        ({"force": past[:, 0], "speed": past[:, 2]}, "history: no column `position`, expected it among force, speed"),
         ({**names_of(past), "speed": past[:3, 2]}, r"`speed` \(3,\), expected as many numbers of each"),
         (np.where(past == past[4, 1], np.nan, past), "history has a number that is not finite in row 4"),
         ({**names_of(past), "time": moved}, r"history: `time` is -0.178.* s in row 3, expected -0.18 s: rows are 0.02 s apart"),

@@ -149,7 +149,7 @@ def test_an_onnx_model_of_a_step_has_states(tmp_path):
         cell.predict([[0.5]])
     for wrong, message in [
         ((time,), "no inputs, expected a column for each of x"),
-        ((time, {"u": time}), "inputs has no `x`, it has u"),
+        ((time, {"u": time}), "inputs: no input `x`, expected it among u"),
         ((time, {"x": time[:3]}), r"inputs: `x` \(3,\), expected a number or 11"),
         (("now", time), "time: could not convert .*'now', expected real numbers"),
         ((time, time, [1.0]), "parameters: .*expected a dict"),
@@ -157,7 +157,7 @@ def test_an_onnx_model_of_a_step_has_states(tmp_path):
         ((time, time[:3]), "inputs has 3 rows, expected 11"),
         ((time[::-1], time), "expected ascending numbers"),
         ((time, time * np.nan), "not finite"),
-        ((time, time, {"start": 1.0}), "no parameter `start`, expected one of y_start"),
+        ((time, time, {"start": 1.0}), "parameters: no parameter `start`, expected it among y_start"),
         ((time, time, {"y_start": np.inf}), "`y_start`: inf, expected a finite number"),
     ]:
         with pytest.raises(metafmu.Error, match=message):
@@ -249,10 +249,24 @@ def test_exports_have_the_names_that_were_asked_for(surrogate, tmp_path):
         names(fmi="4")
     with pytest.raises(metafmu.Error, match="not-a-platform"):
         names(platforms=["not-a-platform"])
+    # the name of the folder in FMI 2.0
+    with pytest.raises(metafmu.Error, match="^platform `linux64` is not known, expected the tuple `x86_64-linux`$"):
+        names(platforms=["linux64"])
     with pytest.raises(metafmu.Error, match="platforms: 3, expected"):
         names(platforms=3)
     with pytest.raises(metafmu.Error, match="ends in .fmu"):
         surrogate.export(tmp_path / "x.zip")
+
+
+def test_missing_columns_are_one_error_with_the_closest_names(surrogate):
+    pandas = pytest.importorskip("pandas")
+    frame = pandas.DataFrame({"a": [1.0], "B": [1.0], "cc": [1.0]})
+    message = "X: no columns `b`, `c`, expected them among a, B, cc; did you mean `B` for `b`?"
+    for method in (surrogate.predict, surrogate.jacobian, surrogate.domain_distance, surrogate.in_domain):
+        with pytest.raises(metafmu.Error, match=re.escape(message)):
+            method(frame)
+    with pytest.raises(metafmu.Error, match="data: no columns `b`, `c`, "):
+        metafmu.Graph(3).finish(0, inputs=["a", "b", "c"], data=frame)
 
 
 def test_wrong_input_is_a_value_error_with_a_reason(surrogate, tmp_path):

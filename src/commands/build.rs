@@ -1,10 +1,9 @@
 //! `metafmu build`: the whole way from a study to a validated FMU.
 
-use super::{CommandOutcome, conclude, print, print_json, project};
+use super::{CommandOutcome, conclude, interrupt, print, print_json, project};
 use crate::cli::BuildArgs;
 use metafmu::{
     Result,
-    evaluation::comparison::Comparison,
     pipeline::{
         Built, Project, build, evaluate,
         export::{ExportPlan, WrittenFmu},
@@ -16,6 +15,7 @@ pub fn run(args: &BuildArgs) -> Result<CommandOutcome> {
     let json = args.export.study.json;
     let project = project(&args.export.study)?;
     let plan = ExportPlan::new(&project, &args.export.options())?;
+    interrupt::can_resume();
     let built = build(&project, &plan, args.resume)?;
     if json {
         print_json(&built.metrics)?;
@@ -25,9 +25,10 @@ pub fn run(args: &BuildArgs) -> Result<CommandOutcome> {
         print(&files(&project, &built))?;
     }
     let outcome = conclude(&built.verdict, json)?;
-    let comparison_was = built.comparison.as_ref().is_some_and(Comparison::was_interrupted);
-    let was_interrupted = built.metrics.training.was_interrupted() || comparison_was;
-    Ok(if was_interrupted { CommandOutcome::Interrupted } else { outcome })
+    if let Some(interruption) = &built.interruption {
+        interrupt::conclude(interruption);
+    }
+    Ok(if built.interruption.is_some() { CommandOutcome::Interrupted } else { outcome })
 }
 
 /// Paths of the results, the FMU first.

@@ -16,7 +16,9 @@ pub fn run(args: &ImportArgs) -> Result<CommandOutcome> {
             return Err(Error::Stale { path: new.clone(), message });
         }
         files::write_whole(new, starter(&args.model, args.data.as_deref())?.as_bytes())?;
-        print(&format!("{}\n", new.display()))?;
+        let data = args.data.as_ref().map_or(String::new(), |data| format!(" --data {}", data.display()));
+        let command = format!("metafmu import {} --interface {}{data}", args.model.display(), new.display());
+        print(&format!("{}\nreview it, then import the model with `{command}`\n", new.display()))?;
         return Ok(CommandOutcome::Fine);
     }
     let options = ImportOptions {

@@ -66,6 +66,7 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
         }
     };
     messages::set(global);
+    interrupt::set_arguments(&arguments);
     let threads = global.threads.map(|threads| ThreadPoolBuilder::new().num_threads(threads.into()).build_global());
     if let Some(Err(reason)) = threads {
         complain(format_args!("--threads: {reason}"));
@@ -78,8 +79,11 @@ pub fn command(arguments: impl IntoIterator<Item = OsString>, program: Option<&P
         Ok(CommandOutcome::Interrupted) => 130,
         Err(error) => {
             terminal::end();
-            complain(&error);
-            let code = if matches!(error, Error::Interrupted) { 130 } else { 2 };
+            let code = if matches!(error, Error::Interrupted | Error::Unfinished { .. }) { 130 } else { 2 };
+            match &error {
+                Error::Unfinished { interruption } => interrupt::conclude(interruption),
+                error => complain(error),
+            }
             if json {
                 print_problems(&error.to_string(), code);
             }
@@ -154,7 +158,7 @@ pub enum CommandOutcome {
     ProblemsFound,
     /// `validate` found no problem, and could not run the FMU.
     NotRun,
-    /// Ctrl-C shortened the training; the results are those of the best network so far.
+    /// Ctrl-C shortened the training or the comparison; the results are those of the best network so far.
     Interrupted,
 }
 

@@ -12,14 +12,14 @@ use super::{CommandOutcome, print, say, terminal::control};
 use crate::{cli::NewArgs, templates::Template};
 use metafmu::{
     Error, Result,
-    diagnostics::Problems,
+    diagnostics::{Problems, problem::Problem},
     files,
     multibody::Mechanism,
     pipeline::{
         project::describe,
         trial::{self, Trial},
     },
-    study::Study,
+    study::{Study, name_problem},
     systems::{SYSTEMS, System},
     table::Table,
 };
@@ -34,6 +34,10 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     let path = PathBuf::from(format!("{name}.toml"));
     let folder = path.parent().unwrap_or(Path::new(""));
     let name = Path::new(name).file_name().and_then(|name| name.to_str()).unwrap_or(name);
+    if let Some(message) = name_problem(name) {
+        let problem = Problem { path: PathBuf::new(), line: 0, key: "NAME".into(), message: message + &instead(name) };
+        return Err(Error::Study { problems: vec![problem] });
+    }
     if !folder.as_os_str().is_empty() && !folder.is_dir() {
         let message = "is no folder: make it first".into();
         return Err(Error::Stale { path: folder.to_owned(), message });
@@ -87,6 +91,13 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     }
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(CommandOutcome::Fine)
+}
+
+/// A valid name that is like another one, as the end of a message.
+fn instead(name: &str) -> String {
+    let character = |c: char| if c.is_ascii_alphanumeric() || c == '-' || c == '_' { c } else { '-' };
+    let valid: String = name.trim().chars().map(character).collect();
+    if name_problem(&valid).is_none() { format!(", for instance `{valid}`") } else { String::new() }
 }
 
 /// Refuses to overwrite a file.

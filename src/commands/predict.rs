@@ -18,7 +18,7 @@ pub fn run(args: &PredictArgs) -> Result<CommandOutcome> {
     let surrogate = load(&args.model, control)?;
     say_stream(&args.table);
     let format = args.out.as_ref().map_or(Format::Csv, |(_, format)| *format);
-    let options = PredictOptions { outputs: args.outputs.clone(), format };
+    let options = PredictOptions { outputs: args.outputs.clone(), format, defaults: args.default.clone() };
     let path = out.unwrap_or(Path::new("stdout"));
     let predicted = write_result(out, |to| predict(&surrogate, &args.table, &options, control, (to, path)))?;
     let Some(predicted) = predicted else {

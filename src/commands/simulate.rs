@@ -4,18 +4,21 @@ use super::{CommandOutcome, heard, messages::say_stream, say, stdout::write_resu
 use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result,
+    diagnostics::Place,
     export::find_surrogate,
     files,
     fmi::{
         ModelDescription, Watch,
         host::{Inputs, InterfaceKind, RecordedColumn, RowSink, SimulationOptions, SimulationTable, Unpacked},
+        model_description::Causality,
         simulate_apart,
     },
     pipeline::measured,
     report::{Curve, time_series_svg},
     table::header_field,
+    variable::{DefaultValue, MatchedVariables},
 };
-use metafmu_runtime::BuiltIn;
+use metafmu_runtime::{BuiltIn, Output};
 use std::{io::Write, path::Path};
 
 pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
@@ -26,12 +29,12 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     });
     let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let unpacked = Unpacked::open(&args.fmu, wanted, watch.patience())?;
-    let (inputs, first) = match &args.input {
+    let InputSignals { inputs, first, constants } = match &args.input {
         Some(path) => {
             say_stream(path);
-            read_inputs(&args.fmu, unpacked.description(), path)?
+            read_inputs(args, unpacked.description(), path)?
         }
-        None => (Inputs::default(), None),
+        None => InputSignals::default(),
     };
     let options = SimulationOptions {
         start: args.start_time.or(first),
@@ -39,7 +42,7 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
         step: args.step_size,
         tolerance: args.tolerance,
         states: None,
-        start_values: args.start.clone(),
+        start_values: constants.into_iter().chain(args.start.clone()).collect(),
         inputs,
         inputs_first: false,
         record: Vec::new(),
@@ -62,14 +65,40 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     Ok(CommandOutcome::Fine)
 }
 
-/// Inputs over time, and the time of the first row if it has measured outputs, which an FMU of a discrete-time surrogate takes.
-fn read_inputs(fmu: &Path, description: &ModelDescription, path: &Path) -> Result<(Inputs, Option<f64>)> {
+/// Signals of a table.
+#[derive(Default)]
+struct InputSignals {
+    inputs: Inputs,
+    /// Time of the first row if it has measured outputs, which an FMU of a discrete-time surrogate takes.
+    first: Option<f64>,
+    /// Values of inputs without a column.
+    constants: Vec<(String, f64)>,
+}
+
+fn read_inputs(args: &SimulateArgs, description: &ModelDescription, path: &Path) -> Result<InputSignals> {
     // not of every FMU: some model files are large
     let takes_measured = description.variable(BuiltIn::UseMeasured.name()).is_some();
-    match if takes_measured { find_surrogate(fmu)? } else { None } {
-        Some(surrogate) => measured::read_inputs(&surrogate, path, |line| say(line)),
-        None => Ok((Inputs::read_csv(path)?, None)),
-    }
+    let surrogate = if takes_measured { find_surrogate(&args.fmu)? } else { None };
+    let (inputs, first) = match &surrogate {
+        Some(surrogate) => measured::read_inputs(surrogate, path, |line| say(line))?,
+        None => (Inputs::read_csv(path)?, None),
+    };
+    let outputs = surrogate.iter().flat_map(|surrogate| surrogate.outputs());
+    let measured: Vec<String> = outputs.map(|output| Output::measured_name(&output.name)).collect();
+    let is_switch = |name: &str| surrogate.is_some() && name == BuiltIn::UseMeasured.name();
+    let is_optional = |name: &str| is_switch(name) || measured.iter().any(|known| known == name);
+    let start = |(name, value): &(String, f64)| DefaultValue { name: name.clone(), value: Some(*value) };
+    let is_input = |(name, _): &&(String, f64)| {
+        description.variable(name).is_some_and(|variable| variable.causality == Causality::Input)
+    };
+    let starts = args.start.iter().filter(is_input).filter(|(name, _)| !is_optional(name)).map(start);
+    let defaults: Vec<DefaultValue> = args.default.iter().cloned().chain(starts).collect();
+    let wrong = |message| Error::Table { path: path.to_owned(), place: Place::Line(1), message };
+    let (constants, MatchedVariables { notes, doubts, .. }) =
+        inputs.complete(description, is_optional, &defaults).map_err(wrong)?;
+    notes.iter().for_each(say);
+    doubts.iter().for_each(warn);
+    Ok(InputSignals { inputs, first, constants })
 }
 
 /// Output of the rows: numbers as the shortest decimals that read back as the same doubles.

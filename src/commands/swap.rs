@@ -21,6 +21,7 @@ pub fn run(args: &SwapArgs) -> Result<CommandOutcome> {
         stop: args.stop_time,
         step: args.step_size,
         tolerance: args.tolerance,
+        defaults: args.default.clone(),
     })?;
     let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let comparison = swap.compare(watch, |fmu| say(format_args!("simulating with {}", fmu.display())))?;

@@ -2,7 +2,7 @@
 
 use crate::{
     Error, Result,
-    diagnostics::names::expected_one_of,
+    diagnostics::names::{did_you_mean, listed},
     fmi::{Platform, platform::platforms_of},
     reading,
 };
@@ -29,8 +29,11 @@ impl Binary {
     /// The embedded library for a platform.
     ///
     /// # Errors
-    /// [`Error::NotEmbedded`] with the embedded platforms.
+    /// [`Error::UnknownPlatform`]; [`Error::NotEmbedded`] with the embedded platforms.
     pub fn of_platform(tuple: &str) -> Result<Self> {
+        if Platform::from_tuple(tuple).is_none() {
+            return Err(Error::UnknownPlatform { tuple: tuple.into(), expected: expected_tuple(tuple) });
+        }
         let embedded = Self::embedded();
         let known = embedded.iter().map(|binary| binary.platform.tuple.to_owned()).collect();
         let found = embedded.into_iter().find(|binary| binary.platform.tuple == tuple);
@@ -44,10 +47,8 @@ impl Binary {
     /// known.
     pub fn from_file(tuple: &str, path: &Path) -> Result<Self> {
         let wrong = |problem: String| Error::Binary { path: path.to_owned(), problem };
-        let platform = Platform::from_tuple(tuple).ok_or_else(|| {
-            let known: Vec<&str> = Platform::ALL.iter().map(|platform| platform.tuple).collect();
-            wrong(format!("platform `{tuple}` is not known, {}", expected_one_of(tuple, &known)))
-        })?;
+        let platform = Platform::from_tuple(tuple)
+            .ok_or_else(|| wrong(format!("platform `{tuple}` is not known, expected {}", expected_tuple(tuple))))?;
         let bytes = reading::read(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
         let found = platforms_of(&bytes);
         if found.contains(&platform.tuple) {
@@ -60,6 +61,17 @@ impl Binary {
     }
 }
 
+/// The tuple of a platform that is named as its folder in FMI 2.0, for instance `linux64`; else all tuples.
+fn expected_tuple(name: &str) -> String {
+    match Platform::ALL.iter().find(|platform| platform.folder_2 == name) {
+        Some(platform) => format!("the tuple `{}`", platform.tuple),
+        None => {
+            let known: Vec<&str> = Platform::ALL.iter().map(|platform| platform.tuple).collect();
+            format!("one of {}{}", listed(&known), did_you_mean(name, known.iter().copied()))
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -68,9 +80,14 @@ mod tests {
     fn the_library_for_this_platform_is_embedded() {
         let own = Binary::of_platform(Platform::CURRENT.tuple).unwrap();
         assert_eq!(platforms_of(&own.bytes), [Platform::CURRENT.tuple]);
-        let message = Binary::of_platform("amiga").unwrap_err().to_string();
-        assert!(message.starts_with("platform `amiga` is not embedded in this program"), "{message}");
-        assert!(message.contains(Platform::CURRENT.tuple), "{message}");
+        for (name, says) in [
+            ("amiga", "platform `amiga` is not known, expected one of x86_64-linux, "),
+            ("linux64", "platform `linux64` is not known, expected the tuple `x86_64-linux`"),
+            ("x86_64_linux", "did you mean `x86_64-linux`?"),
+        ] {
+            let message = Binary::of_platform(name).unwrap_err().to_string();
+            assert!(message.contains(says), "{message}");
+        }
     }
 
     #[test]

@@ -9,9 +9,9 @@ use crate::{
             ModelDescription, ModelExchange, ModelStructure, NamingConvention, RealAttributes, ScalarVariable,
             UnitDefinition, Unknown, Variability, VariableType, Width,
         },
-        unit::BaseUnit,
     },
     surrogate::input_description,
+    unit::BaseUnit,
 };
 use metafmu_runtime::{
     Bounds, BuiltIn, Clock, DomainPolicy, Encoding, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output,

@@ -12,7 +12,6 @@ pub mod identifier;
 pub mod model_description;
 pub(crate) mod platform;
 pub mod system;
-pub mod unit;
 pub mod validate;
 pub mod worker;
 pub mod xml;

@@ -3,7 +3,7 @@
 //! Terms are those of the FMI standard. Variables are referred to by their position in
 //! [`ModelDescription::variables`], counted from 0; readers and writers translate.
 
-use super::unit::BaseUnit;
+use crate::unit::BaseUnit;
 use std::fmt;
 
 /// Everything in a modelDescription.xml that a host or a validator needs.
@@ -212,6 +212,20 @@ pub struct ScalarVariable {
     pub intermediate_update: bool,
     /// Other names it goes by.
     pub aliases: Vec<Alias>,
+}
+
+impl ScalarVariable {
+    /// Start value of a number; 0 or 1 of a boolean.
+    pub fn start_value(&self) -> Option<f64> {
+        match &self.kind {
+            VariableType::Real(real) => real.start,
+            VariableType::Integer(integer) | VariableType::Enumeration(integer) => {
+                integer.start.map(|start| start as f64)
+            }
+            VariableType::Boolean { start } => start.map(|start| f64::from(u8::from(start))),
+            _ => None,
+        }
+    }
 }
 
 /// Size of an array in one dimension.

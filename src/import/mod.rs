@@ -335,30 +335,21 @@ fn unit(options: &InterfaceInput) -> &str {
     if options.causality == InterfaceCausality::Time { "s" } else { &options.unit }
 }
 
-/// The columns of an interface's variables in a table, of the time that of its key or `time`.
+/// The columns of an interface's variables in a table, of the time that of its key or `time`; then those of `outputs`, names
+/// with their units.
 ///
 /// # Errors
-/// [`Error::Table`] if there is none, or if it has another unit.
-pub fn columns(table: &Table, interface: &ModelInterface) -> Result<Vec<usize>> {
-    let column = |(name, options): (&String, &InterfaceInput)| {
-        let found = table.column(name);
-        match options.causality {
-            InterfaceCausality::Time => found.or_else(|error| table.column(TIME).map_err(|_| error)),
-            _ => found,
-        }
+/// [`Error::Table`] with all that are missing, or with all that have another unit.
+pub fn columns<'a>(table: &Table, interface: &'a ModelInterface, outputs: &[(&'a str, &'a str)]) -> Result<Vec<usize>> {
+    let variable = |(name, options): (&'a String, &'a InterfaceInput)| {
+        let is_missing = options.causality == InterfaceCausality::Time && table.column(name).is_err();
+        (if is_missing && table.column(TIME).is_ok() { TIME } else { name.as_str() }, unit(options))
     };
-    let columns = interface.variables().map(column).collect::<Result<Vec<usize>>>()?;
-    check_units(table, columns.iter().copied().zip(interface.variables().map(|(_, options)| unit(options))))?;
+    let wanted = interface.variables().map(variable).chain(outputs.iter().copied());
+    let (names, units): (Vec<&str>, Vec<&str>) = wanted.unzip();
+    let columns = table.columns_of(&names)?;
+    table.check_units(columns.iter().copied().zip(units.into_iter().map(Some)))?;
     Ok(columns)
-}
-
-/// Checks that the units that columns have are those that are expected.
-///
-/// # Errors
-/// [`Error::Table`] with all that are not.
-pub fn check_units<'a>(table: &Table, expected: impl Iterator<Item = (usize, &'a str)>) -> Result<()> {
-    let problems: Vec<String> = expected.filter_map(|(column, unit)| table.unit_problem(column, Some(unit))).collect();
-    if problems.is_empty() { Ok(()) } else { Err(table.mistake_in_header(&problems.join("; "))) }
 }
 
 /// The rows of a table: the columns of an interface's variables.
@@ -367,7 +358,7 @@ pub fn check_units<'a>(table: &Table, expected: impl Iterator<Item = (usize, &'a
 /// [`Error::Table`], [`Error::Io`], [`Error::Import`] if there are no rows.
 pub fn rows(path: &Path, interface: &ModelInterface) -> Result<Vec<Vec<f64>>> {
     let mut table = Table::open(path)?;
-    let columns = columns(&table, interface)?;
+    let columns = columns(&table, interface, &[])?;
     let mut rows = Vec::new();
     while table.next_row()? {
         rows.push(columns.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?);

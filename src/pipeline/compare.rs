@@ -26,6 +26,7 @@ use std::{
     io::{BufWriter, Read},
     path::Path,
     process::{Child, Command, ExitStatus, Stdio},
+    sync::atomic::Ordering,
     time::{Duration, Instant},
 };
 
@@ -87,7 +88,7 @@ pub(super) struct ComparedNetwork {
     row: ModelRow,
 }
 
-/// Fits the baselines one after the other and writes the tables. A Ctrl-C leaves out those that are not done.
+/// Fits the baselines one after the other and writes the tables. A Ctrl-C leaves out those that are not done, and is used up.
 pub(super) fn stage(
     project: &Project,
     kinds: &[BaselineKind],
@@ -111,6 +112,8 @@ pub(super) fn stage(
         models.push(row);
     }
     project.event(Event::End);
+    // what follows is quick and needs none of the models
+    project.control().stop.store(false, Ordering::Relaxed);
     let (name, content_digest) = (project.study.name.clone(), network.content_digest);
     let comparison =
         Comparison { name, content_digest, test_runs: test.runs.len(), test_rows: test.row_count(), models };

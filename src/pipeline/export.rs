@@ -74,6 +74,13 @@ impl ExportPlan {
         Ok(Self { choice, binaries, sources: options.sources })
     }
 
+    /// Files of the FMUs of a project.
+    pub(super) fn files(&self, project: &Project) -> Vec<PathBuf> {
+        let (folder, name, about) = (project.folder(), &project.study.name, &project.study.export);
+        let target = ExportTarget { folder, name, alone: false, about };
+        self.wanted().map(|version| target.fmu(version)).collect()
+    }
+
     /// The versions to write.
     fn wanted(&self) -> impl Iterator<Item = FmiVersion> {
         let choice = self.choice;

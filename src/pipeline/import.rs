@@ -456,9 +456,10 @@ fn check(
 ) -> Result<Vec<OutputDifference>> {
     let mut table = Table::open(path)?;
     let outputs = surrogate.outputs();
-    let of_inputs = import::columns(&table, interface)?;
-    let of_outputs = outputs.iter().map(|output| table.column(&output.name)).collect::<Result<Vec<usize>>>()?;
-    import::check_units(&table, of_outputs.iter().copied().zip(outputs.iter().map(|output| output.unit.as_str())))?;
+    let expected: Vec<(&str, &str)> =
+        outputs.iter().map(|output| (output.name.as_str(), output.unit.as_str())).collect();
+    let mut of_inputs = import::columns(&table, interface, &expected)?;
+    let of_outputs = of_inputs.split_off(of_inputs.len() - outputs.len());
     let mut along = if surrogate.program().has_memory() { Some(roll_outs(surrogate, path)?.into_iter()) } else { None };
     let (mut evaluator, mut found) = (Evaluator::new(surrogate), vec![0.0; outputs.len()]);
     let mut largest = vec![(0.0f64, 0u64); outputs.len()];

@@ -1,6 +1,6 @@
 //! Simulations of the FMU of a discrete-time surrogate that start from measured outputs: the rule of [`super::predict()`] for its inputs.
 
-use super::predict::check_sample;
+use super::predict::{check_sample, partly_measured};
 use crate::{Result, diagnostics::names::listed, fmi::host::Inputs};
 use metafmu_runtime::{BuiltIn, Output, Surrogate};
 use std::path::Path;
@@ -8,18 +8,28 @@ use std::path::Path;
 /// Reads the inputs of an FMU from a CSV file, and the time of the first row if outputs are measured there.
 ///
 /// Columns of all outputs of a discrete-time surrogate are measured in rows with negative times: they become inputs,
-/// which the FMU uses up to the last of these rows. The outputs of other rows, and columns of some of the outputs, are
-/// not used; `tell` receives the latter.
+/// which the FMU uses up to the last of these rows. The outputs of other rows are not used; `tell` receives columns of some
+/// outputs.
 ///
 /// # Errors
-/// Those of [`Inputs::read_csv`]; [`Error::Table`](crate::Error::Table) with the line of a row before time 0 that is no sample.
+/// Those of [`Inputs::read_csv`]; [`Error::Table`](crate::Error::Table) with the line of a row before time 0 that is no sample, or
+/// that lacks some of the outputs.
 pub fn read_inputs(surrogate: &Surrogate, path: &Path, tell: impl Fn(&str)) -> Result<(Inputs, Option<f64>)> {
     let Some(sampling) = surrogate.program().sampling() else { return Ok((Inputs::read_csv(path)?, None)) };
     let position = |names: &[String], output: &Output| names.iter().position(|name| *name == output.name);
     let is_measured = |names: &[String]| surrogate.outputs().iter().all(|output| position(names, output).is_some());
     let problem = |inputs: &Inputs, time: f64| {
-        let is_measured = time < 0.0 && is_measured(&inputs.names);
-        is_measured.then(|| check_sample(&inputs.times, time, sampling.step)).flatten()
+        if time >= 0.0 {
+            return None;
+        }
+        let is_missing = |output: &&Output| position(&inputs.names, output).is_none();
+        let missing: Vec<&str> =
+            surrogate.outputs().iter().filter(is_missing).map(|output| output.name.as_str()).collect();
+        match missing.len() {
+            0 => check_sample(&inputs.times, time, sampling.step),
+            count if count == surrogate.outputs().len() => None,
+            _ => Some(partly_measured(&missing, &inputs.names.iter().map(String::as_str).collect::<Vec<_>>())),
+        }
     };
     let mut inputs = Inputs::read_csv_with(path, problem)?;
     let columns: Vec<usize> = surrogate.outputs().iter().filter_map(|output| position(&inputs.names, output)).collect();

@@ -29,6 +29,7 @@ pub mod sample;
 pub mod search;
 mod solver;
 mod speed;
+pub mod stages;
 pub mod static_map;
 pub mod train;
 pub mod trial;

@@ -7,7 +7,7 @@
 
 mod rows;
 
-pub(super) use rows::check_sample;
+pub(super) use rows::{check_sample, partly_measured};
 
 use super::{
     observer::{Control, CountedWork, Event},
@@ -20,9 +20,10 @@ use crate::{
     export::read_surrogate,
     surrogate,
     table::writer::{Block, Format, Labels, Values, Writer},
+    variable::DefaultValue,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::{BuiltIn, Domain, Evaluator, Output, Surrogate};
+use metafmu_runtime::{BuiltIn, Domain, Evaluator, Output, Role, Surrogate};
 use rayon::prelude::*;
 use rows::{Batch, LabeledRun, Points, RUN, Reader, TIME};
 use serde::Serialize;
@@ -45,6 +46,8 @@ pub struct PredictOptions {
     pub outputs: Vec<String>,
     /// Format of the result.
     pub format: Format,
+    /// Values of parameters, inputs and states at the start that the table has no column for.
+    pub defaults: Vec<DefaultValue>,
 }
 
 /// Result of a prediction.
@@ -137,7 +140,8 @@ fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_string_lossy().to_lowercase())
 }
 
-/// Predicts all rows of a table and writes them in the same order. The columns are `run` and `time` if the table has
+/// Predicts all rows of a table and writes them in the same order. Columns are found by name; a parameter or input without one
+/// is an error unless the options have its value. The columns are `run` and `time` if the table has
 /// them, the outputs, `in_domain` and `domain_distance`. `path`: the name of `to` in errors.
 ///
 /// # Errors
@@ -153,8 +157,10 @@ pub fn predict(
     let began = Instant::now();
     let Control { observer, stop, .. } = control;
     let predictor = Predictor::new(surrogate, &options.outputs, stop)?;
-    let tell = |line: &str| observer.event(Event::Message(format_args!("{line}")));
-    let reader = Reader::open(surrogate, table, stop, tell)?;
+    let reader = Reader::open(surrogate, table, stop, &options.defaults)?;
+    let [notes, doubts] = reader.notes_and_doubts();
+    notes.iter().for_each(|line| observer.event(Event::Message(format_args!("{line}"))));
+    doubts.iter().for_each(|line| observer.event(Event::Warning(format_args!("{line}"))));
     let mut writer = Writer::new(options.format, &predictor.columns(reader.has_labels()));
     let mut predicted = predictor.predicted();
     observer.event(Event::Begin { work: CountedWork::Rows, total: SHARES });
@@ -194,7 +200,11 @@ pub fn predict(
 /// [`Error::Io`], [`Error::Table`] with the problems of the table.
 pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool, Vec<f64>)>> {
     let stop = AtomicBool::new(false);
-    let mut reader = Reader::open(surrogate, table, &stop, |_| {})?;
+    // the start is part of the model that is checked
+    let starts = surrogate.inputs().iter().filter(|input| input.role == Role::Start);
+    let defaults: Vec<DefaultValue> =
+        starts.map(|input| DefaultValue { name: input.name.clone(), value: None }).collect();
+    let mut reader = Reader::open(surrogate, table, &stop, &defaults)?;
     let evaluator = Evaluator::new(surrogate);
     let width = surrogate.outputs().len();
     let mut rows = Vec::new();

@@ -22,6 +22,7 @@ use crate::{
     dataset::{DatasetColumns, Run},
     diagnostics::{KeyProblem, Problems},
     study::{Draft, Study, StudyStructure},
+    unit,
     variable::SourceVariable,
 };
 pub use journal::Journal;
@@ -207,7 +208,7 @@ impl Source {
 
 /// Values are in the source's own unit; a study with another one would be silently wrong.
 fn wrong_unit(key: &str, found: Option<&str>, expected: &str) -> Option<KeyProblem> {
-    let found = found.filter(|&found| found != expected)?;
+    let found = found.filter(|&found| !unit::is_same(found, expected))?;
     let expected = if expected.is_empty() { "no unit (dimensionless)".into() } else { format!("`{expected}`") };
     let message = format!("`{found}`, expected {expected}: values are in the source's unit");
     Some(KeyProblem { key: format!("{key}.unit"), message })

@@ -84,6 +84,41 @@ struct ColumnNames {
     outputs: Vec<String>,
 }
 
+/// Content of a table of recorded runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TableKind {
+    /// All runs, with their parameters.
+    Whole,
+    /// The parameters and the file of each run.
+    Index,
+    /// One run, without its parameters.
+    Run,
+}
+
+/// Positions of the columns of runs; those that a table of its kind does not have are empty or 0.
+struct RunColumns {
+    parameters: Vec<usize>,
+    time: usize,
+    /// Inputs, then outputs.
+    values: Vec<usize>,
+}
+
+impl ColumnNames {
+    /// Finds the columns in a table.
+    ///
+    /// # Errors
+    /// [`Error::Table`] with all that are missing.
+    fn find_in(&self, table: &Table, kind: TableKind) -> Result<RunColumns> {
+        let (of_point, of_rows) = (kind != TableKind::Run, kind != TableKind::Index);
+        let parameters = self.parameters.iter().filter(|_| of_point);
+        let rows = std::iter::once(&self.time).chain(&self.inputs).chain(&self.outputs).filter(|_| of_rows);
+        let file = (kind == TableKind::Index).then_some(&self.file);
+        let mut parameters = table.columns_of(&parameters.chain(rows).chain(file).collect::<Vec<_>>())?;
+        let mut values = parameters.split_off(if of_point { self.parameters.len() } else { 0 });
+        Ok(RunColumns { parameters, time: if of_rows { values.remove(0) } else { 0 }, values })
+    }
+}
+
 impl Recorded {
     /// Finds the study's parameters and outputs in the header of its table, or of its index and the first file there.
     ///
@@ -126,20 +161,26 @@ impl Recorded {
             motions: None,
         };
         let mut table = Table::open(&recorded.path)?;
+        // without states, or of an index, which is said elsewhere, there is nothing to read
+        let is_motion = study.has_states() && !study.states.is_empty() && !recorded.is_index;
+        match recorded.is_index {
+            _ if is_motion => recorded.names.find_motions(study, &table)?,
+            true => drop(recorded.names.find_in(&table, TableKind::Index)?),
+            false => drop(recorded.names.find_in(&table, TableKind::Whole)?),
+        }
         for ((name, options), column) in study.parameters.iter().zip(&recorded.names.parameters) {
             let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
             recorded.parameters.push(resolve(&table, column, name, unit, text)?);
         }
-        // without states, or of an index, which is said elsewhere, there is nothing to read
-        if study.has_states() && !study.states.is_empty() && !recorded.is_index {
+        if is_motion {
             return recorded.with_motions(study);
         }
         if recorded.is_index {
-            table.column(&recorded.names.file)?;
             table = match table.next_row()? {
                 true => recorded.open_run(&mut table)?,
                 false => return Err(table.mistake("the index has no rows")),
             };
+            recorded.names.find_in(&table, TableKind::Run)?;
         }
         for ((name, options), column) in study.outputs.iter().zip(&recorded.names.outputs) {
             let (unit, text) = (options.unit.as_deref(), options.description.as_deref());
@@ -267,11 +308,9 @@ impl Recorded {
     }
 
     fn read_long(&self, table: &mut Table, runs: &mut Runs) -> Result<()> {
-        let time = time_column(table, &self.names.time)?;
-        let has_label = table.columns().iter().any(|column| column.name == self.names.run);
-        let label = has_label.then(|| table.column(&self.names.run)).transpose()?;
-        let parameters = positions(table, &self.names.parameters)?;
-        let values = self.value_columns(table)?;
+        let RunColumns { parameters, time, values } = self.names.find_in(table, TableKind::Whole)?;
+        table.check_unit(time, Some("s"))?;
+        let label = table.optional_column(&self.names.run, &[parameters.as_slice(), &values].concat())?;
         while table.next_row()? {
             let point = self.point(table, &parameters)?;
             let name = match label {
@@ -301,29 +340,22 @@ impl Recorded {
     }
 
     fn read_index(&self, index: &mut Table, runs: &mut Runs) -> Result<()> {
+        let RunColumns { parameters, .. } = self.names.find_in(index, TableKind::Index)?;
         let file = index.column(&self.names.file)?;
-        let parameters = positions(index, &self.names.parameters)?;
         while index.next_row()? {
             let point = self.point(index, &parameters)?;
             let name = index.text(file)?.into_owned();
             runs.begin(index, name, point)?;
             let mut table = self.open_run(index)?;
-            let time = time_column(&table, &self.names.time)?;
-            let values = self.value_columns(&table)?;
-            for (&column, output) in values.iter().zip(self.input_variables.iter().chain(&self.outputs)) {
-                table.check_unit(column, Some(&output.unit))?;
-            }
+            let RunColumns { time, values, .. } = self.names.find_in(&table, TableKind::Run)?;
+            let units = self.input_variables.iter().chain(&self.outputs).map(|variable| Some(variable.unit.as_str()));
+            table.check_units(std::iter::once((time, Some("s"))).chain(values.iter().copied().zip(units)))?;
             while table.next_row()? {
                 runs.row(&mut table, time, &values)?;
             }
             runs.finish(&table)?;
         }
         Ok(())
-    }
-
-    /// Columns of the inputs, then of the outputs.
-    fn value_columns(&self, table: &Table) -> Result<Vec<usize>> {
-        Ok([positions(table, &self.names.inputs)?, positions(table, &self.names.outputs)?].concat())
     }
 
     /// Opens the file that a row of the index names.
@@ -397,16 +429,6 @@ pub(super) fn resolve(
     table.check_unit(position, unit)?;
     let unit = unit.or(table.columns()[position].unit()).unwrap_or_default();
     Ok(SourceVariable::new(name, unit, description.unwrap_or_default()))
-}
-
-fn time_column(table: &Table, name: &str) -> Result<usize> {
-    let position = table.column(name)?;
-    table.check_unit(position, Some("s"))?;
-    Ok(position)
-}
-
-fn positions(table: &Table, names: &[String]) -> Result<Vec<usize>> {
-    names.iter().map(|name| table.column(name)).collect()
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! The command as a user meets it: results, error messages, exit codes.
 
 mod fmus;
+mod interruptions;
 mod studies;
 
 use std::{

@@ -145,12 +145,17 @@ def test_an_interrupt_while_baselines_are_fitted_is_told_by_the_exit_code(tmp_pa
         '[baselines]\nbuild = ["linear", "gaussian-process"]\ngaussian-process = { rows = 10000 }\ntime_budget = 600\n'
     )
     command = [METAFMU, "build", study, "--out", tmp_path / "out"]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     while not (line := process.stderr.readline()).startswith("linear:"):
         assert line, "the build ended before the baselines"
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=60)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == 130
+    # the verdict and the report are there, and the last lines say what is missing
+    assert "report.html" in out and ("good" in out or "usable" in out or "rejected" in out)
+    assert (tmp_path / "out" / "report.html").exists()
+    ending = "stopped by Ctrl-C while models were compared\ndone: all files\nmissing: models of the comparison (gaussian-process)\ncontinue with: metafmu build "
+    assert ending in err and err.endswith(" --resume\n"), err
     rows = json.loads((tmp_path / "out" / "comparison.json").read_text())["models"]
     assert [(row["model"], row["status"], row["note"]) for row in rows][1:] == [
         ("linear", "fine", ""),

@@ -49,7 +49,7 @@ def test_what_cannot_be_packaged_is_refused_and_nothing_is_written(pendulum, tmp
         ([copy, "--model", "ridge"], "model `ridge`: is fitted to the runs of a study: expected a study file"),
         ([damaged, "--out", tmp_path], "damaged.safetensors: "),
         ([tmp_path / "none.safetensors"], "none.safetensors: cannot read"),
-        ([copy, "--out", tmp_path / "new", "--platform", "sparc-linux"], "platform `sparc-linux` is not embedded"),
+        ([copy, "--out", tmp_path / "new", "--platform", "sparc-linux"], "platform `sparc-linux` is not known"),
     ]:
         result = metafmu("export", *arguments, check=False)
         assert result.returncode == 2 and says in result.stderr, (result.returncode, result.stderr)

@@ -196,7 +196,7 @@ def test_a_platform_that_is_not_there_is_named(both, pendulum):
     result = metafmu(
         "export", "examples/single-pendulum.toml", "--out", pendulum.folder, "--platform", "amiga", check=False
     )
-    assert result.returncode == 2 and "`amiga` is not embedded" in result.stderr and "x86_64-linux" in result.stderr
+    assert result.returncode == 2 and "`amiga` is not known" in result.stderr and "x86_64-linux" in result.stderr
 
 
 @pytest.mark.quick

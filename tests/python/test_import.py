@@ -254,7 +254,9 @@ def test_constants_that_overflow_when_they_are_taken_together_are_refused(tmp_pa
     graph = graphs.model(nodes, {"c": np.full(3, 1e-200)}, kind=onnx.TensorProto.DOUBLE)
     (tmp_path / "model.onnx").write_bytes(graph.SerializeToString())
     pd.DataFrame(ROWS, columns=["a", "b", "c"]).to_csv(tmp_path / "rows.csv", index=False)
-    metafmu("import", "model.onnx", "--new", "interface.toml", "--data", "rows.csv", cwd=tmp_path)
+    written = metafmu("import", "model.onnx", "--new", "interface.toml", "--data", "rows.csv", cwd=tmp_path).stdout
+    command = "metafmu import model.onnx --interface interface.toml --data rows.csv"
+    assert written == f"interface.toml\nreview it, then import the model with `{command}`\n"
     run = metafmu("import", "model.onnx", "--interface", "interface.toml", "--data", "rows.csv", cwd=tmp_path, check=False)
     assert run.returncode == 2 and "model.onnx: constant folding of the graph produced NaN or infinity" in run.stderr, run.stderr
     assert not list(tmp_path.glob("*.safetensors"))

@@ -192,8 +192,14 @@ def test_the_command_says_what_it_does_not_use_and_which_row_is_no_sample(surrog
     fmu, path = surrogates("feedback").fmu(2), tmp_path / "inputs.csv"
     simulate = lambda text: (path.write_text(text), metafmu("simulate", fmu, "--input", path, "--output", tmp_path / "found.csv", check=False))[1]
     lines = rows().splitlines()
-    without_speed = simulate("\n".join(line.rsplit(",", 1)[0] for line in lines) + "\n")
-    assert without_speed.returncode == 0 and "columns that are not used: position" in without_speed.stderr
+    # some of the outputs are no start
+    (tmp_path / "some.csv").write_text("\n".join(line.rsplit(",", 1)[0] + (",gain" if line is lines[0] else f",{GAIN}") for line in lines) + "\n")
+    message = ".csv:2: a row before time 0 has measured outputs, and all outputs are needed there: no column `speed`, expected it among "
+    without_speed = ["\n".join(line.rsplit(",", 1)[0] for line in part) + "\n" for part in (lines, [lines[0], *lines[1 + GIVEN :]])]
+    for refused in (simulate(without_speed[0]), metafmu("predict", fmu, tmp_path / "some.csv", check=False)):
+        assert refused.returncode == 2 and message in refused.stderr, refused.stderr
+    after = simulate(without_speed[1])
+    assert after.returncode == 0 and "columns that are not used: position" in after.stderr
     assert read(tmp_path / "found.csv", ["time"])[0, 0] == 0.0
     # outputs after the start count for nothing
     after = simulate("\n".join([lines[0], *lines[1 + GIVEN :]]) + "\n")

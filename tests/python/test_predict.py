@@ -111,13 +111,46 @@ def test_parquet_has_the_same_values_and_types(pendulum, designs, tmp_path):
     assert found.run.to_list() == named.run.to_list()
 
 
-def test_a_missing_column_takes_the_start_value_and_other_columns_are_told(pendulum, designs, tmp_path):
-    expected, _ = predict(pendulum.fmu, designs.assign(c=0.075, thetad0=2.5), tmp_path)
-    found, done = predict(pendulum.fmu, designs.drop(columns=["c", "thetad0"]).assign(thetad_0=1.0), tmp_path)
+def test_missing_columns_are_one_error_unless_their_values_are_asked_for(pendulum, designs, tmp_path):
+    table = designs.drop(columns=["c"]).rename(columns={"L": "l", "thetad0": "thetad_0"})
+    found, done = predict(pendulum.fmu, table, tmp_path, check=False)
+    message = (
+        ":1: no columns `L`, `c`, `thetad0`, expected them among run, time, l, thetad_0; did you mean `l` for `L`, `thetad_0` for `thetad0`? "
+        "Not used: l, thetad_0. For constants: --default L=0.15 --default c=0.075 --default thetad0=2.5"
+    )
+    assert (found, done.returncode) == (None, 2) and message in done.stderr, done.stderr
+
+    expected, _ = predict(pendulum.fmu, designs.assign(c=0.075, thetad0=3.5), tmp_path)
+    table = designs.drop(columns=["c", "thetad0"]).assign(thetad_0=1.0, theta=0.0)
+    found, done = predict(pendulum.fmu, table, tmp_path, "--quiet", "--default", "c", "--default", "thetad0=3.5")
     pd.testing.assert_frame_equal(found, expected, check_exact=True)
-    assert "no column `c`: its start value, 0.075 kg.m/s, is used in all rows\n" in done.stderr
-    assert "no column `thetad0`: its start value, 2.5 rad/s, is used in all rows; did you mean `thetad_0`?" in done.stderr
-    assert "columns that are not used: thetad_0" in done.stderr
+    # what may be a mistake is said even so, and nothing else
+    assert done.stderr == "warning: `thetad0` has its default value, and the column `thetad_0` is not used\n"
+    _, done = predict(pendulum.fmu, table, tmp_path, "--default", "c", "--default", "thetad0=3.5")
+    assert "constant, without a column: c = 0.075 kg.m/s, thetad0 = 3.5 rad/s\ncolumns that are not used: thetad_0" in done.stderr
+    for option, says in [("C", "--default C: no such variable, expected one of"), ("c=x", "`x` is not a finite number")]:
+        _, done = predict(pendulum.fmu, table, tmp_path, "--default", option, check=False)
+        assert done.returncode == 2 and says in done.stderr
+
+
+def test_a_state_at_the_start_has_its_start_value_unless_a_column_may_be_meant(crane, tmp_path):
+    table = drive().drop(columns=[name for name in STARTS])
+    found, done = predict(crane.fmu(2), table, tmp_path)
+    assert len(found) == len(table) and "constant, without a column: rail.position_start = " in done.stderr
+    _, done = predict(crane.fmu(2), table.assign(angle0=0.2), tmp_path, check=False)
+    assert done.returncode == 2 and "no columns `rail.position_start`, " in done.stderr and "Not used: angle0. For constants: --default " in done.stderr
+    _, done = predict(crane.fmu(2), table.rename(columns={"run": "Run"}), tmp_path, check=False)
+    assert done.returncode == 2 and "Not used: Run." in done.stderr
+    _, done = predict(crane.fmu(2), drive().rename(columns={"run": "Run"}), tmp_path, check=False)
+    assert done.returncode == 2 and "column `Run`, expected the spelling `run`, or another name" in done.stderr
+
+
+def test_units_are_compared_by_their_meaning(pendulum, designs, tmp_path):
+    expected, _ = predict(pendulum.fmu, designs, tmp_path)
+    for units in [("m", "kg·m/s", "rad·s⁻¹"), ("m", "kg*m*s**-1", "rad s^-1"), ("m", "(kg m)/s", "rad/s")]:
+        names = {name: f"{name} [{unit}]" for name, unit in zip(PARAMETERS, units)}
+        found, _ = predict(pendulum.fmu, designs.rename(columns=names), tmp_path)
+        pd.testing.assert_frame_equal(found, expected, check_exact=True)
 
 
 def test_the_domain_is_that_of_the_fmu(pendulum, designs, tmp_path):
@@ -170,7 +203,7 @@ def test_what_cannot_be_computed_is_no_number_and_told(crane, tmp_path):
 
 
 POINTS = "time,L,c,thetad0\n0,0.12,0.05,1\n0.5,0.12,0.05,1\n"
-ROLL_OUT = "run,time,l,force\na,0,1.5,0\na,1,1.5,2\nb,0,1.2,0\n"
+ROLL_OUT = "run,time,l,force,m,b\na,0,1.5,0,1,1\na,1,1.5,2,1,1\nb,0,1.2,0,1,1\n"
 MISTAKES = [
     ("pendulum", POINTS.replace("0.5,0.12", "0.5,x"), ":3: column `L`: `x`, expected a finite number"),
     ("pendulum", POINTS.replace("0.5,0.12", "0.5,"), ":3: column `L`: is empty, expected a finite number"),
@@ -183,13 +216,13 @@ MISTAKES = [
         ":1: column `L`: unit `mm`, expected `m`; column `c`: unit `kg`, expected `kg.m/s`",
     ),
     ("pendulum", POINTS.replace("thetad0", "L"), ":1: column `L` is duplicated"),
-    ("pendulum", "time,L\n", ":1: the table has no rows"),
+    ("pendulum", "time,L,c,thetad0\n", ":1: the table has no rows"),
     ("pendulum", "", ":1: the table is empty"),
     ("crane", ROLL_OUT.replace("time", "t"), ":1: no column `time`"),
     ("crane", ROLL_OUT.replace("a,1,1.5,2", "a,0,1.5,2"), ":3: time 0 s is duplicated in run `a`"),
     ("crane", ROLL_OUT.replace("a,1,1.5,2", "a,-1,1.5,2"), ":3: time -1 s after 0 s in run `a`"),
     ("crane", ROLL_OUT.replace("a,1,1.5,2", "a,1,1.6,2"), ":3: column `l`: 1.6 after 1.5, expected one value in a run"),
-    ("crane", ROLL_OUT + "a,2,1.5,0\n", ":5: run `a` again, it began in line 2"),
+    ("crane", ROLL_OUT + "a,2,1.5,0,1,1\n", ":5: run `a` again, it began in line 2"),
     ("crane", ROLL_OUT.replace("b,0", ",0"), ":4: column `run`: is empty, expected the run's label"),
     ("crane", ROLL_OUT.replace("1.5,2", "1.5,inf"), ":3: column `force`: `inf`, expected a finite number"),
 ]
@@ -238,7 +271,8 @@ def test_what_is_no_surrogate_and_no_output_is_refused(pendulum, designs, tmp_pa
 def test_ctrl_c_ends_it_and_leaves_no_file(pendulum, tmp_path):
     table = tmp_path / "table"
     os.mkfifo(table)
-    process = subprocess.Popen([METAFMU, "predict", pendulum.fmu, table, "--out", tmp_path / "out.csv"], stderr=subprocess.PIPE)
+    defaults = ["--default", "c", "--default", "thetad0"]
+    process = subprocess.Popen([METAFMU, "predict", pendulum.fmu, table, "--out", tmp_path / "out.csv", *defaults], stderr=subprocess.PIPE)
     rows = b"0.5,0.15\n" * 10_000
 
     def write():

@@ -2,6 +2,7 @@
 
 use super::{
     Place,
+    interruption::Interruption,
     names::{did_you_mean, expected_one_of},
     numbers::exact,
     problem::Problem,
@@ -68,6 +69,12 @@ pub enum Error {
     /// Stopped by the user.
     #[error("stopped")]
     Interrupted,
+    /// A build that the user stopped.
+    #[error("{interruption}")]
+    Unfinished {
+        /// The results that are there, and those that are missing.
+        interruption: Interruption,
+    },
     /// A table is wrong.
     #[error("{}{}: {message}", path.display(), place.behind_path())]
     Table {
@@ -203,10 +210,17 @@ pub enum Error {
         /// The cause of the failure.
         message: String,
     },
+    /// A platform that does not exist.
+    #[error("platform `{tuple}` is not known, expected {expected}")]
+    UnknownPlatform {
+        /// The requested platform.
+        tuple: String,
+        /// The platform that was perhaps meant, or the known ones.
+        expected: String,
+    },
     /// A platform without an embedded library in this program.
     #[error(
-        "platform `{tuple}` is not embedded in this program, which has {}: add a library with `metafmu export --binary {tuple}=FILE`, or \
-         build metafmu with METAFMU_RUNTIMES",
+        "platform `{tuple}` has no library in this program, which has {}: add one with `metafmu export MODEL --binary {tuple}=FILE`",
         list_or_none(known)
     )]
     NotEmbedded {

@@ -1,6 +1,7 @@
 //! Errors and their locations: the one error type, problems by key, lines and keys of files, "did you mean".
 
 pub mod error;
+pub mod interruption;
 pub mod kinds;
 pub mod names;
 pub mod numbers;

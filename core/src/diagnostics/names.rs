@@ -1,6 +1,6 @@
 //! Names for people: lists of known names, and the one that was probably meant.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Text after an unknown name: the known names, and the closest one.
 pub fn expected_one_of(found: &str, known: &[&str]) -> String {
@@ -15,20 +15,81 @@ pub fn did_you_mean<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -
     closest(found, known).map_or(String::new(), |name| format!("; did you mean `{name}`?"))
 }
 
+/// Names that are wanted, in the names that there are: the one rule by which data are matched by name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NameMatch {
+    /// Position of each wanted name; none of those that are missing.
+    pub positions: Vec<Option<usize>>,
+    /// Positions of the names that nobody wants.
+    pub unused: Vec<usize>,
+}
+
+impl NameMatch {
+    /// Finds each of the wanted names.
+    pub fn of(wanted: &[&str], known: &[&str]) -> Self {
+        let places: HashMap<&str, usize> = known.iter().enumerate().map(|(place, name)| (*name, place)).collect();
+        let positions: Vec<Option<usize>> = wanted.iter().map(|name| places.get(name).copied()).collect();
+        let used: HashSet<usize> = positions.iter().flatten().copied().collect();
+        Self { positions, unused: (0..known.len()).filter(|place| !used.contains(place)).collect() }
+    }
+}
+
+/// Message for names that are missing among the known ones: all of them, each with the closest of the names that are not used.
+/// `kind` is what they name, for instance "column". None if nothing is missing.
+pub fn missing(kind: &str, missing: &[&str], known: &[&str], unused: &[&str]) -> Option<String> {
+    let quoted = |names: &[&str]| -> Vec<String> { names.iter().map(|name| format!("`{name}`")).collect() };
+    let texts = quoted(missing);
+    let texts: Vec<&str> = texts.iter().map(String::as_str).collect();
+    let expected = if known.is_empty() { "none".into() } else { listed(known) };
+    Some(match missing {
+        [] => return None,
+        [only] => {
+            let meant = did_you_mean(only, unused.iter().copied());
+            format!("no {kind} {}, expected it among {expected}{meant}", texts[0])
+        }
+        _ => {
+            // of thousands the first ones show what is wrong
+            let meant = missing.iter().take(SHOWN).filter_map(|name| {
+                let close = closest(name, unused.iter().copied())?;
+                Some(format!("`{close}` for `{name}`"))
+            });
+            let meant: Vec<String> = meant.collect();
+            let meant = if meant.is_empty() { String::new() } else { format!("; did you mean {}?", meant.join(", ")) };
+            format!("no {kind}s {}, expected them among {expected}{meant}", listed(&texts))
+        }
+    })
+}
+
+/// Returns true if two names differ in case, punctuation or a unit in brackets only.
+pub fn is_respelled(one: &str, other: &str) -> bool {
+    is_respelling(&spellings(one), &spellings(other))
+}
+
+/// `der(x)` and `der(y)` are two names: only one of them may be without its brackets.
+fn is_respelling([one, bare]: &[String; 2], [other, other_bare]: &[String; 2]) -> bool {
+    !one.is_empty() && (one == other || one == other_bare) || !other.is_empty() && bare == other
+}
+
+/// Names that a message lists.
+const SHOWN: usize = 20;
+
 /// The first names, and how many more there are.
 pub fn listed(names: &[&str]) -> String {
-    const SHOWN: usize = 20;
     match names.get(SHOWN..) {
         Some(more) if !more.is_empty() => format!("{} and {} more", names[..SHOWN].join(", "), more.len()),
         _ => names.join(", "),
     }
 }
 
-/// The known name that differs from `found` only in case, by a few letters, or because one extends the other. Of
-/// several equally close names, the first.
+/// The known name that differs from `found` only in case or punctuation, by a few letters, or because one extends the
+/// other. Of several equally close names, the first.
 pub fn closest<'a>(found: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
-    let found = folded(found);
-    let ranked = known.into_iter().filter_map(|name| Some((difference(&found, &folded(name))?, name)));
+    let (spelled, found) = (spellings(found), folded(found));
+    let distance = |name: &str| match is_respelling(&spelled, &spellings(name)) {
+        true => Some(0),
+        false => difference(&found, &folded(name)),
+    };
+    let ranked = known.into_iter().filter_map(|name| Some((distance(name)?, name)));
     ranked.min_by_key(|(difference, _)| *difference).map(|(_, name)| name)
 }
 
@@ -146,7 +207,8 @@ mod tests {
 
     #[test]
     fn what_is_close_is_found_and_nothing_else() {
-        let known = ["stop", "step", "learning_rate", "theta", "thetad", "L", "m", "Dämpfung", "training"];
+        let known =
+            ["stop", "step", "learning_rate", "theta", "thetad", "L", "m", "Dämpfung", "training", "der(x)", "x[0]"];
         for (found, expected) in [
             ("stp", Some("stop")),
             ("stpe", Some("step")),
@@ -163,11 +225,36 @@ mod tests {
             ("length", None),
             ("", None),
             ("omega", None),
+            ("L [m]", Some("L")),
+            ("x_0", Some("x[0]")),
         ] {
             assert_eq!(closest(found, known), expected, "{found}");
         }
+        assert!(
+            is_respelled("Run", "run") && is_respelled("speed [rad/s]", "Speed") && !is_respelled("der(x)", "der(y)")
+        );
         assert_eq!(did_you_mean("stepp", known), "; did you mean `step`?");
         assert_eq!(did_you_mean("x", known), "");
+    }
+
+    #[test]
+    fn all_missing_names_are_one_message_with_the_closest_unused_ones() {
+        let known = ["time", "l", "Speed", "x[0]", "c"];
+        let found = NameMatch::of(&["L", "speed", "x_0", "c"], &known);
+        assert_eq!((found.positions, found.unused), (vec![None, None, None, Some(4)], vec![0, 1, 2, 3]));
+        let unused = &known[..4];
+        assert_eq!(missing("column", &[], &known, unused), None);
+        assert_eq!(
+            missing("column", &["L"], &known, unused).unwrap(),
+            "no column `L`, expected it among time, l, Speed, x[0], c; did you mean `l`?"
+        );
+        assert_eq!(
+            missing("column", &["L", "mass", "x_0"], &known, unused).unwrap(),
+            "no columns `L`, `mass`, `x_0`, expected them among time, l, Speed, x[0], c; did you mean `l` for `L`, `x[0]` for `x_0`?"
+        );
+        // `c` has a use
+        assert_eq!(missing("input", &["C"], &["c"], &[]).unwrap(), "no input `C`, expected it among c");
+        assert_eq!(missing("column", &["a"], &[], &[]).unwrap(), "no column `a`, expected it among none");
     }
 
     #[test]

@@ -25,6 +25,7 @@ use crate::{
     },
     integrate::Budget,
     signal::Signal,
+    unit::is_same,
     variable::SourceVariable,
 };
 use indexmap::IndexMap;
@@ -100,7 +101,7 @@ impl Mechanism {
         let (mut problems, mut outputs) = (Problems::default(), Vec::new());
         for ((name, output), measure) in description.outputs.iter().zip(&measures) {
             let unit = measure.unit(&model);
-            if let Some(found) = output.unit.as_deref().filter(|&found| found != unit) {
+            if let Some(found) = output.unit.as_deref().filter(|&found| !is_same(found, unit)) {
                 let expected = if unit.is_empty() { "none".into() } else { format!("`{unit}`") };
                 problems.add(format!("outputs.{name}.unit"), format!("`{found}`, expected {expected}"));
             }

@@ -45,7 +45,7 @@ type TableContent = (Vec<f64>, Option<Vec<f64>>, Vec<TableValues>);
 fn read(path: &Path, columns: Option<&[String]>) -> crate::Result<TableContent> {
     let mut table = Table::open(path)?;
     let places = match columns {
-        Some(names) => names.iter().map(|name| table.column(name)).collect::<crate::Result<Vec<usize>>>()?,
+        Some(names) => table.columns_of(names)?,
         None if table.columns().len() >= 2 => vec![0, 1],
         None => return Err(table.mistake_in_header("one column, expected one of knots and one of values")),
     };

@@ -263,6 +263,18 @@ const MOTION_RUNS: usize = 8;
 /// Default number of runs of an FMU or a program from which a discrete-time model is learned.
 const DISCRETE_RUNS: usize = 30;
 
+/// Problem of the name of a study, after which files are named; none if it is valid.
+pub fn name_problem(name: &str) -> Option<String> {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+    if !name.starts_with(|c: char| c.is_ascii_alphabetic()) || !name.chars().all(is_plain) {
+        let expected = "expected a letter, then letters, digits, `-` and `_`";
+        return Some(format!("`{name}` is not a valid name: {expected}"));
+    }
+    let characters = name.chars().count();
+    (characters > MAX_NAME)
+        .then(|| format!("{characters} characters, expected at most {MAX_NAME}: files are named after it"))
+}
+
 /// Characters of a study's name, which is part of the names of files; most systems take 255.
 pub const MAX_NAME: usize = 100;
 
@@ -497,16 +509,7 @@ impl Study {
 
     fn name_problems(&self) -> Problems {
         let mut problems = Problems::default();
-        let plain = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
-        if !self.name.starts_with(|c: char| c.is_ascii_alphabetic()) || !self.name.chars().all(plain) {
-            let expected = "expected a letter, then letters, digits, `-` and `_`";
-            problems.add("name", format!("`{}` is not a valid name: {expected}", self.name));
-        }
-        let characters = self.name.chars().count();
-        if characters > MAX_NAME {
-            problems
-                .add("name", format!("{characters} characters, expected at most {MAX_NAME}: files are named after it"));
-        }
+        name_problem(&self.name).into_iter().for_each(|problem| problems.add("name", problem));
         problems
     }
 

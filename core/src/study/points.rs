@@ -12,12 +12,9 @@ use std::path::Path;
 /// [`Error::Io`](crate::Error::Io), or [`Error::Table`](crate::Error::Table) with the line that is wrong.
 pub fn read_points(path: &Path, parameters: &IndexMap<String, ParameterOptions>) -> Result<Vec<Vec<f64>>> {
     let mut table = Table::open(path)?;
-    let mut columns = Vec::new();
-    for (name, options) in parameters {
-        let column = table.column(name)?;
-        table.check_unit(column, options.unit.as_deref())?;
-        columns.push((column, options));
-    }
+    let columns: Vec<(usize, &ParameterOptions)> =
+        table.columns_of(&parameters.keys().collect::<Vec<_>>())?.into_iter().zip(parameters.values()).collect();
+    table.check_units(columns.iter().map(|(column, options)| (*column, options.unit.as_deref())))?;
     let mut points: IndexMap<Vec<u64>, Place> = IndexMap::new();
     while table.next_row()? {
         let mut point = Vec::with_capacity(columns.len());

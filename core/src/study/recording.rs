@@ -6,6 +6,7 @@ use crate::{
     files,
     signal::{Knots, Signal},
     table::{Table, TableColumn},
+    unit,
 };
 use std::path::{Path, PathBuf};
 
@@ -34,7 +35,8 @@ impl Recording {
     /// number, times do not ascend, there are less than two rows.
     pub fn read(path: &Path, input: &str) -> Result<Self> {
         let mut table = Table::open(path)?;
-        let (time, value) = (table.column("time")?, table.column(input)?);
+        let columns = table.columns_of(&["time", input])?;
+        let (time, value) = (columns[0], columns[1]);
         table.check_unit(time, Some("s"))?;
         let (mut times, mut values) = (Vec::new(), Vec::new());
         let mut extremes = [(f64::INFINITY, Place::Whole), (f64::NEG_INFINITY, Place::Whole)];
@@ -80,11 +82,11 @@ impl Recording {
     }
 
     /// The reason why it does not suit an input with this unit and range; none if it does.
-    pub fn unfit(&self, unit: &str, [min, max]: [f64; 2]) -> Option<String> {
+    pub fn unfit(&self, expected: &str, [min, max]: [f64; 2]) -> Option<String> {
         let TableColumn { name, unit: own } = &self.column;
         let path = self.path.display();
-        if let Some(own) = own.as_ref().filter(|own| *own != unit) {
-            return Some(format!("{path}: column `{name}`: unit `{own}`, expected `{unit}`"));
+        if let Some(own) = own.as_ref().filter(|own| !unit::is_same(own, expected)) {
+            return Some(format!("{path}: column `{name}`: unit `{own}`, expected `{expected}`"));
         }
         let (value, place) = self.extremes.into_iter().find(|(value, _)| !(min..=max).contains(value))?;
         let place = place.behind_path();

@@ -143,9 +143,10 @@ pub(super) fn complete(
     stop: f64,
     table: &mut Table,
 ) -> Result<()> {
-    let position = |name: &str| table.column(columns.get(name).map_or(name, String::as_str));
-    let (time, positions) = (position("time")?, states.keys().map(|name| position(name)));
-    let positions = positions.collect::<Result<Vec<usize>>>()?;
+    let names = ["time"].into_iter().chain(states.keys().map(String::as_str));
+    let names: Vec<&str> = names.map(|name| columns.get(name).map_or(name, String::as_str)).collect();
+    let mut positions = table.columns_of(&names)?;
+    let time = positions.remove(0);
     let mut found = vec![[f64::INFINITY, f64::NEG_INFINITY]; positions.len()];
     while table.next_row()? {
         let is_learned = table.number(time)? <= stop * (1.0 + 1e-9);

@@ -17,8 +17,8 @@ import numpy as np
 PROTOCOL = 1
 
 
-def source(*, parameters=None, outputs, inputs=None, states=None, stop=None, step=None, description=None):
-    """Turns a function or class into a source that `metafmu` samples.
+def source(model=None, /, *, parameters=None, outputs=None, inputs=None, states=None, stop=None, step=None, description=None):
+    """Turns a function or class into a source that `metafmu` samples. ``outputs`` is required; a decorator without arguments raises TypeError.
 
     >>> @source(parameters={"k": {"min": 1.0, "max": 2.0, "unit": "1/s"}}, outputs={"x": "m"}, stop=2.0, step=0.01)
     ... def decay(times, parameters):
@@ -39,6 +39,12 @@ def source(*, parameters=None, outputs, inputs=None, states=None, stop=None, ste
     :class:`metafmu.Study` builds a surrogate of it. Or a script ends with ``if __name__ == "__main__": decay.serve()``; then
     `metafmu new NAME --command python SCRIPT` writes its study.
     """
+
+    if model is not None:
+        found = getattr(model, "__name__", repr(model))
+        raise TypeError(f'@metafmu.source has no arguments for `{found}`, expected for instance @metafmu.source(outputs={{"x": "m"}}, stop=1.0, step=0.01)')
+    if not outputs:
+        raise TypeError('metafmu.source has no outputs, expected a dict of names to units, for instance outputs={"x": "m"}')
 
     def decorate(model):
         about = {"description": _sentence(model) if description is None else description}
@@ -78,8 +84,15 @@ class Source:
     def __call__(self, times, parameters, inputs=None, states=None):
         """Outputs of a run: a dict of arrays, each with a number for each of ``times``, in seconds.
 
-        ``parameters``, ``states``: numbers by name, missing ones have their start values; ``inputs``: arrays of values at the times.
+        ``parameters``, ``states``: numbers by name, missing ones have their start values; ``inputs``: arrays of values at the times, for each
+        input. Raises :class:`metafmu.Error` for names that the source does not have, and for missing inputs.
         """
+        self._refuse("states", "state", states or {}, self._about["states"])
+        self._refuse("inputs", "input", inputs or {}, self._about["inputs"])
+        self._refuse("inputs", "input", self._about["inputs"], inputs or {})
+        return self._run(times, parameters, inputs, states)
+
+    def _run(self, times, parameters, inputs, states):
         times = np.asarray(times, float)
         parameters = self._complete(parameters)
         inputs = {name: np.asarray(values, float) for name, values in (inputs or {}).items()}
@@ -118,7 +131,7 @@ class Source:
             return {"protocol": PROTOCOL} | self._about
         parameters, inputs, states = (request.get(section, {}) for section in ("parameters", "inputs", "states"))
         if request["request"] == "run":
-            found = self(request["times"], parameters, inputs, states)
+            found = self._run(request["times"], parameters, inputs, states)
             return {"outputs": {name: _list(found[name]) for name in request["outputs"]}}
         if request["request"] == "equations":
             columns = [*parameters.values(), *inputs.values(), *states.values()]
@@ -144,7 +157,17 @@ class Source:
             raise ValueError(f"the mass matrix has shape {masses.shape[1:]}, expected {(len(rates), len(rates))}")
         return {row: {column: masses[:, i, k].tolist() for k, column in enumerate(rates)} for i, row in enumerate(rates)}
 
+    @staticmethod
+    def _refuse(what, kind, wanted, known):
+        """Raises :class:`metafmu.Error` with all wanted names that are not known, each with the closest known one that nothing wants."""
+        if any(name not in known for name in wanted):
+            # not by a worker, whose requests have the names of the source
+            from ._metafmu import Error, missing
+
+            raise Error(f"{what}: {missing(kind, [str(name) for name in wanted], [str(name) for name in known])}")
+
     def _complete(self, parameters):
+        self._refuse("parameters", "parameter", parameters, self._about["parameters"])
         known = self._about["parameters"].items()
         return {name: _start(options) for name, options in known if _start(options) is not None} | dict(parameters)
 

@@ -48,9 +48,7 @@ def rows_of(x, names, what="X"):
     """
     if is_frame(x):
         known = [str(column) for column in x.columns]
-        missing = [name for name in names if name not in known]
-        if missing:
-            raise _metafmu.Error(f"{what} has no column {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(known)}")
+        refuse_missing(what, "column", names, known)
         of_name = dict(zip(known, x.columns))
         x = np.column_stack([numbers_of(x[of_name[name]], f"{what}: `{name}`") for name in names])
     if isinstance(x, Mapping):
@@ -64,6 +62,12 @@ def rows_of(x, names, what="X"):
     if x.ndim != 2 or x.shape[1] != len(names):
         raise _metafmu.Error(f"{what} has the shape {x.shape}, expected (rows, {len(names)}): {', '.join(names[:20])}")
     return np.ascontiguousarray(x)
+
+
+def refuse_missing(what, kind, wanted, known):
+    """Raises :class:`metafmu.Error` with all wanted names that are not known, each with the closest known one that nothing wants."""
+    if problem := _metafmu.missing(kind, list(wanted), [str(name) for name in known]):
+        raise _metafmu.Error(f"{what}: {problem}")
 
 
 def is_frame(x):
@@ -102,6 +106,10 @@ def data_rows(data, names, columns):
         raise _metafmu.Error(f"data has the columns {', '.join(columns[:20])} and {', '.join(names[:20])}, expected those of the model or those of `inputs`")
     if found:
         return rows_of(data, found[0], "data")
+    for wanted in (columns, names):
+        # some of the names: the others are misspelled
+        if not set(there).isdisjoint(wanted):
+            refuse_missing("data", "column", wanted, there)
     if len(there) == len(names) and set(there).isdisjoint([*columns, *names]):
         for what, wanted in (("the model's columns", columns), ("`inputs`", names)):
             if problem := _metafmu.out_of_order(("`data`", there), (what, wanted)):
@@ -294,8 +302,9 @@ class Surrogate:
         """Simulates a surrogate with states from the first of the times on; returns outputs of shape (times, outputs).
 
         ``time``: ascending, in seconds. ``inputs``: input signals at these times, of shape (times, inputs), or a DataFrame or dict with a
-        column for each. They are linear between the times; a discrete-time surrogate holds them from sample to sample. ``parameters``:
-        numbers by name, also the ``..._start`` of states; others keep their start values.
+        column for each. A column that is missing is an error, which names the closest column there is. They are linear between the times; a
+        discrete-time surrogate holds them from sample to sample. ``parameters``: numbers by name, also the ``..._start`` of states; names that
+        the surrogate does not have are an error, and parameters that are not given keep their start values.
 
         ``history``: measurements before the first of the times, for a discrete-time surrogate. They are rows of inputs and outputs, of
         shape (rows, inputs + outputs), or a DataFrame or dict with a column for each. Rows are :attr:`sample_time` apart, and the last one
@@ -318,9 +327,8 @@ class Surrogate:
         constants = {item["name"]: item["start"] for item in items if item["role"]["causality"] != "input"}
         if not isinstance(parameters or {}, Mapping):
             raise _metafmu.Error(f"parameters: {parameters!r}, expected a dict of numbers by name")
+        refuse_missing("parameters", "parameter", parameters or {}, constants)
         for name, value in (parameters or {}).items():
-            if name not in constants:
-                raise _metafmu.Error(f"no parameter `{name}`, expected one of {', '.join(constants)}")
             given = numbers_of(value, f"parameter `{name}`")
             if given.ndim or not math.isfinite(given):
                 raise _metafmu.Error(f"parameter `{name}`: {value}, expected a finite number")
@@ -345,8 +353,7 @@ class Surrogate:
             raise _metafmu.Error(f"`{self.name}` has no past samples, expected a discrete-time surrogate: `parameters` has the states at the start")
         if isinstance(history, Mapping):
             given = [name for name in (*names, "time") if name in history]
-            if missing := [name for name in names if name not in given]:
-                raise _metafmu.Error(f"history has no {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(map(str, history))}")
+            refuse_missing("history", "column", names, history)
             columns = {name: numbers_of(history[name], f"history: `{name}`") for name in given}
             if len({column.shape for column in columns.values()}) > 1 or columns[given[0]].ndim != 1:
                 shapes = ", ".join(f"`{name}` {column.shape}" for name, column in columns.items())
@@ -413,8 +420,7 @@ class Surrogate:
 def _driving(inputs, names, count):
     """Inputs at each time, of shape (times, inputs)."""
     if isinstance(inputs, Mapping):
-        if missing := [name for name in names if name not in inputs]:
-            raise _metafmu.Error(f"inputs has no {', '.join(f'`{name}`' for name in missing)}, it has {', '.join(map(str, inputs))}")
+        refuse_missing("inputs", "input", names, inputs)
         columns = [numbers_of(inputs[name], f"inputs: `{name}`") for name in names]
         if wrong := [f"`{name}` {column.shape}" for name, column in zip(names, columns) if column.shape not in ((), (1,), (count,))]:
             raise _metafmu.Error(f"inputs: {wrong[0]}, expected a number or {count}, one for each time")

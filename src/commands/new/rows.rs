@@ -2,7 +2,7 @@
 
 use super::{
     StudyTarget, key, quoted,
-    table::{columns_of, given},
+    table::{columns_of, given_all},
 };
 use crate::{
     cli::NewArgs,
@@ -189,8 +189,7 @@ fn survey(table: &mut Table) -> Result<(Vec<RowColumn>, usize)> {
 }
 
 fn roles<'a>(table: &Table, columns: &'a [RowColumn], args: &NewArgs) -> Result<RowRoles<'a>> {
-    let wanted = |names: &[String]| -> Result<Vec<usize>> { names.iter().map(|name| given(table, name)).collect() };
-    let (wanted_inputs, wanted_outputs) = (wanted(&args.inputs)?, wanted(&args.outputs)?);
+    let (wanted_inputs, wanted_outputs) = (given_all(table, &args.inputs)?, given_all(table, &args.outputs)?);
     if let Some(both) = wanted_inputs.iter().find(|position| wanted_outputs.contains(position)) {
         let problem =
             format!("column `{}` is among --inputs and --outputs, expected one of them", columns[*both].title);

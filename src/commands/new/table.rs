@@ -134,8 +134,8 @@ pub(super) fn survey(file: &Path, args: &NewArgs) -> Result<Survey> {
 /// Finds the inputs among the columns that change in a run.
 fn find_inputs(file: &Path, args: &NewArgs, roles: &mut Roles) -> Result<()> {
     let table = Table::open(file)?;
-    let wanted = args.inputs.iter().map(|name| Ok(table.columns()[given(&table, name)?].name.clone()));
-    let wanted: Vec<String> = wanted.collect::<Result<_>>()?;
+    let wanted = given_all(&table, &args.inputs)?.into_iter();
+    let wanted: Vec<String> = wanted.map(|column| table.columns()[column].name.clone()).collect();
     let is_wanted = |column: &&ColumnProfile| match wanted.is_empty() {
         true => drives(&column.title),
         false => wanted.contains(&column.title),
@@ -160,10 +160,20 @@ fn drives(title: &str) -> bool {
     INPUTS.iter().any(begins)
 }
 
+/// Positions of columns by their names, with their units or without.
+pub(super) fn given_all<T: AsRef<str>>(table: &Table, names: &[T]) -> Result<Vec<usize>> {
+    let is_there = |name: &str| table.columns().iter().any(|column| column.name == name);
+    let known = |name: &T| {
+        let name = name.as_ref();
+        let bare = name.split(['[', '(']).next().unwrap_or_default().trim();
+        if !is_there(name) && is_there(bare) { bare.to_owned() } else { name.to_owned() }
+    };
+    table.columns_of(&names.iter().map(known).collect::<Vec<String>>())
+}
+
 /// Position of a column by its name, with its unit or without.
-pub(super) fn given(table: &Table, name: &str) -> Result<usize> {
-    let bare = name.split(['[', '(']).next().unwrap_or_default().trim();
-    table.column(name).or_else(|error| table.column(bare).map_err(|_| error))
+fn given(table: &Table, name: &str) -> Result<usize> {
+    given_all(table, &[name]).map(|columns| columns[0])
 }
 
 /// Position of the column that is the time by its name.

@@ -3,9 +3,10 @@
 use super::FmuInstance;
 use crate::{
     Error, Result,
-    diagnostics::Place,
+    diagnostics::{Place, names::expected_one_of},
     fmi::model_description::{Causality, ModelDescription, ScalarVariable, Variability},
     reading,
+    variable::{DefaultValue, MatchedVariables, Need, WantedVariable, match_variables},
 };
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -92,6 +93,57 @@ impl Inputs {
             Ok(variable)
         };
         Ok(InputDriver { inputs: self, variables: self.names.iter().map(find).collect::<Result<_>>()? })
+    }
+
+    /// Matches the columns with the inputs of a description. Returns the values of inputs without a column, which
+    /// `defaults` must ask for, and lines about them. Inputs for which `is_optional` is true may keep their start values.
+    ///
+    /// # Errors
+    /// A message with all inputs that lack a column, and all columns that are no inputs.
+    pub fn complete<'a>(
+        &'a self,
+        description: &'a ModelDescription,
+        is_optional: impl Fn(&str) -> bool,
+        defaults: &[DefaultValue],
+    ) -> std::result::Result<(Vec<(String, f64)>, MatchedVariables), String> {
+        let is_wanted = |variable: &&ScalarVariable| {
+            let is_number = variable.kind.is_number() && variable.dimensions.is_empty();
+            variable.causality == Causality::Input && is_number && !is_optional(&variable.name)
+        };
+        let inputs: Vec<&ScalarVariable> = description.variables.iter().filter(is_wanted).collect();
+        let wanted = |variable: &&'a ScalarVariable| WantedVariable {
+            name: &variable.name,
+            unit: description.unit_of(variable).unwrap_or_default(),
+            start: variable.start_value(),
+            need: Need::DataOrDefault,
+        };
+        let wanted: Vec<WantedVariable> = inputs.iter().map(wanted).collect();
+        // columns may have other names of a variable
+        let named = |name: &'a String| description.variable(name).map_or(name.as_str(), |variable| &variable.name);
+        let columns: Vec<&str> = self.names.iter().map(named).collect();
+        let is_input =
+            |name: &str| description.variable(name).is_some_and(|variable| variable.causality == Causality::Input);
+        let other: Vec<&str> = columns.iter().copied().filter(|name| is_input(name)).collect();
+        let matched = match_variables(&wanted, &columns, &other, defaults);
+        let others = self.names.iter().filter(|name| !is_input(name)).map(|name| match description.variable(name) {
+            Some(variable) if variable.causality == Causality::Parameter => format!(
+                "column `{name}` is a parameter of the FMU, and only inputs change over time: --start {name}=VALUE sets it"
+            ),
+            Some(_) => format!("column `{name}` is not an input of the FMU; only inputs change over time"),
+            None => {
+                let known: Vec<&str> = wanted.iter().map(|variable| variable.name).collect();
+                format!("column `{name}` is no variable of the FMU, {}", expected_one_of(name, &known))
+            }
+        });
+        let problems: Vec<String> = matched.as_ref().err().cloned().into_iter().chain(others).collect();
+        match matched {
+            Ok(matched) if problems.is_empty() => {
+                let constant = wanted.iter().zip(&matched.columns).zip(&matched.values);
+                let constant = constant.filter(|((_, column), _)| column.is_none());
+                Ok((constant.map(|((variable, _), value)| (variable.name.to_owned(), *value)).collect(), matched))
+            }
+            _ => Err(problems.join("; ")),
+        }
     }
 
     fn rows_until(&self, time: f64) -> usize {
@@ -228,6 +280,31 @@ mod tests {
             assert_eq!(found, jumps);
             assert_eq!([0, 1, 3, 4, 5].map(|rows| driver.vary(rows)), varies);
         }
+    }
+
+    #[test]
+    fn every_input_has_a_column_or_a_value_and_every_column_is_an_input() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = crate::export::testing::fmu_with_input(folder.path(), crate::fmi::FmiVersion::V2);
+        let (mut description, _) = crate::fmi::host::describe(&path, None).unwrap();
+        let speed = description.variable("speed").unwrap().clone();
+        description.variables.push(ScalarVariable { name: "brake".into(), ..speed });
+        let complete = |text: &str, defaults: &[&str]| {
+            let defaults: Vec<DefaultValue> = defaults.iter().map(|text| DefaultValue::parse(text).unwrap()).collect();
+            let inputs = read(text).unwrap();
+            inputs.complete(&description, |_| false, &defaults).map(|(constants, _)| constants)
+        };
+        assert_eq!(complete("time,brake,speed\n0,1,2\n", &[]), Ok(Vec::new()));
+        assert_eq!(complete("time,speed\n0,1\n", &["brake=0.25"]), Ok(vec![("brake".into(), 0.25)]));
+        let message = complete("time,Speed,length\n0,1,2\n", &[]).unwrap_err();
+        for says in [
+            "no columns `speed`, `brake`, expected them among Speed, length; did you mean `Speed` for `speed`?",
+            "column `Speed` is no variable of the FMU, expected one of speed, brake; did you mean `speed`?",
+            "column `length` is a parameter of the FMU",
+        ] {
+            assert!(message.contains(says), "{message}");
+        }
+        assert!(complete("time,speed\n0,1\n", &["Brake"]).unwrap_err().contains("--default Brake: no such variable"));
     }
 
     #[test]

@@ -12,6 +12,7 @@ use crate::{
         host::is_settable,
         model_description::{Causality, ScalarVariable, VariableType},
     },
+    unit::is_same,
 };
 
 /// When and how a system is run.
@@ -118,7 +119,7 @@ impl FmuSystem {
             }
             let unit = description.unit_of(variable);
             if let (Some(found), Some(expected)) = (value.unit.as_deref(), unit)
-                && found != expected
+                && !is_same(found, expected)
             {
                 problems
                     .push(wrong(format!("is set in {found}, expected its unit {expected}: units are not converted")));

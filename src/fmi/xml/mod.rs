@@ -74,7 +74,7 @@ impl XmlProblem {
 mod tests {
     use super::*;
     use crate::fmi::model_description::*;
-    use crate::fmi::unit::BaseUnit;
+    use crate::unit::BaseUnit;
 
     /// Something of everything that both versions have.
     fn description(fmi_version: FmiVersion) -> ModelDescription {

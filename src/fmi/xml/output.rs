@@ -1,7 +1,7 @@
 //! Output that the writers of both versions share: elements, attributes, numbers, and parts that look the same in both.
 
-use crate::fmi::{
-    model_description::{DefaultExperiment, DisplayUnit, ModelDescription, Named, UnitDefinition, Unknown},
+use crate::{
+    fmi::model_description::{DefaultExperiment, DisplayUnit, ModelDescription, Named, UnitDefinition, Unknown},
     unit::BaseUnit,
 };
 use std::fmt::Write;

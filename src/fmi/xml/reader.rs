@@ -1,8 +1,8 @@
 //! Reads modelDescription.xml of any version; what both versions have in common.
 
 use super::{XmlProblem, schema, tree::Element};
-use crate::fmi::{
-    model_description::{
+use crate::{
+    fmi::model_description::{
         DefaultExperiment, DependencyKind, DisplayUnit, FmiVersion, ModelDescription, Named, UnitDefinition,
     },
     unit::BaseUnit,

@@ -3,12 +3,13 @@
 use crate::{
     Error, Result,
     dataset::Run,
-    diagnostics::names::{did_you_mean, listed},
+    diagnostics::names::{self, NameMatch},
     table::{
         Table,
         runs::{self, check_constants, check_time},
         writer::Labels,
     },
+    variable::{DefaultValue, MatchedVariables, Need, WantedVariable, match_variables},
 };
 use metafmu_runtime::{Input, Role, Surrogate};
 use std::{
@@ -53,14 +54,18 @@ pub(super) struct LabeledRun {
 
 /// Columns of a table with the values of a surrogate.
 struct PredictionColumns {
-    /// Column of each input; none for those that keep their start value.
+    /// Column of each input; none for those with a constant value.
     inputs: Vec<Option<usize>>,
+    /// Values of the inputs without a column.
+    values: Vec<f64>,
     /// Column of the time, for a surrogate with states.
     time: Option<usize>,
     run: Option<usize>,
     /// Columns of the outputs of a discrete-time surrogate, which are measured before the start; empty if one is
     /// missing.
     measured: Vec<usize>,
+    /// The problem of rows before the start, if some of these columns are missing and others are not.
+    unmeasured: Option<String>,
 }
 
 /// A table that is being read for a surrogate.
@@ -71,6 +76,8 @@ pub(super) struct Reader<'a> {
     columns: PredictionColumns,
     labels: runs::RunLabels,
     current: Option<PredictionRun>,
+    /// Notes and doubts about the header.
+    matched: MatchedVariables,
 }
 
 /// The run that is being read.
@@ -84,8 +91,7 @@ struct PredictionRun {
 }
 
 impl<'a> Reader<'a> {
-    /// Opens a table and finds the surrogate's inputs in its header; `tell` receives the missing and the unused
-    /// columns.
+    /// Opens a table and finds the surrogate's inputs in its header.
     ///
     /// # Errors
     /// [`Error::Io`], [`Error::Table`] with all that is wrong with the header.
@@ -93,11 +99,16 @@ impl<'a> Reader<'a> {
         surrogate: &'a Surrogate,
         path: &Path,
         stop: &'a AtomicBool,
-        tell: impl Fn(&str),
+        defaults: &[DefaultValue],
     ) -> Result<Self> {
         let table = Table::open_stream(path)?;
-        let columns = PredictionColumns::find(surrogate, &table, tell)?;
-        Ok(Self { surrogate, stop, table, columns, labels: runs::RunLabels::default(), current: None })
+        let (columns, matched) = PredictionColumns::find(surrogate, &table, defaults)?;
+        Ok(Self { surrogate, stop, table, columns, labels: runs::RunLabels::default(), current: None, matched })
+    }
+
+    /// Lines about inputs without a column and columns without a use, and about those that perhaps belong together.
+    pub(super) fn notes_and_doubts(&self) -> [&[String]; 2] {
+        [&self.matched.notes, &self.matched.doubts]
     }
 
     /// Returns true if the rows have labels.
@@ -147,8 +158,8 @@ impl<'a> Reader<'a> {
     }
 
     fn read_point(&mut self, Points { labels, values }: &mut Points) -> Result<()> {
-        for (column, input) in self.columns.inputs.iter().zip(self.surrogate.inputs()) {
-            values.push(column.map_or(Ok(input.start), |column| self.table.number(column))?);
+        for (column, value) in self.columns.inputs.iter().zip(&self.columns.values) {
+            values.push(column.map_or(Ok(*value), |column| self.table.number(column))?);
         }
         if let (Some(labels), Some(run)) = (labels, self.columns.run) {
             labels.push(&self.table.text(run)?);
@@ -174,9 +185,12 @@ impl<'a> Reader<'a> {
         let Self { surrogate, table, columns, current, labels, .. } = self;
         let time = columns.time.map_or(Ok(0.0), |column| table.number(column))?;
         let (mut constants, mut inputs) = (Vec::new(), Vec::new());
-        for (column, input) in columns.inputs.iter().zip(surrogate.inputs()) {
-            let value = column.map_or(Ok(input.start), |column| table.number(column))?;
+        for ((column, value), input) in columns.inputs.iter().zip(&columns.values).zip(surrogate.inputs()) {
+            let value = column.map_or(Ok(*value), |column| table.number(column))?;
             if input.role == Role::Input { &mut inputs } else { &mut constants }.push(value);
+        }
+        if let Some(problem) = columns.unmeasured.as_ref().filter(|_| time < 0.0) {
+            return Err(table.mistake(problem));
         }
         let measured = if time < 0.0 { columns.measured.as_slice() } else { &[] };
         let mut outputs = measured.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?;
@@ -236,43 +250,55 @@ impl PredictionRun {
 }
 
 impl PredictionColumns {
-    fn find(surrogate: &Surrogate, table: &Table, tell: impl Fn(&str)) -> Result<Self> {
+    fn find<'a>(
+        surrogate: &'a Surrogate,
+        table: &Table,
+        defaults: &[DefaultValue],
+    ) -> Result<(Self, MatchedVariables)> {
         let names: Vec<&str> = table.columns().iter().map(|column| column.name.as_str()).collect();
-        let position = |name: &str| names.iter().position(|other| *other == name);
-        let inputs: Vec<Option<usize>> = surrogate.inputs().iter().map(|input| position(&input.name)).collect();
+        let outputs: Vec<&str> = surrogate.outputs().iter().map(|output| output.name.as_str()).collect();
         let has_states = surrogate.program().has_memory();
-        let time = if has_states { position(TIME) } else { None };
-        let measured =
-            || surrogate.outputs().iter().map(|output| position(&output.name)).collect::<Option<Vec<usize>>>();
-        let measured = surrogate.program().sampling().and_then(|_| measured()).unwrap_or_default();
-        let found = Self { inputs, time, run: position(RUN), measured };
-
-        let mut problems = Vec::new();
-        let needs_time = has_states || surrogate.time_column().is_some();
-        if needs_time && position(TIME).is_none() {
-            problems.push(format!("no column `{TIME}`, expected it among {}", listed(&names)));
-        }
-        let pairs = || found.inputs.iter().zip(surrogate.inputs());
-        let units = pairs().filter_map(|(column, input)| table.unit_problem((*column)?, Some(&input.unit)));
-        problems.extend(units.chain(time.and_then(|column| table.unit_problem(column, Some("s")))));
-        if !problems.is_empty() {
-            return Err(table.mistake_in_header(&problems.join("; ")));
-        }
-
-        let is_used = |index: usize| {
-            let by_place = [found.time, found.run].contains(&Some(index)) || found.measured.contains(&index);
-            found.inputs.contains(&Some(index)) || by_place
+        let of_input = |input: &'a Input| {
+            let need = match input.role {
+                Role::Time => Need::Data,
+                Role::Start => Need::Any,
+                Role::Input | Role::Parameter(_) => Need::DataOrDefault,
+            };
+            WantedVariable { name: &input.name, unit: &input.unit, start: Some(input.start), need }
         };
-        let unused: Vec<&str> =
-            names.iter().enumerate().filter(|(index, _)| !is_used(*index)).map(|(_, name)| *name).collect();
-        for (_, Input { name, start, unit, .. }) in pairs().filter(|(column, _)| column.is_none()) {
-            let meant = did_you_mean(name, unused.iter().copied());
-            let space = if unit.is_empty() { "" } else { " " };
-            tell(&format!("no column `{name}`: its start value, {start}{space}{unit}, is used in all rows{meant}"));
-        }
-        if !unused.is_empty() {
-            tell(&format!("columns that are not used: {}", listed(&unused)));
-        }
-        Ok(found)
+        let time = has_states.then_some(WantedVariable { name: TIME, unit: "s", start: None, need: Need::Data });
+        let wanted: Vec<WantedVariable> = surrogate.inputs().iter().map(of_input).chain(time).collect();
+        let other: Vec<&str> = outputs.iter().copied().chain([RUN, TIME]).collect();
+        let matched = match_variables(&wanted, &names, &other, defaults);
+        let of_wanted: Vec<&str> = wanted.iter().map(|variable| variable.name).collect();
+        let used = NameMatch::of(&of_wanted, &names).positions;
+        let units = used.iter().zip(&wanted);
+        let units = units.filter_map(|(column, variable)| table.unit_problem((*column)?, Some(variable.unit)));
+        let problems: Vec<String> = matched.as_ref().err().cloned().into_iter().chain(units).collect();
+        let matched = match matched {
+            Ok(matched) if problems.is_empty() => matched,
+            _ => return Err(table.mistake_in_header(&problems.join("; "))),
+        };
+        let run = table.optional_column(RUN, &used.iter().flatten().copied().collect::<Vec<_>>())?;
+
+        let (mut columns, mut values) = (matched.columns.clone(), matched.values.clone());
+        let time = if has_states { columns.pop().flatten() } else { None };
+        values.truncate(columns.len());
+        let NameMatch { positions, .. } = NameMatch::of(&outputs, &names);
+        let is_sampled = surrogate.program().sampling().is_some();
+        let all: Option<Vec<usize>> = positions.iter().copied().collect();
+        let some_are_missing = is_sampled && all.is_none() && positions.iter().any(Option::is_some);
+        let unmeasured = some_are_missing.then(|| {
+            let missing = outputs.iter().zip(&positions).filter(|(_, position)| position.is_none());
+            partly_measured(&missing.map(|(name, _)| *name).collect::<Vec<_>>(), &names)
+        });
+        let measured = all.filter(|_| is_sampled).unwrap_or_default();
+        Ok((Self { inputs: columns, values, time, run, measured, unmeasured }, matched))
     }
+}
+
+/// Message for rows before the start of a discrete-time surrogate in which some outputs are measured and others are missing.
+pub(crate) fn partly_measured(missing: &[&str], columns: &[&str]) -> String {
+    let message = names::missing("column", missing, columns, columns).unwrap_or_default();
+    format!("a row before time 0 has measured outputs, and all outputs are needed there: {message}")
 }

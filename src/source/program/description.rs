@@ -7,6 +7,7 @@ use super::{
 use crate::{
     diagnostics::{Problems, names::expected_one_of, numbers::ends},
     study::Study,
+    unit::is_same,
 };
 use indexmap::IndexMap;
 use serde::Deserialize;
@@ -147,7 +148,7 @@ impl DifferenceCheck {
             return;
         };
         let own = quantity.unit.as_str();
-        if unit.unwrap_or_default() != own {
+        if !is_same(unit.unwrap_or_default(), own) {
             let found = unit.map_or("missing".into(), |unit| format!("`{unit}`"));
             let expected = if own.is_empty() { "no unit (dimensionless)".into() } else { format!("`{own}`") };
             let message = format!("{found}, expected {expected}: values are in the program's unit");

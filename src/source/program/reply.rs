@@ -173,11 +173,11 @@ fn rows(columns: &[Vec<f64>], count: usize) -> Vec<f64> {
 pub(super) fn rows_of(path: &Path, study: &Study, times: &[f64]) -> Result<Vec<f64>, String> {
     let read = || -> crate::Result<Vec<f64>> {
         let mut table = Table::open(path)?;
-        let time = table.column("time")?;
-        let columns = study.outputs.keys().map(|name| table.column(name)).collect::<crate::Result<Vec<usize>>>()?;
-        for (&column, output) in columns.iter().zip(study.outputs.values()) {
-            table.check_unit(column, output.unit.as_deref())?;
-        }
+        let names: Vec<&str> = ["time"].into_iter().chain(study.outputs.keys().map(String::as_str)).collect();
+        let mut columns = table.columns_of(&names)?;
+        let time = columns.remove(0);
+        let units = study.outputs.values().map(|output| output.unit.as_deref());
+        table.check_units(columns.iter().copied().zip(units))?;
         let (mut values, mut row) = (Vec::with_capacity(times.len() * columns.len()), 0);
         while table.next_row()? {
             let found = table.number(time)?;

@@ -1,7 +1,7 @@
 //! Motions in a table, from which equations are learned: columns of coordinates, of their rates and of inputs, in rows
 //! that are equally spaced in time.
 
-use super::{Recorded, resolve, runs::Runs};
+use super::{ColumnNames, Recorded, resolve, runs::Runs};
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
@@ -118,6 +118,20 @@ impl Recorded {
         self.parameters.extend(motions.driven.starts());
         self.motions = Some(Box::new(motions));
         Ok(self)
+    }
+}
+
+impl ColumnNames {
+    /// Checks that a table has the columns of a motion.
+    ///
+    /// # Errors
+    /// [`Error::Table`] with all that are missing.
+    pub(super) fn find_motions(&self, study: &Study, table: &Table) -> Result<()> {
+        let rates = study.states.values().filter_map(|state| state.rate.as_ref());
+        let names = study.states.keys().chain(rates).chain(study.inputs.keys());
+        let there = |name: &String| study.source.columns.get(name).unwrap_or(name).clone();
+        let names = names.map(there).chain(self.parameters.iter().cloned()).chain([self.time.clone()]);
+        table.columns_of(&names.collect::<Vec<String>>()).map(drop)
     }
 }
 
