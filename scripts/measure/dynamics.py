@@ -1,4 +1,4 @@
-"""Prints the tables of docs/dynamics.md: surrogates with states of the mechanisms in examples/dynamics/, as exported and by networks alone.
+"""Prints the tables of docs/dynamics-measurements.md: surrogates with states of the mechanisms in examples/dynamics/, as exported and by networks alone.
 
 For each, `metafmu new --structure dynamics` writes a study, in which only `stop` and `step` are changed, and `metafmu build` does the rest.
 For networks alone, `[dynamics]` asks for them. Needs target/release/metafmu.

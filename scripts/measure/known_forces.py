@@ -1,4 +1,4 @@
-"""Replaces mechanisms with known forces by their FMUs: the table of docs/dynamics.md.
+"""Replaces mechanisms with known forces by their FMUs: the table of docs/dynamics-measurements.md.
 
 Each mechanism of examples/dynamics/known-forces becomes an FMU by the study that `metafmu new` writes, and `metafmu swap` simulates its system
 with both. Differences are those of the worst output, relative to its range. Needs target/release/metafmu.
