@@ -1,4 +1,4 @@
-"""Prints how far surrogates from 300 rows of one motion are from the motion: tables of docs/dynamics-table.md, beside what others published of other rows of
+"""Prints how far surrogates from 300 rows of one motion are from the motion: tables of docs/dynamics-measurements.md, beside what others published of other rows of
 the same motions.
 
 The studies of examples/dynamics/mbd-node/ are built from tables in double and in single precision and with noise. The FMUs are run in fmpy
