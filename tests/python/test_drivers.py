@@ -158,7 +158,7 @@ def test_a_step_of_the_commanded_position_has_its_closed_form(servo, tmp_path):
     found = simulate_fmu(fmu_of(servo, "servo", 2), start_values=values, output=["x"], stop_time=STOP, output_interval=STEP)
     assert np.abs(found["x"] - follower(w, target)).max() < 1e-7
     pd.DataFrame({"time": ROWS, **values}).to_csv(tmp_path / "in.csv", index=False)
-    metafmu("predict", fmu_of(servo, "servo", 2), "in.csv", "--out", "out.csv", cwd=tmp_path)
+    metafmu("predict", fmu_of(servo, "servo", 2), "in.csv", "--default", "l", "--default", "m", "--out", "out.csv", cwd=tmp_path)
     assert np.abs(pd.read_csv(tmp_path / "out.csv")["x"] - follower(w, target)).max() < 1e-7
 
 
