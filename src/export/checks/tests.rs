@@ -68,7 +68,7 @@ fn an_fmu_without_a_binary_is_wrong_and_one_for_another_platform_is_not_checked(
     });
     let report = validate(other).unwrap();
     assert_eq!(report.problems, []);
-    assert!(report.not_checked.iter().any(|reason| reason.ends_with("only for amiga")), "{report}");
+    assert!(report.not_checked.iter().any(|reason| reason.ends_with("the FMU has amiga")), "{report}");
     assert!(!report.was_run, "{report}");
 }
 
