@@ -209,7 +209,7 @@ def test_the_command_says_what_it_does_not_use_and_which_row_is_no_sample(surrog
     refused = simulate("\n".join(late) + "\n")
     assert refused.returncode == 2 and message in refused.stderr, refused.stderr
     (tmp_path / "late.csv").write_text("\n".join(late) + "\n")
-    refused = metafmu("predict", fmu, tmp_path / "late.csv", check=False)
+    refused = metafmu("predict", fmu, tmp_path / "late.csv", "--default", "gain", check=False)
     assert refused.returncode == 2 and message in refused.stderr, refused.stderr
 
 
@@ -345,7 +345,7 @@ def test_the_example_of_the_documentation_runs_free_as_predict(surrogates, tmp_p
     times, truth, force = STEP * np.arange(-given, FREE), plant(force, 1.0)[15:], force[15:]
     shutil.copy(built.fmu(version), tmp_path / "plant.fmu")
     (tmp_path / "record.csv").write_text(rows(truth, times, force))
-    metafmu("predict", tmp_path / "plant.fmu", tmp_path / "record.csv", "--out", tmp_path / "predicted.csv")
+    metafmu("predict", tmp_path / "plant.fmu", tmp_path / "record.csv", "--default", "gain", "--out", tmp_path / "predicted.csv")
     monkeypatch.chdir(tmp_path)
     scope = {}
     exec(example, scope)
