@@ -113,7 +113,7 @@ fn write_shown(text: &mut String, motion: &Motion) {
     let shows_potential = motion.outputs.contains(&Shown::PotentialEnergy);
     let periodic = factors.map(|(k, factor)| {
         let is_turning = turning.iter().any(|position| efforts.windings()[position * n + k] != 0.0);
-        let is_free = !is_turning && !(shows_potential && motion.dynamics.is_uniform(k));
+        let is_free = !(is_turning || shows_potential && motion.dynamics.is_uniform(k));
         let repeats = dictionary.splines().iter().all(|spline| spline.column != k || repeats_each_turn(spline));
         u8::from(factor == Factor::Angle && is_free && repeats).to_string()
     });
