@@ -311,7 +311,7 @@ def test_a_mechanism_and_its_surrogate_move_as_by_scipy(crane, tmp_path):
         assert abs(found[name]["range"] - np.ptp(values)) < 1e-7, name
         assert 0.0 < found[name]["max"] < 1e-7, name
     # the mechanism is timed at the loosest tolerance whose differences from these runs are no larger than the surrogate's
-    assert 1e-12 < comparison["source_tolerance"] < 1e-6 and comparison["timed_simulations"] >= 1
+    assert 1e-12 < comparison["source_tolerance"] <= 1e-2 and comparison["timed_simulations"] >= 1
     assert [line for line in said.splitlines() if "warning" in line] == [
         "warning: the system sets `theta0` to 0.2, which the surrogate has no parameter for"
     ]
