@@ -38,7 +38,7 @@ def table(result):
 def test_validation_has_no_finding(both, version):
     assert validate_fmu(both[version]) == []
     report = json.loads(metafmu("validate", both[version], "--json").stdout)
-    assert report == {"problems": [], "not_checked": []}
+    assert report == {"problems": [], "not_checked": [], "was_run": True}
 
 
 @pytest.mark.parametrize("case", CASES)
