@@ -654,7 +654,7 @@ def test_outputs_that_follow_inputs_at_once_are_those_of_fmpy_in_a_simulation(tm
     pd.DataFrame(signal).to_csv(tmp_path / "inputs.csv", index=False, float_format="%.17g")
     fmu = fmu_of(tmp_path, "model", version)
     expected = simulate_fmu(str(fmu), input=signal, stop_time=2.0, output_interval=0.1)
-    metafmu("simulate", fmu, "--input", "inputs.csv", "--interface", "cs", "--stop-time", 2, "--step-size", 0.1, "--output", "out.csv", cwd=tmp_path)
+    metafmu("simulate", fmu, "--input", "inputs.csv", "--default", "b", "--default", "c", "--interface", "cs", "--stop-time", 2, "--step-size", 0.1, "--output", "out.csv", cwd=tmp_path)
     found = pd.read_csv(tmp_path / "out.csv")
     assert np.ptp(expected["y0"]) > 1.0 and len(found) == 21
     np.testing.assert_allclose(found.y0, expected["y0"], rtol=0, atol=1e-12)
