@@ -47,7 +47,7 @@ pub(super) fn problems(
     lacking.into_iter().chain(unknown.map(|default| default.unknown(&own))).collect()
 }
 
-/// Values that are asked for.
+/// Start values that the user requests.
 pub(super) fn values(surrogate: &ModelDescription, defaults: &[DefaultValue]) -> Vec<(String, f64)> {
     let value = |default: &DefaultValue| {
         let start = || surrogate.variable(&default.name).and_then(ScalarVariable::start_value);

@@ -59,7 +59,7 @@ fn the_weight_of_a_load_on_a_drum_is_learned_as_a_uniform_force() {
         assert_eq!(fitted.periods, [Some(1)]);
         assert!((fitted.windings[0] - 0.05).abs() < 1e-12, "{:?}", fitted.windings);
         let at_start = energy(&fitted, [&[0.0], &[0.0], &[0.0], &[17.0]]);
-        // also many turns away
+        // the angle is many turns away from the start as well
         for angle in [-31.0f64, -0.4, 2.1, 400.0] {
             let (omega, torque, m) = (1.7, 21.0, 17.0);
             let side = torque - 0.2 * omega - 9.81 * (0.05 * m + 2.0 * eccentricity * angle.cos());
