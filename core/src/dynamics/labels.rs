@@ -30,7 +30,10 @@ const SHORTEST: f64 = 1e-9;
 /// Where in their ranges parameters are when it is seen whether positions repeat: not in the middle, where whole numbers may be.
 const ASIDE: f64 = 0.37;
 
-/// Where in its range a coordinate is when it is seen whether forces are the same everywhere.
+/// Largest change of a potential, relative to its value, that is rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// Where in its range, or in a turn, a coordinate is when it is seen whether forces are the same everywhere.
 const SHARES: [f64; 4] = [0.04, 0.31, 0.67, 0.93];
 
 /// Distances from the start, in turns, at which forces are compared with those a turn later.
@@ -297,12 +300,7 @@ impl<'a> MechanismRegion<'a> {
     /// coordinate is. Configurations that cannot be reached count as without a uniform force.
     fn has_uniform_force(&self, reduced: &Reduced, k: usize) -> bool {
         if self.is_harmonic[k] {
-            let change = || {
-                let [before, after] = [0.0, 1.0].map(|turns| self.potential_after(reduced, k, turns));
-                let least = UNCHANGED * TAU * largest_force(reduced, &reduced.terms(reduced.start().0)?, k);
-                Ok::<_, String>((after? - before?).abs() > least)
-            };
-            return change().unwrap_or(false);
+            return self.has_mean_force(reduced, k).unwrap_or(false);
         }
         let QuantityRange { min, max, .. } = self.region.coordinates[k];
         let terms = SHARES.iter().map(|share| {
@@ -316,6 +314,20 @@ impl<'a> MechanismRegion<'a> {
             |row: usize| UNCHANGED * terms.iter().map(|terms| largest_force(reduced, terms, row)).fold(0.0, f64::max);
         let is_same = |row: usize| forces(row).all(|force| (force - terms[0].potential_force[row]).abs() <= least(row));
         (0..self.coordinates()).all(is_same) && forces(k).all(|force| force.abs() > least(k))
+    }
+
+    /// Returns true if the potential differs a turn of an angle later by more than rounding explains. Where the mechanism starts its forces
+    /// may be zero, as at a dead center, so they are measured around the turn.
+    fn has_mean_force(&self, reduced: &Reduced, k: usize) -> Result<bool, String> {
+        let [before, after] = [0.0, 1.0].map(|turns| self.potential_after(reduced, k, turns));
+        let (before, after) = (before?, after?);
+        let around = SHARES.iter().filter_map(|turns| {
+            let mut s = reduced.start().0.clone();
+            s[k] += turns * TAU;
+            reduced.terms(&s).ok().map(|terms| largest_force(reduced, &terms, k))
+        });
+        let least = UNCHANGED * TAU * around.fold(0.0, f64::max);
+        Ok((after - before).abs() > least.max(ROUNDING * before.abs()))
     }
 
     /// Potential this number of turns of an angle after the start.
