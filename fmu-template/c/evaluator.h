@@ -112,11 +112,11 @@ void model_follow(Scratch *scratch);
 
 #if MODEL_HAS_STATES
 
-/* Computes the rates of the states at a point, and the arguments of tables. */
+/* Computes the rates of the states at a point, and the arguments with bends. */
 void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT],
                  Real arguments[ARGUMENT_SIZE]);
 
-/* Returns the allowed share of a step of the solver, from 0 to 1, that does not step over a bend of a table. */
+/* Returns the allowed share of a step of the solver, from 0 to 1, that does not step over a bend. */
 Real model_share_of_step(const Scratch *scratch);
 
 #endif

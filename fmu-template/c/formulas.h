@@ -11,12 +11,6 @@
 
 typedef enum { EXTRAPOLATION_HOLD, EXTRAPOLATION_LINEAR, EXTRAPOLATION_PERIODIC } Extrapolation;
 
-/* A knot at which the slope of a table changes much, and the length of the shorter adjacent interval. */
-typedef struct {
-    Real at;
-    Real width;
-} Bend;
-
 /* A table of one argument, or of two if it has knots of the second. */
 typedef struct {
     const Real *x;
@@ -28,17 +22,24 @@ typedef struct {
     int has_slopes;
     int is_cubic;
     Extrapolation extrapolation;
-    const Bend *bends[2]; /* of each axis */
-    size_t bend_counts[2];
 } LookupTable;
 
 extern const LookupTable model_tables[];
 
-/* Argument of a table: a register of the equations. */
+/* A value of an argument at which the slope of a function changes much, and the distance to the nearer neighbor. */
 typedef struct {
-    const LookupTable *table;
-    size_t axis;
-    size_t of;
+    Real at;
+    Real width;
+} Bend;
+
+/* Argument of a table or a formula, and its bends. Arguments of one function have the same group. */
+typedef struct {
+    size_t of; /* a register of the equations */
+    const Bend *bends;
+    size_t count;
+    Real start;  /* of the first period */
+    Real period; /* 0 if the bends do not recur */
+    size_t group;
 } Argument;
 
 extern const Argument model_arguments[];

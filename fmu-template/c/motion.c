@@ -84,32 +84,116 @@ void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[ST
     }
 }
 
-/*
- * Returns the allowed share of a step in which an argument moves between two values. Across a bend, it may move by at
- * most the bend's width.
- */
-static Real share_over_bends(const Argument *argument, Real start, Real lowest, Real highest)
+/* Parts of the distance to a bend that a step may cover; the second one if the argument turns at the bend. */
+#define APPROACH R(0.9)
+#define APPROACH_OF_TURN R(0.45)
+/* Share of a step in which an argument turns from which on the distance to the bend does not matter. */
+#define NEAR_TURN R(1e-3)
+/* Part of the distance to a turn by which the estimate of the turn may be off. */
+#define UNCERTAIN R(0.05)
+/* Shares of a step whose difference is rounding. */
+#define COINCIDENT (R(1e-9) > R(8.0) * REAL_EPSILON ? R(1e-9) : R(8.0) * REAL_EPSILON)
+
+/* Values of an argument during a step. */
+typedef struct {
+    Real start;
+    Real end;
+    Real lowest;
+    Real highest;
+} Path;
+
+static Real smaller(Real a, Real b)
 {
-    const LookupTable *table = argument->table;
-    const Real *knots = argument->axis > 0 ? table->y : table->x;
-    const size_t count = argument->axis > 0 ? table->y_count : table->x_count;
-    const int is_periodic = table->extrapolation == EXTRAPOLATION_PERIODIC;
-    const Real period = knots[count - 1] - knots[0];
-    Real shift = is_periodic ? MATH(floor)((lowest - knots[0]) / period) * period : R(0.0);
-    Real share = R(1.0);
-    /* the period in which the argument begins to move, and the next one */
-    for (int turn = 0; turn <= is_periodic; turn++) {
-        for (size_t i = 0; i < table->bend_counts[argument->axis]; i++) {
-            const Bend *bend = &table->bends[argument->axis][i];
-            const Real at = bend->at + shift;
-            if (at < lowest || at > highest) {
-                continue;
-            }
-            const Real distance = R(0.9) * MATH(fabs)(at - start);
-            const Real allowed = (distance > bend->width ? distance : bend->width) / (highest - lowest);
-            share = allowed < share ? allowed : share;
+    return a < b ? a : b;
+}
+
+static Real larger(Real a, Real b)
+{
+    return a > b ? a : b;
+}
+
+/* Adds the value at which a path turns, if it does: that of a parabola through both ends and the value at a share of the step. */
+static void add_turn(Path *path, Real share, Real value)
+{
+    const Real moved = path->end - path->start;
+    const Real part = value - path->start;
+    const Real curvature = (part - share * moved) / (share * share - share);
+    const Real slope = moved - curvature;
+    const Real turn = R(-0.5) * slope / curvature;
+    if (turn > R(0.0) && turn < R(1.0)) {
+        const Real height = R(0.5) * slope * turn;
+        const Real margin = UNCERTAIN * smaller(MATH(fabs)(height), MATH(fabs)(height - moved));
+        const Real reached = path->start + height + (curvature > R(0.0) ? -margin : margin);
+        path->lowest = smaller(path->lowest, reached);
+        path->highest = larger(path->highest, reached);
+    }
+}
+
+static Path path_of(const Scratch *scratch, size_t argument)
+{
+    const Real start = scratch->solver.arguments[0][argument];
+    Path path = {start, scratch->solver.arguments[SOLVER_STAGES - 1][argument], start, start};
+    for (size_t stage = 1; stage < SOLVER_STAGES; stage++) {
+        path.lowest = smaller(path.lowest, scratch->solver.arguments[stage][argument]);
+        path.highest = larger(path.highest, scratch->solver.arguments[stage][argument]);
+    }
+    add_turn(&path, MIDDLE_TIME, scratch->solver.arguments[MIDDLE_STAGE][argument]);
+    return path;
+}
+
+/* Finds the next bend on a path from a place on: bends of the period in which the path begins, then those of the next one. */
+static bool next_bend(const Argument *argument, const Path *path, size_t *place, Bend *bend)
+{
+    const bool is_periodic = argument->period > R(0.0);
+    const Real first = is_periodic ? MATH(floor)((path->lowest - argument->start) / argument->period) : R(0.0);
+    const size_t end = is_periodic ? 2 * argument->count : argument->count;
+    while (*place < end) {
+        const size_t i = *place;
+        const Real turns = first + (i < argument->count ? R(0.0) : R(1.0));
+        *bend = argument->bends[i % argument->count];
+        bend->at += turns * argument->period;
+        *place = i + 1;
+        if (bend->at >= path->lowest && bend->at <= path->highest) {
+            return true;
         }
-        shift += period;
+    }
+    return false;
+}
+
+/* Returns the share of the way up to a value. */
+static Real share_up_to(const Path *path, Real value)
+{
+    return MATH(fabs)(value - path->start) / (path->highest - path->lowest);
+}
+
+/* Returns the share of the step that passes a bend in short steps, after few steps up to there. */
+static Real share_at(const Path *path, const Bend *bend)
+{
+    const Real up_to = share_up_to(path, bend->at);
+    const Real share = larger(bend->width / (path->highest - path->lowest), APPROACH * up_to);
+    const bool is_above = bend->at > path->start && bend->at > path->end;
+    const bool is_below = bend->at < path->start && bend->at < path->end;
+    /* passed twice: there and back again */
+    return is_above || is_below ? smaller(share, larger(NEAR_TURN, APPROACH_OF_TURN * up_to)) : share;
+}
+
+/* Returns the share of a step that does not pass two bends of a function, one of which is reached at a share of the step. */
+static Real share_between(const Scratch *scratch, size_t argument, Real up_to)
+{
+    Real share = R(1.0);
+    for (size_t i = 0; i < argument; i++) {
+        if (model_arguments[i].group != model_arguments[argument].group) {
+            continue;
+        }
+        const Path path = path_of(scratch, i);
+        Bend bend;
+        for (size_t place = 0; next_bend(&model_arguments[i], &path, &place, &bend);) {
+            const Real before = share_up_to(&path, bend.at);
+            const Real between = MATH(fabs)(before - up_to);
+            if (between > COINCIDENT) {
+                share = smaller(share, larger(between, APPROACH * smaller(before, up_to)));
+            }
+        }
     }
     return share;
 }
@@ -119,15 +203,12 @@ Real model_share_of_step(const Scratch *scratch)
     const size_t count = ARGUMENT_COUNT;
     Real share = R(1.0);
     for (size_t i = 0; i < count; i++) {
-        Real lowest = scratch->solver.arguments[0][i];
-        Real highest = lowest;
-        for (size_t stage = 1; stage < SOLVER_STAGES; stage++) {
-            const Real at = scratch->solver.arguments[stage][i];
-            lowest = at < lowest ? at : lowest;
-            highest = at > highest ? at : highest;
+        const Path path = path_of(scratch, i);
+        Bend bend;
+        for (size_t place = 0; next_bend(&model_arguments[i], &path, &place, &bend);) {
+            share = smaller(share, share_at(&path, &bend));
+            share = smaller(share, share_between(scratch, i, share_up_to(&path, bend.at)));
         }
-        const Real found = share_over_bends(&model_arguments[i], scratch->solver.arguments[0][i], lowest, highest);
-        share = found < share ? found : share;
     }
     return share;
 }

@@ -64,7 +64,7 @@ static const Real COUPLINGS[IMPLICIT_STAGES][IMPLICIT_STAGES - 1] = {
 #define SHORT_PART 1e-6
 #endif
 
-/* Computes the rates at the stage, with the inputs at time `later`. Arguments of tables go to arguments[part]. */
+/* Computes the rates at the stage, with the inputs at time `later`. Arguments with bends go to arguments[part]. */
 static void respond_at(Scratch *scratch, Real later, size_t part)
 {
     for (size_t i = FIRST_DRIVEN; i < INPUT_COUNT; i++) {

@@ -367,9 +367,14 @@ static Advance accept_step(Scratch *scratch, Real h, Failure *failure)
 /* Finds the rates of the states at the beginning of a communication step. */
 static void find_first_rates(Scratch *scratch, const Step *step)
 {
-    /* arguments of tables are unknown */
+    /* the arguments are known, or there are none */
     const size_t arguments = ARGUMENT_COUNT;
-    const bool is_known = step->derivatives != NULL && arguments == 0;
+    bool is_known = step->derivatives != NULL && (arguments == 0 || scratch->solver.is_at_end);
+    for (size_t i = 0; is_known && arguments > 0 && i < COLUMN_COUNT; i++) {
+        const Real at = scratch->solver.stage[i];
+        is_known = at <= scratch->solver.point[i] && at >= scratch->solver.point[i];
+    }
+    scratch->solver.is_at_end = false;
     begin(scratch);
     if (!is_known) {
         stages(scratch, &DORMAND_PRINCE, 0, 1, R(0.0), R(0.0));
@@ -428,6 +433,7 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
             return is_nan(error) ? ADVANCE_NOT_FINITE : ADVANCE_UNDERFLOW;
         }
     }
+    scratch->solver.is_at_end = true;
     return ADVANCE_DONE;
 }
 

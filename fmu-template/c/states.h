@@ -22,6 +22,10 @@ extern const StateScale model_scales[]; /* of each state */
 
 enum { SOLVER_STAGES = 7 }; /* of the method of Dormand and Prince */
 
+/* The stage of both methods that is nearest to the middle of the step and more accurate than the one before, and its time. */
+enum { MIDDLE_STAGE = 2 };
+#define MIDDLE_TIME (SOLVER_IS_IMPLICIT ? R(0.4095798393397535) : R(0.3))
+
 #if SOLVER_IS_IMPLICIT
 
 enum { IMPLICIT_STAGES = 8 }; /* of the method Rodas5P */
@@ -45,7 +49,8 @@ typedef struct {
 #if MODEL_HAS_STATES
     Real rates[SOLVER_STAGES][STATE_COUNT]; /* of the states at each stage */
     Drive drives[INPUT_COUNT];              /* of the inputs that are driven */
-    Real arguments[SOLVER_STAGES][ARGUMENT_SIZE]; /* of tables at each stage */
+    Real arguments[SOLVER_STAGES][ARGUMENT_SIZE]; /* those with bends, at each stage */
+    bool is_at_end; /* true if the last stage was the end of a communication step: its arguments are known */
 #if SOLVER_IS_IMPLICIT
     Rosenbrock implicit;
 #endif

@@ -2,21 +2,25 @@
 
 For each mechanism file (those of examples/dynamics/ unless given) `metafmu new NAME --mechanism FILE --structure dynamics` writes a study,
 `metafmu build` makes the FMU, and fmpy steps it in co-simulation. The truth is the mechanism itself, integrated in redundant coordinates with a
-tolerance of 1e-10 or less by `metafmu sample`, which shares neither the equations nor the solver with the FMU.
+tolerance of 1e-10 or less by `metafmu sample`, which shares neither the equations nor the solver with the FMU. With `--longest` the truth is the
+FMU in model exchange, integrated by scipy's DOP853 with a tolerance of 1e-11 and steps of at most this length. That checks the FMU's solver alone:
+no step of scipy jumps over a force that acts for longer.
 
 The FMU states the error of a start: `wanted` of the solver in training.json, and the error of the equations. To find the bound of an
 output, each component of the truth's initial state is perturbed by this error. The bound at a time is the largest change up to this time,
 and at least this share of the output's range in training. For each corner the script prints the largest error over this bound while
 `in_domain` is true, and how long it is true. It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
 
-Usage: .venv/bin/python scripts/measure corners [--corners N] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
+Usage: .venv/bin/python scripts/measure corners [--corners N] [--random N] [--longest SECONDS] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
 """
 
 import argparse
 import contextlib
 import csv
+import ctypes
 import itertools
 import json
+import random
 import subprocess
 import sys
 import tempfile
@@ -26,7 +30,8 @@ from pathlib import Path
 import fmpy
 import numpy as np
 from common import METAFMU, ROOT
-from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from scipy.integrate import solve_ivp
 
 MECHANISMS = ["pendulum", "crane", "double-pendulum", "quarter-car", "slider-crank"]
 TOLERANCE = 1e-12
@@ -60,6 +65,18 @@ def corners(study, states, drivers, count):
     count = min(count, len(every))
     # neighbors differ in the first parameter
     return [every[(index * len(every) // count + index * (count < len(every))) % len(every)] for index in range(count)]
+
+
+def drawn(study, states, drivers, count):
+    """Random values of parameters and constant inputs, and random states at the start, in the middle half of their ranges."""
+    chance = random.Random(1)
+    parameters = {name: (range_["min"], range_["max"]) for name, range_ in study.get("parameters", {}).items()}
+    middle = [(0.75 * low + 0.25 * high, 0.25 * low + 0.75 * high) for low, high in (state["range"] for state in states)]
+
+    def within(ranges):
+        return {name: chance.uniform(*range_) for name, range_ in ranges.items()}
+
+    return [(within(parameters), within(drivers), [chance.uniform(*range_) for range_ in middle]) for _ in range(count)]
 
 
 def start(options):
@@ -113,6 +130,45 @@ def truth(folder, study, mechanism, corner, times):
     return values
 
 
+def integrated(fmu, description, study, corner, names, times, longest):
+    """Outputs of the FMU in model exchange, integrated by scipy with short steps, row by row."""
+    parameters, inputs, begin = corner
+    n = len(begin)
+    references = {variable.name: variable.valueReference for variable in description.modelVariables}
+    model = FMU2Model(
+        guid=description.guid,
+        unzipDirectory=fmu,
+        modelIdentifier=description.modelExchange.modelIdentifier,
+        instanceName="truth",
+    )
+    values = {**parameters, **inputs, **{f"{name}_start": value for name, value in zip(names, begin)}}
+    outputs = [references[name] for name in study["outputs"]]
+    states, rates = (ctypes.c_double * n)(), (ctypes.c_double * n)()
+
+    def derivative(t, y):
+        states[:] = y
+        model.setTime(t)
+        model.setContinuousStates(states, n)
+        model.getDerivatives(rates, n)
+        return list(rates)
+
+    with contextlib.redirect_stdout(None):
+        model.instantiate()
+        model.setupExperiment(startTime=0.0)
+        model.enterInitializationMode()
+        model.setReal([references[name] for name in values], list(values.values()))
+        model.exitInitializationMode()
+        model.newDiscreteStates()
+        model.enterContinuousTimeMode()
+        run = solve_ivp(derivative, (times[0], times[-1]), begin, "DOP853", times, rtol=1e-11, atol=1e-12, max_step=longest)
+        found = []
+        for t, y in zip(run.t, run.y.T):
+            derivative(t, y)
+            found.append(model.getReal(outputs))
+    model.freeInstance()
+    return np.array(found)
+
+
 def stepped(fmu, description, study, corner, states, times):
     """Outputs of the FMU, and how many rows it is in its domain."""
     parameters, inputs, begin = corner
@@ -163,16 +219,24 @@ def check(mechanism, options, folder):
     fmu = fmpy.extract(out / f"{name}.fmu", unzipdir=folder / "unzipped" / name)
     description = fmpy.read_model_description(fmu)
     good = True
-    for corner in corners(study, states, drivers, options.corners):
+    names = [state["name"] for state in states]
+    every = corners(study, states, drivers, options.corners) + drawn(study, states, drivers, options.random)
+
+    def exactly(corner, times):
+        if options.longest:
+            return integrated(fmu, description, study, corner, names, times, options.longest)
+        return truth(folder, study, mechanism, corner, times)
+
+    for corner in every:
         found = stepped(fmu, description, study, corner, states, times)
         # the truth is needed only for as long as the surrogate claims to be valid
         rows = max(len(found), 2)
-        exact = truth(folder, study, mechanism, corner, times[:rows])[: len(found)]
+        exact = exactly(corner, times[:rows])[: len(found)]
         parameters, inputs, begin = corner
         by_start = np.zeros_like(exact)
         for state in range(len(begin)):
             moved = (parameters, inputs, [value + OFF * (k == state) for k, value in enumerate(begin)])
-            by_start += np.abs(truth(folder, study, mechanism, moved, times[:rows])[: len(found)] - exact)
+            by_start += np.abs(exactly(moved, times[:rows])[: len(found)] - exact)
         by_start = np.maximum.accumulate(by_start, axis=0) * stated / OFF
         # the truth has an error as well
         bound = np.maximum(by_start, stated * ranges) + 1e-10 * ranges
@@ -190,6 +254,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("mechanisms", nargs="*", type=Path, help="mechanism files")
     parser.add_argument("--corners", type=int, default=12, help="of each mechanism, at most")
+    parser.add_argument("--random", type=int, default=0, help="further runs with random parameters, inputs and starts")
+    parser.add_argument("--longest", type=float, help="longest step of scipy, in s, which then integrates the FMU's equations")
     parser.add_argument("--stop", type=float, help="length of the runs, in s; that of the study unless given")
     parser.add_argument("--every", type=int, default=1, help="communication steps, in rows of the study")
     options = parser.parse_args()

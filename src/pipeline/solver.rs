@@ -27,6 +27,8 @@ const PART: f64 = 0.1;
 const FIRST: f64 = 1e-6;
 const LAST: f64 = 1e-12;
 const REFERENCE: f64 = 1e-13;
+/// Steps of the reference between two rows, at least: it must find narrow forces that another integration may step over.
+const REFERENCE_STEPS: f64 = 32.0;
 /// By how much a tolerance is reduced at once, at most.
 const BY_ONE_ROUND: f64 = 1e-3;
 /// Largest number of steps of the solver in a run; later steps are not compared.
@@ -127,7 +129,10 @@ pub(super) fn choose(
     let study = &project.study;
     let wanted = (PART * of_equations).clamp(LEAST_ERROR, LARGEST_ERROR);
     let largest = study.time.step;
-    let reference = assemble(Integration::ErrorControlled { tolerance: REFERENCE, longest: largest })?;
+    let rows = dataset.runs.iter().map(|run| run.times.len()).max().unwrap_or(1);
+    let between_rows = REFERENCE_STEPS.min(0.5 * MOST_STEPS as f64 / rows as f64).max(1.0);
+    let longest = largest / between_rows;
+    let reference = assemble(Integration::ErrorControlled { tolerance: REFERENCE, longest })?;
     let training = dataset.runs.iter().enumerate();
     let training =
         training.map(|(index, run)| IntegrationTrial { run: run.clone(), name: format!("training run {index}") });

@@ -1,4 +1,7 @@
-"""A shaft whose torques are lookup tables of one and two arguments, against scipy's splines and its solution of the equation."""
+"""A shaft whose torques are lookup tables of one and two arguments, against scipy's splines and its solution of the equation.
+
+Narrow parts of tables and formulas, against their energy.
+"""
 
 import subprocess
 
@@ -97,3 +100,40 @@ def test_no_step_goes_over_a_narrow_part_of_a_table(tmp_path, monkeypatch):
         for step in [0.01, 0.1, 1.0]:
             found = simulate_fmu(fmu, fmi_type="CoSimulation", start_values=start, stop_time=1.0, output_interval=step, output=["speed"])
             assert abs(found["speed"][-1] - exact) < 1e-6, (step, found["speed"][-1])
+
+
+PULSES = """[parameters]
+at = { default = 0.5, min = 0.45, max = 0.55 }
+[inputs]
+torque = { min = -1, max = 1 }
+[bodies.rotor]
+mass = 1
+inertia = 1
+[joints]
+shaft = { type = "revolute", between = ["ground", "rotor"] }
+[variables]
+hat = "500*max(0, 1 - abs(shaft.angle - at)/2e-3)"
+bell = "500*exp(-((shaft.angle - 0.8)/1e-3)^2)"
+box = "250*(sign(shaft.angle - 1.2) - sign(shaft.angle - 1.202))"
+detent = "200*max(0, 1 - abs(mod(shaft.angle, 0.7) - 0.35)/1e-3)"
+[actuators]
+motor = { coordinate = "shaft.angle", effort = "torque + hat + bell + box + detent" }
+[initial]
+shaft.angular_velocity = 1
+[outputs]
+speed = { measure = "shaft.angular_velocity" }
+"""
+
+
+def test_no_step_goes_over_a_narrow_part_of_a_formula(tmp_path, monkeypatch):
+    (tmp_path / "pulses.toml").write_text(PULSES)
+    metafmu("new", "rotor", "--mechanism", "pulses.toml", "--structure", "dynamics", cwd=tmp_path)
+    metafmu("build", "rotor.toml", "--out", "out", "--sources", cwd=tmp_path)
+    packed = fmu_of(tmp_path / "out", "rotor", 2)
+    # energies of hat, bell, box, and of the detent at 0.35 and 1.05, whatever the speed
+    exact = np.sqrt(1.0 + 2.0 * (1.0 + 0.5 * np.sqrt(np.pi) + 1.0 + 2 * 0.2))
+    for fmu in [packed, compiled_from_sources(packed, monkeypatch)]:
+        for step, at in [(0.01, 0.5), (0.1, 0.4651), (0.9, 0.53)]:
+            start = {"shaft.angle_start": 0.0, "shaft.angular_velocity_start": 1.0, "torque": 0.0, "at": at}
+            found = simulate_fmu(fmu, fmi_type="CoSimulation", start_values=start, stop_time=0.9, output_interval=step, output=["speed"])
+            assert abs(found["speed"][-1] - exact) < 1e-5, (step, at, found["speed"][-1])

@@ -41,6 +41,11 @@ pub enum Slot {
 }
 
 impl Slot {
+    /// Returns true if the quantity may change during a run.
+    pub fn changes(&self) -> bool {
+        !matches!(self, Self::Parameter(..))
+    }
+
     /// Value in a state, with inputs `u`.
     pub fn value(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> f64 {
         match self {

@@ -4,6 +4,7 @@
 //! ([`build`]), closes the loops ([`model::MultibodyModel::initial_state`]), and solves the equations of motion in one of two
 //! [formulations](formulation).
 
+mod bends;
 pub mod build;
 pub mod constraint;
 pub mod coordinate;

@@ -7,7 +7,6 @@ use super::{
     gradients::SparseGradients,
 };
 use crate::signal::Signal;
-use metafmu_runtime::formula::LookupTable;
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// A spring and damper along a coordinate: effort `-stiffness (s - rest) - damping sd`.
@@ -214,39 +213,6 @@ impl MultibodyModel {
         let drivers = self.prescribed.iter().map(|driver| &driver.expression);
         let formulas = self.formulas.iter().map(|formula| &formula.expression);
         efforts.chain(drivers).chain(formulas).chain(self.actuator_states.iter().map(|state| &state.rate))
-    }
-
-    /// Returns true if an expression has a table whose slope changes much at a knot.
-    pub fn has_bends(&self) -> bool {
-        let mut found = false;
-        for (bound, _) in self.acting_expressions() {
-            bound
-                .formula
-                .for_each_lookup(|_| 0.0, |table, at| found |= (0..at.len()).any(|axis| !table.bends(axis).is_empty()));
-        }
-        found
-    }
-
-    /// Share of the time between two samples, from 0 to 1, within which no table is stepped over.
-    pub fn share_without_bends(&self, from: &Sample, to: &Sample) -> f64 {
-        // inputs may jump at the end
-        let before = |t: f64| t - 1e-9 * (t - from.t);
-        let arguments = |Sample { t, q, v, z, .. }: &Sample, at: f64, act: &mut dyn FnMut(&LookupTable, &[f64])| {
-            let u = self.at(at, z);
-            for (bound, _) in self.acting_expressions() {
-                let column = |position: usize| bound.slots[position].value(*t, q, v, &u);
-                bound.formula.for_each_lookup(column, &mut *act);
-            }
-        };
-        let mut begin = Vec::new();
-        arguments(from, from.t, &mut |_, at| begin.extend_from_slice(at));
-        let (mut begin, mut share) = (begin.into_iter(), 1.0f64);
-        arguments(to, before(to.t), &mut |table, at| {
-            for ((axis, end), start) in at.iter().enumerate().zip(&mut begin) {
-                share = share.min(table.share_of_step(axis, start, [start.min(*end), start.max(*end)]));
-            }
-        });
-        share
     }
 
     fn weights(&self) -> DVector<f64> {

@@ -3,6 +3,7 @@
 //! The explicit method integrates as long as accuracy decides the length of its steps. Where stability does, the implicit method continues.
 
 use super::{
+    bends::Bending,
     constraint::independence,
     description::FormulationKind,
     formulation::{Acceleration, Formulation, mobility},
@@ -65,10 +66,10 @@ pub(super) fn continue_from(
     let mut samples = vec![sample(model, &formulation, start, (q, v, z))?];
     // signals with kinks have them at the rows: beginning anew there is faster than finding them
     let has_kinks = model.inputs.iter().any(|input| input.signal.has_knots());
-    let has_bends = model.has_bends();
-    let rows = if has_kinks || has_bends { 2 } else { times.len() };
+    let bending = &Bending::of(model);
+    let rows = if has_kinks || !bending.is_empty() { 2 } else { times.len() };
     let mut stops = Stops::new(model, times)?;
-    let run = ModelRun { model, budget, has_bends, has_stops: stops.has_any() };
+    let run = ModelRun { model, budget, bending, has_stops: stops.has_any() };
     // where the run is, if that is not a row
     let mut between: Option<Sample> = None;
     while samples.len() < times.len() {
@@ -98,8 +99,8 @@ const SHORTEST: f64 = 1e-12;
 struct ModelRun<'a> {
     model: &'a MultibodyModel,
     budget: &'a Budget<'a>,
-    /// True if tables may be stepped over.
-    has_bends: bool,
+    /// Arguments whose bends may be stepped over.
+    bending: &'a Bending<'a>,
     /// True if steps end at switches of formulas.
     has_stops: bool,
 }
@@ -107,10 +108,10 @@ struct ModelRun<'a> {
 impl ModelRun<'_> {
     /// The samples after one, at least one of them.
     fn rows(self, from: &Sample, ahead: &[f64], choice: &mut MethodChoice) -> Result<Vec<Sample>, String> {
-        let Self { model, budget, has_bends, .. } = self;
-        let next = match has_bends {
-            true => self.over_bends(from, ahead[1], choice).map(|sample| vec![sample]),
-            false => self.stretch(model.formulation, from, ahead, choice),
+        let Self { model, budget, bending, .. } = self;
+        let next = match bending.is_empty() {
+            true => self.stretch(model.formulation, from, ahead, choice),
+            false => self.over_bends(from, ahead[1], choice).map(|sample| vec![sample]),
         };
         match next {
             Ok(next) => Ok(next),
@@ -129,15 +130,16 @@ impl ModelRun<'_> {
         }
     }
 
-    /// The sample at a time; on the way no table is stepped over.
+    /// The sample at a time; on the way no bend is stepped over.
     fn over_bends(self, from: &Sample, t: f64, choice: &mut MethodChoice) -> Result<Sample, String> {
         let kind = self.model.formulation;
         let (mut from, least) = (from.clone(), SHORTEST * (t - from.t));
         let mut h = t - from.t;
         while from.t < t {
             let to = if from.t + h < t - least { from.t + h } else { t };
+            self.bending.begin(self.model, &from, to);
             let next = self.stretch(kind, &from, &[from.t, to], choice)?.swap_remove(0);
-            let share = self.model.share_without_bends(&from, &next);
+            let share = self.bending.share_up_to(self.model, &next);
             if share < 1.0 && share * h > least {
                 h *= share.min(0.9);
                 continue;
@@ -168,12 +170,12 @@ impl ModelRun<'_> {
         times: &[f64],
         choice: &mut MethodChoice,
     ) -> Result<Vec<Sample>, String> {
-        let Self { model, budget, has_stops, .. } = self;
+        let Self { model, budget, bending, has_stops } = self;
         let formulation = Formulation::new(kind, model, from.t, &from.q)?;
         let [guess, speeds] = [&from.q, &from.v].map(|from| RefCell::new(from.clone()));
         let undefined = RefCell::default();
         let branch = has_stops.then(|| Branch::of(times));
-        let stretch = Stretch { model, formulation, guess, speeds, z: &from.z, budget, undefined, branch };
+        let stretch = Stretch { model, formulation, guess, speeds, z: &from.z, budget, undefined, bending, branch };
         let states = stretch.integrate(from, times, choice)?;
         let mut samples: Vec<Sample> = Vec::with_capacity(states.len());
         for (state, &t) in states.iter().zip(times).skip(1) {
@@ -215,6 +217,8 @@ struct Stretch<'a> {
     budget: &'a Budget<'a>,
     /// A force that was not a number where the integrator has been.
     undefined: RefCell<Option<String>>,
+    /// Where the arguments with bends have been.
+    bending: &'a Bending<'a>,
     /// Where formulas of time are on one branch, if they switch.
     branch: Option<Branch>,
 }
@@ -385,6 +389,9 @@ impl Stretch<'_> {
             return Err(force);
         }
         let Acceleration { qdd, .. } = acceleration?;
+        if !self.bending.is_empty() {
+            self.bending.add(t, &q, &v, &u);
+        }
         *guess = q;
         let derivative = joined(&self.formulation.state(&v, &qdd), &rates, 1.0);
         self.speeds.replace(v);

@@ -10,7 +10,10 @@ use super::{
     enclosure::Enclosure,
     model::MultibodyModel,
 };
-use metafmu_runtime::formula::{Combination, ElementaryFunction, Formula, FormulaStep};
+use metafmu_runtime::{
+    formula::{Formula, FormulaStep},
+    switches::{Levels, switching},
+};
 use std::ops::Range;
 
 /// Part of a run that is not divided any further.
@@ -128,12 +131,6 @@ struct Switch {
     levels: Levels,
 }
 
-enum Levels {
-    Some(&'static [f64]),
-    /// All whole numbers.
-    Whole,
-}
-
 impl Switch {
     /// Switches of an expression, inner ones before those around them.
     fn all(bound: &BoundExpression) -> Vec<Self> {
@@ -151,9 +148,9 @@ impl Switch {
                 _ => Dependence::Constant,
             };
             let depends = operands.iter().map(|(_, depends)| *depends).fold(own, Ord::max);
+            let of_step: Vec<&[FormulaStep]> = operands.iter().map(|(range, _)| &steps[range.clone()]).collect();
             if depends == Dependence::Time
-                && let Some((mut argument, levels)) =
-                    switching(step, operands.iter().map(|(range, _)| &steps[range.clone()]))
+                && let Some((mut argument, levels)) = switching(step, &of_step)
             {
                 argument.shrink_to_fit();
                 found.extend(Formula::new(argument).map(|argument| Self { argument, levels }));
@@ -183,30 +180,6 @@ impl Dependence {
     }
 }
 
-/// The function that decides for a branch of a step, and its levels there.
-fn switching<'a>(
-    step: &FormulaStep,
-    mut operands: impl Iterator<Item = &'a [FormulaStep]>,
-) -> Option<(Vec<FormulaStep>, Levels)> {
-    use ElementaryFunction::{Abs, Atan, Exp, Floor, Sign, Smooth, Tanh};
-    let first = operands.next()?.to_vec();
-    match step {
-        FormulaStep::Call(Abs | Sign) => Some((first, Levels::Some(&[0.0]))),
-        FormulaStep::Call(Smooth) => Some((first, Levels::Some(&[0.0, 1.0]))),
-        FormulaStep::Call(Floor) => Some((first, Levels::Whole)),
-        // smooth, but they may be as narrow as a jump or a pulse
-        FormulaStep::Call(Tanh | Atan) => Some((first, Levels::Some(&[-1.0, 1.0]))),
-        FormulaStep::Call(Exp) => Some((first, Levels::Some(&[-1.0]))),
-        FormulaStep::Combine(Combination::Minimum | Combination::Maximum) => {
-            let subtract = FormulaStep::Combine(Combination::Subtract);
-            Some(([first, operands.next()?.to_vec(), vec![subtract]].concat(), Levels::Some(&[0.0])))
-        }
-        // the angle jumps where y passes zero
-        FormulaStep::Combine(Combination::Angle) => Some((first, Levels::Some(&[0.0]))),
-        _ => None,
-    }
-}
-
 /// The search for the switches of one argument.
 struct SwitchSearch<'a> {
     one: Switch,
@@ -227,7 +200,7 @@ impl SwitchSearch<'_> {
             return;
         }
         let argument = Enclosure::of(&self.one.argument, [begin, end], |column| self.constant(column));
-        if argument.is_constant() || !self.one.levels.has_any(argument.value) {
+        if argument.is_constant() || !has_level(self.one.levels, argument.value) {
             return;
         }
         if argument.is_monotone() {
@@ -243,7 +216,7 @@ impl SwitchSearch<'_> {
 
     /// Finds where an argument that is monotone passes its levels.
     fn bisect(&mut self, interval: [f64; 2], [low, high]: [f64; 2]) {
-        for level in self.one.levels.between(low, high).take(MOST + 1) {
+        for level in levels_between(self.one.levels, low, high).take(MOST + 1) {
             let is_above = |t: f64| self.value(t) > level;
             let [mut before, mut behind] = interval;
             let first = is_above(before);
@@ -271,21 +244,21 @@ impl SwitchSearch<'_> {
     }
 }
 
-impl Levels {
-    fn has_any(&self, [low, high]: [f64; 2]) -> bool {
-        match self {
-            Self::Some(levels) => levels.iter().any(|level| (low..=high).contains(level)),
-            Self::Whole => low.ceil() <= high.floor(),
-        }
+/// Returns true if there is a level between two values.
+fn has_level(levels: Levels, [low, high]: [f64; 2]) -> bool {
+    match levels {
+        Levels::Some(levels) => levels.iter().any(|level| (low..=high).contains(level)),
+        Levels::Whole => low.ceil() <= high.floor(),
     }
+}
 
-    fn between(&self, low: f64, high: f64) -> Box<dyn Iterator<Item = f64>> {
-        match *self {
-            Self::Some(levels) => Box::new(levels.iter().copied().filter(move |level| (low..=high).contains(level))),
-            Self::Whole => {
-                let first = low.ceil();
-                Box::new((0..).map(move |k| first + f64::from(k)).take_while(move |level| *level <= high))
-            }
+/// The levels between two values.
+fn levels_between(levels: Levels, low: f64, high: f64) -> Box<dyn Iterator<Item = f64>> {
+    match levels {
+        Levels::Some(levels) => Box::new(levels.iter().copied().filter(move |level| (low..=high).contains(level))),
+        Levels::Whole => {
+            let first = low.ceil();
+            Box::new((0..).map(move |k| first + f64::from(k)).take_while(move |level| *level <= high))
         }
     }
 }

@@ -55,9 +55,9 @@ pub use description::{Encoding, Input, Output, OutputArray, Precision, Provenanc
 pub use domain::{Domain, DomainPolicy, TOLERANCE};
 pub use encoding::Encoder;
 pub use equations::{
-    EffortColumn, Efforts, Motion, Reactions, Shown, dictionary,
+    EffortColumn, Efforts, Motion, Reactions, Shown, bends, dictionary,
     dynamics::{Dynamics, DynamicsScratch, Point as StatePoint},
-    formula, function_set,
+    formula, function_set, switches,
     tape::listing,
 };
 pub use error::FormatError;

@@ -53,6 +53,35 @@ fn narrow_pulses_have_the_impulse_of_their_closed_form_wherever_they_are() {
     }
 }
 
+/// Torques of an angle with pulses that are narrow beside the rows, and their energies.
+fn torques_of_an_angle() -> [(&'static str, f64); 8] {
+    [
+        ("500*max(0, 1 - abs(shaft.angle - at)/width)", 0.5),
+        ("500*(step(shaft.angle, at, 0, at + width/9, 1) - step(shaft.angle, at + width, 0, at + width*10/9, 1))", 0.5),
+        ("250*(sign(shaft.angle - at + width/2) - sign(shaft.angle - at - width/2))", 0.5),
+        ("250*(tanh((shaft.angle - at)*50/width) - tanh((shaft.angle - at - width)*50/width))", 0.5),
+        ("500*exp(-((shaft.angle - at)/width)^2)", 0.5 * std::f64::consts::PI.sqrt()),
+        ("500/(1 + ((shaft.angle - at)/width)^4)^2", 0.375 * std::f64::consts::PI / 2.0f64.sqrt()),
+        ("500*max(0, 1 - abs(mod(shaft.angle, 3) - at)/width)", 0.5),
+        // in two dimensions: the shaft passes the middle of a disk that the load moves little
+        ("500*exp(-((shaft.angle - at)^2 + (1e-9*l.velocity)^2)/width^2)", 0.5 * std::f64::consts::PI.sqrt()),
+    ]
+}
+
+#[test]
+fn narrow_torques_of_an_angle_give_their_energy() {
+    for (text, energy) in torques_of_an_angle() {
+        let start = "initial.shaft = { angular_velocity = 1 }";
+        let mechanism = parse(&format!("{}{start}\n", rotor(text)));
+        for (at, width, rows) in [(0.5, 1e-3, 3), (0.731_234, 1e-4, 21), (1.2345, 1e-3, 5)] {
+            let found = mechanism.simulate(&[at, width], &grid(2.0, rows), 1e-12, &Budget::default()).unwrap();
+            // an inertia of 2 kg.m²
+            let expected = (1.0 + 1000.0 * energy * width).sqrt();
+            assert!((found[found.len() - 3] - expected).abs() < 1e-7, "{text}: {} {expected}", found[found.len() - 3]);
+        }
+    }
+}
+
 #[test]
 fn trains_of_pulses_are_followed_pulse_by_pulse() {
     // a pulse of 0.1 ms every 10 ms, with ramps of 10 us, in each of 200 periods

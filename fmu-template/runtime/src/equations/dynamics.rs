@@ -24,9 +24,10 @@
 //! A uniform `F_d` belongs to the potential, and does not act.
 
 use super::{
+    bends::BentArgument,
     efforts::Efforts,
     function_set::{FunctionSet, NetworkTerm, WrittenNetwork},
-    lookup::LookupTable,
+    switches,
     tape::{Register, Tape, TapeBuilder, TapeWork, listing::Listing},
 };
 use crate::{
@@ -181,8 +182,16 @@ impl Dynamics {
             motion[1].push(rate);
         }
         let of_formulas = [parameters, u, motion.concat()].concat();
-        let formulas = self.efforts.formulas().iter();
-        let efforts: Vec<Register> = formulas.map(|formula| formula.write(&of_formulas, &mut tape)).collect();
+        let mut efforts = Vec::with_capacity(e);
+        for formula in self.efforts.formulas() {
+            efforts.push(formula.write(&of_formulas, &mut tape));
+            let group = tape.new_group();
+            let varies = |column: usize| tape.varies(of_formulas[column]);
+            for argument in switches::bent_arguments(formula, &varies) {
+                let of = argument.formula.write(&of_formulas, &mut tape);
+                tape.add_bends(of, &Arc::new(argument.bends), group);
+            }
+        }
         let mut sides = Vec::with_capacity(n);
         for i in 0..n {
             let has_force = !(self.prescribed[i] && self.is_uniform(i));
@@ -405,8 +414,8 @@ impl Dynamics {
         kinetic + potential
     }
 
-    /// The tables in the efforts whose arguments change, with the axes that the arguments belong to.
-    pub(super) fn arguments(&self) -> Vec<(Arc<LookupTable>, usize)> {
+    /// The arguments of the efforts that have bends.
+    pub(super) fn arguments(&self) -> Vec<BentArgument> {
         self.written.tape.arguments()
     }
 

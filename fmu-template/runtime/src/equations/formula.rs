@@ -12,7 +12,7 @@ use crate::{
 };
 use std::sync::Arc;
 
-pub use super::lookup::{Bend, Extrapolation, Interpolation, LookupTable};
+pub use super::lookup::{Extrapolation, Interpolation, LookupTable};
 pub use crate::numbers::{combination::Combination, elementary::ElementaryFunction};
 
 /// A step of a formula in postfix notation: operands are taken from a stack, and the result is put there.
@@ -147,16 +147,6 @@ impl Formula {
     /// Value with derivatives along a curve of the columns.
     pub fn series(&self, column: impl Fn(usize) -> Jet) -> Jet {
         self.evaluate(column)
-    }
-
-    /// Calls back with every table and its arguments at these columns.
-    pub fn for_each_lookup(&self, column: impl Fn(usize) -> f64, mut act: impl FnMut(&LookupTable, &[f64])) {
-        self.walk(|step: Applied<f64>| {
-            if let Applied::Lookup(table, at) = step {
-                act(table, at);
-            }
-            applied(&step, &column)
-        });
     }
 
     fn evaluate<T: Number>(&self, column: impl Fn(usize) -> T) -> T {

@@ -1,10 +1,12 @@
 //! Lookup tables: functions of one or two variables by linear interpolation or cubic splines.
 
+use super::bends::{Bend, Bends};
 use crate::FormatError;
 use crate::{
     check::{expect_finite, expect_shape},
     numbers::jet::{Jet, Number},
 };
+use std::sync::Arc;
 
 /// Interpolation between knots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,16 +52,7 @@ pub struct LookupTable {
     extrapolation: Extrapolation,
     nodes: Vec<f64>,
     /// Knots where the slope changes much, by axis.
-    bends: Vec<Vec<Bend>>,
-}
-
-/// A knot at which the slope of a table changes much.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Bend {
-    /// The knot.
-    pub at: f64,
-    /// Length of the shorter interval beside it.
-    pub width: f64,
+    bends: Vec<Arc<Bends>>,
 }
 
 /// Change of the slope at a [`Bend`], times the shorter interval beside it and relative to the range of the values, at least.
@@ -98,7 +91,7 @@ impl LookupTable {
         }
         table.nodes = table.with_slopes();
         expect_finite("lookup.values", table.nodes.iter().copied())?;
-        table.bends = (0..table.axes.len()).map(|axis| table.find_bends(axis)).collect();
+        table.bends = (0..table.axes.len()).map(|axis| Arc::new(table.find_bends(axis))).collect();
         Ok(table)
     }
 
@@ -129,7 +122,7 @@ impl LookupTable {
             Extrapolation::Periodic => Extrapolation::Periodic,
             Extrapolation::Hold | Extrapolation::Linear => Extrapolation::Hold,
         };
-        let mut first = Self { values: slopes, extrapolation, bends: vec![Vec::new()], ..self.clone() };
+        let mut first = Self { values: slopes, extrapolation, bends: vec![Arc::default()], ..self.clone() };
         if extrapolation == Extrapolation::Periodic {
             seconds[last] = seconds[0];
             first.values[last] = first.values[0];
@@ -141,7 +134,7 @@ impl LookupTable {
     }
 
     /// Knots of an axis at which the slope changes much, in their order. Features between them are so narrow that a solver may step over them.
-    pub fn bends(&self, axis: usize) -> &[Bend] {
+    pub fn bends(&self, axis: usize) -> &Arc<Bends> {
         &self.bends[axis]
     }
 
@@ -151,34 +144,8 @@ impl LookupTable {
         (self.extrapolation == Extrapolation::Periodic).then(|| knots[knots.len() - 1] - knots[0])
     }
 
-    /// Share of a solver's step, from 0 to 1, with which it misses nothing: over a bend an argument may move by no more than the bend's width.
-    /// `start` is the argument at the beginning of the step, `lowest` and `highest` are those on the way.
-    pub fn share_of_step(&self, axis: usize, start: f64, [lowest, highest]: [f64; 2]) -> f64 {
-        let moved = highest - lowest;
-        let bends = &self.bends[axis];
-        let first = self.axes[axis][0];
-        // the period in which the movement begins, and the next one
-        let shifts = match self.period(axis) {
-            Some(period) => {
-                let turned = ((lowest - first) / period).floor() * period;
-                [turned, turned + period]
-            }
-            None => [0.0, f64::NAN],
-        };
-        let mut share = 1.0f64;
-        for shift in shifts.into_iter().filter(|shift| shift.is_finite()) {
-            let passed = bends.partition_point(|bend| bend.at + shift < lowest);
-            for bend in bends[passed..].iter().take_while(|bend| bend.at + shift <= highest) {
-                // up to the bend in few steps, and over it in short ones
-                let distance = 0.9 * (bend.at + shift - start).abs();
-                share = share.min(bend.width.max(distance) / moved);
-            }
-        }
-        share
-    }
-
     #[inline(never)]
-    fn find_bends(&self, axis: usize) -> Vec<Bend> {
+    fn find_bends(&self, axis: usize) -> Bends {
         let knots = &self.axes[axis];
         let range = |values: &[f64]| {
             let ends = values.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], y| [a.min(*y), b.max(*y)]);
@@ -206,7 +173,7 @@ impl LookupTable {
             let largest = lines.iter().map(change).fold(0.0, f64::max);
             (largest > least).then_some(Bend { at: *at, width })
         };
-        knots.iter().enumerate().filter_map(bend).collect()
+        Bends::new(knots.iter().enumerate().filter_map(bend).collect(), knots[0], self.period(axis))
     }
 
     /// Knots of each axis.
@@ -455,7 +422,10 @@ fn tridiagonal(rows: &[([f64; 3], f64)]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::Jet;
+    use crate::{
+        Jet,
+        equations::bends::{ArgumentPath, BentArgument, share_of_step},
+    };
 
     fn table(axes: &[&[f64]], values: &[f64], how: (Interpolation, Extrapolation)) -> LookupTable {
         LookupTable::new(axes.iter().map(|axis| axis.to_vec()).collect(), values.to_vec(), how.0, how.1).unwrap()
@@ -570,6 +540,14 @@ mod tests {
         assert!(table(&[&X], &[0.0; 5], (Interpolation::Linear, Extrapolation::Hold)).derivatives().is_err());
     }
 
+    /// Share of a step in which the argument of a table moves.
+    fn share(table: &LookupTable, from: f64, to: f64) -> f64 {
+        let argument = BentArgument { bends: Arc::clone(table.bends(0)), group: 0 };
+        let mut path = ArgumentPath::at(from);
+        path.add(to);
+        share_of_step(&[argument], &[path])
+    }
+
     #[test]
     fn bends_are_where_a_step_would_miss_something() {
         let spike = table(
@@ -577,23 +555,23 @@ mod tests {
             &[0.0, 0.0, 1.0, 0.0, 0.0, 0.0],
             (Interpolation::Linear, Extrapolation::Hold),
         );
-        let at: Vec<f64> = spike.bends(0).iter().map(|bend| bend.at).collect();
+        let at: Vec<f64> = spike.bends(0).list().iter().map(|bend| bend.at).collect();
         assert_eq!(at, [0.5, 0.51, 0.52]);
         // not over it, from far away, over it, from close by, and in short steps
         for (from, to, expected) in
             [(0.0, 0.4, 1.0), (0.0, 2.0, 0.225), (2.0, 0.0, 0.666), (0.49, 0.59, 0.1), (0.5, 0.508, 1.0)]
         {
-            let share = spike.share_of_step(0, from, [f64::min(from, to), f64::max(from, to)]);
+            let share = share(&spike, from, to);
             assert!((share - expected).abs() < 1e-12, "{from} {to}: {share}");
         }
         let smooth: Vec<f64> = (0..=1000).map(|k| f64::from(k) / 100.0).collect();
         let values: Vec<f64> = smooth.iter().map(|x| x.sin()).collect();
         let smooth = table(&[&smooth], &values, (Interpolation::Linear, Extrapolation::Linear));
-        assert_eq!(smooth.bends(0), []);
+        assert!(smooth.bends(0).is_empty());
         let cam =
             table(&[&[0.0, 0.1, 0.2, 6.0]], &[0.0, 1.0, 0.0, 0.0], (Interpolation::Cubic, Extrapolation::Periodic));
-        assert!((cam.share_of_step(0, 5.0, [5.0, 7.0]) - 0.45).abs() < 1e-12);
-        assert_eq!(cam.share_of_step(0, 13.0, [13.0, 16.0]), 1.0);
+        assert!((share(&cam, 5.0, 7.0) - 0.45).abs() < 1e-12);
+        assert_eq!(share(&cam, 13.0, 16.0), 1.0);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! Equations: functions of some columns, written as tapes, and equations of motion that are made of them.
 
+pub mod bends;
 pub mod dictionary;
 pub(crate) mod dynamics;
 pub(crate) mod efforts;
@@ -9,6 +10,7 @@ pub(crate) mod lookup;
 pub(crate) mod motion;
 mod places;
 pub(crate) mod reactions;
+pub mod switches;
 pub(crate) mod tape;
 
 pub use efforts::{EffortColumn, Efforts};

@@ -15,6 +15,7 @@
 //! Forces of joints and springs are [`Reactions`].
 
 use super::{
+    bends::BentArgument,
     dynamics::Dynamics,
     function_set::{FunctionSet, PreparedFunctions},
     reactions::Reactions,
@@ -23,11 +24,10 @@ use super::{
 use crate::{
     FormatError,
     check::{expect_below, expect_finite, expect_shape},
-    formula::LookupTable,
     numbers::jet::{Jet, Number},
     task::Task,
 };
-use std::{ops::Range, sync::Arc};
+use std::ops::Range;
 
 /// Equations of motion, and outputs.
 #[derive(Clone, Debug, PartialEq)]
@@ -237,12 +237,12 @@ impl PreparedMotion {
         }
     }
 
-    /// Tables in the efforts whose arguments change, with the axes that the arguments belong to.
-    pub(crate) fn arguments(&self) -> Vec<(Arc<LookupTable>, usize)> {
+    /// The arguments of the efforts that have bends.
+    pub(crate) fn arguments(&self) -> Vec<BentArgument> {
         self.motion.dynamics.arguments()
     }
 
-    /// Derivatives of the states without the outputs, and the arguments of tables, at a point: the columns, and among them values that are
+    /// Derivatives of the states without the outputs, and the arguments with bends, at a point: the columns, and among them values that are
     /// left out. At each stage of a solver, where a copy of the columns would count.
     #[inline]
     pub(crate) fn rates(

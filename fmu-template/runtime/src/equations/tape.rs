@@ -4,7 +4,11 @@
 mod lanes;
 pub mod listing;
 
-use super::{lookup::LookupTable, places::PlaceTable};
+use super::{
+    bends::{Bends, BentArgument},
+    lookup::LookupTable,
+    places::PlaceTable,
+};
 use crate::{
     numbers::{combination::Combination, elementary::ElementaryFunction, jet::Number},
     simd::{Compute, Simd},
@@ -40,7 +44,7 @@ pub(crate) struct Tape {
     registers: usize,
     constants: Vec<(Register, f64)>,
     tables: Vec<Arc<LookupTable>>,
-    /// Arguments of tables that a run computes.
+    /// Arguments with bends that a run computes.
     arguments: Vec<Argument>,
     /// Weights of layers.
     weights: Vec<[f64; LANES]>,
@@ -50,11 +54,10 @@ pub(crate) struct Tape {
     rest: Part,
 }
 
-/// Argument of a table.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Argument of a table or a formula.
+#[derive(Clone, Debug, PartialEq)]
 struct Argument {
-    table: usize,
-    axis: usize,
+    with: BentArgument,
     of: Register,
 }
 
@@ -137,9 +140,9 @@ impl Tape {
         TapeWork { registers, at: vec![T::from(0.0); self.fixed.len()], is_known: false }
     }
 
-    /// The tables whose arguments change with inputs that are not fixed, and which axis each argument belongs to.
-    pub(crate) fn arguments(&self) -> Vec<(Arc<LookupTable>, usize)> {
-        self.arguments.iter().map(|argument| (Arc::clone(&self.tables[argument.table]), argument.axis)).collect()
+    /// The arguments with bends that change with inputs that are not fixed.
+    pub(crate) fn arguments(&self) -> Vec<BentArgument> {
+        self.arguments.iter().map(|argument| argument.with.clone()).collect()
     }
 
     /// Writes these arguments as they were in the last run.
@@ -567,6 +570,18 @@ impl TapeBuilder {
         }
     }
 
+    /// Number of a function whose arguments have bends.
+    pub(crate) fn new_group(&self) -> u32 {
+        self.tape.arguments.last().map_or(0, |argument| argument.with.group + 1)
+    }
+
+    /// Makes a number an argument with bends, if there are any and it changes with inputs that are not fixed.
+    pub(crate) fn add_bends(&mut self, of: Register, bends: &Arc<Bends>, group: u32) {
+        if self.varies(of) && !bends.is_empty() {
+            self.tape.arguments.push(Argument { with: BentArgument { bends: Arc::clone(bends), group }, of });
+        }
+    }
+
     /// A table at one or two numbers.
     pub(crate) fn lookup(&mut self, table: &Arc<LookupTable>, at: &[Register]) -> Register {
         let values: Option<Vec<f64>> = at.iter().map(|register| self.value(*register)).collect();
@@ -580,10 +595,10 @@ impl TapeBuilder {
         });
         let known = self.follows(at);
         let to = self.reserve(known);
-        let arguments = at.iter().enumerate().filter(|(_, of)| self.varies(**of));
-        let arguments: Vec<Argument> =
-            arguments.map(|(axis, of)| Argument { table: position, axis, of: *of }).collect();
-        self.tape.arguments.extend(arguments);
+        for (axis, of) in at.iter().enumerate() {
+            let group = self.new_group();
+            self.add_bends(*of, table.bends(axis), group);
+        }
         let at = [at[0], at[at.len() - 1]];
         self.part(known).operations.push(TapeOperation::Lookup { table: position as u32, at, to });
         to

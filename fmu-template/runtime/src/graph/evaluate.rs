@@ -64,7 +64,7 @@ impl PreparedGraph {
         self.nested()?.motion()
     }
 
-    /// Derivatives of the states of a [motion](Self::motion), and the arguments of its tables, without the outputs; see
+    /// Derivatives of the states of a [motion](Self::motion), and its arguments with bends, without the outputs; see
     /// [`PreparedMotion::rates`].
     pub(crate) fn rates(
         &self,

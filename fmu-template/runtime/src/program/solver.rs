@@ -2,9 +2,12 @@
 
 mod rosenbrock;
 
-use crate::{Domain, FormatError, State, TOLERANCE, formula::LookupTable};
+use crate::{
+    Domain, FormatError, State, TOLERANCE,
+    bends::{ArgumentPath, BentArgument, share_of_step},
+};
 use rosenbrock::Rosenbrock;
-use std::{ops::Range, sync::Arc};
+use std::ops::Range;
 
 /// Integration of the states of a program over a communication step.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -161,6 +164,9 @@ const LANES: usize = 4;
 /// Stages of the error-controlled method. The last one is the first of the next step.
 const STAGES: usize = 7;
 
+/// The stage of both methods that is nearest to the middle of the step and more accurate than the one before.
+const MIDDLE: usize = 2;
+
 /// How inputs go on during a step, and what is clamped on the way.
 #[derive(Clone, Copy, Debug)]
 pub struct Drive<'a> {
@@ -222,21 +228,19 @@ pub(super) struct Solver {
     /// Columns at a stage, and the rates of the states at each stage.
     stage: Vec<f64>,
     rates: Vec<[f64; LANES]>,
-    /// Tables with the axes of their arguments, and the arguments at each stage.
-    tables: Vec<(Arc<LookupTable>, usize)>,
+    /// Arguments with bends, their values at each stage, and their paths.
+    bent: Vec<BentArgument>,
     arguments: Vec<f64>,
+    paths: Vec<ArgumentPath>,
+    /// `true` if the last stage was the end of a communication step: its arguments are those at the beginning of the next one.
+    is_at_end: bool,
     implicit: Rosenbrock,
 }
 
 impl Solver {
     /// For points whose last columns are the states, which have these scales, and those before them the inputs, which have these ranges.
-    /// No step of an error-controlled integration goes over the bends of these tables.
-    pub(super) fn new(
-        columns: usize,
-        ranges: Vec<[f64; 2]>,
-        scales: Vec<Scale>,
-        tables: Vec<(Arc<LookupTable>, usize)>,
-    ) -> Self {
+    /// No step of an error-controlled integration goes over the bends of these arguments.
+    pub(super) fn new(columns: usize, ranges: Vec<[f64; 2]>, scales: Vec<Scale>, bent: Vec<BentArgument>) -> Self {
         let states = scales.len();
         let first = columns - states;
         Self {
@@ -247,14 +251,16 @@ impl Solver {
             before: vec![0.0; states],
             stage: vec![0.0; columns],
             rates: vec![[0.0; LANES]; STAGES * states.div_ceil(LANES)],
-            arguments: vec![0.0; STAGES * tables.len()],
-            tables,
+            arguments: vec![0.0; STAGES * bent.len()],
+            paths: vec![ArgumentPath::default(); bent.len()],
+            bent,
+            is_at_end: false,
             implicit: Rosenbrock::new(states),
         }
     }
 
-    /// Integrates the states of `point` over a communication step. `respond` gives the rates of the states at a point, and the arguments of
-    /// tables. Returns how many steps were tried. Does not allocate.
+    /// Integrates the states of `point` over a communication step. `respond` gives the rates of the states at a point, and the arguments
+    /// with bends. Returns how many steps were tried. Does not allocate.
     ///
     /// # Errors
     /// A [`StepError`]; the states are as before.
@@ -293,6 +299,7 @@ impl Solver {
             return Err(StepError::TooManySteps);
         }
         let (h, lanes) = (size / steps, self.lanes());
+        self.is_at_end = false;
         for step in 0..steps as u32 {
             let since = f64::from(step) * h;
             self.begin(point);
@@ -322,9 +329,11 @@ impl Solver {
         let (mut since, mut h, mut steps) = (0.0, longest, 0);
         let is_implicit = integration.is_implicit();
         let mut is_repeated = false;
+        // the arguments are known, or there are none
+        let has_arguments = self.bent.is_empty() || (self.is_at_end && self.stage == point);
+        self.is_at_end = false;
         self.begin(point);
-        // arguments of tables are not known
-        match derivatives.filter(|_| self.tables.is_empty()) {
+        match derivatives.filter(|_| has_arguments) {
             Some(known) => self.rates.as_flattened_mut()[..known.len()].copy_from_slice(known),
             None => self.first_stage(point, 0.0, drive, &mut respond),
         }
@@ -343,7 +352,7 @@ impl Solver {
                 self.stages(&DORMAND_PRINCE, 1, point, (since, h), drive, &mut respond);
             }
             is_repeated = true;
-            let share = self.share_of_step();
+            let share = self.share_of_step(is_implicit);
             if share < 1.0 && share * h >= SHORTEST * size {
                 // less than what would be lengthened to the end of the communication step again
                 h *= share.min(0.9);
@@ -360,7 +369,7 @@ impl Solver {
                 } else {
                     let last = (STAGES - 1) * self.lanes();
                     self.rates.copy_within(last.., 0);
-                    self.arguments.copy_within((STAGES - 1) * self.tables.len().., 0);
+                    self.arguments.copy_within((STAGES - 1) * self.bent.len().., 0);
                 }
                 self.expect_plausible(&point[self.states.clone()], since)?;
             }
@@ -379,6 +388,7 @@ impl Solver {
                 });
             }
         }
+        self.is_at_end = true;
         Ok(steps)
     }
 
@@ -387,17 +397,20 @@ impl Solver {
         self.before.len().div_ceil(LANES)
     }
 
-    /// Share of a step with which no table is stepped over.
-    fn share_of_step(&self) -> f64 {
-        let mut share = 1.0f64;
-        for (index, (table, axis)) in self.tables.iter().enumerate() {
-            let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
-            for arguments in self.arguments.chunks_exact(self.tables.len()) {
-                ends = [ends[0].min(arguments[index]), ends[1].max(arguments[index])];
-            }
-            share = share.min(table.share_of_step(*axis, self.arguments[index], ends));
+    /// Share of a step with which no bend is stepped over.
+    #[inline]
+    fn share_of_step(&mut self, is_implicit: bool) -> f64 {
+        let count = self.bent.len();
+        if count == 0 {
+            return 1.0;
         }
-        share
+        let share_of_middle = if is_implicit { rosenbrock::TIMES[MIDDLE] } else { DORMAND_PRINCE.stages[MIDDLE].0 };
+        for (index, path) in self.paths.iter_mut().enumerate() {
+            *path = ArgumentPath::at(self.arguments[index]);
+            (1..STAGES).for_each(|stage| path.add(self.arguments[stage * count + index]));
+            path.add_turn(share_of_middle, self.arguments[MIDDLE * count + index]);
+        }
+        share_of_step(&self.bent, &self.paths)
     }
 
     /// Largest estimate of the error of a step of size `h` in any state, relative to its scale.
@@ -461,8 +474,8 @@ impl Solver {
         respond: &mut impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) {
         let lanes = self.lanes();
-        let Self { inputs, ranges, states, stage, rates, tables, arguments, .. } = self;
-        let tables = tables.len();
+        let Self { inputs, ranges, states, stage, rates, bent, arguments, .. } = self;
+        let bent = bent.len();
         for (index, (time, weights)) in tableau.stages.iter().enumerate().skip(first) {
             let later = since + time * h;
             for (column, range) in inputs.clone().zip(&*ranges) {
@@ -476,7 +489,7 @@ impl Solver {
                 to.iter_mut().zip(from).zip(sums).for_each(|((to, from), sum)| *to = from + h * sum);
             }
             let rates = &mut rates[index * lanes..][..lanes];
-            respond(stage, &mut rates.as_flattened_mut()[..states.len()], &mut arguments[index * tables..][..tables]);
+            respond(stage, &mut rates.as_flattened_mut()[..states.len()], &mut arguments[index * bent..][..bent]);
         }
     }
 }

@@ -51,7 +51,7 @@ pub fn part(surrogate: &Surrogate, motion: &Motion, integration: Integration) ->
                 "the first input that is neither parameter nor start",
             ),
             ("EFFORT_COUNT", dynamics.efforts().count(), ""),
-            ("ARGUMENT_COUNT", arguments, "of tables"),
+            ("ARGUMENT_COUNT", arguments, "with bends"),
             ("ARGUMENT_SIZE", arguments.max(1), "but C has no empty arrays"),
             BLOCK_OF_TAPES,
             ("EQUATION_REGISTERS", equations.registers, ""),

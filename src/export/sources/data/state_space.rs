@@ -16,7 +16,7 @@ pub fn part(surrogate: &Surrogate, integration: Integration) -> ModelSources {
         sizes: [
             vec![
                 ("FIRST_DRIVEN", parameters + states, "the first input that is neither parameter nor start"),
-                ("ARGUMENT_COUNT", 0, "of tables"),
+                ("ARGUMENT_COUNT", 0, "with bends"),
                 ("ARGUMENT_SIZE", 1, ""),
             ],
             graph.sizes,

@@ -1,7 +1,8 @@
-//! Lookup tables in formulas of efforts.
+//! Lookup tables in formulas of efforts, and arguments with bends.
 
 use super::{array, real, table as list};
 use metafmu_runtime::{
+    bends::{Bend, BentArgument},
     formula::{Extrapolation, Interpolation},
     listing::Listing,
 };
@@ -24,26 +25,21 @@ pub(super) fn write_tables(text: &mut String, listing: &Listing) {
             Extrapolation::Linear => "LINEAR",
             Extrapolation::Periodic => "PERIODIC",
         };
-        let mut bends = Vec::new();
-        for (axis, what) in ["x", "y"].into_iter().take(table.arguments()).enumerate() {
-            let of_axis = table.bends(axis);
-            if of_axis.is_empty() {
-                bends.push(("NULL".to_owned(), 0));
-                continue;
-            }
-            let name = name(&format!("{what}_bends"));
-            let listed = of_axis.iter().map(|bend| format!("{}, {}", real(bend.at), real(bend.width)));
-            list(text, &format!("static const Bend {name}"), listed, "");
-            bends.push((name, of_axis.len()));
-        }
-        bends.resize(2, ("NULL".into(), 0));
-        let (axes, nodes, [(x, x_count), (y, y_count)]) = (axes.join(", "), name("nodes"), [&bends[0], &bends[1]]);
-        entries.push(format!(
-            "{axes}, {nodes}, {has_slopes}, {is_cubic}, EXTRAPOLATION_{extrapolation}, {{{x}, {y}}}, {{{x_count}, {y_count}}}"
-        ));
+        let (axes, nodes) = (axes.join(", "), name("nodes"));
+        entries.push(format!("{axes}, {nodes}, {has_slopes}, {is_cubic}, EXTRAPOLATION_{extrapolation}"));
     }
-    let none = "NULL, 0, NULL, 0, NULL, 0, 0, EXTRAPOLATION_HOLD, {NULL, NULL}, {0, 0}";
+    let none = "NULL, 0, NULL, 0, NULL, 0, 0, EXTRAPOLATION_HOLD";
     list(text, "const LookupTable model_tables", entries.into_iter(), none);
-    let arguments = listing.arguments.iter().map(|(table, axis, of)| format!("&model_tables[{table}], {axis}, {of}"));
-    list(text, "const Argument model_arguments", arguments, "NULL, 0, 0");
+    let mut entries = Vec::new();
+    for (index, (BentArgument { bends, group }, of)) in listing.arguments.iter().enumerate() {
+        let name = format!("bends_{index}");
+        // neighbors of a single bend are infinitely far
+        let width = |bend: &Bend| real(bend.width.min(f64::from(f32::MAX)));
+        let listed = bends.list().iter().map(|bend| format!("{}, {}", real(bend.at), width(bend)));
+        list(text, &format!("static const Bend {name}"), listed, "");
+        let (count, start, period) = (bends.list().len(), real(bends.start()), real(bends.period().unwrap_or(0.0)));
+        entries.push(format!("{of}, {name}, {count}, {start}, {period}, {group}"));
+    }
+    let none = format!("0, NULL, 0, {zero}, {zero}, 0", zero = real(0.0));
+    list(text, "const Argument model_arguments", entries.into_iter(), &none);
 }

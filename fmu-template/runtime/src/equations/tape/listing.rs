@@ -3,6 +3,7 @@
 use super::{Argument, LaneOperation, Part, Register, Tape, TapeOperation};
 use crate::{
     Activation,
+    bends::BentArgument,
     formula::{Combination, ElementaryFunction, LookupTable},
 };
 use std::{ops::Range, sync::Arc};
@@ -23,8 +24,8 @@ pub struct Listing {
     pub constants: Vec<(u32, f64)>,
     /// Lookup tables.
     pub tables: Vec<Arc<LookupTable>>,
-    /// Table, axis and register of each table argument that depends on inputs that are not fixed.
-    pub arguments: Vec<(usize, usize, u32)>,
+    /// Arguments with bends that depend on inputs that are not fixed, and their registers.
+    pub arguments: Vec<(BentArgument, u32)>,
     /// Weights of layers.
     pub weights: Vec<[f64; LANES]>,
     /// Instructions that depend on fixed inputs alone, the others, and those of rarely needed results.
@@ -88,7 +89,7 @@ impl Tape {
             registers: *registers,
             constants: constants.iter().map(|(to, value)| (to.0, *value)).collect(),
             tables: tables.clone(),
-            arguments: arguments.iter().map(|Argument { table, axis, of }| (*table, *axis, of.0)).collect(),
+            arguments: arguments.iter().map(|Argument { with, of }| (with.clone(), of.0)).collect(),
             weights: weights.clone(),
             instructions: [of_fixed, of_others, rest].map(|part| part.instructions(constants[0].0)),
             results: results.into_iter().map(|register| register.0).collect(),

@@ -11,7 +11,7 @@ const COUNT: usize = 8;
 /// `gamma`.
 const GAMMA: f64 = 0.211_937_563_194_290_14;
 /// `c`.
-const TIMES: [f64; COUNT] = [
+pub(super) const TIMES: [f64; COUNT] = [
     0.0,
     0.635_812_689_582_870_4,
     0.409_579_839_339_753_5,
@@ -79,12 +79,12 @@ const COUPLINGS: [&[f64]; COUNT] = [
         -9.488_616_523_096_27,
     ],
 ];
-/// The last part of the arguments of tables.
+/// The last part of the arguments with bends.
 const LAST: usize = STAGES - 1;
 /// Part of a step over which the derivative with respect to time is a difference.
 const SHORT: f64 = 1e-6;
 
-/// Gives the rates of the states at a point, and the arguments of tables. Not generic: the equations decide the time.
+/// Gives the rates of the states at a point, and the arguments with bends. Not generic: the equations decide the time.
 type Respond<'a> = dyn FnMut(&[f64], &mut [f64], &mut [f64]) + 'a;
 
 /// Working memory of the method.
@@ -220,14 +220,14 @@ impl Solver {
         add(&mut self.stage[self.states.clone()], 1.0, self.implicit.error());
     }
 
-    /// The rates at the stage, with inputs of a time; arguments of tables go to this part of them.
+    /// The rates at the stage, with inputs of a time; arguments with bends go to this part of them.
     fn respond_at(&mut self, point: &[f64], (later, part): (f64, usize), drive: Drive, respond: &mut Respond) {
         for (column, range) in self.inputs.clone().zip(&self.ranges) {
             let value = without_rounding(drive.at(column, point[column], later), *range);
             self.stage[column] = drive.clamp.map_or(value, |domain| domain.clamp(column, value));
         }
-        let tables = self.tables.len();
-        respond(&self.stage, self.implicit.parts().rates, &mut self.arguments[part * tables..][..tables]);
+        let bent = self.bent.len();
+        respond(&self.stage, self.implicit.parts().rates, &mut self.arguments[part * bent..][..bent]);
     }
 
     /// The Jacobian, and the derivative with respect to time if inputs change, at the beginning of a step.
