@@ -209,6 +209,11 @@ def check(mechanism, options, folder):
     training = json.loads((out / "training.json").read_text())["motion"]
     solver, model = training["solver"], header(out / f"{name}.safetensors")
     states = model["states"]
+    of_study = list(study["states"].values())
+    ends = [[of["min"], of["max"]] for of in of_study] + [of.get("velocity", [0.0, 0.0]) for of in of_study]
+    for state, of in zip(states, ends):
+        # nothing depends on it, so it has no range
+        state.setdefault("range", of)
     stated = solver["wanted"] + training["error"]
     ranges = np.array([output["max"] - output["min"] for output in model["outputs"]])
     step = study["time"]["step"] * options.every

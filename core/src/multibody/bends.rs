@@ -11,14 +11,33 @@ use metafmu_runtime::{
     switches::{FormulaArgument, bent_arguments, table_arguments},
 };
 use nalgebra::DVector;
-use std::{cell::RefCell, sync::Arc};
+use std::{cell::RefCell, collections::VecDeque, sync::Arc};
 
-/// Arguments with bends of a model's expressions, and their paths in a part of a run.
+/// Evaluations of a step of Dormand and Prince's method of order 8 without dense output, from its first stage to the derivative at its end.
+const EVALUATIONS_OF_STEP: usize = 12;
+
+/// Arguments with bends of a model's expressions, and where a part of a run takes them.
 pub(super) struct Bending<'a> {
     functions: Vec<(&'a BoundExpression, Formula)>,
     arguments: Vec<BentArgument>,
-    /// Paths since [`begin`](Self::begin), and where they end.
-    paths: RefCell<(Vec<ArgumentPath>, f64)>,
+    observed: RefCell<Observed>,
+}
+
+/// Values of the arguments since the beginning of a part of a run.
+#[derive(Default)]
+struct Observed {
+    /// Where the part ends.
+    end: f64,
+    /// In accepted steps, in the order of time.
+    accepted: Vec<ObservedPoint>,
+    /// In the step that is tried, which may be rejected.
+    tried: VecDeque<ObservedPoint>,
+}
+
+/// Values of the arguments at a time.
+struct ObservedPoint {
+    t: f64,
+    values: Vec<f64>,
 }
 
 impl<'a> Bending<'a> {
@@ -37,7 +56,7 @@ impl<'a> Bending<'a> {
                 group += 1;
             }
         }
-        Self { functions, arguments, paths: RefCell::default() }
+        Self { functions, arguments, observed: RefCell::default() }
     }
 
     /// Returns true if no expression bends.
@@ -45,34 +64,77 @@ impl<'a> Bending<'a> {
         self.functions.is_empty()
     }
 
-    /// Begins the paths from a sample to a time.
+    /// Begins the part from a sample to a time.
     pub fn begin(&self, model: &MultibodyModel, from: &Sample, to: f64) {
         let u = model.at(from.t, &from.z);
-        let starts = self.values(from.t, &from.q, &from.v, &u).map(ArgumentPath::at).collect();
+        let values = self.values(from.t, &from.q, &from.v, &u);
         // inputs may jump at the end
-        self.paths.replace((starts, to - 1e-9 * (to - from.t)));
+        let end = to - 1e-9 * (to - from.t);
+        self.observed.replace(Observed {
+            end,
+            accepted: vec![ObservedPoint { t: from.t, values }],
+            tried: VecDeque::new(),
+        });
     }
 
-    /// Adds a state at a time, unless it is at the end or behind it.
-    pub fn add(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) {
-        let (paths, end) = &mut *self.paths.borrow_mut();
+    /// Forgets everything but the beginning: another method begins there.
+    pub fn restart(&self) {
+        let Observed { accepted, tried, .. } = &mut *self.observed.borrow_mut();
+        accepted.truncate(1);
+        tried.clear();
+    }
+
+    /// Notes a state in which the explicit method evaluates the equations; it counts if its step is accepted.
+    pub fn try_state(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) {
+        let Observed { end, tried, .. } = &mut *self.observed.borrow_mut();
         if t < *end {
-            paths.iter_mut().zip(self.values(t, q, v, u)).for_each(|(path, value)| path.add(value));
+            tried.push_back(ObservedPoint { t, values: self.values(t, q, v, u) });
+            if tried.len() > EVALUATIONS_OF_STEP {
+                tried.pop_front();
+            }
+        }
+    }
+
+    /// Accepts the step that was tried last.
+    pub fn accept(&self) {
+        let Observed { accepted, tried, .. } = &mut *self.observed.borrow_mut();
+        // a step that ends behind the end has fewer states than others: what is left of rejected ones lies in it as well
+        let since = accepted.last().map_or(f64::NEG_INFINITY, |point| point.t);
+        let first = accepted.len();
+        accepted.extend(tried.drain(..).filter(|point| point.t > since));
+        accepted[first..].sort_by(|a, b| a.t.total_cmp(&b.t));
+    }
+
+    /// Adds a state of an accepted step.
+    pub fn add(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) {
+        let Observed { end, accepted, .. } = &mut *self.observed.borrow_mut();
+        if t < *end {
+            accepted.push(ObservedPoint { t, values: self.values(t, q, v, u) });
         }
     }
 
     /// Share of the time up to a sample, from 0 to 1, within which nothing is stepped over.
     pub fn share_up_to(&self, model: &MultibodyModel, sample: &Sample) -> f64 {
-        let (paths, end) = &mut *self.paths.borrow_mut();
+        let Observed { end, accepted, .. } = &mut *self.observed.borrow_mut();
         let u = model.at(*end, &sample.z);
-        paths.iter_mut().zip(self.values(*end, &sample.q, &sample.v, &u)).for_each(|(path, value)| path.add(value));
-        share_of_step(&self.arguments, paths)
+        accepted.push(ObservedPoint { t: *end, values: self.values(*end, &sample.q, &sample.v, &u) });
+        let paths: Vec<ArgumentPath> = (0..self.arguments.len())
+            .map(|argument| {
+                let mut path = ArgumentPath::at(accepted[0].values[argument]);
+                accepted[1..].iter().for_each(|point| path.add(point.values[argument]));
+                for three in accepted.windows(3) {
+                    path.add_turn([0, 1, 2].map(|index| [three[index].t, three[index].values[argument]]));
+                }
+                path
+            })
+            .collect();
+        share_of_step(&self.arguments, &paths)
     }
 
-    fn values(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> impl Iterator<Item = f64> {
-        let value = move |(bound, formula): &(&BoundExpression, Formula)| {
+    fn values(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> Vec<f64> {
+        let value = |(bound, formula): &(&BoundExpression, Formula)| {
             formula.value(|column| bound.slots[column].value(t, q, v, u))
         };
-        self.functions.iter().map(value)
+        self.functions.iter().map(value).collect()
     }
 }

@@ -140,12 +140,13 @@ impl ModelRun<'_> {
             self.bending.begin(self.model, &from, to);
             let next = self.stretch(kind, &from, &[from.t, to], choice)?.swap_remove(0);
             let share = self.bending.share_up_to(self.model, &next);
-            if share < 1.0 && share * h > least {
-                h *= share.min(0.9);
+            let step = to - from.t;
+            if share < 1.0 && share * step > least {
+                h = step * share.min(0.9);
                 continue;
             }
             from = next;
-            h *= 5.0;
+            h = 5.0 * step;
         }
         Ok(from)
     }
@@ -234,8 +235,10 @@ impl Stretch<'_> {
                 Err(message) => failed = Some(message),
             }
         }
+        self.bending.restart();
         let lap = Lap::begin(self.budget, from.t);
-        let ends_exactly = self.branch.is_some() && times.len() == 2;
+        let is_watched = self.branch.is_some() || !self.bending.is_empty();
+        let ends_exactly = is_watched && times.len() == 2;
         let problem = StretchProblem { stretch: self, start: if ends_exactly { f64::INFINITY } else { from.t } };
         let tolerance = self.model.tolerance;
         let IntegrationResult { states, failure, is_stiff, .. } = match times {
@@ -271,6 +274,7 @@ impl Stretch<'_> {
     /// The budget is over.
     fn implicit(&self, state: &DVector<f64>, times: &[f64]) -> Result<Result<Vec<DVector<f64>>, String>, String> {
         let guess = self.guess.borrow().clone();
+        self.bending.restart();
         let mut problem = StretchProblem { stretch: self, start: times[0] };
         let IntegrationResult { mut states, failure, .. } =
             radau::advance(&mut problem, without_time(state), times, self.model.tolerance, self.budget);
@@ -370,6 +374,22 @@ impl Stretch<'_> {
         states.enumerate().map(|(index, state)| (state.owner.as_str(), rate((index, state)))).collect()
     }
 
+    /// Notes where arguments with bends are in the state whose derivative was found last.
+    fn observe(&self, state: &DVector<f64>) {
+        if !self.bending.is_empty() {
+            let (t, _, z) = split(state, self.z.len());
+            self.bending.try_state(t, &*self.guess.borrow(), &self.speeds.borrow(), &self.model.at(t, &z));
+        }
+    }
+
+    /// Adds a state of an accepted step of the implicit method, without its time, to the paths of arguments with bends.
+    fn add(&self, t: f64, state: &DVector<f64>) {
+        let (_, state, z) = split(&state.push(t), self.z.len());
+        if let Ok((q, v)) = self.formulation.complete(self.model, t, &state, &self.guess.borrow()) {
+            self.bending.add(t, &q, &v, &self.model.at(t, &z));
+        }
+    }
+
     fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, String> {
         let (t, state, z) = split(state, self.z.len());
         let t = self.branch.map_or(t, |branch| branch.nearest(t));
@@ -389,9 +409,6 @@ impl Stretch<'_> {
             return Err(force);
         }
         let Acceleration { qdd, .. } = acceleration?;
-        if !self.bending.is_empty() {
-            self.bending.add(t, &q, &v, &u);
-        }
         *guess = q;
         let derivative = joined(&self.formulation.state(&v, &qdd), &rates, 1.0);
         self.speeds.replace(v);
@@ -409,7 +426,10 @@ struct StretchProblem<'a> {
 impl System<f64, DVector<f64>> for StretchProblem<'_> {
     fn system(&self, _: f64, state: &DVector<f64>, derivative: &mut DVector<f64>) {
         match self.stretch.derivative(state) {
-            Ok(value) => derivative.copy_from(&value),
+            Ok(value) => {
+                derivative.copy_from(&value);
+                self.stretch.observe(state);
+            }
             // a step to a state without a solution is retried with a shorter one
             Err(_) => derivative.fill(f64::NAN),
         }
@@ -417,6 +437,7 @@ impl System<f64, DVector<f64>> for StretchProblem<'_> {
 
     /// Stops after a row where the formulation is worn.
     fn solout(&mut self, _: f64, row: &DVector<f64>, _: &DVector<f64>) -> bool {
+        self.stretch.bending.accept();
         let (t, state, _) = split(row, self.stretch.z.len());
         t > self.start && self.stretch.formulation.is_worn(self.stretch.model, t, &state)
     }
@@ -425,6 +446,15 @@ impl System<f64, DVector<f64>> for StretchProblem<'_> {
 impl radau::ImplicitProblem for StretchProblem<'_> {
     fn derivative(&mut self, t: f64, state: &DVector<f64>) -> Option<DVector<f64>> {
         self.stretch.derivative(&state.push(t)).ok().map(|rates| without_time(&rates))
+    }
+
+    fn accept(&mut self, step: &radau::CollocationStep) -> bool {
+        if !self.stretch.bending.is_empty() {
+            for (node, share) in radau::CollocationStep::nodes().iter().enumerate() {
+                self.stretch.add(step.t + share * step.size, &step.at_node(node));
+            }
+        }
+        false
     }
 
     fn is_last(&mut self, t: f64, row: &DVector<f64>) -> bool {

@@ -119,18 +119,20 @@ impl ArgumentPath {
         self.highest = self.highest.max(value);
     }
 
-    /// Adds the value at which the path turns, if it does: that of a parabola through both ends and the value at a share of the step.
+    /// Adds the value at which the path turns between the first and the last of three points `(time, value)`, if it does: that of the
+    /// parabola through them.
     #[inline]
-    pub(crate) fn add_turn(&mut self, share: f64, value: f64) {
-        let [start, end] = self.ends;
-        let (moved, part) = (end - start, value - start);
+    pub fn add_turn(&mut self, points: [[f64; 2]; 3]) {
+        let [[begin, first], [middle, value], [end, last]] = points;
+        let share = (middle - begin) / (end - begin);
+        let (moved, part) = (last - first, value - first);
         let curvature = (part - share * moved) / (share * share - share);
         let slope = moved - curvature;
         let turn = -0.5 * slope / curvature;
         if turn > 0.0 && turn < 1.0 {
             let height = 0.5 * slope * turn;
             let margin = UNCERTAIN * height.abs().min((height - moved).abs());
-            let reached = start + height + margin.copysign(-curvature);
+            let reached = first + height + margin.copysign(-curvature);
             self.lowest = self.lowest.min(reached);
             self.highest = self.highest.max(reached);
         }
@@ -216,7 +218,7 @@ mod tests {
         let at = |share: f64| 0.99 + 2.01 * (1.0 - 2.0 * share).powi(2);
         [0.2, 0.8, 1.0].iter().for_each(|share| turning.add(at(*share)));
         assert_eq!(only.on(&turning).count(), 0);
-        turning.add_turn(0.3, at(0.3));
+        turning.add_turn([0.0, 0.3, 1.0].map(|share| [share, at(share)]));
         assert_eq!(only.on(&turning).count(), 1);
     }
 
