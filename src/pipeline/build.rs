@@ -111,7 +111,8 @@ fn finish(
     let mut written = export::stage(project, plan, surrogate, Some(&judged.accuracy), &figures)?;
     stages.stage = BuildStage::Validation;
     let reports = written.iter().map(|written| validate(project, written)).collect::<Result<Vec<Report>>>()?;
-    let problems: Vec<Reason> = written.iter().zip(&reports).filter_map(problem_of).collect();
+    let problems: Vec<Reason> =
+        written.iter().zip(&reports).filter_map(|(written, report)| problem_of(written, report)).collect();
     if !problems.is_empty() {
         judged = judge(problems);
         // nothing but the model card changes, which has the verdict
@@ -131,7 +132,7 @@ fn validate(project: &Project, written: &WrittenFmu) -> Result<Report> {
 }
 
 /// Problems that the validation of an FMU found, as a reason of the verdict.
-fn problem_of((written, report): (&WrittenFmu, &Report)) -> Option<Reason> {
+fn problem_of(written: &WrittenFmu, report: &Report) -> Option<Reason> {
     let first = report.problems.first()?;
     let count = match report.problems.len() {
         1 => "1 problem: ".to_owned(),
