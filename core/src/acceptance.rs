@@ -22,7 +22,8 @@ const TURN_VARIANCE: f64 = PI * PI / 3.0;
 /// same runs. `others`: findings of all checks other than the accuracy; their advice helps if something was learned badly.
 ///
 /// A surrogate that is not good on all rows is judged on the rows before motions leave the domain and, if the source's own equations were
-/// integrated, by these in place of the source's runs. The best of these verdicts counts, with what it rests on.
+/// integrated, by these in place of the source's runs. The best of these verdicts counts, with what it rests on; of equal ones that by the
+/// equations, which do not have the errors of the source's time step.
 pub fn judge(
     study: &Study,
     surrogate: &Surrogate,
@@ -38,11 +39,12 @@ pub fn judge(
     others.limits.push(limit);
     let name = "runs of the source's equations";
     let mut of_equations = judge_inside(study, surrogate, (&equations.surrogate, name), None, others);
-    if better(&of_equations, &of_runs) {
-        of_equations.advice.insert(0, advice);
-        return of_equations;
+    // of equal grades that which knows what the difference from the source's runs comes from
+    if better(&of_runs, &of_equations) {
+        return of_runs;
     }
-    of_runs
+    of_equations.advice.insert(0, advice);
+    of_equations
 }
 
 /// Verdict by all rows or, if these are not good, by those before motions leave the domain.

@@ -75,11 +75,17 @@ pub struct PyGraph {
 }
 
 impl PyGraph {
-    /// The builder, and makes sure that the values exist: Python may say anything.
-    fn of(&mut self, values: &[usize]) -> PyResult<&mut Builder> {
-        if let Some(value) = values.iter().find(|value| **value >= self.values) {
-            return Err(refused(format!("value {value} of {}", self.values)));
+    /// Makes sure that the values exist: Python may say anything.
+    fn check_values(&self, values: &[usize]) -> PyResult<()> {
+        match values.iter().find(|value| **value >= self.values) {
+            Some(value) => Err(refused(format!("value {value} of {}", self.values))),
+            None => Ok(()),
         }
+    }
+
+    /// The builder, to add something of values that exist.
+    fn of(&mut self, values: &[usize]) -> PyResult<&mut Builder> {
+        self.check_values(values)?;
         if self.is_finished { Err(Error::new_err("the graph is finished")) } else { Ok(&mut self.builder) }
     }
 
@@ -109,8 +115,9 @@ impl PyGraph {
         Ok(Self { builder: Builder::new(inputs), is_finished: false, values: 1 })
     }
 
-    fn width(&mut self, value: usize) -> PyResult<usize> {
-        Ok(self.of(&[value])?.width(value))
+    fn width(&self, value: usize) -> PyResult<usize> {
+        self.check_values(&[value])?;
+        Ok(self.builder.width(value))
     }
 
     /// `W x + b`; of `single` precision the bytes of `weight` and `bias` are floats, else doubles.

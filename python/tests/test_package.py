@@ -42,7 +42,7 @@ def test_the_package_has_licenses_and_no_folder_of_its_builder():
     files = importlib.metadata.files("metafmu")
     texts = {file.name: file.read_text() for file in files if "licenses" in file.parts}
     assert sorted(texts) == ["LICENSE-APACHE", "LICENSE-MIT", "THIRD-PARTY.txt"]
-    assert all(f"\n{package} " in texts["THIRD-PARTY.txt"] for package in ("pyo3", "parquet", "zip", "The Rust standard library"))
+    assert all(f"\n{package}" in texts["THIRD-PARTY.txt"] for package in ("pyo3 ", "parquet ", "zip ", "The Rust standard library, "))
     [library] = [file for file in files if file.name.startswith("_metafmu.")]
     content = library.locate().read_bytes()
     cargo = os.environ.get("CARGO_HOME", Path.home() / ".cargo")

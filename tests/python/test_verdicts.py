@@ -1,6 +1,7 @@
 """Verdicts on surrogates whose test runs are no measure of them: motions that leave the domain, sources with a coarse time step."""
 
 import json
+import math
 import shutil
 import sys
 
@@ -153,10 +154,11 @@ def source(tmp_path, monkeypatch):
     return tmp_path
 
 
-def test_a_coarse_time_step_of_the_source_does_not_reject_its_equations(source):
-    done, metrics = pendulum(source, STEPS=1, EULER=True)
+@pytest.mark.parametrize(("steps", "r2"), [(1, (-math.inf, 0.9)), (4, (0.9, 0.99))])
+def test_a_coarse_time_step_of_the_source_does_not_speak_against_its_equations(source, steps, r2):
+    done, metrics = pendulum(source, STEPS=steps, EULER=True)
     # Euler's method makes energy
-    assert metrics["outputs"]["angle"]["r2"] < 0.9
+    assert r2[0] < metrics["outputs"]["angle"]["r2"] < r2[1]
     verdict, equations = metrics["verdict"], metrics["source_equations"]
     assert (done.returncode, verdict["grade"]) == (0, "usable"), verdict
     limit = verdict["limits"][0]
