@@ -13,8 +13,8 @@ pub fn escape(text: &str) -> String {
 /// First lines of a page about a surrogate: the verdict, and at most this many of its [`reasons`].
 pub fn verdict(verdict: &Verdict, most: usize) -> String {
     let (class, word) = match verdict.grade {
-        Grade::Good => ("good", "Accepted"),
-        Grade::Usable => ("usable", "Accepted with limits"),
+        Grade::Good => ("good", "Good"),
+        Grade::Usable => ("usable", "Usable"),
         Grade::Rejected => ("rejected", "Rejected"),
     };
     let title = verdict.title();

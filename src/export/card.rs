@@ -609,7 +609,7 @@ mod tests {
             "{title}{rest}"
         );
         assert!(
-            rest.contains("<li>Try: more runs</li>") && page.contains("<p><strong>Accepted</strong>: every output"),
+            rest.contains("<li>Try: more runs</li>") && page.contains("<p><strong>Good</strong>: every output"),
             "{rest}"
         );
         assert!(rest.contains("<li>angle: R² -1 &lt; 0</li>") && !rest.contains(trusted), "{rest}");

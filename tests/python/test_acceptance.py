@@ -129,7 +129,7 @@ def test_a_surrogate_that_is_usable_only_says_what_may_help(tmp_path):
     assert (limit["check"], limit["place"], limit["cause"][:6]) == ("accuracy", "y", "R² 0.9") and "record more runs" in " ".join(verdict["advice"])
     assert "usable, not good" in done.stderr and "  try: record more runs" in done.stderr
     page = (tmp_path / "out" / "report.html").read_text()
-    assert page.split("</h1>")[1].lstrip().startswith('<div class="verdict usable"><p><strong>Accepted with limits</strong>')
+    assert page.split("</h1>")[1].lstrip().startswith('<div class="verdict usable"><p><strong>Usable</strong>')
     # what is usable by default is not by other limits
     with open(tmp_path / "study.toml", "a") as file:
         file.write("[accept]\nr2 = 0.995\n")

@@ -8,8 +8,8 @@ use crate::{
 
 const EPSILON: f32 = 1e-8;
 
-/// Magnitudes below which a mean and a mean square become zero. A step of such a mean is below the resolution of every parameter, while
-/// numbers below 1e-38, to which the means of a node that is never active decay, take a processor a hundred times as long.
+/// Magnitudes below which a mean and a mean square become zero. A step of such a mean is below the resolution of every parameter. The means
+/// of a node that is never active would decay to numbers below 1e-38, which take a processor a hundred times as long.
 const SMALL_MEAN: f32 = 1e-30;
 const SMALL_SQUARE: f32 = 1e-36;
 
