@@ -73,6 +73,11 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
                 Table::open(file)?.mistake_in_header(&format!("--outputs belongs to rows without a time, {expected}"))
             );
         }
+        (None, None, Some(file)) if !args.inputs.is_empty() && structure == RESPONSE => {
+            let expected = "expected --structure discrete or dynamics, or a table without a time";
+            let message = format!("--inputs belongs to studies with inputs and rows without a time, {expected}");
+            return Err(Table::open(file)?.mistake_in_header(&message));
+        }
         (None, None, Some(file)) if structure == "dynamics" => motions::study(target, file, args)?.into(),
         (None, None, Some(file)) => table::study(target, file, args)?.into(),
         (None, None, None) => of_system(target, args)?,

@@ -5,6 +5,7 @@ import json
 import math
 import re
 import subprocess
+import tomllib
 
 import numpy as np
 import pytest
@@ -135,6 +136,16 @@ def record(step, rows, decimals=None):
     stamps = times if decimals is None else np.round(times, decimals)
     lines = [f"{t!r},{a!r},{b!r}" for t, a, b in zip(stamps.tolist(), u.tolist(), y.tolist())]
     return "\n".join(["time,u,y", *lines]) + "\n"
+
+
+def test_inputs_of_a_table_of_motions_are_those_that_are_named(tmp_path):
+    (tmp_path / "record.csv").write_text(record(0.05, 400))
+    new(tmp_path, "--table", "record.csv", "--structure", "dynamics", "--inputs", "u")
+    study = tomllib.loads((tmp_path / "proposed.toml").read_text())
+    assert (list(study["states"]), list(study["inputs"]), list(study["outputs"])) == (["y"], ["u"], ["y"])
+    for structure, name, message in [("response", "u", "--inputs belongs to studies with inputs"), ("dynamics", "force", "no column `force`")]:
+        refused = metafmu("new", "other", "--table", "record.csv", "--structure", structure, "--inputs", name, cwd=tmp_path, check=False)
+        assert refused.returncode == 2 and message in refused.stderr, refused.stderr
 
 
 def test_one_long_record_is_cut_into_runs(tmp_path):

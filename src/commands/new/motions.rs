@@ -2,7 +2,7 @@
 
 use super::{
     StudyTarget, key, quoted,
-    table::{ColumnProfile, Survey, shortest, survey},
+    table::{ColumnProfile, Survey, named_inputs, shortest, survey},
 };
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{
@@ -27,9 +27,12 @@ const ENOUGH: usize = 10;
 pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let numbers = || columns.iter().filter(|column| !column.is_text && column.min < column.max);
-    let moving: Vec<&ColumnProfile> = numbers().filter(|column| !column.is_constant_in_runs).collect();
+    let driving = named_inputs(file, args)?;
+    let (named, others): (Vec<&ColumnProfile>, Vec<&ColumnProfile>) =
+        numbers().partition(|column| driving.contains(&column.title));
+    let (parameters, moving): (Vec<&ColumnProfile>, Vec<&ColumnProfile>) =
+        others.into_iter().partition(|column| column.is_constant_in_runs);
     let label = label.as_deref();
-    let parameters: Vec<&ColumnProfile> = numbers().filter(|column| column.is_constant_in_runs).collect();
     if moving.is_empty() {
         return Err(Table::open(file)?.mistake_in_header("no column changes in a run: there is no coordinate"));
     }
@@ -62,6 +65,7 @@ pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String
     for ColumnProfile { title, .. } in &inputs {
         say(format_args!("column `{title}`: is no rate and has none: taken for an input"));
     }
+    inputs.extend(named);
     let shown = || states.iter().flat_map(|(column, rate)| [Some(*column), *rate]).flatten();
     let renamed = shown().chain(inputs.iter().copied()).chain(parameters.iter().copied());
     let renamed = renamed

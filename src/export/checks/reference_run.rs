@@ -54,6 +54,8 @@ pub fn check(fmu: &Fmu, reference: &Reference, report: &mut Notes) {
 const SOLVER: f64 = 1e3;
 /// Tolerance of that solver.
 const SOLVER_TOLERANCE: f64 = 1e-11;
+/// Steps of that solver between two rows, at least. In model exchange nothing but the host's step sees a force that acts for a short time.
+const STEPS_OF_ROW: usize = 32;
 
 fn compare(fmu: &Fmu, Reference { options, names, rows }: &Reference) -> Result<Option<String>> {
     let instance = fmu.instantiate("reference", true)?;
@@ -62,23 +64,28 @@ fn compare(fmu: &Fmu, Reference { options, names, rows }: &Reference) -> Result<
     let in_domain = BuiltIn::InDomain.name();
     let watched =
         is_solved && fmu.description().variable(in_domain).is_some() && !names.iter().any(|name| name == in_domain);
+    let steps = if is_solved { STEPS_OF_ROW } else { 1 };
     let table = simulate(
         &instance,
         &SimulationOptions {
             start: Some(options.start_time),
             stop: Some(options.stop_time),
-            step: Some(options.step_size),
+            step: Some(options.step_size / steps as f64),
             start_values: options.start_values.clone().into_iter().collect(),
             record: names.iter().cloned().chain(watched.then(|| in_domain.to_owned())).collect(),
             tolerance: is_solved.then_some(SOLVER_TOLERANCE),
             ..SimulationOptions::default()
         },
     )?;
-    if table.rows.len() != rows.len() {
-        return Ok(Some(format!("{} rows, expected {}", table.rows.len(), rows.len())));
+    let last = table.rows.len().saturating_sub(1);
+    let is_row = |index: usize| index.is_multiple_of(steps) || index == last;
+    let found: Vec<&Vec<f64>> =
+        table.rows.iter().enumerate().filter(|(index, _)| is_row(*index)).map(|(_, row)| row).collect();
+    if found.len() != rows.len() {
+        return Ok(Some(format!("{} rows, expected {}", found.len(), rows.len())));
     }
     let domain_column = table.columns.iter().position(|column| column.name == in_domain).filter(|_| is_solved);
-    for (found, expected) in table.rows.iter().zip(rows) {
+    for (found, expected) in found.into_iter().zip(rows) {
         // outside, a motion may pass points at which equations are singular: two solvers need not agree from there on
         if domain_column.is_some_and(|column| found[column] == 0.0) {
             break;

@@ -46,7 +46,10 @@ impl Inputs {
         if header.get(0) != Some("time") || header.len() < 2 {
             return Err(wrong(1, "expected a header `time,NAME,...`".into()));
         }
-        let names = header.iter().skip(1).map(str::to_owned).collect();
+        let names: Vec<String> = header.iter().skip(1).map(str::to_owned).collect();
+        if let Some((_, name)) = names.iter().enumerate().find(|(position, name)| names[..*position].contains(name)) {
+            return Err(wrong(1, format!("column `{name}` is duplicated")));
+        }
         let mut inputs = Self { names, ..Self::default() };
         for record in reader.records() {
             let record = record.map_err(|error| {
@@ -311,6 +314,7 @@ mod tests {
     fn what_is_wrong_with_a_file_is_located() {
         for (text, message) in [
             ("t,u\n0,1\n", ":1: expected a header `time,NAME,...`"),
+            ("time,u,v,u\n0,1,2,3\n", ":1: column `u` is duplicated"),
             ("time,u\n", ":1: has no rows"),
             ("time,u\n0,1\n1,x\n", ":3: `x` is not a finite number"),
             ("time,u\n0,1\n1\n", ":3: has another number of values than the header"),
