@@ -423,7 +423,8 @@ fn branches(expression: &[FormulaStep]) -> Vec<Vec<FormulaStep>> {
             (Combine(Minimum | Maximum), [a, b]) => [a.as_slice(), b].concat(),
             (_, [a]) => a.iter().map(|a| unary(step.clone(), a)).collect(),
             (_, [a, b]) => {
-                let with = |a: &Vec<FormulaStep>| b.iter().map(|b| [a, &b[..], &[step.clone()]].concat()).collect();
+                let with =
+                    |a: &Vec<FormulaStep>| b.iter().map(|b| [a, &b[..], std::slice::from_ref(step)].concat()).collect();
                 a.iter().flat_map(|a| -> Vec<Vec<FormulaStep>> { with(a) }).collect()
             }
             _ => vec![vec![step.clone()]],
