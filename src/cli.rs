@@ -297,7 +297,7 @@ pub struct NewArgs {
     /// Column of the table that identifies the runs [default: `run`, else one that numbers them, else the time, which restarts with each run]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub run: Option<String>,
-    /// Columns of the table that drive the runs, with --structure discrete or dynamics [default: those called `u`, `input`, `force` or the like];
+    /// Columns of the table that drive the runs, with --structure discrete [default: those called `u`, `input`, `force` or the like] or dynamics;
     /// of a table without a time those that the others follow from
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',', conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
     pub inputs: Vec<String>,

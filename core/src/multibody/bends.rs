@@ -18,9 +18,21 @@ const EVALUATIONS_OF_STEP: usize = 12;
 
 /// Arguments with bends of a model's expressions, and where a part of a run takes them.
 pub(super) struct Bending<'a> {
-    functions: Vec<(&'a BoundExpression, Formula)>,
+    functions: Vec<ArgumentFunction<'a>>,
     arguments: Vec<BentArgument>,
     observed: RefCell<Observed>,
+}
+
+/// An argument as a function of the columns of an expression.
+struct ArgumentFunction<'a> {
+    of: &'a BoundExpression,
+    formula: Formula,
+}
+
+impl ArgumentFunction<'_> {
+    fn value(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> f64 {
+        self.formula.value(|column| self.of.slots[column].value(t, q, v, u))
+    }
 }
 
 /// Values of the arguments since the beginning of a part of a run.
@@ -50,7 +62,7 @@ impl<'a> Bending<'a> {
             let of_tables = table_arguments(&bound.formula, &varies).into_iter().map(|argument| vec![argument]);
             for of_group in of_tables.chain([bent_arguments(&bound.formula, &varies)]) {
                 for FormulaArgument { formula, bends } in of_group {
-                    functions.push((bound, formula));
+                    functions.push(ArgumentFunction { of: bound, formula });
                     arguments.push(BentArgument { bends: Arc::new(bends), group });
                 }
                 group += 1;
@@ -98,7 +110,7 @@ impl<'a> Bending<'a> {
     /// Accepts the step that was tried last.
     pub fn accept(&self) {
         let Observed { accepted, tried, .. } = &mut *self.observed.borrow_mut();
-        // a step that ends behind the end has fewer states than others: what is left of rejected ones lies in it as well
+        // states of a rejected step are left if this one ends behind the end, where none are noted; those before its beginning do not count
         let since = accepted.last().map_or(f64::NEG_INFINITY, |point| point.t);
         let first = accepted.len();
         accepted.extend(tried.drain(..).filter(|point| point.t > since));
@@ -118,23 +130,21 @@ impl<'a> Bending<'a> {
         let Observed { end, accepted, .. } = &mut *self.observed.borrow_mut();
         let u = model.at(*end, &sample.z);
         accepted.push(ObservedPoint { t: *end, values: self.values(*end, &sample.q, &sample.v, &u) });
-        let paths: Vec<ArgumentPath> = (0..self.arguments.len())
-            .map(|argument| {
-                let mut path = ArgumentPath::at(accepted[0].values[argument]);
-                accepted[1..].iter().for_each(|point| path.add(point.values[argument]));
-                for three in accepted.windows(3) {
-                    path.add_turn([0, 1, 2].map(|index| [three[index].t, three[index].values[argument]]));
-                }
-                path
-            })
-            .collect();
+        let paths: Vec<ArgumentPath> = (0..self.arguments.len()).map(|argument| path(accepted, argument)).collect();
         share_of_step(&self.arguments, &paths)
     }
 
     fn values(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> Vec<f64> {
-        let value = |(bound, formula): &(&BoundExpression, Formula)| {
-            formula.value(|column| bound.slots[column].value(t, q, v, u))
-        };
-        self.functions.iter().map(value).collect()
+        self.functions.iter().map(|function| function.value(t, q, v, u)).collect()
     }
+}
+
+/// Path of an argument through some points, with the turns between them.
+fn path(points: &[ObservedPoint], argument: usize) -> ArgumentPath {
+    let mut path = ArgumentPath::at(points[0].values[argument]);
+    points[1..].iter().for_each(|point| path.add(point.values[argument]));
+    for three in points.windows(3) {
+        path.add_turn([0, 1, 2].map(|index| [three[index].t, three[index].values[argument]]));
+    }
+    path
 }

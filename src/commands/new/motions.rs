@@ -27,7 +27,7 @@ const ENOUGH: usize = 10;
 pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String> {
     let Survey { time, label, runs, columns } = survey(file, args)?;
     let numbers = || columns.iter().filter(|column| !column.is_text && column.min < column.max);
-    let driving = named_inputs(file, args)?;
+    let driving = named_inputs(&Table::open(file)?, args)?;
     let (named, others): (Vec<&ColumnProfile>, Vec<&ColumnProfile>) =
         numbers().partition(|column| driving.contains(&column.title));
     let (parameters, moving): (Vec<&ColumnProfile>, Vec<&ColumnProfile>) =

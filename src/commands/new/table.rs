@@ -132,15 +132,15 @@ pub(super) fn survey(file: &Path, args: &NewArgs) -> Result<Survey> {
 }
 
 /// Names in the table of the columns that the arguments name as inputs.
-pub(super) fn named_inputs(file: &Path, args: &NewArgs) -> Result<Vec<String>> {
-    let table = Table::open(file)?;
-    let columns = given_all(&table, &args.inputs)?.into_iter();
+pub(super) fn named_inputs(table: &Table, args: &NewArgs) -> Result<Vec<String>> {
+    let columns = given_all(table, &args.inputs)?.into_iter();
     Ok(columns.map(|column| table.columns()[column].name.clone()).collect())
 }
 
 /// Finds the inputs among the columns that change in a run.
 fn find_inputs(file: &Path, args: &NewArgs, roles: &mut Roles) -> Result<()> {
-    let (table, wanted) = (Table::open(file)?, named_inputs(file, args)?);
+    let table = Table::open(file)?;
+    let wanted = named_inputs(&table, args)?;
     let is_wanted = |column: &&ColumnProfile| match wanted.is_empty() {
         true => drives(&column.title),
         false => wanted.contains(&column.title),

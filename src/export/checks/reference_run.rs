@@ -78,9 +78,8 @@ fn compare(fmu: &Fmu, Reference { options, names, rows }: &Reference) -> Result<
         },
     )?;
     let last = table.rows.len().saturating_sub(1);
-    let is_row = |index: usize| index.is_multiple_of(steps) || index == last;
-    let found: Vec<&Vec<f64>> =
-        table.rows.iter().enumerate().filter(|(index, _)| is_row(*index)).map(|(_, row)| row).collect();
+    let of_rows = table.rows.iter().enumerate().filter(|(index, _)| index.is_multiple_of(steps) || *index == last);
+    let found: Vec<&Vec<f64>> = of_rows.map(|(_, row)| row).collect();
     if found.len() != rows.len() {
         return Ok(Some(format!("{} rows, expected {}", found.len(), rows.len())));
     }

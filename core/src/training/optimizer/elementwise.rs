@@ -140,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn moments_of_a_parameter_without_a_gradient_become_zero_and_those_that_are_no_numbers_stay() {
+    fn moments_without_a_gradient_become_zero_and_nan_stays() {
         for simd in InstructionSet::available() {
             for rule in [Optimizer::Adam, Optimizer::RmsProp, Optimizer::Sgd] {
                 let step = ElementwiseStep {

@@ -406,10 +406,10 @@ impl Solver {
         }
         let share_of_middle = if is_implicit { rosenbrock::TIMES[MIDDLE] } else { DORMAND_PRINCE.stages[MIDDLE].0 };
         for (index, path) in self.paths.iter_mut().enumerate() {
-            let at = |stage: usize| self.arguments[stage * count + index];
-            *path = ArgumentPath::at(at(0));
-            (1..STAGES).for_each(|stage| path.add(at(stage)));
-            path.add_turn([[0.0, at(0)], [share_of_middle, at(MIDDLE)], [1.0, at(STAGES - 1)]]);
+            let [start, middle, end] = [0, MIDDLE, STAGES - 1].map(|stage| self.arguments[stage * count + index]);
+            *path = ArgumentPath::at(start);
+            (1..STAGES).for_each(|stage| path.add(self.arguments[stage * count + index]));
+            path.add_turn([[0.0, start], [share_of_middle, middle], [1.0, end]]);
         }
         share_of_step(&self.bent, &self.paths)
     }
