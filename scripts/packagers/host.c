@@ -3,8 +3,8 @@
  * host LIBRARY TOKEN RESOURCES STEPS FIRST_INPUT INPUTS FIRST_OUTPUT OUTPUTS
  *
  * A step is fmi2SetReal of the inputs, fmi2DoStep and fmi2GetReal of the outputs. The inputs are sines of the step's number. Prints the
- * milliseconds to instantiate and initialize, the median and the longest time of a step in nanoseconds, what reading the clock takes,
- * and the last outputs.
+ * milliseconds to instantiate and initialize, the time in nanoseconds within which half of the steps and 99.9 % of them are done, what reading
+ * the clock takes, and the last outputs.
  */
 #define _POSIX_C_SOURCE 200809L
 #include <dlfcn.h>
@@ -119,7 +119,7 @@ int main(int count, char **arguments)
     clock = (nanoseconds() - clock) / 1000.0;
 
     qsort(times, (size_t)steps, sizeof *times, by_size);
-    printf("%.3f %.0f %.0f %.1f", 1e-6 * instantiated, times[steps / 2], times[steps - 1], clock);
+    printf("%.3f %.0f %.0f %.1f", 1e-6 * instantiated, times[steps / 2], times[steps - 1 - steps / 1000], clock);
     for (size_t i = 0; i < outputs; i++) printf(" %.17g", y[i]);
     printf("\n");
     fflush(stdout);
