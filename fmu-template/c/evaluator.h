@@ -116,8 +116,8 @@ void model_follow(Scratch *scratch);
 void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[STATE_COUNT],
                  Real arguments[ARGUMENT_SIZE]);
 
-/* Returns the allowed share of a step of the solver, from 0 to 1, that does not step over a bend. */
-Real model_share_of_step(const Scratch *scratch);
+/* Returns the allowed share of a step of the solver, from 0 to 1, that does not step over a bend, and whether the step passes a bend. */
+Real model_share_of_step(const Scratch *scratch, bool *has_bend);
 
 #endif
 

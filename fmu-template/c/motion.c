@@ -198,14 +198,16 @@ static Real share_between(const Scratch *scratch, size_t argument, Real up_to)
     return share;
 }
 
-Real model_share_of_step(const Scratch *scratch)
+Real model_share_of_step(const Scratch *scratch, bool *has_bend)
 {
     const size_t count = ARGUMENT_COUNT;
     Real share = R(1.0);
+    *has_bend = false;
     for (size_t i = 0; i < count; i++) {
         const Path path = path_of(scratch, i);
         Bend bend;
         for (size_t place = 0; next_bend(&model_arguments[i], &path, &place, &bend);) {
+            *has_bend = true;
             share = smaller(share, share_at(&path, &bend));
             share = smaller(share, share_between(scratch, i, share_up_to(&path, bend.at)));
         }

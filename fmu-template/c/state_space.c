@@ -61,9 +61,10 @@ void model_rates(Scratch *scratch, const Real point[COLUMN_COUNT], Real rates[ST
     }
 }
 
-Real model_share_of_step(const Scratch *scratch)
+Real model_share_of_step(const Scratch *scratch, bool *has_bend)
 {
     (void)scratch;
+    *has_bend = false;
     return R(1.0);
 }
 

@@ -412,13 +412,15 @@ static Advance advance_with_error_control(Scratch *scratch, const Step *step, Fa
         }
         try_step(scratch, (Real)failure->after, (Real)h, is_repeated);
         is_repeated = true;
-        const double share = (double)model_share_of_step(scratch);
+        bool has_bend;
+        const double share = (double)model_share_of_step(scratch, &has_bend);
         if (share < 1.0 && share * h >= SHORTEST * size) {
             /* at most 0.9: otherwise the step might extend to the end of the communication step again */
             h *= share < 0.9 ? share : 0.9;
             continue;
         }
-        const Real error = error_of(scratch, (Real)h) / tolerance;
+        const Real hidden = has_bend ? HIDDEN_BY_BEND : R(1.0);
+        const Real error = hidden * error_of(scratch, (Real)h) / tolerance;
         if (error <= R(1.0)) {
             failure->after += h;
             is_repeated = false;

@@ -63,6 +63,9 @@ typedef struct {
 /* Shortest step of the solver, as a part of a communication step. */
 #define SHORTEST 1e-14
 
+/* Ratio of the error of a step over a bend to its estimate: both embedded results are wrong there in the same way. */
+#define HIDDEN_BY_BEND R(30.0)
+
 /* Least tolerance; smaller ones are replaced by it. */
 #ifdef METAFMU_SINGLE
 #define LEAST_TOLERANCE 1e-6

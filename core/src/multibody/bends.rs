@@ -6,7 +6,7 @@ use super::{
     model::{MultibodyModel, Sample},
 };
 use metafmu_runtime::{
-    bends::{ArgumentPath, BentArgument, share_of_step},
+    bends::{ArgumentPath, BentArgument, passage},
     formula::Formula,
     switches::{FormulaArgument, bent_arguments, table_arguments},
 };
@@ -131,7 +131,7 @@ impl<'a> Bending<'a> {
         let u = model.at(*end, &sample.z);
         accepted.push(ObservedPoint { t: *end, values: self.values(*end, &sample.q, &sample.v, &u) });
         let paths: Vec<ArgumentPath> = (0..self.arguments.len()).map(|argument| path(accepted, argument)).collect();
-        share_of_step(&self.arguments, &paths)
+        passage(&self.arguments, &paths).share
     }
 
     fn values(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> Vec<f64> {

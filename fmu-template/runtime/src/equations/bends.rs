@@ -156,12 +156,22 @@ impl ArgumentPath {
     }
 }
 
-/// Share of a solver's step, from 0 to 1, with which it misses nothing. Over a bend an argument may move by no more than the bend's width.
-/// Arguments of one function may not pass two bends at once. The paths are those of the arguments.
-pub fn share_of_step(arguments: &[BentArgument], paths: &[ArgumentPath]) -> f64 {
-    let mut share = 1.0f64;
+/// What the bends on the way of a solver's step mean for it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Passage {
+    /// Share of the step, from 0 to 1, with which it misses nothing.
+    pub share: f64,
+    /// `true` if an argument passes a bend in the step.
+    pub has_bend: bool,
+}
+
+/// Finds the passage of a step. Over a bend an argument may move by no more than the bend's width. Arguments of one function may not pass two
+/// bends at once. The paths are those of the arguments.
+pub fn passage(arguments: &[BentArgument], paths: &[ArgumentPath]) -> Passage {
+    let (mut share, mut has_bend) = (1.0f64, false);
     for (index, (argument, path)) in arguments.iter().zip(paths).enumerate() {
         for bend in argument.bends.on(path) {
+            has_bend = true;
             share = share.min(path.share_at(bend));
             let up_to = path.share_up_to(bend.at);
             for (earlier, path) in arguments[..index].iter().zip(paths).filter(|(it, _)| it.group == argument.group) {
@@ -175,7 +185,7 @@ pub fn share_of_step(arguments: &[BentArgument], paths: &[ArgumentPath]) -> f64 
             }
         }
     }
-    share
+    Passage { share, has_bend }
 }
 
 #[cfg(test)]
@@ -192,7 +202,7 @@ mod tests {
         let arguments: Vec<BentArgument> =
             bends.iter().map(|bends| BentArgument { bends: Arc::new((*bends).clone()), group: 0 }).collect();
         let paths: Vec<ArgumentPath> = paths.iter().map(|values| path(values)).collect();
-        share_of_step(&arguments, &paths)
+        passage(&arguments, &paths).share
     }
 
     #[test]

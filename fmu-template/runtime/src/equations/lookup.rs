@@ -424,7 +424,7 @@ mod tests {
     use super::*;
     use crate::{
         Jet,
-        equations::bends::{ArgumentPath, BentArgument, share_of_step},
+        equations::bends::{ArgumentPath, BentArgument, passage},
     };
 
     fn table(axes: &[&[f64]], values: &[f64], how: (Interpolation, Extrapolation)) -> LookupTable {
@@ -545,7 +545,7 @@ mod tests {
         let argument = BentArgument { bends: Arc::clone(table.bends(0)), group: 0 };
         let mut path = ArgumentPath::at(from);
         path.add(to);
-        share_of_step(&[argument], &[path])
+        passage(&[argument], &[path]).share
     }
 
     #[test]

@@ -4,7 +4,7 @@ mod rosenbrock;
 
 use crate::{
     Domain, FormatError, State, TOLERANCE,
-    bends::{ArgumentPath, BentArgument, share_of_step},
+    bends::{ArgumentPath, BentArgument, Passage, passage},
 };
 use rosenbrock::Rosenbrock;
 use std::ops::Range;
@@ -157,6 +157,9 @@ const SHORTEST: f64 = 1e-14;
 
 /// Error of a step, relative to the tolerance, below which the next one may be longer: `0.9^5` is 0.59.
 const LEAST_SPARE: f64 = 0.5;
+
+/// Ratio of the error of a step over a bend to its estimate: both embedded results are wrong there in the same way.
+const HIDDEN_BY_BEND: f64 = 30.0;
 
 /// States whose rates are added up at once.
 const LANES: usize = 4;
@@ -352,13 +355,14 @@ impl Solver {
                 self.stages(&DORMAND_PRINCE, 1, point, (since, h), drive, &mut respond);
             }
             is_repeated = true;
-            let share = self.share_of_step(is_implicit);
+            let Passage { share, has_bend } = self.passage(is_implicit);
             if share < 1.0 && share * h >= SHORTEST * size {
                 // less than what would be lengthened to the end of the communication step again
                 h *= share.min(0.9);
                 continue;
             }
-            let error = self.error(&point[self.states.clone()], h, is_implicit) / tolerance;
+            let hidden = if has_bend { HIDDEN_BY_BEND } else { 1.0 };
+            let error = hidden * self.error(&point[self.states.clone()], h, is_implicit) / tolerance;
             if error <= 1.0 {
                 // the last stage is at the end of the step
                 point[self.states.clone()].copy_from_slice(&self.stage[self.states.clone()]);
@@ -397,12 +401,12 @@ impl Solver {
         self.before.len().div_ceil(LANES)
     }
 
-    /// Share of a step with which no bend is stepped over.
+    /// What the bends on the way of a step mean for it.
     #[inline]
-    fn share_of_step(&mut self, is_implicit: bool) -> f64 {
+    fn passage(&mut self, is_implicit: bool) -> Passage {
         let count = self.bent.len();
         if count == 0 {
-            return 1.0;
+            return Passage { share: 1.0, has_bend: false };
         }
         let share_of_middle = if is_implicit { rosenbrock::TIMES[MIDDLE] } else { DORMAND_PRINCE.stages[MIDDLE].0 };
         for (index, path) in self.paths.iter_mut().enumerate() {
@@ -411,7 +415,7 @@ impl Solver {
             (1..STAGES).for_each(|stage| path.add(self.arguments[stage * count + index]));
             path.add_turn([[0.0, start], [share_of_middle, middle], [1.0, end]]);
         }
-        share_of_step(&self.bent, &self.paths)
+        passage(&self.bent, &self.paths)
     }
 
     /// Largest estimate of the error of a step of size `h` in any state, relative to its scale.
@@ -516,4 +520,40 @@ fn weighted(weights: &[f64], rates: &[[f64; LANES]], apart: usize) -> [f64; LANE
         sums.iter_mut().zip(rates).for_each(|(sum, rate)| *sum += weight * rate);
     }
     sums
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bends::Bends;
+    use std::sync::Arc;
+
+    /// Speed after 0.3 s of a mass of 1 kg that is slowed by up to 300 N over 4 mm of its way.
+    fn speed_after_a_narrow_force(start: f64, tolerance: f64) -> f64 {
+        let bends = Arc::new(Bends::at(&[0.298, 0.3, 0.302], None));
+        let scale = Scale { nominal: 1.0, is_relative: false, limit: 1e3 };
+        let bent = vec![BentArgument { bends, group: 0 }];
+        let mut solver = Solver::new(2, Vec::new(), vec![scale; 2], bent);
+        let mut point = [0.0, start];
+        for _ in 0..3 {
+            let integration = Integration::ErrorControlled { tolerance, longest: 0.1 };
+            let drive = Drive { rates: [&[], &[]], clamp: None };
+            let step = CommunicationStep::of(0.1);
+            let advanced = solver.advance(&mut point, integration, step, drive, |point, rates, arguments| {
+                rates[0] = point[1];
+                rates[1] = -300.0 * (1.0 - (point[0] - 0.3).abs() / 2e-3).max(0.0);
+                arguments[0] = point[0];
+            });
+            advanced.unwrap();
+        }
+        point[1]
+    }
+
+    #[test]
+    fn a_step_over_a_bend_misses_little_more_than_its_tolerance() {
+        let tolerance = 1e-9;
+        let error = |start: f64| (speed_after_a_narrow_force(start, tolerance) - (start * start - 1.2).sqrt()).abs();
+        let largest = (0..200).map(|k| error(2.0 + 0.02 * f64::from(k))).fold(0.0, f64::max);
+        assert!(largest < 100.0 * tolerance, "{largest:e}");
+    }
 }
