@@ -24,6 +24,8 @@ const RUNS: usize = 4;
 const LONG: Duration = Duration::from_secs(2);
 /// Rows of a run that ends after its first step.
 const FIRST_STEP: usize = 2;
+/// Part of a source's wall time below which what follows the first step is lost in noise.
+const LEAST_PART: f64 = 0.05;
 
 /// Rows of which a step's cost is measured, if the test runs have as many.
 const ROWS: usize = 1000;
@@ -90,7 +92,7 @@ fn measure(project: &Project, surrogate: &Surrogate) -> Result<Option<Speed>> {
     let simulation = simulation.with_rows(project.study.time.grid().len());
     let points = simulation.plan(&project.study).test;
     let Some(truth) = TrueRuns::make(&simulation, points, project.workers())? else { return Ok(None) };
-    let speed = truth.compare(surrogate)?;
+    let speed = truth.compare(surrogate, project.study.source.runs_once())?;
     Ok(speed.filter(|speed| speed.speed_up.is_finite() && speed.speed_up > 0.0))
 }
 
@@ -122,8 +124,9 @@ impl<'a> TrueRuns<'a> {
     }
 
     /// Speed of the surrogate and of the source at the loosest setting whose error is no larger than the surrogate's;
-    /// none if a run fails.
-    fn compare(&self, surrogate: &Surrogate) -> Result<Option<Speed>> {
+    /// none if a run fails, or hardly takes longer than its first step. `starts_each_run`: of a program that is started for each run, the
+    /// start is a part of the run.
+    fn compare(&self, surrogate: &Surrogate, starts_each_run: bool) -> Result<Option<Speed>> {
         let predictions = predict_all(surrogate, &self.runs);
         let given = self.runs.runs.iter().map(|run| first_predicted(surrogate, run)).max().unwrap_or(0);
         let surrogate_error = relative_error(&self.runs, &predictions, given);
@@ -132,8 +135,12 @@ impl<'a> TrueRuns<'a> {
         let times = &self.runs.runs[0].times;
         let (steps, length) = ((times.len() - 1) as f64, times[times.len() - 1] - times[0]);
         let simulated = self.points.len() as f64 * length;
-        // without the first step
-        let of_source = (seconds.source - seconds.first_step) / (simulated * (steps - 1.0) / steps);
+        let of_source = if starts_each_run {
+            seconds.source / simulated
+        } else {
+            let Some(after_first_step) = seconds.after_first_step() else { return Ok(None) };
+            after_first_step / (simulated * (steps - 1.0) / steps)
+        };
         let of_surrogate = seconds.surrogate / simulated;
         Ok(Some(Speed {
             source: of_source,
@@ -219,6 +226,12 @@ struct Seconds {
 
 impl Seconds {
     const LONGEST: Self = Self { source: f64::INFINITY, first_step: f64::INFINITY, surrogate: f64::INFINITY };
+
+    /// Time of the source after its first step; none if that is lost in the noise of both measurements.
+    fn after_first_step(self) -> Option<f64> {
+        let rest = self.source - self.first_step;
+        (rest > LEAST_PART * self.source).then_some(rest)
+    }
 }
 
 /// Root mean square error relative to the standard deviation of the truth, of the worst output that varies, over rows
@@ -286,6 +299,14 @@ mod tests {
         // angles vary least, so their relative error is the largest
         let found = relative_error(&simulation.dataset(vec![Ok(run)]), &[outputs], 1);
         assert!((found * std / 1e-11 - 1.0).abs() < 1e-3, "{found}");
+    }
+
+    #[test]
+    fn a_source_that_hardly_takes_longer_than_its_start_has_no_speed() {
+        let seconds = |source, first_step| Seconds { source, first_step, surrogate: 1e-6 };
+        assert_eq!(seconds(3e-3, 2.95e-3).after_first_step(), None);
+        assert_eq!(seconds(2.9e-3, 3e-3).after_first_step(), None);
+        assert_eq!(seconds(4.0, 1.0).after_first_step(), Some(3.0));
     }
 
     #[test]

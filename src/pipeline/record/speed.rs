@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 /// Speed of a surrogate beside that of its source: both make the same test runs with the same output step, alternately
 /// on one core. The source has the loosest setting whose error is no larger than the surrogate's. Its set-up before the
-/// first step does not count.
+/// first step does not count, but for a program that is started for each run.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Speed {
     /// Seconds the source takes for a simulated second.
