@@ -264,7 +264,7 @@ They take effect in the next shell.")]
 }
 
 #[derive(Debug, Args)]
-#[command(group(ArgGroup::new("source").required(true)), group(ArgGroup::new("samples")))]
+#[command(group(ArgGroup::new("source").required(true)))]
 pub struct NewArgs {
     /// Name of the study, in a folder or not; the file is NAME.toml, which may be given as well
     pub name: String,
@@ -279,17 +279,17 @@ pub struct NewArgs {
     #[arg(long, value_name = "FILE.toml", group = "source")]
     pub mechanism: Option<PathBuf>,
     /// Structure of the surrogate [default: response; static for a table without a time]
-    #[arg(long, value_name = "STRUCTURE", requires_if("discrete", "samples"), requires_if("static", "table"))]
+    #[arg(long, value_name = "STRUCTURE")]
     #[arg(value_parser = PossibleValuesParser::new(structures()))]
     pub structure: Option<String>,
     /// FMU to sample: FMI 2.0 or 3.0, of any tool
-    #[arg(long, value_name = "FILE.fmu", groups = ["source", "samples"])]
+    #[arg(long, value_name = "FILE.fmu", group = "source")]
     pub fmu: Option<PathBuf>,
     /// Program to sample, with its arguments: the last option. It answers requests in lines of JSON; docs/command-sources.md
-    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, groups = ["source", "samples"])]
+    #[arg(long, value_name = "PROGRAM", num_args = 1.., allow_hyphen_values = true, group = "source")]
     pub command: Vec<String>,
     /// Table of recorded runs, with a row for each time of each run, or of rows without a time: CSV or Parquet
-    #[arg(long, value_name = "FILE", groups = ["source", "samples"])]
+    #[arg(long, value_name = "FILE", group = "source")]
     pub table: Option<PathBuf>,
     /// Column of the table that is the time [default: `time`, `t`, `Zeit` or the like]
     #[arg(long, value_name = "COLUMN", conflicts_with_all = ["system", "template", "mechanism", "fmu", "command"])]
@@ -551,10 +551,10 @@ pub struct SimulateArgs {
     /// Start value of a parameter or input; may be given several times
     #[arg(long, value_name = "NAME=VALUE", value_parser = name_and_value)]
     pub start: Vec<(String, f64)>,
-    /// CSV file with inputs over time: a header `time,NAME,...`; continuous inputs are interpolated between its rows. In
-    /// co-simulation they are set at the beginning of a step, and the outputs at its end belong to them. The FMU of a discrete-time
-    /// surrogate starts from measured outputs, if there are columns of all outputs: in rows before time 0
-    #[arg(long, value_name = "FILE.csv")]
+    /// Table of inputs over time, CSV or Parquet: a column `time` in s, and a column for each input; continuous inputs are interpolated
+    /// between its rows. In co-simulation they are set at the beginning of a step, and the outputs at its end belong to them. The FMU of a
+    /// discrete-time surrogate starts from measured outputs, if there are columns of all outputs: in rows before time 0
+    #[arg(long, value_name = "TABLE")]
     pub input: Option<PathBuf>,
     /// Value of an input without a column in the file of --input: its start value, or VALUE; may be given several times
     #[arg(long, value_name = "NAME[=VALUE]", value_parser = DefaultValue::parse, requires = "input")]

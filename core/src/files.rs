@@ -65,14 +65,19 @@ pub fn has_content(path: &Path) -> bool {
     path.metadata().is_ok_and(|of| of.len() > 0)
 }
 
-/// Finds out before the work whether [`write_output`] can write there.
+/// Finds out before the work whether [`write_output`] can write there, and removes what processes that were killed have not finished beside it.
 ///
 /// # Errors
 /// [`Error::Io`].
 pub fn check_output(path: &Path) -> Result<()> {
     write_at(path, |destination| match destination {
-        Destination::File(target) if target.exists() => OpenOptions::new().write(true).open(target).map(drop),
-        Destination::File(target) => tempfile::tempfile_in(folder_of(target)).map(drop),
+        Destination::File(target) => {
+            remove_unfinished(folder_of(target));
+            match target.exists() {
+                true => OpenOptions::new().write(true).open(target).map(drop),
+                false => tempfile::tempfile_in(folder_of(target)).map(drop),
+            }
+        }
         _ => Ok(()),
     })
 }
@@ -321,17 +326,19 @@ mod tests {
     #[test]
     fn what_was_not_finished_is_removed_unless_somebody_is_at_it() {
         let folder = tempfile::tempdir().unwrap();
-        for name in [".metafmu-killed", ".metafmurc", "run.csv"] {
-            fs::write(folder.path().join(name), "half a").unwrap();
-        }
         fs::create_dir(folder.path().join(".metafmu-folder")).unwrap();
         let other = unfinished(folder.path()).unwrap();
-        writable_folder(folder.path()).unwrap();
-        let left = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
-        let mut left: Vec<_> = left.filter(|path| path != other.path()).collect();
-        left.sort();
-        assert!(other.path().exists());
-        assert_eq!(left, [".metafmu-folder", ".metafmurc", "run.csv"].map(|name| folder.path().join(name)));
+        for check in [writable_folder, |path: &Path| check_output(&path.join("run.csv"))] {
+            for name in [".metafmu-killed", ".metafmurc", "run.csv"] {
+                fs::write(folder.path().join(name), "half a").unwrap();
+            }
+            check(folder.path()).unwrap();
+            let left = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
+            let mut left: Vec<_> = left.filter(|path| path != other.path()).collect();
+            left.sort();
+            assert!(other.path().exists());
+            assert_eq!(left, [".metafmu-folder", ".metafmurc", "run.csv"].map(|name| folder.path().join(name)));
+        }
     }
 
     #[test]

@@ -54,15 +54,6 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read_to_limit(file, limit)
 }
 
-/// The text of a regular file, a pipe or a device, of at most `limit` bytes.
-///
-/// # Errors
-/// The system's reason, the size, or text that is not UTF-8.
-pub fn read_stream_text(path: &Path, limit: u64) -> io::Result<String> {
-    let bytes = read_to_limit(open_stream(path)?, limit)?;
-    String::from_utf8(bytes).map_err(|_| io::Error::new(ErrorKind::InvalidData, "it is not text in UTF-8"))
-}
-
 fn read_to_limit(file: File, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     file.take(limit + 1).read_to_end(&mut bytes)?;
@@ -116,7 +107,7 @@ mod tests {
         let message = read(zero, MAX_TEXT).unwrap_err().to_string();
         assert_eq!(message, "it is not a regular file but a device: write its content to a file first");
         assert!(is_stream(zero) && !is_stream(Path::new("/dev")) && !is_stream(Path::new("/etc/passwd")));
-        assert_eq!(read_stream_text(zero, 1 << 10).unwrap_err().kind(), ErrorKind::FileTooLarge);
-        assert_eq!(read_stream_text(Path::new("/dev/null"), 1 << 10).unwrap(), "");
+        assert_eq!(read_to_limit(open_stream(zero).unwrap(), 1 << 10).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        assert_eq!(read_to_limit(open_stream(Path::new("/dev/null")).unwrap(), 1 << 10).unwrap(), b"");
     }
 }

@@ -125,6 +125,9 @@ pub fn match_variables(
         let value = default.and_then(|default| default.value).or(*start);
         found.values.push(if column.is_some() { f64::NAN } else { value.unwrap_or(f64::NAN) });
         if column.is_some() {
+            if let Some(DefaultValue { value: Some(value), .. }) = default {
+                found.doubts.push(format!("`{name}` has a column, and its default value {value:?} is not used"));
+            }
             continue;
         }
         match (need, default, value) {
@@ -147,7 +150,8 @@ pub fn match_variables(
     );
     let unknown = defaults.iter().filter(|default| !names.contains(&default.name.as_str()));
     let unknown = unknown.map(|default| default.unknown(&names));
-    let problems: Vec<String> = lacking(&missing, columns, &unused).into_iter().chain(unknown).collect();
+    let problems: Vec<String> =
+        lacking(&missing, columns, &unused).into_iter().chain(unknown).chain(contradictions(defaults)).collect();
     if !problems.is_empty() {
         return Err(problems.join("; "));
     }
@@ -159,6 +163,17 @@ pub fn match_variables(
         found.notes.push(format!("columns that are not used: {}", listed(&unused)));
     }
     Ok(found)
+}
+
+/// Messages for variables with two different default values.
+fn contradictions(defaults: &[DefaultValue]) -> Vec<String> {
+    let mut messages = Vec::new();
+    for (position, default) in defaults.iter().enumerate() {
+        if defaults[..position].iter().any(|earlier| earlier.name == default.name && earlier != default) {
+            messages.push(format!("`{}` has two default values", default.name));
+        }
+    }
+    messages
 }
 
 /// Message for variables that lack data: what is missing, what is not used, and the default values.
@@ -222,6 +237,10 @@ mod tests {
         assert_eq!((found.values[1], found.values[3]), (0.5, -2.0));
         assert_eq!(found.doubts, ["`L` has its default value, and the column `l` is not used"]);
         assert_eq!(found.notes[1], "columns that are not used: l");
+        let found = matched(&["time", "L", "force"], &[default("L=2"), default("force")]).unwrap();
+        assert_eq!(found.doubts, ["`L` has a column, and its default value 2.0 is not used"]);
+        let message = matched(&["time", "force"], &[default("L=2"), default("L=3")]).unwrap_err();
+        assert_eq!(message, "`L` has two default values");
         let message = matched(&["time", "L", "force"], &[default("forse=1"), default("time")]).unwrap_err();
         assert!(message.contains("--default forse: no such variable") && message.ends_with("did you mean `force`?"));
         assert!(matched(&["L", "force"], &[default("time=1")]).unwrap_err().starts_with("no column `time`"));

@@ -42,6 +42,7 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         let message = "is no folder: make it first".into();
         return Err(Error::Stale { path: folder.to_owned(), message });
     }
+    expect_structure(args)?;
     expect_free(&path)?;
     let template = args.template.as_deref().and_then(Template::of);
     let (schemas, [study_line, mechanism_line]) = match args.schema {
@@ -96,6 +97,22 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
     }
     print(&format!("{}\nbuild it with `metafmu build {}`\n", path.display(), path.display()))?;
     Ok(CommandOutcome::Fine)
+}
+
+/// Refuses a structure that a source does not have.
+fn expect_structure(args: &NewArgs) -> Result<()> {
+    let has_samples = args.table.is_some() || args.fmu.is_some() || !args.command.is_empty();
+    let expected = match args.structure.as_deref() {
+        Some("static") if args.table.is_none() => "is for tables: expected --table FILE",
+        Some("discrete") if !has_samples => {
+            "is learned from samples: expected --fmu FILE, --table FILE or --command PROGRAM; here it may be response or dynamics"
+        }
+        _ => return Ok(()),
+    };
+    let structure = args.structure.as_deref().unwrap_or_default();
+    let key = format!("--structure {structure}");
+    let problem = Problem { path: PathBuf::new(), line: 0, key, message: expected.into() };
+    Err(Error::Study { problems: vec![problem] })
 }
 
 /// A valid name that is like another one, as the end of a message.

@@ -15,14 +15,15 @@ use metafmu::{
     },
     pipeline::measured,
     report::{Curve, time_series_svg},
-    table::header_field,
+    table::{Table, header_field},
     variable::{DefaultValue, MatchedVariables},
 };
-use metafmu_runtime::{BuiltIn, Output};
+use metafmu_runtime::{BuiltIn, Output, TOLERANCE};
 use std::{io::Write, path::Path};
 
 pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     [&args.output, &args.plot].into_iter().flatten().try_for_each(|path| files::check_output(path))?;
+    expect_one_value_each(&args.start)?;
     let wanted = args.interface.map(|interface| match interface {
         InterfaceArg::Cs => InterfaceKind::CoSimulation,
         InterfaceArg::Me => InterfaceKind::ModelExchange,
@@ -48,10 +49,11 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
         record: Vec::new(),
         record_only: false,
     };
-    let (mut table, mut domain) = (args.plot.as_ref().map(|_| SimulationTable::default()), DomainWarning::default());
+    let mut table = args.plot.as_ref().map(|_| SimulationTable::default());
+    let (mut domain, mut held) = (DomainWarning::default(), HeldInputs::default());
     let path = args.output.as_deref().unwrap_or(Path::new("stdout"));
     let mut simulate = |csv: Option<&mut dyn Write>| {
-        let mut rows = RowOutput { csv, path, table: table.as_mut(), domain: &mut domain };
+        let mut rows = RowOutput { csv, path, table: table.as_mut(), domain: &mut domain, held: &mut held };
         simulate_apart(&unpacked, &options, watch, &mut rows)
     };
     match (&args.output, &args.plot) {
@@ -59,10 +61,20 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
         _ => drop(write_result(args.output.as_deref(), |csv| simulate(Some(csv)))?),
     }
     domain.warn();
+    held.warn(&options.inputs);
     if let (Some(path), Some(table)) = (&args.plot, &table) {
         plot(path, &unpacked.description().model_name, table)?;
     }
     Ok(CommandOutcome::Fine)
+}
+
+fn expect_one_value_each(starts: &[(String, f64)]) -> Result<()> {
+    for (position, (name, value)) in starts.iter().enumerate() {
+        if starts[..position].iter().any(|(earlier, other)| earlier == name && other != value) {
+            return Err(Error::Variable { name: name.clone(), problem: "has two start values".into() });
+        }
+    }
+    Ok(())
 }
 
 /// Signals of a table.
@@ -79,9 +91,12 @@ fn read_inputs(args: &SimulateArgs, description: &ModelDescription, path: &Path)
     // not of every FMU: some model files are large
     let takes_measured = description.variable(BuiltIn::UseMeasured.name()).is_some();
     let surrogate = if takes_measured { find_surrogate(&args.fmu)? } else { None };
+    let table = Table::open_stream(path)?;
+    let units = table.columns().iter().map(|column| description.unit_of(description.variable(&column.name)?));
+    table.check_units(units.enumerate())?;
     let (inputs, first) = match &surrogate {
-        Some(surrogate) => measured::read_inputs(surrogate, path, |line| say(line))?,
-        None => (Inputs::read_csv(path)?, None),
+        Some(surrogate) => measured::read_inputs(surrogate, table, |line| say(line))?,
+        None => (Inputs::read(table)?, None),
     };
     let outputs = surrogate.iter().flat_map(|surrogate| surrogate.outputs());
     let measured: Vec<String> = outputs.map(|output| Output::measured_name(&output.name)).collect();
@@ -108,6 +123,7 @@ struct RowOutput<'a, 'b> {
     /// Rows for the plot.
     table: Option<&'b mut SimulationTable>,
     domain: &'b mut DomainWarning,
+    held: &'b mut HeldInputs,
 }
 
 impl RowSink for RowOutput<'_, '_> {
@@ -123,6 +139,7 @@ impl RowSink for RowOutput<'_, '_> {
 
     fn row(&mut self, time: f64, values: &[f64]) -> Result<()> {
         self.domain.look(time, values);
+        self.held.look(time);
         if let Some(table) = &mut self.table {
             table.row(time, values)?;
         }
@@ -164,6 +181,31 @@ impl DomainWarning {
                 "outside the ranges that the FMU is made for in {outside} of {rows} rows, at {first} s for the first \
                  time (`{}` is false): its outputs there cannot be trusted",
                 BuiltIn::InDomain.name()
+            ));
+        }
+    }
+}
+
+/// A warning about a run that goes on where its table of inputs does not.
+#[derive(Default)]
+struct HeldInputs {
+    /// First and last time of the run.
+    run: Option<[f64; 2]>,
+}
+
+impl HeldInputs {
+    fn look(&mut self, time: f64) {
+        self.run = Some([self.run.map_or(time, |[first, _]| first), time]);
+    }
+
+    fn warn(&self, inputs: &Inputs) {
+        // a single row means constant inputs
+        let ([first, .., last], Some([start, stop])) = (inputs.times.as_slice(), self.run) else { return };
+        let rounding = TOLERANCE * (stop - start);
+        if start < first - rounding || stop > last + rounding {
+            warn(format_args!(
+                "the run is from {start} to {stop} s, and the table of inputs from {first} to {last} s: beyond its ends \
+                 inputs keep the values of its first and last row"
             ));
         }
     }

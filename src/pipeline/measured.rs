@@ -1,21 +1,20 @@
 //! Simulations of the FMU of a discrete-time surrogate that start from measured outputs: the rule of [`super::predict()`] for its inputs.
 
 use super::predict::{check_sample, partly_measured};
-use crate::{Result, diagnostics::names::listed, fmi::host::Inputs};
+use crate::{Result, diagnostics::names::listed, fmi::host::Inputs, table::Table};
 use metafmu_runtime::{BuiltIn, Output, Surrogate};
-use std::path::Path;
 
-/// Reads the inputs of an FMU from a CSV file, and the time of the first row if outputs are measured there.
+/// Reads the inputs of an FMU from a table, and the time of the first row if outputs are measured there.
 ///
 /// Columns of all outputs of a discrete-time surrogate are measured in rows with negative times: they become inputs,
 /// which the FMU uses up to the last of these rows. The outputs of other rows are not used; `tell` receives columns of some
 /// outputs.
 ///
 /// # Errors
-/// Those of [`Inputs::read_csv`]; [`Error::Table`](crate::Error::Table) with the line of a row before time 0 that is no sample, or
+/// Those of [`Inputs::read`]; [`Error::Table`](crate::Error::Table) with the line of a row before time 0 that is no sample, or
 /// that lacks some of the outputs.
-pub fn read_inputs(surrogate: &Surrogate, path: &Path, tell: impl Fn(&str)) -> Result<(Inputs, Option<f64>)> {
-    let Some(sampling) = surrogate.program().sampling() else { return Ok((Inputs::read_csv(path)?, None)) };
+pub fn read_inputs(surrogate: &Surrogate, table: Table, tell: impl Fn(&str)) -> Result<(Inputs, Option<f64>)> {
+    let Some(sampling) = surrogate.program().sampling() else { return Ok((Inputs::read(table)?, None)) };
     let position = |names: &[String], output: &Output| names.iter().position(|name| *name == output.name);
     let is_measured = |names: &[String]| surrogate.outputs().iter().all(|output| position(names, output).is_some());
     let problem = |inputs: &Inputs, time: f64| {
@@ -31,7 +30,7 @@ pub fn read_inputs(surrogate: &Surrogate, path: &Path, tell: impl Fn(&str)) -> R
             _ => Some(partly_measured(&missing, &inputs.names.iter().map(String::as_str).collect::<Vec<_>>())),
         }
     };
-    let mut inputs = Inputs::read_csv_with(path, problem)?;
+    let mut inputs = Inputs::read_with(table, problem)?;
     let columns: Vec<usize> = surrogate.outputs().iter().filter_map(|output| position(&inputs.names, output)).collect();
     let first = inputs.times[0];
     if is_measured(&inputs.names) && first < 0.0 {
@@ -85,7 +84,8 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
         let told = RefCell::new(Vec::new());
-        let found = read_inputs(&example::recorded(), file.path(), |line| told.borrow_mut().push(line.to_owned()));
+        let table = Table::open(file.path()).unwrap();
+        let found = read_inputs(&example::recorded(), table, |line| told.borrow_mut().push(line.to_owned()));
         (found, told.into_inner())
     }
 

@@ -240,6 +240,23 @@ fn read<'a>(mut reader: Reader<'a>, give: &SyncSender<(Result<Batch>, f64)>) -> 
     }
 }
 
+/// Positions of outputs by their names.
+fn positions(outputs: &[String], known: &[&str]) -> Result<Vec<usize>> {
+    let mut positions: Vec<usize> = Vec::with_capacity(outputs.len());
+    for name in outputs {
+        let problem = match known.iter().position(|known| known == name) {
+            Some(position) if !positions.contains(&position) => {
+                positions.push(position);
+                continue;
+            }
+            Some(_) => "is listed twice, expected each output once".into(),
+            None => format!("the surrogate has no such output, {}", expected_one_of(name, known)),
+        };
+        return Err(Error::Variable { name: name.clone(), problem });
+    }
+    Ok(positions)
+}
+
 /// A surrogate that predicts.
 struct Predictor<'a> {
     surrogate: &'a Surrogate,
@@ -253,12 +270,7 @@ struct Predictor<'a> {
 impl<'a> Predictor<'a> {
     fn new(surrogate: &'a Surrogate, outputs: &[String], stop: &'a AtomicBool) -> Result<Self> {
         let known: Vec<&str> = surrogate.outputs().iter().map(|output| output.name.as_str()).collect();
-        let position = |name: &String| {
-            let problem = || format!("the surrogate has no such output, {}", expected_one_of(name, &known));
-            let found = known.iter().position(|known| known == name);
-            found.ok_or_else(|| Error::Variable { name: name.clone(), problem: problem() })
-        };
-        let mut outputs: Vec<usize> = outputs.iter().map(position).collect::<Result<_>>()?;
+        let mut outputs = positions(outputs, &known)?;
         if outputs.is_empty() {
             outputs = (0..known.len()).collect();
         }

@@ -328,13 +328,12 @@ impl<'a> Project<'a> {
     /// Reads the record of the sampled tables and checks that they are this study's.
     ///
     /// # Errors
-    /// [`Error::Stale`] if it is missing, damaged or of another study.
+    /// [`Error::Stale`] if it is missing or damaged, [`Error::OtherStudy`].
     pub fn load_samples_record(&self) -> Result<SamplesRecord> {
         let path = self.samples_record();
         let record: SamplesRecord = self.load_json(&path, "metafmu sample")?;
         if record.sampling_digest != self.study.sampling_digest() {
-            let message = "the tables beside it were sampled from another study: run `metafmu sample` again".into();
-            return Err(Error::Stale { path, message });
+            return Err(Error::OtherStudy { path });
         }
         Ok(record)
     }

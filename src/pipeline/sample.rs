@@ -61,10 +61,14 @@ pub fn plan_table(project: &Project, part: Option<Shard>) -> Result<String> {
     Ok(text)
 }
 
-/// Runs that an earlier command sampled from this study, if it completed. Tables changed since then are an error:
-/// sampling again would replace them.
+/// Runs that an earlier command sampled from this study, if it completed. Tables changed since then and tables of another study are
+/// an error: sampling again would replace them.
 pub(super) fn kept(project: &Project) -> Result<Option<Samples>> {
-    let Ok(record) = project.load_samples_record() else { return Ok(None) };
+    let record = match project.load_samples_record() {
+        Ok(record) => record,
+        Err(Error::OtherStudy { path }) => return Err(Error::OtherStudy { path }),
+        Err(_) => return Ok(None),
+    };
     if record.tables.keys().any(|set| !project.table(set).exists()) {
         return Ok(None);
     }

@@ -327,6 +327,37 @@ fn a_study_of_a_table_keeps_the_names_of_its_columns_and_takes_no_number_of_a_ru
 }
 
 #[test]
+fn a_structure_that_a_source_does_not_have_is_refused() {
+    let bench = Bench::new();
+    for (source, structure, expected) in [
+        (["--system", "single-pendulum"], "static", "--table FILE"),
+        (["--template", "crane"], "static", "--table FILE"),
+        (["--template", "crane"], "discrete", "--fmu FILE"),
+    ] {
+        let arguments = [&["new", "x"], &source[..], &["--structure", structure]].concat();
+        bench.fails(&arguments, &[&format!("--structure {structure}"), expected]);
+        assert!(!bench.path("x.toml").exists() && !bench.path("x-mechanism.toml").exists());
+    }
+}
+
+#[test]
+fn a_column_of_accelerations_is_neither_a_state_nor_an_input() {
+    let bench = Bench::new();
+    let mut rows = String::from("time,xdd,x,xd,twin\n");
+    for t in (0..300).map(|row| 0.01 * f64::from(row)) {
+        let (x, xd, xdd) = (t.powi(3) - t, 3.0 * t * t - 1.0, 6.0 * t);
+        rows += &format!("{t},{xdd},{x},{xd},{}\n", x + 2.0);
+    }
+    fs::write(bench.path("motions.csv"), rows).unwrap();
+    let output = bench.run(&["new", "x", "--table", "motions.csv", "--structure", "dynamics"]);
+    assert!(output.status.success(), "{}", stderr(&output));
+    assert!(stderr(&output).contains("column `xdd`: is an acceleration"), "{}", stderr(&output));
+    let study = fs::read_to_string(bench.path("x.toml")).unwrap();
+    assert!(study.contains("\nx = { rate = \"xd\" }") && study.contains("\ntwin = {  }"), "{study}");
+    assert!(study.contains("x = {}\nxd = {}\ntwin = {}\n") && !study.contains("xdd"), "{study}");
+}
+
+#[test]
 fn a_bad_study_is_refused_with_file_line_and_key() {
     let bench = Bench::built();
     let good = small_study();
@@ -365,6 +396,12 @@ fn stages_out_of_order_or_of_another_study_say_what_to_run() {
     fs::write(bench.path("study.toml"), small_study().replace("max = 0.2,", "max = 0.25,")).unwrap();
     bench.fails(&["train", "study.toml"], &["sampled from another study"]);
     bench.fails(&["evaluate", "study.toml"], &["trained from another study"]);
+    let record = fs::read(bench.path("out/single-pendulum/samples.json")).unwrap();
+    bench.fails(
+        &["build", "study.toml", "--resume"],
+        &["sampled from another study", "`metafmu build` without --resume"],
+    );
+    assert_eq!(fs::read(bench.path("out/single-pendulum/samples.json")).unwrap(), record);
 }
 
 #[test]

@@ -106,6 +106,19 @@ def test_inputs_that_vary_and_jump_are_followed(version, fmus, tmp_path):
     assert abs(found["x"][-1] - at_jump) < 1e-8
 
 
+def test_inputs_are_held_beyond_their_table_with_a_word(fmus, tmp_path):
+    inputs = tmp_path / "u.csv"
+    says = lambda text, *options: (
+        inputs.write_text(text),
+        metafmu("simulate", fmus["dahlquist", 2], "--input", inputs, "--step-size", "0.5", "--output", tmp_path / "out.csv", *options, check=False),
+    )[1].stderr
+    late = says("time,u\n0.5,1\n1.5,3\n", "--stop-time", "2")
+    assert "the run is from 0 to 2 s, and the table of inputs from 0.5 to 1.5 s: beyond its ends inputs keep the values" in late
+    assert says("time,u\n0,1\n2,3\n", "--stop-time", "2") == "", "the table covers the run"
+    assert says("time,u\n0,1\n", "--stop-time", "2") == "", "a single row: constant inputs"
+    assert "variable `u`: has two start values" in says("time,u\n0,1\n", "--start", "u=1", "--start", "u=2")
+
+
 @pytest.mark.parametrize("version", [2, 3])
 def test_an_fmu_ends_its_simulation_at_an_event(version, fmus):
     # h = 1e-4, where h' = -0.01, at 2 (1 - 0.01) s; behind it a state is found impossible and discarded

@@ -257,6 +257,7 @@ def test_what_is_no_surrogate_and_no_output_is_refused(pendulum, designs, tmp_pa
         (tmp_path / "in.csv", [], "expected a surrogate, a file that ends in .fmu or .safetensors"),
         (tmp_path / "none.safetensors", [], "none.safetensors: cannot read"),
         (pendulum.fmu, ["--outputs", "theta,thetat"], "variable `thetat`: the surrogate has no such output, expected one of"),
+        (pendulum.fmu, ["--outputs", "theta,theta"], "variable `theta`: is listed twice"),
         (pendulum.fmu, ["--out", tmp_path / "x.xlsx"], "expected a file that ends in .csv or .parquet"),
         (pendulum.fmu, ["--json"], "--out"),
     ]:

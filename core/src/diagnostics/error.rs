@@ -93,6 +93,16 @@ pub enum Error {
         /// The remedy.
         message: String,
     },
+    /// The tables were sampled from a study with other settings.
+    #[error(
+        "{}: the tables beside it were sampled from another study, with other settings of the source, parameters, time or \
+         sampling: run `metafmu sample` again, or `metafmu build` without --resume",
+        path.display()
+    )]
+    OtherStudy {
+        /// The record of the sampling.
+        path: PathBuf,
+    },
     /// A plot could not be made.
     #[error("{}: {message}", path.display())]
     Plot {

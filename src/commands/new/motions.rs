@@ -39,9 +39,10 @@ pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String
     let rates = rates(file, &time, &moving, runs.step)?;
     let mut states: Vec<(&ColumnProfile, Option<&ColumnProfile>)> = Vec::new();
     let (mut inputs, mut wrong) = (Vec::new(), Vec::new());
-    let is_rate = |index: usize| rates.iter().flatten().any(|rate| rate.column == index);
-    for (index, column) in moving.iter().enumerate() {
-        match &rates[index] {
+    for Chain { first, rate, accelerations } in chains(&rates) {
+        let column = moving[first];
+        match &rates[first] {
+            Some(_) if rate.is_none() => states.push((column, None)),
             Some(Rate { column: rate, error: None }) => states.push((column, Some(moving[*rate]))),
             Some(Rate { column: rate, error: Some(error) }) => {
                 states.push((column, None));
@@ -52,8 +53,11 @@ pub fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result<String
                 say(format_args!("column `{}`: {message}", moving[*rate].title));
                 wrong.push((moving[*rate], message));
             }
-            None if is_rate(index) => {}
-            None => inputs.push(*column),
+            None => inputs.push(column),
+        }
+        for acceleration in accelerations {
+            let title = &moving[acceleration].title;
+            say(format_args!("column `{title}`: is an acceleration, which follows from the equations: left out"));
         }
     }
     if states.is_empty() {
@@ -146,6 +150,42 @@ step = {:?}                 # s
 struct Rate {
     column: usize,
     error: Option<f64>,
+}
+
+/// A column, its rate if it has one, and what is the derivative of that.
+struct Chain {
+    first: usize,
+    /// None as well if it is the rate of another column, too.
+    rate: Option<usize>,
+    accelerations: Vec<usize>,
+}
+
+/// Divides columns, the rates of some of which are others, so that each is in one chain.
+fn chains(rates: &[Option<Rate>]) -> Vec<Chain> {
+    let rate_of: Vec<Option<usize>> = rates.iter().map(|rate| rate.as_ref().map(|rate| rate.column)).collect();
+    let mut is_free = vec![true; rates.len()];
+    let mut chains = Vec::new();
+    let (of_others, first): (Vec<usize>, Vec<usize>) =
+        (0..rates.len()).partition(|column| rate_of.contains(&Some(*column)));
+    // a sine is its own fourth derivative: chains may have no beginning
+    for first in first.into_iter().chain(of_others) {
+        if !std::mem::replace(&mut is_free[first], false) {
+            continue;
+        }
+        let mut followers = Vec::new();
+        let mut next = rate_of[first];
+        while let Some(column) = next.filter(|column| std::mem::replace(&mut is_free[*column], false)) {
+            followers.push(column);
+            next = rate_of[column];
+        }
+        chains.push(Chain {
+            first,
+            rate: followers.first().copied(),
+            accelerations: followers.into_iter().skip(1).collect(),
+        });
+    }
+    chains.sort_by_key(|chain| chain.first);
+    chains
 }
 
 /// Column of the derivative of each column, by the differences in the first run.

@@ -3,13 +3,17 @@
 use super::FmuInstance;
 use crate::{
     Error, Result,
-    diagnostics::{Place, names::expected_one_of},
+    diagnostics::names::expected_one_of,
     fmi::model_description::{Causality, ModelDescription, ScalarVariable, Variability},
-    reading,
+    table::Table,
     variable::{DefaultValue, MatchedVariables, Need, WantedVariable, match_variables},
 };
 use serde::{Deserialize, Serialize};
-use std::path::Path;
+
+/// Column of the times of rows.
+const TIME: &str = "time";
+/// Values of a table at most.
+const MAX_VALUES: usize = 1 << 27;
 
 /// Values of input variables over time. Continuous variables are linear between two rows; the others have the value of
 /// the row before. The first and the last row extend without limit.
@@ -24,57 +28,44 @@ pub struct Inputs {
 }
 
 impl Inputs {
-    /// Reads a CSV file: a header with `time` and the names of inputs, then rows.
+    /// Reads a table: its column `time`, in s, and columns with the names of inputs.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Table`] with the line that is wrong.
-    pub fn read_csv(path: &Path) -> Result<Self> {
-        Self::read_csv_with(path, |_, _| None)
+    /// [`Error::Io`], or [`Error::Table`] with the place of what is wrong.
+    pub fn read(table: Table) -> Result<Self> {
+        Self::read_with(table, |_, _| None)
     }
 
-    /// Reads a file as [`Inputs::read_csv`] does and checks the time of each row. `problem` receives the inputs of the
+    /// Reads a table as [`Inputs::read`] does and checks the time of each row. `problem` receives the inputs of the
     /// rows before it and returns a message if the time is wrong.
     ///
     /// # Errors
-    /// Those of [`Inputs::read_csv`].
-    pub fn read_csv_with(path: &Path, problem: impl Fn(&Self, f64) -> Option<String>) -> Result<Self> {
-        let text = reading::read_stream_text(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
-        let wrong =
-            |line: u64, message: String| Error::Table { path: path.to_owned(), place: Place::Line(line), message };
-        let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-        let header = reader.headers().map_err(|error| wrong(1, error.to_string()))?.clone();
-        if header.get(0) != Some("time") || header.len() < 2 {
-            return Err(wrong(1, "expected a header `time,NAME,...`".into()));
+    /// Those of [`Inputs::read`].
+    pub fn read_with(mut table: Table, problem: impl Fn(&Self, f64) -> Option<String>) -> Result<Self> {
+        let time = table.column(TIME)?;
+        table.check_unit(time, Some("s"))?;
+        let columns: Vec<usize> = (0..table.columns().len()).filter(|column| *column != time).collect();
+        if columns.is_empty() {
+            return Err(table.mistake_in_header("no column beside `time`, expected columns with the names of inputs"));
         }
-        let names: Vec<String> = header.iter().skip(1).map(str::to_owned).collect();
-        if let Some((_, name)) = names.iter().enumerate().find(|(position, name)| names[..*position].contains(name)) {
-            return Err(wrong(1, format!("column `{name}` is duplicated")));
-        }
+        let names = columns.iter().map(|column| table.columns()[*column].name.clone()).collect();
         let mut inputs = Self { names, ..Self::default() };
-        for record in reader.records() {
-            let record = record.map_err(|error| {
-                wrong(
-                    error.position().map_or(0, csv::Position::line),
-                    "has another number of values than the header".into(),
-                )
-            })?;
-            let line = record.position().map_or(0, csv::Position::line);
-            let number = |field: &str| {
-                let number = field.parse().ok().filter(|number: &f64| number.is_finite());
-                number.ok_or_else(|| wrong(line, format!("`{field}` is not a finite number")))
-            };
-            let values = record.iter().map(number).collect::<Result<Vec<f64>>>()?;
-            if inputs.times.last().is_some_and(|last| *last > values[0]) {
-                return Err(wrong(line, format!("time {} is before that of the row above", values[0])));
+        while table.next_row()? {
+            let now = table.number(time)?;
+            if let Some(last) = inputs.times.last().filter(|last| **last > now) {
+                return Err(table.mistake(&format!("time {now} is before that of the row above, {last}")));
             }
-            if let Some(problem) = problem(&inputs, values[0]) {
-                return Err(wrong(line, problem));
+            if let Some(problem) = problem(&inputs, now) {
+                return Err(table.mistake(&problem));
             }
-            inputs.times.push(values[0]);
-            inputs.rows.push(values[1..].to_vec());
+            if inputs.times.len() == MAX_VALUES / columns.len() {
+                return Err(table.mistake(&format!("more than {MAX_VALUES} values, which are kept in memory")));
+            }
+            inputs.times.push(now);
+            inputs.rows.push(columns.iter().map(|column| table.number(*column)).collect::<Result<_>>()?);
         }
         if inputs.rows.is_empty() {
-            return Err(wrong(1, "has no rows".into()));
+            return Err(table.mistake("the table has no rows"));
         }
         Ok(inputs)
     }
@@ -246,7 +237,7 @@ mod tests {
     fn read(text: &str) -> Result<Inputs> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
-        Inputs::read_csv(file.path())
+        Table::open(file.path()).and_then(Inputs::read)
     }
 
     #[test]
@@ -264,6 +255,13 @@ mod tests {
             assert_eq!(inputs.value(0, time, inputs.rows_until(time), true), continuous, "{time}");
             assert_eq!(inputs.value(0, time, inputs.rows_until(time), false), held, "{time}");
         }
+    }
+
+    #[test]
+    fn a_table_is_read_as_other_tables_are() {
+        let inputs = read("# a drive\nspeed [m/s];time [s]\n1,5;0\n2,5;0,1\n").unwrap();
+        assert_eq!((inputs.names, inputs.times), (vec!["speed".to_owned()], vec![0.0, 0.1]));
+        assert_eq!(inputs.rows, [[1.5], [2.5]]);
     }
 
     #[test]
@@ -313,13 +311,15 @@ mod tests {
     #[test]
     fn what_is_wrong_with_a_file_is_located() {
         for (text, message) in [
-            ("t,u\n0,1\n", ":1: expected a header `time,NAME,...`"),
+            ("t,u\n0,1\n", ":1: no column `time`, expected it among t, u"),
+            ("time\n0\n", ":1: no column beside `time`, expected columns with the names of inputs"),
+            ("time [ms],u\n0,1\n", ":1: column `time`: unit `ms`, expected `s`"),
             ("time,u,v,u\n0,1,2,3\n", ":1: column `u` is duplicated"),
-            ("time,u\n", ":1: has no rows"),
-            ("time,u\n0,1\n1,x\n", ":3: `x` is not a finite number"),
-            ("time,u\n0,1\n1\n", ":3: has another number of values than the header"),
-            ("time,u\n0,inf\n", ":2: `inf` is not a finite number"),
-            ("time,u\n1,1\n0,1\n", ":3: time 0 is before that of the row above"),
+            ("time,u\n", ":1: the table has no rows"),
+            ("time,u\n0,1\n1,x\n", ":3: column `u`: `x`, expected a finite number"),
+            ("time,u\n0,1\n1\n", ":3: 1 fields, expected 2"),
+            ("time,u\n0,inf\n", ":2: column `u`: `inf`, expected a finite number"),
+            ("time,u\n1,1\n0,1\n", ":3: time 0 is before that of the row above, 1"),
         ] {
             let found = read(text).unwrap_err().to_string();
             assert!(found.ends_with(message), "{found}");

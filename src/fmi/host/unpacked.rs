@@ -8,12 +8,13 @@ use crate::{
 };
 use std::{
     fs::{File, OpenOptions},
+    io::ErrorKind,
     path::{Path, PathBuf},
 };
 use tempfile::TempDir;
 
-/// Begins the names of the folders.
-const PREFIX: &str = "metafmu-";
+/// Begins the names of these folders only: an empty one is left over.
+const PREFIX: &str = "metafmu-fmu-";
 /// The FMU's files in such a folder.
 const FILES: &str = "fmu";
 /// The file beside them that is locked for as long as the folder is used.
@@ -34,6 +35,13 @@ pub struct TemporaryFolder {
     // dropped in this order
     _lock: File,
     folder: TempDir,
+}
+
+impl Drop for TemporaryFolder {
+    fn drop(&mut self) {
+        // the lock goes last: if the process is killed meanwhile, another one finds what is left by it
+        let _ = std::fs::remove_dir_all(self.files());
+    }
 }
 
 impl Unpacked {
@@ -101,7 +109,11 @@ impl TemporaryFolder {
         loop {
             let folder = builder.tempdir_in(&parent).map_err(failed)?;
             let name = folder.path().join(LOCK);
-            let lock = File::create_new(&name).map_err(failed)?;
+            let lock = match File::create_new(&name) {
+                // another process has taken the empty folder for one that was left
+                Err(error) if error.kind() == ErrorKind::NotFound => continue,
+                lock => lock.map_err(failed)?,
+            };
             // where files cannot be locked, nobody finds a folder that is not
             let _ = lock.lock();
             // another process may have taken it for a stale one before it was locked
@@ -140,20 +152,28 @@ pub(super) fn files(folder: &Path) -> PathBuf {
 
 /// Removes a temporary folder of another process, which has ended.
 pub fn remove(folder: &Path) {
-    if folder.file_name().is_some_and(|name| name.to_string_lossy().starts_with(PREFIX)) {
-        // it may be gone already
+    if is_named(folder) {
+        // it may be gone already; the lock goes last
+        let _ = std::fs::remove_dir_all(files(folder));
         let _ = std::fs::remove_dir_all(folder);
     }
+}
+
+/// Returns true if a folder has a name as these folders have.
+fn is_named(folder: &Path) -> bool {
+    folder.file_name().is_some_and(|name| name.to_string_lossy().starts_with(PREFIX))
 }
 
 /// Removes the folders beside one's own that killed processes of the same user have left: nobody holds their locks.
 fn remove_stale(own: &Path, parent: &Path) {
     let others = std::fs::read_dir(parent).into_iter().flatten().flatten().map(|entry| entry.path());
     for other in others.filter(|other| other != own && have_one_owner(own, other)) {
-        let Ok(lock) = OpenOptions::new().read(true).write(true).open(other.join(LOCK)) else { continue };
-        // the lock is held until the folder is gone: its owner may be between making the folder and locking it
-        if lock.try_lock().is_ok() {
-            remove(&other);
+        match OpenOptions::new().read(true).write(true).open(other.join(LOCK)) {
+            // the lock is held until the folder is gone: its owner may be between making the folder and locking it
+            Ok(lock) if lock.try_lock().is_ok() => remove(&other),
+            // killed before there was a lock, or after it was gone
+            Err(error) if error.kind() == ErrorKind::NotFound && is_named(&other) => drop(std::fs::remove_dir(&other)),
+            _ => {}
         }
     }
 }
@@ -196,22 +216,28 @@ mod tests {
             std::fs::create_dir_all(folder.join(FILES)).unwrap();
             File::create_new(folder.join(LOCK)).unwrap()
         };
-        let own = parent.path().join("metafmu-own");
-        let (_, used) = (make("metafmu-own"), make("metafmu-used"));
+        let own = parent.path().join("metafmu-fmu-own");
+        let (_, used) = (make("metafmu-fmu-own"), make("metafmu-fmu-used"));
         used.lock().unwrap();
-        drop((make("metafmu-stale"), make("another")));
-        std::fs::create_dir(parent.path().join("metafmu-begun")).unwrap();
+        drop((make("metafmu-fmu-stale"), make("another")));
+        // as a process leaves them that is killed between two steps
+        std::fs::create_dir(parent.path().join("metafmu-fmu-empty")).unwrap();
+        std::fs::create_dir(parent.path().join("metafmu-empty-of-a-program")).unwrap();
+        std::fs::create_dir_all(parent.path().join("metafmu-fmu-other").join("of somebody else")).unwrap();
         #[cfg(unix)]
-        std::os::unix::fs::symlink(parent.path().join("another"), parent.path().join("metafmu-link")).unwrap();
+        std::os::unix::fs::symlink(parent.path().join("another"), parent.path().join("metafmu-fmu-link")).unwrap();
         remove_stale(&own, parent.path());
         let mut left: Vec<String> = std::fs::read_dir(parent.path())
             .unwrap()
             .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .filter(|name| name != "metafmu-link")
+            .filter(|name| name != "metafmu-fmu-link")
             .collect();
         left.sort_unstable();
-        assert_eq!(left, ["another", "metafmu-begun", "metafmu-own", "metafmu-used"]);
+        assert_eq!(
+            left,
+            ["another", "metafmu-empty-of-a-program", "metafmu-fmu-other", "metafmu-fmu-own", "metafmu-fmu-used"]
+        );
         #[cfg(unix)]
-        assert!(parent.path().join("another").join(FILES).exists() && parent.path().join("metafmu-link").exists());
+        assert!(parent.path().join("another").join(FILES).exists() && parent.path().join("metafmu-fmu-link").exists());
     }
 }
