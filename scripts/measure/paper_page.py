@@ -16,7 +16,7 @@ COLORS = ("blue", "orange", "green", "pink", "sky blue")
 SLIDER_NAMED = (0, 1, 3, 4, 5)
 INTRODUCTION = """# The paper, repeated
 
-After reading this page you know which tables, figures and claims of Choi et al. 2021 metafmu repeats, with which values, and how to repeat them:
+This page says which tables, figures and claims of Choi et al. 2021 metafmu repeats, with which values, and how to repeat them:
 
     .venv/bin/python scripts/measure paper            # 20 minutes on two idle cores
     .venv/bin/python scripts/measure paper --full     # also what takes hours
