@@ -27,7 +27,7 @@ PICTURES = ROOT / "docs" / "gallery"
 FLAT = 0.15
 INTRODUCTION = """# Gallery
 
-After reading this page you know eight surrogates, and can build each with its commands in a checkout.
+This page shows eight surrogates, each with the commands that build it in a checkout.
 
 Pictures show the unseen run with the largest error of a shown output: the source in gray, the FMU in blue. Points of the table are rows that
 the model was not fitted to. Errors are the largest at any row of any unseen run, relative to the range of the output.

@@ -17,7 +17,7 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parents[1] / "python" / "python" / "metafmu"
 INTRODUCTION = """# Python API
 
-After reading this page you can look up each public object of the package `metafmu`: arguments, shapes, units and errors.
+This page has each public object of the package `metafmu`: arguments, shapes, units and errors.
 [From Python](python.md) explains them by task.
 
 Returned arrays are numpy arrays of doubles. Rows may be array-like, or a DataFrame with a column for each name. Two types stand for several forms of an argument:
