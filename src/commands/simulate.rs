@@ -186,7 +186,7 @@ impl DomainWarning {
     }
 }
 
-/// A warning about a run that goes on where its table of inputs does not.
+/// A warning about a run that is longer than its table of inputs.
 #[derive(Default)]
 struct HeldInputs {
     /// First and last time of the run.

@@ -6,7 +6,7 @@ use super::{
     model::{MultibodyModel, Sample},
 };
 use metafmu_runtime::{
-    bends::{ArgumentPath, BentArgument, passage},
+    bends::{ArgumentPath, BentArgument, step_over},
     formula::Formula,
     switches::{FormulaArgument, bent_arguments, table_arguments},
 };
@@ -131,7 +131,7 @@ impl<'a> Bending<'a> {
         let u = model.at(*end, &sample.z);
         accepted.push(ObservedPoint { t: *end, values: self.values(*end, &sample.q, &sample.v, &u) });
         let paths: Vec<ArgumentPath> = (0..self.arguments.len()).map(|argument| path(accepted, argument)).collect();
-        passage(&self.arguments, &paths).share
+        step_over(&self.arguments, &paths).share
     }
 
     fn values(&self, t: f64, q: &impl Positions, v: &DVector<f64>, u: &[f64]) -> Vec<f64> {

@@ -156,18 +156,18 @@ impl ArgumentPath {
     }
 }
 
-/// What the bends on the way of a solver's step mean for it.
+/// Bends on the way of a solver's step.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Passage {
+pub struct StepOverBends {
     /// Share of the step, from 0 to 1, with which it misses nothing.
     pub share: f64,
     /// `true` if an argument passes a bend in the step.
     pub has_bend: bool,
 }
 
-/// Finds the passage of a step. Over a bend an argument may move by no more than the bend's width. Arguments of one function may not pass two
+/// The bends on the way of a step. Over a bend an argument may move by no more than the bend's width. Arguments of one function may not pass two
 /// bends at once. The paths are those of the arguments.
-pub fn passage(arguments: &[BentArgument], paths: &[ArgumentPath]) -> Passage {
+pub fn step_over(arguments: &[BentArgument], paths: &[ArgumentPath]) -> StepOverBends {
     let (mut share, mut has_bend) = (1.0f64, false);
     for (index, (argument, path)) in arguments.iter().zip(paths).enumerate() {
         for bend in argument.bends.on(path) {
@@ -185,7 +185,7 @@ pub fn passage(arguments: &[BentArgument], paths: &[ArgumentPath]) -> Passage {
             }
         }
     }
-    Passage { share, has_bend }
+    StepOverBends { share, has_bend }
 }
 
 #[cfg(test)]
@@ -202,7 +202,7 @@ mod tests {
         let arguments: Vec<BentArgument> =
             bends.iter().map(|bends| BentArgument { bends: Arc::new((*bends).clone()), group: 0 }).collect();
         let paths: Vec<ArgumentPath> = paths.iter().map(|values| path(values)).collect();
-        passage(&arguments, &paths).share
+        step_over(&arguments, &paths).share
     }
 
     #[test]

@@ -424,7 +424,7 @@ mod tests {
     use super::*;
     use crate::{
         Jet,
-        equations::bends::{ArgumentPath, BentArgument, passage},
+        equations::bends::{ArgumentPath, BentArgument, step_over},
     };
 
     fn table(axes: &[&[f64]], values: &[f64], how: (Interpolation, Extrapolation)) -> LookupTable {
@@ -545,7 +545,7 @@ mod tests {
         let argument = BentArgument { bends: Arc::clone(table.bends(0)), group: 0 };
         let mut path = ArgumentPath::at(from);
         path.add(to);
-        passage(&[argument], &[path]).share
+        step_over(&[argument], &[path]).share
     }
 
     #[test]

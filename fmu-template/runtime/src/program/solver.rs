@@ -4,7 +4,7 @@ mod rosenbrock;
 
 use crate::{
     Domain, FormatError, State, TOLERANCE,
-    bends::{ArgumentPath, BentArgument, Passage, passage},
+    bends::{ArgumentPath, BentArgument, StepOverBends, step_over},
 };
 use rosenbrock::Rosenbrock;
 use std::ops::Range;
@@ -355,7 +355,7 @@ impl Solver {
                 self.stages(&DORMAND_PRINCE, 1, point, (since, h), drive, &mut respond);
             }
             is_repeated = true;
-            let Passage { share, has_bend } = self.passage(is_implicit);
+            let StepOverBends { share, has_bend } = self.step_over(is_implicit);
             if share < 1.0 && share * h >= SHORTEST * size {
                 // less than what would be lengthened to the end of the communication step again
                 h *= share.min(0.9);
@@ -401,12 +401,12 @@ impl Solver {
         self.before.len().div_ceil(LANES)
     }
 
-    /// What the bends on the way of a step mean for it.
+    /// The bends on the way of a step.
     #[inline]
-    fn passage(&mut self, is_implicit: bool) -> Passage {
+    fn step_over(&mut self, is_implicit: bool) -> StepOverBends {
         let count = self.bent.len();
         if count == 0 {
-            return Passage { share: 1.0, has_bend: false };
+            return StepOverBends { share: 1.0, has_bend: false };
         }
         let share_of_middle = if is_implicit { rosenbrock::TIMES[MIDDLE] } else { DORMAND_PRINCE.stages[MIDDLE].0 };
         for (index, path) in self.paths.iter_mut().enumerate() {
@@ -415,7 +415,7 @@ impl Solver {
             (1..STAGES).for_each(|stage| path.add(self.arguments[stage * count + index]));
             path.add_turn([[0.0, start], [share_of_middle, middle], [1.0, end]]);
         }
-        passage(&self.bent, &self.paths)
+        step_over(&self.bent, &self.paths)
     }
 
     /// Largest estimate of the error of a step of size `h` in any state, relative to its scale.
