@@ -180,14 +180,14 @@ bool domain_forbids(Instance *instance, size_t index, double value, double time,
     if (!contains(column, value)) {
         char valid[VALID_SIZE];
         domain_describe(column, valid);
-        instance_tell(instance, status, "variable `%.100s`: %.10g is outside %s, and domain_policy is 2", column->name,
-                      value, valid);
+        instance_end(instance, status, "variable `%.100s`: %.10g is outside %s, and domain_policy is 2", column->name,
+                     value, valid);
         return true;
     }
     if (is_changed(instance, index, value, time)) {
-        instance_tell(instance, status,
-                      "variable `%.100s`: %.10g instead of %.10g as at the start of the run, and domain_policy is 2",
-                      column->name, value, instance->now.at_start[index]);
+        instance_end(instance, status,
+                     "variable `%.100s`: %.10g instead of %.10g as at the start of the run, and domain_policy is 2",
+                     column->name, value, instance->now.at_start[index]);
         return true;
     }
     return false;
@@ -202,8 +202,8 @@ bool domain_forbids_point(Instance *instance, Policy policy)
         }
     }
     if (policy == POLICY_ERROR && instance->now.changed) {
-        instance_tell(instance, STATUS_ERROR,
-                      "inputs or parameters have been changed during the run, which domain_policy 2 forbids");
+        instance_end(instance, STATUS_ERROR,
+                     "inputs or parameters have been changed during the run, which domain_policy 2 forbids");
         return true;
     }
     return false;
@@ -254,10 +254,10 @@ Status domain_note_data(Instance *instance, Status refused)
     }
     const double distance = domain_outside(instance, instance->centre).distance;
     if (instance->now.policy == POLICY_ERROR) {
-        return instance_tell(instance, refused,
-                             "the inputs are in their ranges, but %.3f of the ranges away from where training data are "
-                             "near, and domain_policy is 2",
-                             distance);
+        return instance_end(instance, refused,
+                            "the inputs are in their ranges, but %.3f of the ranges away from where training data are "
+                            "near, and domain_policy is 2",
+                            distance);
     }
     instance->warned_of_data = true;
     instance_tell(instance, STATUS_WARNING,

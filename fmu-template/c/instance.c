@@ -143,20 +143,35 @@ static void send_message(const Instance *instance, Status status, const char *me
     }
 }
 
-Status instance_tell(Instance *instance, Status status, const char *format, ...)
+static Status tell(Instance *instance, Status status, const char *format, va_list arguments)
 {
     char message[MESSAGE_SIZE];
     char escaped[MESSAGE_SIZE];
-    va_list arguments;
     int length = snprintf(message, sizeof message, "%s: ", instance->function);
-    va_start(arguments, format);
     vsnprintf(message + length, sizeof message - (size_t)length, format, arguments);
-    va_end(arguments);
     escape(message, escaped, sizeof escaped);
+    send_message(instance, status, escaped);
+    return status;
+}
+
+Status instance_tell(Instance *instance, Status status, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    tell(instance, status, format, arguments);
+    va_end(arguments);
+    return status;
+}
+
+Status instance_end(Instance *instance, Status status, const char *format, ...)
+{
+    va_list arguments;
     if (status == STATUS_ERROR) {
         instance->now.state = instance->fmi_version == 2 ? STATE_ERROR : STATE_TERMINATED;
     }
-    send_message(instance, status, escaped);
+    va_start(arguments, format);
+    tell(instance, status, format, arguments);
+    va_end(arguments);
     return status;
 }
 

@@ -32,7 +32,7 @@ typedef enum {
     STATE_CONTINUOUS_TIME = 8,
     STATE_STEP = 16,
     STATE_TERMINATED = 32,
-    STATE_ERROR = 64, /* FMI 2.0, after a refused call; FMI 3.0 has STATE_TERMINATED instead */
+    STATE_ERROR = 64, /* FMI 2.0, after the run has failed; FMI 3.0 has STATE_TERMINATED instead */
     STATE_UPDATE = 128 /* FMI 3.0, during a callback within a step; never saved */
 } State;
 
@@ -111,8 +111,11 @@ bool instance_check_token(Instance *instance, const char *token, const char *arg
 /* Returns true if the state allows the call, false after a message. Every call begins with it. */
 bool instance_begin(Instance *instance, const char *function, unsigned allowed);
 
-/* Sends a message to the host, if its log settings include it. Returns the status; after an error the simulation cannot continue. */
+/* Sends a message to the host, if its log settings include it. Returns the status. A call that is refused with an error changes nothing: the instance goes on if its host does. */
 Status instance_tell(Instance *instance, Status status, const char *format, ...);
+
+/* Sends a message as instance_tell does. After an error the run cannot go on. */
+Status instance_end(Instance *instance, Status status, const char *format, ...);
 
 /* Switches log categories; all of them if none is named. */
 Status instance_switch_logging(Instance *instance, bool on, size_t count, const char *const categories[]);

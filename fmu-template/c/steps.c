@@ -135,10 +135,10 @@ static Status tell_implausible(Instance *instance, Status status, size_t state, 
     if (after >= 0.0) {
         snprintf(when, VALID_SIZE, "%.10g s after the beginning of the step, ", after);
     }
-    return instance_tell(instance, status,
-                         "%sstate `%.100s` is %.10g, which is not plausible: expected %s, and at most %.10g in "
-                         "magnitude; the motion diverges",
-                         when, column->name, value, valid, model_scales[state].limit);
+    return instance_end(instance, status,
+                        "%sstate `%.100s` is %.10g, which is not plausible: expected %s, and at most %.10g in "
+                        "magnitude; the motion diverges",
+                        when, column->name, value, valid, model_scales[state].limit);
 }
 #endif
 
@@ -170,22 +170,22 @@ static Status advance_states(Instance *instance, double time, double size, Statu
     case ADVANCE_DONE:
         break;
     case ADVANCE_NOT_FINITE:
-        return instance_tell(instance, refused,
-                             MODEL_HAS_STATES
-                                 ? "the states are not finite %.10g s after the beginning of the step: the motion "
-                                   "diverges, or reaches a state in which the equations have no finite solution"
-                                 : "the outputs are not finite at the sample %.10g s after the beginning of the step: "
-                                   "the model diverges",
-                             instance->since + failure.after);
+        return instance_end(instance, refused,
+                            MODEL_HAS_STATES
+                                ? "the states are not finite %.10g s after the beginning of the step: the motion "
+                                  "diverges, or reaches a state in which the equations have no finite solution"
+                                : "the outputs are not finite at the sample %.10g s after the beginning of the step: "
+                                  "the model diverges",
+                            instance->since + failure.after);
     case ADVANCE_IMPLAUSIBLE:
 #if MODEL_HAS_STATES
         return tell_implausible(instance, refused, failure.state, failure.value, instance->since + failure.after);
 #endif
     case ADVANCE_UNDERFLOW:
-        return instance_tell(instance, refused,
-                             "no step of the solver is short enough %.10g s after the beginning of the step: the motion "
-                             "diverges, or the equations have a singularity",
-                             instance->since + failure.after);
+        return instance_end(instance, refused,
+                            "no step of the solver is short enough %.10g s after the beginning of the step: the motion "
+                            "diverges, or the equations have a singularity",
+                            instance->since + failure.after);
     case ADVANCE_TOO_MANY_STEPS:
         return instance_tell(instance, STATUS_ERROR,
                              "communication step size %.10g takes more than ten million steps of the solver, expected "

@@ -253,10 +253,17 @@ unsafe fn tell(component: *mut Component, called: &Called, answer: Result<Option
     let warnings = instance.take_warnings();
     let (status, reason) = match answer {
         Ok(None) => (Status::Ok, None),
-        Ok(Some(refusal)) => (refusal.status(), Some(refusal.to_string())),
-        Err(panic) => (Status::Fatal, Some(panicked(&panic))),
+        Ok(Some(refusal)) => {
+            if refusal.ends_run() {
+                instance.fail(refusal.status());
+            }
+            (refusal.status(), Some(refusal.to_string()))
+        }
+        Err(panic) => {
+            instance.fail(Status::Fatal);
+            (Status::Fatal, Some(panicked(&panic)))
+        }
     };
-    instance.fail(status);
     // SAFETY: the caller's promise; the instance is not borrowed any more, should the host call back from its logger
     let logger = unsafe { &(*component).logger };
     let warnings = warnings.iter().map(|warning| (Status::Warning, warning.to_string()));

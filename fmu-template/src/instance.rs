@@ -208,7 +208,7 @@ impl Instance {
         self.warnings.push(warning);
     }
 
-    /// After a call was refused ([`Status::Error`]) or panicked ([`Status::Fatal`]).
+    /// After a run that cannot go on ([`Status::Error`]) or a panic ([`Status::Fatal`]).
     pub(crate) fn fail(&mut self, status: Status) {
         match (status, self.kind.version) {
             (Status::Ok | Status::Warning | Status::Discard, _) => {}

@@ -25,7 +25,7 @@ pub(crate) enum InstanceState {
     ContinuousTime,
     Step,
     Terminated,
-    /// FMI 2.0, after a call was refused. The standard: "the simulation cannot be continued with this FMU instance", but
+    /// FMI 2.0, after the run has failed. The standard: "the simulation cannot be continued with this FMU instance", but
     /// for a reset or a restored state. In FMI 3.0 this is `Terminated`.
     Error,
     /// FMI 3.0 co-simulation: within a step, while the host is called back.

@@ -38,7 +38,8 @@ pub(crate) enum Warning {
     UnknownCategory { found: String, expected: String },
 }
 
-/// The call was not carried out, and nothing was changed.
+/// The call was not carried out, and nothing was changed: a host that goes on all the same finds the instance as it was, unless the
+/// [run has ended](Refusal::ends_run).
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Refusal {
     #[error("not allowed in state `{state}`, only in {}", list(.legal))]
@@ -164,6 +165,21 @@ fn when(after: &Option<f64>) -> String {
 }
 
 impl Refusal {
+    /// Returns true if the run cannot go on: the motion diverges, or `domain_policy` 2 forbids what the host wants.
+    pub(crate) fn ends_run(&self) -> bool {
+        matches!(
+            self,
+            Self::OutsideDomain { .. }
+                | Self::Changed { .. }
+                | Self::FarFromData { .. }
+                | Self::ChangedBefore
+                | Self::Diverged { .. }
+                | Self::Implausible { .. }
+                | Self::Underflow { .. }
+                | Self::OutputsDiverged { .. }
+        )
+    }
+
     /// Status that the host receives.
     pub(crate) fn status(&self) -> Status {
         match self {

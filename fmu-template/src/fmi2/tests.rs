@@ -113,7 +113,11 @@ impl Host {
         match state {
             InstanceState::ContinuousTime => assert_eq!(host.go_on(), Status::Ok),
             InstanceState::Terminated => assert_eq!(host.terminate(), Status::Ok),
-            InstanceState::Error => assert_eq!(host.set(&[77], &[0.0]), Status::Error),
+            InstanceState::Error => {
+                assert_eq!(host.set_policy(2), Status::Ok);
+                let forbidden = if kind == MODEL_EXCHANGE { host.set_time(100.0) } else { host.step(0.0, 100.0) };
+                assert_eq!(forbidden, Status::Error);
+            }
             InstanceState::Fatal => assert_eq!(host.panic(), Status::Fatal),
             _ => {}
         }
