@@ -603,7 +603,7 @@ static double update(Component *component, double time, double end, bool can_ret
     component->instance.now.state = STATE_UPDATE;
     component->update(component->environment, time, has_inputs(), true, true, can_return, &requested, &return_time);
     if (component->instance.now.state == STATE_UPDATE) {
-        component->instance.now.state = STATE_STEP; /* otherwise, a refused call ended the simulation */
+        component->instance.now.state = STATE_STEP; /* otherwise, an input that domain_policy 2 forbids ended the run */
     }
     if (!can_return || !requested) {
         return end;

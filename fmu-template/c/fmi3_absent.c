@@ -117,12 +117,12 @@ Status fmi3GetIntervalFraction(void *instance, const uint32_t valueReferences[],
 
 Status fmi3EnterConfigurationMode(void *instance)
 {
-    return never(instance, CALL(fmi3EnterConfigurationMode));
+    return instance_begin(instance, CALL(fmi3EnterConfigurationMode)) ? STATUS_OK : STATUS_ERROR;
 }
 
 Status fmi3ExitConfigurationMode(void *instance)
 {
-    return never(instance, CALL(fmi3ExitConfigurationMode));
+    return instance_begin(instance, CALL(fmi3ExitConfigurationMode)) ? STATUS_OK : STATUS_ERROR;
 }
 
 Status fmi3ActivateModelPartition(void *instance, uint32_t clockReference, double activationTime)

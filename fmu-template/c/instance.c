@@ -271,6 +271,9 @@ Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, do
     if (tolerance_defined && !(is_finite(tolerance) && tolerance >= 0.0)) {
         return instance_tell(instance, STATUS_ERROR, "tolerance %g is negative or not finite", tolerance);
     }
+    if (stop > 0.0 && !is_finite(stop)) {
+        stop_defined = false; /* a run without an end has a stop time of infinity in some hosts */
+    }
     if (stop_defined && !is_finite(stop)) {
         return instance_not_finite(instance, "stopTime", stop);
     }
@@ -297,12 +300,14 @@ Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, do
 
 Status instance_enter_initialization_mode(Instance *instance)
 {
+    Status status = STATUS_OK;
     if (!instance->now.experiment) {
-        return instance_tell(instance, STATUS_ERROR,
-                             "the experiment must be set up first: the start time is not known");
+        status = instance_set_up_experiment(instance, false, 0.0, 0.0, false, 0.0);
     }
-    instance->now.state = STATE_INITIALIZATION;
-    return STATUS_OK;
+    if (status != STATUS_ERROR) {
+        instance->now.state = STATE_INITIALIZATION;
+    }
+    return status;
 }
 
 Status instance_exit_initialization_mode(Instance *instance)

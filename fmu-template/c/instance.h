@@ -111,7 +111,8 @@ bool instance_check_token(Instance *instance, const char *token, const char *arg
 /* Returns true if the state allows the call, false after a message. Every call begins with it. */
 bool instance_begin(Instance *instance, const char *function, unsigned allowed);
 
-/* Sends a message to the host, if its log settings include it. Returns the status. A call that is refused with an error changes nothing: the instance goes on if its host does. */
+/* Sends a message to the host, if its log settings include it. Returns the status. A call that is refused with an error changes nothing: the
+ * instance continues if its host does. */
 Status instance_tell(Instance *instance, Status status, const char *format, ...);
 
 /* Sends a message as instance_tell does. After an error the run cannot go on. */

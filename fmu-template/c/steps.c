@@ -358,6 +358,11 @@ Status instance_set_solver_time(Instance *instance, double time)
     if (!is_finite(time)) {
         return instance_not_finite(instance, "time", time);
     }
+    if (instance->now.state == STATE_INSTANTIATED) {
+        /* the experiment begins then */
+        return instance_set_up_experiment(instance, true, instance->now.tolerance, time, true,
+                                          instance->now.stop_time);
+    }
     if (time < earliest - 1e-9 * magnitude) {
         return instance_tell(instance, STATUS_ERROR, "time %.17g is before %.17g, the start time or the last event",
                              time, earliest);

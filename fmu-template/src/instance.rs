@@ -232,6 +232,8 @@ impl Instance {
         if let Some(tolerance) = tolerance.filter(|tolerance| !(tolerance.is_finite() && *tolerance >= 0.0)) {
             return Err(Refusal::Tolerance { found: tolerance });
         }
+        // a run without an end has a stop time of infinity in some hosts
+        let stop = stop.filter(|stop| *stop != f64::INFINITY);
         if let Some(stop) = stop {
             finite("stopTime", stop)?;
             // a run of no length is an initialization
@@ -251,7 +253,7 @@ impl Instance {
 
     pub(crate) fn enter_initialization_mode(&mut self) -> Result<(), Refusal> {
         if !self.now.experiment {
-            return Err(Refusal::NoStartTime);
+            self.set_up_experiment(0.0, None, None)?;
         }
         self.now.state = InstanceState::Initialization;
         Ok(())
@@ -391,6 +393,10 @@ impl Instance {
     /// Time of a solver around the FMU. It looks ahead and back, even past the stop time, but not across an event.
     pub(crate) fn set_solver_time(&mut self, time: f64) -> Result<(), Refusal> {
         finite("time", time)?;
+        if self.now.state == InstanceState::Instantiated {
+            // the experiment begins then
+            return self.set_up_experiment(time, Some(self.now.stop_time), Some(self.now.tolerance));
+        }
         let earliest = self.now.earliest;
         if time < earliest - 1e-9 * earliest.abs().max(self.metadata.time_step) {
             return Err(Refusal::BackInTime { time, earliest });

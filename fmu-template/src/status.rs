@@ -38,7 +38,7 @@ pub(crate) enum Warning {
     UnknownCategory { found: String, expected: String },
 }
 
-/// The call was not carried out, and nothing was changed: a host that goes on all the same finds the instance as it was, unless the
+/// The call was not carried out, and nothing was changed: a host that continues all the same finds the instance as it was, unless the
 /// [run has ended](Refusal::ends_run).
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Refusal {
@@ -101,8 +101,6 @@ pub(crate) enum Refusal {
     StateNotFinite { argument: &'static str, value: f64 },
     #[error("stop time {stop} is before start time {start}")]
     StopTime { start: f64, stop: f64 },
-    #[error("the experiment must be set up first: the start time is not known")]
-    NoStartTime,
     #[error("the instance was made with eventModeUsed = false")]
     NoEventMode,
     #[error("communication step size {size} is negative")]

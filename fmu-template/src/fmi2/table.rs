@@ -6,7 +6,8 @@ legal_calls! {
     "fmi2",
     /// The tables of sections 3.2.3 (model exchange) and 4.2.4 (co-simulation) of FMI 2.0, without the states of
     /// asynchronous and of partial steps, which never occur here. Which variables may be set in which state is for the
-    /// instance to say.
+    /// instance to say. More is allowed where hosts do it and what they mean is plain: end what has ended, read start values, set
+    /// the time before the experiment, and states before the solver runs.
     //                                 Instantiated
     //                                 | Initialization
     //                                 | | Event
@@ -18,12 +19,12 @@ legal_calls! {
     SetupExperiment               => b"x - - - - - -",
     EnterInitializationMode       => b"x - - - - - -",
     ExitInitializationMode        => b"- x - - - - -",
-    Terminate                     => b"- - m m c - -",
+    Terminate                     => b"x x m m c x x",
     Reset                         => b"x x m m c x x",
-    GetReal                       => b"- x m m c x x",
-    GetInteger                    => b"- x m m c x x",
-    GetBoolean                    => b"- x m m c x x",
-    GetString                     => b"- x m m c x x",
+    GetReal                       => b"x x m m c x x",
+    GetInteger                    => b"x x m m c x x",
+    GetBoolean                    => b"x x m m c x x",
+    GetString                     => b"x x m m c x x",
     SetReal                       => b"x x m m c - -",
     SetInteger                    => b"x x m - c - -",
     SetBoolean                    => b"x x m - c - -",
@@ -39,8 +40,8 @@ legal_calls! {
     NewDiscreteStates             => b"- - m - - - -",
     EnterContinuousTimeMode       => b"- - m - - - -",
     CompletedIntegratorStep       => b"- - - m - - -",
-    SetTime                       => b"- - m m - - -", // Event Mode: without use, but hosts do it
-    SetContinuousStates           => b"- - - m - - -",
+    SetTime                       => b"m - m m - - -", // Event Mode: without use, but hosts do it
+    SetContinuousStates           => b"- m m m - - -",
     GetEventIndicators            => b"- m m m - m m",
     GetContinuousStates           => b"- m m m - m m",
     GetDerivatives                => b"- m m m - m m",

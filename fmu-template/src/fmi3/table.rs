@@ -6,7 +6,8 @@ legal_calls! {
     "fmi3",
     /// The "allowed function calls" of sections 2.3 (common states), 3.2 (model exchange) and 4.2 (co-simulation) of
     /// FMI 3.0, without the states of structural parameters, which never occur here. Which variables may be set in which
-    /// state is for the instance to say.
+    /// state is for the instance to say. More is allowed where hosts do it and what they mean is plain: end what has ended,
+    /// configure what has no structural parameters, and begin an event, or set time and states, in Event Mode.
     //                                   Instantiated
     //                                   | Initialization
     //                                   | | Event
@@ -16,12 +17,12 @@ legal_calls! {
     //                                   | | | | | | Error, of FMI 2.0
     //                                   | | | | | | | IntermediateUpdate
     SetDebugLogging                 => b"x x x m c x - -",
-    EnterConfigurationMode          => b"- - - - - - - -", // there are no structural parameters
-    ExitConfigurationMode           => b"- - - - - - - -",
+    EnterConfigurationMode          => b"x - x - c - - -", // without effect: there are no structural parameters
+    ExitConfigurationMode           => b"x - x - c - - -",
     EnterInitializationMode         => b"x - - - - - - -",
     ExitInitializationMode          => b"- x - - - - - -",
-    EnterEventMode                  => b"- - - m c - - -",
-    Terminate                       => b"- - x m c - - -",
+    EnterEventMode                  => b"- - x m c - - -",
+    Terminate                       => b"x x x m c x - -",
     Reset                           => b"x x x m c x - -",
     GetFloat32                      => b"x x x m c x - c",
     GetFloat64                      => b"x x x m c x - c",
@@ -73,8 +74,8 @@ legal_calls! {
     UpdateDiscreteStates            => b"- - x - - - - -",
     EnterContinuousTimeMode         => b"- - m - - - - -",
     CompletedIntegratorStep         => b"- - - m - - - -",
-    SetTime                         => b"- - - m - - - -",
-    SetContinuousStates             => b"- - - m - - - -",
+    SetTime                         => b"- - m m - - - -",
+    SetContinuousStates             => b"- m m m - - - -",
     GetContinuousStateDerivatives   => b"- m m m - m - -",
     GetEventIndicators              => b"- m m m - m - -",
     GetContinuousStates             => b"- m m m - m - -",

@@ -23,12 +23,12 @@ pub(super) const TABLE: [Row; 40] = {
         ("SetupExperiment",               c!(fmi2SetupExperiment, 0, 0.0, 0.0, 0, 0.0),                   Ok,      "I",     "I"),
         ("EnterInitializationMode",       enter_after_setup,                                              Ok,      "I",     "I"),
         ("ExitInitializationMode",        c!(fmi2ExitInitializationMode),                                 Ok,      "N",     "N"),
-        ("Terminate",                     c!(fmi2Terminate),                                              Ok,      "S",     "VC"),
+        ("Terminate",                     c!(fmi2Terminate),                                              Ok,      "INSTE", "INVCTE"),
         ("Reset",                         c!(fmi2Reset),                                                  Ok,      "INSTE", "INVCTE"),
-        ("GetReal",                       c!(fmi2GetReal, [0, 3].as_ptr(), 2, [0.0; 2].as_mut_ptr()),     Ok,      "NSTE",  "NVCTE"),
-        ("GetInteger",                    c!(fmi2GetInteger, [5].as_ptr(), 1, &mut 0),                    Ok,      "NSTE",  "NVCTE"),
-        ("GetBoolean",                    c!(fmi2GetBoolean, [6].as_ptr(), 1, &mut 0),                    Ok,      "NSTE",  "NVCTE"),
-        ("GetString",                     c!(fmi2GetString, null(), 0, null_mut()),                       Ok,      "NSTE",  "NVCTE"),
+        ("GetReal",                       c!(fmi2GetReal, [0, 1].as_ptr(), 2, [0.0; 2].as_mut_ptr()),     Ok,      "INSTE", "INVCTE"),
+        ("GetInteger",                    c!(fmi2GetInteger, [5].as_ptr(), 1, &mut 0),                    Ok,      "INSTE", "INVCTE"),
+        ("GetBoolean",                    c!(fmi2GetBoolean, null(), 0, null_mut()),                      Ok,      "INSTE", "INVCTE"),
+        ("GetString",                     c!(fmi2GetString, null(), 0, null_mut()),                       Ok,      "INSTE", "INVCTE"),
         ("SetReal",                       c!(fmi2SetReal, null(), 0, null()),                             Ok,      "INS",   "INVC"),
         ("SetInteger",                    c!(fmi2SetInteger, [5].as_ptr(), 1, &1),                        Ok,      "INS",   "INV"),
         ("SetBoolean",                    c!(fmi2SetBoolean, null(), 0, null()),                          Ok,      "INS",   "INV"),
@@ -53,8 +53,8 @@ pub(super) const TABLE: [Row; 40] = {
         ("NewDiscreteStates",             c!(fmi2NewDiscreteStates, &mut EventInfo::default()),           Ok,      "",      "V"),
         ("EnterContinuousTimeMode",       c!(fmi2EnterContinuousTimeMode),                                Ok,      "",      "V"),
         ("CompletedIntegratorStep",       c!(fmi2CompletedIntegratorStep, 1, &mut 1, &mut 1),             Ok,      "",      "C"),
-        ("SetTime",                       c!(fmi2SetTime, 0.5),                                           Ok,      "",      "VC"),
-        ("SetContinuousStates",           c!(fmi2SetContinuousStates, null(), 0),                         Ok,      "",      "C"),
+        ("SetTime",                       c!(fmi2SetTime, 0.5),                                           Ok,      "",      "IVC"),
+        ("SetContinuousStates",           c!(fmi2SetContinuousStates, null(), 0),                         Ok,      "",      "NVC"),
         ("GetEventIndicators",            c!(fmi2GetEventIndicators, null_mut(), 0),                      Ok,      "",      "NVCTE"),
         ("GetContinuousStates",           c!(fmi2GetContinuousStates, null_mut(), 0),                     Ok,      "",      "NVCTE"),
         ("GetDerivatives",                c!(fmi2GetDerivatives, null_mut(), 0),                          Ok,      "",      "NVCTE"),
@@ -86,7 +86,7 @@ fn the_c_header_has_the_table_of_legal_calls() {
 }
 
 #[test]
-fn every_function_is_allowed_in_the_states_of_the_standards_table_and_no_other() {
+fn every_function_is_allowed_in_the_states_of_its_row_and_no_other() {
     for (name, function, answer, co_simulation, model_exchange) in TABLE {
         for (kind, reached, allowed) in
             [(CO_SIMULATION, "INSTE", co_simulation), (MODEL_EXCHANGE, "INVCTE", model_exchange)]
@@ -128,10 +128,28 @@ fn a_refusal_names_the_state_and_those_in_which_the_call_is_allowed() {
 }
 
 #[test]
-fn initialization_needs_a_start_time() {
+fn without_an_experiment_the_run_begins_at_zero_or_at_the_time_that_was_set() {
     let host = Host::new();
-    assert_eq!(host.enter(), Status::Error);
-    assert!(host.message().contains("set up"));
+    assert_eq!((host.enter(), host.exit(), host.step(0.0, 0.1)), (Status::Ok, Status::Ok, Status::Ok));
+    let host = Host::of_kind(&example::surrogate(), MODEL_EXCHANGE);
+    assert_eq!((host.set_time(0.5), host.enter(), host.exit()), (Status::Ok, Status::Ok, Status::Ok));
+    assert_eq!(host.try_get([2]), Ok([0.5]));
+}
+
+#[test]
+fn a_stop_time_of_infinity_is_no_stop_time() {
+    let host = Host::new();
+    assert_eq!(host.set_up_until(0.0, f64::INFINITY), Status::Ok);
+    assert_eq!((host.enter(), host.exit(), host.step(0.0, 0.1)), (Status::Ok, Status::Ok, Status::Ok));
+}
+
+#[test]
+fn before_the_initialization_start_values_can_be_read_and_nothing_that_is_calculated() {
+    let host = Host::new();
+    assert!(host.try_get([0, 1]).is_ok());
+    assert_eq!(host.try_get([3]), Err(Status::Error));
+    assert!(host.message().ends_with("has no start value: it can be read from Initialization Mode on"));
+    assert_eq!(host.state(), InstanceState::Instantiated);
 }
 
 #[test]
