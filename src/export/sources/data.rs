@@ -42,6 +42,7 @@ const EXTERNAL_NAMES: &[&str] = &[
     "instance_deserialize",
     "instance_directional_derivative",
     "instance_do_step",
+    "instance_end",
     "instance_enter_event_mode",
     "instance_enter_initialization_mode",
     "instance_exit_initialization_mode",
