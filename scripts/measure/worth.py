@@ -105,7 +105,7 @@ def compared(folder):
     cost = metrics["sample_seconds"] + metrics["train_seconds"]
     return (
         f"- **Yes, beyond the break-even.** A second of a flexible cable takes Exudyn {rounded(fastest)} ms and its FMU {rounded(of_fmu)} ms, {rounded(fastest / of_fmu)} times less, "
-        f"both within {100 * largest:.2g} % of the range ({rounded(metrics['speed']['speed_up'])} times beside the finer mesh that it was trained on). Its {metrics['train_runs']} training runs and the training took {cost:.0f} s: it pays from about "
+        f"both with their set-up and within {100 * largest:.2g} % of the range ({rounded(metrics['speed']['speed_up'])} times beside the finer mesh that it was trained on). Its {metrics['train_runs']} training runs and the training took {cost:.0f} s: it pays from about "
         f"{rounded(cost / (1e-3 * (fastest - of_fmu)))} runs on, and sooner if the source is slower."
     )
 

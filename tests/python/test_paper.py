@@ -20,9 +20,9 @@ NAMES = {row["picture"] for row in ROWS.values() if "picture" in row}
 
 
 def rows_of(text):
-    """Cells of the rows of four columns, by the first."""
+    """Cells of the rows of five columns, by the first."""
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")]
-    return {row[0]: row for row in rows if len(row) == 4}
+    return {row[0]: row for row in rows if len(row) == 5}
 
 
 def test_the_list_has_the_eleven_tables_and_seventeen_figures_of_the_paper():
@@ -41,7 +41,16 @@ def test_every_item_of_the_paper_has_a_complete_row(key):
     # every value is of a part that was measured
     parts = {row["part"], f"{row['part']}-full"} if "part" in row else set()
     if parts and not parts & set(RESULTS):
-        assert all(cell.startswith("not measured: `--") for cell in found[2:])
+        assert all(cell.startswith("not measured: `--") for cell in found[2:4])
+        assert found[4] == "-"
+
+
+def test_a_claim_holds_only_with_values_that_show_it():
+    column = {name: rows_of(PAGE)[row["title"]][4] for (kind, name), row in ROWS.items() if kind == "claims"}
+    assert set(column.values()) <= {"yes", "no", "-"} and column["pendulum-r2"] == "yes"
+    inaccurate = RESULTS["single-pendulum"] | {"full": RESULTS["single-pendulum"]["full"] | {"r2": [0.99, 0.999, 0.999]}}
+    page = paper_page.document(RESULTS | {"single-pendulum": inaccurate})
+    assert rows_of(page)[ROWS["claims", "pendulum-r2"]["title"]][4] == "no"
 
 
 def test_the_page_is_what_its_results_give():
@@ -52,7 +61,7 @@ def test_a_part_that_was_never_measured_has_no_values():
     empty = rows_of(paper_page.document({}))
     for row in ROWS.values():
         if "part" in row:
-            assert all(cell.startswith("not measured: `--") for cell in empty[row["title"]][2:])
+            assert all(cell.startswith("not measured: `--") for cell in empty[row["title"]][2:4])
 
 
 def test_every_measured_part_has_its_small_pictures():
