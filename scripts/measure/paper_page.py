@@ -106,7 +106,7 @@ class Cells:
         self.is_full = "double-pendulum-full" in results
 
     def known(self, name, row):
-        """What the part of a row measured, or None."""
+        """Values of the part of a row, None if it was not measured."""
         part = row.get("part")
         if part == "double-pendulum":
             return self.double
