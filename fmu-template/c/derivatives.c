@@ -1,6 +1,12 @@
 #include "parts.h"
 #include <string.h>
 
+/* Returns true if a known is an integer or Boolean: nothing depends on it continuously. */
+static bool is_switch(const Instance *instance, uint32_t known)
+{
+    return is(instance, known, VARIABLE_DOMAIN_POLICY) || is(instance, known, VARIABLE_USE_MEASURED);
+}
+
 /* Returns the column of a known, or COLUMN_COUNT for a time that is not a column. */
 static size_t column_of(const Instance *instance, uint32_t known)
 {
@@ -22,7 +28,8 @@ static size_t column_of(const Instance *instance, uint32_t known)
 static Status check_known(Instance *instance, uint32_t reference)
 {
     if (is(instance, reference, VARIABLE_COLUMN) || is(instance, reference, VARIABLE_STATE) ||
-        is(instance, reference, VARIABLE_MEASURED) || is(instance, reference, VARIABLE_TIME)) {
+        is(instance, reference, VARIABLE_MEASURED) || is(instance, reference, VARIABLE_TIME) ||
+        is_switch(instance, reference)) {
         return STATUS_OK;
     }
     if (!exists(instance, reference)) {
@@ -37,8 +44,8 @@ static Status check_unknown(Instance *instance, uint32_t reference)
 {
     size_t result = 0;
     if (variable_is_result(instance, reference, &result) || is(instance, reference, VARIABLE_STATE) ||
-        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) ||
-        (BOUND_TIME_COUNT > 1 && is(instance, reference, VARIABLE_BOUND))) {
+        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) || is(instance, reference, VARIABLE_BOUND) ||
+        is(instance, reference, VARIABLE_IN_DOMAIN)) {
         return STATUS_OK;
     }
     if (!exists(instance, reference)) {
@@ -105,6 +112,9 @@ static double change_of(const Instance *instance, uint32_t unknown, const double
     if (is(instance, unknown, VARIABLE_BOUND)) {
         return variable_bound(instance, model_variables[unknown].index).rate * time_change;
     }
+    if (is(instance, unknown, VARIABLE_IN_DOMAIN)) {
+        return 0.0;
+    }
     return distance_change;
 }
 
@@ -120,6 +130,9 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < known_count; i++) {
+        if (is_switch(instance, knowns[i])) {
+            continue;
+        }
         const size_t column = column_of(instance, knowns[i]);
         if (column < COLUMN_COUNT) {
             direction[column] += seed[i];
@@ -159,7 +172,7 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
             direct[column_of(instance, unknowns[i])] += seed[i];
         } else if (is(instance, unknowns[i], VARIABLE_BOUND)) {
             of_time += seed[i] * variable_bound(instance, model_variables[unknowns[i]].index).rate;
-        } else {
+        } else if (is(instance, unknowns[i], VARIABLE_DOMAIN_DISTANCE)) {
             weight_of_distance += seed[i];
         }
     }
@@ -172,8 +185,9 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     zero_at_start(instance, gradient);
     gradient[farthest.column] += farthest.slope * weight_of_distance;
     for (size_t i = 0; i < known_count; i++) {
-        const size_t column = column_of(instance, knowns[i]);
-        sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : of_time;
+        const size_t column = is_switch(instance, knowns[i]) ? COLUMN_COUNT : column_of(instance, knowns[i]);
+        const double of_others = is_switch(instance, knowns[i]) ? 0.0 : of_time;
+        sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : of_others;
     }
     return instance_check_derivatives(instance, sensitivity, known_count);
 }

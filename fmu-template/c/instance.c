@@ -286,7 +286,6 @@ Status instance_set_up_experiment(Instance *instance, bool tolerance_defined, do
         instance->now.experiment = true;
         instance->now.start_time = start;
         instance->now.stop_time = stop_defined ? stop : HUGE_VAL;
-        instance->now.earliest = start;
         instance->now.tolerance = tolerance_defined ? tolerance : 0.0;
 #if MODEL_HAS_STATES
         if (instance->now.tolerance > 0.0 && instance->now.tolerance < LEAST_TOLERANCE) {
@@ -327,7 +326,6 @@ Status instance_enter_event_mode(Instance *instance)
     }
     const Status status = instance_accept_point(instance);
     if (status != STATUS_ERROR) {
-        instance->now.earliest = instance->now.time;
         instance->now.state = STATE_EVENT;
     }
     return status;
@@ -343,7 +341,6 @@ void instance_reset(Instance *instance)
     now->time = 0.0;
     now->start_time = 0.0;
     now->stop_time = HUGE_VAL;
-    now->earliest = 0.0;
     now->tolerance = 0.0;
     for (size_t i = 0; i < COLUMN_COUNT; i++) {
         now->columns[i] = i < INPUT_COUNT && model_columns[i].role != ROLE_TIME ? model_columns[i].start : 0.0;

@@ -65,7 +65,6 @@ typedef struct {
     double time;       /* s */
     double start_time; /* s */
     double stop_time;  /* s; infinite if none is defined */
-    double earliest;   /* s; limit for a solver that goes back: the start time or the last event */
     double tolerance;  /* of the solver inside the FMU, zero for steps of fixed size */
     double columns[COLUMN_COUNT]; /* inputs, then states or memory */
     double at_start[COLUMN_COUNT]; /* columns at the start of the run */
@@ -167,9 +166,8 @@ uint32_t instance_dependency(size_t i);
  * Advances from the communication point `from` by `size`, in s.
  *
  * `from` must be where the last step ended: otherwise, the host and this instance disagree on the steps made. Such a
- * mistake is a large part of a step, unlike rounding. Deviations of 1e-6 of the step plus 1e-9 of the time are
- * accepted. They do not add up, as the instance adopts the host's clock. The standard requires a positive size; zero is
- * accepted.
+ * mistake is a large part of a step, unlike rounding, which some hosts do in single precision. It does not add up, as
+ * the instance adopts the host's clock. The standard requires a positive size; zero is accepted.
  */
 Status instance_do_step(Instance *instance, double from, double size);
 
@@ -182,7 +180,10 @@ double instance_updates(double size);
 /* Checks that a variable exists, and otherwise reports it. All variables can be read in intermediate updates. */
 Status instance_check_intermediate(Instance *instance, uint32_t reference);
 
-/* Sets the time of a solver around the FMU. It moves ahead and back, even past the stop time, but not across an event. */
+/*
+ * Sets the time of a solver around the FMU. It moves ahead and back, even past the stop time and shortly before the start: the FMU has no
+ * events, so nothing in it depends on the way.
+ */
 Status instance_set_solver_time(Instance *instance, double time);
 
 /* Accepts a point where a solver has completed a step, or an event begins: now the time and the inputs count. */

@@ -135,6 +135,12 @@ Status instance_check_derivatives(Instance *instance, const double values[], siz
 /* Sets the states, or the memory, from the start parameters, until the simulation runs. */
 void instance_initialize_states(Instance *instance);
 
+/*
+ * Follows a parameter that got another value after the initialization, at the start time. Start values of states are those of the states,
+ * and the memory of samples follows all parameters.
+ */
+void instance_restart(Instance *instance, size_t column);
+
 /* Sets the time. If the policy forbids it, reports and returns the given status. */
 Status instance_set_time(Instance *instance, double time, Status refused);
 

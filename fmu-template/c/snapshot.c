@@ -25,7 +25,7 @@ uint64_t snapshot_fingerprint(const Instance *instance)
  *
  *     - magic number with the version of this layout, fingerprint;
  *     - state, whether the experiment is set up, policy, whether inputs or parameters changed: a byte each;
- *     - time, start time, stop time, earliest time, tolerance;
+ *     - time, start time, stop time, tolerance;
  *     - columns, columns at the start, first and second rates;
  *     - checksum of everything before.
  *
@@ -35,12 +35,12 @@ enum {
     NUMBER_SIZE = 8,
     MAGIC_SIZE = 8,
     FLAGS_SIZE = 4,
-    NUMBERS = 5 + (2 + DERIVATIVE_ORDERS) * COLUMN_COUNT,
+    NUMBERS = 4 + (2 + DERIVATIVE_ORDERS) * COLUMN_COUNT,
     CHECKED_SIZE = MAGIC_SIZE + NUMBER_SIZE + FLAGS_SIZE + NUMBERS * NUMBER_SIZE,
     SERIALIZED_SIZE = CHECKED_SIZE + NUMBER_SIZE
 };
 
-static const char MAGIC[MAGIC_SIZE + 1] = "metafmc\x03";
+static const char MAGIC[MAGIC_SIZE + 1] = "metafmc\x04";
 
 size_t snapshot_size(void)
 {
@@ -130,7 +130,6 @@ Status instance_serialize(Instance *instance, const Snapshot *from, uint8_t byte
     to = put_reals(to, &from->time, 1);
     to = put_reals(to, &from->start_time, 1);
     to = put_reals(to, &from->stop_time, 1);
-    to = put_reals(to, &from->earliest, 1);
     to = put_reals(to, &from->tolerance, 1);
     to = put_reals(to, from->columns, COLUMN_COUNT);
     to = put_reals(to, from->at_start, COLUMN_COUNT);
@@ -188,7 +187,6 @@ Status instance_deserialize(Instance *instance, const uint8_t bytes[], size_t si
     from = take_reals(from + FLAGS_SIZE, &to->time, 1);
     from = take_reals(from, &to->start_time, 1);
     from = take_reals(from, &to->stop_time, 1);
-    from = take_reals(from, &to->earliest, 1);
     from = take_reals(from, &to->tolerance, 1);
     from = take_reals(from, to->columns, COLUMN_COUNT);
     from = take_reals(from, to->at_start, COLUMN_COUNT);

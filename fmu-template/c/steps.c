@@ -68,18 +68,44 @@ static void swap_inputs(Instance *instance)
 }
 #endif
 
+#if MODEL_GOES_ON
+static void start_states(Instance *instance)
+{
+    /* inputs that act directly are clamped */
+    instance_update_point(instance);
+    swap_inputs(instance);
+    model_start(instance->now.columns);
+    swap_inputs(instance);
+}
+#endif
+
 void instance_initialize_states(Instance *instance)
 {
 #if MODEL_GOES_ON
     if (is_starting(instance)) {
-        /* inputs that act directly are clamped */
-        instance_update_point(instance);
-        swap_inputs(instance);
-        model_start(instance->now.columns);
-        swap_inputs(instance);
+        start_states(instance);
     }
 #else
     (void)instance;
+#endif
+}
+
+void instance_restart(Instance *instance, size_t column)
+{
+#if MODEL_HAS_STATES
+    size_t state = INPUT_COUNT;
+    for (size_t i = 0; i < column; i++) {
+        state += model_columns[i].role == ROLE_START ? 1 : 0;
+    }
+    if (model_columns[column].role == ROLE_START) {
+        instance->now.columns[state] = instance->now.columns[column];
+    }
+#elif MODEL_GOES_ON
+    (void)column;
+    start_states(instance);
+#else
+    (void)instance;
+    (void)column;
 #endif
 }
 
@@ -279,9 +305,17 @@ static Status refusal_of_step(const Instance *instance)
 /* Smallest size of a communication step that is not zero, in s: shorter ones cannot be divided. */
 #define SMALLEST_STEP 1e-30
 
+/* Returns how far the clocks of host and instance may be apart: by rounding in single precision, and by at most a tenth of the step. */
+static double clock_tolerance(double from, double size)
+{
+    const double of_double = 1e-6 * size + 1e-9 * fabs(from);
+    const double of_single = 2.5e-7 * fabs(from) < 0.1 * size ? 2.5e-7 * fabs(from) : 0.1 * size;
+    return of_single > of_double ? of_single : of_double;
+}
+
 Status instance_check_step(Instance *instance, double from, double size)
 {
-    const double tolerance = 1e-6 * size + 1e-9 * fabs(from);
+    const double tolerance = clock_tolerance(from, size);
     const double time = from + size;
     const Status refused = refusal_of_step(instance);
     if (!is_finite(from)) {
@@ -353,8 +387,6 @@ double instance_updates(double size)
 
 Status instance_set_solver_time(Instance *instance, double time)
 {
-    const double earliest = instance->now.earliest;
-    const double magnitude = fabs(earliest) > model_time_step ? fabs(earliest) : model_time_step;
     if (!is_finite(time)) {
         return instance_not_finite(instance, "time", time);
     }
@@ -362,10 +394,6 @@ Status instance_set_solver_time(Instance *instance, double time)
         /* the experiment begins then */
         return instance_set_up_experiment(instance, true, instance->now.tolerance, time, true,
                                           instance->now.stop_time);
-    }
-    if (time < earliest - 1e-9 * magnitude) {
-        return instance_tell(instance, STATUS_ERROR, "time %.17g is before %.17g, the start time or the last event",
-                             time, earliest);
     }
     return instance_set_time(instance, time, STATUS_ERROR);
 }

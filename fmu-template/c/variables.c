@@ -36,6 +36,13 @@ Status variable_wrong(Instance *instance, uint32_t reference, const char *asked)
                          variable_name(reference), (unsigned long)reference, variable_type(reference), asked);
 }
 
+/* Returns true if a variable has a column that a host may set: the time has its own function. */
+static bool has_column(const Instance *instance, uint32_t reference)
+{
+    const bool is_column = is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role != ROLE_TIME;
+    return is_column || is(instance, reference, VARIABLE_STATE) || is(instance, reference, VARIABLE_MEASURED);
+}
+
 static Status cannot_set(Instance *instance, uint32_t reference, const char *what)
 {
     return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is %s and cannot be set",
@@ -109,6 +116,12 @@ static double value_of(const Instance *instance, uint32_t reference)
         return domain_outside(instance, instance->centre).distance;
     case VARIABLE_BOUND:
         return variable_bound(instance, variable->index).value;
+    /* some hosts read every variable as a real */
+    case VARIABLE_IN_DOMAIN:
+    case VARIABLE_USE_MEASURED:
+        return instance_boolean(instance, reference) ? 1.0 : 0.0;
+    case VARIABLE_DOMAIN_POLICY:
+        return (double)instance->now.policy;
     default:
         return instance->now.time;
     }
@@ -124,8 +137,7 @@ Status instance_get_real(Instance *instance, const uint32_t references[], size_t
     bool of_results = false;
     for (size_t i = 0; i < count; i++) {
         size_t result = 0;
-        if (!exists(instance, references[i]) || is(instance, references[i], VARIABLE_DOMAIN_POLICY) ||
-            is_boolean(instance, references[i])) {
+        if (!exists(instance, references[i])) {
             return variable_wrong(instance, references[i], "real");
         }
         if (check_readable(instance, references[i]) != STATUS_OK) {
@@ -174,16 +186,21 @@ bool instance_boolean(const Instance *instance, uint32_t reference)
     return domain_contains(instance);
 }
 
-/* Returns true if a parameter can be set: a fixed one before the simulation starts, a tunable one also between steps and at events. */
+/*
+ * Returns true if a parameter can be set: a fixed one before the simulation starts, a tunable one also between steps and at events. Until
+ * time passes, setting a fixed one means what it does in the initialization.
+ */
 static bool parameter_is_settable(const Instance *instance, bool tunable)
 {
-    const unsigned states = STATE_INSTANTIATED | STATE_INITIALIZATION | (tunable ? STATE_EVENT | STATE_STEP : 0u);
+    const bool is_early = tunable || instance->now.time <= instance->now.start_time;
+    const unsigned states = STATE_INSTANTIATED | STATE_INITIALIZATION | (is_early ? STATE_EVENT | STATE_STEP : 0u);
     return (states & (unsigned)instance->now.state) != 0;
 }
 
-static Status check_parameter(Instance *instance, uint32_t reference, bool tunable)
+/* A value that stays what it is has no effect: some hosts set all parameters at each step. */
+static Status check_parameter(Instance *instance, uint32_t reference, bool tunable, bool is_unchanged)
 {
-    if (parameter_is_settable(instance, tunable)) {
+    if (is_unchanged || parameter_is_settable(instance, tunable)) {
         return STATUS_OK;
     }
     return instance_tell(instance, STATUS_ERROR,
@@ -192,10 +209,29 @@ static Status check_parameter(Instance *instance, uint32_t reference, bool tunab
                          instance_state_name(instance->now.state));
 }
 
-static Status check_settable(Instance *instance, uint32_t reference)
+/* The independent variable may be set to the value that it has: other values have their own function. */
+static Status check_time(Instance *instance, uint32_t reference, double value)
+{
+    const double now = instance->now.time;
+    const double magnitude = fabs(now) > model_time_step ? fabs(now) : model_time_step;
+    return fabs(value - now) <= 1e-9 * magnitude ? STATUS_OK : cannot_set(instance, reference, "the independent variable");
+}
+
+static Status check_policy(Instance *instance, double value)
+{
+    if (value == POLICY_WARN || value == POLICY_CLAMP || value == POLICY_ERROR) {
+        return domain_forbids_point(instance, (Policy)value) ? STATUS_ERROR : STATUS_OK;
+    }
+    return instance_tell(instance, STATUS_ERROR, "parameter `domain_policy`: %.10g, expected 0 (warn), 1 (clamp) or 2 (error)",
+                         value);
+}
+
+/* Checks that a variable can be set to a value now. Hosts that set every variable as a real set integers and Booleans, too. */
+static Status check_settable(Instance *instance, uint32_t reference, double value)
 {
     if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DERIVATIVE) ||
-        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) || is(instance, reference, VARIABLE_BOUND)) {
+        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) || is(instance, reference, VARIABLE_BOUND) ||
+        is(instance, reference, VARIABLE_IN_DOMAIN)) {
         return cannot_set(instance, reference, "an output");
     }
     if (is(instance, reference, VARIABLE_STATE) && is_trial(instance)) {
@@ -208,29 +244,73 @@ static Status check_settable(Instance *instance, uint32_t reference)
                              variable_name(reference), (unsigned long)reference, variable_name(reference));
     }
     if (is(instance, reference, VARIABLE_TIME)) {
-        return cannot_set(instance, reference, "the independent variable");
+        return check_time(instance, reference, value);
     }
-    if (is(instance, reference, VARIABLE_MEASURED)) {
+    if (is(instance, reference, VARIABLE_MEASURED) || is(instance, reference, VARIABLE_USE_MEASURED)) {
         return STATUS_OK;
+    }
+    if (is(instance, reference, VARIABLE_DOMAIN_POLICY)) {
+        const bool is_unchanged = value == (double)instance->now.policy;
+        const Status status = check_parameter(instance, reference, true, is_unchanged);
+        return status == STATUS_OK ? check_policy(instance, value) : status;
     }
     if (!is(instance, reference, VARIABLE_COLUMN)) {
         return variable_wrong(instance, reference, "real");
     }
     switch (model_columns[reference].role) {
     case ROLE_TIME:
-        return cannot_set(instance, reference, "the independent variable");
+        return check_time(instance, reference, value);
     case ROLE_INPUT:
         return STATUS_OK;
     default:
-        return check_parameter(instance, reference, model_columns[reference].role == ROLE_TUNABLE_PARAMETER);
+        return check_parameter(instance, reference, model_columns[reference].role == ROLE_TUNABLE_PARAMETER,
+                               value == instance->now.columns[reference]);
+    }
+}
+
+static void set_policy(Instance *instance, Policy policy)
+{
+    instance->now.policy = policy;
+    instance->stale = true;
+    if (MODEL_GOES_ON && !MODEL_HAS_STATES) {
+        instance_initialize_states(instance);
+    }
+}
+
+static void set_column(Instance *instance, size_t column, double value)
+{
+    Snapshot *now = &instance->now;
+    const bool is_parameter = column < INPUT_COUNT && model_columns[column].role != ROLE_INPUT;
+    const bool is_other = !(value == now->columns[column]);
+    now->columns[column] = value;
+    if (now->time <= now->start_time) {
+        now->at_start[column] = value;
+        if (is_parameter && is_other && !is_starting(instance)) {
+            instance_restart(instance, column);
+        }
+    }
+    if (!is_trial(instance)) {
+        domain_note_value(instance, column);
+    }
+}
+
+/* Sets a variable for which check_settable found nothing. */
+static void set_real(Instance *instance, uint32_t reference, double value)
+{
+    if (is(instance, reference, VARIABLE_DOMAIN_POLICY)) {
+        set_policy(instance, (Policy)value);
+    } else if (is(instance, reference, VARIABLE_USE_MEASURED)) {
+        instance_use_measured(instance, value < 0.0 || value > 0.0);
+    } else if (has_column(instance, reference)) {
+        set_column(instance, variable_column(instance, reference), value);
     }
 }
 
 Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[])
 {
-    Snapshot *now = &instance->now;
+    const Snapshot *now = &instance->now;
     for (size_t i = 0; i < count; i++) {
-        if (check_settable(instance, references[i]) != STATUS_OK) {
+        if (check_settable(instance, references[i], values[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
         if (!is_finite(values[i])) {
@@ -238,37 +318,17 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
                                  "variable `%.100s` (value reference %lu): %g is not finite",
                                  variable_name(references[i]), (unsigned long)references[i], values[i]);
         }
-        const size_t column = variable_column(instance, references[i]);
-        if (!is_trial(instance) && domain_forbids(instance, column, values[i], now->time, now->policy, STATUS_ERROR)) {
+        if (!is_trial(instance) && has_column(instance, references[i]) &&
+            domain_forbids(instance, variable_column(instance, references[i]), values[i], now->time, now->policy,
+                           STATUS_ERROR)) {
             return STATUS_ERROR;
         }
     }
     for (size_t i = 0; i < count; i++) {
-        const size_t column = variable_column(instance, references[i]);
-        now->columns[column] = values[i];
-        if (now->time <= now->start_time) {
-            now->at_start[column] = values[i];
-        }
+        set_real(instance, references[i], values[i]);
         instance->stale = true;
-        if (!is_trial(instance)) {
-            domain_note_value(instance, column);
-        }
     }
     instance_initialize_states(instance);
-    return STATUS_OK;
-}
-
-/* Sets domain_policy, unless the new policy would forbid a present value. */
-static Status set_policy(Instance *instance, Policy policy)
-{
-    if (domain_forbids_point(instance, policy)) {
-        return STATUS_ERROR;
-    }
-    instance->now.policy = policy;
-    instance->stale = true;
-    if (MODEL_GOES_ON && !MODEL_HAS_STATES) {
-        instance_initialize_states(instance);
-    }
     return STATUS_OK;
 }
 
@@ -278,16 +338,14 @@ Status instance_set_integer(Instance *instance, const uint32_t references[], siz
         if (!is(instance, references[i], VARIABLE_DOMAIN_POLICY)) {
             return variable_wrong(instance, references[i], "integer");
         }
-        if (check_parameter(instance, references[i], true) != STATUS_OK) {
+        if (check_settable(instance, references[i], (double)values[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
-        if (values[i] < POLICY_WARN || values[i] > POLICY_ERROR) {
-            return instance_tell(instance, STATUS_ERROR,
-                                 "parameter `domain_policy`: %ld, expected 0 (warn), 1 (clamp) or 2 (error)",
-                                 (long)values[i]);
-        }
     }
-    return count == 0 ? STATUS_OK : set_policy(instance, (Policy)values[count - 1]);
+    if (count > 0) {
+        set_policy(instance, (Policy)values[count - 1]);
+    }
+    return STATUS_OK;
 }
 
 Status instance_check_set_boolean(Instance *instance, const uint32_t references[], size_t count)

@@ -12,6 +12,7 @@ use crate::{
         instantiate, serialize, state_size, store, stored, switch_logging,
     },
     instance::{Instance, InstanceKind},
+    location,
     logger::{Callback3, Logger},
     state::{Interface, Version},
     status::{Refusal, Status},
@@ -135,7 +136,7 @@ unsafe fn arguments(
     let (token, resources) = unsafe { (text(token), text(resources)) };
     let resources = resources.map_err(InstantiationError::text("resourcePath"))?;
     let token = token.map_err(InstantiationError::text("instantiationToken"))?.to_owned();
-    Ok((kind, token, PathBuf::from(resources)))
+    Ok((kind, token, location::native(resources)?))
 }
 
 #[unsafe(no_mangle)]

@@ -2,6 +2,7 @@
 //! only where the standards differ; what it says is passed on by the adapters.
 
 use crate::{
+    location,
     snapshot::{Snapshot, fingerprint},
     state::{InstanceState, Interface, Row, Version},
     status::{Refusal, SMALLEST_STEP, Status, Warning},
@@ -93,12 +94,12 @@ pub(crate) struct Instance {
 const MEMORY: (usize, usize) = (1 << 18, 8);
 
 impl Instance {
-    /// Reads the model file in a resource directory, given the token of the description that goes with it.
+    /// Reads the model file in a folder of resources or of the whole FMU, given the token of the description that goes with it.
     ///
     /// # Errors
     /// A [`LoadError`] that names the file.
     pub(crate) fn load(resources: &Path, token: &str, kind: InstanceKind) -> Result<Self, LoadError> {
-        let path = resources.join("model.safetensors");
+        let path = location::file(resources, "model.safetensors");
         let length = match fs::metadata(&path) {
             Ok(metadata) => metadata.len(),
             Err(source) => return Err(LoadError::Unreadable { path, source }),
@@ -136,7 +137,6 @@ impl Instance {
             time: 0.0,
             start_time: 0.0,
             stop_time: f64::INFINITY,
-            earliest: 0.0,
             tolerance: 0.0,
             values: values.clone(),
             at_start: values.clone(),
@@ -246,7 +246,6 @@ impl Instance {
         self.now.experiment = true;
         self.now.start_time = start;
         self.now.stop_time = stop.unwrap_or(f64::INFINITY);
-        self.now.earliest = start;
         self.now.tolerance = tolerance.unwrap_or(0.0);
         Ok(())
     }
@@ -271,7 +270,6 @@ impl Instance {
             return Err(Refusal::NoEventMode);
         }
         self.accept_point()?;
-        self.now.earliest = self.now.time;
         self.now.state = InstanceState::Event;
         Ok(())
     }
@@ -304,7 +302,6 @@ impl Instance {
         self.now.changed = false;
         self.now.start_time = 0.0;
         self.now.stop_time = f64::INFINITY;
-        self.now.earliest = 0.0;
         self.now.tolerance = 0.0;
         for (value, input) in self.now.values.iter_mut().zip(&self.metadata.inputs) {
             *value = if input.role == Role::Time { 0.0 } else { input.start };
@@ -330,8 +327,8 @@ impl Instance {
     ///
     /// `from` must be where the last step ended, or the host and this instance disagree on which steps were made: a step
     /// left out, a step repeated without restoring the state. Such a mistake is off by a good part of a step, rounding is
-    /// not: hosts count steps or add them up (relative 1e-12 after a million), others count whole nanoseconds. So
-    /// 1e-6 of the step and 1e-9 of the time are let pass. They do not add up, as the host's clock is adopted.
+    /// not. Hosts count steps or add them up (relative 1e-12 after a million), others count whole nanoseconds, and some
+    /// in single precision (2e-7). [`clock_tolerance`] is let pass. It does not add up, as the host's clock is adopted.
     ///
     /// The standard asks for a positive `size`; zero is accepted, since it has a clear meaning (no time passes) and hosts
     /// iterate over events by it.
@@ -364,7 +361,7 @@ impl Instance {
         if size > 0.0 && size < SMALLEST_STEP {
             return Err(Refusal::ShortStep { size });
         }
-        let tolerance = 1e-6 * size + 1e-9 * from.abs();
+        let tolerance = clock_tolerance(from, size);
         if (from - self.now.time).abs() > tolerance {
             return Err(Refusal::CommunicationPoint { found: from, expected: self.now.time });
         }
@@ -390,16 +387,13 @@ impl Instance {
         if later.is_finite() { later } else { value }
     }
 
-    /// Time of a solver around the FMU. It looks ahead and back, even past the stop time, but not across an event.
+    /// Time of a solver around the FMU. It looks ahead and back, even past the stop time and shortly before the start: the FMU has no events,
+    /// so nothing in it depends on the way.
     pub(crate) fn set_solver_time(&mut self, time: f64) -> Result<(), Refusal> {
         finite("time", time)?;
         if self.now.state == InstanceState::Instantiated {
             // the experiment begins then
             return self.set_up_experiment(time, Some(self.now.stop_time), Some(self.now.tolerance));
-        }
-        let earliest = self.now.earliest;
-        if time < earliest - 1e-9 * earliest.abs().max(self.metadata.time_step) {
-            return Err(Refusal::BackInTime { time, earliest });
         }
         self.set_time(time, Status::Error)
     }
@@ -502,6 +496,14 @@ impl Instance {
             *point = if clamp && column < inputs { self.domain.clamp(column, value) } else { value };
         }
     }
+}
+
+/// How far the clocks of host and instance may be apart at a step of this size: by rounding in single precision, and by no more than a tenth of
+/// the step.
+#[inline]
+fn clock_tolerance(from: f64, size: f64) -> f64 {
+    let single = (2.5e-7 * from.abs()).min(0.1 * size);
+    (1e-6 * size + 1e-9 * from.abs()).max(single)
 }
 
 /// Checks that loading will find enough memory, by a single allocation that is freed at once. A failed allocation is an

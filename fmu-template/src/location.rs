@@ -1,6 +1,7 @@
-//! The resource location: in FMI 2.0 a URI by RFC 3986, `file:` with an absolute path.
+//! The folder of resources. The argument is a URI by RFC 3986 in FMI 2.0, `file:` with an absolute path, and a native path in FMI 3.0. Some
+//! hosts pass the one where the standard has the other, or the folder of the whole FMU.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why a resource location is of no use.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -17,12 +18,30 @@ pub(crate) enum LocationError {
     NotUtf8 { uri: String },
 }
 
-/// The folder a file URI names.
+/// The folder that an absolute file URI or an absolute path names.
 ///
 /// # Errors
 /// A [`LocationError`] that quotes the URI.
-pub(crate) fn directory(uri: &str) -> Result<PathBuf, LocationError> {
-    path(uri, cfg!(windows)).map(PathBuf::from)
+pub(crate) fn directory(location: &str) -> Result<PathBuf, LocationError> {
+    if Path::new(location).is_absolute() {
+        return Ok(PathBuf::from(location));
+    }
+    path(location, cfg!(windows)).map(PathBuf::from)
+}
+
+/// The folder that a native path or a file URI names.
+///
+/// # Errors
+/// A [`LocationError`] that quotes the URI.
+pub(crate) fn native(location: &str) -> Result<PathBuf, LocationError> {
+    let is_uri = location.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("file:"));
+    if is_uri { directory(location) } else { Ok(PathBuf::from(location)) }
+}
+
+/// The path of a file of the resources, whether the folder is theirs or that of the FMU.
+pub(crate) fn file(folder: &Path, name: &str) -> PathBuf {
+    let (path, below) = (folder.join(name), folder.join("resources").join(name));
+    if !path.exists() && below.exists() { below } else { path }
 }
 
 /// `windows` is an argument so that both families of paths are tested on every machine.
@@ -91,6 +110,17 @@ mod tests {
         ] {
             assert_eq!(path(uri, false).as_deref(), Ok(expected), "{uri}");
         }
+    }
+
+    #[test]
+    fn a_path_is_taken_for_a_uri_and_a_uri_for_a_path() {
+        let folder = std::env::temp_dir();
+        let text = folder.to_str().unwrap();
+        assert_eq!(directory(text), Ok(folder.clone()));
+        assert_eq!(native(text), Ok(folder.clone()));
+        assert_eq!(native("relative/resources"), Ok(PathBuf::from("relative/resources")));
+        assert_eq!(native(&crate::testing::uri(&folder)).map(|found| found.join("x")), Ok(folder.join("x")));
+        assert!(matches!(native("file:relative"), Err(LocationError::Relative { .. })));
     }
 
     #[test]

@@ -11,7 +11,6 @@
 //! | 8 | time |
 //! | 8 | start time |
 //! | 8 | stop time |
-//! | 8 | earliest time |
 //! | 8 | tolerance |
 //! | 8 each | values of the columns: inputs, then states |
 //! | 8 each | their values at the start of the run |
@@ -39,8 +38,6 @@ pub(crate) struct Snapshot {
     pub start_time: f64,
     /// Infinite if none is defined.
     pub stop_time: f64,
-    /// Earliest time a solver may go back to: the start time or the last event.
-    pub earliest: f64,
     /// Tolerance of the solver inside the FMU; zero for steps of fixed size. The solver restarts at each communication
     /// point, so nothing else of it is part of the snapshot.
     pub tolerance: f64,
@@ -52,10 +49,10 @@ pub(crate) struct Snapshot {
     pub rates: [Vec<f64>; 2],
 }
 
-const MAGIC: [u8; 8] = *b"metafmu\x03";
+const MAGIC: [u8; 8] = *b"metafmu\x04";
 
 /// All but the values, those at the start and their derivatives.
-const FIXED_SIZE: usize = 8 + 8 + 4 + 5 * 8 + 8;
+const FIXED_SIZE: usize = 8 + 8 + 4 + 4 * 8 + 8;
 
 impl Snapshot {
     /// Becomes another one of the same surrogate. Does not allocate.
@@ -73,7 +70,6 @@ impl Snapshot {
         self.time = other.time;
         self.start_time = other.start_time;
         self.stop_time = other.stop_time;
-        self.earliest = other.earliest;
         self.tolerance = other.tolerance;
     }
 
@@ -90,7 +86,7 @@ impl Snapshot {
         bytes.push(self.experiment.into());
         bytes.push(self.policy as u8);
         bytes.push(self.changed.into());
-        let times = [self.time, self.start_time, self.stop_time, self.earliest, self.tolerance];
+        let times = [self.time, self.start_time, self.stop_time, self.tolerance];
         let columns = self.values.iter().chain(&self.at_start).chain(self.rates.iter().flatten());
         for number in times.iter().chain(columns) {
             bytes.extend(number.to_le_bytes());
@@ -119,8 +115,7 @@ impl Snapshot {
         }
         let [state, experiment, policy, changed] = take(&mut numbers)?;
         let mut number = || take(&mut numbers).map(f64::from_le_bytes);
-        let [time, start_time, stop_time, earliest, tolerance] =
-            [number()?, number()?, number()?, number()?, number()?];
+        let [time, start_time, stop_time, tolerance] = [number()?, number()?, number()?, number()?];
         let mut columns = || (0..like.values.len()).map(|_| number()).collect::<Result<Vec<_>, _>>();
         let (values, at_start, rates) = (columns()?, columns()?, [columns()?, columns()?]);
         if u64::from_le_bytes(take(&mut numbers)?) != fingerprint(&bytes[..bytes.len() - 8]) {
@@ -137,7 +132,6 @@ impl Snapshot {
             time,
             start_time,
             stop_time,
-            earliest,
             tolerance,
             values,
             at_start,
@@ -173,7 +167,6 @@ mod tests {
             time: 0.1 + 0.2,
             start_time: 0.1,
             stop_time: f64::INFINITY,
-            earliest: -1.0,
             tolerance: 1e-7,
             values: vec![1e-300, -0.0, 0.1 + 0.2],
             at_start: vec![1e-300, 0.0, 0.1],

@@ -76,7 +76,7 @@ pub(crate) enum Refusal {
     #[error("variable `{name}` (value reference {reference}): {value} is not finite")]
     ValueNotFinite { name: String, reference: u32, value: f64, status: Status },
     #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)")]
-    Policy { found: i32 },
+    Policy { found: f64 },
     #[error("variable `{name}`: {value} is outside {valid}, and domain_policy is 2")]
     OutsideDomain { name: String, value: f64, valid: String, status: Status },
     #[error("variable `{name}`: {to} instead of {from} as at the start of the run, and domain_policy is 2")]
@@ -111,8 +111,6 @@ pub(crate) enum Refusal {
     CommunicationPoint { found: f64, expected: f64 },
     #[error("a step to {time} would go past the stop time {stop}")]
     PastStopTime { time: f64, stop: f64 },
-    #[error("time {time} is before {earliest}, the start time or the last event")]
-    BackInTime { time: f64, earliest: f64 },
     #[error("tolerance {found} is negative or not finite")]
     Tolerance { found: f64 },
     #[error(

@@ -82,7 +82,7 @@ def main():
     shutil.rmtree(folder, ignore_errors=True)
     for way in ("wheel", "cargo"):
         (folder / way).mkdir(parents=True)
-    print("| seconds | download | compile | the FMU's library, included | sample | learn | rest of the build | all |\n|---|---|---|---|---|---|---|---|")
+    print("| seconds | download | compile | of which the FMU's library | sample | learn | rest of the build | all |\n|---|---|---|---|---|---|---|---|")
     print(row("the wheel", by_wheel(folder / "wheel", wheel)), flush=True)
     print(row("a checkout", by_cargo(folder / "cargo")), flush=True)
 

@@ -8,6 +8,16 @@ use std::slice;
 const KNOWN: &str = "input, parameter, state or time";
 const UNKNOWN: &str = "continuous output, state or derivative of one";
 
+/// A variable with respect to which derivatives are taken.
+#[derive(Clone, Copy)]
+enum KnownQuantity {
+    Column(usize),
+    /// The independent variable of a surrogate without a time column, on which bounds alone depend.
+    Time,
+    /// An integer or Boolean: nothing depends on it continuously.
+    Switch,
+}
+
 impl Instance {
     /// `sensitivity = J seed`, `J` the derivatives of the unknowns (outputs, derivatives of states) with respect to the knowns
     /// (inputs, parameters, states, time). A direction in which the policy clamps has no effect on the surrogate's outputs. Arrays count by
@@ -24,9 +34,9 @@ impl Instance {
         let mut of_time = 0.0;
         for (&known, &seed) in knowns.iter().zip(seed) {
             match self.known(known)? {
-                Some(column) => self.columns[0][column] += seed,
-                // the independent variable of a surrogate without a time column has an effect on bounds only
-                None => of_time += seed,
+                KnownQuantity::Column(column) => self.columns[0][column] += seed,
+                KnownQuantity::Time => of_time += seed,
+                KnownQuantity::Switch => {}
             }
         }
         let distance = self.distance_rate(0);
@@ -41,6 +51,7 @@ impl Instance {
                 UnknownQuantity::State(state) => self.columns[0][self.metadata.inputs.len() + state],
                 UnknownQuantity::Distance => distance,
                 UnknownQuantity::Bound(output) => of_time * self.variables.bound_rate(output, self.elapsed()),
+                UnknownQuantity::Constant => 0.0,
             };
         }
         self.check_derivatives(sensitivity)
@@ -67,6 +78,7 @@ impl Instance {
                     of_time += seed * self.variables.bound_rate(output, elapsed);
                     continue;
                 }
+                UnknownQuantity::Constant => continue,
                 UnknownQuantity::Result(index) => &mut self.sensitivities[0][index],
                 UnknownQuantity::State(state) => &mut direct[self.metadata.inputs.len() + state],
                 UnknownQuantity::Distance => &mut weight_of_distance,
@@ -83,7 +95,11 @@ impl Instance {
             self.columns[0][column] += slope * weight_of_distance;
         }
         for (result, &known) in sensitivity.iter_mut().zip(knowns) {
-            *result = self.known(known)?.map_or(of_time, |column| self.columns[0][column]);
+            *result = match self.known(known)? {
+                KnownQuantity::Column(column) => self.columns[0][column],
+                KnownQuantity::Time => of_time,
+                KnownQuantity::Switch => 0.0,
+            };
         }
         self.check_derivatives(sensitivity)
     }
@@ -127,7 +143,7 @@ impl Instance {
                     UnknownQuantity::State(state) => self.columns[order][self.metadata.inputs.len() + state],
                     UnknownQuantity::Distance => distance[order],
                     UnknownQuantity::Bound(output) if order == 0 => self.variables.bound_rate(output, self.elapsed()),
-                    UnknownQuantity::Bound(_) => 0.0,
+                    UnknownQuantity::Bound(_) | UnknownQuantity::Constant => 0.0,
                 };
             }
         }
@@ -190,19 +206,19 @@ impl Instance {
         }
     }
 
-    /// The column of a known, none for a time that is no column.
-    fn known(&self, reference: u32) -> Result<Option<usize>, Refusal> {
+    /// The direction of a variable.
+    fn known(&self, reference: u32) -> Result<KnownQuantity, Refusal> {
         match self.quantity(reference)? {
             // until the simulation runs, the states are what these parameters are
             Quantity::Input(column) if self.metadata.inputs[column].role == Role::Start && self.is_starting() => {
-                let starts = self.metadata.inputs[..column].iter().filter(|input| input.role == Role::Start);
-                Ok(Some(self.metadata.inputs.len() + starts.count()))
+                Ok(KnownQuantity::Column(self.started_by(column)))
             }
-            Quantity::Input(column) => Ok(Some(column)),
-            Quantity::State(state) => Ok(Some(self.metadata.inputs.len() + state)),
+            Quantity::Input(column) => Ok(KnownQuantity::Column(column)),
+            Quantity::State(state) => Ok(KnownQuantity::Column(self.metadata.inputs.len() + state)),
             // counts from the next sample on: nothing depends on it at once
-            Quantity::Measured(output) => Ok(Some(self.measured.start + output)),
-            Quantity::BuiltIn(BuiltIn::Time) => Ok(None),
+            Quantity::Measured(output) => Ok(KnownQuantity::Column(self.measured.start + output)),
+            Quantity::BuiltIn(BuiltIn::Time) => Ok(KnownQuantity::Time),
+            Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::UseMeasured) => Ok(KnownQuantity::Switch),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: KNOWN }),
         }
     }
@@ -213,15 +229,16 @@ impl Instance {
         seed.iter().try_for_each(|&seed| finite("seed", seed))
     }
 
-    /// Unknowns are outputs, arrays of them, states, their derivatives, the distance from the domain, and bounds that depend on the time.
+    /// Unknowns are outputs, arrays of them, states, their derivatives, the distance from the domain, and bounds. A host that wants the
+    /// derivatives of every variable it sees finds those of `in_domain` to be zero.
     fn check_unknowns(&self, references: &[u32]) -> Result<(), Refusal> {
         references.iter().try_for_each(|&reference| match self.quantity(reference)? {
             Quantity::Output(_)
             | Quantity::Array(_)
             | Quantity::State(_)
             | Quantity::Derivative(_)
-            | Quantity::BuiltIn(BuiltIn::DomainDistance) => Ok(()),
-            Quantity::Bound(_) if self.variables.bounds_grow() => Ok(()),
+            | Quantity::Bound(_)
+            | Quantity::BuiltIn(BuiltIn::DomainDistance | BuiltIn::InDomain) => Ok(()),
             _ => Err(Refusal::NotDifferentiable { name: self.name(reference), reference, expected: UNKNOWN }),
         })
     }

@@ -5,7 +5,7 @@ use crate::{
     state::InstanceState,
     status::{Implausible, Refusal, Status},
 };
-use metafmu_runtime::{CommunicationStep, DomainPolicy, Drive, StepError};
+use metafmu_runtime::{CommunicationStep, DomainPolicy, Drive, Role, StepError};
 use std::mem::swap;
 
 impl Instance {
@@ -50,15 +50,36 @@ impl Instance {
 
     /// Initializes the states, or the memory, until the simulation runs.
     pub(super) fn initialize_states(&mut self) {
-        if !self.is_starting() {
-            return;
+        if self.is_starting() {
+            self.start_states();
         }
+    }
+
+    fn start_states(&mut self) {
         // inputs that act directly do so as clamped
         self.update_point();
         let Self { input_columns, now, point, .. } = self;
         input_columns.iter().for_each(|&column| swap(&mut now.values[column], &mut point[column]));
         self.evaluator.start(&mut now.values);
         input_columns.iter().for_each(|&column| swap(&mut now.values[column], &mut point[column]));
+    }
+
+    /// Follows a parameter that got another value after the initialization, at the start time. Start values of states are those of the
+    /// states, and the memory of samples follows all parameters.
+    #[cold]
+    pub(super) fn restart(&mut self, column: usize) {
+        if !self.is_smooth {
+            self.start_states();
+        } else if self.metadata.inputs[column].role == Role::Start {
+            let state = self.started_by(column);
+            self.now.values[state] = self.now.values[column];
+        }
+    }
+
+    /// The column of the state whose start value a parameter is.
+    pub(super) fn started_by(&self, column: usize) -> usize {
+        let starts = self.metadata.inputs[..column].iter().filter(|input| input.role == Role::Start);
+        self.metadata.inputs.len() + starts.count()
     }
 
     /// Advances the states over a communication step that ends at `time`, by integration or from sample to sample.

@@ -7,6 +7,18 @@ use crate::{
 };
 use metafmu_runtime::{BuiltIn, DomainPolicy, Metadata, Quantity, Role, Tunability};
 
+/// Target of a call that sets a real.
+enum Settable {
+    /// An input, a parameter, a state or a measured output.
+    Column(usize),
+    /// `domain_policy`.
+    Policy,
+    /// `use_measured`.
+    UseMeasured,
+    /// The independent variable, which has this value already.
+    Time,
+}
+
 impl Instance {
     /// How many values these variables have: one each, but for the arrays of FMI 3.0.
     #[inline]
@@ -20,15 +32,9 @@ impl Instance {
     pub(crate) fn get_real(&mut self, references: &[u32], values: &mut [f64]) -> Result<(), Refusal> {
         let mut results = false;
         for &reference in references {
-            match self.quantity(reference)? {
-                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::UseMeasured) => {
-                    return Err(self.wrong_type(reference, "real"));
-                }
-                quantity => {
-                    self.check_readable(reference, quantity)?;
-                    results |= matches!(quantity, Quantity::Output(_) | Quantity::Array(_) | Quantity::Derivative(_));
-                }
-            }
+            let quantity = self.quantity(reference)?;
+            self.check_readable(reference, quantity)?;
+            results |= matches!(quantity, Quantity::Output(_) | Quantity::Array(_) | Quantity::Derivative(_));
         }
         if results {
             self.update_results()?;
@@ -51,7 +57,10 @@ impl Instance {
                     outputs.iter().zip(values.by_ref()).for_each(|(&output, value)| *value = self.results[output]);
                     continue;
                 }
-                Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::UseMeasured) => continue,
+                // some hosts read every variable as a real
+                Quantity::BuiltIn(BuiltIn::InDomain) => f64::from(self.is_in_domain()),
+                Quantity::BuiltIn(BuiltIn::UseMeasured) => f64::from(self.is_measured()),
+                Quantity::BuiltIn(BuiltIn::DomainPolicy) => f64::from(self.now.policy as i32),
             };
             if let Some(to) = values.next() {
                 *to = value;
@@ -115,26 +124,29 @@ impl Instance {
         Ok(())
     }
 
-    /// Sets inputs and parameters: all of them or, if one is refused, none.
+    /// Sets inputs and parameters: all of them or, if one is refused, none. Hosts that set every variable as a real set integers and
+    /// Booleans, too.
     pub(crate) fn set_real(&mut self, references: &[u32], values: &[f64]) -> Result<(), Refusal> {
         for (&reference, &value) in references.iter().zip(values) {
-            let column = self.settable(reference)?;
+            let target = self.settable(reference, value)?;
             if !value.is_finite() {
                 let status = if self.is_trial() { Status::Discard } else { Status::Error };
                 return Err(Refusal::ValueNotFinite { name: self.name(reference), reference, value, status });
             }
-            if !self.is_trial() {
-                self.check_value(column, value, self.now.time, self.now.policy, Status::Error)?;
+            match target {
+                Settable::Column(column) if !self.is_trial() => {
+                    self.check_value(column, value, self.now.time, self.now.policy, Status::Error)?;
+                }
+                Settable::Policy => self.check_point(policy(value)?)?,
+                Settable::Column(_) | Settable::UseMeasured | Settable::Time => {}
             }
         }
         for (&reference, &value) in references.iter().zip(values) {
-            let column = self.settable(reference)?;
-            self.now.values[column] = value;
-            if self.now.time <= self.now.start_time {
-                self.now.at_start[column] = value;
-            }
-            if !self.is_trial() {
-                self.note_value(column);
+            match self.settable(reference, value)? {
+                Settable::Column(column) => self.set_column(column, value),
+                Settable::Policy => self.set_policy(policy(value)?),
+                Settable::UseMeasured => self.now.values[self.measured.end] = f64::from(value != 0.0),
+                Settable::Time => {}
             }
         }
         self.initialize_states();
@@ -142,23 +154,44 @@ impl Instance {
         Ok(())
     }
 
+    #[inline(always)]
+    fn set_column(&mut self, column: usize, value: f64) {
+        let is_parameter = self.metadata.inputs.get(column).is_some_and(|input| input.role != Role::Input);
+        let is_other = value != self.now.values[column];
+        self.now.values[column] = value;
+        if self.now.time <= self.now.start_time {
+            self.now.at_start[column] = value;
+            if is_parameter && is_other && !self.is_starting() {
+                self.restart(column);
+            }
+        }
+        if !self.is_trial() {
+            self.note_value(column);
+        }
+    }
+
     /// Sets the domain policy, the only integer.
     pub(crate) fn set_integer(&mut self, references: &[u32], values: &[i32]) -> Result<(), Refusal> {
         let mut new = None;
         for (&reference, &found) in references.iter().zip(values) {
             self.expect_policy(reference)?;
-            self.parameter_settable(Tunability::Tunable, reference)?;
-            new = Some(DomainPolicy::from_number(found).ok_or(Refusal::Policy { found })?);
+            let policy = DomainPolicy::from_number(found).ok_or(Refusal::Policy { found: found.into() })?;
+            self.parameter_settable(Tunability::Tunable, reference, policy == self.now.policy)?;
+            new = Some(policy);
         }
         let Some(new) = new else { return Ok(()) };
         // a value that is outside already is not left standing
         self.check_point(new)?;
+        self.set_policy(new);
+        Ok(())
+    }
+
+    fn set_policy(&mut self, new: DomainPolicy) {
         self.stale |= new != self.now.policy;
         self.now.policy = new;
         if !self.is_smooth {
             self.initialize_states();
         }
-        Ok(())
     }
 
     /// Sets the switch for measured outputs, the only Boolean that is an input. Of several values the last one counts.
@@ -182,37 +215,62 @@ impl Instance {
         Ok(())
     }
 
-    /// The column a host may set now.
-    fn settable(&self, reference: u32) -> Result<usize, Refusal> {
+    /// The target of a call that sets a variable to this value now.
+    #[inline]
+    fn settable(&self, reference: u32, value: f64) -> Result<Settable, Refusal> {
         let name = || self.name(reference);
         match self.quantity(reference)? {
             Quantity::Input(column) => match self.metadata.inputs[column].role {
-                Role::Time => Err(Refusal::SetTime { name: name(), reference }),
-                Role::Parameter(variability) => self.parameter_settable(variability, reference).map(|()| column),
-                Role::Start => self.parameter_settable(Tunability::Fixed, reference).map(|()| column),
-                Role::Input => Ok(column),
+                Role::Input => Ok(Settable::Column(column)),
+                Role::Time => self.present_time(reference, value),
+                Role::Parameter(variability) => {
+                    self.parameter_settable(variability, reference, value == self.now.values[column])?;
+                    Ok(Settable::Column(column))
+                }
+                Role::Start => {
+                    self.parameter_settable(Tunability::Fixed, reference, value == self.now.values[column])?;
+                    Ok(Settable::Column(column))
+                }
             },
-            Quantity::Measured(output) => Ok(self.measured.start + output),
+            Quantity::Measured(output) => Ok(Settable::Column(self.measured.start + output)),
             // in both standards, beside fmi3SetContinuousStates
-            Quantity::State(state) if self.is_trial() => Ok(self.metadata.inputs.len() + state),
+            Quantity::State(state) if self.is_trial() => Ok(Settable::Column(self.metadata.inputs.len() + state)),
             Quantity::State(_) => Err(Refusal::SetState { name: name(), reference }),
             Quantity::Output(_)
             | Quantity::Derivative(_)
             | Quantity::Array(_)
             | Quantity::Bound(_)
-            | Quantity::BuiltIn(BuiltIn::DomainDistance) => Err(Refusal::SetOutput { name: name(), reference }),
-            Quantity::BuiltIn(BuiltIn::Time) => Err(Refusal::SetTime { name: name(), reference }),
-            Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::UseMeasured) => {
-                Err(self.wrong_type(reference, "real"))
+            | Quantity::BuiltIn(BuiltIn::DomainDistance | BuiltIn::InDomain) => {
+                Err(Refusal::SetOutput { name: name(), reference })
+            }
+            Quantity::BuiltIn(BuiltIn::Time) => self.present_time(reference, value),
+            Quantity::BuiltIn(BuiltIn::UseMeasured) => Ok(Settable::UseMeasured),
+            Quantity::BuiltIn(BuiltIn::DomainPolicy) => {
+                self.parameter_settable(Tunability::Tunable, reference, value == f64::from(self.now.policy as i32))?;
+                Ok(Settable::Policy)
             }
         }
     }
 
-    fn parameter_settable(&self, variability: Tunability, reference: u32) -> Result<(), Refusal> {
+    /// The independent variable may be set to the value that it has: it is settable by its own function only.
+    fn present_time(&self, reference: u32, value: f64) -> Result<Settable, Refusal> {
+        let now = self.now.time;
+        if (value - now).abs() <= 1e-9 * now.abs().max(self.metadata.time_step) {
+            return Ok(Settable::Time);
+        }
+        Err(Refusal::SetTime { name: self.name(reference), reference })
+    }
+
+    /// Fixed parameters may be set until the simulation runs, tunable ones also at events and between steps. Until time passes, setting a
+    /// fixed one means what it does in the initialization, and a value that stays what it is has no effect: some hosts do both.
+    fn parameter_settable(&self, variability: Tunability, reference: u32, is_unchanged: bool) -> Result<(), Refusal> {
         let state = self.now.state;
+        let is_at_start = self.now.time <= self.now.start_time;
         let variability = match (variability, state) {
+            _ if is_unchanged => return Ok(()),
             (_, InstanceState::Instantiated | InstanceState::Initialization) => return Ok(()),
             (Tunability::Tunable, InstanceState::Event | InstanceState::Step) => return Ok(()),
+            (Tunability::Fixed, InstanceState::Event | InstanceState::Step) if is_at_start => return Ok(()),
             (Tunability::Fixed, _) => "fixed",
             (Tunability::Tunable, _) => "tunable",
         };
@@ -268,4 +326,10 @@ impl Instance {
             (0..inputs).chain(states.clone()).chain(policy).map(move |known| (element, known))
         }))
     }
+}
+
+/// The domain policy of a number.
+fn policy(value: f64) -> Result<DomainPolicy, Refusal> {
+    let number = if value.fract() == 0.0 { value as i32 } else { -1 };
+    DomainPolicy::from_number(number).ok_or(Refusal::Policy { found: value })
 }

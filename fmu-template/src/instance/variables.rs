@@ -14,6 +14,8 @@ pub(super) enum UnknownQuantity {
     Distance,
     /// The error bound of an output, which depends on the time alone.
     Bound(usize),
+    /// A constant, or a Boolean that belongs to the outputs of some hosts.
+    Constant,
 }
 
 /// The surrogate's variables that the version has.
@@ -107,9 +109,10 @@ impl InstanceVariables {
                 Ok(Quantity::BuiltIn(BuiltIn::DomainDistance)) => (Some(UnknownQuantity::Distance), &[][..]),
                 Ok(Quantity::Array(array)) => (None, self.outputs_of(array)),
                 Ok(Quantity::Bound(output)) if self.bounds_grow() => (Some(UnknownQuantity::Bound(output)), &[][..]),
-                Ok(Quantity::Input(_) | Quantity::Bound(_) | Quantity::Measured(_) | Quantity::BuiltIn(_)) | Err(_) => {
-                    (None, &[][..])
+                Ok(Quantity::Bound(_) | Quantity::BuiltIn(BuiltIn::InDomain)) => {
+                    (Some(UnknownQuantity::Constant), &[][..])
                 }
+                Ok(Quantity::Input(_) | Quantity::Measured(_) | Quantity::BuiltIn(_)) | Err(_) => (None, &[][..]),
             };
             scalar.into_iter().chain(array.iter().map(|&output| UnknownQuantity::Result(output)))
         })

@@ -59,6 +59,7 @@ const EXTERNAL_NAMES: &[&str] = &[
     "instance_not_finite",
     "instance_output_derivatives",
     "instance_reset",
+    "instance_restart",
     "instance_restore",
     "instance_save",
     "instance_serialize",

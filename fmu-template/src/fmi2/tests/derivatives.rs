@@ -76,9 +76,7 @@ fn outside_the_domain_clamped_directions_have_no_effect_on_outputs() {
 fn what_has_no_derivative_is_refused_by_name() {
     for (unknown, known, what) in [
         (LENGTH, TIME, "`length` (value reference 0) is no continuous output, state or derivative of one"),
-        (IN_DOMAIN, TIME, "`in_domain` (value reference 6) is no continuous output, state or derivative of one"),
         (3, 4, "`velocity` (value reference 4) is no input, parameter, state or time"),
-        (3, POLICY, "`domain_policy` (value reference 5) is no input, parameter, state or time"),
         (8, TIME, "value reference 8 is unknown"),
         (3, u32::MAX, "value reference 4294967295 is unknown"),
     ] {
@@ -195,4 +193,16 @@ fn derivatives_allocate_nothing() {
         }
     }
     assert_eq!(allocations().0, before);
+}
+
+#[test]
+fn integers_booleans_and_constants_have_derivatives_of_zero() {
+    let host = Host::stepping();
+    let of_time = host.directional(&[3], &[TIME], &[1.0]).unwrap();
+    assert_eq!(host.directional(&[IN_DOMAIN, 3], &[TIME, POLICY], &[1.0, 1.0]), Ok(vec![0.0, of_time[0]]));
+    let host = Host::of(&example::with_bounds());
+    host.initialize(0.0);
+    let [bound, output] = [10, 3];
+    let of_length = host.directional(&[output], &[LENGTH], &[1.0]).unwrap();
+    assert_eq!(host.directional(&[bound, output], &[LENGTH], &[1.0]), Ok(vec![0.0, of_length[0]]));
 }

@@ -65,7 +65,11 @@ fn states_begin_with_the_parameters_for_the_start() {
     assert_eq!(host.set(&STARTS[1..2], &[0.7]), Status::Ok);
     assert_eq!(host.try_get([STATES[1], LOAD[0]]), Ok([0.7, 0.1 + 1.5 * 0.7f64.sin()]));
     assert_eq!(host.exit(), Status::Ok);
-    assert_eq!(host.set(&STARTS[1..2], &[0.8]), Status::Error);
+    assert_eq!(host.set(&STARTS[1..2], &[0.8]), Status::Ok, "no time has passed");
+    assert_eq!(host.try_get(STATES), Ok([0.1, 0.8, -0.2, 0.3]));
+    assert_eq!(host.step(0.0, 0.01), Status::Ok);
+    assert_eq!(host.set(&STARTS[1..2], &[0.8]), Status::Ok, "unchanged");
+    assert_eq!(host.set(&STARTS[1..2], &[0.9]), Status::Error);
     assert!(host.message().contains("parameter `rope.angle_start` (value reference 2) is fixed and cannot be set"));
     let host = stepping();
     assert_eq!(host.set(&STATES[..1], &[1.0]), Status::Error);

@@ -127,9 +127,8 @@ fn outputs_do_not_depend_on_measured_ones_at_once_as_the_description_says() {
     let before: [f64; 1] = host.try_get(POSITION).unwrap();
     assert_eq!(host.set(&[MEASURED], &[-0.9]), Status::Ok);
     assert_eq!(host.try_get(POSITION), Ok(before));
-    // the switch is no real number
     let status = unsafe { fmi2GetDirectionalDerivative(host.c, &POSITION[0], 1, &USE_MEASURED, 1, &1.0, &mut slope) };
-    assert_eq!(status, Status::Error);
+    assert_eq!((status, slope), (Status::Ok, 0.0), "a switch");
 }
 
 #[test]
@@ -158,7 +157,7 @@ fn values_that_measured_inputs_cannot_have_are_refused_by_name() {
             (|host: &Host| host.set(&[MEASURED], &[f64::NAN])) as fn(&Host) -> Status,
             "`position_measured` (value reference 10): NaN is not finite",
         ),
-        (|host| host.set(&[USE_MEASURED], &[1.0]), "`use_measured` (value reference 9) is of type Boolean, not real"),
+        (|host| host.set(&[USE_MEASURED], &[f64::NAN]), "`use_measured` (value reference 9): NaN is not finite"),
         (
             |host| unsafe { fmi2SetBoolean(host.c, &MEASURED, 1, &1) },
             "`position_measured` (value reference 10) is of type real, not Boolean",
@@ -173,4 +172,31 @@ fn values_that_measured_inputs_cannot_have_are_refused_by_name() {
         let found = host.message();
         assert!(found.contains(message), "{found}");
     }
+}
+
+#[test]
+fn the_switch_and_the_policy_are_real_numbers_for_hosts_that_know_no_others() {
+    let (host, other) = (stepping(), stepping());
+    for host in [&host, &other] {
+        assert_eq!(host.set(&[MEASURED], &[0.9]), Status::Ok);
+    }
+    assert_eq!((use_measured(&host, true), other.set(&[USE_MEASURED], &[1.0])), (Status::Ok, Status::Ok));
+    for host in [&host, &other] {
+        assert_eq!(host.step(0.0, 2.0 * SAMPLE), Status::Ok);
+        assert_eq!(host.try_get([USE_MEASURED, IN_DOMAIN, POLICY]), Ok([1.0, 1.0, 0.0]));
+    }
+    assert_eq!(host.try_get(POSITION), other.try_get(POSITION));
+    assert!(host.try_get(POSITION) != stepping().try_get(POSITION));
+}
+
+#[test]
+fn a_parameter_that_is_set_at_the_start_changes_the_memory() {
+    let (early, late) = (Host::of(&example::recorded()), Host::of(&example::recorded()));
+    early.set_up(0.0);
+    assert_eq!((early.enter(), early.set(&STARTS, &[0.4, 0.25]), early.exit()), (Status::Ok, Status::Ok, Status::Ok));
+    late.initialize(0.0);
+    assert_eq!(late.set(&STARTS, &[0.4, 0.25]), Status::Ok);
+    assert_eq!(early.try_get(POSITION), late.try_get(POSITION));
+    assert_eq!((early.step(0.0, SAMPLE), late.step(0.0, SAMPLE)), (Status::Ok, Status::Ok));
+    assert_eq!(early.try_get(POSITION), late.try_get(POSITION));
 }

@@ -63,6 +63,20 @@ fn rounding_in_the_hosts_clock_is_let_pass_and_adopted() {
 }
 
 #[test]
+fn a_clock_in_single_precision_is_let_pass_and_a_step_left_out_is_not() {
+    let host = Host::driven();
+    let size = 0.02_f32;
+    let mut time = 0.0_f32;
+    for _ in 0..40_000 {
+        assert_eq!(host.step(time.into(), size.into()), Status::Ok, "{time}");
+        time += size;
+    }
+    host.messages();
+    assert_eq!(host.step((time + size).into(), size.into()), Status::Error);
+    assert!(host.message().contains("where the last step ended"));
+}
+
+#[test]
 fn a_step_past_the_stop_time_is_refused() {
     let host = Host::new();
     assert_eq!(host.set_up_until(0.0, 1.0), Status::Ok);

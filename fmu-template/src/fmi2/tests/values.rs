@@ -38,6 +38,7 @@ fn parameters_set_before_initialization_count() {
 fn what_cannot_be_set_is_refused_by_name() {
     let refused = |reference: u32| {
         let host = Host::stepping();
+        assert_eq!(host.step(0.0, 0.1), Status::Ok);
         assert_eq!(host.set(&[reference], &[1.0]), Status::Error);
         host.message()
     };
@@ -46,6 +47,8 @@ fn what_cannot_be_set_is_refused_by_name() {
     assert!(refused(3).contains("`angle` (value reference 3) is an output"));
     assert!(refused(8).contains("value reference 8 is unknown, expected at most 7"));
     assert!(refused(u32::MAX).contains("value reference 4294967295 is unknown"));
+    let host = Host::stepping();
+    assert_eq!((host.step(0.0, 0.1), host.set(&[TIME], &[0.1])), (Status::Ok, Status::Ok), "the present time");
     for reference in [TIME, 3, 8] {
         assert_eq!(Host::new().set(&[reference], &[1.0]), Status::Error, "{reference} in instantiated");
     }
@@ -62,8 +65,9 @@ fn a_value_that_is_not_finite_is_refused() {
 
 #[test]
 fn a_call_with_one_wrong_value_changes_nothing_at_all() {
-    for (reference, value) in [(SPEED, 1.0), (TIME, 1.0), (3, 1.0), (9, 1.0), (LENGTH, f64::NAN)] {
+    for (reference, value) in [(SPEED, 1.0), (TIME, 1.0), (3, 1.0), (9, 1.0), (POLICY, 7.0), (LENGTH, f64::NAN)] {
         let host = Host::stepping();
+        assert_eq!(host.step(0.0, 0.1), Status::Ok);
         let before = host.outputs();
         assert_eq!(host.set(&[LENGTH, reference], &[0.19, value]), Status::Error);
         assert_eq!((host.try_get([LENGTH]), host.outputs()), (Ok([starts()[0]]), before));
@@ -118,8 +122,6 @@ fn an_error_bound_is_a_constant_that_can_be_read_only() {
         let bound = "variable `x_bound` (value reference 10) is";
         refused(&|c| fmi2SetReal(c, &10, 1, &0.0), &format!("{bound} an output and cannot be set"));
         refused(&|c| fmi2GetBoolean(c, &10, 1, &mut 0), &format!("{bound} of type real, not Boolean"));
-        let derivative = |c| fmi2GetDirectionalDerivative(c, &10, 1, &0, 1, &1.0, &mut 0.0);
-        refused(&derivative, &format!("{bound} no continuous output, state or derivative of one"));
         refused(&|c| fmi2GetReal(c, &12, 1, &mut 0.0), "value reference 12 is unknown, expected at most 11");
         refused(
             &|c| fmi2GetReal(c, &9, 1, &mut 0.0),
@@ -137,6 +139,20 @@ fn a_parameter_outside_its_training_range_is_accepted_with_a_warning() {
     assert!(message.contains("`length`: 0.25 is outside the training range from 0.1 to 0.2"), "{message}");
     assert_eq!(host.outputs(), expected(0.25, starts()[1], 0.0));
     assert_eq!(host.step(0.0, 0.1), Status::Ok);
+}
+
+#[test]
+fn integers_and_booleans_are_real_numbers_for_hosts_that_know_no_others() {
+    let host = Host::in_state(InstanceState::Initialization);
+    assert_eq!(host.try_get([IN_DOMAIN, POLICY]), Ok([1.0, 0.0]));
+    assert_eq!(host.set(&[POLICY], &[1.0]), Status::Ok);
+    assert_eq!(host.try_get([POLICY]), Ok([1.0]));
+    for wrong in [0.5, 3.0, -1.0, 1e300] {
+        assert_eq!(host.set(&[POLICY], &[wrong]), Status::Error);
+        assert!(host.message().contains("expected 0 (warn), 1 (clamp) or 2 (error)"));
+    }
+    assert_eq!(host.set(&[IN_DOMAIN], &[1.0]), Status::Error);
+    assert!(host.message().ends_with("`in_domain` (value reference 6) is an output and cannot be set"));
 }
 
 #[test]
@@ -158,8 +174,6 @@ fn every_variable_is_of_one_type() {
         "`domain_distance` (value reference 7) is of type real, not Boolean",
     );
     refused(|c| unsafe { fmi2SetBoolean(c, &IN_DOMAIN, 1, &0) }, "is an output and cannot be set");
-    refused(|c| unsafe { fmi2GetReal(c, &IN_DOMAIN, 1, &mut 0.0) }, "is of type Boolean, not real");
-    refused(|c| unsafe { fmi2SetReal(c, &POLICY, 1, &0.0) }, "is of type integer, not real");
     refused(|c| unsafe { fmi2SetReal(c, &DISTANCE, 1, &0.0) }, "is an output and cannot be set");
     refused(|c| unsafe { fmi2GetInteger(c, &8, 1, &mut 0) }, "value reference 8 is unknown, expected at most 7");
     let none = "1 variables of type String asked for, but there are none of this type";

@@ -41,7 +41,7 @@ fn a_solver_finds_right_outputs_at_every_point() {
     assert!(host.message().contains("`speed`: changed from 2.5 to 1 during the run"));
     assert_eq!(host.event_mode(), Status::Ok);
     assert_eq!(host.continuous(), Status::Ok);
-    assert_eq!(unsafe { fmi3SetTime(host.instance, 0.5) }, Status::Error, "back across an event");
+    assert_eq!(unsafe { fmi3SetTime(host.instance, 0.5) }, Status::Ok, "back across an event");
 }
 
 #[test]
