@@ -199,7 +199,7 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
         let middle = || 0.5 * (range.min + range.max);
         Input {
             name: variable.name.clone(),
-            role: role(range),
+            role: role(range, study.has_memory()),
             unit: variable.unit.clone(),
             description: variable.description.clone(),
             min: range.min,
@@ -247,10 +247,12 @@ fn metadata(study: &Study, dataset: &Dataset, train_rows: usize) -> Metadata {
     }
 }
 
-/// A parameter was constant in every run, even if it was an input of an FMU. It is fixed unless the study states
-/// otherwise.
-fn role(options: &ParameterOptions) -> Role {
-    match options.variability.unwrap_or_default() {
+/// Role of a parameter, which was constant in every run, even if it was an input of an FMU. Unless the study states otherwise, it is tunable if
+/// outputs follow from states or samples: there it enters the equations only, and a mass or a length may change in a run. In a function of the
+/// time it is fixed, since it belongs to the whole run.
+fn role(options: &ParameterOptions, has_memory: bool) -> Role {
+    let usual = if has_memory { study::ParameterVariability::Tunable } else { study::ParameterVariability::Fixed };
+    match options.variability.unwrap_or(usual) {
         study::ParameterVariability::Fixed => Role::Parameter(Tunability::Fixed),
         study::ParameterVariability::Tunable => Role::Parameter(Tunability::Tunable),
         study::ParameterVariability::Continuous => Role::Input,

@@ -307,3 +307,19 @@ def test_names_are_given_as_a_dict_a_series_or_a_list(rows):
     for wrong in ({"a", "b", "c"}, (name for name in "abc"), 3):
         with pytest.raises(metafmu.Error, match="inputs: .*expected a list of names"):
             of(wrong)
+
+
+def test_rows_in_the_place_of_names_are_the_data(rows):
+    model = linear_model.Ridge().fit(*rows)
+    expected = metafmu.from_sklearn(model, data=rows[0])
+    for given in (rows[0], pandas.DataFrame(rows[0], columns=[item.name for item in expected.inputs])):
+        surrogate = metafmu.from_sklearn(model, given)
+        assert [(item.name, item.min, item.max) for item in surrogate.inputs] == [(item.name, item.min, item.max) for item in expected.inputs]
+    with pytest.raises(metafmu.Error, match="inputs: a table of rows, as `data` is"):
+        metafmu.from_sklearn(model, rows[0], data=rows[0])
+
+
+@pytest.mark.parametrize("wrap", [lambda model: model, lambda model: make_pipeline(StandardScaler(), model), lambda model: GridSearchCV(make_pipeline(model), {}, cv=2), TransformedTargetRegressor])
+def test_an_fmu_has_the_name_of_the_estimator_that_predicts(wrap, rows):
+    model = wrap(linear_model.Ridge()).fit(*rows)
+    assert metafmu.from_sklearn(model, data=rows[0]).name == "Ridge"

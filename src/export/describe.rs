@@ -107,14 +107,14 @@ fn variable(
 ) -> ScalarVariable {
     let DescribedVariable { description, what: (causality, variability, initial), kind, dimensions } =
         match variable.quantity {
-            Quantity::Input(index) => input(surrogate, index, fmi_version),
+            Quantity::Input(index) => input(surrogate, index),
             Quantity::Output(index) => output(&surrogate.outputs()[index]),
             Quantity::State(index) => state(&surrogate.states()[index]),
             Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
-            Quantity::BuiltIn(variable) => built_in(variable, surrogate, fmi_version),
+            Quantity::BuiltIn(variable) => built_in(variable, surrogate),
             Quantity::Array(index) => array(surrogate, index),
             Quantity::Bound(index) => bound(surrogate, index),
-            Quantity::Measured(index) => measured(&surrogate.outputs()[index], fmi_version),
+            Quantity::Measured(index) => measured(&surrogate.outputs()[index]),
         };
     // "only continuous-time variables can have intermediateUpdate = true"
     let is_updated = variability == Variability::Continuous && causality != Causality::Independent;
@@ -148,7 +148,8 @@ impl DescribedVariable {
     }
 }
 
-fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> DescribedVariable {
+/// An input has no `initial`: FMI 2.0 forbids it, and FMI 3.0 has "exact" as the only value, which some hosts refuse.
+fn input(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let input = &surrogate.inputs()[index];
     let what = match input.role {
         Role::Parameter(metafmu_runtime::Tunability::Fixed) | Role::Start => {
@@ -157,7 +158,7 @@ fn input(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> Descri
         Role::Parameter(metafmu_runtime::Tunability::Tunable) => {
             (Causality::Parameter, Variability::Tunable, Some(Initial::Exact))
         }
-        Role::Input => (Causality::Input, Variability::Continuous, initial_of_input(fmi_version)),
+        Role::Input => (Causality::Input, Variability::Continuous, None),
         Role::Time => (Causality::Independent, Variability::Continuous, None),
     };
     // every number is valid for a periodic input, and a state has separate limits; hosts may refuse or warn at limits
@@ -240,7 +241,7 @@ fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
 }
 
 /// Input without limits: measured values may be anything, and are not clamped.
-fn measured(output: &Output, fmi_version: FmiVersion) -> DescribedVariable {
+fn measured(output: &Output) -> DescribedVariable {
     let real = RealAttributes {
         unit: text(&output.unit),
         nominal: Some(nominal(output.min, output.max)),
@@ -248,16 +249,11 @@ fn measured(output: &Output, fmi_version: FmiVersion) -> DescribedVariable {
         ..RealAttributes::default()
     };
     let description = format!("measured {}, used while {} is true", output.name, BuiltIn::UseMeasured.name());
-    let what = (Causality::Input, Variability::Continuous, initial_of_input(fmi_version));
+    let what = (Causality::Input, Variability::Continuous, None);
     DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }
 
-/// FMI 2.0 forbids the attribute.
-fn initial_of_input(fmi_version: FmiVersion) -> Option<Initial> {
-    (fmi_version == FmiVersion::V3).then_some(Initial::Exact)
-}
-
-fn built_in(variable: BuiltIn, surrogate: &Surrogate, fmi_version: FmiVersion) -> DescribedVariable {
+fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> DescribedVariable {
     let calculated = Some(Initial::Calculated);
     let (what, kind) = match variable {
         BuiltIn::DomainPolicy => {
@@ -278,8 +274,7 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate, fmi_version: FmiVersion) -
             ((Causality::Independent, Variability::Continuous, None), VariableType::Real(real))
         }
         BuiltIn::UseMeasured => {
-            let what = (Causality::Input, Variability::Discrete, initial_of_input(fmi_version));
-            (what, VariableType::Boolean { start: Some(false) })
+            ((Causality::Input, Variability::Discrete, None), VariableType::Boolean { start: Some(false) })
         }
     };
     DescribedVariable::scalar(variable.description(known(surrogate)), what, kind)
@@ -347,12 +342,20 @@ fn of_fixed_steps(surrogate: &Surrogate) -> String {
     }
 }
 
+/// Tolerance that hosts expect of a description, and pass to their solvers. Solvers of several steps give up at much tighter ones if inputs jump. The
+/// solver inside the FMU is not loosened by it.
+const USUAL_TOLERANCE: f64 = 1e-6;
+
 fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     let time = surrogate.time_column().map(|column| &surrogate.inputs()[column]);
     DefaultExperiment {
         start: Some(time.map_or(0.0, |time| time.min)),
         stop: time.map(|time| time.max).or(surrogate.metadata().stop_time),
-        tolerance: surrogate.program().integration().and_then(Integration::tolerance),
+        tolerance: surrogate
+            .program()
+            .integration()
+            .and_then(Integration::tolerance)
+            .map(|own| own.max(USUAL_TOLERANCE)),
         step_size: Some(surrogate.metadata().time_step),
     }
 }

@@ -1,4 +1,4 @@
-"""What hosts do that the standard does not allow, or that surprises an FMU: each habit as its host does it, a function below.
+"""Habits of hosts that the standard does not allow, or that surprise an FMU: each as its host has it, a function below.
 
     cargo run --release --example kinds -- FOLDER
     .venv/bin/python tests/hosts/habits.py FOLDER    # a table: habit by FMU
@@ -449,7 +449,7 @@ def matches(found, expected, is_rounded):
 
 
 def cells(fmu, to):
-    """What goes wrong with an FMU, by habit."""
+    """Failures of an FMU by habit."""
     folder = Path(extract(str(fmu), to / fmu.name))
     description = read_model_description(folder)
     version = int(description.fmiVersion[0])

@@ -409,7 +409,8 @@ def test_fixed_steps_that_are_unstable_at_a_corner_are_refused_and_good_ones_dec
     result, _ = simulate_corner(tmp_path / "out" / "head.fmu")
     assert abs(result[-1]) < 0.1 and np.isfinite(result).all()
     description = read_model_description(str(tmp_path / "out" / "head.fmu"))
-    assert float(description.defaultExperiment.tolerance) == solver["tolerance"]
+    # what hosts' solvers are at home with; the solver inside is not loosened by it
+    assert float(description.defaultExperiment.tolerance) == max(solver["tolerance"], 1e-6)
     for step, says in ((1e-3, "is unstable: "), (1e-5, None)):
         (tmp_path / "study.toml").write_text(BUSHING_STUDY + f"[dynamics]\nsolver_step = {step}\n")
         result = run("train", "study.toml", "--out", "out")

@@ -26,7 +26,7 @@ pub struct ParameterOptions {
     pub description: Option<String>,
     /// Levels of this parameter in a mesh, instead of `sampling.levels`.
     pub levels: Option<usize>,
-    /// When the host of the surrogate's FMU may change it; fixed without it.
+    /// When the host of the surrogate's FMU may change it. Unless given, `Tunable` if outputs follow from states or samples, else `Fixed`.
     pub variability: Option<ParameterVariability>,
     /// Which of its keys are missing, or exclude each other.
     #[serde(skip)]
@@ -34,15 +34,14 @@ pub struct ParameterOptions {
 }
 
 /// When a host may change what is a parameter of the study, and constant in each of its runs (FMI terms).
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum ParameterVariability {
     /// Only before the simulation starts.
-    #[default]
     Fixed,
-    /// Also between two steps and at events. The FMU warns and is outside its domain from then on.
+    /// Also between two steps and at events. A response warns and is outside its domain from then on.
     Tunable,
-    /// Any time: an input, which another component may drive. The FMU warns and is outside its domain from then on.
+    /// Any time: an input, which another component may drive. A response warns and is outside its domain from then on.
     Continuous,
 }
 
@@ -70,7 +69,7 @@ struct ParameterEntry {
     /// Levels of this parameter in a mesh, instead of `sampling.levels`.
     #[schemars(range(min = 2))]
     levels: Option<usize>,
-    /// When the host of the surrogate's FMU may change it; "fixed" unless given.
+    /// When the host of the surrogate's FMU may change it. Unless given, "tunable" for the structures "dynamics" and "discrete", else "fixed".
     variability: Option<ParameterVariability>,
 }
 

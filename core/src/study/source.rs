@@ -49,8 +49,8 @@ pub struct SourceOptions {
     #[schemars(extend("x-unit" = "s", "exclusiveMinimum" = 0))]
     pub step: Option<f64>,
     /// Tolerance of the integration, from 1e-13 to 0.1. Of a system or mechanism relative and absolute, 1e-13 unless given. Of an
-    /// FMU for model exchange relative to each state and to its nominal value; unless given that of the FMU's default experiment,
-    /// else 1e-8.
+    /// FMU for model exchange relative to each state and to its nominal value; unless given 1e-8, or that of the FMU's default
+    /// experiment if it is smaller.
     #[schemars(range(min = 1e-13, max = 0.1))]
     pub tolerance: Option<f64>,
     /// Time after which a run, or the start of an FMU or program, is given up; of an FMU or program 60 s unless given, else none.

@@ -11,7 +11,7 @@ from . import _metafmu
 from ._comparison import FEW, Readings, compare, drawn_rows, ranges_of, some_rows
 from ._interface import interface, interface_of_columns
 from ._rows import names_of, outputs_of
-from ._surrogate import Names, States
+from ._surrogate import Names, States, is_frame
 
 
 @dataclass
@@ -29,6 +29,13 @@ class ReaderOptions:
     step: float | None
     stop: float
     domain: str
+
+    def __post_init__(self):
+        """Takes rows in the place of the inputs' names for the data: converters of other packages have them there."""
+        if is_frame(self.inputs) or getattr(self.inputs, "ndim", None) == 2:
+            if self.data is not None:
+                raise _metafmu.Error("inputs: a table of rows, as `data` is; expected names, or a dict of names to units, ranges or dicts")
+            self.inputs, self.data = None, self.inputs
 
     def of_interface(self, title):
         """Arguments of an interface. ``title``: name of the model, used unless another one is given."""

@@ -42,7 +42,7 @@ def from_sklearn(
 ) -> Surrogate:
     """Returns the :class:`Surrogate` of a fitted regressor or pipeline of scikit-learn, XGBoost, LightGBM or CatBoost.
 
-    The arguments are those of :func:`metafmu.from_torch`. A regressor of derivatives, or of next values, has ``states``. Its inputs have
+    The arguments are those of :func:`metafmu.from_torch`; rows in the place of ``inputs`` are taken for ``data``. A regressor of derivatives, or of next values, has ``states``. Its inputs have
     the names of the DataFrame that it was fitted to, or are ``x[0]``, ``x[1]`` and so on; its outputs are ``output``, or ``output[0]`` and
     so on.
 
@@ -54,13 +54,14 @@ def from_sklearn(
     different outputs, which an unknown version of the library may cause.
     """
     options = ReaderOptions(inputs, outputs, data, states, sample, solver_step, name, description, step, stop, domain)
+    inputs, data = options.inputs, options.data
     _check(model)
     count = _known(model, "n_features_in_")
     if count is None:
         raise Error(f"{type(model).__name__} is not fitted: expected one after `fit`")
     graph = Graph(count)
     value = _read(graph, model, 0)
-    names, title = _names(model, count), type(model).__name__
+    names, title = _names(model, count), _title(model)
     given = _as_given(names, inputs, data)
     # of ill-conditioned kernels more than rounding is left
     precision = (SINGLE if graph.is_single else DOUBLE)._replace(share=1e-3)
@@ -97,6 +98,14 @@ def _known(estimator, *attributes):
     for part in (*steps[:1], *wrapped, *getattr(estimator, "estimators_", [])[:1]):
         found = _known(part, *attributes) if found is None and part is not None else found
     return found
+
+
+def _title(estimator):
+    """Name of the class of an estimator, or of the one that a pipeline ends with or a search has found."""
+    if steps := [step for _, step in getattr(estimator, "steps", []) if not _does_nothing(step)]:
+        return _title(steps[-1])
+    found = next((of for name in ("best_estimator_", "regressor_") if (of := getattr(estimator, name, None)) is not None), None)
+    return type(estimator).__name__ if found is None else _title(found)
 
 
 def _does_nothing(step):

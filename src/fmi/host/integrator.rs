@@ -14,7 +14,7 @@ use crate::{
     fmi::model_description::{MAX_ELEMENTS, ScalarVariable},
 };
 
-/// Default tolerance of a step, if neither the caller nor the FMU's default experiment has one.
+/// Default tolerance of a step, unless the caller has one or the FMU's default experiment has a tighter one.
 const TOLERANCE: f64 = 1e-8;
 /// Smallest useful tolerance: below it rounding dominates.
 const TIGHTEST: f64 = 1e-13;
@@ -43,7 +43,9 @@ impl<'a> Exchange<'a> {
     ) -> Result<(Self, StepResult)> {
         let description = instance.fmu().description();
         let suggested = description.default_experiment.and_then(|experiment| experiment.tolerance);
-        let tolerance = tolerance.or(suggested.filter(|tolerance| *tolerance > 0.0)).unwrap_or(TOLERANCE);
+        let suggested =
+            suggested.filter(|tolerance| *tolerance > 0.0).map_or(TOLERANCE, |suggested| suggested.min(TOLERANCE));
+        let tolerance = tolerance.unwrap_or(suggested);
         let (states, indicators) = (description.state_count(), description.indicator_count());
         if states.max(indicators) as u64 > MAX_ELEMENTS {
             let message = format!("{states} continuous states and {indicators} event indicators are too many");

@@ -23,7 +23,7 @@ pub struct SystemRun {
     pub stop: f64,
     /// Communication step size in s.
     pub step: f64,
-    /// Tolerance of model exchange and of mechanisms; else that of an FMU's default experiment, else 1e-8.
+    /// Tolerance of model exchange and of mechanisms; else 1e-8, or that of an FMU's default experiment if it is smaller.
     pub tolerance: Option<f64>,
 }
 
