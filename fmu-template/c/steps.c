@@ -21,10 +21,10 @@ static Status not_computable(const Instance *instance)
     return discards ? STATUS_DISCARD : STATUS_ERROR;
 }
 
-/* Checks that all values are finite, and otherwise reports it with the given status. A network is finite at every finite point. */
+/* Checks that all values are finite, and otherwise reports it with the given status. */
 static Status check_computed(Instance *instance, const double values[], size_t count, Status refused)
 {
-    for (size_t i = 0; MODEL_GOES_ON && i < count; i++) {
+    for (size_t i = 0; i < count; i++) {
         if (!is_finite(values[i])) {
             return instance_tell(instance, refused,
                                  "the equations have no finite solution in this state: a formula is not defined there, a "

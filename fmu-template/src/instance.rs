@@ -460,8 +460,7 @@ impl Instance {
         if self.stale {
             self.update_point();
             self.evaluator.evaluate(&self.point, &mut self.results);
-            // without states it is finite at every finite point
-            if self.has_memory() && self.results.iter().any(|value| !value.is_finite()) {
+            if self.results.iter().any(|value| !value.is_finite()) {
                 return Err(self.not_computable());
             }
             self.stale = false;
@@ -480,7 +479,7 @@ impl Instance {
 
     /// Refuses derivatives that are not finite. FMI 2.0 has no Discard for them.
     fn check_derivatives(&self, found: &[f64]) -> Result<(), Refusal> {
-        if !self.has_memory() || found.iter().all(|value| value.is_finite()) {
+        if found.iter().all(|value| value.is_finite()) {
             return Ok(());
         }
         let status = if self.kind.version == Version::Fmi2 { Status::Error } else { Status::Discard };

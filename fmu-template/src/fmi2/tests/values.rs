@@ -222,3 +222,16 @@ fn a_null_component_is_an_error_and_freeing_it_is_fine() {
         fmi2FreeInstance(null_mut());
     }
 }
+
+#[test]
+fn outputs_that_overflow_are_an_error_and_the_instance_continues() {
+    let host = Host::of(&example::with_network(&[8], Activation::Relu));
+    host.initialize(0.0);
+    let before = host.outputs();
+    assert_eq!(host.set(&[LENGTH], &[1e308]), Status::Ok);
+    host.messages();
+    assert_eq!(host.try_get(OUTPUTS), Err(Status::Error));
+    assert!(host.message().contains("a value is too large"));
+    assert_eq!(host.set(&[LENGTH], &starts()[..1]), Status::Ok);
+    assert_eq!(host.outputs(), before);
+}

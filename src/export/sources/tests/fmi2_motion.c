@@ -123,7 +123,9 @@ static void starts(void)
     check(fmi2ExitInitializationMode(c) == STATUS_OK, __LINE__);
     check(fmi2GetDirectionalDerivative(c, unknowns, 3, &start, 1, &one, found) == STATUS_OK, __LINE__);
     check(found[0] == 0.0 && found[2] == 0.0, __LINE__); /* the run has begun */
-    check(set(c, STARTS + 1, 0.8) == STATUS_ERROR, __LINE__);
+    check(set(c, STARTS + 1, 0.8) == STATUS_OK && get(c, STATES + 1) == 0.8, __LINE__); /* no time has passed */
+    check(fmi2DoStep(c, 0.0, 0.01, 1) == STATUS_OK && set(c, STARTS + 1, 0.8) == STATUS_OK, __LINE__);
+    check(set(c, STARTS + 1, 0.9) == STATUS_ERROR, __LINE__);
     said("parameter `rope.angle_start` (value reference 2) is fixed and cannot be set", __LINE__);
     check(fmi2Reset(c) == STATUS_OK && fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0) == STATUS_OK, __LINE__);
     check(fmi2EnterInitializationMode(c) == STATUS_OK && get(c, STATES + 1) == 0.3, __LINE__);
@@ -217,8 +219,7 @@ static void solver(void)
     fmi2FreeInstance(c);
     c = solving();
     const uint32_t policy = DOMAIN_POLICY;
-    check(fmi2GetDirectionalDerivative(c, unknowns, 1, &policy, 1, &one, found) == STATUS_ERROR, __LINE__);
-    said("`domain_policy` (value reference 21) is no input, parameter, state or time", __LINE__);
+    check(fmi2GetDirectionalDerivative(c, unknowns, 1, &policy, 1, &one, found) == STATUS_OK && found[0] == 0.0, __LINE__);
     fmi2FreeInstance(c);
     c = solving();
     check(fmi2GetDirectionalDerivative(c, knowns + 2, 1, knowns, 1, &one, found) == STATUS_ERROR, __LINE__);
@@ -261,7 +262,7 @@ static void saved_states(void)
     check(set(c, FORCE, 2.0) == STATUS_OK && fmi2DoStep(c, 0.0, 0.1, 1) == STATUS_OK, __LINE__);
     check(fmi2GetFMUstate(c, &state) == STATUS_OK, __LINE__);
     check(fmi2SerializedFMUstateSize(c, state, &size) == STATUS_OK, __LINE__);
-    check(size == 8 + 8 + 4 + 8 * (5 + 4 * 10) + 8, __LINE__);
+    check(size == 8 + 8 + 4 + 8 * (4 + 4 * 10) + 8, __LINE__);
     check(fmi2SerializeFMUstate(c, state, bytes, size) == STATUS_OK, __LINE__);
     check(fmi2DoStep(c, 0.1, 0.1, 1) == STATUS_OK && get_four(c, STATES, expected) == STATUS_OK, __LINE__);
     check(fmi2SetFMUstate(c, state) == STATUS_OK && fmi2DoStep(c, 0.1, 0.1, 1) == STATUS_OK, __LINE__);
