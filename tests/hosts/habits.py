@@ -449,12 +449,12 @@ def matches(found, expected, is_rounded):
 
 
 def cells(fmu, to):
-    """Failures of an FMU by habit."""
+    """Failures of an FMU by habit; None for a habit that its version and interfaces do not have."""
     folder = Path(extract(str(fmu), to / fmu.name))
     description = read_model_description(folder)
     version = int(description.fmiVersion[0])
     libraries = {"library": None, "C sources": library_of_sources(folder, version, to)}
-    wrong = {name: [] for name in HABITS}
+    wrong = dict.fromkeys(HABITS)
     for interface, kind in (("cs", description.coSimulation), ("me", description.modelExchange)):
         for what, library in libraries.items():
             if kind is None or what == "C sources" and library is None:
@@ -465,6 +465,7 @@ def cells(fmu, to):
             for name, (function, _, only_version, only_interface) in HABITS.items():
                 if only_version in (None, version) and only_interface in (None, interface):
                     found = outcome(function, folder, library, interface)
+                    wrong[name] = wrong[name] or []
                     if not matches(found, expected, function is clock_in_single_precision):
                         wrong[name].append(f"FMI {version} {interface}, {what}: {found}")
     return wrong
@@ -475,7 +476,7 @@ def table(fmus, to):
     found = {fmu.stem: cells(fmu, to) for fmu in fmus}
     lines = ["| host | habit | " + " | ".join(found) + " |", "|---" * (2 + len(found)) + "|"]
     for name, (function, hosts, _, _) in HABITS.items():
-        texts = ["; ".join(of[name]) or "✓" for of in found.values()]
+        texts = ["-" if of[name] is None else "; ".join(of[name]) or "✓" for of in found.values()]
         lines.append(f"| {hosts} | {function.__doc__} | " + " | ".join(texts) + " |")
     return "\n".join(lines), sum(bool(of[name]) for of in found.values() for name in HABITS)
 

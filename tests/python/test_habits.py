@@ -28,6 +28,7 @@ def folder(tmp_path_factory):
 def test_a_habit_gets_what_it_means(kind, ending, folder, tmp_path):
     wrong = habits.cells(folder / f"{kind}{ending}.fmu", tmp_path)
     assert len(wrong) == len(habits.HABITS) and not any(wrong.values()), wrong
+    assert sum(failures is not None for failures in wrong.values()) >= 10
 
 
 def test_what_is_refused_is_in_the_table_with_the_fmus_sentence(folder, tmp_path, monkeypatch):
