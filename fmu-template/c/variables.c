@@ -187,13 +187,19 @@ bool instance_boolean(const Instance *instance, uint32_t reference)
 }
 
 /*
- * Returns true if a parameter can be set: a fixed one before the simulation starts, a tunable one also between steps and at events. Until
- * time passes, setting a fixed one means what it does in the initialization.
+ * Returns true if a parameter can be set: a fixed one before the simulation starts, a tunable one also between steps, at events and where a
+ * solver tries points. Until time passes, setting a fixed one means what it does in the initialization.
  */
 static bool parameter_is_settable(const Instance *instance, bool tunable)
 {
-    const bool is_early = tunable || instance->now.time <= instance->now.start_time;
-    const unsigned states = STATE_INSTANTIATED | STATE_INITIALIZATION | (is_early ? STATE_EVENT | STATE_STEP : 0u);
+    const bool is_early = instance->now.time <= instance->now.start_time;
+    unsigned states = STATE_INSTANTIATED | STATE_INITIALIZATION;
+    if (tunable || is_early) {
+        states |= STATE_EVENT | STATE_STEP;
+    }
+    if (tunable) {
+        states |= STATE_CONTINUOUS_TIME;
+    }
     return (states & (unsigned)instance->now.state) != 0;
 }
 

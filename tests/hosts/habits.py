@@ -276,6 +276,18 @@ def reals_only(host):
     return outputs
 
 
+@habit("CasADi", interface="me")
+def tunable_parameters_of_a_solver(host):
+    """tunable parameters are set in Continuous-Time Mode"""
+    tunable = {variable.name for variable in host.named("parameter") if variable.variability == "tunable"}
+    late = {name: value for name, value in host.parameters().items() if name in tunable}
+    host.initialize(values={name: value for name, value in host.settings().items() if name not in late})
+    host.begin()
+    host.set(late)
+    host.fmu.enterEventMode()
+    return host.finish()
+
+
 @habit("Modelica-FMI", interface="cs")
 def time_as_a_variable(host):
     """the independent variable is set to the present time"""

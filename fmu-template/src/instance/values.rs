@@ -261,15 +261,17 @@ impl Instance {
         Err(Refusal::SetTime { name: self.name(reference), reference })
     }
 
-    /// Fixed parameters may be set until the simulation runs, tunable ones also at events and between steps. Until time passes, setting a
-    /// fixed one means what it does in the initialization, and a value that stays what it is has no effect: some hosts do both.
+    /// Fixed parameters may be set until the simulation runs, tunable ones also at events and between steps. Some hosts set tunable ones where a
+    /// solver tries points, fixed ones until time passes, which means what it does in the initialization, and values that stay what they are.
     fn parameter_settable(&self, variability: Tunability, reference: u32, is_unchanged: bool) -> Result<(), Refusal> {
         let state = self.now.state;
         let is_at_start = self.now.time <= self.now.start_time;
         let variability = match (variability, state) {
             _ if is_unchanged => return Ok(()),
             (_, InstanceState::Instantiated | InstanceState::Initialization) => return Ok(()),
-            (Tunability::Tunable, InstanceState::Event | InstanceState::Step) => return Ok(()),
+            (Tunability::Tunable, InstanceState::Event | InstanceState::Step | InstanceState::ContinuousTime) => {
+                return Ok(());
+            }
             (Tunability::Fixed, InstanceState::Event | InstanceState::Step) if is_at_start => return Ok(()),
             (Tunability::Fixed, _) => "fixed",
             (Tunability::Tunable, _) => "tunable",

@@ -56,11 +56,15 @@ fn a_solver_may_look_past_the_stop_time_and_back() {
 }
 
 #[test]
-fn parameters_wait_for_an_event() {
+fn a_solver_may_try_values_of_tunable_parameters() {
     let host = Host::of_kind_in_state(MODEL_EXCHANGE, InstanceState::ContinuousTime);
-    assert_eq!(host.set(&[LENGTH], &[0.12]), Status::Error);
+    assert_eq!(host.set(&[LENGTH], &[0.12]), Status::Ok, "tunable");
+    assert_eq!(host.outputs(), expected(0.12, starts()[1], 0.0));
+    assert_eq!((host.set(&[LENGTH], &[9.0]), host.messages().len()), (Status::Ok, 0), "only tried");
+    assert_eq!((host.complete(), host.warned()), (Status::Ok, true), "accepted");
+    assert_eq!(host.set(&[SPEED], &[1.0]), Status::Error);
     assert!(
-        host.message().contains("`length` (value reference 0) is tunable and cannot be set in state `Continuous-Time")
+        host.message().contains("`speed` (value reference 1) is fixed and cannot be set in state `Continuous-Time")
     );
 }
 
