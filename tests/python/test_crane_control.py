@@ -6,9 +6,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import casadi
 import numpy as np
 import pytest
 from conftest import ROOT
+from fmpy import extract, read_model_description
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.validation import validate_fmu
 from scipy.integrate import solve_ivp
@@ -18,6 +20,7 @@ from test_hosts import run, run_python_host
 sys.path[:0] = [str(ROOT / "examples" / folder) for folder in ("embedding", "fmu-source")]
 import crane_control
 from make_fmus import activated
+from master import Component
 
 EXAMPLES = ROOT / "target" / "release" / "examples"
 STEPS = round(crane_control.STOP / crane_control.STEP)
@@ -113,3 +116,70 @@ def test_the_design_study_finds_the_peaks_that_scipy_does(system):
     # as far as the program itself says it differs from the mechanism
     (off,) = re.findall(r"^surrogate .* (\S+)$", result.stderr, re.MULTILINE)
     assert float(off) < 1e-7
+
+
+def test_the_motion_continues_with_a_mass_and_a_rope_that_change_in_a_run(system):
+    parameters, state = crane_control.start_values(system.crane)
+    changed = [parameters[0] + 0.25, parameters[1] - 0.25, parameters[2]]
+    crane = Component(system.crane, "crane")
+    crane.initialize()
+    for time, present in ((0.0, parameters), (0.5, changed)):
+        for name, value in zip("lmb", present):
+            crane.set(name, value)
+        crane.set("force", 2.0)
+        for index in range(25):
+            crane.slave.doStep(time + 0.02 * index, 0.02)
+        state = solve_ivp(lambda _, state: crane_control.rates(state, 2.0, present), (0, 0.5), state, "DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+        assert np.abs(np.array(crane.get("x", "theta")) - state[:2]).max() < 1e-7
+    crane.close()
+
+
+@pytest.fixture(scope="module")
+def in_casadi(system):
+    """Rates and outputs of the crane in CasADi with its default options, by states, force and parameters."""
+    model = casadi.DaeBuilder("crane", str(extract(str(system.crane))))
+    assert model.p() == ["l", "m", "b"] and model.u() == ["force"]
+    return model.create("crane", ["x", "u", "p"], ["ode", "y"])
+
+
+def equations_in_symbols():
+    """The crane's equations of motion, and their derivatives with respect to states, force and parameters."""
+    x, u, p = casadi.MX.sym("x", 4), casadi.MX.sym("u"), casadi.MX.sym("p", 3)
+    (_, theta, v, omega), (length, mass, damping) = casadi.vertsplit(x), casadi.vertsplit(p)
+    masses = casadi.blockcat([[crane_control.TROLLEY + mass, mass * length * casadi.cos(theta)], [casadi.cos(theta), length]])
+    forces = casadi.vertcat(u - damping * v + mass * length * omega**2 * casadi.sin(theta), -crane_control.GRAVITY * casadi.sin(theta))
+    rates = casadi.vertcat(v, omega, casadi.solve(masses, forces))
+    return casadi.Function("crane", [x, u, p], [rates, *(casadi.jacobian(rates, of) for of in (x, u, p))])
+
+
+def test_derivatives_in_casadi_are_those_of_the_equations(in_casadi):
+    jacobians = in_casadi.factory("jacobians", in_casadi.name_in(), ["ode", "jac:ode:x", "jac:ode:u", "jac:ode:p"])
+    random, exact = np.random.default_rng(3), equations_in_symbols()
+    for _ in range(20):
+        x, u, p = random.uniform(-1.5, 1.5, 4), random.uniform(-5.0, 5.0), random.uniform([1.0, 0.5, 0.0], [2.0, 1.5, 2.0])
+        for found, expected in zip(jacobians(x, u, p), exact(x, u, p), strict=True):
+            expected = np.array(expected)
+            # of equations that were learned to about 1e-11
+            assert np.abs(np.array(found) - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())
+
+
+def test_every_output_is_read_in_casadi_and_the_boolean_one_has_no_slope(system, in_casadi):
+    names = [variable.name for variable in read_model_description(system.crane).modelVariables if variable.causality == "output"]
+    x, u, p = [0.5, 0.2, 0.0, 0.0], 1.0, [1.5, 1.0, 0.5]
+    _, outputs = in_casadi(x, u, p)
+    values = dict(zip(names, np.ravel(outputs), strict=True))
+    assert (values["x"], values["theta"], values["in_domain"]) == (0.5, 0.2, 1.0)
+    slopes = in_casadi.factory("slopes", in_casadi.name_in(), ["jac:y:x"])(x, u, p)
+    assert not np.array(slopes)[names.index("in_domain")].any()
+    _, outside = in_casadi([0.5, 0.2, 900.0, 0.0], u, p)
+    assert dict(zip(names, np.ravel(outside)))["in_domain"] == 0.0
+
+
+def test_a_force_that_casadi_plans_brings_the_load_to_rest(system, tmp_path):
+    result = run([sys.executable, ROOT / "examples" / "embedding" / "casadi_crane.py", system.crane, tmp_path])
+    ends = [float(value) for value in re.findall(r"in FMPy (\S+)", result.stdout)]
+    assert np.abs(np.array(ends) - [1.0, 0.0, 0.0, 0.0]).max() < 1e-5, result.stdout
+    assert float(re.search(r"difference of a state: (\S+);", result.stdout)[1]) < 1e-6
+    force = np.loadtxt(tmp_path / "force.csv", delimiter=",", skiprows=1)
+    assert force.shape == (61, 2) and np.abs(force[:, 1]).max() <= 5.0
+    assert (tmp_path / "crane.svg").stat().st_size > 1000
