@@ -1,0 +1,196 @@
+"""Hosts from the package registry run each FMU of a folder as it is: a table of host by FMU.
+
+    cargo run --release --example kinds -- FOLDER
+    python3 -m venv hosts && grep -v '^#' tests/hosts/requirements.txt | xargs -n 1 hosts/bin/pip install
+    hosts/bin/python tests/hosts/installed.py FOLDER
+
+Each host takes ten steps of 0.02 s with the start values of the FMU, with its defaults wherever it has some. A cell has the largest difference of an
+output from FMPy's at the end, relative to the output's magnitude, or what the host said. Each pair runs in a separate process.
+"""
+
+import argparse
+import functools
+import multiprocessing
+import os
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+from fmpy import extract, read_model_description, simulate_fmu
+
+STEP, STEPS = 0.02, 10
+HOSTS = {}
+# pathsim adds up the time, and the states in CasADi are integrated here
+TOLERANCE = 1e-6
+
+
+def host(interface, versions=(2,)):
+    """Registers a host that runs FMUs by an interface, of these versions of the standard."""
+
+    def register(function):
+        HOSTS[function.__name__.replace("_", "-")] = (function, interface, versions)
+        return function
+
+    return register
+
+
+def starts_of_inputs(description):
+    """Start values of real inputs; hosts that have no value for an input set zero."""
+    return {v.name: float(v.start) for v in description.modelVariables if v.causality == "input" and v.type in ("Real", "Float64")}
+
+
+def outputs_of(description):
+    return [v.name for v in description.modelVariables if v.causality == "output" and not v.dimensions]
+
+
+@host("co-simulation")
+def pathsim_fmi(fmu, description):
+    from pathsim import Connection, Simulation
+    from pathsim.blocks import Constant
+    from pathsim_fmi import CoSimulationFMU
+
+    block, starts = CoSimulationFMU(str(fmu), dt=STEP), starts_of_inputs(description)
+    inputs = list(block.fmu_wrapper.input_refs)
+    constants = [Constant(starts.get(name, 0.0)) for name in inputs]
+    wires = [Connection(constant[0], block[place]) for place, constant in enumerate(constants)]
+    # the first step is at 0 s
+    Simulation([block, *constants], wires, dt=STEP, log=False).run((STEPS - 1) * STEP)
+    return dict(zip(block.fmu_wrapper.output_refs, block.outputs.to_array()))
+
+
+@host("co-simulation", (2, 3))
+def cofmupy(fmu, description):
+    from cofmupy.wrappers import FmuHandlerFactory
+
+    handler, starts = FmuHandlerFactory(str(fmu))(), starts_of_inputs(description)
+    handler.reset()
+    for index in range(STEPS):
+        values = handler.step(index * STEP, STEP, {name: [starts.get(name, 0.0)] for name in handler.get_input_names()})
+    return {name: np.ravel(value)[0] for name, value in values.items()}
+
+
+@host("co-simulation", (2, 3))
+def gemseo_fmu(fmu, description):
+    from gemseo_fmu.disciplines.fmu_discipline import FMUDiscipline
+
+    data = FMUDiscipline(str(fmu), initial_time=0.0, final_time=STEPS * STEP, time_step=STEP).execute()
+    return {name: np.ravel(data[name])[-1] for name in outputs_of(description)}
+
+
+@host("co-simulation", (2, 3))
+def estim8(fmu, description):
+    from estim8.models import FmuModel
+
+    simulation = FmuModel(str(fmu), fmi_type="CoSimulation").simulate(0.0, STEPS * STEP, STEP)
+    return {name: float(simulation[name].values[-1]) for name in outputs_of(description)}
+
+
+@host("co-simulation")
+def sofirpy(fmu, description):
+    from sofirpy import simulate
+
+    logged = {"fmu": outputs_of(description)}
+    frame = simulate(stop_time=STEPS * STEP, step_size=STEP, fmu_paths={"fmu": str(fmu)}, parameters_to_log=logged)
+    return {name: float(frame[f"fmu.{name}"].iloc[-1]) for name in logged["fmu"]}
+
+
+@host("co-simulation")
+def syssimx(fmu, description):
+    from syssimx.components.fmu import FMUComponent
+
+    component = FMUComponent("fmu", str(fmu))
+    component.initialize(0.0)
+    starts = starts_of_inputs(description)
+    for index in range(STEPS):
+        component.set_inputs(starts, index * STEP)
+        component.do_step(index * STEP, STEP)
+    return {name: float(getattr(value, "magnitude", value)) for name, value in component.get_outputs().items()}
+
+
+@host("model exchange", (2, 3))
+def casadi(fmu, description):
+    from casadi import DaeBuilder
+
+    model = DaeBuilder("fmu", str(extract(str(fmu))))
+    end = STEPS * STEP
+    inputs, parameters = [np.ravel([model.start(name) for name in names]) for names in (model.u(), model.p())]
+    if model.nx() == 0:
+        values = model.create("outputs", ["t", "u", "p"], ["y"])(end, inputs, parameters)
+    else:
+        equations = model.create("equations", ["t", "x", "u", "p"], ["ode", "y"])
+        starts = {variable.name: variable.start for variable in description.modelVariables}
+        # CasADi takes states without a start value for zero
+        state, size = np.array([float(starts[f"{name}_start"]) for name in model.x()]), STEP / 4
+        for time in size * np.arange(4 * STEPS):
+            # Runge-Kutta's classical method
+            slope, total = np.zeros_like(state), np.zeros_like(state)
+            for share, weight in ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6)):
+                slope = np.ravel(equations(time + share * size, state + share * size * slope, inputs, parameters)[0])
+                total += weight * slope
+            state = state + size * total
+        _, values = equations(end, state, inputs, parameters)
+    return dict(zip(model.y(), np.ravel(values)))
+
+
+def reference(fmu, description):
+    """FMPy's values at the end."""
+    names = outputs_of(description)
+    kind = "CoSimulation" if description.coSimulation else "ModelExchange"
+    result = simulate_fmu(str(fmu), fmi_type=kind, stop_time=STEPS * STEP, output_interval=STEP, output=names, relative_tolerance=1e-10)
+    return {name: float(result[name][-1]) for name in names}
+
+
+def difference(name, fmu):
+    """Text of a cell."""
+    function, _, _ = HOSTS[name]
+    description = read_model_description(str(fmu))
+    expected = reference(fmu, description)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            found = function(fmu, description)
+        except Exception as error:
+            return f"{type(error).__name__}: {' '.join(str(error).split())[:160]}"
+    missing = set(expected) - set(found)
+    if missing:
+        return f"does not show {', '.join(sorted(missing))}"
+    largest = max(abs(float(found[name]) - value) / max(1.0, abs(value)) for name, value in expected.items())
+    return f"{largest:.0e}" if largest <= TOLERANCE else f"off by {largest:.0e}"
+
+
+def cell(name, fmu):
+    """Difference or message of a host, or a dash if it has no way to run the FMU."""
+    _, interface, versions = HOSTS[name]
+    description = read_model_description(str(fmu))
+    offers = description.coSimulation if interface == "co-simulation" else description.modelExchange
+    if offers is None or int(description.fmiVersion[0]) not in versions:
+        return "-"
+    # a crash of a host ends its process only
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        try:
+            return pool.apply_async(difference, (name, fmu)).get(timeout=120)
+        except multiprocessing.TimeoutError:
+            return "no answer in 120 s"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="folder of FMUs")
+    parser.add_argument("--host", nargs="+", choices=HOSTS, default=list(HOSTS), help="only these")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    fmus = sorted(options.folder.glob("*.fmu"))
+    print("| FMU | " + " | ".join(options.host) + " |")
+    print("|---" * (1 + len(options.host)) + "|")
+    is_fine = True
+    for fmu in fmus:
+        cells = list(map(functools.partial(cell, fmu=fmu), options.host))
+        is_fine &= all(text == "-" or text.startswith(tuple("0123456789")) for text in cells)
+        print(f"| {fmu.stem} | {' | '.join(cells)} |", flush=True)
+    sys.exit(not is_fine)
+
+
+if __name__ == "__main__":
+    main()
