@@ -1,9 +1,9 @@
 """Habits of hosts that the standard does not allow, or that surprise an FMU: each as its host has it, a function below.
 
     cargo run --release --example kinds -- FOLDER
-    .venv/bin/python tests/hosts/habits.py FOLDER    # a table: habit by FMU
+    .venv/bin/python tests/hosts/habits.py FOLDER    # a table: habit by FMU; FMUs may be named instead
 
-Each FMU of the folder is run with its own library and, if it has C sources, with a library of them, in co-simulation and model exchange. A habit
+Each FMU is run with its own library and, if it has C sources, with a library of them, in co-simulation and model exchange. A habit
 passes if the outputs at the end are those of a host that follows the standard. Else its cell has the first call that was refused.
 """
 
@@ -495,10 +495,11 @@ def table(fmus, to):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="folder of FMUs")
+    parser.add_argument("fmus", type=Path, nargs="+", metavar="FMU", help="FMUs, or folders of FMUs")
     options = parser.parse_args()
+    fmus = [fmu for path in options.fmus for fmu in (sorted(path.glob("*.fmu")) if path.is_dir() else [path])]
     with tempfile.TemporaryDirectory() as to:
-        text, wrong = table(sorted(options.folder.glob("*.fmu")), Path(to))
+        text, wrong = table(fmus, Path(to))
     print(text)
     sys.exit(wrong > 0)
 
