@@ -36,11 +36,26 @@ Status variable_wrong(Instance *instance, uint32_t reference, const char *asked)
                          variable_name(reference), (unsigned long)reference, variable_type(reference), asked);
 }
 
-/* Returns true if a variable has a column that a host may set: the time has its own function. */
-static bool has_column(const Instance *instance, uint32_t reference)
+/* Returns true if a variable has a column that a host may set, and sets its position: the time has its own function. */
+static bool find_column(const Instance *instance, uint32_t reference, size_t *column)
 {
-    const bool is_column = is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role != ROLE_TIME;
-    return is_column || is(instance, reference, VARIABLE_STATE) || is(instance, reference, VARIABLE_MEASURED);
+    if (!exists(instance, reference)) {
+        return false;
+    }
+    const Variable *variable = &model_variables[reference];
+    switch (variable->quantity) {
+    case VARIABLE_COLUMN:
+        *column = variable->index;
+        return model_columns[variable->index].role != ROLE_TIME;
+    case VARIABLE_STATE:
+        *column = INPUT_COUNT + variable->index;
+        return true;
+    case VARIABLE_MEASURED:
+        *column = FIRST_MEASURED + variable->index;
+        return true;
+    default:
+        return false;
+    }
 }
 
 static Status cannot_set(Instance *instance, uint32_t reference, const char *what)
@@ -226,7 +241,7 @@ static Status check_time(Instance *instance, uint32_t reference, double value)
 static Status check_policy(Instance *instance, double value)
 {
     if (value == POLICY_WARN || value == POLICY_CLAMP || value == POLICY_ERROR) {
-        return domain_forbids_point(instance, (Policy)value) ? STATUS_ERROR : STATUS_OK;
+        return STATUS_OK;
     }
     return instance_tell(instance, STATUS_ERROR, "parameter `domain_policy`: %.10g, expected 0 (warn), 1 (clamp) or 2 (error)",
                          value);
@@ -256,9 +271,7 @@ static Status check_settable(Instance *instance, uint32_t reference, double valu
         return STATUS_OK;
     }
     if (is(instance, reference, VARIABLE_DOMAIN_POLICY)) {
-        const bool is_unchanged = value == (double)instance->now.policy;
-        const Status status = check_parameter(instance, reference, true, is_unchanged);
-        return status == STATUS_OK ? check_policy(instance, value) : status;
+        return check_parameter(instance, reference, true, value == (double)instance->now.policy);
     }
     if (!is(instance, reference, VARIABLE_COLUMN)) {
         return variable_wrong(instance, reference, "real");
@@ -300,21 +313,34 @@ static void set_column(Instance *instance, size_t column, double value)
     }
 }
 
+/* Checks that neither domain_policy nor the domain forbids a value. */
+static Status check_domain(Instance *instance, uint32_t reference, double value)
+{
+    const Snapshot *now = &instance->now;
+    size_t column = 0;
+    if (is(instance, reference, VARIABLE_DOMAIN_POLICY)) {
+        const bool is_fine = check_policy(instance, value) == STATUS_OK && !domain_forbids_point(instance, (Policy)value);
+        return is_fine ? STATUS_OK : STATUS_ERROR;
+    }
+    const bool is_checked = !is_trial(instance) && find_column(instance, reference, &column);
+    return is_checked && domain_forbids(instance, column, value, now->time, now->policy, STATUS_ERROR) ? STATUS_ERROR : STATUS_OK;
+}
+
 /* Sets a variable for which check_settable found nothing. */
 static void set_real(Instance *instance, uint32_t reference, double value)
 {
+    size_t column = 0;
     if (is(instance, reference, VARIABLE_DOMAIN_POLICY)) {
         set_policy(instance, (Policy)value);
     } else if (is(instance, reference, VARIABLE_USE_MEASURED)) {
         instance_use_measured(instance, value < 0.0 || value > 0.0);
-    } else if (has_column(instance, reference)) {
-        set_column(instance, variable_column(instance, reference), value);
+    } else if (find_column(instance, reference, &column)) {
+        set_column(instance, column, value);
     }
 }
 
 Status instance_set_real(Instance *instance, const uint32_t references[], size_t count, const double values[])
 {
-    const Snapshot *now = &instance->now;
     for (size_t i = 0; i < count; i++) {
         if (check_settable(instance, references[i], values[i]) != STATUS_OK) {
             return STATUS_ERROR;
@@ -324,9 +350,7 @@ Status instance_set_real(Instance *instance, const uint32_t references[], size_t
                                  "variable `%.100s` (value reference %lu): %g is not finite",
                                  variable_name(references[i]), (unsigned long)references[i], values[i]);
         }
-        if (!is_trial(instance) && has_column(instance, references[i]) &&
-            domain_forbids(instance, variable_column(instance, references[i]), values[i], now->time, now->policy,
-                           STATUS_ERROR)) {
+        if (check_domain(instance, references[i], values[i]) != STATUS_OK) {
             return STATUS_ERROR;
         }
     }
@@ -344,9 +368,14 @@ Status instance_set_integer(Instance *instance, const uint32_t references[], siz
         if (!is(instance, references[i], VARIABLE_DOMAIN_POLICY)) {
             return variable_wrong(instance, references[i], "integer");
         }
-        if (check_settable(instance, references[i], (double)values[i]) != STATUS_OK) {
+        const bool is_unchanged = values[i] == (int32_t)instance->now.policy;
+        if (check_policy(instance, (double)values[i]) != STATUS_OK ||
+            check_parameter(instance, references[i], true, is_unchanged) != STATUS_OK) {
             return STATUS_ERROR;
         }
+    }
+    if (count > 0 && domain_forbids_point(instance, (Policy)values[count - 1])) {
+        return STATUS_ERROR;
     }
     if (count > 0) {
         set_policy(instance, (Policy)values[count - 1]);
