@@ -1,18 +1,24 @@
 #include "parts.h"
 #include <string.h>
 
-/* Returns true if a known is an integer or Boolean: nothing depends on it continuously. */
+/* Knowns that are no columns: a time that is none, on which bounds alone depend, and switches, on which nothing depends continuously. */
+enum { TIME_ALONE = COLUMN_COUNT, SWITCH };
+
+/* Returns true if a known is an integer or Boolean. */
 static bool is_switch(const Instance *instance, uint32_t known)
 {
     return is(instance, known, VARIABLE_DOMAIN_POLICY) || is(instance, known, VARIABLE_USE_MEASURED);
 }
 
-/* Returns the column of a known, or COLUMN_COUNT for a time that is not a column. */
+/* Returns the column of a known, TIME_ALONE or SWITCH. */
 static size_t column_of(const Instance *instance, uint32_t known)
 {
     const size_t index = model_variables[known].index;
     if (is(instance, known, VARIABLE_TIME)) {
-        return COLUMN_COUNT;
+        return TIME_ALONE;
+    }
+    if (is_switch(instance, known)) {
+        return SWITCH;
     }
     if (!is(instance, known, VARIABLE_COLUMN) || model_columns[index].role != ROLE_START || !is_starting(instance)) {
         return variable_column(instance, known);
@@ -130,13 +136,10 @@ Status instance_directional_derivative(Instance *instance, const uint32_t unknow
         return STATUS_ERROR;
     }
     for (size_t i = 0; i < known_count; i++) {
-        if (is_switch(instance, knowns[i])) {
-            continue;
-        }
         const size_t column = column_of(instance, knowns[i]);
         if (column < COLUMN_COUNT) {
             direction[column] += seed[i];
-        } else {
+        } else if (column == TIME_ALONE) {
             of_time += seed[i];
         }
     }
@@ -185,8 +188,8 @@ Status instance_adjoint_derivative(Instance *instance, const uint32_t unknowns[]
     zero_at_start(instance, gradient);
     gradient[farthest.column] += farthest.slope * weight_of_distance;
     for (size_t i = 0; i < known_count; i++) {
-        const size_t column = is_switch(instance, knowns[i]) ? COLUMN_COUNT : column_of(instance, knowns[i]);
-        const double of_others = is_switch(instance, knowns[i]) ? 0.0 : of_time;
+        const size_t column = column_of(instance, knowns[i]);
+        const double of_others = column == TIME_ALONE ? of_time : 0.0;
         sensitivity[i] = column < COLUMN_COUNT ? gradient[column] : of_others;
     }
     return instance_check_derivatives(instance, sensitivity, known_count);

@@ -66,9 +66,7 @@ static void swap_inputs(Instance *instance)
         }
     }
 }
-#endif
 
-#if MODEL_GOES_ON
 static void start_states(Instance *instance)
 {
     /* inputs that act directly are clamped */

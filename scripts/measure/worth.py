@@ -106,8 +106,8 @@ def compared(folder):
     cost = metrics["sample_seconds"] + metrics["train_seconds"]
     return (
         f"- **Yes, beyond the break-even.** A second of a flexible cable, with its set-up, takes Exudyn {rounded(fastest)} ms and its FMU {rounded(of_fmu)} ms. "
-        f"That is {rounded(fastest / of_fmu)} times less at an error of {100 * largest:.2g} % of the range, "
-        f"and {rounded(means[trained] / of_fmu)} times less than with the time steps that it was trained on. Its {metrics['train_runs']} training runs and the training took {cost:.0f} s: it pays from about "
+        f"That is {rounded(fastest / of_fmu)} times less at an error of {100 * largest:.2g} % of the range. "
+        f"With the finer time steps of the training runs, Exudyn takes {rounded(means[trained] / of_fmu)} times as long. Its {metrics['train_runs']} training runs and the training took {cost:.0f} s: it pays from about "
         f"{rounded(cost / (1e-3 * (fastest - of_fmu)))} runs on, and sooner if the source is slower."
     )
 
@@ -125,8 +125,8 @@ def main():
     print(compared(options.cable.resolve()))
     crane, pendulum = speed_up(options.crane), speed_up(options.pendulum)
     print(
-        f"- **Yes, in a loop.** The FMU of a crane holds learned equations. At equal errors it is {rounded(crane)} times as fast as metafmu's own simulator of "
-        "mechanisms, from which they were learned. A whole loop with a controller in Python [becomes twice as fast](docs/swap.md)."
+        "- **Yes, in a loop.** The FMU of a crane holds equations that were learned from metafmu's own simulator of mechanisms. At equal errors it is "
+        f"{rounded(crane)} times as fast as this simulator. A whole loop with a controller in Python [becomes twice as fast](docs/swap.md)."
     )
     print(
         f"- **No, if the source is quick already.** The FMU of a damped pendulum holds a network, and takes {rounded(1 / pendulum)} times as long as its source, which solves two "

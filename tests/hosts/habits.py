@@ -15,12 +15,14 @@ import tempfile
 import xml.etree.ElementTree as xml
 from ctypes import byref
 from pathlib import Path
+from typing import Callable, NamedTuple
 
 import numpy as np
 from fmpy import extract, fmi2, fmi3, read_model_description
 from fmpy.fmi1 import FMICallException
 from fmpy.logging import addLoggerProxy
 
+# by name
 HABITS = {}
 ERROR = 3
 STEP, STEPS = 0.02, 10
@@ -28,11 +30,20 @@ STEP, STEPS = 0.02, 10
 CLOCK_ERROR = 1e-5
 
 
+class Habit(NamedTuple):
+    """A function that runs a host to the end and returns its outputs, and who does so; `version`, `interface`: the only ones that have it."""
+
+    run: Callable
+    hosts: str
+    version: int | None
+    interface: str | None
+
+
 def habit(hosts, version=None, interface=None):
     """Registers a habit of some hosts, of one version of the standard or one interface if it has them only there."""
 
     def register(function):
-        HABITS[function.__name__] = (function, hosts, version, interface)
+        HABITS[function.__name__] = Habit(function, hosts, version, interface)
         return function
 
     return register
@@ -149,7 +160,8 @@ class Host:
             self.fmu.enterContinuousTimeMode()
 
     def update(self):
-        self.fmu.newDiscreteStates() if self.version == 2 else self.fmu.updateDiscreteStates()
+        function = self.fmu.newDiscreteStates if self.version == 2 else self.fmu.updateDiscreteStates
+        function()
 
     # ---- time ----
 
@@ -265,11 +277,12 @@ def parameters_at_each_step(host):
 @habit("CasADi, pathsim-fmi, cofmupy, gemseo-fmu")
 def reals_only(host):
     """Booleans and integers are read or set as reals"""
-    others = [variable for type in ("Integer", "Boolean") for variable in host.named("parameter", "input", type=type)]
+    integers = {variable.name: float(variable.start) for variable in host.named("parameter", "input", type="Integer")}
+    booleans = {variable.name: float(variable.start == "true") for variable in host.named("parameter", "input", type="Boolean")}
     shown = [variable.name for variable in host.named("output", type="Boolean")]
     host.set_up()
     host.enter()
-    host.set(host.settings() | {variable.name: 1.0 if variable.start == "true" else float(variable.start != "false" and variable.start) for variable in others})
+    host.set(host.settings() | integers | booleans)
     host.exit()
     outputs = host.finish()
     assert all(value in (0.0, 1.0) for value in host.get(shown))
@@ -377,7 +390,7 @@ def location_in_the_other_notation(host):
 
 
 def at_location(host, location):
-    host.fmu.fmi2FreeInstance(host.fmu.component) if host.version == 2 else host.fmu.fmi3FreeInstance(host.fmu.component)
+    getattr(host.fmu, f"fmi{host.version}FreeInstance")(host.fmu.component)
     host.instantiate(location)
     return as_the_standard_says(host)
 
@@ -387,8 +400,12 @@ def whole_jacobian(host):
     """derivatives of `in_domain` or of a constant bound, or with respect to an integer or Boolean"""
     host.initialize()
     unknowns = [v for v in host.description.modelVariables if v.causality == "output" and not v.dimensions]
-    for known in host.named("input", type="Real") + host.named("input", type="Boolean"):
-        host.fmu.getDirectionalDerivative([v.valueReference for v in unknowns], [known.valueReference], [1.0])
+    switches = host.named("parameter", type="Integer") + host.named("input", type="Boolean")
+    for known in host.named("input", type="Real") + switches:
+        slopes = host.fmu.getDirectionalDerivative([v.valueReference for v in unknowns], [known.valueReference], [1.0])
+        for unknown, slope in zip(unknowns, slopes, strict=True):
+            is_constant = unknown.type == "Boolean" or unknown.variability == "constant" or known in switches
+            assert slope == 0.0 or not is_constant, (unknown.name, known.name, slope)
     return host.finish()
 
 
@@ -419,12 +436,17 @@ def status_ignored(host):
     return host.finish(step)
 
 
-@habit("solvers that call it only if they are asked to", interface="me")
+@habit("simple solvers", interface="me")
 def no_completed_step(host):
     """`CompletedIntegratorStep` is never called"""
     host.initialize()
-    host.complete = lambda: None
-    return host.finish()
+
+    def step():
+        states = host.states() + STEP * host.rates()
+        host.now += STEP
+        host.evaluate(host.now, states)
+
+    return host.finish(step)
 
 
 # ---- the table ----
@@ -474,11 +496,11 @@ def cells(fmu, to):
             expected = outcome(as_the_standard_says, folder, library, interface)
             if isinstance(expected, str):
                 raise SystemExit(f"error: {fmu}: a run as the standard has it failed: {expected}")
-            for name, (function, _, only_version, only_interface) in HABITS.items():
-                if only_version in (None, version) and only_interface in (None, interface):
-                    found = outcome(function, folder, library, interface)
+            for name, of in HABITS.items():
+                if of.version in (None, version) and of.interface in (None, interface):
+                    found = outcome(of.run, folder, library, interface)
                     wrong[name] = wrong[name] or []
-                    if not matches(found, expected, function is clock_in_single_precision):
+                    if not matches(found, expected, of.run is clock_in_single_precision):
                         wrong[name].append(f"FMI {version} {interface}, {what}: {found}")
     return wrong
 
@@ -487,9 +509,9 @@ def table(fmus, to):
     """Habits by FMU as Markdown, and the number of cells that have something wrong."""
     found = {fmu.stem: cells(fmu, to) for fmu in fmus}
     lines = ["| host | habit | " + " | ".join(found) + " |", "|---" * (2 + len(found)) + "|"]
-    for name, (function, hosts, _, _) in HABITS.items():
+    for name, habit_of in HABITS.items():
         texts = ["-" if of[name] is None else "; ".join(of[name]) or "✓" for of in found.values()]
-        lines.append(f"| {hosts} | {function.__doc__} | " + " | ".join(texts) + " |")
+        lines.append(f"| {habit_of.hosts} | {habit_of.run.__doc__} | " + " | ".join(texts) + " |")
     return "\n".join(lines), sum(bool(of[name]) for of in found.values() for name in HABITS)
 
 

@@ -63,4 +63,4 @@ def test_what_is_refused_is_in_the_table_with_the_fmus_sentence(folder):
 def test_the_page_has_every_habit():
     rows = [line.split(" | ") for line in (ROOT / "docs" / "calls.md").read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
     listed = {row[0].removeprefix("| ") for row in rows if len(row) == 3} - {"call"}
-    assert listed == {function.__doc__ for function, *_ in habits.HABITS.values()}
+    assert listed == {of.run.__doc__ for of in habits.HABITS.values()}

@@ -223,12 +223,9 @@ impl Instance {
             Quantity::Input(column) => match self.metadata.inputs[column].role {
                 Role::Input => Ok(Settable::Column(column)),
                 Role::Time => self.present_time(reference, value),
-                Role::Parameter(variability) => {
+                role => {
+                    let variability = if let Role::Parameter(own) = role { own } else { Tunability::Fixed };
                     self.parameter_settable(variability, reference, value == self.now.values[column])?;
-                    Ok(Settable::Column(column))
-                }
-                Role::Start => {
-                    self.parameter_settable(Tunability::Fixed, reference, value == self.now.values[column])?;
                     Ok(Settable::Column(column))
                 }
             },

@@ -175,7 +175,7 @@ fn values_that_measured_inputs_cannot_have_are_refused_by_name() {
 }
 
 #[test]
-fn the_switch_and_the_policy_are_real_numbers_for_hosts_that_know_no_others() {
+fn switch_and_policy_can_be_read_and_set_as_reals() {
     let (host, other) = (stepping(), stepping());
     for host in [&host, &other] {
         assert_eq!(host.set(&[MEASURED], &[0.9]), Status::Ok);

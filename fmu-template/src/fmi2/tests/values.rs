@@ -142,7 +142,7 @@ fn a_parameter_outside_its_training_range_is_accepted_with_a_warning() {
 }
 
 #[test]
-fn integers_and_booleans_are_real_numbers_for_hosts_that_know_no_others() {
+fn integers_and_booleans_can_be_read_and_set_as_reals() {
     let host = Host::in_state(InstanceState::Initialization);
     assert_eq!(host.try_get([IN_DOMAIN, POLICY]), Ok([1.0, 0.0]));
     assert_eq!(host.set(&[POLICY], &[1.0]), Status::Ok);
