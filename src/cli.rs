@@ -505,6 +505,41 @@ pub struct ExportArgs {
     /// Adds the surrogate as portable C99 source code, for targets without a binary
     #[arg(long)]
     pub sources: bool,
+    /// Variables of the FMU [default: the study's, else study]
+    #[arg(long, value_name = "WHICH")]
+    pub interface: Option<FmuInterfaceArg>,
+    /// Additions of metafmu as inputs and outputs that hosts can wire; may be several, with commas
+    #[arg(long, value_name = "PORT,...", value_delimiter = ',')]
+    pub ports: Option<Vec<FmuPortArg>>,
+    /// Names of the variables [default: the study's, else study]
+    #[arg(long, value_name = "STYLE")]
+    pub names: Option<NameStyleArg>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum FmuInterfaceArg {
+    /// Those of the study; beside them `domain_policy`, and `in_domain`, `domain_distance` and error bounds as local variables
+    Study,
+    /// Those of the study alone
+    Plain,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum FmuPortArg {
+    /// Outputs `in_domain` and `domain_distance`
+    Domain,
+    /// Outputs `NAME_bound`, the error bounds
+    Bounds,
+    /// Inputs `use_measured` and `NAME_measured` of a discrete-time FMU
+    Measured,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub enum NameStyleArg {
+    /// As in the study
+    Study,
+    /// Letters, digits and `_` only, for hosts that refuse dots and brackets
+    Flat,
 }
 
 fn platforms() -> String {

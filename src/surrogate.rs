@@ -7,7 +7,7 @@ use crate::{
     files::write_whole,
     layout, reading,
     source::driven::Driven,
-    study::{self, ParameterOptions, Study},
+    study::{self, NameStyle, ParameterOptions, Study},
     variable::SourceVariable,
 };
 use metafmu_runtime::{
@@ -270,6 +270,32 @@ fn output_array((name, outputs): (&String, &Vec<String>)) -> OutputArray {
 /// [`Error::Surrogate`] if the bounds do not fit it.
 pub fn with_bounds(surrogate: Surrogate, bounds: Bounds) -> Result<Surrogate> {
     seal(surrogate.with_bounds(bounds).map_err(|source| Error::Surrogate { source })?)
+}
+
+/// The surrogate with names of this style. It is another one if they differ: another model file, with another digest.
+///
+/// # Errors
+/// [`Error::Ports`] with the names that the style does not distinguish.
+pub fn with_names(surrogate: &Surrogate, style: NameStyle) -> Result<Surrogate> {
+    if style == NameStyle::Study {
+        return Ok(surrogate.clone());
+    }
+    let mut metadata = surrogate.metadata().clone();
+    let Metadata { inputs, outputs, states, arrays, .. } = &mut metadata;
+    let inputs = inputs.iter_mut().map(|input| &mut input.name);
+    let outputs = outputs.iter_mut().map(|output| &mut output.name);
+    let states = states.iter_mut().map(|state| &mut state.name);
+    let mut names: Vec<&mut String> =
+        inputs.chain(outputs).chain(states).chain(arrays.iter_mut().map(|array| &mut array.name)).collect();
+    let problems = style.problems(names.iter().map(|name| &**name));
+    if !problems.is_empty() {
+        return Err(Error::Ports { problems });
+    }
+    names.iter_mut().for_each(|name| **name = style.of(name));
+    for array in &mut metadata.arrays {
+        array.outputs.iter_mut().for_each(|name| *name = style.of(name));
+    }
+    finish(metadata, surrogate.program().clone())
 }
 
 /// The surrogate with the digest of its content: the last step of making one.

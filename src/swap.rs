@@ -288,7 +288,7 @@ fn refuse(surrogate: &ComponentSource, problems: Vec<String>) -> Result<()> {
 fn in_domain(component: usize, surrogate: &ComponentSource) -> Option<Port> {
     let name = BuiltIn::InDomain.name();
     let variable = surrogate.description().variable(name)?;
-    let tells = variable.causality == Causality::Output && is_number(variable);
+    let tells = matches!(variable.causality, Causality::Output | Causality::Local) && is_number(variable);
     tells.then(|| port(component, surrogate, name))
 }
 

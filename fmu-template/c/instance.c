@@ -349,6 +349,8 @@ void instance_reset(Instance *instance)
     }
     instance_initialize_states(instance);
     memcpy(now->at_start, now->columns, sizeof now->at_start);
+    instance->trials = 0;
+    instance->furthest = -HUGE_VAL;
     forget_warnings(instance);
     instance->stale = true;
 }

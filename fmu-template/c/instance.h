@@ -93,6 +93,8 @@ struct Instance {
     bool warned_of_change;     /* true after the warning that an input or parameter changed */
     bool warned_of_data;       /* true after the warning that no training data are near the inputs */
     size_t centre;             /* center of training data that was near last */
+    unsigned trials; /* points that a solver has tried since it last completed a step, each later than all before */
+    double furthest; /* s; the last of them */
     Scratch scratch;
 };
 

@@ -64,6 +64,8 @@ Status instance_restore(Instance *instance, const Snapshot *from)
         return foreign_state(instance);
     }
     instance->now = *from;
+    instance->trials = 0;
+    instance->furthest = instance->now.time;
     instance->stale = true;
     return STATUS_OK;
 }

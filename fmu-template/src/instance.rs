@@ -87,7 +87,13 @@ pub(crate) struct Instance {
     /// Position of the part of the training data that was nearest last.
     near: usize,
     warnings: Vec<Warning>,
+    /// Points that a solver has tried since it last completed a step, each later than all before, and the time of the last of them.
+    trials: u32,
+    furthest: f64,
 }
+
+/// Points later than all before that a solver may try within a step; methods of high order try some tens.
+const MOST_TRIALS: u32 = 1000;
 
 /// Maximum memory for loading: a number of bytes, and a multiple of the length of the model file. Networks take less
 /// than five times that length.
@@ -311,6 +317,7 @@ impl Instance {
         self.now.at_start.copy_from_slice(&self.now.values);
         self.now.rates.iter_mut().for_each(|rates| rates.fill(0.0));
         self.now.time = 0.0;
+        (self.trials, self.furthest) = (0, f64::NEG_INFINITY);
         self.stale = true;
         self.forget_warnings();
     }
@@ -400,6 +407,9 @@ impl Instance {
 
     #[inline]
     fn set_time(&mut self, time: f64, refused: Status) -> Result<(), Refusal> {
+        if self.is_trial() {
+            self.note_trial(time)?;
+        }
         if let Some(column) = self.time_column {
             if !self.is_trial() {
                 self.check_value(column, time, time, self.now.policy, refused)?;
@@ -422,8 +432,23 @@ impl Instance {
         self.now.state == InstanceState::ContinuousTime
     }
 
+    /// Notes a time that a solver goes to. A host that never completes a step accepts every point that it leaves behind.
+    fn note_trial(&mut self, time: f64) -> Result<(), Refusal> {
+        if time <= self.furthest {
+            return Ok(());
+        }
+        self.furthest = time;
+        self.trials = self.trials.saturating_add(1);
+        if self.trials > MOST_TRIALS { self.check_accepted() } else { Ok(()) }
+    }
+
     /// Accepts the point where a solver has completed a step or an event begins: here time and inputs are checked.
     pub(crate) fn accept_point(&mut self) -> Result<(), Refusal> {
+        self.trials = 0;
+        self.check_accepted()
+    }
+
+    fn check_accepted(&mut self) -> Result<(), Refusal> {
         if self.now.time <= self.now.start_time {
             self.now.at_start.copy_from_slice(&self.now.values);
         }
@@ -451,6 +476,7 @@ impl Instance {
             return Err(Refusal::ForeignState);
         }
         self.now.copy_from(snapshot);
+        (self.trials, self.furthest) = (0, self.now.time);
         self.stale = true;
         Ok(())
     }

@@ -34,6 +34,7 @@ use pyo3::{
     types::{PyByteArray, PyBytes},
 };
 use rayon::prelude::*;
+use serde::de::DeserializeOwned;
 use serde_json::json;
 use std::{
     ffi::OsString,
@@ -211,14 +212,30 @@ impl PySurrogate {
         fmi: &str,
         sources: bool,
         platforms: Vec<String>,
+        variables: (String, Vec<String>, String),
         accuracy: Option<&str>,
     ) -> PyResult<Vec<PathBuf>> {
         let accuracy: Option<Accuracy> = accuracy.map(serde_json::from_str).transpose().map_err(refused)?;
-        let options = ExportRequest { fmi: versions(Some(fmi))?, platforms, sources, ..ExportRequest::default() };
+        let (interface, ports, names) = variables;
+        let ports = ports.into_iter().map(|port| choice("ports", port)).collect::<PyResult<_>>()?;
+        let options = ExportRequest {
+            fmi: versions(Some(fmi))?,
+            platforms,
+            binaries: Vec::new(),
+            sources,
+            interface: Some(choice("interface", interface)?),
+            ports: Some(ports),
+            names: Some(choice("names", names)?),
+        };
         let written =
             detached(py, || pipeline::export::export_surrogate(&self.surrogate, accuracy.as_ref(), &path, &options));
         Ok(written.map_err(refused)?.into_iter().map(|WrittenFmu { fmu, .. }| fmu).collect())
     }
+}
+
+/// A choice by its name in study files.
+fn choice<T: DeserializeOwned>(option: &str, name: String) -> PyResult<T> {
+    serde_json::from_value(name.into()).map_err(|error| refused(format!("{option}: {error}")))
 }
 
 fn versions(fmi: Option<&str>) -> PyResult<Option<FmiChoice>> {

@@ -1,14 +1,14 @@
 //! `metafmu export`: packages the surrogate as an FMU.
 
 use super::{CommandOutcome, print, print_json, project};
-use crate::cli::{ExportArgs, ExportModelArgs, FmiArg};
+use crate::cli::{ExportArgs, ExportModelArgs, FmiArg, FmuInterfaceArg, FmuPortArg, NameStyleArg};
 use metafmu::{
     Error, Result,
     pipeline::{
         export::{ExportPlan, ExportRequest, WrittenFmu, export_baseline, export_file, export_network, export_onnx},
         predict::{is_surrogate, load_file},
     },
-    study::FmiChoice,
+    study::{FmiChoice, FmuInterface, FmuPort, NameStyle},
 };
 use std::path::Path;
 
@@ -55,6 +55,16 @@ fn of_study(args: &ExportModelArgs) -> Result<Vec<WrittenFmu>> {
     }
 }
 
+impl From<FmuPortArg> for FmuPort {
+    fn from(port: FmuPortArg) -> Self {
+        match port {
+            FmuPortArg::Domain => Self::Domain,
+            FmuPortArg::Bounds => Self::Bounds,
+            FmuPortArg::Measured => Self::Measured,
+        }
+    }
+}
+
 impl ExportArgs {
     pub fn options(&self) -> ExportRequest {
         let fmi = self.fmi.map(|fmi| match fmi {
@@ -62,6 +72,23 @@ impl ExportArgs {
             FmiArg::V3 => FmiChoice::V3,
             FmiArg::Both => FmiChoice::Both,
         });
-        ExportRequest { fmi, platforms: self.platform.clone(), binaries: self.binary.clone(), sources: self.sources }
+        let interface = self.interface.map(|interface| match interface {
+            FmuInterfaceArg::Study => FmuInterface::Study,
+            FmuInterfaceArg::Plain => FmuInterface::Plain,
+        });
+        let ports = self.ports.as_ref().map(|ports| ports.iter().copied().map(FmuPort::from).collect());
+        let names = self.names.map(|names| match names {
+            NameStyleArg::Study => NameStyle::Study,
+            NameStyleArg::Flat => NameStyle::Flat,
+        });
+        ExportRequest {
+            fmi,
+            platforms: self.platform.clone(),
+            binaries: self.binary.clone(),
+            sources: self.sources,
+            interface,
+            ports,
+            names,
+        }
     }
 }

@@ -5,7 +5,7 @@ use crate::cli::{InterfaceArg, SimulateArgs};
 use metafmu::{
     Error, Result,
     diagnostics::Place,
-    export::find_surrogate,
+    export::{added_variables, find_surrogate, is_own},
     files,
     fmi::{
         ModelDescription, Watch,
@@ -46,7 +46,7 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
         start_values: constants.into_iter().chain(args.start.clone()).collect(),
         inputs,
         inputs_first: false,
-        record: Vec::new(),
+        record: added_variables(unpacked.description()),
         record_only: false,
     };
     let mut table = args.plot.as_ref().map(|_| SimulationTable::default());
@@ -88,14 +88,15 @@ struct InputSignals {
 }
 
 fn read_inputs(args: &SimulateArgs, description: &ModelDescription, path: &Path) -> Result<InputSignals> {
-    // not of every FMU: some model files are large
     let takes_measured = description.variable(BuiltIn::UseMeasured.name()).is_some();
-    let surrogate = if takes_measured { find_surrogate(&args.fmu)? } else { None };
+    // not of every FMU: some model files are large
+    let may_be_discrete = is_own(description) && description.model_exchange.is_none();
+    let surrogate = if may_be_discrete { find_surrogate(&args.fmu)? } else { None };
     let table = Table::open_stream(path)?;
     let units = table.columns().iter().map(|column| description.unit_of(description.variable(&column.name)?));
     table.check_units(units.enumerate())?;
     let (inputs, first) = match &surrogate {
-        Some(surrogate) => measured::read_inputs(surrogate, table, |line| say(line))?,
+        Some(surrogate) => measured::read_inputs(surrogate, takes_measured, table, |line| say(line))?,
         None => (Inputs::read(table)?, None),
     };
     let outputs = surrogate.iter().flat_map(|surrogate| surrogate.outputs());

@@ -12,7 +12,7 @@ use crate::{
         Drawn, ranges,
         readable::{self, number},
     },
-    study::ExportOptions,
+    study::{ExportOptions, FmuInterface, FmuPort, NameStyle},
 };
 use metafmu_runtime::{
     Bounds, BuiltIn, Clock, Encoding, Graph, Input, Integration, Layer, Motion, Output, Precision, Program, Role,
@@ -76,9 +76,9 @@ pub fn card(surrogate: &Surrogate, about: &ExportOptions, accuracy: Option<&Accu
     for Drawn { caption, svg, .. } in figures {
         line(&mut page, &format!("<figure>{svg}<figcaption>{}</figcaption></figure>", escape(caption)));
     }
-    variables(&mut page, surrogate);
-    measured(surrogate, &mut page);
-    domain(surrogate, &mut page);
+    variables(&mut page, surrogate, about.names);
+    measured(surrogate, about, &mut page);
+    domain(surrogate, about, &mut page);
     provenance(&mut page, surrogate, about);
     page.push_str("</body>\n</html>\n");
     page
@@ -110,7 +110,7 @@ fn what(program: &Program) -> &'static str {
     }
 }
 
-fn variables(page: &mut String, surrogate: &Surrogate) {
+fn variables(page: &mut String, surrogate: &Surrogate, names: NameStyle) {
     line(page, "<h2>Variables</h2>\n<table><tr><th>Name</th><th>Kind</th><th>Range</th><th>Unit</th><th></th></tr>");
     for Input { name, role, unit, description, min, max, start, encoding } in surrogate.inputs() {
         let kind = match role {
@@ -128,11 +128,11 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
             }
             Encoding::Periodic => format!("periodic, {} is the same as {}", number(*max), number(*min)),
         };
-        row(page, name, kind, &format!("{range}{start}"), unit, description);
+        row(page, &names.of(name), kind, &format!("{range}{start}"), unit, description);
     }
     for State { name, unit, description, range, .. } in surrogate.states() {
         let range = range.map_or("any number".into(), |[min, max]| format!("{} to {}", number(min), number(max)));
-        row(page, name, "state", &range, unit, description);
+        row(page, &names.of(name), "state", &range, unit, description);
     }
     for output in surrogate.outputs() {
         let Output { name, unit, description, min, max, .. } = output;
@@ -140,7 +140,7 @@ fn variables(page: &mut String, surrogate: &Surrogate) {
             Some(constant) => format!("constant, {}", number(constant)),
             None => format!("{} to {} in training", number(*min), number(*max)),
         };
-        row(page, name, "output", &range, unit, description);
+        row(page, &names.of(name), "output", &range, unit, description);
     }
     line(page, "</table>");
 }
@@ -237,7 +237,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
         line(
             page,
             &format!(
-                "<p>Error bounds{when}: {of_output}. {expected}. The FMU has them as outputs, <code>…_bound</code>.</p>"
+                "<p>Error bounds{when}: {of_output}. {expected}. The FMU's variables <code>…_bound</code> have them, unless its interface is plain.</p>"
             ),
         );
         kinds(page, &accuracy.calibration);
@@ -281,13 +281,22 @@ fn roll_outs(page: &mut String, roll_outs: Option<&RollOuts>) {
     line(page, "</table>");
 }
 
-fn domain(surrogate: &Surrogate, page: &mut String) {
-    line(page, "<h2>Outside the ranges</h2>\n<table>");
-    for variable in BuiltIn::ALWAYS {
-        let (name, description) = (code(variable.name()), escape(variable.description(known(surrogate))));
-        line(page, &format!("<tr><td>{name}</td><td>{description}</td></tr>"));
+fn domain(surrogate: &Surrogate, about: &ExportOptions, page: &mut String) {
+    line(page, "<h2>Outside the ranges</h2>");
+    match about.interface {
+        FmuInterface::Plain => line(
+            page,
+            "<p>This FMU was exported with a plain interface: it logs a warning once a run, and has no variable that says so.</p>",
+        ),
+        FmuInterface::Study => {
+            line(page, "<table>");
+            for variable in BuiltIn::ALWAYS {
+                let (name, description) = (code(variable.name()), escape(variable.description(known(surrogate))));
+                line(page, &format!("<tr><td>{name}</td><td>{description}</td></tr>"));
+            }
+            line(page, "</table>");
+        }
     }
-    line(page, "</table>");
     line(
         page,
         &format!(
@@ -298,12 +307,13 @@ fn domain(surrogate: &Surrogate, page: &mut String) {
 }
 
 /// Inputs with which a discrete-time surrogate starts from measured outputs.
-fn measured(surrogate: &Surrogate, page: &mut String) {
-    if surrogate.program().sampling().is_none() {
+fn measured(surrogate: &Surrogate, about: &ExportOptions, page: &mut String) {
+    if !about.ports.contains(&FmuPort::Measured) {
         return;
     }
     let switch = BuiltIn::UseMeasured;
-    let names = surrogate.outputs().iter().map(|output| code(&Output::measured_name(&output.name)));
+    let measured = |output: &Output| code(&Output::measured_name(&about.names.of(&output.name)));
+    let names = surrogate.outputs().iter().map(measured);
     line(page, "<h2>Start from measured outputs</h2>\n<table>");
     let values = "Measured values of the outputs, held or extrapolated as other inputs";
     for (name, description) in [

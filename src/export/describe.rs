@@ -10,6 +10,7 @@ use crate::{
             UnitDefinition, Unknown, Variability, VariableType, Width,
         },
     },
+    study::{ExportOptions, FmuInterface, FmuPort},
     surrogate::input_description,
     unit::BaseUnit,
 };
@@ -17,6 +18,9 @@ use metafmu_runtime::{
     Bounds, BuiltIn, Clock, DomainPolicy, Encoding, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output,
     OutputArray, Ports, Quantity, Role, Sampling, Shown, State, Surrogate, Variable, graph::Step,
 };
+
+/// Name of the tool in the descriptions of its FMUs, followed by its version.
+const GENERATION_TOOL: &str = "metafmu ";
 
 /// Categories of the messages that the library inside every FMU logs.
 const LOG_CATEGORIES: [(&str, &str); 3] = [
@@ -26,12 +30,14 @@ const LOG_CATEGORIES: [(&str, &str); 3] = [
 ];
 
 impl ModelDescription {
-    /// Describes the FMU of a surrogate.
-    ///
-    /// The variables are those of [`Surrogate::variables`]. It does not depend on the time or the path of the call.
-    pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion) -> Self {
+    /// Describes the FMU of a surrogate, with the variables of [`Surrogate::variables`] that the interface shows. It does not depend on
+    /// the time or the path of the call.
+    pub fn of_surrogate(surrogate: &Surrogate, fmi_version: FmiVersion, about: &ExportOptions) -> Self {
         let Metadata { name, description, .. } = surrogate.metadata();
-        let table: Vec<(u32, &Variable)> = table(surrogate, fmi_version).collect();
+        let shown = ShownInterface { surrogate, fmi_version, about };
+        let table: Vec<(u32, &Variable)> = shown.table().collect();
+        let variables: Vec<ScalarVariable> =
+            table.iter().map(|(reference, variable)| shown.variable(*reference, variable)).collect();
         let v3 = fmi_version == FmiVersion::V3;
         let is_discrete = surrogate.program().sampling().is_some();
         // between the steps of the solver
@@ -50,7 +56,7 @@ impl ModelDescription {
             model_name: name.clone(),
             token: surrogate.instantiation_token(),
             description: text(&(description.clone() + &of_fixed_steps(surrogate))),
-            generation_tool: Some(concat!("metafmu ", env!("CARGO_PKG_VERSION")).into()),
+            generation_tool: Some(GENERATION_TOOL.to_owned() + env!("CARGO_PKG_VERSION")),
             // what a solver tries is not warned of, only what it accepts
             // samples would be time events there
             model_exchange: (!is_discrete)
@@ -68,18 +74,21 @@ impl ModelDescription {
             }),
             units: units(surrogate.metadata()),
             // names of mechanisms and `der(NAME)` are hierarchical; those of a study may be any text
-            naming: if surrogate.states().is_empty() { NamingConvention::Flat } else { naming(&table) },
+            naming: if surrogate.states().is_empty() { NamingConvention::Flat } else { naming(&variables) },
             log_categories: LOG_CATEGORIES.map(|(name, description)| (name.into(), Some(description.into()))).into(),
             default_experiment: Some(default_experiment(surrogate)),
-            variables: table.iter().map(|&entry| variable(entry, surrogate, fmi_version)).collect(),
-            structure: structure(&table, surrogate),
+            variables,
+            structure: structure(&table, surrogate, about),
+            author: about.author.clone(),
+            copyright: about.copyright.clone(),
+            license: about.license.clone(),
             ..Self::default()
         }
     }
 }
 
 /// Naming convention of the variables: structured if all names have the hierarchical form.
-fn naming(table: &[(u32, &Variable)]) -> NamingConvention {
+fn naming(variables: &[ScalarVariable]) -> NamingConvention {
     let is_identifier = |part: &str| {
         part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
             && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_')
@@ -88,49 +97,113 @@ fn naming(table: &[(u32, &Variable)]) -> NamingConvention {
         let inner = name.strip_prefix("der(").and_then(|name| name.strip_suffix(')')).unwrap_or(name);
         inner.split('.').all(is_identifier)
     };
-    match table.iter().all(|(_, variable)| is_structured(&variable.name)) {
+    match variables.iter().all(|variable| is_structured(&variable.name)) {
         true => NamingConvention::Structured,
         false => NamingConvention::Flat,
     }
 }
 
-/// The variables that the version has, with their value references.
-fn table(surrogate: &Surrogate, fmi_version: FmiVersion) -> impl Iterator<Item = (u32, &Variable)> {
-    let v3 = fmi_version == FmiVersion::V3;
-    surrogate.variables().iter().filter(move |(_, variable)| v3 || !variable.only_fmi3)
+/// Returns true if metafmu made the FMU, by its description.
+pub fn is_own(description: &ModelDescription) -> bool {
+    description.generation_tool.as_deref().is_some_and(|tool| tool.starts_with(GENERATION_TOOL))
 }
 
-fn variable(
-    (value_reference, variable): (u32, &Variable),
-    surrogate: &Surrogate,
+/// Local variables of an FMU that metafmu added to those of its study: they are recorded beside the outputs.
+pub fn added_variables(description: &ModelDescription) -> Vec<String> {
+    let is_own = is_own(description);
+    let of_domain = [BuiltIn::InDomain, BuiltIn::DomainDistance].map(|variable| variable.name().to_owned());
+    let bounds = description.outputs().map(|output| Output::bound_name(&output.name));
+    let is_local = |name: &String| {
+        description.variable(name).is_some_and(|variable| is_own && variable.causality == Causality::Local)
+    };
+    of_domain.into_iter().chain(bounds).filter(is_local).collect()
+}
+
+/// What an FMU shows of a surrogate. The library inside has all variables; a host knows those of the description.
+struct ShownInterface<'a> {
+    surrogate: &'a Surrogate,
     fmi_version: FmiVersion,
-) -> ScalarVariable {
-    let DescribedVariable { description, what: (causality, variability, initial), kind, dimensions } =
-        match variable.quantity {
-            Quantity::Input(index) => input(surrogate, index),
-            Quantity::Output(index) => output(&surrogate.outputs()[index]),
-            Quantity::State(index) => state(&surrogate.states()[index]),
-            Quantity::Derivative(index) => rate(surrogate, index, fmi_version),
-            Quantity::BuiltIn(variable) => built_in(variable, surrogate),
-            Quantity::Array(index) => array(surrogate, index),
-            Quantity::Bound(index) => bound(surrogate, index),
-            Quantity::Measured(index) => measured(&surrogate.outputs()[index]),
+    about: &'a ExportOptions,
+}
+
+impl ShownInterface<'_> {
+    fn is_port(&self, port: FmuPort) -> bool {
+        self.about.ports.contains(&port)
+    }
+
+    /// Returns true if hosts see a variable.
+    fn shows(&self, variable: &Variable) -> bool {
+        let is_plain = self.about.interface == FmuInterface::Plain;
+        let is_wanted = match variable.quantity {
+            Quantity::BuiltIn(BuiltIn::UseMeasured) | Quantity::Measured(_) => self.is_port(FmuPort::Measured),
+            Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::InDomain | BuiltIn::DomainDistance)
+            | Quantity::Bound(_) => !is_plain,
+            Quantity::BuiltIn(BuiltIn::Time)
+            | Quantity::Input(_)
+            | Quantity::Output(_)
+            | Quantity::State(_)
+            | Quantity::Derivative(_)
+            | Quantity::Array(_) => true,
         };
-    // "only continuous-time variables can have intermediateUpdate = true"
-    let is_updated = variability == Variability::Continuous && causality != Causality::Independent;
-    ScalarVariable {
-        name: variable.name.clone(),
-        value_reference,
-        description: text(&description),
-        causality,
-        variability,
-        initial,
-        declared_type: None,
-        kind,
-        dimensions,
-        clocks: Vec::new(),
-        intermediate_update: is_updated && fmi_version == FmiVersion::V3 && !surrogate.states().is_empty(),
-        aliases: Vec::new(),
+        is_wanted && (self.fmi_version == FmiVersion::V3 || !variable.only_fmi3)
+    }
+
+    /// The variables that hosts see, with their value references.
+    fn table(&self) -> impl Iterator<Item = (u32, &Variable)> {
+        self.surrogate.variables().iter().filter(|(_, variable)| self.shows(variable))
+    }
+
+    fn variable(&self, value_reference: u32, variable: &Variable) -> ScalarVariable {
+        let surrogate = self.surrogate;
+        let DescribedVariable { description, what: (causality, variability, initial), kind, dimensions } =
+            match variable.quantity {
+                Quantity::Input(index) => input(surrogate, index),
+                Quantity::Output(index) => output(&surrogate.outputs()[index]),
+                Quantity::State(index) => state(&surrogate.states()[index]),
+                Quantity::Derivative(index) => self.rate(index),
+                Quantity::BuiltIn(variable) => built_in(variable, surrogate, self.added(FmuPort::Domain)),
+                Quantity::Array(index) => array(surrogate, index),
+                Quantity::Bound(index) => bound(surrogate, index, self.added(FmuPort::Bounds)),
+                Quantity::Measured(index) => measured(&surrogate.outputs()[index]),
+            };
+        // "only continuous-time variables can have intermediateUpdate = true"
+        let is_updated = variability == Variability::Continuous && causality != Causality::Independent;
+        ScalarVariable {
+            name: self.name(variable),
+            value_reference,
+            description: text(&description),
+            causality,
+            variability,
+            initial,
+            declared_type: None,
+            kind,
+            dimensions,
+            clocks: Vec::new(),
+            intermediate_update: is_updated && self.fmi_version == FmiVersion::V3 && !surrogate.states().is_empty(),
+            aliases: Vec::new(),
+        }
+    }
+
+    /// Causality of what metafmu adds: a local variable is shown by every host and is a port in none.
+    fn added(&self, port: FmuPort) -> Causality {
+        if self.is_port(port) { Causality::Output } else { Causality::Local }
+    }
+
+    /// The other names are those of the surrogate, which has flat names itself.
+    fn name(&self, variable: &Variable) -> String {
+        match variable.quantity {
+            Quantity::Derivative(_) => self.about.names.of(&variable.name),
+            _ => variable.name.clone(),
+        }
+    }
+
+    fn rate(&self, index: usize) -> DescribedVariable {
+        let State { name, rate_unit, nominal, .. } = &self.surrogate.states()[index];
+        let derivative = self.table().position(|(_, variable)| variable.quantity == Quantity::State(index));
+        let real =
+            RealAttributes { unit: text(rate_unit), nominal: Some(*nominal), derivative, ..RealAttributes::default() };
+        let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
+        DescribedVariable::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
     }
 }
 
@@ -189,16 +262,6 @@ fn state(state: &State) -> DescribedVariable {
     DescribedVariable::scalar(&state.description, what, VariableType::Real(real))
 }
 
-fn rate(surrogate: &Surrogate, index: usize, fmi_version: FmiVersion) -> DescribedVariable {
-    let State { name, rate_unit, nominal, .. } = &surrogate.states()[index];
-    let of_state = |(_, variable): &(u32, &Variable)| variable.quantity == Quantity::State(index);
-    let derivative = table(surrogate, fmi_version).position(|entry| of_state(&entry));
-    let real =
-        RealAttributes { unit: text(rate_unit), nominal: Some(*nominal), derivative, ..RealAttributes::default() };
-    let what = (Causality::Local, Variability::Continuous, Some(Initial::Calculated));
-    DescribedVariable::scalar(&format!("derivative of {name}"), what, VariableType::Real(real))
-}
-
 /// Outputs under one name, in addition to their own.
 fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     let OutputArray { description, .. } = &surrogate.arrays()[index];
@@ -213,7 +276,7 @@ fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
 
 /// A constant, which hosts can show with the output without a call of the FMU. Of a model with a state it grows with
 /// the time.
-fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
+fn bound(surrogate: &Surrogate, index: usize, causality: Causality) -> DescribedVariable {
     let output = &surrogate.outputs()[index];
     let bounds = surrogate.bounds();
     let (half_width, coverage) = bounds.map_or((0.0, 0.0), |bounds| (bounds.largest(index), bounds.coverage));
@@ -234,8 +297,8 @@ fn bound(surrogate: &Surrogate, index: usize) -> DescribedVariable {
         ..RealAttributes::default()
     };
     let what = match last {
-        None => (Causality::Output, Variability::Constant, Some(Initial::Exact)),
-        Some(_) => (Causality::Output, Variability::Continuous, Some(Initial::Calculated)),
+        None => (causality, Variability::Constant, Some(Initial::Exact)),
+        Some(_) => (causality, Variability::Continuous, Some(Initial::Calculated)),
     };
     DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }
@@ -253,7 +316,8 @@ fn measured(output: &Output) -> DescribedVariable {
     DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }
 
-fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> DescribedVariable {
+/// `of_domain`: causality of the variables of the domain.
+fn built_in(variable: BuiltIn, surrogate: &Surrogate, of_domain: Causality) -> DescribedVariable {
     let calculated = Some(Initial::Calculated);
     let (what, kind) = match variable {
         BuiltIn::DomainPolicy => {
@@ -262,12 +326,10 @@ fn built_in(variable: BuiltIn, surrogate: &Surrogate) -> DescribedVariable {
             let integer = Integer { width: Width::Int32, min, max, start };
             ((Causality::Parameter, Variability::Tunable, Some(Initial::Exact)), VariableType::Integer(integer))
         }
-        BuiltIn::InDomain => {
-            ((Causality::Output, Variability::Discrete, calculated), VariableType::Boolean { start: None })
-        }
+        BuiltIn::InDomain => ((of_domain, Variability::Discrete, calculated), VariableType::Boolean { start: None }),
         BuiltIn::DomainDistance => {
             let real = RealAttributes { min: Some(0.0), nominal: Some(1.0), ..RealAttributes::default() };
-            ((Causality::Output, Variability::Continuous, calculated), VariableType::Real(real))
+            ((of_domain, Variability::Continuous, calculated), VariableType::Real(real))
         }
         BuiltIn::Time => {
             let real = RealAttributes { unit: Some("s".into()), ..RealAttributes::default() };
@@ -366,14 +428,17 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
 /// on the domain policy, which may clamp inputs and states. The initial value of a state is its parameter. In the
 /// standard only inputs, states and the time are known during the simulation, and parameters at initialization as well.
 /// Dependency kinds are omitted, which means that every dependency is nonlinear.
-fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate) -> ModelStructure {
+fn structure(table: &[(u32, &Variable)], surrogate: &Surrogate, about: &ExportOptions) -> ModelStructure {
     let positions = |is_wanted: &dyn Fn(Quantity) -> bool| -> Vec<usize> {
         table.iter().enumerate().filter(|(_, (_, v))| is_wanted(v.quantity)).map(|(position, _)| position).collect()
     };
     let of_model = positions(&|quantity| matches!(quantity, Quantity::Output(_) | Quantity::Array(_)));
-    let of_domain =
-        positions(&|quantity| matches!(quantity, Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance)));
-    let bounds = positions(&|quantity| matches!(quantity, Quantity::Bound(_)));
+    // local variables are no unknowns
+    let [shows_domain, shows_bounds] = [FmuPort::Domain, FmuPort::Bounds].map(|port| about.ports.contains(&port));
+    let of_domain = positions(&|quantity| {
+        shows_domain && matches!(quantity, Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance))
+    });
+    let bounds = positions(&|quantity| shows_bounds && matches!(quantity, Quantity::Bound(_)));
     let grow = surrogate.bounds().is_some_and(Bounds::grow);
     let states = positions(&|quantity| matches!(quantity, Quantity::State(_)));
     let rates = positions(&|quantity| matches!(quantity, Quantity::Derivative(_)));
@@ -484,6 +549,7 @@ fn known_of_rates(quantity: Quantity, surrogate: &Surrogate, states: &[usize], a
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::study::NameStyle;
     use metafmu_example as example;
 
     #[test]
@@ -502,7 +568,8 @@ mod tests {
 
     #[test]
     fn variables_have_the_causality_and_bounds_of_their_columns() {
-        let description = ModelDescription::of_surrogate(&example::surrogate(), FmiVersion::V2);
+        let description =
+            ModelDescription::of_surrogate(&example::surrogate(), FmiVersion::V2, &ExportOptions::default());
         let kinds: Vec<_> = description.variables.iter().map(|v| (v.causality, v.variability, v.initial)).collect();
         let calculated = (Causality::Output, Variability::Continuous, Some(Initial::Calculated));
         assert_eq!(
@@ -514,8 +581,8 @@ mod tests {
                 calculated,
                 calculated,
                 (Causality::Parameter, Variability::Tunable, Some(Initial::Exact)),
-                (Causality::Output, Variability::Discrete, Some(Initial::Calculated)),
-                calculated,
+                (Causality::Local, Variability::Discrete, Some(Initial::Calculated)),
+                (Causality::Local, Variability::Continuous, Some(Initial::Calculated)),
             ]
         );
         let references: Vec<_> = description.variables.iter().map(|v| v.value_reference).collect();
@@ -529,7 +596,7 @@ mod tests {
     #[test]
     fn a_nominal_parameter_tells_its_values_and_a_periodic_one_has_no_limits() {
         let surrogate = example::encoded(&example::surrogate());
-        let description = ModelDescription::of_surrogate(&surrogate, FmiVersion::V3);
+        let description = ModelDescription::of_surrogate(&surrogate, FmiVersion::V3, &ExportOptions::default());
         let [length, speed] = [0, 1].map(|index| &description.variables[index]);
         let real = |variable: &ScalarVariable| {
             let real = variable.kind.as_real().unwrap();
@@ -551,10 +618,64 @@ mod tests {
         metadata.inputs[2].name = "force".into();
         let surrogate = Surrogate::new(metadata, surrogate.program().clone()).unwrap();
         let independent = |version| {
-            let description = ModelDescription::of_surrogate(&surrogate, version);
+            let description = ModelDescription::of_surrogate(&surrogate, version, &ExportOptions::default());
             description.variables.into_iter().find(|v| v.causality == Causality::Independent)
         };
         assert_eq!(independent(FmiVersion::V2), None);
         assert_eq!(independent(FmiVersion::V3).map(|time| (time.name, time.value_reference)), Some(("time".into(), 8)));
+    }
+
+    /// Names of the variables with this causality.
+    fn named(description: &ModelDescription, causality: Causality) -> Vec<&str> {
+        let variables = description.variables.iter().filter(|variable| variable.causality == causality);
+        variables.map(|variable| variable.name.as_str()).collect()
+    }
+
+    fn described(surrogate: &Surrogate, interface: FmuInterface, ports: &[FmuPort]) -> ModelDescription {
+        let about = ExportOptions { interface, ports: ports.into(), ..ExportOptions::default() };
+        ModelDescription::of_surrogate(surrogate, FmiVersion::V2, &about)
+    }
+
+    #[test]
+    fn what_metafmu_adds_is_local_unless_it_is_exported_as_ports() {
+        let bounds = Bounds { coverage: 0.9, runs: 20, times: Vec::new(), half_widths: vec![0.1, 0.2] };
+        let bounded = example::surrogate().with_bounds(bounds).unwrap();
+        let usual = described(&bounded, FmuInterface::Study, &[]);
+        assert_eq!(named(&usual, Causality::Output), ["angle", "velocity"]);
+        assert_eq!(named(&usual, Causality::Local), ["in_domain", "domain_distance", "angle_bound", "velocity_bound"]);
+        assert_eq!((usual.structure.outputs.len(), usual.structure.initial_unknowns.len()), (2, 2));
+        assert_eq!(added_variables(&usual), named(&usual, Causality::Local), "recorded beside the outputs");
+
+        let wired = described(&bounded, FmuInterface::Study, &[FmuPort::Domain, FmuPort::Bounds]);
+        let all = ["angle", "velocity", "in_domain", "domain_distance", "angle_bound", "velocity_bound"];
+        assert_eq!(named(&wired, Causality::Output), all);
+        assert_eq!((wired.structure.outputs.len(), wired.structure.initial_unknowns.len()), (6, 4));
+    }
+
+    #[test]
+    fn measured_outputs_are_inputs_only_where_someone_wires_them() {
+        let surrogate = example::recorded();
+        let usual = described(&surrogate, FmuInterface::Study, &[]);
+        assert_eq!(named(&usual, Causality::Input), ["force"]);
+        assert_eq!(usual.variable("use_measured"), None);
+        let wired = described(&surrogate, FmuInterface::Study, &[FmuPort::Measured]);
+        assert_eq!(named(&wired, Causality::Input), ["force", "use_measured", "position_measured"]);
+    }
+
+    #[test]
+    fn a_plain_interface_has_the_variables_of_the_study_alone() {
+        let plain = described(&example::surrogate(), FmuInterface::Plain, &[]);
+        let names: Vec<&str> = plain.variables.iter().map(|variable| variable.name.as_str()).collect();
+        assert_eq!(names, ["length", "speed", "time", "angle", "velocity"]);
+        assert!(plain.variables.iter().all(|variable| variable.kind.as_real().is_some()));
+        assert!(added_variables(&plain).is_empty());
+    }
+
+    #[test]
+    fn derivatives_have_flat_names_where_the_others_do() {
+        let about = ExportOptions { names: NameStyle::Flat, ..ExportOptions::default() };
+        let description = ModelDescription::of_surrogate(&example::crane(), FmiVersion::V2, &about);
+        assert!(description.variables.iter().all(|variable| !variable.name.contains(['(', ')', '.', '['])));
+        assert!(description.variables.iter().any(|variable| variable.name.starts_with("der_")));
     }
 }

@@ -17,6 +17,7 @@ pub(crate) mod testing;
 
 pub use binary::Binary;
 pub use checks::{SurrogateChecks, serve_worker, validate, validate_apart};
+pub use describe::{added_variables, is_own};
 pub use onnx::onnx;
 pub use package::{Contents, MODEL_FILE, find_surrogate, pack, read_surrogate};
 pub use reference::ReferenceOptions;

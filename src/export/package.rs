@@ -12,6 +12,7 @@ use crate::{
     fmi::{Archive, FmiVersion, ModelDescription, identifier::model_identifier, xml},
     report::Drawn,
     study::ExportOptions,
+    surrogate::with_names,
 };
 use metafmu_runtime::{FormatError, Surrogate};
 use std::{
@@ -62,10 +63,13 @@ struct PackageEntry {
 /// The bytes of the FMU of a surrogate; the same surrogate and contents always give the same bytes. No compiler is needed.
 ///
 /// # Errors
-/// [`Error::Surrogate`] if the surrogate cannot be written as a model file, [`Error::SamePlace`] if two binaries belong in
-/// the same place, [`Error::NoSources`].
+/// [`Error::Ports`] for ports that it cannot have and flat names that are the same, [`Error::Surrogate`] if the surrogate cannot be
+/// written as a model file, [`Error::SamePlace`] if two binaries belong in the same place, [`Error::NoSources`].
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let Contents { version, about, binaries, accuracy, figures, sources } = contents;
+    refuse_ports(surrogate, about)?;
+    let card = card(surrogate, about, *accuracy, figures);
+    let surrogate = &with_names(surrogate, about.names)?;
     let identifier = model_identifier(&surrogate.metadata().name);
     let file = |name: &str, bytes: Vec<u8>| PackageEntry { name: name.into(), bytes, executable: false };
     let icon = match version {
@@ -75,7 +79,7 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let (options, result) = reference(surrogate);
     let model = surrogate.to_bytes().map_err(|source| Error::Surrogate { source })?;
     let mut entries = vec![
-        file("documentation/index.html", card(surrogate, about, *accuracy, figures).into()),
+        file("documentation/index.html", card.into()),
         file(icon, ICON.into()),
         file(OPTIONS_FILE, options.into()),
         file(RESULT_FILE, result.into()),
@@ -104,9 +108,14 @@ pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     write_zip(&entries).map_err(|source| Error::Archive { path: "the new FMU".into(), source })
 }
 
+fn refuse_ports(surrogate: &Surrogate, about: &ExportOptions) -> Result<()> {
+    let is_discrete = surrogate.program().sampling().is_some();
+    let problems = about.port_problems(surrogate.bounds().is_some(), is_discrete);
+    if problems.is_empty() { Ok(()) } else { Err(Error::Ports { problems }) }
+}
+
 fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
-    let ExportOptions { author, copyright, license, .. } = contents.about.clone();
-    let mut description = ModelDescription::of_surrogate(surrogate, contents.version);
+    let mut description = ModelDescription::of_surrogate(surrogate, contents.version, contents.about);
     if contents.sources && contents.version == FmiVersion::V2 {
         let files: Vec<String> =
             sources::compiled(surrogate, contents.version).into_iter().map(str::to_owned).collect();
@@ -116,7 +125,7 @@ fn description(surrogate: &Surrogate, contents: &Contents) -> ModelDescription {
             interface.source_files.clone_from(&files);
         }
     }
-    ModelDescription { author, copyright, license, ..description }
+    description
 }
 
 /// The surrogate inside an archive, if there is one; a model file of another program is none of ours.
@@ -175,7 +184,11 @@ fn write_zip(entries: &[PackageEntry]) -> ZipResult<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{fmi::Platform, surrogate::seal};
+    use crate::{
+        fmi::Platform,
+        study::{FmuInterface, FmuPort, NameStyle},
+        surrogate::seal,
+    };
     use metafmu_example as example;
     use std::io::Read;
 
@@ -246,5 +259,49 @@ mod tests {
         let zip = zip::ZipArchive::new(Cursor::new(&fmu)).unwrap();
         assert!(zip.index_for_name("binaries/win64/example.dll").is_some());
         assert!(zip.index_for_name("binaries/aarch64-linux/example.so").is_some());
+    }
+
+    /// The surrogate inside an FMU with these options, or why there is none.
+    fn packed(surrogate: &Surrogate, about: &ExportOptions) -> Result<Surrogate> {
+        let contents =
+            Contents { version: FmiVersion::V2, about, binaries: &[], accuracy: None, figures: &[], sources: false };
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), pack(surrogate, &contents)?).unwrap();
+        read_surrogate(file.path())
+    }
+
+    #[test]
+    fn flat_names_are_those_of_the_model_file_as_well() {
+        let mut metadata = example::surrogate().metadata().clone();
+        metadata.outputs[0].name = "rail.angle [1]".into();
+        metadata.inputs[0].name = "2nd length".into();
+        let hierarchical =
+            seal(Surrogate::new(metadata.clone(), example::surrogate().program().clone()).unwrap()).unwrap();
+        let flat = ExportOptions { names: NameStyle::Flat, ..ExportOptions::default() };
+        let inside = packed(&hierarchical, &flat).unwrap();
+        assert_eq!(
+            (inside.outputs()[0].name.as_str(), inside.inputs()[0].name.as_str()),
+            ("rail_angle_1", "_2nd_length")
+        );
+        assert_eq!(inside.program(), hierarchical.program());
+        assert_eq!(packed(&hierarchical, &ExportOptions::default()).unwrap(), hierarchical);
+
+        metadata.outputs[1].name = "rail_angle.1".into();
+        let alike = seal(Surrogate::new(metadata, example::surrogate().program().clone()).unwrap()).unwrap();
+        let message = packed(&alike, &flat).unwrap_err().to_string();
+        assert!(message.ends_with("rail.angle [1], rail_angle.1 would all be `rail_angle_1`"), "{message}");
+    }
+
+    #[test]
+    fn ports_that_an_fmu_cannot_have_are_refused_all_at_once() {
+        let of = |interface, ports: &[FmuPort]| {
+            let about = ExportOptions { interface, ports: ports.into(), ..ExportOptions::default() };
+            packed(&seal(example::surrogate()).unwrap(), &about).unwrap_err().to_string()
+        };
+        let message = of(FmuInterface::Study, &[FmuPort::Bounds, FmuPort::Measured, FmuPort::Domain]);
+        assert!(message.contains("`bounds`: there are no error bounds"), "{message}");
+        assert!(message.contains("`measured`: only discrete-time FMUs take measured outputs"), "{message}");
+        let message = of(FmuInterface::Plain, &[FmuPort::Domain]);
+        assert!(message.contains("a plain interface has variables of the study only"), "{message}");
     }
 }

@@ -9,8 +9,8 @@ use crate::{
     files,
     fmi::{Archive, FmiVersion},
     report::{Drawn, Evaluated, Figure, card_figures},
-    study::{self, FmiChoice},
-    surrogate,
+    study::{ExportOptions, FmiChoice, FmuInterface, FmuPort, NameStyle},
+    surrogate::{self, with_names},
 };
 use metafmu_runtime::Surrogate;
 use serde::Serialize;
@@ -27,12 +27,18 @@ pub struct ExportRequest {
     pub binaries: Vec<(String, PathBuf)>,
     /// `true` if the FMU contains C sources.
     pub sources: bool,
+    /// Variables of the FMU.
+    pub interface: Option<FmuInterface>,
+    /// Ports beside those of the study.
+    pub ports: Option<Vec<FmuPort>>,
+    /// Names of the variables.
+    pub names: Option<NameStyle>,
 }
 
 /// Plan of an export: the FMUs to write.
 #[derive(Debug)]
 pub struct ExportPlan {
-    choice: FmiChoice,
+    about: ExportOptions,
     binaries: Vec<Binary>,
     sources: bool,
 }
@@ -50,17 +56,28 @@ pub struct WrittenFmu {
 }
 
 impl ExportPlan {
-    /// Finds the libraries, so that a missing one is reported before the work instead of after it.
+    /// Finds the libraries and checks the ports, so that what is wrong is reported before the work instead of after it.
     ///
     /// # Errors
-    /// [`Error::Io`] of a library, the error of an unknown platform.
+    /// [`Error::Io`] of a library, the error of an unknown platform, [`Error::Ports`].
     pub fn new(project: &Project, options: &ExportRequest) -> Result<Self> {
-        Self::of(options, project.study.export.fmi)
+        let plan = Self::of(options, project.study.export.clone())?;
+        let problems = plan.about.interface_problems(&project.study);
+        if problems.is_empty() { Ok(plan) } else { Err(Error::Ports { problems }) }
     }
 
-    /// `choice`: the default versions.
-    fn of(options: &ExportRequest, choice: FmiChoice) -> Result<Self> {
-        let choice = options.fmi.unwrap_or(choice);
+    /// `of_study`: options unless others are requested.
+    fn of(options: &ExportRequest, of_study: ExportOptions) -> Result<Self> {
+        let interface = options.interface.unwrap_or(of_study.interface);
+        // ports of the study are not requested of a plain FMU
+        let usual = if options.interface == Some(FmuInterface::Plain) { Vec::new() } else { of_study.ports };
+        let about = ExportOptions {
+            fmi: options.fmi.unwrap_or(of_study.fmi),
+            interface,
+            ports: options.ports.clone().unwrap_or(usual),
+            names: options.names.unwrap_or(of_study.names),
+            ..of_study
+        };
         let added = options.binaries.iter().map(|(tuple, path)| Binary::from_file(tuple, path));
         let added = added.collect::<Result<Vec<Binary>>>()?;
         let mut binaries = if options.platforms.is_empty() {
@@ -71,19 +88,18 @@ impl ExportPlan {
         // a library given by name goes before the embedded one
         binaries.retain(|binary| added.iter().all(|added| added.platform != binary.platform));
         binaries.extend(added);
-        Ok(Self { choice, binaries, sources: options.sources })
+        Ok(Self { about, binaries, sources: options.sources })
     }
 
     /// Files of the FMUs of a project.
     pub(super) fn files(&self, project: &Project) -> Vec<PathBuf> {
-        let (folder, name, about) = (project.folder(), &project.study.name, &project.study.export);
-        let target = ExportTarget { folder, name, alone: false, about };
+        let target = ExportTarget { folder: project.folder(), name: &project.study.name, alone: false };
         self.wanted().map(|version| target.fmu(version)).collect()
     }
 
     /// The versions to write.
     fn wanted(&self) -> impl Iterator<Item = FmiVersion> {
-        let choice = self.choice;
+        let choice = self.about.fmi;
         let is_wanted = move |version: &FmiVersion| match version {
             FmiVersion::V2 => choice != FmiChoice::V3,
             FmiVersion::V3 => choice != FmiChoice::V2,
@@ -131,19 +147,14 @@ pub fn export_network(project: &Project, plan: &ExportPlan) -> Result<Vec<Writte
 /// Those of [`load_file`], [`Error::Io`], the error of an unknown platform; [`Error::SameFile`] if an FMU would take
 /// the place of the file itself.
 pub fn export_file(file: &Path, folder: &Path, options: &ExportRequest) -> Result<Vec<WrittenFmu>> {
-    let plan = ExportPlan::of(options, FmiChoice::default())?;
+    let plan = ExportPlan::of(options, ExportOptions::default())?;
     let surrogate = load_file(file)?;
     if folder.extension().is_some_and(|extension| extension == "fmu") && !folder.is_dir() {
         let source = std::io::Error::other("expected a folder for NAME.fmu, NAME being the surrogate's");
         return Err(Error::io(folder, "write into the folder")(source));
     }
     files::writable_folder_in_place(folder)?;
-    let target = ExportTarget {
-        folder,
-        name: &surrogate.metadata().name,
-        alone: false,
-        about: &study::ExportOptions::default(),
-    };
+    let target = ExportTarget { folder, name: &surrogate.metadata().name, alone: false };
     let same =
         |path: &PathBuf| path.canonicalize().is_ok_and(|path| file.canonicalize().is_ok_and(|file| file == path));
     if let Some(path) = plan.wanted().map(|version| target.fmu(version)).find(same) {
@@ -174,17 +185,12 @@ pub fn export_surrogate(
     fmu: &Path,
     options: &ExportRequest,
 ) -> Result<Vec<WrittenFmu>> {
-    let plan = ExportPlan::of(options, FmiChoice::default())?;
+    let plan = ExportPlan::of(options, ExportOptions::default())?;
     let folder = fmu.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     // as of the FMU itself: no folder is made for it
     files::check_output(fmu)?;
     let stem = fmu.file_stem().unwrap_or_default().to_string_lossy();
-    let target = ExportTarget {
-        folder,
-        name: &stem,
-        alone: plan.wanted().count() == 1,
-        about: &study::ExportOptions::default(),
-    };
+    let target = ExportTarget { folder, name: &stem, alone: plan.wanted().count() == 1 };
     write(&target, &plan, surrogate, accuracy, &[])
 }
 
@@ -242,11 +248,11 @@ fn write_of_project(
     model: &str,
 ) -> Result<Vec<WrittenFmu>> {
     let name = format!("{}{model}", project.study.name);
-    let target = ExportTarget { folder: project.folder(), name: &name, alone: false, about: &project.study.export };
+    let target = ExportTarget { folder: project.folder(), name: &name, alone: false };
     let written = write(&target, plan, surrogate, accuracy, figures)?;
     let others = FmiVersion::ALL.into_iter().filter(|version| plan.wanted().all(|wanted| wanted != *version));
     for path in others.map(|version| target.fmu(version)) {
-        if path.exists() && !is_of(surrogate, &path) {
+        if path.exists() && !is_of(&with_names(surrogate, plan.about.names)?, &path) {
             files::remove(&path)?;
             project.say(format_args!("removed {}, which an earlier export made of another model", path.display()));
         }
@@ -254,13 +260,12 @@ fn write_of_project(
     Ok(written)
 }
 
-/// Target of an export: the folder, and the metadata of the FMUs.
+/// Target of an export: the folder, and the names of the FMUs.
 struct ExportTarget<'a> {
     folder: &'a Path,
     name: &'a str,
     /// `true` if one version of FMI only is exported: the name of the FMU does not contain it.
     alone: bool,
-    about: &'a study::ExportOptions,
 }
 
 impl ExportTarget<'_> {
@@ -278,8 +283,8 @@ fn write(
     figures: &[Drawn],
 ) -> Result<Vec<WrittenFmu>> {
     let write = |version| {
-        let ExportPlan { binaries, sources, .. } = plan;
-        let contents = Contents { version, about: target.about, binaries, accuracy, figures, sources: *sources };
+        let ExportPlan { about, binaries, sources } = plan;
+        let contents = Contents { version, about, binaries, accuracy, figures, sources: *sources };
         let (path, bytes) = (target.fmu(version), pack(surrogate, &contents)?);
         files::write_whole(&path, &bytes)?;
         Ok(WrittenFmu { fmu: path, bytes: bytes.len(), version })

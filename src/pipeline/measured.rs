@@ -7,13 +7,18 @@ use metafmu_runtime::{BuiltIn, Output, Surrogate};
 /// Reads the inputs of an FMU from a table, and the time of the first row if outputs are measured there.
 ///
 /// Columns of all outputs of a discrete-time surrogate are measured in rows with negative times: they become inputs,
-/// which the FMU uses up to the last of these rows. The outputs of other rows are not used; `tell` receives columns of some
-/// outputs.
+/// which the FMU uses up to the last of these rows, if it `takes_measured` outputs. The outputs of other rows are not used; `tell` receives
+/// columns of some outputs.
 ///
 /// # Errors
 /// Those of [`Inputs::read`]; [`Error::Table`](crate::Error::Table) with the line of a row before time 0 that is no sample, or
-/// that lacks some of the outputs.
-pub fn read_inputs(surrogate: &Surrogate, table: Table, tell: impl Fn(&str)) -> Result<(Inputs, Option<f64>)> {
+/// that lacks some of the outputs, or has all of them for an FMU that takes none.
+pub fn read_inputs(
+    surrogate: &Surrogate,
+    takes_measured: bool,
+    table: Table,
+    tell: impl Fn(&str),
+) -> Result<(Inputs, Option<f64>)> {
     let Some(sampling) = surrogate.program().sampling() else { return Ok((Inputs::read(table)?, None)) };
     let position = |names: &[String], output: &Output| names.iter().position(|name| *name == output.name);
     let is_measured = |names: &[String]| surrogate.outputs().iter().all(|output| position(names, output).is_some());
@@ -25,6 +30,9 @@ pub fn read_inputs(surrogate: &Surrogate, table: Table, tell: impl Fn(&str)) -> 
         let missing: Vec<&str> =
             surrogate.outputs().iter().filter(is_missing).map(|output| output.name.as_str()).collect();
         match missing.len() {
+            0 if !takes_measured => Some(
+                "outputs were measured before 0 s, and the FMU has no inputs for them: `metafmu export --ports measured` adds them".into(),
+            ),
             0 => check_sample(&inputs.times, time, sampling.step),
             count if count == surrogate.outputs().len() => None,
             _ => Some(partly_measured(&missing, &inputs.names.iter().map(String::as_str).collect::<Vec<_>>())),
@@ -81,11 +89,16 @@ mod tests {
     use std::cell::RefCell;
 
     fn read(text: &str) -> (Result<(Inputs, Option<f64>)>, Vec<String>) {
+        read_for(text, true)
+    }
+
+    fn read_for(text: &str, takes_measured: bool) -> (Result<(Inputs, Option<f64>)>, Vec<String>) {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
         let told = RefCell::new(Vec::new());
         let table = Table::open(file.path()).unwrap();
-        let found = read_inputs(&example::recorded(), table, |line| told.borrow_mut().push(line.to_owned()));
+        let found =
+            read_inputs(&example::recorded(), takes_measured, table, |line| told.borrow_mut().push(line.to_owned()));
         (found, told.into_inner())
     }
 
@@ -118,6 +131,8 @@ mod tests {
             "time -0.05 s, expected -0.1 s: rows before time 0 are 0.1 s apart, as their outputs are measured samples";
         let error = read("time,position\n-0.2,1\n-0.05,1\n").0.unwrap_err().to_string();
         assert!(error.ends_with(&format!(":3: {message}")), "{error}");
+        let error = read_for("time,position,force\n-0.2,0.5,1\n", false).0.unwrap_err().to_string();
+        assert!(error.contains("the FMU has no inputs for them: `metafmu export --ports measured`"), "{error}");
         // inputs alone may be anywhere
         assert_eq!(read("time,force\n-0.2,1\n-0.05,1\n").0.unwrap().1, None);
     }

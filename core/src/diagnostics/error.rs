@@ -212,6 +212,12 @@ pub enum Error {
         /// The required interface.
         expected: String,
     },
+    /// Variables that an FMU of this surrogate cannot have.
+    #[error("the interface of the FMU: {}", problems.join("; "))]
+    Ports {
+        /// All that is wrong.
+        problems: Vec<String>,
+    },
     /// An FMU that is run by model exchange cannot be integrated.
     #[error("model exchange failed at {time} s: {message}")]
     Integration {

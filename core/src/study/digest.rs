@@ -258,7 +258,8 @@ pub(super) fn of_surrogate(study: &Study) -> String {
         origin: _,
     } = study;
     // what the FMU says of itself
-    let ExportOptions { fmi: _, precision, author: _, copyright: _, license: _ } = export;
+    let ExportOptions { precision, fmi: _, interface: _, ports: _, names: _, author: _, copyright: _, license: _ } =
+        export;
     digest(&DigestedTraining {
         name,
         description,

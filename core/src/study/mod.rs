@@ -100,7 +100,7 @@ pub use compliant::{CompliantOptions, MAX_DEGREE};
 pub use discrete::{DiscreteModel, DiscreteOptions};
 pub use draft::Draft;
 pub use dynamics::{DynamicsModel, DynamicsOptions};
-pub use export::{ExportOptions, FmiChoice};
+pub use export::{ExportOptions, FmiChoice, FmuInterface, FmuPort, NameStyle};
 use indexmap::IndexMap;
 pub use inputs::{Excitation, InputOptions};
 pub use limits::{MAX_HALTON_PARAMETERS, MAX_SOBOL_PARAMETERS, MAX_VARIABLES};
@@ -560,6 +560,7 @@ impl Study {
         problems.extend(self.target.map(|target| target.problems_beside(self)).unwrap_or_default());
         // the time is an input, too
         problems.add_section("baselines", self.baselines.problems_beside(self.encoder().width() + 1));
+        problems.add_section("export", self.export.problems_beside(self));
         problems
     }
 

@@ -182,6 +182,7 @@ pub(super) fn problems_beside(study: &Study) -> Problems {
     let columns = [study.inputs.len(), study.outputs.len()];
     problems.extend(study.network.problems_between(columns, 1.0, &study.training));
     problems.add_section("training", study.training.problems_beside(study.outputs.len()));
+    problems.add_section("export", study.export.problems_beside(study));
     let is_fixed = study.network.structure == TimeStructure::Fixed;
     problems.expect_absent(is_fixed, "network.structure", "\"fixed\" belongs to the structure \"response\"");
     let has_runs = study.bounds.is_some_and(|bounds| bounds.runs != BoundsOptions::default().runs);

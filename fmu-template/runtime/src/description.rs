@@ -167,9 +167,9 @@ impl Output {
         format!("{name}_std")
     }
 
-    /// Name of the variable that holds the error bound.
-    pub fn bound_name(&self) -> String {
-        format!("{}_bound", self.name)
+    /// Name of the variable that holds the error bound of an output.
+    pub fn bound_name(name: &str) -> String {
+        format!("{name}_bound")
     }
 
     /// Name of the input that holds the measured value of an output.

@@ -46,7 +46,7 @@ pub enum BuiltIn {
     /// Policy outside the training ranges, a [`DomainPolicy`](crate::DomainPolicy): a tunable integer parameter.
     DomainPolicy,
     /// `true` if inputs, parameters and time are in the domain, up to [`TOLERANCE`](crate::TOLERANCE): a discrete
-    /// Boolean output. If the time is an input of the model, inputs and parameters must also be unchanged since the
+    /// Boolean. If the time is an input of the model, inputs and parameters must also be unchanged since the
     /// start of the run.
     InDomain,
     /// Distance from the domain, see [`Domain::distance`](crate::Domain::distance): a continuous dimensionless output,
@@ -162,7 +162,8 @@ impl Variables {
         let states = states.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::State(index)));
         let built_in = built_in.map(Variable::built_in);
         let arrays = arrays.iter().enumerate().map(|(index, v)| Variable::new(&v.name, Quantity::Array(index)));
-        let bounds = bounded.map(|(index, output)| Variable::new(output.bound_name(), Quantity::Bound(index)));
+        let bounds =
+            bounded.map(|(index, output)| Variable::new(Output::bound_name(&output.name), Quantity::Bound(index)));
         let measured =
             followed.map(|(index, v)| Variable::new(Output::measured_name(&v.name), Quantity::Measured(index)));
         let of_model = inputs.chain(outputs).chain(states).chain(rates);

@@ -373,7 +373,14 @@ class Surrogate:
         return before, past
 
     def export(
-        self, path: str | os.PathLike[str], fmi: str = "2", sources: bool = False, platforms: str | Iterable[str] | None = None
+        self,
+        path: str | os.PathLike[str],
+        fmi: str = "2",
+        sources: bool = False,
+        platforms: str | Iterable[str] | None = None,
+        interface: str = "study",
+        ports: str | Iterable[str] = (),
+        names: str = "study",
     ) -> list[Path]:
         """Writes FMUs and returns their paths.
 
@@ -381,19 +388,22 @@ class Surrogate:
         same folder, with ``-fmi3`` in its name. ``sources``: also C99 source code, for targets without a binary. ``platforms``: tuples like
         ``"x86_64-linux"``; by default all that the package has.
 
-        Raises :class:`metafmu.Error` for a name that does not end in ``.fmu``, an unknown version or platform, and a file that cannot be
-        written.
+        ``interface``: ``"study"``, or ``"plain"`` for an FMU without the variables that metafmu adds. ``ports``: which of these are inputs
+        and outputs that hosts can wire, of ``"domain"``, ``"bounds"`` and ``"measured"``; else they are local variables or absent.
+        ``names``: ``"study"``, or ``"flat"`` for names without dots and brackets.
+
+        Raises :class:`metafmu.Error` for a name that does not end in ``.fmu``, an unknown version or platform, a port that the FMU cannot
+        have, and a file that cannot be written.
         """
         path = Path(path)
         if path.is_dir():
             path = path / f"{self.name}.fmu"
         if path.suffix != ".fmu":
             raise _metafmu.Error(f"{path}: expected a file that ends in .fmu, or a folder")
-        platforms = [platforms] if isinstance(platforms, str) else platforms or []
-        if not isinstance(platforms, Iterable):
-            raise _metafmu.Error(f"platforms: {platforms!r}, expected tuples like \"x86_64-linux\"")
+        platforms = _names(platforms, "platforms", "tuples like \"x86_64-linux\"")
+        ports = _names(ports, "ports", "some of \"domain\", \"bounds\" and \"measured\"")
         accuracy = None if self._accuracy is None else json.dumps(self._accuracy)
-        written = self._core.export(path, str(fmi), bool(sources), list(platforms), accuracy)
+        written = self._core.export(path, str(fmi), bool(sources), platforms, (str(interface), ports, str(names)), accuracy)
         return [Path(fmu) for fmu in written]
 
     def to_onnx(self, path: str | os.PathLike[str]) -> None:
@@ -415,6 +425,14 @@ class Surrogate:
     def __repr__(self):
         names = lambda items: ", ".join(item["name"] for item in items[:6]) + (", ..." if len(items) > 6 else "")
         return f"Surrogate({self.name!r}: {names(self._metadata['inputs'])} -> {names(self._metadata['outputs'])})"
+
+
+def _names(names, option, expected):
+    """One name or several as a list."""
+    names = [names] if isinstance(names, str) else names or []
+    if not isinstance(names, Iterable):
+        raise _metafmu.Error(f"{option}: {names!r}, expected {expected}")
+    return [str(name) for name in names]
 
 
 def _driving(inputs, names, count):

@@ -237,7 +237,11 @@ mod tests {
             [(FmiVersion::V2, "modelDescription-fmi2.xml"), (FmiVersion::V3, "modelDescription-fmi3.xml")]
         {
             let path = format!("{}/tests/data/{file}", env!("CARGO_MANIFEST_DIR"));
-            let description = ModelDescription::of_surrogate(&metafmu_example::with_input(), version);
+            let description = ModelDescription::of_surrogate(
+                &metafmu_example::with_input(),
+                version,
+                &crate::study::ExportOptions::default(),
+            );
             // the version changes with every release
             let text = write(&description).replace(env!("CARGO_PKG_VERSION"), "x.y.z");
             if std::env::var_os("UPDATE_GOLDEN").is_some() {

@@ -81,6 +81,22 @@ fn a_fixed_parameter_waits_for_the_simulation_unless_no_time_has_passed() {
 }
 
 #[test]
+fn a_host_that_never_completes_a_step_is_refused_by_the_policy_as_well() {
+    let host = Host::of_kind(&example::surrogate(), MODEL_EXCHANGE);
+    assert_eq!((host.set_up_until(0.0, 2.0), host.enter(), host.exit()), (Status::Ok, Status::Ok, Status::Ok));
+    assert_eq!((host.set(&[POLICY], &[2.0]), host.go_on()), (Status::Ok, Status::Ok));
+    assert_eq!(host.set(&[LENGTH], &[9.0]), Status::Ok, "only tried");
+    // a solver that repeats its steps goes back
+    for repeated in 1..=3 {
+        let mut tried = (1..=1000).map(|step| host.set_time(f64::from(step) * 1e-3));
+        assert!(tried.all(|status| status == Status::Ok), "{repeated}");
+    }
+    assert_eq!(host.set_time(1.001), Status::Error);
+    assert!(host.message().contains("`length`: 9 is outside the training range"));
+    assert_eq!((host.set(&[LENGTH], &[0.15]), host.set_time(1.001)), (Status::Ok, Status::Ok), "it may go on");
+}
+
+#[test]
 fn there_are_no_states_and_no_indicators() {
     type Vector = unsafe extern "C" fn(*mut c_void, *mut f64, usize) -> Status;
     let functions: [Vector; 4] =

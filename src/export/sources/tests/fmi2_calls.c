@@ -343,6 +343,23 @@ static void trials(void)
     }
 }
 
+/* A host that never completes a step accepts what it leaves behind. */
+static void never_completed(void)
+{
+    void *c = made(0, &with_memory);
+    check(set_policy(c, 2) == STATUS_OK, __LINE__);
+    initialize(c);
+    check(fmi2EnterContinuousTimeMode(c) == STATUS_OK && set_real(c, SPEED, 9.0) == STATUS_OK, __LINE__);
+    for (int repeated = 0; repeated < 3; repeated++) {
+        for (int step = 1; step <= 1000; step++) {
+            check(fmi2SetTime(c, step * 1e-3) == STATUS_OK, __LINE__);
+        }
+    }
+    refused(fmi2SetTime(c, 1.001), __LINE__);
+    check(set_real(c, SPEED, 2.5) == STATUS_OK && fmi2SetTime(c, 1.001) == STATUS_OK, __LINE__);
+    fmi2FreeInstance(c);
+}
+
 /* Inputs and parameters that do not stay what they were at the start of the run. */
 static void changes(void)
 {
@@ -479,6 +496,7 @@ int main(void)
     states();
     derivatives();
     model_exchange();
+    never_completed();
     trials();
     changes();
     null_components();
