@@ -173,6 +173,8 @@ impl Instance {
             stale: true,
             metadata: surrogate.into_metadata(),
             warnings: Vec::new(),
+            trials: 0,
+            furthest: f64::NEG_INFINITY,
         };
         instance.start();
         Ok(instance)

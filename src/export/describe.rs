@@ -549,7 +549,7 @@ fn known_of_rates(quantity: Quantity, surrogate: &Surrogate, states: &[usize], a
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::study::NameStyle;
+    use crate::{study::NameStyle, surrogate::with_names};
     use metafmu_example as example;
 
     #[test]
@@ -674,7 +674,8 @@ mod tests {
     #[test]
     fn derivatives_have_flat_names_where_the_others_do() {
         let about = ExportOptions { names: NameStyle::Flat, ..ExportOptions::default() };
-        let description = ModelDescription::of_surrogate(&example::crane(), FmiVersion::V2, &about);
+        let flat = with_names(&example::crane(), about.names).unwrap();
+        let description = ModelDescription::of_surrogate(&flat, FmiVersion::V2, &about);
         assert!(description.variables.iter().all(|variable| !variable.name.contains(['(', ')', '.', '['])));
         assert!(description.variables.iter().any(|variable| variable.name.starts_with("der_")));
     }

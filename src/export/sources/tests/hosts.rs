@@ -34,7 +34,8 @@ fn compare_run_of_example(surrogate: &Surrogate) {
         for (speed, policy) in [(4.5, 0.0), (7.0, 0.0), (7.0, 1.0)] {
             let start_values = [("length", 0.13), ("speed", speed), ("domain_policy", policy)];
             let start_values = start_values.map(|(name, value)| (name.to_owned(), value)).into();
-            let options = SimulationOptions { start_values, step: Some(0.013), ..SimulationOptions::default() };
+            let record = ["in_domain", "domain_distance"].map(str::to_owned).into();
+            let options = SimulationOptions { start_values, step: Some(0.013), record, ..SimulationOptions::default() };
             let [found, expected] =
                 fmus.each_ref().map(|fmu| simulate(&fmu.instantiate("run", false).unwrap(), &options).unwrap());
             assert_eq!((&found.columns, &found.times), (&expected.columns, &expected.times));
