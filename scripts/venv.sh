@@ -1,14 +1,17 @@
 #!/usr/bin/env bash
 # Makes .venv with the pinned Python packages of the tests; does nothing if it is up to date.
 # With --peers: .peers, with the programs that some figures of scripts/figures.toml compare with (7 GB).
+# With --hosts: .hosts, with the hosts of tests/hosts/installed.py.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 folder=.venv requirements=tests/python/requirements.txt options=()
 if [ "${1:-}" = --peers ]; then
   folder=.peers requirements=scripts/measure/requirements.txt options=(--no-deps)
+elif [ "${1:-}" = --hosts ]; then
+  folder=.hosts requirements=tests/hosts/requirements.txt options=(--no-deps)
 elif [ $# != 0 ]; then
-  echo "usage: scripts/venv.sh [--peers]" >&2
+  echo "usage: scripts/venv.sh [--peers | --hosts]" >&2
   exit 1
 fi
 stamp=$folder/requirements.txt

@@ -573,6 +573,9 @@ pub struct ValidateArgs {
     /// Seconds that unpacking the FMU, loading it and each of the checks that run it may take
     #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = duration)]
     pub time_limit: Duration,
+    /// Also tell for each known host whether it will load and run the FMU, what will fail, and what to do instead
+    #[arg(long)]
+    pub hosts: bool,
     /// Print findings as JSON
     #[arg(long)]
     pub json: bool,

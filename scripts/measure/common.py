@@ -24,6 +24,6 @@ def build_record(folder, table, seed, test=None):
     run(folder, "new", "study", "--table", table, "--structure", "discrete", "--inputs", "u")
     text = re.sub(r"(?m)^seed = \d+", f"seed = {seed}", study.read_text())
     study.write_text(re.sub(r"(?m)^test_runs = .*$", f'test = "{test}"', text) if test else text)
-    text = run(folder, "build", "study.toml")
+    text = run(folder, "build", "study.toml", "--ports", "measured")
     (folder / "build.txt").write_text(text)
     return text

@@ -5,9 +5,11 @@
 //! - [`system`]: systems of FMUs that exchange values (SSP), and runs of them.
 //! - [`worker`]: FMUs in separate processes; [`simulate_apart`] does a whole run in one.
 //! - [`validate()`]: every problem of an FMU; [`validate_apart`] runs it in separate processes.
+//! - [`hosts`]: what hosts will do with an FMU.
 
 mod archive;
 pub mod host;
+pub mod hosts;
 pub mod identifier;
 pub mod model_description;
 pub(crate) mod platform;

@@ -1,19 +1,22 @@
 """Hosts from the package registry run each FMU of a folder as it is: a table of host by FMU.
 
     cargo run --release --example kinds -- FOLDER
-    python3 -m venv hosts && grep -v '^#' tests/hosts/requirements.txt | xargs -n 1 hosts/bin/pip install
-    hosts/bin/python tests/hosts/installed.py FOLDER
+    scripts/venv.sh --hosts && .hosts/bin/python tests/hosts/installed.py FOLDER
 
 Each host takes ten steps of 0.02 s with the start values of the FMU, with its defaults wherever it has some. A cell has the largest difference of an
-output from FMPy's at the end, relative to the output's magnitude, or what the host said. Each pair runs in a separate process.
+output from FMPy's at the end, relative to the output's magnitude, or what the host said. Hosts run in processes of their own, and each FMU in a fork of
+its host's, so that a crash ends one cell.
 """
 
 import argparse
-import functools
+import importlib
+import json
 import multiprocessing
 import os
+import subprocess
 import sys
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Callable, NamedTuple
 
@@ -25,12 +28,15 @@ STEP, STEPS = 0.02, 10
 HOSTS = {}
 # pathsim adds up the time, and the states in CasADi are integrated here
 TOLERANCE = 1e-6
+# seconds for a cell
+PATIENCE = 120
 
 
 class HostProgram(NamedTuple):
-    """A function that runs an FMU and returns its outputs at the end by name, and what the host can load."""
+    """A function that runs an FMU and returns its outputs at the end by name, the host's module, and what it can load."""
 
     run: Callable
+    module: str
     interface: str
     versions: tuple
 
@@ -42,11 +48,11 @@ class Cell(NamedTuple):
     is_fine: bool
 
 
-def host(interface, versions=(2,)):
+def host(module, interface, versions=(2,)):
     """Registers a host that runs FMUs by an interface, of these versions of the standard."""
 
     def register(function):
-        HOSTS[function.__name__.replace("_", "-")] = HostProgram(function, interface, versions)
+        HOSTS[function.__name__.replace("_", "-")] = HostProgram(function, module, interface, versions)
         return function
 
     return register
@@ -61,7 +67,7 @@ def outputs_of(description):
     return [v.name for v in description.modelVariables if v.causality == "output" and not v.dimensions]
 
 
-@host("co-simulation")
+@host("pathsim_fmi", "co-simulation")
 def pathsim_fmi(fmu, description):
     from pathsim import Connection, Simulation
     from pathsim.blocks import Constant
@@ -76,7 +82,7 @@ def pathsim_fmi(fmu, description):
     return dict(zip(block.fmu_wrapper.output_refs, block.outputs.to_array()))
 
 
-@host("co-simulation", (2, 3))
+@host("cofmupy.wrappers", "co-simulation", (2, 3))
 def cofmupy(fmu, description):
     from cofmupy.wrappers import FmuHandlerFactory
 
@@ -87,7 +93,7 @@ def cofmupy(fmu, description):
     return {name: np.ravel(value)[0] for name, value in values.items()}
 
 
-@host("co-simulation", (2, 3))
+@host("gemseo_fmu.disciplines.fmu_discipline", "co-simulation", (2, 3))
 def gemseo_fmu(fmu, description):
     from gemseo_fmu.disciplines.fmu_discipline import FMUDiscipline
 
@@ -95,7 +101,7 @@ def gemseo_fmu(fmu, description):
     return {name: np.ravel(data[name])[-1] for name in outputs_of(description)}
 
 
-@host("co-simulation", (2, 3))
+@host("estim8.models", "co-simulation", (2, 3))
 def estim8(fmu, description):
     from estim8.models import FmuModel
 
@@ -103,7 +109,7 @@ def estim8(fmu, description):
     return {name: float(simulation[name].values[-1]) for name in outputs_of(description)}
 
 
-@host("co-simulation")
+@host("sofirpy", "co-simulation")
 def sofirpy(fmu, description):
     from sofirpy import simulate
 
@@ -112,7 +118,7 @@ def sofirpy(fmu, description):
     return {name: float(frame[f"fmu.{name}"].iloc[-1]) for name in logged["fmu"]}
 
 
-@host("co-simulation")
+@host("syssimx.components.fmu", "co-simulation")
 def syssimx(fmu, description):
     from syssimx.components.fmu import FMUComponent
 
@@ -125,7 +131,31 @@ def syssimx(fmu, description):
     return {name: float(getattr(value, "magnitude", value)) for name, value in component.get_outputs().items()}
 
 
-@host("model exchange", (2, 3))
+@host("fmugym.fmugym", "co-simulation", (2, 3))
+def fmugym(fmu, description):
+    from fmugym.fmugym import FMUGym
+    from fmugym.fmugym_config import FMUGymConfig, VarSpace
+
+    class Environment(FMUGym):
+        init_states, observation = {}, {}
+
+        def compute_reward(self, observation, info):
+            return 0.0
+
+    starts = starts_of_inputs(description)
+    spaces = {"inputs": starts, "input_noise": [], "outputs": outputs_of(description), "output_noise": [], "random_vars": []}
+    boxes = {name: VarSpace(name) for name in spaces}
+    for name, variables in spaces.items():
+        for variable in variables:
+            boxes[name].add_var_box(variable, -1e6, 1e6)
+    environment = Environment(FMUGymConfig(str(fmu), 0.0, 2 * STEPS * STEP, STEP, STEP, **boxes))
+    environment.reset()
+    for _ in range(STEPS):
+        environment.step(np.array(list(starts.values())))
+    return environment._get_fmu_output()
+
+
+@host("casadi", "model exchange", (2, 3))
 def casadi(fmu, description):
     from casadi import DaeBuilder
 
@@ -176,6 +206,10 @@ def difference(name, fmu):
     return Cell(f"{largest:.0e}", largest <= TOLERANCE)
 
 
+def send_difference(to, name, fmu):
+    to.send(difference(name, fmu))
+
+
 def cell(name, fmu):
     """Difference or message of a host, or a dash if it has no way to run the FMU."""
     program = HOSTS[name]
@@ -183,29 +217,50 @@ def cell(name, fmu):
     offers = description.coSimulation if program.interface == "co-simulation" else description.modelExchange
     if offers is None or int(description.fmiVersion[0]) not in program.versions:
         return Cell("-", True)
-    # a crash of a host ends its process only
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
-        try:
-            return pool.apply_async(difference, (name, fmu)).get(timeout=120)
-        except multiprocessing.TimeoutError:
-            return Cell("no answer in 120 s", False)
+    fork = multiprocessing.get_context("fork")
+    here, there = fork.Pipe(duplex=False)
+    process = fork.Process(target=send_difference, args=(there, name, fmu))
+    process.start()
+    there.close()
+    try:
+        return here.recv() if here.poll(PATIENCE) else Cell(f"no answer in {PATIENCE} s", False)
+    except EOFError:
+        process.join()
+        return Cell(f"the process ended with {process.exitcode}", False)
+    finally:
+        process.kill()
+
+
+def column(name, fmus):
+    """Cells of a host in a process of its own, which imports it once."""
+    command = [sys.executable, __file__, "--column", name, *map(str, fmus)]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return [Cell(*line) for line in map(json.loads, printed.splitlines())]
+
+
+def print_column(name, fmus):
+    importlib.import_module(HOSTS[name].module)
+    for fmu in fmus:
+        print(json.dumps(cell(name, fmu)), flush=True)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="folder of FMUs")
+    parser.add_argument("fmus", type=Path, nargs="+", help="FMUs, or folders of FMUs")
     parser.add_argument("--host", nargs="+", choices=HOSTS, default=list(HOSTS), help="only these")
+    parser.add_argument("--column", choices=HOSTS, help=argparse.SUPPRESS)
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    fmus = sorted(options.folder.glob("*.fmu"))
+    fmus = [fmu for path in options.fmus for fmu in (sorted(path.glob("*.fmu")) if path.is_dir() else [path])]
+    if options.column:
+        return print_column(options.column, fmus)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        columns = list(threads.map(column, options.host, [fmus] * len(options.host)))
     print("| FMU | " + " | ".join(options.host) + " |")
     print("|---" * (1 + len(options.host)) + "|")
-    is_fine = True
-    for fmu in fmus:
-        cells = list(map(functools.partial(cell, fmu=fmu), options.host))
-        is_fine &= all(of_host.is_fine for of_host in cells)
-        print(f"| {fmu.stem} | {' | '.join(of_host.text for of_host in cells)} |", flush=True)
-    sys.exit(not is_fine)
+    for fmu, cells in zip(fmus, zip(*columns)):
+        print(f"| {fmu.stem} | {' | '.join(of_host.text for of_host in cells)} |")
+    sys.exit(not all(of_host.is_fine for cells in columns for of_host in cells))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from pathlib import Path
 import casadi
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, metafmu
 from fmpy import extract, read_model_description
 from fmpy.ssp.simulation import simulate_ssp
 from fmpy.validation import validate_fmu
@@ -163,16 +163,26 @@ def test_derivatives_in_casadi_are_those_of_the_equations(in_casadi):
             assert np.abs(np.array(found) - expected).max() < 1e-9 * max(1.0, np.abs(expected).max())
 
 
-def test_every_output_is_read_in_casadi_and_the_boolean_one_has_no_slope(system, in_casadi):
+def test_the_outputs_in_casadi_are_those_of_the_study(system, in_casadi):
+    _, outputs = in_casadi([0.5, 0.2, 0.0, 0.0], 1.0, [1.5, 1.0, 0.5])
     names = [variable.name for variable in read_model_description(system.crane).modelVariables if variable.causality == "output"]
-    x, u, p = [0.5, 0.2, 0.0, 0.0], 1.0, [1.5, 1.0, 0.5]
-    _, outputs = in_casadi(x, u, p)
     values = dict(zip(names, np.ravel(outputs), strict=True))
-    assert (values["x"], values["theta"], values["in_domain"]) == (0.5, 0.2, 1.0)
-    slopes = in_casadi.factory("slopes", in_casadi.name_in(), ["jac:y:x"])(x, u, p)
+    assert (values["x"], values["theta"]) == (0.5, 0.2) and "in_domain" not in names
+
+
+def test_a_boolean_output_is_read_in_casadi_and_has_no_slope(system, tmp_path):
+    metafmu("export", system.crane, "--ports", "domain", "--out", tmp_path)
+    [wired] = tmp_path.glob("*.fmu")
+    names = [variable.name for variable in read_model_description(wired).modelVariables if variable.causality == "output"]
+    model = casadi.DaeBuilder("wired", str(extract(str(wired), tmp_path / "wired")))
+    equations = model.create("equations", ["t", "x", "u", "p"], ["ode", "y"])
+    x, u, p = [0.5, 0.2, 0.0, 0.0], 1.0, [1.5, 1.0, 0.5]
+    _, outputs = equations(0.0, x, u, p)
+    assert dict(zip(names, np.ravel(outputs), strict=True))["in_domain"] == 1.0
+    slopes = equations.factory("slopes", equations.name_in(), ["jac:y:x"])(0.0, x, u, p)
     assert not np.array(slopes)[names.index("in_domain")].any()
-    _, outside = in_casadi([0.5, 0.2, 900.0, 0.0], u, p)
-    assert dict(zip(names, np.ravel(outside)))["in_domain"] == 0.0
+    _, outside = equations(0.0, [0.5, 0.2, 900.0, 0.0], u, p)
+    assert dict(zip(names, np.ravel(outside), strict=True))["in_domain"] == 0.0
 
 
 def test_a_force_that_casadi_plans_brings_the_load_to_rest(system, tmp_path):

@@ -36,7 +36,7 @@ def built(tmp_path_factory):
     metafmu("new", "study", "--table", "runs.csv", "--structure", "discrete", "--inputs", "u,v", cwd=folder)
     study = (folder / "study.toml").read_text().replace("[discrete]\n", '[discrete]\nmodel = "polynomial"\n')
     (folder / "study.toml").write_text(study)
-    return folder, metafmu("build", "study.toml", cwd=folder).stderr
+    return folder, metafmu("build", "study.toml", "--ports", "measured", cwd=folder).stderr
 
 
 def simulated(fmu, u, y=None):
@@ -62,6 +62,6 @@ def test_an_input_that_is_late_is_simulated_exactly(built, monkeypatch):
     motion = component(whole)
     shifted = np.roll(whole, -100, axis=0), np.roll(motion, -100)
     assert np.abs(simulated(folder / "out/study/study.fmu", *shifted) - shifted[1])[GIVEN:-100].max() < 1e-3 * np.ptp(truth)
-    metafmu("export", "out/study/study.safetensors", "--out", "sources", "--sources", cwd=folder)
+    metafmu("export", "out/study/study.safetensors", "--out", "sources", "--sources", "--ports", "measured", cwd=folder)
     compiled = compiled_from_sources(fmu_of(folder / "sources", "study", 2), monkeypatch)
     assert np.abs(simulated(compiled, u) - found).max() < 1e-12

@@ -54,7 +54,7 @@ def new(folder, noise=0.0):
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
     folder = tmp_path_factory.mktemp("direct")
-    result = metafmu("build", new(folder), "--out", folder / "out", "--fmi", "both")
+    result = metafmu("build", new(folder), "--out", folder / "out", "--fmi", "both", "--ports", "measured")
     assert "direct effects: acceleration of force" in result.stdout + result.stderr
     return folder / "out"
 
@@ -65,7 +65,7 @@ def fmu(request, built, tmp_path, monkeypatch):
     if kind == "library":
         return fmu_of(built, "mass", version)
     out = tmp_path / "sources"
-    metafmu("export", built / "mass.safetensors", "--out", out, "--sources", "--fmi", version)
+    metafmu("export", built / "mass.safetensors", "--out", out, "--sources", "--fmi", version, "--ports", "measured")
     return compiled_from_sources(fmu_of(out, "mass", version), monkeypatch)
 
 

@@ -36,7 +36,8 @@ def surrogates(tmp_path_factory):
             study = STUDY.replace("history = 3", f'history = {MODELS[model]}\nmodel = "{model}"').replace("epochs = 300", "epochs = 40")
             (folder / "plant.toml").write_text(study)
             # how good it is does not matter here
-            subprocess.run([METAFMU, "build", folder / "plant.toml", "--out", folder / "out", "--fmi", "both"], check=False, capture_output=True)
+            command = [METAFMU, "build", folder / "plant.toml", "--out", folder / "out", "--fmi", "both", "--ports", "measured"]
+            subprocess.run(command, check=False, capture_output=True)
             assert (folder / "out" / "plant-fmi3.fmu").exists()
             made[model] = Plant(folder / "plant.toml", folder / "out")
         return made[model]
@@ -116,7 +117,7 @@ def unpacked(request, surrogates, tmp_path, monkeypatch):
         if request.param == "library":
             return built, built.fmu(version)
         out = tmp_path / "sources"
-        metafmu("export", built.folder / "plant.safetensors", "--out", out, "--sources", "--fmi", version)
+        metafmu("export", built.folder / "plant.safetensors", "--out", out, "--sources", "--fmi", version, "--ports", "measured")
         return built, str(compiled_from_sources(fmu_of(out, "plant", version), monkeypatch))
 
     return make

@@ -50,7 +50,7 @@ def built(request, tmp_path_factory):
     study = re.sub(r"(?m)^test_runs = .*$", 'test = "test.csv"', study)
     study = study.replace("[discrete]\n", '[discrete]\nmodel = "state-space"\nbudget = 20\n')
     (folder / "study.toml").write_text(study)
-    printed = metafmu("build", "study.toml", cwd=folder).stderr
+    printed = metafmu("build", "study.toml", "--ports", "measured", cwd=folder).stderr
     return request.param, folder, printed
 
 
@@ -72,6 +72,6 @@ def test_the_kind_of_saturation_is_found_and_simulated(built, monkeypatch):
     assert found.max() <= LIMIT
     # a hundred times smaller than without
     assert np.sqrt(np.mean((found - rows[:, 1])[GIVEN:] ** 2)) < 1e-3
-    metafmu("export", "out/study/study.safetensors", "--out", "sources", "--sources", cwd=folder)
+    metafmu("export", "out/study/study.safetensors", "--out", "sources", "--sources", "--ports", "measured", cwd=folder)
     compiled = compiled_from_sources(fmu_of(folder / "sources", "study", 2), monkeypatch)
     assert np.abs(simulated(compiled, rows) - found).max() < 1e-12

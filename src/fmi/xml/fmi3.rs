@@ -4,5 +4,5 @@ mod reader;
 mod schema;
 mod writer;
 
-pub use reader::read;
+pub use reader::{read, variables};
 pub use writer::write;

@@ -49,6 +49,14 @@ pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
     }
 }
 
+/// The elements of the variables in the order of [`ModelDescription::variables`].
+pub(in crate::fmi) fn variable_elements(root: &Element, version: FmiVersion) -> Vec<&Element> {
+    match version {
+        FmiVersion::V2 => fmi2::variables(root).collect(),
+        FmiVersion::V3 => fmi3::variables(root).collect(),
+    }
+}
+
 /// A problem in a modelDescription.xml.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct XmlProblem {

@@ -23,13 +23,13 @@ pub fn read(root: &Element) -> Document {
     Document {
         description,
         problems: reader.problems,
-        variable_lines: scalar_variables(root).map(|variable| variable.line).collect(),
+        variable_lines: variables(root).map(|variable| variable.line).collect(),
         structure_line: root.child("ModelStructure").map_or(root.line, |structure| structure.line),
     }
 }
 
 /// Positions in other parts of the file count these, so that none of them may be skipped.
-fn scalar_variables(root: &Element) -> impl Iterator<Item = &Element> {
+pub fn variables(root: &Element) -> impl Iterator<Item = &Element> {
     root.list("ModelVariables").filter(|element| element.name == "ScalarVariable")
 }
 
@@ -48,7 +48,7 @@ impl Fmi2Reader {
                 .filter_map(|element| self.type_definition(element))
                 .collect(),
             event_indicators: number(root, "numberOfEventIndicators").unwrap_or_default(),
-            variables: scalar_variables(root).map(|element| self.variable(element)).collect(),
+            variables: variables(root).map(|element| self.variable(element)).collect(),
             structure: root.child("ModelStructure").map(|element| self.structure(element)).unwrap_or_default(),
             ..reader::root(root, FmiVersion::V2, "guid")
         }

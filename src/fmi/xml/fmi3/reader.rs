@@ -38,7 +38,7 @@ pub fn read(root: &Element) -> Document {
     }
 }
 
-fn variables(root: &Element) -> impl Iterator<Item = &Element> {
+pub fn variables(root: &Element) -> impl Iterator<Item = &Element> {
     root.list("ModelVariables").filter(|element| VARIABLES.contains(&element.name.as_str()))
 }
 
