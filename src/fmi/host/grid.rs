@@ -79,6 +79,13 @@ impl Grid {
         self.full_steps + usize::from(self.partial)
     }
 
+    /// Stop time to tell FMUs: none for a run of no length, which some refuse. The end of the last step may be past `stop` by rounding, and some
+    /// FMUs refuse a step that ends later than their stop time.
+    pub fn stop_time(&self) -> Option<f64> {
+        let last = self.steps().checked_sub(1)?;
+        Some(self.stop.max(self.time(last + 1)).max(self.time(last) + self.size(last)))
+    }
+
     /// Time at which step `index` begins; `steps()` gives the end of the run.
     pub fn time(&self, index: usize) -> f64 {
         if index > self.full_steps { self.stop } else { self.start + index as f64 * self.step }
@@ -115,8 +122,19 @@ mod tests {
     }
 
     #[test]
+    fn no_step_ends_after_the_stop_time_that_an_fmu_is_told() {
+        for (stop, step) in [(0.02, 0.002), (1.0, 0.1), (0.3, 0.1), (2.05, 0.1)] {
+            let grid = Grid::of_times(0.0, stop, step).unwrap();
+            let told = grid.stop_time().unwrap();
+            assert!((0..grid.steps()).all(|index| grid.time(index) + grid.size(index) <= told), "{stop} {step}");
+            assert!((told - stop).abs() < 1e-15);
+        }
+    }
+
+    #[test]
     fn a_run_of_no_length_has_one_row() {
-        assert_eq!(Grid::of_times(1.0, 1.0, 0.0).unwrap().steps(), 0);
+        let grid = Grid::of_times(1.0, 1.0, 0.0).unwrap();
+        assert_eq!((grid.steps(), grid.stop_time()), (0, None));
     }
 
     #[test]

@@ -42,7 +42,7 @@ pub enum StepResult {
 
 impl<'fmu> FmuInstance<'fmu> {
     pub(super) fn new(fmu: &'fmu Fmu, name: &CStr, token: &CStr, logging: bool) -> Result<Self> {
-        let journal = Box::<MessageLog>::default();
+        let journal = MessageLog::of_instance();
         let resources = fmu.resources.as_ptr();
         let (name, token) = (name.as_ptr(), token.as_ptr());
         let environment = (&raw const *journal).cast_mut().cast();

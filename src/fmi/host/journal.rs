@@ -34,7 +34,28 @@ struct MessageQueue {
     count: usize,
 }
 
+/// Addresses of the logs of living instances: some FMUs call the logger with an environment that they were never given.
+static LIVING: Mutex<Vec<usize>> = Mutex::new(Vec::new());
+
+fn living() -> MutexGuard<'static, Vec<usize>> {
+    LIVING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Drop for MessageLog {
+    fn drop(&mut self) {
+        let address = std::ptr::from_ref(self).addr();
+        living().retain(|known| *known != address);
+    }
+}
+
 impl MessageLog {
+    /// The log of an instance, whose address the FMU is given.
+    pub fn of_instance() -> Box<Self> {
+        let journal = Box::<Self>::default();
+        living().push(std::ptr::from_ref(&*journal).expose_provenance());
+        journal
+    }
+
     /// How many messages there have been.
     pub fn count(&self) -> usize {
         self.log().count
@@ -62,10 +83,11 @@ impl MessageLog {
     }
 }
 
-/// Called by the shim in logger.c with the environment that the FMU received.
+/// Called by the shim in logger.c with the environment that the FMU received. What is no log of a living instance is taken for that of the last
+/// one.
 ///
 /// # Safety
-/// `journal` must be that of a living instance, the texts must end with a zero byte.
+/// The texts must end with a zero byte.
 #[unsafe(no_mangle)]
 unsafe extern "C" fn metafmu_journal_add(
     journal: *mut c_void,
@@ -73,9 +95,11 @@ unsafe extern "C" fn metafmu_journal_add(
     category: *const c_char,
     message: *const c_char,
 ) {
-    // SAFETY: as asked of the caller; the shim has checked for null pointers
-    let (journal, category, message) =
-        unsafe { (&*journal.cast::<MessageLog>(), CStr::from_ptr(category), CStr::from_ptr(message)) };
+    let living = living();
+    let known = living.iter().find(|known| **known == journal.addr()).or(living.last());
+    let Some(journal) = known.map(|address| std::ptr::with_exposed_provenance::<MessageLog>(*address)) else { return };
+    // SAFETY: as asked of the caller; the shim has checked for null pointers. The log is registered and stays so as long as `living` is locked
+    let (journal, category, message) = unsafe { (&*journal, CStr::from_ptr(category), CStr::from_ptr(message)) };
     journal.add(LogMessage {
         status: status_name(status),
         category: category.to_string_lossy().into_owned(),
@@ -86,7 +110,7 @@ unsafe extern "C" fn metafmu_journal_add(
 /// `fmi3LogMessageCallback`.
 ///
 /// # Safety
-/// `journal` must be that of a living instance, the texts null or with a zero byte at their ends.
+/// The texts must be null or end with a zero byte.
 pub unsafe extern "C" fn log_message(
     journal: *mut c_void,
     status: FmiStatus,
@@ -120,5 +144,14 @@ mod tests {
         let earlier = texts(journal.take_after(0));
         assert_eq!((earlier.len(), earlier[0].as_str()), (MAX_MESSAGES - 2, "12"));
         assert_eq!(journal.take_after(0), []);
+    }
+
+    #[test]
+    fn a_message_with_an_environment_that_was_never_given_is_kept() {
+        let journal = MessageLog::of_instance();
+        let environment = std::ptr::without_provenance_mut(1);
+        // SAFETY: the texts end with a zero byte
+        unsafe { log_message(environment, 0, c"events".as_ptr(), c"of nobody".as_ptr()) };
+        assert!(journal.take_after(0).iter().any(|message| message.text == "of nobody"));
     }
 }

@@ -86,13 +86,12 @@ pub fn simulate_into(instance: &FmuInstance, options: &SimulationOptions, sink: 
     for (name, value) in &options.start_values {
         set_start(instance, name, *value)?;
     }
-    let (start, stop) = (grid.time(0), grid.time(grid.steps()));
+    let start = grid.time(0);
     let set_inputs = |time: f64| inputs.set(instance, time, inputs.rows_until(time));
     if !exchange {
         set_inputs(start)?;
     }
-    // a stop time that is the start time is refused by some FMUs
-    instance.enter_initialization_mode(start, (stop > start).then_some(stop))?;
+    instance.enter_initialization_mode(start, grid.stop_time())?;
     if exchange {
         set_inputs(start)?;
     }

@@ -170,6 +170,43 @@ pub(super) fn lacks_library(facts: &FmuFacts) -> Option<String> {
     is_missing.then(|| format!("no `{library}` for this platform, {}", Platform::CURRENT.tuple))
 }
 
+/// Functions that FMI 2.0 demands of every library, whatever the capabilities are.
+const FUNCTIONS_OF_2: [&str; 25] = [
+    "fmi2GetTypesPlatform",
+    "fmi2GetVersion",
+    "fmi2SetDebugLogging",
+    "fmi2Instantiate",
+    "fmi2FreeInstance",
+    "fmi2SetupExperiment",
+    "fmi2EnterInitializationMode",
+    "fmi2ExitInitializationMode",
+    "fmi2Terminate",
+    "fmi2Reset",
+    "fmi2GetReal",
+    "fmi2GetInteger",
+    "fmi2GetBoolean",
+    "fmi2GetString",
+    "fmi2SetReal",
+    "fmi2SetInteger",
+    "fmi2SetBoolean",
+    "fmi2SetString",
+    "fmi2GetFMUstate",
+    "fmi2SetFMUstate",
+    "fmi2FreeFMUstate",
+    "fmi2SerializedFMUstateSize",
+    "fmi2SerializeFMUstate",
+    "fmi2DeSerializeFMUstate",
+    "fmi2GetDirectionalDerivative",
+];
+
+pub(super) fn lacks_functions(facts: &FmuFacts) -> Option<String> {
+    // a library without any names has been stripped of them in a way that is not understood here
+    if facts.version() != FmiVersion::V2 || facts.functions.is_empty() {
+        return None;
+    }
+    some(FUNCTIONS_OF_2.into_iter().filter(|function| !facts.functions.contains(*function)))
+}
+
 pub(super) fn is_broken(facts: &FmuFacts) -> Option<String> {
     let failed = facts.broken.iter().find(|failed| failed.interface == facts.interface);
     failed.map(|failed| failed.message.clone()).filter(|_| lacks_library(facts).is_none())
@@ -201,6 +238,9 @@ fn references_of_reals(facts: &FmuFacts) -> HashSet<u32> {
 /// Variables of a causality that are no real numbers: in FMI 2.0, whose types have value references of their own, those that hit no real one, or
 /// those that hit one.
 fn others(facts: &FmuFacts, causality: Causality, hits: bool) -> Option<String> {
+    if converts_types(facts) {
+        return None;
+    }
     let reals = references_of_reals(facts);
     let is_wrong = |written: &WrittenVariable| {
         !is_real(written.variable) && reals.contains(&written.variable.value_reference) == hits
@@ -243,7 +283,8 @@ pub(super) fn has_whole_numbers_to_set(facts: &FmuFacts) -> Option<String> {
         let is_text = matches!(written.variable.kind, VariableType::String { .. });
         is_set(written) && !is_real(written.variable) && !is_text && !reals.contains(&written.variable.value_reference)
     };
-    if facts.version() == FmiVersion::V2 { named(facts.variables().filter(is_wrong)) } else { None }
+    let is_strict = facts.version() == FmiVersion::V2 && !converts_types(facts);
+    if is_strict { named(facts.variables().filter(is_wrong)) } else { None }
 }
 
 /// Returns true if a written start value is no number: `true` of a Boolean, a text, several numbers of an array.
@@ -353,6 +394,12 @@ pub(super) fn has_odd_parameters(facts: &FmuFacts) -> Option<String> {
     named(facts.of(Causality::Parameter).filter(is_wrong))
 }
 
+/// Returns true if the FMU reads and sets integers and Booleans as reals as well: value references of such tools tell the type.
+fn converts_types(facts: &FmuFacts) -> bool {
+    let tool = facts.description().generation_tool.as_deref().unwrap_or_default();
+    facts.version() == FmiVersion::V2 && (tool.starts_with("Dymola") || tool.starts_with("metafmu "))
+}
+
 /// FMUs of Dymola insist on the event iteration after their initialization.
 pub(super) fn is_of_dymola(facts: &FmuFacts) -> Option<String> {
     let tool = facts.description().generation_tool.as_deref().unwrap_or_default();
@@ -420,4 +467,47 @@ pub(super) fn calls_a_variable_time(facts: &FmuFacts) -> Option<String> {
 
 pub(super) fn lacks_step_size(facts: &FmuFacts) -> Option<String> {
     whole(facts.description().default_experiment.is_none_or(|experiment| experiment.step_size.is_none()))
+}
+
+pub(super) fn needs_another_program(facts: &FmuFacts) -> Option<String> {
+    whole(facts.capabilities().is_some_and(|capabilities| capabilities.needs_execution_tool))
+}
+
+pub(super) fn has_enumerations(facts: &FmuFacts) -> Option<String> {
+    named(facts.variables().filter(|written| matches!(written.variable.kind, VariableType::Enumeration(_))))
+}
+
+pub(super) fn has_clocks(facts: &FmuFacts) -> Option<String> {
+    named(facts.variables().filter(|written| matches!(written.variable.kind, VariableType::Clock { .. })))
+}
+
+/// Inputs and outputs that are texts, bytes or clocks.
+pub(super) fn has_text_ports(facts: &FmuFacts) -> Option<String> {
+    let is_port =
+        |written: &WrittenVariable| matches!(written.variable.causality, Causality::Input | Causality::Output);
+    named(facts.variables().filter(|written| is_port(written) && !written.variable.kind.is_number()))
+}
+
+pub(super) fn cannot_put_its_state_back(facts: &FmuFacts) -> Option<String> {
+    whole(facts.capabilities().is_some_and(|capabilities| !capabilities.get_and_set_state))
+}
+
+pub(super) fn is_of_fmi_3(facts: &FmuFacts) -> Option<String> {
+    whole(facts.version() == FmiVersion::V3)
+}
+
+/// Names that are the same if all but letters and digits are `_`.
+pub(super) fn has_names_that_become_one(facts: &FmuFacts) -> Option<String> {
+    let mut known = HashSet::new();
+    let plain =
+        |name: &str| -> String { name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect() };
+    let names = facts.description().variables.iter().map(|variable| variable.name.as_str());
+    some(names.filter(|name| !known.insert(plain(name))))
+}
+
+/// Returns something if the library for Windows is missing.
+pub(super) fn lacks_windows(facts: &FmuFacts) -> Option<String> {
+    let identifier = &facts.capabilities()?.model_identifier;
+    let windows = Platform::from_tuple("x86_64-windows")?.binary(facts.version(), identifier);
+    facts.entries.iter().all(|entry| entry.name != windows).then(|| format!("no `{windows}`"))
 }

@@ -12,7 +12,7 @@ use crate::{
         },
     },
 };
-use std::sync::Arc;
+use std::{collections::HashSet, sync::Arc};
 
 /// An FMU as hosts see it before they run it.
 #[derive(Clone)]
@@ -20,6 +20,8 @@ pub(super) struct FmuFacts {
     pub document: Arc<Document>,
     /// The description as it is written: what is there and what follows from defaults.
     pub root: Arc<Element>,
+    /// Symbols of the library for this platform, as far as they are functions of FMI; none if there is no library.
+    pub functions: Arc<HashSet<String>>,
     /// Names in the archive, and whether they are compressed in a way that the standard allows.
     pub entries: Arc<Vec<ArchivedName>>,
     /// Why it does not run here, by the interfaces that were tried and failed.
@@ -27,6 +29,9 @@ pub(super) struct FmuFacts {
     /// The interface by which a host runs it.
     pub interface: InterfaceKind,
 }
+
+/// Longer texts in a library are no names of functions.
+const LONGEST_SYMBOL: usize = 200;
 
 /// An interface by which an FMU does not run.
 #[derive(Clone)]
@@ -59,13 +64,22 @@ impl FmuFacts {
         let root = Element::parse(&text).map_err(|problem| wrong(problem.line, problem.message))?;
         let entries = archive.entries()?.into_iter();
         let entries = entries.map(|entry| ArchivedName { name: entry.name, is_deflated: entry.allowed_method });
-        Ok(Self {
+        let mut facts = Self {
             document: Arc::new(document),
             root: Arc::new(root),
+            functions: Arc::default(),
             entries: Arc::new(entries.collect()),
             broken: Vec::new(),
             interface: InterfaceKind::CoSimulation,
-        })
+        };
+        let interfaces = [InterfaceKind::CoSimulation, InterfaceKind::ModelExchange];
+        let mut libraries =
+            interfaces.into_iter().filter_map(|interface| Self { interface, ..facts.clone() }.library());
+        if let Some(library) = libraries.find(|library| archive.contains(library)) {
+            // what cannot be unpacked cannot be loaded either, which a trial finds
+            facts.functions = Arc::new(functions(&archive.read(&library, u64::MAX).unwrap_or_default()));
+        }
+        Ok(facts)
     }
 
     pub fn description(&self) -> &ModelDescription {
@@ -118,4 +132,14 @@ impl FmuFacts {
         let identifier = &self.capabilities()?.model_identifier;
         Some(Platform::CURRENT.binary(self.version(), identifier))
     }
+}
+
+/// Names of functions of FMI in a library: its table of symbols is text between zero bytes, in ELF, PE and Mach-O files alike. The end of a longer
+/// name may serve as a shorter one.
+pub(super) fn functions(library: &[u8]) -> HashSet<String> {
+    let texts = library.split(|byte| *byte == 0).filter(|text| text.len() < LONGEST_SYMBOL);
+    texts
+        .filter_map(|text| str::from_utf8(text).ok())
+        .filter_map(|text| Some(text[text.rfind("fmi")?..].to_owned()))
+        .collect()
 }

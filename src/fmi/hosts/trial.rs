@@ -49,7 +49,8 @@ pub(super) fn failures(path: &Path, facts: &FmuFacts, watch: Watch) -> Result<Ve
 
 fn run(path: &Path, facts: &FmuFacts, interface: InterfaceKind, watch: Watch) -> Result<()> {
     let experiment = facts.description().default_experiment.unwrap_or_default();
-    let (start, step) = (experiment.start.unwrap_or(0.0), step_size(&experiment));
+    let inside = facts.description().co_simulation.as_ref().and_then(|offered| offered.fixed_internal_step_size);
+    let (start, step) = (experiment.start.unwrap_or(0.0), step_size(&experiment, inside));
     let options = SimulationOptions {
         start: Some(start),
         stop: Some(start + STEPS * step),
@@ -60,8 +61,10 @@ fn run(path: &Path, facts: &FmuFacts, interface: InterfaceKind, watch: Watch) ->
     simulate_apart(&unpacked, &options, watch, &mut NoRows).map(drop)
 }
 
-fn step_size(experiment: &DefaultExperiment) -> f64 {
+/// `inside`: step size inside the FMU.
+fn step_size(experiment: &DefaultExperiment, inside: Option<f64>) -> f64 {
     let is_positive = |size: &f64| *size > 0.0 && size.is_finite();
     let of_stop = experiment.stop.map(|stop| (stop - experiment.start.unwrap_or(0.0)) / STEPS_OF_EXPERIMENT);
-    experiment.step_size.filter(is_positive).or(of_stop.filter(is_positive)).unwrap_or(USUAL_STEP)
+    let sizes = [experiment.step_size, inside, of_stop];
+    sizes.into_iter().flatten().find(is_positive).unwrap_or(USUAL_STEP)
 }

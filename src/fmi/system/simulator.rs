@@ -4,7 +4,7 @@ use super::run::SystemRun;
 use crate::{
     Error, Result,
     fmi::{
-        host::{Exchange, FmuInstance, InterfaceKind, NO_INPUTS, Recorder, StepResult, set_start},
+        host::{Exchange, FmuInstance, Grid, InterfaceKind, NO_INPUTS, Recorder, StepResult, set_start},
         model_description::{RealAttributes, ScalarVariable, VariableType},
     },
     multibody::{Mechanism, Stepper},
@@ -63,8 +63,9 @@ impl<'a> FmuSimulator<'a> {
 impl Simulator for FmuSimulator<'_> {
     fn enter(&mut self, start_values: &[(String, f64)], run: &SystemRun) -> Result<()> {
         start_values.iter().try_for_each(|(name, value)| set_start(self.instance, name, *value))?;
-        // a stop time that is the start time is refused by some FMUs
-        self.instance.enter_initialization_mode(run.start, (run.stop > run.start).then_some(run.stop))
+        // the master has found the times to be a run
+        let stop = Grid::of_times(run.start, run.stop, run.step).ok().and_then(|grid| grid.stop_time());
+        self.instance.enter_initialization_mode(run.start, stop)
     }
 
     fn set(&mut self, inputs: &[f64]) -> Result<()> {

@@ -29,8 +29,8 @@ impl<'a> ValidationRun<'a> {
         set: impl FnOnce(&FmuInstance) -> Result<()>,
     ) -> Result<Self> {
         set(instance)?;
-        let (start, stop) = (experiment.time(0), experiment.time(experiment.steps()));
-        instance.enter_initialization_mode(start, (stop > start).then_some(stop))?;
+        let start = experiment.time(0);
+        instance.enter_initialization_mode(start, experiment.stop_time())?;
         instance.exit_initialization_mode()?;
         let mut exchange = None;
         if instance.fmu().interface() == InterfaceKind::ModelExchange {
