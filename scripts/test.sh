@@ -3,7 +3,7 @@
 # Usage: scripts/test.sh [--quick | --ci | --all] [OPTION OF PYTEST]...
 #   --quick   format, imports, words, lints, Rust unit tests, and one small build whose FMU is checked by fmpy
 #   --ci      also the Python package, the FMU's library with debug assertions, builds that are killed at random moments, the host fmi-sim,
-#             which takes a minute to compile, and other platforms
+#             which takes a minute to compile, hosts of the package registry, and other platforms
 #   --all     also fuzzing, for which everything is compiled once more
 # Needs cargo with rustfmt and clippy, a C compiler (cargo links with it), python3, Chromium, zsh, fish, and with --ci and --all libclang,
 # Wine, QEMU and compilers for other platforms: as root what is missing is installed by apt. A missing tool is an error.
@@ -32,7 +32,7 @@ else
   mkdir -p target
   # in a process group of its own, which ends with this script
   set -m
-  (scripts/venv.sh && scripts/chromium.sh && scripts/shells.sh && { [ $extent = default ] || scripts/fmi-sim.sh; }) >target/set-up.log 2>&1 &
+  (scripts/venv.sh && scripts/chromium.sh && scripts/shells.sh && { [ $extent = default ] || { scripts/venv.sh --hosts && scripts/fmi-sim.sh; }; }) >target/set-up.log 2>&1 &
   set_up=$!
   set +m
   trap 'kill -- -$set_up 2>/dev/null || true' EXIT
@@ -84,7 +84,7 @@ step "Python tests";        tests -m "not thorough" "$@"
 if [ $extent = ci ] || [ $extent = all ]; then
   step "Python package";    python_package
   step "debug assertions";  cargo test --package metafmu-runtime --package fmu-template --locked
-  step "kills, fmi-sim";    tests -m thorough "$@"
+  step "kills, more hosts"; tests -m thorough "$@"
   step "other platforms";   scripts/test-platforms.sh
 fi
 if [ $extent = all ]; then

@@ -274,8 +274,7 @@ fn array(surrogate: &Surrogate, index: usize) -> DescribedVariable {
     DescribedVariable { dimensions, ..DescribedVariable::scalar(description, what, VariableType::Real(real)) }
 }
 
-/// A constant, which hosts can show with the output without a call of the FMU. Of a model with a state it grows with
-/// the time.
+/// A constant, or of a model with a state what grows with the time.
 fn bound(surrogate: &Surrogate, index: usize, causality: Causality) -> DescribedVariable {
     let output = &surrogate.outputs()[index];
     let bounds = surrogate.bounds();
@@ -289,7 +288,8 @@ fn bound(surrogate: &Surrogate, index: usize, causality: Causality) -> Described
         output.name,
         100.0 * coverage
     );
-    let start = last.is_none().then_some(half_width);
+    let is_constant = last.is_none() && causality == Causality::Output;
+    let start = is_constant.then_some(half_width);
     let real = RealAttributes {
         unit: text(&output.unit),
         nominal: Some(nominal(0.0, half_width)),
@@ -297,8 +297,10 @@ fn bound(surrogate: &Surrogate, index: usize, causality: Causality) -> Described
         ..RealAttributes::default()
     };
     let what = match last {
-        None => (causality, Variability::Constant, Some(Initial::Exact)),
         Some(_) => (causality, Variability::Continuous, Some(Initial::Calculated)),
+        None if is_constant => (causality, Variability::Constant, Some(Initial::Exact)),
+        // some hosts set everything that has a start value, and outputs are never fixed
+        None => (causality, Variability::Fixed, Some(Initial::Calculated)),
     };
     DescribedVariable::scalar(&description, what, VariableType::Real(real))
 }

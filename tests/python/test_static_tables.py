@@ -115,7 +115,8 @@ def test_two_hundred_points_of_the_borehole_function_make_an_fmu_within_the_meas
     variables = {variable.name: variable for variable in description.modelVariables}
     assert all(variables[name].causality == "input" for name in RANGES) and variables["flow"].causality == "output"
     assert "constant in each training run" not in " ".join(variable.description or "" for variable in variables.values())
-    assert float(variables["flow_bound"].start) == pytest.approx(flow["bound"])
+    assert (variables["flow_bound"].causality, variables["flow_bound"].variability) == ("local", "fixed")
+    assert fmpy_outputs(folder / "s.fmu", {}, "flow_bound")[0] == pytest.approx(flow["bound"])
     assert not fmpy_outputs(folder / "s.fmu", {**dict(zip(RANGES, x[0])), "rw": 0.5}, "flow")[1]
     assert not metafmu("validate", folder / "s-fmi3.fmu").stderr.count("problem:")
     report = (folder / "report.html").read_text()
