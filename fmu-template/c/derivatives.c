@@ -258,7 +258,8 @@ Status instance_output_derivatives(Instance *instance, const uint32_t references
 
 static Status check_input(Instance *instance, uint32_t reference)
 {
-    const bool is_driven = is(instance, reference, VARIABLE_COLUMN) && model_columns[reference].role == ROLE_INPUT;
+    const bool is_driven = is(instance, reference, VARIABLE_COLUMN) &&
+                           model_columns[model_variables[reference].index].role == ROLE_INPUT;
     if (is_driven || is(instance, reference, VARIABLE_MEASURED)) {
         return STATUS_OK;
     }

@@ -14,6 +14,7 @@
 
 /* Meaning of a variable's value. */
 typedef enum {
+    VARIABLE_NONE, /* no variable, or an array of outputs, which this code does not have */
     VARIABLE_COLUMN,
     VARIABLE_OUTPUT,
     VARIABLE_STATE,
@@ -21,14 +22,13 @@ typedef enum {
     VARIABLE_DOMAIN_POLICY,
     VARIABLE_IN_DOMAIN,
     VARIABLE_DOMAIN_DISTANCE,
-    VARIABLE_TIME,  /* the independent variable of a surrogate without a time column */
-    VARIABLE_ARRAY, /* array of outputs; not part of this code */
+    VARIABLE_TIME, /* the independent variable of a surrogate without a time column */
     VARIABLE_BOUND,
     VARIABLE_MEASURED,    /* measured value of an output of a discrete-time model */
     VARIABLE_USE_MEASURED /* true if measured values are used */
 } Quantity;
 
-/* A variable; its value reference is its position in model_variables. */
+/* A variable; its value reference is its position in model_variables, where the first one is at FIRST_REFERENCE. */
 typedef struct {
     const char *name;
     Quantity quantity;
@@ -66,7 +66,7 @@ typedef struct {
 extern const char model_token[];       /* guid in FMI 2.0, instantiationToken in FMI 3.0 */
 extern const char model_description[]; /* for the log */
 extern const double model_time_step;   /* s; step size suggested to hosts */
-extern const Variable model_variables[VARIABLE_COUNT];
+extern const Variable model_variables[REFERENCE_COUNT];
 extern const Column model_columns[NAMED_COUNT];
 /* Error bounds, for variables that show them: at times since the start, and linear between them; only at time 0 if they do not grow. */
 extern const double model_bound_times[BOUND_TIME_COUNT];

@@ -76,7 +76,7 @@ Status domain_note_data(Instance *instance, Status refused);
 
 static inline bool exists(const Instance *instance, uint32_t reference)
 {
-    return reference < VARIABLE_COUNT && model_variables[reference].quantity != VARIABLE_ARRAY &&
+    return reference < REFERENCE_COUNT && model_variables[reference].quantity != VARIABLE_NONE &&
            (instance->fmi_version == 3 || !model_variables[reference].only_fmi3);
 }
 

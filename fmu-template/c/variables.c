@@ -2,7 +2,7 @@
 
 static uint32_t last_reference(const Instance *instance)
 {
-    uint32_t last = VARIABLE_COUNT - 1;
+    uint32_t last = REFERENCE_COUNT - 1;
     while (!exists(instance, last)) {
         last--;
     }
@@ -29,7 +29,7 @@ Status variable_wrong(Instance *instance, uint32_t reference, const char *asked)
                              (unsigned long)reference, (unsigned long)last_reference(instance));
     }
     if (!exists(instance, reference)) {
-        return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown: it is kept for a variable that this FMU does not have",
+        return instance_tell(instance, STATUS_ERROR, "value reference %lu is unknown: no variable has it",
                              (unsigned long)reference);
     }
     return instance_tell(instance, STATUS_ERROR, "variable `%.100s` (value reference %lu) is of type %s, not %s",
@@ -276,14 +276,15 @@ static Status check_settable(Instance *instance, uint32_t reference, double valu
     if (!is(instance, reference, VARIABLE_COLUMN)) {
         return variable_wrong(instance, reference, "real");
     }
-    switch (model_columns[reference].role) {
+    const size_t column = model_variables[reference].index;
+    switch (model_columns[column].role) {
     case ROLE_TIME:
         return check_time(instance, reference, value);
     case ROLE_INPUT:
         return STATUS_OK;
     default:
-        return check_parameter(instance, reference, model_columns[reference].role == ROLE_TUNABLE_PARAMETER,
-                               value == instance->now.columns[reference]);
+        return check_parameter(instance, reference, model_columns[column].role == ROLE_TUNABLE_PARAMETER,
+                               value == instance->now.columns[column]);
     }
 }
 
@@ -427,5 +428,5 @@ uint32_t instance_dependency(size_t i)
         return POLICY_REFERENCE;
     }
     /* outputs are between the inputs and the states */
-    return (uint32_t)(i < INPUT_COUNT ? i : OUTPUT_COUNT + i);
+    return (uint32_t)(FIRST_REFERENCE + (i < INPUT_COUNT ? i : OUTPUT_COUNT + i));
 }

@@ -52,7 +52,7 @@ pub(crate) enum Refusal {
     Count { argument: &'static str, found: usize, expected: usize },
     #[error("value reference {reference} is unknown, expected at most {last}")]
     UnknownReference { reference: u32, last: u32 },
-    #[error("value reference {reference} is unknown: it is kept for a variable that this FMU does not have")]
+    #[error("value reference {reference} is unknown: no variable has it")]
     UnusedReference { reference: u32 },
     #[error("{count} variables of type {kind} asked for, but there are none of this type")]
     NoVariableOfType { kind: &'static str, count: usize },

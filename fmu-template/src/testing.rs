@@ -15,13 +15,15 @@ use std::{
 };
 
 // value references of the example surrogate
-pub(crate) const LENGTH: u32 = 0; // tunable
-pub(crate) const SPEED: u32 = 1; // fixed, or an input in `example::with_input`
-pub(crate) const TIME: u32 = 2;
-pub(crate) const OUTPUTS: [u32; 2] = [3, 4];
-pub(crate) const POLICY: u32 = 5;
-pub(crate) const IN_DOMAIN: u32 = 6;
-pub(crate) const DISTANCE: u32 = 7;
+pub(crate) const LENGTH: u32 = 1; // tunable
+pub(crate) const SPEED: u32 = 2; // fixed, or an input in `example::with_input`
+pub(crate) const TIME: u32 = 3;
+pub(crate) const ANGLE: u32 = 4;
+pub(crate) const VELOCITY: u32 = 5;
+pub(crate) const OUTPUTS: [u32; 2] = [ANGLE, VELOCITY];
+pub(crate) const POLICY: u32 = 6;
+pub(crate) const IN_DOMAIN: u32 = 7;
+pub(crate) const DISTANCE: u32 = 8;
 pub(crate) const TOKEN: &CStr = c"{00000000-0000-0000-0000-000000000000}";
 
 /// A folder that is gone with the value; its name has what is awkward in a URI.

@@ -61,8 +61,8 @@ def exported(name, activation, folder):
 def candidate(unpacked, library):
     description = fmpy.read_model_description(str(unpacked))
     references = {variable.name: variable.valueReference for variable in description.modelVariables}
-    assert [references[name] for name in "abc"] == [0, 1, 2] and references["v"] == references["u"] + 1, references
-    return [library, description.guid, (unpacked / "resources").as_uri(), references["u"]]
+    assert [references[name] - references["a"] for name in "abc"] == [0, 1, 2] and references["v"] == references["u"] + 1, references
+    return [library, description.guid, (unpacked / "resources").as_uri(), references["a"], references["u"]]
 
 
 def step(folder, arguments):

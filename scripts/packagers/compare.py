@@ -98,7 +98,7 @@ class Tool:
 
 
 class Metafmu(Tool):
-    name, packages, steps, first = "metafmu", [], 1_000_000, (0, INPUTS)
+    name, packages, steps, first = "metafmu", [], 1_000_000, (1, INPUTS + 1)
 
     def export(self):
         inputs = "".join(f'[inputs.x{i}]\ncolumn = "x[{i}]"\ncausality = "input"\nmin = -1.0\nmax = 1.0\n' for i in range(INPUTS))

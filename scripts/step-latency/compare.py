@@ -76,7 +76,7 @@ def build_bare(layers, name, number, *options):
     library = folder / "bare.so"
     size = [f"-DHIDDEN={layers[0][0].shape[1]}", f"-DLAYERS={len(layers) - 1}"]
     compile_c("bare.c", library, "-march=native", "-shared", "-fPIC", *size, *options)
-    return [library, "-", folder, 4]
+    return [library, "-", folder, 0, 4]
 
 
 def build_onnx(layers):
@@ -101,7 +101,7 @@ def build_onnx(layers):
     link.unlink(missing_ok=True)
     link.symlink_to(runtime.resolve())
     compile_c("onnx.c", folder / "onnx.so", "-shared", "-fPIC")
-    return [folder / "onnx.so", "-", folder, 4]
+    return [folder / "onnx.so", "-", folder, 0, 4]
 
 
 def build_pythonfmu(layers):
@@ -112,15 +112,15 @@ def build_pythonfmu(layers):
     command = [sys.executable, "-m", "pythonfmu", "build", "-f", HERE / "slave.py", "-d", folder, folder / "network.npz"]
     subprocess.run(command, check=True, capture_output=True)
     unpack(folder / "Network.fmu", folder / "unpacked")
-    return candidate(folder / "unpacked", 3)
+    return candidate(folder / "unpacked", 0, 3)
 
 
-def candidate(folder, first_output):
+def candidate(folder, first_parameter, first_output):
     """Arguments of step.c for an unpacked FMU."""
     description = ElementTree.parse(folder / "modelDescription.xml").getroot()
     identifier = description.find("CoSimulation").get("modelIdentifier")
     library = folder / "binaries" / "linux64" / f"{identifier}.so"
-    return [library, description.get("guid"), (folder / "resources").resolve().as_uri(), first_output]
+    return [library, description.get("guid"), (folder / "resources").resolve().as_uri(), first_parameter, first_output]
 
 
 def python_environment():
@@ -154,8 +154,8 @@ def main():
     compile_c("step.c", step)
 
     candidates = {
-        "metafmu, `precision = \"double\"`": (candidate(double, 4), 200_000),
-        "metafmu, `precision = \"single\"`": (candidate(single, 4), 200_000),
+        "metafmu, `precision = \"double\"`": (candidate(double, 1, 5), 200_000),
+        "metafmu, `precision = \"single\"`": (candidate(single, 1, 5), 200_000),
         f"ONNX Runtime {'.'.join(onnxruntime.__version__.split('.')[:2])}, single": (build_onnx(layers), 40_000),
         "PythonFMU 0.7 (numpy), single": (build_pythonfmu(layers), 10_000),
     }

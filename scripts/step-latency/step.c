@@ -1,9 +1,9 @@
 /* Nanoseconds per step of an FMI 2.0 co-simulation library, called in this process.
  *
- * step LIBRARY TOKEN RESOURCES FIRST_OUTPUT REPETITIONS STEPS
+ * step LIBRARY TOKEN RESOURCES FIRST_PARAMETER FIRST_OUTPUT REPETITIONS STEPS
  *
- * Sets value references 0, 1, 2 (the parameters), then times fmi2DoStep and fmi2GetReal of the three outputs from
- * FIRST_OUTPUT on, for runs of STEPS steps that end at 2 s.
+ * Sets three parameters, whose value references begin with FIRST_PARAMETER, then times fmi2DoStep and fmi2GetReal of the
+ * three outputs from FIRST_OUTPUT on, for runs of STEPS steps that end at 2 s.
  * Prints processor time and wall time per step of each repetition, the last outputs, and the milliseconds to instantiate.
  */
 #define _POSIX_C_SOURCE 200809L
@@ -64,9 +64,9 @@ static double seconds(clockid_t clock)
     return (double)time.tv_sec + 1e-9 * (double)time.tv_nsec;
 }
 
-static void start(Component component)
+static void start(Component component, unsigned first)
 {
-    static const unsigned references[] = {0, 1, 2};
+    const unsigned references[] = {first, first + 1, first + 2};
     static const double parameters[] = {0.12, 0.05, 2.5};
     require(setup_experiment(component, 0, 0.0, 0.0, 0, 0.0) <= 1, "fmi2SetupExperiment");
     require(set_real(component, references, 3, parameters) <= 1, "fmi2SetReal");
@@ -76,7 +76,7 @@ static void start(Component component)
 
 int main(int count, char **arguments)
 {
-    require(count == 7, "LIBRARY TOKEN RESOURCES FIRST_OUTPUT REPETITIONS STEPS");
+    require(count == 8, "LIBRARY TOKEN RESOURCES FIRST_PARAMETER FIRST_OUTPUT REPETITIONS STEPS");
     void *library = dlopen(arguments[1], RTLD_NOW | RTLD_LOCAL);
     if (library == NULL) require(0, dlerror());
     bind(library, "fmi2Instantiate", &instantiate);
@@ -90,7 +90,7 @@ int main(int count, char **arguments)
     bind(library, "fmi2DoStep", &do_step);
     bind(library, "fmi2FreeInstance", &free_instance);
 
-    unsigned first = (unsigned)atoi(arguments[4]);
+    unsigned parameter = (unsigned)atoi(arguments[4]), first = (unsigned)atoi(arguments[5]);
     unsigned outputs[] = {first, first + 1, first + 2};
     double values[3] = {0.0, 0.0, 0.0};
     Callbacks callbacks = {logger, calloc, free, NULL, NULL};
@@ -98,11 +98,11 @@ int main(int count, char **arguments)
     Component component = instantiate("latency", 1, arguments[2], arguments[3], &callbacks, 0, 0);
     double after = seconds(CLOCK_MONOTONIC);
     require(component != NULL, "fmi2Instantiate gave no instance");
-    start(component);
-    for (int repetition = 0; repetition < atoi(arguments[5]); repetition++) {
+    start(component, parameter);
+    for (int repetition = 0; repetition < atoi(arguments[6]); repetition++) {
         require(reset(component) <= 1, "fmi2Reset");
-        start(component);
-        long steps = atol(arguments[6]);
+        start(component, parameter);
+        long steps = atol(arguments[7]);
         double size = 2.0 / (double)steps;
         double cpu = seconds(CLOCK_PROCESS_CPUTIME_ID), wall = seconds(CLOCK_MONOTONIC);
         for (long step = 0; step < steps; step++) {

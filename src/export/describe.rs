@@ -588,7 +588,7 @@ mod tests {
             ]
         );
         let references: Vec<_> = description.variables.iter().map(|v| v.value_reference).collect();
-        assert_eq!(references, [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(references, [1, 2, 3, 4, 5, 6, 7, 8]);
         let angle = description.variables[3].kind.as_real().unwrap();
         assert_eq!((angle.min, angle.max, angle.start), (None, None, None), "those of training are no limits");
         let length = description.variables[0].kind.as_real().unwrap();
@@ -624,7 +624,7 @@ mod tests {
             description.variables.into_iter().find(|v| v.causality == Causality::Independent)
         };
         assert_eq!(independent(FmiVersion::V2), None);
-        assert_eq!(independent(FmiVersion::V3).map(|time| (time.name, time.value_reference)), Some(("time".into(), 8)));
+        assert_eq!(independent(FmiVersion::V3).map(|time| (time.name, time.value_reference)), Some(("time".into(), 9)));
     }
 
     /// Names of the variables with this causality.

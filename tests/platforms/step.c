@@ -92,7 +92,7 @@ static char *uri_of(const char *folder)
 
 int main(int argc, char **argv)
 {
-    static const unsigned parameters[] = {0, 1}, outputs[] = {3, 4}; /* length, speed; angle, velocity */
+    static const unsigned parameters[] = {1, 2}, outputs[] = {4, 5}; /* length, speed; angle, velocity */
     static const double values[] = {0.17, 1.3};
     const double size = 0.1;
     const Callbacks callbacks = {logger, calloc, free, NULL, NULL};

@@ -354,7 +354,7 @@ def refused_instances(fmu):
 
 def unknown_references(fmu):
     """Unknown or unsuitable value references are refused, and nothing of the call is carried out."""
-    for references in ([UNKNOWN], [fmu.parameters[0], UNKNOWN]):
+    for references in ([UNKNOWN], [0], [fmu.parameters[0], UNKNOWN]):
         component = fmu.ready()
         assert fmu.step(component, 0.0, 0.01) in FINE and fmu.set(component, fmu.parameters[:1], fmu.starts[:1]) == OK, "unchanged"
         assert fmu.set(component, fmu.parameters[:1], [1.01 * fmu.starts[0]]) == ERROR, "parameters are fixed"

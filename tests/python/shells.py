@@ -206,7 +206,7 @@ class Walk:
         """References, now and then with one that is unknown or of another kind."""
         chosen = [self.chance.choice(references or self.references) for _ in range(self.chance.choice([1, 1, 2, 3]))]
         if self.bad(0.12):
-            chosen[self.chance.randrange(len(chosen))] = self.chance.choice([UNKNOWN, max(self.references) + 1, *self.references])
+            chosen[self.chance.randrange(len(chosen))] = self.chance.choice([0, UNKNOWN, max(self.references) + 1, *self.references])
         return [] if self.bad(0.03) else chosen
 
     def value(self, reference):
@@ -366,7 +366,7 @@ class Walk:
         return f"{way}{kind}", [Array(c_uint, [0] * n), c_size_t(n), *more, c_void_p(), c_size_t(count)]
 
     def dependencies(self):
-        reference = UNKNOWN if self.bad(0.1) else self.chance.choice(self.references)
+        reference = self.chance.choice([0, UNKNOWN]) if self.bad(0.1) else self.chance.choice(self.references)
         if self.is_(0.4) or (reference not in self.counted and not self.bad(0.3)):
             return "GetNumberOfVariableDependencies", [c_uint(reference), self.out(c_size_t, 77)]
         n = self.chance.choice([0, 1]) if self.bad(0.1) else self.counted.get(reference, 0)

@@ -3,8 +3,8 @@
 
 use crate::{Metadata, Output, Role};
 
-/// All variables, each at the position that is its FMI value reference: inputs, outputs, states, their derivatives,
-/// built-in variables, arrays of outputs, error bounds, measured values.
+/// All variables in the order of their FMI value references, which begin at [`Variables::FIRST_REFERENCE`]: inputs, outputs,
+/// states, their derivatives, built-in variables, arrays of outputs, error bounds, measured values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variables(Vec<Variable>);
 
@@ -147,6 +147,10 @@ impl Variable {
 }
 
 impl Variables {
+    /// Value reference of the first variable. It is not 0, which OMSimulator takes for "none" among the dependencies of an
+    /// output of FMI 3.0.
+    pub const FIRST_REFERENCE: u32 = 1;
+
     /// The table of a surrogate with this description; `is_discrete`: whether it is discrete-time.
     pub(crate) fn of(metadata: &Metadata, is_discrete: bool) -> Self {
         let Metadata { inputs, outputs, states, arrays, bounds, .. } = metadata;
@@ -173,7 +177,7 @@ impl Variables {
     /// The variable with this value reference.
     #[inline]
     pub fn get(&self, reference: u32) -> Option<&Variable> {
-        self.0.get(reference as usize)
+        self.0.get(reference.checked_sub(Self::FIRST_REFERENCE)? as usize)
     }
 
     /// Value reference of the variable with this quantity, if there is one.
@@ -183,16 +187,11 @@ impl Variables {
 
     /// Value references and variables, in order.
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = (u32, &Variable)> + ExactSizeIterator {
-        self.0.iter().enumerate().map(|(reference, variable)| (reference as u32, variable))
+        self.0.iter().enumerate().map(|(index, variable)| (Self::FIRST_REFERENCE + index as u32, variable))
     }
 
-    /// Number of variables.
-    pub fn len(&self) -> usize {
-        self.0.len()
-    }
-
-    /// Returns true if there are no variables, which never happens.
-    pub fn is_empty(&self) -> bool {
-        self.0.is_empty()
+    /// Length of a table with each variable at the position that is its value reference.
+    pub fn reference_count(&self) -> u32 {
+        Self::FIRST_REFERENCE + self.0.len() as u32
     }
 }

@@ -5,7 +5,7 @@ use crate::{
     state::InstanceState,
     status::{Refusal, Status},
 };
-use metafmu_runtime::{BuiltIn, DomainPolicy, Metadata, Quantity, Role, Tunability};
+use metafmu_runtime::{BuiltIn, DomainPolicy, Metadata, Quantity, Role, Tunability, Variables};
 
 /// Target of a call that sets a real.
 enum Settable {
@@ -307,8 +307,9 @@ impl Instance {
     pub(crate) fn dependencies(&self, reference: u32) -> Result<impl Iterator<Item = (usize, u32)> + use<>, Refusal> {
         let quantity = self.quantity(reference)?;
         let Metadata { inputs, outputs, states, .. } = &self.metadata;
-        let first_state = (inputs.len() + outputs.len()) as u32;
-        let all = (inputs.len() as u32, first_state..first_state + states.len() as u32);
+        let inputs = Variables::FIRST_REFERENCE..Variables::FIRST_REFERENCE + inputs.len() as u32;
+        let first_state = inputs.end + outputs.len() as u32;
+        let all = (inputs, first_state..first_state + states.len() as u32);
         let ((inputs, states), policy) = match quantity {
             Quantity::Output(_) | Quantity::Array(_) | Quantity::Derivative(_) => {
                 (all, self.variables.reference(Quantity::BuiltIn(BuiltIn::DomainPolicy)))
@@ -318,11 +319,11 @@ impl Instance {
             | Quantity::State(_)
             | Quantity::Bound(_)
             | Quantity::Measured(_)
-            | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time | BuiltIn::UseMeasured) => ((0, 0..0), None),
+            | Quantity::BuiltIn(BuiltIn::DomainPolicy | BuiltIn::Time | BuiltIn::UseMeasured) => ((0..0, 0..0), None),
         };
         let elements = self.variables.elements(quantity).map_or(0..=0, |elements| 1..=elements);
         Ok(elements.flat_map(move |element| {
-            (0..inputs).chain(states.clone()).chain(policy).map(move |known| (element, known))
+            inputs.clone().chain(states.clone()).chain(policy).map(move |known| (element, known))
         }))
     }
 }

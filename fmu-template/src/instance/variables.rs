@@ -20,7 +20,7 @@ pub(super) enum UnknownQuantity {
 
 /// The surrogate's variables that the version has.
 pub(super) struct InstanceVariables {
-    /// By value reference; none for a variable of FMI 3.0 only, if this is FMI 2.0.
+    /// By value reference; none before the first one and, in FMI 2.0, for a variable of FMI 3.0 only.
     all: Vec<Option<Variable>>,
     /// Outputs of each array.
     arrays: Vec<Vec<usize>>,
@@ -32,10 +32,11 @@ pub(super) struct InstanceVariables {
 
 impl InstanceVariables {
     pub(super) fn new(surrogate: &Surrogate, version: Version) -> Self {
+        let table = surrogate.variables();
         let has = |variable: &&Variable| version == Version::Fmi3 || !variable.only_fmi3;
         let arrays = if version == Version::Fmi3 { surrogate.arrays().len() } else { 0 };
         let mut all: Vec<Option<Variable>> =
-            surrogate.variables().iter().map(|(_, variable)| Some(variable).filter(has).cloned()).collect();
+            (0..table.reference_count()).map(|reference| table.get(reference).filter(has).cloned()).collect();
         all.truncate(all.iter().rposition(Option::is_some).map_or(0, |last| last + 1));
         Self {
             all,

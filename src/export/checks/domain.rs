@@ -75,7 +75,7 @@ fn without_data(fmu: &Fmu, surrogate: &Surrogate, point: &[f64]) -> Result<Optio
     let start = surrogate.time_column().map_or(0.0, |time| point[time]);
     instance.enter_initialization_mode(start, None)?;
     for column in (0..point.len()).filter(is_set) {
-        instance.set_real(&[column as u32], &[point[column]])?;
+        instance.set_real(&[reference(surrogate, Quantity::Input(column))], &[point[column]])?;
     }
     holds(&instance, surrogate, DomainPolicy::Warn, point)
 }
@@ -100,7 +100,7 @@ fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize
     point[column] = outside_value(&inputs[column]);
     instance.set_integer(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainPolicy))], &[policy as i32])?;
     instance.enter_initialization_mode(start, None)?;
-    let set = instance.set_real(&[column as u32], &[point[column]]);
+    let set = instance.set_real(&[reference(surrogate, Quantity::Input(column))], &[point[column]]);
     let name = &inputs[column].name;
     if policy == DomainPolicy::Error {
         return Ok(set.is_ok().then(|| format!("\"{name}\" = {} is accepted, expected an error", point[column])));

@@ -132,9 +132,9 @@ fn a_changed_weight_is_found() {
 fn outputs_that_are_not_those_predicted_are_found() {
     let folder = tempfile::tempdir().unwrap();
     let swapped = fmu_described_as(folder.path(), |text| {
-        let text = text.replace("valueReference=\"3\"", "valueReference=\"x\"");
-        text.replace("valueReference=\"4\"", "valueReference=\"3\"")
-            .replace("valueReference=\"x\"", "valueReference=\"4\"")
+        let text = text.replace("valueReference=\"4\"", "valueReference=\"x\"");
+        text.replace("valueReference=\"5\"", "valueReference=\"4\"")
+            .replace("valueReference=\"x\"", "valueReference=\"5\"")
     });
     let found = problems(swapped);
     // once for each point: the start values and four corners; and the reference run of each interface

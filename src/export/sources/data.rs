@@ -2,7 +2,7 @@
 
 use metafmu_runtime::{
     Activation, BuiltIn, Clock, Cover, Encoding, Evaluator, Graph, Input, Metadata, Program, Quantity, Role, Sampling,
-    ScaledNetwork, State, Surrogate, Tunability, Variable, graph::Elementwise,
+    ScaledNetwork, State, Surrogate, Tunability, Variable, Variables, graph::Elementwise,
 };
 use std::fmt::Write;
 
@@ -162,7 +162,8 @@ pub fn header(surrogate: &Surrogate, identifier: &str) -> String {
         push(&mut text, format_args!("#define {name} {identifier}_{name}\n"));
     }
     let common = [
-        ("VARIABLE_COUNT", surrogate.variables().len(), ""),
+        ("FIRST_REFERENCE", Variables::FIRST_REFERENCE as usize, "value reference of the first variable"),
+        ("REFERENCE_COUNT", surrogate.variables().reference_count() as usize, "value references, also those before it"),
         ("POLICY_REFERENCE", policy.expect("every surrogate has it") as usize, "value reference of domain_policy"),
         ("INPUT_COUNT", inputs, ""),
         ("STATE_COUNT", states, ""),
@@ -316,7 +317,10 @@ fn bounds(surrogate: &Surrogate) -> (Vec<f64>, Vec<f64>) {
 }
 
 fn variables(text: &mut String, surrogate: &Surrogate) {
-    text.push_str("\nconst Variable model_variables[VARIABLE_COUNT] = {\n");
+    text.push_str("\nconst Variable model_variables[REFERENCE_COUNT] = {\n");
+    for _ in 0..Variables::FIRST_REFERENCE {
+        text.push_str("    {\"\", VARIABLE_NONE, 0, false},\n");
+    }
     for (_, Variable { name, quantity, only_fmi3 }) in surrogate.variables().iter() {
         let (quantity, index) = match *quantity {
             Quantity::Input(column) => ("COLUMN", column),
@@ -328,7 +332,7 @@ fn variables(text: &mut String, surrogate: &Surrogate) {
             Quantity::BuiltIn(BuiltIn::DomainDistance) => ("DOMAIN_DISTANCE", 0),
             Quantity::BuiltIn(BuiltIn::Time) => ("TIME", 0),
             Quantity::BuiltIn(BuiltIn::UseMeasured) => ("USE_MEASURED", 0),
-            Quantity::Array(array) => ("ARRAY", array),
+            Quantity::Array(_) => ("NONE", 0),
             Quantity::Bound(output) => ("BOUND", output),
             Quantity::Measured(output) => ("MEASURED", output),
         };

@@ -14,7 +14,7 @@ use metafmu_example as example;
 use metafmu_runtime::{
     Activation, BuiltIn, Clock, CommunicationStep, Domain, Drive, Dynamics, Encoder, Evaluator, Graph, Input,
     Integration, Layer, Metadata, Motion, Precision, Program, Quantity, Role, Sampling, ScaledNetwork, Scaling, Shown,
-    StepError,
+    StepError, Variables,
     dictionary::{Dictionary, Factor, Term},
     graph::{Elementwise, Forest, Given, KernelMachine, LEAF, Node, Operation, ProcessDeviation, Products, Step, Tree},
 };

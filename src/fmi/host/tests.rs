@@ -5,6 +5,11 @@ use crate::export::testing::{changed_fmu, entry, fmu, fmu_described_as, fmu_of, 
 use metafmu_example as example;
 use metafmu_runtime::Evaluator;
 
+// value references of the example surrogate
+const LENGTH: u32 = 1;
+const SPEED: u32 = 2;
+const OUTPUTS: [u32; 2] = [4, 5];
+
 fn predict(inputs: [f64; 3]) -> [f64; 2] {
     let mut evaluator = Evaluator::new(&example::surrogate());
     let mut outputs = [0.0; 2];
@@ -14,7 +19,7 @@ fn predict(inputs: [f64; 3]) -> [f64; 2] {
 
 fn outputs(instance: &FmuInstance) -> [f64; 2] {
     let mut outputs = [0.0; 2];
-    instance.get_real(&[3, 4], &mut outputs).unwrap();
+    instance.get_real(&OUTPUTS, &mut outputs).unwrap();
     outputs
 }
 
@@ -32,7 +37,7 @@ fn an_instance_computes_what_the_surrogate_predicts() {
         assert_eq!(fmu.version(), version.to_string());
         assert_eq!(fmu.missing_functions(), [""; 0]);
         let instance = fmu.instantiate("test", true).unwrap();
-        instance.set_real(&[1, 0], &[3.0, 0.12]).unwrap();
+        instance.set_real(&[SPEED, LENGTH], &[3.0, 0.12]).unwrap();
         instance.enter_initialization_mode(0.0, Some(2.0)).unwrap();
         assert_eq!(outputs(&instance), predict([0.12, 3.0, 0.0]));
         instance.exit_initialization_mode().unwrap();
@@ -41,7 +46,7 @@ fn an_instance_computes_what_the_surrogate_predicts() {
 
         let state = instance.state().unwrap();
         let bytes = state.to_bytes().unwrap();
-        instance.set_real(&[0], &[0.2]).unwrap();
+        instance.set_real(&[LENGTH], &[0.2]).unwrap();
         instance.do_step(0.25, 1.0).unwrap();
         assert_eq!(outputs(&instance), predict([0.2, 3.0, 1.25]));
         state.restore().unwrap();
@@ -62,7 +67,7 @@ fn model_exchange_goes_by_the_modes_of_the_standard() {
         let fmu = Fmu::open_for(path, InterfaceKind::ModelExchange).unwrap();
         assert_eq!((fmu.interface(), fmu.missing_functions()), (InterfaceKind::ModelExchange, vec![]));
         let instance = fmu.instantiate("test", true).unwrap();
-        instance.set_real(&[1, 0], &[3.0, 0.12]).unwrap();
+        instance.set_real(&[SPEED, LENGTH], &[3.0, 0.12]).unwrap();
         instance.enter_initialization_mode(0.5, None).unwrap();
         instance.exit_initialization_mode().unwrap();
         assert_eq!(instance.settle_events().unwrap(), DiscreteStates::default());
@@ -73,7 +78,7 @@ fn model_exchange_goes_by_the_modes_of_the_standard() {
         instance.get_continuous_states(&mut []).unwrap();
         instance.get_derivatives(&mut []).unwrap();
         instance.enter_event_mode().unwrap();
-        instance.set_real(&[0], &[0.2]).unwrap();
+        instance.set_real(&[LENGTH], &[0.2]).unwrap();
         assert_eq!(outputs(&instance), predict([0.2, 3.0, 0.75]));
         assert!(matches!(instance.do_step(0.75, 0.1), Err(Error::MissingFunction { function: "DoStep", .. })));
         instance.terminate().unwrap();
@@ -120,18 +125,19 @@ fn derivatives_are_those_of_the_surrogate() {
             (at(length + 1e-6) - at(length - 1e-6)) / 2e-6
         };
         let close = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-6 * (1.0 + expected.abs()));
-        let columns = instance.directional_derivative(&[3, 4], &[0], &[2.0]).unwrap();
+        let columns = instance.directional_derivative(&OUTPUTS, &[LENGTH], &[2.0]).unwrap();
         close(columns[0], 2.0 * difference(0));
         close(columns[1], 2.0 * difference(1));
         if version == FmiVersion::V3 {
-            let row = instance.adjoint_derivative(&[3, 4], &[0], &[1.0, 2.0]).unwrap();
+            let row = instance.adjoint_derivative(&OUTPUTS, &[LENGTH], &[1.0, 2.0]).unwrap();
             close(row[0], difference(0) + 2.0 * difference(1));
         } else {
-            assert!(matches!(instance.adjoint_derivative(&[3], &[0], &[1.0]), Err(Error::MissingFunction { .. })));
+            let refused = instance.adjoint_derivative(&OUTPUTS[..1], &[LENGTH], &[1.0]);
+            assert!(matches!(refused, Err(Error::MissingFunction { .. })));
         }
         instance.exit_initialization_mode().unwrap();
         instance.do_step(0.0, 0.5).unwrap();
-        let rate = instance.output_derivatives(&[3], &[1]).unwrap()[0];
+        let rate = instance.output_derivatives(&OUTPUTS[..1], &[1]).unwrap()[0];
         let at = |time: f64| predict([length, speed, time])[0];
         close(rate, (at(0.5 + 1e-6) - at(0.5 - 1e-6)) / 2e-6);
     }
@@ -269,7 +275,7 @@ fn an_fmu_that_cannot_run_here_says_why() {
     let newer = fmu_described_as(folder.path(), |text| text.replace("fmiVersion=\"2.0\"", "fmiVersion=\"4.0\""));
     assert!(open(newer).ends_with("fmiVersion is \"4.0\": only FMI 2.0 and 3.0 are supported"));
     let wrong =
-        fmu_described_as(folder.path(), |text| text.replacen("valueReference=\"0\"", "valueReference=\"a\"", 1));
+        fmu_described_as(folder.path(), |text| text.replacen("valueReference=\"1\"", "valueReference=\"a\"", 1));
     assert!(open(wrong).contains("<ScalarVariable> has valueReference=\"a\", expected"));
 }
 

@@ -148,7 +148,7 @@ fn an_array_has_the_unit_and_the_columns_of_its_outputs() {
 }
 
 #[test]
-fn a_value_reference_is_the_position_in_the_table_of_variables() {
+fn value_references_count_the_variables_from_one() {
     let references = |surrogate: &Surrogate, quantities: &[Quantity]| {
         quantities.iter().map(|&quantity| surrogate.variables().reference(quantity)).collect::<Vec<_>>()
     };
@@ -162,13 +162,13 @@ fn a_value_reference_is_the_position_in_the_table_of_variables() {
         Quantity::Bound(1),
     ];
     let with_bounds = references(&example::with_bounds(), &quantities);
-    assert_eq!(with_bounds, [Some(2), Some(4), Some(5), Some(7), None, Some(8), Some(11)]);
+    assert_eq!(with_bounds, [Some(3), Some(5), Some(6), Some(8), None, Some(9), Some(12)]);
     let without_time = changed(|metadata| {
         metadata.inputs[2].role = Role::Input;
         metadata.inputs[2].name = "load".into();
     });
     let without_time = references(&without_time.unwrap(), &quantities);
-    assert_eq!(without_time, [Some(2), Some(4), Some(5), Some(7), Some(8), Some(9), None]);
+    assert_eq!(without_time, [Some(3), Some(5), Some(6), Some(8), Some(9), Some(10), None]);
     let surrogate = example::with_bounds();
     let table: Vec<_> = surrogate.variables().iter().map(|(_, v)| (v.name.as_str(), v.only_fmi3)).collect();
     assert_eq!(
@@ -188,6 +188,9 @@ fn a_value_reference_is_the_position_in_the_table_of_variables() {
             ("y_bound", false),
         ]
     );
+    let variables = surrogate.variables();
+    assert_eq!((variables.get(0), variables.get(variables.reference_count())), (None, None));
+    assert!(variables.iter().all(|(reference, variable)| variables.get(reference) == Some(variable)));
 }
 
 #[test]

@@ -53,7 +53,10 @@ fn directional_derivatives_are_of_outputs_with_respect_to_inputs_parameters_and_
                 close(&found, &difference(point, direction), 1e-7);
             }
             let both = host.directional(&OUTPUTS, &[TIME], &[1.0]).unwrap();
-            assert_eq!(host.directional(&[4, 3, 4], &[TIME], &[1.0]).unwrap(), [both[1], both[0], both[1]]);
+            assert_eq!(
+                host.directional(&[VELOCITY, ANGLE, VELOCITY], &[TIME], &[1.0]).unwrap(),
+                [both[1], both[0], both[1]]
+            );
             assert_eq!(host.directional(&OUTPUTS, &[TIME, TIME], &[0.75, 0.25]).unwrap(), both, "seeds add up");
             assert_eq!(host.directional(&[DISTANCE], &[LENGTH, TIME], &[1.0, 1.0]).unwrap(), [0.0], "inside");
             assert_eq!(host.directional(&[], &[], &[]), Ok(vec![]));
@@ -67,7 +70,7 @@ fn outside_the_domain_clamped_directions_have_no_effect_on_outputs() {
     assert_eq!(host.set_policy(1), Status::Ok);
     assert_eq!(host.set(&[SPEED], &[7.5]), Status::Ok);
     let seed = [0.01, 1.0, 1.0];
-    let found = host.directional(&[3, 4, DISTANCE], &[LENGTH, SPEED, TIME], &seed).unwrap();
+    let found = host.directional(&[ANGLE, VELOCITY, DISTANCE], &[LENGTH, SPEED, TIME], &seed).unwrap();
     close(&found[..2], &difference([starts()[0], 5.0, 0.0], [0.01, 0.0, 1.0]), 1e-7);
     assert_eq!(found[2], 0.2, "of a range that is 5 wide");
 }
@@ -75,10 +78,12 @@ fn outside_the_domain_clamped_directions_have_no_effect_on_outputs() {
 #[test]
 fn what_has_no_derivative_is_refused_by_name() {
     for (unknown, known, what) in [
-        (LENGTH, TIME, "`length` (value reference 0) is no continuous output, state or derivative of one"),
-        (3, 4, "`velocity` (value reference 4) is no input, parameter, state or time"),
-        (8, TIME, "value reference 8 is unknown"),
-        (3, u32::MAX, "value reference 4294967295 is unknown"),
+        (LENGTH, TIME, "`length` (value reference 1) is no continuous output, state or derivative of one"),
+        (ANGLE, VELOCITY, "`velocity` (value reference 5) is no input, parameter, state or time"),
+        (0, TIME, "value reference 0 is unknown"),
+        (9, TIME, "value reference 9 is unknown"),
+        (ANGLE, 0, "value reference 0 is unknown"),
+        (ANGLE, u32::MAX, "value reference 4294967295 is unknown"),
     ] {
         let host = Host::stepping();
         assert_eq!(host.directional(&[unknown], &[known], &[1.0]), Err(Status::Error));
@@ -86,11 +91,11 @@ fn what_has_no_derivative_is_refused_by_name() {
         assert!(message.contains(what), "{message}");
     }
     let host = Host::stepping();
-    assert_eq!(host.directional(&[3], &[TIME], &[f64::NAN]), Err(Status::Error));
+    assert_eq!(host.directional(&[ANGLE], &[TIME], &[f64::NAN]), Err(Status::Error));
     for null_argument in 0..4 {
         let host = Host::stepping();
         let is = |argument| argument == null_argument;
-        let (unknown, known, seed, mut out) = (3, TIME, 1.0, 0.0);
+        let (unknown, known, seed, mut out) = (ANGLE, TIME, 1.0, 0.0);
         let status = unsafe {
             fmi2GetDirectionalDerivative(
                 host.c,
@@ -112,7 +117,7 @@ fn output_derivatives_are_those_with_respect_to_time() {
     let host = Host::stepping();
     let [length, speed] = starts();
     assert_eq!(host.step(0.0, 0.75), Status::Ok);
-    let found = host.output_derivatives(&[3, 4, 3, 4, DISTANCE], &[1, 1, 2, 2, 1]).unwrap();
+    let found = host.output_derivatives(&[ANGLE, VELOCITY, ANGLE, VELOCITY, DISTANCE], &[1, 1, 2, 2, 1]).unwrap();
     close(&found[..2], &difference([length, speed, 0.75], [0.0, 0.0, 1.0]), 1e-8);
     let slope = |time| difference([length, speed, time], [0.0, 0.0, 1.0]);
     let (above, below) = (slope(0.75 + 1e-4), slope(0.75 - 1e-4));
@@ -120,7 +125,7 @@ fn output_derivatives_are_those_with_respect_to_time() {
     assert_eq!(found[4], 0.0);
     for order in [0, -1, 3, c_int::MIN] {
         let host = Host::stepping();
-        assert_eq!(host.output_derivatives(&[3], &[order]), Err(Status::Error));
+        assert_eq!(host.output_derivatives(&[ANGLE], &[order]), Err(Status::Error));
         assert!(host.message().contains(&format!("order {order} are not available, expected 1 to 2")));
     }
     let host = Host::stepping();
@@ -156,9 +161,9 @@ fn inputs_follow_their_derivatives_over_a_step() {
 #[test]
 fn only_inputs_have_derivatives_to_set() {
     for (reference, order, value, what) in [
-        (LENGTH, 1, 0.0, "`length` (value reference 0) is no input"),
-        (TIME, 1, 0.0, "`time` (value reference 2) is no input"),
-        (3, 1, 0.0, "`angle` (value reference 3) is no input"),
+        (LENGTH, 1, 0.0, "`length` (value reference 1) is no input"),
+        (TIME, 1, 0.0, "`time` (value reference 3) is no input"),
+        (ANGLE, 1, 0.0, "`angle` (value reference 4) is no input"),
         (SPEED, 0, 0.0, "order 0 are not available"),
         (SPEED, 3, 0.0, "order 3 are not available"),
         (SPEED, 1, f64::INFINITY, "inf is not finite"),
@@ -198,11 +203,11 @@ fn derivatives_allocate_nothing() {
 #[test]
 fn integers_booleans_and_constants_have_derivatives_of_zero() {
     let host = Host::stepping();
-    let of_time = host.directional(&[3], &[TIME], &[1.0]).unwrap();
-    assert_eq!(host.directional(&[IN_DOMAIN, 3], &[TIME, POLICY], &[1.0, 1.0]), Ok(vec![0.0, of_time[0]]));
+    let of_time = host.directional(&[ANGLE], &[TIME], &[1.0]).unwrap();
+    assert_eq!(host.directional(&[IN_DOMAIN, ANGLE], &[TIME, POLICY], &[1.0, 1.0]), Ok(vec![0.0, of_time[0]]));
     let host = Host::of(&example::with_bounds());
     host.initialize(0.0);
-    let [bound, output] = [10, 3];
-    let of_length = host.directional(&[output], &[LENGTH], &[1.0]).unwrap();
-    assert_eq!(host.directional(&[bound, output], &[LENGTH], &[1.0]), Ok(vec![0.0, of_length[0]]));
+    let bound = 11;
+    let of_length = host.directional(&[ANGLE], &[LENGTH], &[1.0]).unwrap();
+    assert_eq!(host.directional(&[bound, ANGLE], &[LENGTH], &[1.0]), Ok(vec![0.0, of_length[0]]));
 }

@@ -64,7 +64,7 @@ fn a_solver_may_try_values_of_tunable_parameters() {
     assert_eq!((host.complete(), host.warned()), (Status::Ok, true), "accepted");
     assert_eq!(host.set(&[SPEED], &[1.0]), Status::Error);
     assert!(
-        host.message().contains("`speed` (value reference 1) is fixed and cannot be set in state `Continuous-Time")
+        host.message().contains("`speed` (value reference 2) is fixed and cannot be set in state `Continuous-Time")
     );
 }
 
@@ -76,7 +76,7 @@ fn a_fixed_parameter_waits_for_the_simulation_unless_no_time_has_passed() {
     assert_eq!((host.go_on(), host.set_time(0.5), host.event()), (Status::Ok, Status::Ok, Status::Ok));
     assert_eq!((host.set(&[SPEED], &[1.0]), host.messages().len()), (Status::Ok, 0), "unchanged");
     assert_eq!(host.set(&[SPEED], &[2.0]), Status::Error);
-    assert!(host.message().contains("`speed` (value reference 1) is fixed and cannot be set in state `Event Mode`"));
+    assert!(host.message().contains("`speed` (value reference 2) is fixed and cannot be set in state `Event Mode`"));
     assert!(host.in_domain());
 }
 

@@ -3,13 +3,13 @@
 use super::*;
 use metafmu_runtime::{CommunicationStep, Drive, Evaluator, Integration};
 
-const ROPE: u32 = 0;
-const STARTS: [u32; 4] = [1, 2, 3, 4];
-const FORCE: u32 = 5;
-const LOAD: [u32; 3] = [8, 9, 10];
-const STATES: [u32; 4] = [13, 14, 15, 16];
-const RATES: [u32; 4] = [17, 18, 19, 20];
-const POLICY: u32 = 21;
+const ROPE: u32 = 1;
+const STARTS: [u32; 4] = [2, 3, 4, 5];
+const FORCE: u32 = 6;
+const LOAD: [u32; 3] = [9, 10, 11];
+const STATES: [u32; 4] = [14, 15, 16, 17];
+const RATES: [u32; 4] = [18, 19, 20, 21];
+const POLICY: u32 = 22;
 
 fn of_kind(kind: c_int) -> Host {
     let host = Host::of_kind(&example::crane(), kind);
@@ -48,7 +48,7 @@ fn advanced(of: &Surrogate, force: f64, rates: [f64; 2], size: f64, tolerance: O
     let mut point = [1.5, 0.1, 0.5, -0.2, 0.3, force, 0.1, 0.5, -0.2, 0.3];
     let of_input = rates.map(|rate| {
         let mut rates = [0.0; 10];
-        rates[FORCE as usize] = rate;
+        rates[5] = rate;
         rates
     });
     let drive = Drive { rates: [&of_input[0], &of_input[1]], clamp: None };
@@ -70,7 +70,7 @@ fn states_begin_with_the_parameters_for_the_start() {
     assert_eq!(host.step(0.0, 0.01), Status::Ok);
     assert_eq!(host.set(&STARTS[1..2], &[0.8]), Status::Ok, "unchanged");
     assert_eq!(host.set(&STARTS[1..2], &[0.9]), Status::Error);
-    assert!(host.message().contains("parameter `rope.angle_start` (value reference 2) is fixed and cannot be set"));
+    assert!(host.message().contains("parameter `rope.angle_start` (value reference 3) is fixed and cannot be set"));
     let host = stepping();
     assert_eq!(host.set(&STATES[..1], &[1.0]), Status::Error);
     assert!(host.message().contains("is a state and cannot be set: set parameter `trolley.position_start` before"));
@@ -157,7 +157,7 @@ fn what_a_solver_tries_that_is_not_finite_is_discarded_and_it_goes_on() {
         assert_eq!(unsafe { fmi2SetContinuousStates(host.c, tried.as_ptr(), 4) }, Status::Discard);
         assert!(host.message().contains("is not finite; the states stay what they were"));
         assert_eq!(host.set(&[FORCE], &[value]), Status::Discard);
-        assert!(host.message().contains("`force` (value reference 5): "));
+        assert!(host.message().contains("`force` (value reference 6): "));
         assert_eq!((continuous_states(&host), derivatives(&host)), (before, rates));
     }
     assert_eq!(unsafe { fmi2SetContinuousStates(host.c, [0.4, 0.9, -1.2, 2.0].as_ptr(), 4) }, Status::Ok);
@@ -322,7 +322,7 @@ fn what_leaves_the_domain_or_cannot_be_computed_is_said() {
 
 #[test]
 fn error_bounds_grow_with_the_time_since_the_start() {
-    let bounds = [25, 26];
+    let bounds = [26, 27];
     let at_start = 5.0;
     for kind in [CO_SIMULATION, MODEL_EXCHANGE] {
         let host = Host::of_kind(&example::with_growing_bounds(), kind);

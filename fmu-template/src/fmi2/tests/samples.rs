@@ -3,13 +3,13 @@
 use super::*;
 use metafmu_runtime::{Program, graph::Step};
 
-const STARTS: [u32; 2] = [1, 2];
-const FORCE: u32 = 3;
-const POSITION: [u32; 1] = [4];
-const IN_DOMAIN: u32 = 6;
-// 8 is the time, of FMI 3.0
-const USE_MEASURED: u32 = 9;
-const MEASURED: u32 = 10;
+const STARTS: [u32; 2] = [2, 3];
+const FORCE: u32 = 4;
+const POSITION: [u32; 1] = [5];
+const IN_DOMAIN: u32 = 7;
+// 9 is the time, of FMI 3.0
+const USE_MEASURED: u32 = 10;
+const MEASURED: u32 = 11;
 /// In seconds.
 const SAMPLE: f64 = 0.1;
 
@@ -155,16 +155,16 @@ fn values_that_measured_inputs_cannot_have_are_refused_by_name() {
     for (call, message) in [
         (
             (|host: &Host| host.set(&[MEASURED], &[f64::NAN])) as fn(&Host) -> Status,
-            "`position_measured` (value reference 10): NaN is not finite",
+            "`position_measured` (value reference 11): NaN is not finite",
         ),
-        (|host| host.set(&[USE_MEASURED], &[f64::NAN]), "`use_measured` (value reference 9): NaN is not finite"),
+        (|host| host.set(&[USE_MEASURED], &[f64::NAN]), "`use_measured` (value reference 10): NaN is not finite"),
         (
             |host| unsafe { fmi2SetBoolean(host.c, &MEASURED, 1, &1) },
-            "`position_measured` (value reference 10) is of type real, not Boolean",
+            "`position_measured` (value reference 11) is of type real, not Boolean",
         ),
         (
             |host| unsafe { fmi2SetBoolean(host.c, &IN_DOMAIN, 1, &1) },
-            "`in_domain` (value reference 6) is an output and cannot be set",
+            "`in_domain` (value reference 7) is an output and cannot be set",
         ),
     ] {
         let host = stepping();

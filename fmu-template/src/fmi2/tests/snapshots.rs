@@ -9,7 +9,7 @@ fn a_restored_state_continues_to_the_last_bit() {
     let go_on = |host: &Host| {
         assert_eq!(host.step(0.1, 0.2), Status::Ok);
         assert_eq!(host.step(0.1 + 0.2, 0.01), Status::Ok);
-        (host.outputs().map(f64::to_bits), host.try_get([0, 1, 2]).unwrap().map(f64::to_bits))
+        (host.outputs().map(f64::to_bits), host.try_get([LENGTH, SPEED, TIME]).unwrap().map(f64::to_bits))
     };
     let first = go_on(&host);
     assert_eq!((host.set(&[LENGTH], &[0.2]), host.warned()), (Status::Ok, true));

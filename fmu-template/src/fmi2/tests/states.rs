@@ -25,12 +25,12 @@ pub(super) const TABLE: [Row; 40] = {
         ("ExitInitializationMode",        c!(fmi2ExitInitializationMode),                                 Ok,      "N",     "N"),
         ("Terminate",                     c!(fmi2Terminate),                                              Ok,      "INSTE", "INVCTE"),
         ("Reset",                         c!(fmi2Reset),                                                  Ok,      "INSTE", "INVCTE"),
-        ("GetReal",                       c!(fmi2GetReal, [0, 1].as_ptr(), 2, [0.0; 2].as_mut_ptr()),     Ok,      "INSTE", "INVCTE"),
-        ("GetInteger",                    c!(fmi2GetInteger, [5].as_ptr(), 1, &mut 0),                    Ok,      "INSTE", "INVCTE"),
+        ("GetReal",                       c!(fmi2GetReal, [1, 2].as_ptr(), 2, [0.0; 2].as_mut_ptr()),     Ok,      "INSTE", "INVCTE"),
+        ("GetInteger",                    c!(fmi2GetInteger, [6].as_ptr(), 1, &mut 0),                    Ok,      "INSTE", "INVCTE"),
         ("GetBoolean",                    c!(fmi2GetBoolean, null(), 0, null_mut()),                      Ok,      "INSTE", "INVCTE"),
         ("GetString",                     c!(fmi2GetString, null(), 0, null_mut()),                       Ok,      "INSTE", "INVCTE"),
         ("SetReal",                       c!(fmi2SetReal, null(), 0, null()),                             Ok,      "INS",   "INVC"),
-        ("SetInteger",                    c!(fmi2SetInteger, [5].as_ptr(), 1, &1),                        Ok,      "INS",   "INV"),
+        ("SetInteger",                    c!(fmi2SetInteger, [6].as_ptr(), 1, &1),                        Ok,      "INS",   "INV"),
         ("SetBoolean",                    c!(fmi2SetBoolean, null(), 0, null()),                          Ok,      "INS",   "INV"),
         ("SetString",                     c!(fmi2SetString, null(), 0, null()),                           Ok,      "INS",   "INV"),
         ("GetFMUstate",                   get_and_free_state,                                             Ok,      "INSTE", "INVCTE"),
@@ -39,9 +39,9 @@ pub(super) const TABLE: [Row; 40] = {
         ("SerializedFMUstateSize",        c!(fmi2SerializedFMUstateSize, null_mut(), null_mut()),         Error,   "INSTE", "INVCTE"),
         ("SerializeFMUstate",             c!(fmi2SerializeFMUstate, null_mut(), null_mut(), 0),           Error,   "INSTE", "INVCTE"),
         ("DeSerializeFMUstate",           c!(fmi2DeSerializeFMUstate, null(), 0, null_mut()),             Error,   "INSTE", "INVCTE"),
-        ("GetDirectionalDerivative",      c!(fmi2GetDirectionalDerivative, &3, 1, &0, 1, &1.0, &mut 0.0), Ok,      "NSTE",  "NVCTE"),
+        ("GetDirectionalDerivative",      c!(fmi2GetDirectionalDerivative, &4, 1, &1, 1, &1.0, &mut 0.0), Ok,      "NSTE",  "NVCTE"),
         ("SetRealInputDerivatives",       c!(fmi2SetRealInputDerivatives, null(), 0, null(), null()),     Ok,      "INS",   ""),
-        ("GetRealOutputDerivatives",      c!(fmi2GetRealOutputDerivatives, &3, 1, &1, &mut 0.0),          Ok,      "STE",   ""),
+        ("GetRealOutputDerivatives",      c!(fmi2GetRealOutputDerivatives, &4, 1, &1, &mut 0.0),          Ok,      "STE",   ""),
         ("DoStep",                        c!(fmi2DoStep, 0.0, 0.01, 1),                                   Ok,      "S",     ""),
         ("CancelStep",                    c!(fmi2CancelStep),                                             Error,   "",      ""),
         ("GetStatus",                     c!(fmi2GetStatus, 0, null_mut()),                               Discard, "ST",    ""),
@@ -133,7 +133,7 @@ fn without_an_experiment_the_run_begins_at_zero_or_at_the_time_that_was_set() {
     assert_eq!((host.enter(), host.exit(), host.step(0.0, 0.1)), (Status::Ok, Status::Ok, Status::Ok));
     let host = Host::of_kind(&example::surrogate(), MODEL_EXCHANGE);
     assert_eq!((host.set_time(0.5), host.enter(), host.exit()), (Status::Ok, Status::Ok, Status::Ok));
-    assert_eq!(host.try_get([2]), Ok([0.5]));
+    assert_eq!(host.try_get([TIME]), Ok([0.5]));
 }
 
 #[test]
@@ -146,8 +146,8 @@ fn a_stop_time_of_infinity_is_no_stop_time() {
 #[test]
 fn before_the_initialization_start_values_can_be_read_and_nothing_that_is_calculated() {
     let host = Host::new();
-    assert!(host.try_get([0, 1]).is_ok());
-    assert_eq!(host.try_get([3]), Err(Status::Error));
+    assert!(host.try_get([LENGTH, SPEED]).is_ok());
+    assert_eq!(host.try_get([ANGLE]), Err(Status::Error));
     assert!(host.message().ends_with("has no start value: it can be read from Initialization Mode on"));
     assert_eq!(host.state(), InstanceState::Instantiated);
 }

@@ -17,7 +17,7 @@ fn outputs_are_right_at_every_point_where_a_host_may_look() {
     assert!(host.message().contains("`length`: changed from 0.12 to 0.18 during the run"));
     assert_eq!(host.outputs(), expected(0.18, 4.0, 0.75), "after a set between steps");
     assert_eq!(host.step(0.75, 0.01), Status::Ok);
-    assert_eq!(host.try_get([4, 0, 2, 1, 3]), {
+    assert_eq!(host.try_get([VELOCITY, LENGTH, TIME, SPEED, ANGLE]), {
         let [angle, velocity] = expected(0.18, 4.0, 0.76);
         Ok([velocity, 0.18, 0.76, 4.0, angle])
     });
@@ -42,14 +42,15 @@ fn what_cannot_be_set_is_refused_by_name() {
         assert_eq!(host.set(&[reference], &[1.0]), Status::Error);
         host.message()
     };
-    assert!(refused(SPEED).contains("`speed` (value reference 1) is fixed and cannot be set in state `Step Mode`"));
-    assert!(refused(TIME).contains("`time` (value reference 2) is the independent variable"));
-    assert!(refused(3).contains("`angle` (value reference 3) is an output"));
-    assert!(refused(8).contains("value reference 8 is unknown, expected at most 7"));
+    assert!(refused(SPEED).contains("`speed` (value reference 2) is fixed and cannot be set in state `Step Mode`"));
+    assert!(refused(TIME).contains("`time` (value reference 3) is the independent variable"));
+    assert!(refused(ANGLE).contains("`angle` (value reference 4) is an output"));
+    assert!(refused(0).contains("value reference 0 is unknown: no variable has it"));
+    assert!(refused(9).contains("value reference 9 is unknown, expected at most 8"));
     assert!(refused(u32::MAX).contains("value reference 4294967295 is unknown"));
     let host = Host::stepping();
     assert_eq!((host.step(0.0, 0.1), host.set(&[TIME], &[0.1])), (Status::Ok, Status::Ok), "the present time");
-    for reference in [TIME, 3, 8] {
+    for reference in [TIME, ANGLE, 0, 9] {
         assert_eq!(Host::new().set(&[reference], &[1.0]), Status::Error, "{reference} in instantiated");
     }
 }
@@ -59,13 +60,15 @@ fn a_value_that_is_not_finite_is_refused() {
     for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
         let host = Host::new();
         assert_eq!(host.set(&[LENGTH], &[value]), Status::Error);
-        assert!(host.message().contains(&format!("`length` (value reference 0): {value} is not finite")));
+        assert!(host.message().contains(&format!("`length` (value reference 1): {value} is not finite")));
     }
 }
 
 #[test]
 fn a_call_with_one_wrong_value_changes_nothing_at_all() {
-    for (reference, value) in [(SPEED, 1.0), (TIME, 1.0), (3, 1.0), (9, 1.0), (POLICY, 7.0), (LENGTH, f64::NAN)] {
+    for (reference, value) in
+        [(SPEED, 1.0), (TIME, 1.0), (ANGLE, 1.0), (0, 1.0), (9, 1.0), (POLICY, 7.0), (LENGTH, f64::NAN)]
+    {
         let host = Host::stepping();
         assert_eq!(host.step(0.0, 0.1), Status::Ok);
         let before = host.outputs();
@@ -76,9 +79,9 @@ fn a_call_with_one_wrong_value_changes_nothing_at_all() {
 
 #[test]
 fn an_unknown_value_reference_cannot_be_read() {
-    for reference in [8, u32::MAX] {
+    for reference in [0, 9, u32::MAX] {
         let host = Host::stepping();
-        assert_eq!(host.try_get([3, reference]), Err(Status::Error));
+        assert_eq!(host.try_get([ANGLE, reference]), Err(Status::Error));
         assert!(host.message().contains(&format!("fmi2GetReal: value reference {reference} is unknown")));
     }
 }
@@ -91,15 +94,15 @@ fn arrays_are_for_the_other_version_and_unknown_here() {
         assert_eq!(host.outputs(), expected(starts()[0], starts()[1], 0.0));
         assert_eq!(call(host.c), Status::Error);
         let message = host.message();
-        let unknown = format!("value reference {reference} is unknown, expected at most 7");
+        let unknown = format!("value reference {reference} is unknown, expected at most 8");
         assert!(message.ends_with(&unknown), "{message}");
     };
-    for reference in [8, 9, 10, 11] {
+    for reference in [9, 10, 11, 12] {
         unsafe {
             refused(&|c| fmi2GetReal(c, &reference, 1, &mut 0.0), reference);
             refused(&|c| fmi2SetReal(c, &reference, 1, &0.0), reference);
             refused(&|c| fmi2GetInteger(c, &reference, 1, &mut 0), reference);
-            refused(&|c| fmi2GetDirectionalDerivative(c, &reference, 1, &0, 1, &1.0, &mut 0.0), reference);
+            refused(&|c| fmi2GetDirectionalDerivative(c, &reference, 1, &LENGTH, 1, &1.0, &mut 0.0), reference);
             refused(&|c| fmi2GetRealOutputDerivatives(c, &reference, 1, &1, &mut 0.0), reference);
         }
     }
@@ -109,8 +112,8 @@ fn arrays_are_for_the_other_version_and_unknown_here() {
 fn an_error_bound_is_a_constant_that_can_be_read_only() {
     let host = Host::of(&example::with_bounds());
     host.initialize(0.0);
-    assert_eq!(host.try_get([11, 10]), Ok([0.25, 0.125]));
-    assert_eq!(host.try_get([10, 3, 11]), Ok([0.125, host.outputs()[0], 0.25]));
+    assert_eq!(host.try_get([12, 11]), Ok([0.25, 0.125]));
+    assert_eq!(host.try_get([11, ANGLE, 12]), Ok([0.125, host.outputs()[0], 0.25]));
     let refused = |call: &dyn Fn(*mut c_void) -> Status, says: &str| {
         let host = Host::of(&example::with_bounds());
         host.initialize(0.0);
@@ -119,14 +122,11 @@ fn an_error_bound_is_a_constant_that_can_be_read_only() {
         assert!(message.ends_with(says), "{message}");
     };
     unsafe {
-        let bound = "variable `x_bound` (value reference 10) is";
-        refused(&|c| fmi2SetReal(c, &10, 1, &0.0), &format!("{bound} an output and cannot be set"));
-        refused(&|c| fmi2GetBoolean(c, &10, 1, &mut 0), &format!("{bound} of type real, not Boolean"));
-        refused(&|c| fmi2GetReal(c, &12, 1, &mut 0.0), "value reference 12 is unknown, expected at most 11");
-        refused(
-            &|c| fmi2GetReal(c, &9, 1, &mut 0.0),
-            "value reference 9 is unknown: it is kept for a variable that this FMU does not have",
-        );
+        let bound = "variable `x_bound` (value reference 11) is";
+        refused(&|c| fmi2SetReal(c, &11, 1, &0.0), &format!("{bound} an output and cannot be set"));
+        refused(&|c| fmi2GetBoolean(c, &11, 1, &mut 0), &format!("{bound} of type real, not Boolean"));
+        refused(&|c| fmi2GetReal(c, &13, 1, &mut 0.0), "value reference 13 is unknown, expected at most 12");
+        refused(&|c| fmi2GetReal(c, &10, 1, &mut 0.0), "value reference 10 is unknown: no variable has it");
     }
 }
 
@@ -152,7 +152,7 @@ fn integers_and_booleans_can_be_read_and_set_as_reals() {
         assert!(host.message().contains("expected 0 (warn), 1 (clamp) or 2 (error)"));
     }
     assert_eq!(host.set(&[IN_DOMAIN], &[1.0]), Status::Error);
-    assert!(host.message().ends_with("`in_domain` (value reference 6) is an output and cannot be set"));
+    assert!(host.message().ends_with("`in_domain` (value reference 7) is an output and cannot be set"));
 }
 
 #[test]
@@ -164,21 +164,24 @@ fn every_variable_is_of_one_type() {
         assert!(message.ends_with(expected), "{message}");
     };
     refused(
-        |c| unsafe { fmi2GetInteger(c, &0, 1, &mut 0) },
-        "`length` (value reference 0) is of type real, not integer",
+        |c| unsafe { fmi2GetInteger(c, &LENGTH, 1, &mut 0) },
+        "`length` (value reference 1) is of type real, not integer",
     );
-    refused(|c| unsafe { fmi2SetInteger(c, &3, 1, &0) }, "`angle` (value reference 3) is of type real, not integer");
+    refused(
+        |c| unsafe { fmi2SetInteger(c, &ANGLE, 1, &0) },
+        "`angle` (value reference 4) is of type real, not integer",
+    );
     refused(|c| unsafe { fmi2GetBoolean(c, &POLICY, 1, &mut 0) }, "is of type integer, not Boolean");
     refused(
-        |c| unsafe { fmi2SetBoolean(c, &7, 1, &0) },
-        "`domain_distance` (value reference 7) is of type real, not Boolean",
+        |c| unsafe { fmi2SetBoolean(c, &DISTANCE, 1, &0) },
+        "`domain_distance` (value reference 8) is of type real, not Boolean",
     );
     refused(|c| unsafe { fmi2SetBoolean(c, &IN_DOMAIN, 1, &0) }, "is an output and cannot be set");
     refused(|c| unsafe { fmi2SetReal(c, &DISTANCE, 1, &0.0) }, "is an output and cannot be set");
-    refused(|c| unsafe { fmi2GetInteger(c, &8, 1, &mut 0) }, "value reference 8 is unknown, expected at most 7");
+    refused(|c| unsafe { fmi2GetInteger(c, &9, 1, &mut 0) }, "value reference 9 is unknown, expected at most 8");
     let none = "1 variables of type String asked for, but there are none of this type";
-    refused(|c| unsafe { fmi2GetString(c, &0, 1, &mut null()) }, none);
-    refused(|c| unsafe { fmi2SetString(c, &0, 1, &c"".as_ptr()) }, none);
+    refused(|c| unsafe { fmi2GetString(c, &LENGTH, 1, &mut null()) }, none);
+    refused(|c| unsafe { fmi2SetString(c, &LENGTH, 1, &c"".as_ptr()) }, none);
 }
 
 #[test]
@@ -195,9 +198,9 @@ fn null_arrays_are_fine_when_empty_and_refused_otherwise() {
     };
     unsafe {
         refused(|c| fmi2GetReal(c, null(), 1, &mut 0.0), "vr");
-        refused(|c| fmi2GetReal(c, &0, 1, null_mut()), "value");
+        refused(|c| fmi2GetReal(c, &LENGTH, 1, null_mut()), "value");
         refused(|c| fmi2SetReal(c, null(), 1, &0.0), "vr");
-        refused(|c| fmi2SetReal(c, &0, 1, null()), "value");
+        refused(|c| fmi2SetReal(c, &LENGTH, 1, null()), "value");
         refused(|c| fmi2SetDebugLogging(c, 1, 1, null()), "categories");
         refused(|c| fmi2SetDebugLogging(c, 1, 1, [null()].as_ptr()), "categories");
         refused(|c| fmi2GetFMUstate(c, null_mut()), "FMUstate");

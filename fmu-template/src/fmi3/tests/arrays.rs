@@ -1,8 +1,8 @@
 use super::*;
 
 // of `example::with_arrays`
-const POSITION: u32 = 8;
-const SWAPPED: u32 = 9;
+const POSITION: u32 = 9;
+const SWAPPED: u32 = 10;
 
 fn host(use_as: Use) -> Host {
     let host = Host::of(&example::with_arrays(), use_as);
@@ -45,9 +45,9 @@ fn error_bounds_follow_the_arrays_and_depend_on_nothing() {
     let host = Host::of(&example::with_bounds(), Use::Steps);
     assert_eq!((host.enter(0.0), host.exit()), (Status::Ok, Status::Ok));
     let [x, y] = expected(starts()[0], starts()[1], 0.0);
-    assert_eq!(host.read(&[11, POSITION, 10], 4), (Status::Ok, vec![0.25, x, y, 0.125]));
+    assert_eq!(host.read(&[12, POSITION, 11], 4), (Status::Ok, vec![0.25, x, y, 0.125]));
     let mut count = usize::MAX;
-    assert_eq!(unsafe { fmi3GetNumberOfVariableDependencies(host.instance, 10, &mut count) }, Status::Ok);
+    assert_eq!(unsafe { fmi3GetNumberOfVariableDependencies(host.instance, 11, &mut count) }, Status::Ok);
     assert_eq!(count, 0);
 }
 
@@ -79,7 +79,7 @@ fn scalars_and_arrays_are_read_in_one_call() {
     let host = host(Use::Steps);
     let [length, speed] = starts();
     let [x, y] = expected(length, speed, 0.0);
-    let references = [LENGTH, SWAPPED, DISTANCE, 4, POSITION, SWAPPED, TIME];
+    let references = [LENGTH, SWAPPED, DISTANCE, VELOCITY, POSITION, SWAPPED, TIME];
     assert_eq!(host.read(&references, 10), (Status::Ok, vec![length, y, x, 0.0, y, x, y, y, x, 0.0]));
 }
 
@@ -87,8 +87,8 @@ fn scalars_and_arrays_are_read_in_one_call() {
 fn a_number_of_values_that_does_not_fit_is_refused_with_both_numbers() {
     for (references, sizes, expected) in [
         (&[POSITION][..], &[0, 1, 3][..], 2),
-        (&[POSITION, 3], &[2, 4], 3),
-        (&[3, 4], &[1, 3], 2),
+        (&[POSITION, ANGLE], &[2, 4], 3),
+        (&OUTPUTS, &[1, 3], 2),
         (&[SWAPPED, POSITION], &[2, 3, 5], 4),
     ] {
         for &size in sizes {
@@ -105,11 +105,12 @@ fn a_number_of_values_that_does_not_fit_is_refused_with_both_numbers() {
 #[test]
 fn a_call_with_one_wrong_reference_writes_nothing_at_all() {
     for (reference, message) in [
-        (10, "value reference 10 is unknown, expected at most 9"),
-        (u32::MAX, "value reference 4294967295 is unknown, expected at most 9"),
+        (0, "value reference 0 is unknown: no variable has it"),
+        (11, "value reference 11 is unknown, expected at most 10"),
+        (u32::MAX, "value reference 4294967295 is unknown, expected at most 10"),
     ] {
         let host = host(Use::Steps);
-        let (status, values) = host.read(&[3, POSITION, reference], 4);
+        let (status, values) = host.read(&[ANGLE, POSITION, reference], 4);
         assert_eq!(status, Status::Error);
         assert!(values.iter().all(|value| value.is_nan()), "{reference}: {values:?}");
         assert!(host.message().ends_with(message));
@@ -161,7 +162,7 @@ fn an_array_is_an_output_and_a_real_one() {
         assert!(message.ends_with(expected), "{message}");
         assert_eq!(host.read(&[LENGTH, POSITION], 3).1, before);
     };
-    let output = "variable `position` (value reference 8) is an output and cannot be set";
+    let output = "variable `position` (value reference 9) is an output and cannot be set";
     for state in [InstanceState::Initialization, InstanceState::Step] {
         unsafe {
             refused(state, &|c| fmi3SetFloat64(c, &POSITION, 1, [0.1; 2].as_ptr(), 2), output);
@@ -174,7 +175,7 @@ fn an_array_is_an_output_and_a_real_one() {
                 "there are none of this type",
             );
             refused(state, &|c| fmi3GetInt64(c, &POSITION, 1, [0; 2].as_mut_ptr(), 2), "there are none of this type");
-            let of_type = "`position` (value reference 8) is of type real, not ";
+            let of_type = "`position` (value reference 9) is of type real, not ";
             refused(state, &|c| fmi3GetInt32(c, &POSITION, 1, &mut 0, 1), &format!("{of_type}integer"));
             refused(state, &|c| fmi3SetInt32(c, &POSITION, 1, &0, 1), &format!("{of_type}integer"));
             refused(state, &|c| fmi3GetBoolean(c, &POSITION, 1, &mut 0, 1), &format!("{of_type}Boolean"));
@@ -189,27 +190,27 @@ fn derivatives_of_an_array_are_those_of_its_outputs() {
     assert_eq!(host.set(&[SPEED], &[-1.5]), Status::Ok, "outside, so that the distance has a derivative");
     assert_eq!((host.enter(0.0), host.exit(), host.step(0.0, 0.5)), (Status::Ok, Status::Ok, Status::Ok));
     let knowns = [LENGTH, SPEED, TIME];
-    let (status, scalars) = host.jacobian(&[3, 4, DISTANCE], &knowns, &[0.5, -1.0, 2.0], 3);
+    let (status, scalars) = host.jacobian(&[ANGLE, VELOCITY, DISTANCE], &knowns, &[0.5, -1.0, 2.0], 3);
     let [x, y, distance] = scalars[..] else { panic!("{scalars:?}") };
     assert!(status == Status::Ok && x != y && distance == 0.2, "{scalars:?}");
     assert_eq!(
-        host.jacobian(&[SWAPPED, DISTANCE, 3, POSITION], &knowns, &[0.5, -1.0, 2.0], 6),
+        host.jacobian(&[SWAPPED, DISTANCE, ANGLE, POSITION], &knowns, &[0.5, -1.0, 2.0], 6),
         (Status::Ok, vec![y, x, distance, x, x, y])
     );
     assert_eq!(
         host.gradient(&[SWAPPED, DISTANCE], &knowns, &[0.5, -1.0, 2.0], 3),
-        host.gradient(&[DISTANCE, 3, 4], &knowns, &[2.0, -1.0, 0.5], 3)
+        host.gradient(&[DISTANCE, ANGLE, VELOCITY], &knowns, &[2.0, -1.0, 0.5], 3)
     );
     assert_eq!(
         host.gradient(&[SWAPPED, POSITION], &[TIME], &[0.0, 0.5, 0.25, 0.0], 1),
-        host.gradient(&[3], &[TIME], &[0.75], 1),
+        host.gradient(&[ANGLE], &[TIME], &[0.75], 1),
         "seeds of one output add up"
     );
-    let (status, scalars) = host.rates(&[3, 3, 4, 4], &[1, 2, 1, 2], 4);
+    let (status, scalars) = host.rates(&[ANGLE, ANGLE, VELOCITY, VELOCITY], &[1, 2, 1, 2], 4);
     let [x1, x2, y1, y2] = scalars[..] else { panic!("{scalars:?}") };
     assert!(status == Status::Ok && x1 != x2, "{scalars:?}");
     assert_eq!(
-        host.rates(&[POSITION, 4, SWAPPED, DISTANCE], &[2, 1, 1, 1], 6),
+        host.rates(&[POSITION, VELOCITY, SWAPPED, DISTANCE], &[2, 1, 1, 1], 6),
         (Status::Ok, vec![x2, y2, y1, y1, x1, 0.0])
     );
 }
@@ -225,16 +226,16 @@ fn derivatives_count_arrays_by_their_elements() {
         assert!(message.ends_with(expected), "{message}");
     };
     refused(&|host| host.jacobian(&[POSITION], &[TIME], &[1.0], 1), "`sensitivity`: 1 elements, expected 2");
-    refused(&|host| host.jacobian(&[POSITION, 3], &[TIME], &[1.0], 4), "`sensitivity`: 4 elements, expected 3");
+    refused(&|host| host.jacobian(&[POSITION, ANGLE], &[TIME], &[1.0], 4), "`sensitivity`: 4 elements, expected 3");
     refused(&|host| host.gradient(&[POSITION], &[TIME], &[1.0], 1), "`seed`: 1 elements, expected 2");
     refused(&|host| host.gradient(&[POSITION], &[TIME], &[1.0; 2], 2), "`sensitivity`: 2 elements, expected 1");
     refused(&|host| host.rates(&[POSITION], &[1], 1), "`values`: 1 elements, expected 2");
     refused(&|host| host.rates(&[POSITION, SWAPPED], &[1, 3], 4), "order 3 are not available, expected 1 to 2");
     refused(&|host| host.gradient(&[POSITION], &[TIME], &[1.0, f64::NAN], 1), "`seed`: NaN is not finite");
-    let known = "`position` (value reference 8) is no input, parameter, state or time";
-    refused(&|host| host.jacobian(&[3], &[POSITION], &[1.0; 2], 1), known);
-    refused(&|host| host.gradient(&[3], &[POSITION], &[1.0], 2), known);
-    refused(&|host| host.gradient(&[10], &[TIME], &[1.0], 1), "value reference 10 is unknown, expected at most 9");
+    let known = "`position` (value reference 9) is no input, parameter, state or time";
+    refused(&|host| host.jacobian(&[ANGLE], &[POSITION], &[1.0; 2], 1), known);
+    refused(&|host| host.gradient(&[ANGLE], &[POSITION], &[1.0], 2), known);
+    refused(&|host| host.gradient(&[11], &[TIME], &[1.0], 1), "value reference 11 is unknown, expected at most 10");
 }
 
 #[test]
@@ -269,7 +270,7 @@ fn arrays_follow_the_time_that_is_added() {
     assert_eq!((host.enter(0.5), host.exit()), (Status::Ok, Status::Ok));
     let load = surrogate.inputs()[2].start;
     let [x, y] = expected(starts()[0], starts()[1], load);
-    assert_eq!(host.read(&[8, POSITION + 1, SWAPPED + 1], 5), (Status::Ok, vec![0.5, x, y, y, x]));
+    assert_eq!(host.read(&[9, POSITION + 1, SWAPPED + 1], 5), (Status::Ok, vec![0.5, x, y, y, x]));
 }
 
 #[test]

@@ -98,9 +98,9 @@ fn the_example_of_a_surrogate_without_time_has_a_time_all_the_same() {
     let host = Host::of(&surrogate, Use::Steps);
     assert_eq!((host.enter(0.5), host.exit()), (Status::Ok, Status::Ok));
     assert_eq!(host.step(0.5, 9.0), Status::Ok);
-    assert_eq!((host.try_get([8]), host.in_domain()), (Ok([9.5]), 1));
-    assert_eq!(host.set(&[8], &[0.0]), Status::Error);
-    assert!(host.message().contains("`time` (value reference 8) is the independent variable"));
+    assert_eq!((host.try_get([9]), host.in_domain()), (Ok([9.5]), 1));
+    assert_eq!(host.set(&[9], &[0.0]), Status::Error);
+    assert!(host.message().contains("`time` (value reference 9) is the independent variable"));
 }
 
 #[test]

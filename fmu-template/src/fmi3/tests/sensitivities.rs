@@ -35,7 +35,7 @@ impl Host {
 
 #[test]
 fn both_kinds_of_derivatives_are_the_same_jacobian() {
-    let unknowns = [3, 4, DISTANCE];
+    let unknowns = [ANGLE, VELOCITY, DISTANCE];
     let knowns = [LENGTH, SPEED, TIME];
     let jacobians = |host: &Host| {
         let unit = |at: usize| [0, 1, 2].map(|index| if index == at { 1.0 } else { 0.0 });
@@ -57,7 +57,11 @@ fn both_kinds_of_derivatives_are_the_same_jacobian() {
     let clamped = jacobians(&host);
     assert_eq!((clamped[0][1], clamped[1][1], clamped[2][1]), (0.0, 0.0, -0.2));
     assert_ne!(clamped[0][0], 0.0);
-    assert_eq!(host.adjoint(&[3, 3], &[TIME], &[0.75, 0.25]), host.adjoint(&[3], &[TIME], &[1.0]), "seeds add up");
+    assert_eq!(
+        host.adjoint(&[ANGLE, ANGLE], &[TIME], &[0.75, 0.25]),
+        host.adjoint(&[ANGLE], &[TIME], &[1.0]),
+        "seeds add up"
+    );
 }
 
 #[test]
@@ -80,18 +84,18 @@ fn lengths_that_do_not_fit_are_refused() {
         assert!(message.contains("elements, expected"), "{message}");
     };
     unsafe {
-        refused(&|c| fmi3GetDirectionalDerivative(c, &3, 1, &0, 1, [1.0; 2].as_ptr(), 2, &mut 0.0, 1));
-        refused(&|c| fmi3GetDirectionalDerivative(c, &3, 1, &0, 1, &1.0, 1, [0.0; 2].as_mut_ptr(), 2));
-        refused(&|c| fmi3GetAdjointDerivative(c, &3, 1, [0, 2].as_ptr(), 2, &1.0, 1, &mut 0.0, 1));
-        refused(&|c| fmi3GetAdjointDerivative(c, &3, 1, &0, 1, [1.0; 2].as_ptr(), 2, &mut 0.0, 1));
-        refused(&|c| fmi3GetOutputDerivatives(c, &3, 1, &1, [0.0; 2].as_mut_ptr(), 2));
-        refused(&|c| fmi3GetFloat64(c, &3, 1, [0.0; 2].as_mut_ptr(), 2));
-        refused(&|c| fmi3SetFloat64(c, &0, 1, [0.1; 2].as_ptr(), 2));
+        refused(&|c| fmi3GetDirectionalDerivative(c, &ANGLE, 1, &LENGTH, 1, [1.0; 2].as_ptr(), 2, &mut 0.0, 1));
+        refused(&|c| fmi3GetDirectionalDerivative(c, &ANGLE, 1, &LENGTH, 1, &1.0, 1, [0.0; 2].as_mut_ptr(), 2));
+        refused(&|c| fmi3GetAdjointDerivative(c, &ANGLE, 1, [LENGTH, TIME].as_ptr(), 2, &1.0, 1, &mut 0.0, 1));
+        refused(&|c| fmi3GetAdjointDerivative(c, &ANGLE, 1, &LENGTH, 1, [1.0; 2].as_ptr(), 2, &mut 0.0, 1));
+        refused(&|c| fmi3GetOutputDerivatives(c, &ANGLE, 1, &1, [0.0; 2].as_mut_ptr(), 2));
+        refused(&|c| fmi3GetFloat64(c, &ANGLE, 1, [0.0; 2].as_mut_ptr(), 2));
+        refused(&|c| fmi3SetFloat64(c, &LENGTH, 1, [0.1; 2].as_ptr(), 2));
         refused(&|c| fmi3GetInt32(c, &POLICY, 1, &mut 0, 0));
         refused(&|c| fmi3SetInt32(c, &POLICY, 1, &0, 0));
         refused(&|c| fmi3GetBoolean(c, &IN_DOMAIN, 1, &mut 0, 0));
         refused(&|c| fmi3GetFloat32(c, null(), 0, &mut 0.0, 1));
-        refused(&|c| fmi3GetVariableDependencies(c, 3, null_mut(), null_mut(), null_mut(), null_mut(), 0));
+        refused(&|c| fmi3GetVariableDependencies(c, ANGLE, null_mut(), null_mut(), null_mut(), null_mut(), 0));
     }
 }
 
@@ -105,16 +109,16 @@ fn null_pointers_are_refused() {
     };
     unsafe {
         refused(&|c| fmi3GetFloat64(c, null(), 1, &mut 0.0, 1));
-        refused(&|c| fmi3GetFloat64(c, &3, 1, null_mut(), 1));
+        refused(&|c| fmi3GetFloat64(c, &ANGLE, 1, null_mut(), 1));
         refused(&|c| fmi3SetFloat64(c, null(), 1, &0.1, 1));
-        refused(&|c| fmi3SetFloat64(c, &0, 1, null(), 1));
+        refused(&|c| fmi3SetFloat64(c, &LENGTH, 1, null(), 1));
         refused(&|c| fmi3GetInt32(c, &POLICY, 1, null_mut(), 1));
         refused(&|c| fmi3GetBoolean(c, null(), 1, &mut 0, 1));
-        refused(&|c| fmi3GetAdjointDerivative(c, &3, 1, &0, 1, null(), 1, &mut 0.0, 1));
-        refused(&|c| fmi3GetAdjointDerivative(c, &3, 1, &0, 1, &1.0, 1, null_mut(), 1));
-        refused(&|c| fmi3GetOutputDerivatives(c, &3, 1, null(), &mut 0.0, 1));
-        refused(&|c| fmi3GetNumberOfVariableDependencies(c, 3, null_mut()));
-        refused(&|c| fmi3GetVariableDependencies(c, 3, null_mut(), null_mut(), null_mut(), null_mut(), 4));
+        refused(&|c| fmi3GetAdjointDerivative(c, &ANGLE, 1, &LENGTH, 1, null(), 1, &mut 0.0, 1));
+        refused(&|c| fmi3GetAdjointDerivative(c, &ANGLE, 1, &LENGTH, 1, &1.0, 1, null_mut(), 1));
+        refused(&|c| fmi3GetOutputDerivatives(c, &ANGLE, 1, null(), &mut 0.0, 1));
+        refused(&|c| fmi3GetNumberOfVariableDependencies(c, ANGLE, null_mut()));
+        refused(&|c| fmi3GetVariableDependencies(c, ANGLE, null_mut(), null_mut(), null_mut(), null_mut(), 4));
         refused(&|c| fmi3SetDebugLogging(c, 1, 1, null()));
         refused(&|c| fmi3GetFMUState(c, null_mut()));
         refused(&|c| fmi3SetFMUState(c, null_mut()));
@@ -124,14 +128,14 @@ fn null_pointers_are_refused() {
 #[test]
 fn variables_depend_on_what_moves_them() {
     let host = Host::in_state(Use::Solver, InstanceState::Event);
-    assert_eq!(host.dependencies(3), [LENGTH, SPEED, TIME, POLICY]);
-    assert_eq!(host.dependencies(4), [LENGTH, SPEED, TIME, POLICY]);
+    assert_eq!(host.dependencies(ANGLE), [LENGTH, SPEED, TIME, POLICY]);
+    assert_eq!(host.dependencies(VELOCITY), [LENGTH, SPEED, TIME, POLICY]);
     assert_eq!(host.dependencies(IN_DOMAIN), [LENGTH, SPEED, TIME]);
     assert_eq!(host.dependencies(DISTANCE), [LENGTH, SPEED, TIME]);
     for reference in [LENGTH, SPEED, TIME, POLICY] {
         assert_eq!(host.dependencies(reference), [0; 0]);
     }
-    assert_eq!(unsafe { fmi3GetNumberOfVariableDependencies(host.instance, 8, &mut 0) }, Status::Error);
+    assert_eq!(unsafe { fmi3GetNumberOfVariableDependencies(host.instance, 9, &mut 0) }, Status::Error);
 }
 
 #[test]
@@ -145,29 +149,29 @@ fn types_and_clocks_that_do_not_exist_are_refused() {
     unsafe {
         refused(
             InstanceState::Step,
-            &|c| fmi3GetFloat32(c, &0, 1, &mut 0.0, 1),
+            &|c| fmi3GetFloat32(c, &LENGTH, 1, &mut 0.0, 1),
             "1 variables of type Float32 asked for",
         );
-        refused(InstanceState::Step, &|c| fmi3SetInt64(c, &5, 1, &0, 1), "1 variables of type Int64 asked for");
+        refused(InstanceState::Step, &|c| fmi3SetInt64(c, &POLICY, 1, &0, 1), "1 variables of type Int64 asked for");
         refused(
             InstanceState::Step,
-            &|c| fmi3GetString(c, &5, 1, &mut null(), 1),
+            &|c| fmi3GetString(c, &POLICY, 1, &mut null(), 1),
             "1 variables of type String asked for",
         );
         refused(
             InstanceState::Step,
-            &|c| fmi3GetBinary(c, &5, 1, &mut 0, &mut null(), 1),
+            &|c| fmi3GetBinary(c, &POLICY, 1, &mut 0, &mut null(), 1),
             "1 variables of type Binary",
         );
         refused(
             InstanceState::Step,
-            &|c| fmi3GetInt32(c, &0, 1, &mut 0, 1),
-            "`length` (value reference 0) is of type real",
+            &|c| fmi3GetInt32(c, &LENGTH, 1, &mut 0, 1),
+            "`length` (value reference 1) is of type real",
         );
-        refused(InstanceState::Event, &|c| fmi3GetClock(c, &5, 1, &mut 0), "1 variables of type Clock asked for");
+        refused(InstanceState::Event, &|c| fmi3GetClock(c, &POLICY, 1, &mut 0), "1 variables of type Clock asked for");
         refused(
             InstanceState::Event,
-            &|c| fmi3GetIntervalDecimal(c, &5, 1, &mut 0.0, &mut 0),
+            &|c| fmi3GetIntervalDecimal(c, &POLICY, 1, &mut 0.0, &mut 0),
             "1 variables of type Clock",
         );
     }
@@ -178,7 +182,7 @@ fn derivatives_by_encoded_inputs_are_those_of_differences() {
     let host = Host::of(&example::encoded(&example::surrogate()), Use::Steps);
     assert_eq!(host.set(&[LENGTH, SPEED], &[0.2, 1.3]), Status::Ok);
     assert_eq!(host.enter(0.3), Status::Ok);
-    let unknowns = [3, 4];
+    let unknowns = OUTPUTS;
     let at = |speed: f64| {
         assert_eq!(host.set(&[SPEED], &[speed]), Status::Ok);
         host.outputs()
@@ -202,7 +206,7 @@ fn derivatives_by_encoded_inputs_are_those_of_differences() {
 
 #[test]
 fn a_bound_that_grows_has_a_derivative_with_respect_to_the_time_only() {
-    let (force, time, bounds) = (5, 24, [25, 26]);
+    let (force, time, bounds) = (6, 25, [26, 27]);
     let host = Host::of(&example::with_growing_bounds(), Use::Steps);
     assert_eq!((host.enter(0.0), host.exit(), host.step(0.0, 1.5)), (Status::Ok, Status::Ok, Status::Ok));
     assert_eq!(host.try_get(bounds), Ok([0.25, 0.5]));

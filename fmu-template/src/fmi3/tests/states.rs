@@ -26,8 +26,8 @@ pub(super) const TABLE: [Row; 70] = {
         ("EnterEventMode",                  c!(fmi3EnterEventMode),                                                                Ok,    "VCS"),
         ("Terminate",                       c!(fmi3Terminate),                                                                     Ok,    "INVCST"),
         ("Reset",                           c!(fmi3Reset),                                                                         Ok,    "INVCST"),
-        ("GetFloat64",                      c!(fmi3GetFloat64, &0, 1, &mut 0.0, 1),                                                 Ok,    "INVCST"),
-        ("GetInt32",                        c!(fmi3GetInt32, &5, 1, &mut 0, 1),                                                    Ok,    "INVCST"),
+        ("GetFloat64",                      c!(fmi3GetFloat64, &1, 1, &mut 0.0, 1),                                                 Ok,    "INVCST"),
+        ("GetInt32",                        c!(fmi3GetInt32, &6, 1, &mut 0, 1),                                                    Ok,    "INVCST"),
         ("GetBoolean",                      c!(fmi3GetBoolean, null(), 0, null_mut(), 0),                                          Ok,    "INVCST"),
         ("GetFloat32",                      c!(fmi3GetFloat32, null(), 0, null_mut(), 0),                                          Ok,    "INVCST"),
         ("GetInt8",                         c!(fmi3GetInt8, null(), 0, null_mut(), 0),                                             Ok,    "INVCST"),
@@ -54,16 +54,16 @@ pub(super) const TABLE: [Row; 70] = {
         ("SetBinary",                       c!(fmi3SetBinary, null(), 0, null(), null(), 0),                                       Ok,    "INVCS"),
         ("GetClock",                        c!(fmi3GetClock, null(), 0, null_mut()),                                               Ok,    "V"),
         ("SetClock",                        c!(fmi3SetClock, null(), 0, null()),                                                   Ok,    "V"),
-        ("GetNumberOfVariableDependencies", c!(fmi3GetNumberOfVariableDependencies, 3, &mut 0),                                    Ok,    "INVCST"),
-        ("GetVariableDependencies",         c!(fmi3GetVariableDependencies, 0, null_mut(), null_mut(), null_mut(), null_mut(), 0), Ok,    "INVCST"),
+        ("GetNumberOfVariableDependencies", c!(fmi3GetNumberOfVariableDependencies, 4, &mut 0),                                    Ok,    "INVCST"),
+        ("GetVariableDependencies",         c!(fmi3GetVariableDependencies, 1, null_mut(), null_mut(), null_mut(), null_mut(), 0), Ok,    "INVCST"),
         ("GetFMUState",                     get_and_free_state,                                                                    Ok,    "INVCST"),
         ("SetFMUState",                     c!(fmi3SetFMUState, null_mut()),                                                       Error, "INVCST"),
         ("FreeFMUState",                    c!(fmi3FreeFMUState, null_mut()),                                                      Ok,    "INVCST"),
         ("SerializedFMUStateSize",          c!(fmi3SerializedFMUStateSize, null_mut(), null_mut()),                                Error, "INVCST"),
         ("SerializeFMUState",               c!(fmi3SerializeFMUState, null_mut(), null_mut(), 0),                                  Error, "INVCST"),
         ("DeserializeFMUState",             c!(fmi3DeserializeFMUState, null(), 0, null_mut()),                                    Error, "INVCST"),
-        ("GetDirectionalDerivative",        c!(fmi3GetDirectionalDerivative, &3, 1, &0, 1, &1.0, 1, &mut 0.0, 1),                  Ok,    "NVCST"),
-        ("GetAdjointDerivative",            c!(fmi3GetAdjointDerivative, &3, 1, &0, 1, &1.0, 1, &mut 0.0, 1),                      Ok,    "NVCST"),
+        ("GetDirectionalDerivative",        c!(fmi3GetDirectionalDerivative, &4, 1, &1, 1, &1.0, 1, &mut 0.0, 1),                  Ok,    "NVCST"),
+        ("GetAdjointDerivative",            c!(fmi3GetAdjointDerivative, &4, 1, &1, 1, &1.0, 1, &mut 0.0, 1),                      Ok,    "NVCST"),
         ("GetIntervalDecimal",              c!(fmi3GetIntervalDecimal, null(), 0, null_mut(), null_mut()),                         Ok,    "NV"),
         ("GetIntervalFraction",             c!(fmi3GetIntervalFraction, null(), 0, null_mut(), null_mut(), null_mut()),            Ok,    "NV"),
         ("GetShiftDecimal",                 c!(fmi3GetShiftDecimal, null(), 0, null_mut()),                                        Ok,    "N"),
@@ -85,7 +85,7 @@ pub(super) const TABLE: [Row; 70] = {
         ("GetNumberOfEventIndicators",      c!(fmi3GetNumberOfEventIndicators, &mut 1),                                            Ok,    "INVCT m"),
         ("GetNumberOfContinuousStates",     c!(fmi3GetNumberOfContinuousStates, &mut 1),                                           Ok,    "INVCT m"),
         ("EnterStepMode",                   c!(fmi3EnterStepMode),                                                                 Ok,    "V c"),
-        ("GetOutputDerivatives",            c!(fmi3GetOutputDerivatives, &3, 1, &1, &mut 0.0, 1),                                  Ok,    "ST c"),
+        ("GetOutputDerivatives",            c!(fmi3GetOutputDerivatives, &4, 1, &1, &mut 0.0, 1),                                  Ok,    "ST c"),
         ("DoStep",                          c!(fmi3DoStep, 0.0, 0.01, 1, &mut 1, &mut 1, &mut 1, &mut 0.0),                        Ok,    "S"),
         ("ActivateModelPartition",          c!(fmi3ActivateModelPartition, 0, 0.0),                                                Error, ""),
     ]
@@ -133,19 +133,19 @@ fn before_the_initialization_start_values_can_be_read_and_nothing_that_is_calcul
     // parameters and the policy, then the time, outputs, the two of the domain
     let instantiated = || Host::in_state(Use::Steps, InstanceState::Instantiated);
     let host = instantiated();
-    assert_eq!(host.set(&[0], &[0.12]), Status::Ok);
-    assert_eq!(host.try_get([0, 1]), Ok([0.12, starts()[1]]));
-    assert_eq!(unsafe { fmi3GetInt32(host.instance, &5, 1, &mut 0, 1) }, Status::Ok);
-    for reference in [2, 3, 4, 7] {
+    assert_eq!(host.set(&[LENGTH], &[0.12]), Status::Ok);
+    assert_eq!(host.try_get([LENGTH, SPEED]), Ok([0.12, starts()[1]]));
+    assert_eq!(unsafe { fmi3GetInt32(host.instance, &POLICY, 1, &mut 0, 1) }, Status::Ok);
+    for reference in [TIME, ANGLE, VELOCITY, DISTANCE] {
         let host = instantiated();
-        assert_eq!(host.try_get([0, reference]), Err(Status::Error), "{reference}");
+        assert_eq!(host.try_get([LENGTH, reference]), Err(Status::Error), "{reference}");
         assert!(host.message().ends_with("has no start value: it can be read from Initialization Mode on"));
     }
-    assert_eq!(unsafe { fmi3GetBoolean(host.instance, &6, 1, &mut 0, 1) }, Status::Error);
-    assert!(host.message().contains("`in_domain` (value reference 6) has no start value"));
+    assert_eq!(unsafe { fmi3GetBoolean(host.instance, &IN_DOMAIN, 1, &mut 0, 1) }, Status::Error);
+    assert!(host.message().contains("`in_domain` (value reference 7) has no start value"));
     let host = Host::in_state(Use::Steps, InstanceState::Initialization);
-    assert!(host.try_get([0, 1, 2, 3, 4, 7]).is_ok());
-    assert_eq!(unsafe { fmi3GetBoolean(host.instance, &6, 1, &mut 0, 1) }, Status::Ok);
+    assert!(host.try_get([LENGTH, SPEED, TIME, ANGLE, VELOCITY, DISTANCE]).is_ok());
+    assert_eq!(unsafe { fmi3GetBoolean(host.instance, &IN_DOMAIN, 1, &mut 0, 1) }, Status::Ok);
 }
 
 #[test]
@@ -192,8 +192,8 @@ fn after_the_end_of_a_run_a_reset_or_a_stored_state_begins_another() {
     let host = Host::in_state(Use::Steps, InstanceState::Instantiated);
     let state = host.save();
     let forbid_what_is_outside = || {
-        assert_eq!(host.set(&[0], &[9.0]), Status::Ok);
-        assert_eq!(unsafe { fmi3SetInt32(host.instance, &5, 1, &2, 1) }, Status::Error);
+        assert_eq!(host.set(&[LENGTH], &[9.0]), Status::Ok);
+        assert_eq!(unsafe { fmi3SetInt32(host.instance, &POLICY, 1, &2, 1) }, Status::Error);
         assert_eq!((host.state(), host.enter(0.0)), (InstanceState::Terminated, Status::Error));
     };
     forbid_what_is_outside();

@@ -3,10 +3,10 @@ use crate::component::UpdateCallback;
 use metafmu_runtime::Integration;
 
 // value references of the crane
-const ROPE: u32 = 0;
-const FORCE: u32 = 5;
-const X: u32 = 6;
-const POSITION: u32 = 13;
+const ROPE: u32 = 1;
+const FORCE: u32 = 6;
+const X: u32 = 7;
+const POSITION: u32 = 14;
 
 /// The longest step of the crane's solver.
 const STEP: f64 = 0.005;
@@ -139,7 +139,7 @@ fn push(instance: *mut c_void, force: f64) -> Status {
 }
 
 fn states(instance: *mut c_void) -> [f64; 4] {
-    let (references, mut values) = ([POSITION, 14, 15, 16], [f64::NAN; 4]);
+    let (references, mut values) = ([POSITION, 15, 16, 17], [f64::NAN; 4]);
     unsafe { assert_eq!(fmi3GetFloat64(instance, references.as_ptr(), 4, values.as_mut_ptr(), 4), Status::Ok) };
     values
 }
@@ -188,7 +188,7 @@ fn a_state_beyond_every_plausible_value_discards_the_step() {
     let far = example::crane().states()[0].limit() - 0.1;
     for tolerance in [None, Some(1e-6)] {
         let host = Host::of(&crane(tolerance), Use::Steps);
-        let (starts, values) = ([1, 2, 3, 4], [far, 0.5, 2.0, 0.3]);
+        let (starts, values) = ([2, 3, 4, 5], [far, 0.5, 2.0, 0.3]);
         unsafe { assert_eq!(fmi3SetFloat64(host.instance, starts.as_ptr(), 4, values.as_ptr(), 4), Status::Ok) };
         assert_eq!((host.enter(1.0), host.exit(), host.step(1.0, 0.2)), (Status::Ok, Status::Ok, Status::Discard));
         assert_eq!(states(host.instance), values, "as before");
@@ -327,12 +327,14 @@ fn a_model_without_states_never_calls_back() {
 #[test]
 fn every_variable_may_be_named_for_intermediate_updates_and_read_there() {
     let mut watcher = Watcher { instance: null_mut(), told: Vec::new(), act: nothing, x: Vec::new() };
-    for reference in 0..24 {
+    for reference in 1..25 {
         let instance = instantiate(&example::crane(), &mut watcher, true, &[X, reference], Some(update));
         assert!(!instance.is_null(), "{reference}");
         unsafe { fmi3FreeInstance(instance) };
     }
-    assert!(instantiate(&example::crane(), &mut watcher, true, &[X, 999], Some(update)).is_null());
+    for unknown in [0, 999] {
+        assert!(instantiate(&example::crane(), &mut watcher, true, &[X, unknown], Some(update)).is_null());
+    }
     // without a callback nobody asks for them
     let instance = instantiate(&example::crane(), &mut watcher, true, &[999], None);
     assert!(!instance.is_null());
@@ -340,8 +342,8 @@ fn every_variable_may_be_named_for_intermediate_updates_and_read_there() {
     let mut crane = Crane::new(true, None, |instance, _| {
         let (mut inside, mut distance) = (0, f64::NAN);
         unsafe {
-            assert_eq!(fmi3GetBoolean(instance, &22, 1, &mut inside, 1), Status::Ok);
-            assert_eq!(fmi3GetFloat64(instance, &23, 1, &mut distance, 1), Status::Ok);
+            assert_eq!(fmi3GetBoolean(instance, &23, 1, &mut inside, 1), Status::Ok);
+            assert_eq!(fmi3GetFloat64(instance, &24, 1, &mut distance, 1), Status::Ok);
         }
         assert_eq!((inside, distance), (1, 0.0));
         Answer::default()

@@ -9,7 +9,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ROPE, STARTS, FORCE = 5, LOAD_X = 8, LOAD_V, LOAD_A, KINETIC, STATES = 13, RATES = 17, DOMAIN_POLICY = 21 };
+enum { ROPE = 1, STARTS, FORCE = 6, LOAD_X = 9, LOAD_V, LOAD_A, KINETIC, STATES = 14, RATES = 18, DOMAIN_POLICY = 22 };
 
 static int messages = 0;
 static int allocations = 0;
@@ -126,11 +126,11 @@ static void starts(void)
     check(set(c, STARTS + 1, 0.8) == STATUS_OK && get(c, STATES + 1) == 0.8, __LINE__); /* no time has passed */
     check(fmi2DoStep(c, 0.0, 0.01, 1) == STATUS_OK && set(c, STARTS + 1, 0.8) == STATUS_OK, __LINE__);
     check(set(c, STARTS + 1, 0.9) == STATUS_ERROR, __LINE__);
-    said("parameter `rope.angle_start` (value reference 2) is fixed and cannot be set", __LINE__);
+    said("parameter `rope.angle_start` (value reference 3) is fixed and cannot be set", __LINE__);
     check(fmi2Reset(c) == STATUS_OK && fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0) == STATUS_OK, __LINE__);
     check(fmi2EnterInitializationMode(c) == STATUS_OK && get(c, STATES + 1) == 0.3, __LINE__);
     check(set(c, STATES, 1.0) == STATUS_ERROR, __LINE__);
-    said("fmi2SetReal: variable `trolley.position` (value reference 13) is a state and cannot be set: set parameter "
+    said("fmi2SetReal: variable `trolley.position` (value reference 14) is a state and cannot be set: set parameter "
          "`trolley.position_start` before the simulation runs, or the state in Continuous-Time Mode", __LINE__);
     fmi2Reset(c);
     check(set(c, RATES, 1.0) == STATUS_ERROR, __LINE__);
@@ -158,8 +158,8 @@ static void steps(void)
         double found[4];
         Failure failure;
         static Scratch scratch;
-        first[FORCE] = rates[0];
-        second[FORCE] = rates[1];
+        first[FORCE - FIRST_REFERENCE] = rates[0];
+        second[FORCE - FIRST_REFERENCE] = rates[1];
         const Step step = {0.05, i == 0 ? 0.0 : 1e-9, NULL, first, second, false};
         check(model_advance(&scratch, expected, &step, &failure) == ADVANCE_DONE, __LINE__);
         check(set(c, force, 2.0) == STATUS_OK, __LINE__);
@@ -223,7 +223,7 @@ static void solver(void)
     fmi2FreeInstance(c);
     c = solving();
     check(fmi2GetDirectionalDerivative(c, knowns + 2, 1, knowns, 1, &one, found) == STATUS_ERROR, __LINE__);
-    said("`force` (value reference 5) is no continuous output, state or derivative of one", __LINE__);
+    said("`force` (value reference 6) is no continuous output, state or derivative of one", __LINE__);
     fmi2FreeInstance(c);
 }
 

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { MASS, POSITION_START, FORCE_START, FORCE, POSITION, DOMAIN_POLICY };
+enum { MASS = 1, POSITION_START, FORCE_START, FORCE, POSITION, DOMAIN_POLICY };
 
 static int messages = 0;
 static int allocations = 0;
@@ -92,7 +92,7 @@ static void starts_belong_to_the_start(void)
     void *c = stepping(0);
     check(fmi2DoStep(c, 0.0, 0.1, 1) == STATUS_OK, __LINE__);
     check(set(c, POSITION_START, 0.1) == STATUS_ERROR, __LINE__);
-    said("parameter `position_start` (value reference 1) is fixed and cannot be set", __LINE__);
+    said("parameter `position_start` (value reference 2) is fixed and cannot be set", __LINE__);
     check(fmi2Reset(c) == STATUS_OK && fmi2SetupExperiment(c, 0, 0.0, 0.0, 0, 0.0) == STATUS_OK, __LINE__);
     check(fmi2EnterInitializationMode(c) == STATUS_OK && same(get(c, POSITION), 0.5), __LINE__);
     fmi2FreeInstance(c);

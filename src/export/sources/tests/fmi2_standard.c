@@ -44,7 +44,7 @@ int main(void)
     if (component == NULL) {
         return 1;
     }
-    const fmi2ValueReference inputs[] = {0, 1}, output = 3;
+    const fmi2ValueReference inputs[] = {1, 2}, output = 4;
     fmi2Real values[] = {0.15, 2.0}, value = -1.0;
     fmi2Boolean terminated = fmi2True;
     fmi2FMUstate state = NULL;

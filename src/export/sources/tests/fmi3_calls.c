@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { LENGTH, SPEED, TIME, ANGLE, VELOCITY, DOMAIN_POLICY, IN_DOMAIN, DISTANCE, UNKNOWN };
+enum { LENGTH = 1, SPEED, TIME, ANGLE, VELOCITY, DOMAIN_POLICY, IN_DOMAIN, DISTANCE, UNKNOWN };
 
 static int messages = 0;
 static char last_message[MESSAGE_SIZE];
@@ -277,7 +277,7 @@ static void states(void)
 static void absent(void)
 {
     void *instance = co_simulation(true);
-    const uint32_t reference = 0;
+    const uint32_t reference = LENGTH;
     bool clock;
     initialize(instance);
     check(fmi3GetClock(instance, NULL, 0, NULL) == STATUS_OK, __LINE__);

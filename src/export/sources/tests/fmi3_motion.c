@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { ROPE, STARTS, FORCE = 5, LOAD_X = 8, STATES = 13, RATES = 17, DOMAIN_POLICY = 21, IN_DOMAIN, DISTANCE };
+enum { ROPE = 1, STARTS, FORCE = 6, LOAD_X = 9, STATES = 14, RATES = 18, DOMAIN_POLICY = 22, IN_DOMAIN, DISTANCE };
 
 static char last_message[MESSAGE_SIZE];
 
@@ -223,7 +223,8 @@ static void derivatives(void)
     check(fmi3GetNumberOfVariableDependencies(instance, RATES, &count) == STATUS_OK && count == 11, __LINE__);
     check(fmi3GetVariableDependencies(instance, RATES, elements, independents, elements, kinds, 11) == STATUS_OK,
           __LINE__);
-    check(independents[5] == FORCE && independents[6] == STATES && independents[9] == STATES + 3, __LINE__);
+    check(independents[0] == ROPE && independents[5] == FORCE, __LINE__);
+    check(independents[6] == STATES && independents[9] == STATES + 3, __LINE__);
     check(independents[10] == DOMAIN_POLICY, __LINE__);
     check(fmi3GetNumberOfVariableDependencies(instance, STATES, &count) == STATUS_OK && count == 0, __LINE__);
     fmi3FreeInstance(instance);

@@ -33,7 +33,7 @@ int main(void)
     if (instance == NULL) {
         return 1;
     }
-    const fmi3ValueReference inputs[] = {0, 1}, output = 3;
+    const fmi3ValueReference inputs[] = {1, 2}, output = 4;
     fmi3Float64 values[] = {0.15, 2.0}, value = -1.0, last = 0.0;
     fmi3Boolean event = fmi3True, terminate = fmi3True, early = fmi3True;
     fmi3FMUState state = NULL;

@@ -47,6 +47,22 @@ fn compare_run_of_example(surrogate: &Surrogate) {
     }
 }
 
+/// OMSimulator takes the value reference 0 among the dependencies of an output for none.
+#[test]
+fn no_variable_has_the_value_reference_0_and_reading_it_says_so() {
+    for surrogate in [example::surrogate(), example::crane(), example::oscillator(None), example::recorded()] {
+        for fmus in in_c_and_rust(&seal(surrogate).unwrap()) {
+            for fmu in fmus {
+                assert!(fmu.description().variables.iter().all(|variable| variable.value_reference > 0));
+                let instance = fmu.instantiate("run", true).unwrap();
+                instance.enter_initialization_mode(0.0, None).unwrap();
+                let refused = instance.get_real(&[0], &mut [0.0]).unwrap_err().to_string();
+                assert!(refused.contains("value reference 0 is unknown: no variable has it"), "{refused}");
+            }
+        }
+    }
+}
+
 /// A run with a force that jumps, by each policy that does not refuse.
 fn compare_run(surrogate: Surrogate, starts: &[(&str, f64)], record: &[&str], step: f64) {
     let surrogate = seal(surrogate).unwrap();
@@ -102,8 +118,8 @@ fn a_whole_run_with_an_input_is_that_of_the_packed_library() {
 /// Answers of an instance in the middle of a run: states as bytes, and derivatives. Policy 1 clamps the inputs.
 fn said_in_a_run(instance: &FmuInstance, surrogate: &Surrogate, starts: &[f64]) -> (Vec<u8>, Vec<f64>) {
     let of_inputs = |wanted: fn(Role) -> bool| -> Vec<u32> {
-        let indexed = (0..).zip(surrogate.inputs());
-        indexed.filter(|(_, input)| wanted(input.role)).map(|(index, _)| index).collect()
+        let indexed = (Variables::FIRST_REFERENCE..).zip(surrogate.inputs());
+        indexed.filter(|(_, input)| wanted(input.role)).map(|(reference, _)| reference).collect()
     };
     let (parameters, start, driven) = (
         of_inputs(|role| matches!(role, Role::Parameter(_))),
@@ -187,6 +203,7 @@ fn where_no_data_are_near_is_as_in_the_packed_library() {
     let surrogate = seal(example::with_cover(&example::surrogate())).unwrap();
     let reference = |of: BuiltIn| surrogate.variables().reference(Quantity::BuiltIn(of)).unwrap();
     let unknown = [reference(BuiltIn::DomainDistance)];
+    let inputs = [0, 1].map(|input| surrogate.variables().reference(Quantity::Input(input)).unwrap());
     for [c, rust] in in_c_and_rust(&surrogate) {
         for (length, speed, policy) in [
             (0.12, 1.0, 0),
@@ -199,10 +216,10 @@ fn where_no_data_are_near_is_as_in_the_packed_library() {
         ] {
             let [found, expected] = [&c, &rust].map(|fmu| {
                 let instance = fmu.instantiate("run", false).unwrap();
-                instance.set_real(&[0, 1], &[length, speed]).unwrap();
+                instance.set_real(&inputs, &[length, speed]).unwrap();
                 instance.set_integer(&[reference(BuiltIn::DomainPolicy)], &[policy]).unwrap();
                 instance.enter_initialization_mode(0.0, None).unwrap();
-                let mut values = instance.directional_derivative(&unknown, &[0, 1], &[0.5, 0.25]).unwrap();
+                let mut values = instance.directional_derivative(&unknown, &inputs, &[0.5, 0.25]).unwrap();
                 let (mut inside, mut distance) = ([true], [0.0]);
                 instance.get_boolean(&[reference(BuiltIn::InDomain)], &mut inside).unwrap();
                 instance.get_real(&unknown, &mut distance).unwrap();
@@ -242,20 +259,21 @@ fn steps_that_fail_say_what_the_library_says() {
         (example::oscillator(None), &[1.0, 1.0], 1e9, "takes more than ten million steps of the solver"),
     ] {
         let surrogate = seal(surrogate).unwrap();
+        let output_reference = surrogate.variables().reference(Quantity::Output(0)).unwrap();
         for version in [FmiVersion::V2, FmiVersion::V3] {
             let folder = tempfile::tempdir().unwrap();
             let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
             let [found, expected] = fmus.map(|path| {
                 let fmu = Fmu::open(path).unwrap();
                 let instance = fmu.instantiate("run", true).unwrap();
-                instance.set_real(&[1, 2], starts).unwrap();
+                instance.set_real(&[2, 3], starts).unwrap();
                 instance.enter_initialization_mode(0.0, None).unwrap();
                 instance.exit_initialization_mode().unwrap();
                 instance.take_messages();
                 let refused = instance.do_step(0.0, size).unwrap_err().to_string();
                 let said: String = instance.take_messages().into_iter().map(|said| said.text).collect();
                 let mut output = [0.0];
-                instance.get_real(&[surrogate.inputs().len() as u32], &mut output).unwrap();
+                instance.get_real(&[output_reference], &mut output).unwrap();
                 (refused + &said, output)
             });
             assert_eq!(found, expected);
@@ -273,7 +291,7 @@ fn nominal_and_periodic_inputs_are_checked_as_in_the_library() {
         let folder = tempfile::tempdir().unwrap();
         let fmus = [c_fmu(folder.path(), &surrogate, version), rust_fmu(folder.path(), &surrogate, version)];
         let fmus = fmus.map(|path| Fmu::open(path).unwrap());
-        let (length, speed, policy, distance) = (0, 1, 5, 7);
+        let (length, speed, policy, distance) = (1, 2, 6, 8);
         for number in 0..3 {
             for value in [0.14, 0.15, 0.2 + 1e-12, 0.19, -7.0] {
                 let [found, expected] = fmus.each_ref().map(|fmu| {
@@ -285,7 +303,7 @@ fn nominal_and_periodic_inputs_are_checked_as_in_the_library() {
                     let mut values = [0.0; 4];
                     if refused.is_ok() {
                         instance.enter_initialization_mode(0.0, None).unwrap();
-                        instance.get_real(&[3, 4, length, distance], &mut values).unwrap();
+                        instance.get_real(&[4, 5, length, distance], &mut values).unwrap();
                     }
                     (refused, said, values)
                 });
