@@ -231,3 +231,34 @@ fn inputs_that_cannot_be_are_refused() {
     bench.fails(&["simulate", FMU, "--input", "inputs.csv"], &[says]);
     bench.fails(&["simulate", FMU, "--input", "absent.csv"], &["absent.csv", "cannot read"]);
 }
+
+#[test]
+fn the_interface_of_an_fmu_is_chosen_and_hosts_are_foretold() {
+    let bench = Bench::built();
+    let export = |folder: &str, options: &[&str]| {
+        let arguments = [&["export", FMU, "--out", folder], options].concat();
+        let output = bench.run(&arguments);
+        assert!(output.status.success(), "{}", stderr(&output));
+        stdout(&output).trim().to_owned()
+    };
+    let columns =
+        |fmu: &str| stdout(&bench.run(&["simulate", fmu, "--stop-time", "0"])).lines().next().unwrap().to_owned();
+    let wired = export("wired", &["--ports", "domain"]);
+    assert!(wired.starts_with("wired"), "{wired}");
+    assert_eq!(columns(&wired), "time,theta,thetad,thetadd,in_domain,domain_distance");
+    let plain = export("plain", &["--interface", "plain", "--names", "flat"]);
+    assert_eq!(columns(&plain), "time,theta,thetad,thetadd");
+    for fmu in [&wired, &plain] {
+        assert_eq!(last_line(&bench.run(&["validate", fmu])), "no problems found");
+    }
+    bench.fails(&["export", FMU, "--out", "none", "--ports", "bounds"], &["there are no error bounds"]);
+    bench.fails(&["export", FMU, "--out", "none", "--interface", "plain", "--ports", "domain"], &["a plain interface"]);
+
+    let foretold = stdout(&bench.run(&["validate", "--hosts", &wired]));
+    assert!(foretold.contains("\nFMPy 0.3.32 (run): runs by co-simulation\n"), "{foretold}");
+    assert!(foretold.contains("estim8 0.1.6 (run): runs"), "{foretold}");
+    let hosts: serde_json::Value =
+        serde_json::from_str(&stdout(&bench.run(&["validate", "--hosts", "--json", &plain]))).unwrap();
+    let hosts = hosts["hosts"].as_array().unwrap();
+    assert!(hosts.len() > 20 && hosts.iter().all(|host| host["evidence"] == "run" || host["evidence"] == "read"));
+}

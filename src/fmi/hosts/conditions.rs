@@ -400,10 +400,12 @@ fn converts_types(facts: &FmuFacts) -> bool {
     facts.version() == FmiVersion::V2 && (tool.starts_with("Dymola") || tool.starts_with("metafmu "))
 }
 
-/// FMUs of Dymola insist on the event iteration after their initialization.
-pub(super) fn is_of_dymola(facts: &FmuFacts) -> Option<String> {
+/// Dymola whose FMUs insist on the event iteration after their initialization: that of 2022x and later.
+pub(super) fn is_of_late_dymola(facts: &FmuFacts) -> Option<String> {
     let tool = facts.description().generation_tool.as_deref().unwrap_or_default();
-    if facts.version() == FmiVersion::V2 && tool.starts_with("Dymola") { Some(tool.into()) } else { None }
+    let year: String = tool.strip_prefix("Dymola Version ")?.chars().take_while(char::is_ascii_digit).collect();
+    let is_late = year.parse::<u32>().is_ok_and(|year| year >= 2022);
+    if facts.version() == FmiVersion::V2 && is_late { Some(tool.into()) } else { None }
 }
 
 pub(super) fn has_no_states(facts: &FmuFacts) -> Option<String> {

@@ -397,7 +397,7 @@ pub(super) const HOSTS: &[Host] = &[
             REAL_OUTPUTS,
             &[
                 rule(
-                    is_of_dymola,
+                    is_of_late_dymola,
                     NotLoaded,
                     "these FMUs need the event iteration after the initialization, which the host leaves out",
                     "CoSimulationFMU",

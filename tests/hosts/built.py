@@ -1,0 +1,290 @@
+"""Hosts that scripts/build-hosts.sh builds from their sources run each FMU of a folder as it is: a table of host by FMU.
+
+    scripts/build-hosts.sh
+    cargo run --release --example kinds -- FOLDER
+    target/hosts/pyfmi/bin/python tests/hosts/built.py FOLDER
+
+Each host takes ten steps of 0.02 s with the start values of the FMU. A cell has the largest difference of an output from FMPy's at the end, relative to
+the output's magnitude, or what the host said; see installed.py. A second table has what else PyFMI asks of FMUs: values before the initialization, the
+linearization, and two FMUs that are coupled. The environment variable HOSTS_FOLDER has the folder of the hosts, target/hosts by default. Hosts that were
+not built are skipped.
+"""
+
+import argparse
+import csv
+import importlib.util
+import multiprocessing
+import os
+import subprocess
+import sys
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Callable, NamedTuple
+
+import numpy as np
+from fmpy import read_model_description
+
+from installed import HOSTS, PATIENCE, STEP, STEPS, TOLERANCE, Cell, cell, host, outputs_of
+
+FOLDER = Path(os.environ.get("HOSTS_FOLDER", Path(__file__).parents[2] / "target" / "hosts")).resolve()
+END = STEPS * STEP
+# the solvers of model exchange; errors of both add up in a difference
+RELATIVE = ABSOLUTE = 1e-10
+# finite differences of PyFMI have about half of the digits
+OF_DERIVATIVES = 1e-5
+NUMBERS = {"true": 1.0, "false": 0.0}
+# by name
+CHECKS = {}
+# those of installed.py run with the packages of another environment
+HOSTS.clear()
+
+
+class Check(NamedTuple):
+    """A function that gets a loaded model and an FMU and returns a cell, and which models it is for."""
+
+    run: Callable
+    kind: str
+    is_for: Callable
+
+
+def check(kind, is_for):
+    """Registers a check of FMUs that PyFMI loads by this interface."""
+
+    def register(function):
+        CHECKS[function.__name__.replace("_", " ")] = Check(function, kind, is_for)
+        return function
+
+    return register
+
+
+def has_start(variable):
+    return variable.causality == "parameter" and variable.start is not None and not variable.dimensions
+
+
+def is_of_fmi2(description):
+    return description.fmiVersion.startswith("2")
+
+
+def has_fmi2_co_simulation(description):
+    return is_of_fmi2(description) and description.coSimulation is not None
+
+
+def has_model_exchange(description):
+    return description.modelExchange is not None
+
+
+def has_fmi2_states(description):
+    return is_of_fmi2(description) and has_model_exchange(description) and description.numberOfContinuousStates > 0
+
+
+def wire_of(description):
+    """Real outputs and inputs of an FMU, the first of which can be wired."""
+    reals = [variable for variable in description.modelVariables if variable.type == "Real"]
+    return [[variable.name for variable in reals if variable.causality == causality] for causality in ("output", "input")]
+
+
+def can_be_coupled(description):
+    return has_fmi2_co_simulation(description) and all(wire_of(description)) and description.coSimulation.providesDirectionalDerivative
+
+
+def run_program(*command):
+    """Runs a host, and raises an exception with the end of what it printed if it fails."""
+    ended = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=PATIENCE)
+    if ended.returncode != 0:
+        raise RuntimeError(f"exit code {ended.returncode}: {(ended.stdout + ended.stderr).strip()[-160:]}")
+
+
+def number(text):
+    return NUMBERS[text] if text in NUMBERS else float(text)
+
+
+def last_row(path):
+    """Values of the last row of a CSV file by column."""
+    with open(path, newline="") as file:
+        *_, row = csv.DictReader(file)
+    return {name.strip(): number(value) for name, value in row.items()}
+
+
+def load_with_pyfmi(fmu, kind):
+    from pyfmi import load_fmu
+
+    # 4 logs warnings, 2 errors
+    return load_fmu(str(fmu), kind=kind, log_level=2)
+
+
+def simulate_with_pyfmi(fmu, description, kind):
+    with tempfile.TemporaryDirectory() as folder:
+        # PyFMI writes its log and its results into the working directory
+        os.chdir(folder)
+        model = load_with_pyfmi(fmu, kind)
+        options = model.simulate_options()
+        options["ncp"] = STEPS
+        if kind == "ME":
+            options["CVode_options"].update(rtol=RELATIVE, atol=ABSOLUTE)
+        result = model.simulate(final_time=END, options=options)
+        return {name: float(result[name][-1]) for name in outputs_of(description)}
+
+
+@host("pyfmi", "co-simulation")
+def pyfmi_cs(fmu, description):
+    return simulate_with_pyfmi(fmu, description, "CS")
+
+
+@host("pyfmi", "model exchange", (2, 3))
+def pyfmi_me(fmu, description):
+    return simulate_with_pyfmi(fmu, description, "ME")
+
+
+def simulate_with_omsimulator(fmu, description, mode):
+    with tempfile.TemporaryDirectory() as folder:
+        result = Path(folder) / "result.csv"
+        run_program(FOLDER / "omsimulator" / "OMSimulator", fmu, f"--mode={mode}", f"--resultFile={result}", f"--tempDir={folder}", f"--stopTime={END}",
+                    f"--stepSize={STEP}", f"--tolerance={RELATIVE}", f"--intervals={STEPS}")
+        row = last_row(result)
+    return {name: row[name] for name in outputs_of(description) if name in row}
+
+
+@host("omsimulator", "co-simulation", (2, 3))
+def omsimulator_cs(fmu, description):
+    return simulate_with_omsimulator(fmu, description, "cs")
+
+
+@host("omsimulator", "model exchange")
+def omsimulator_me(fmu, description):
+    return simulate_with_omsimulator(fmu, description, "me")
+
+
+def simulate_with_fmusim(fmu, description, interface):
+    with tempfile.TemporaryDirectory() as folder:
+        result = Path(folder) / "result.csv"
+        run_program(FOLDER / "fmusim" / "fmusim", "simulate", fmu, "--interface-type", interface, "--output-file", result, "--stop-time", END,
+                    "--output-interval", STEP, "--tolerance", RELATIVE)
+        return last_row(result)
+
+
+@host("fmusim", "co-simulation", (2, 3))
+def fmusim_cs(fmu, description):
+    return simulate_with_fmusim(fmu, description, "cs")
+
+
+@host("fmusim", "model exchange", (2, 3))
+def fmusim_me(fmu, description):
+    return simulate_with_fmusim(fmu, description, "me")
+
+
+@check("ME", has_model_exchange)
+def parameters_before_the_initialization(model, fmu):
+    """Compares parameters of a model that is only instantiated with their start values."""
+    variables = [variable for variable in read_model_description(str(fmu)).modelVariables if has_start(variable)]
+    wrong = [variable.name for variable in variables if float(model.get(variable.name)[0]) != number(variable.start)]
+    return Cell(f"differs: {', '.join(wrong)}" if wrong else f"{len(variables)} right", not wrong)
+
+
+@check("ME", has_fmi2_states)
+def linearization(model, fmu):
+    """Compares matrices by directional derivatives with finite differences of PyFMI."""
+    model.initialize()
+    exact = model.get_state_space_representation(use_structure_info=False)
+    model.force_finite_differences = True
+    numeric = model.get_state_space_representation(use_structure_info=False)
+    pairs = zip(map(np.asarray, exact), map(np.asarray, numeric))
+    largest = max((np.abs(here - there) / np.maximum(1.0, np.abs(there))).max(initial=0.0) for here, there in pairs)
+    return Cell(f"{largest:.0e}", largest <= OF_DERIVATIVES)
+
+
+def couple(models, wire, is_corrected):
+    """Outputs at the end of two models in a loop, in which each has the other's output as an input."""
+    from pyfmi import Master
+
+    (here, there), (outputs, inputs) = models, wire
+    for model in models:
+        model.reset()
+    master = Master(models, [(here, outputs[0], there, inputs[0]), (there, outputs[0], here, inputs[0])])
+    options = master.simulate_options()
+    options.update(step_size=STEP, linear_correction=is_corrected, result_handling="memory")
+    results = master.simulate(final_time=END, options=options)
+    return np.array([[results[model][name][-1] for name in outputs] for model in models])
+
+
+@check("CS", can_be_coupled)
+def linear_correction(model, fmu):
+    """Compares a loop of two FMUs with linear correction to the same loop without: they differ by the error of a step."""
+    models, wire = [model, load_with_pyfmi(fmu, "CS")], wire_of(read_model_description(str(fmu)))
+    corrected, plain = [couple(models, wire, is_corrected) for is_corrected in (True, False)]
+    return Cell(f"runs, {np.abs(corrected - plain).max():.0e} from none", bool(np.isfinite(corrected).all()))
+
+
+def send_checked(to, program, fmu):
+    with open(os.devnull, "w") as nowhere, tempfile.TemporaryDirectory() as folder:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+        os.chdir(folder)
+        try:
+            to.send(program.run(load_with_pyfmi(fmu, program.kind), fmu))
+        except Exception as error:
+            to.send(Cell(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", False))
+
+
+def checked(program, fmu):
+    """Cell of a check, in a fork as a crash ends one cell."""
+    if not program.is_for(read_model_description(str(fmu))):
+        return Cell("-", True)
+    fork = multiprocessing.get_context("fork")
+    here, there = fork.Pipe(duplex=False)
+    process = fork.Process(target=send_checked, args=(there, program, fmu))
+    process.start()
+    there.close()
+    try:
+        return here.recv() if here.poll(PATIENCE) else Cell(f"no answer in {PATIENCE} s", False)
+    except EOFError:
+        process.join()
+        return Cell(f"the process ended with {process.exitcode}", False)
+    finally:
+        process.kill()
+
+
+def is_built(name):
+    module = HOSTS[name].module
+    return importlib.util.find_spec("pyfmi") is not None if module == "pyfmi" else (FOLDER / module).is_dir()
+
+
+def print_table(fmus, names, cell_of):
+    """Prints rows as they are ready, and returns whether nothing is wrong."""
+    print("| FMU | " + " | ".join(names) + " |")
+    print("|---" * (1 + len(names)) + "|")
+    is_fine = True
+    for fmu in fmus:
+        cells = [cell_of(name, fmu) for name in names]
+        print(f"| {fmu.stem} | {' | '.join(of_host.text for of_host in cells)} |", flush=True)
+        is_fine = is_fine and all(of_host.is_fine for of_host in cells)
+    return is_fine
+
+
+def cell_of_check(name, fmu):
+    return checked(CHECKS[name], fmu)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("fmus", type=Path, nargs="+", help="FMUs, or folders of FMUs")
+    parser.add_argument("--host", nargs="+", choices=HOSTS, default=list(HOSTS), help="only these")
+    options = parser.parse_args()
+    warnings.simplefilter("ignore")
+    fmus = [fmu.resolve() for path in options.fmus for fmu in (sorted(path.glob("*.fmu")) if path.is_dir() else [path])]
+    names = [name for name in options.host if is_built(name)]
+    if len(names) < len(options.host):
+        print(f"not built: {', '.join(sorted(set(options.host) - set(names)))}", file=sys.stderr)
+    has_pyfmi = any(HOSTS[name].module == "pyfmi" for name in names)
+    if has_pyfmi:
+        # once rather than in each fork
+        import pyfmi  # noqa: F401
+    is_fine = print_table(fmus, names, cell)
+    if has_pyfmi:
+        print()
+        is_fine = print_table(fmus, list(CHECKS), cell_of_check) and is_fine
+    sys.exit(not is_fine)
+
+
+if __name__ == "__main__":
+    main()
