@@ -3,21 +3,20 @@
 #
 #     scripts/build-hosts.sh [FOLDER [pyfmi] [omsimulator] [fmusim]]
 #     cargo run --release --example kinds -- FMUS
-#     FOLDER/pyfmi/bin/python tests/hosts/built.py --hosts-folder FOLDER FMUS
+#     HOSTS_FOLDER=FOLDER FOLDER/pyfmi/bin/python tests/hosts/built.py FMUS
 #
-# FOLDER is target/hosts by default; without names it builds all three. A host that is built from the same commits is left alone. JOBS compilers run
+# FOLDER is target/hosts by default; without names it builds all three. A host that was built from the same commits is left alone. JOBS compilers run
 # at a time, 2 by default.
 #
 # Sources are cloned at the commits below. To take them from a folder instead, for example without a network, set one of
 #     PYFMI_SOURCE ASSIMULO_SOURCE FMI_LIBRARY_SOURCE
 #     OMSIMULATOR_SOURCE OMSIMULATOR_3RDPARTY_SOURCE
 #     FMUSIM_SOURCE FMI_RS_SOURCE SUNDIALS_SOURCE LIBXML2_SOURCE
-# to a checkout; it is copied, not changed. Python packages come from PyPI, crates from crates.io, and SUNDIALS of Assimulo from SUNDIALS_HOME, which is
-# /usr by default (Debian's libsundials-dev).
+# to a checkout; it is copied, not changed. Python packages come from PyPI, crates from crates.io, and the SUNDIALS of Assimulo from SUNDIALS_HOME,
+# which is /usr by default (Debian's libsundials-dev).
 set -euo pipefail
-cd "$(dirname "$0")/.."
 
-folder=${1:-target/hosts}
+folder=${1:-$(dirname "$0")/../target/hosts}
 shift || true
 hosts=("$@")
 if [ $# = 0 ]; then hosts=(pyfmi omsimulator fmusim); fi
@@ -144,8 +143,8 @@ build_pyfmi() {
   logged pyfmi python3 -m venv --clear "$folder/pyfmi"
   local python=$folder/pyfmi/bin/python
   # newer versions of setuptools break numpy.distutils, which Assimulo needs for its solvers in Fortran
-  logged pyfmi "$python" -m pip install --quiet --disable-pip-version-check setuptools==69.1.0 wheel==0.45.1 Cython==3.1.4 numpy==2.3.3 scipy==1.15.2 \
-    matplotlib==3.10.6 FMPy==0.3.32
+  logged pyfmi "$python" -m pip install --quiet --disable-pip-version-check setuptools==69.1.0 wheel==0.45.1 Cython==3.1.4 \
+    numpy==2.3.3 scipy==1.15.2 matplotlib==3.10.6 FMPy==0.3.32
   # with setup.cfg setuptools would look for packages that are there
   rm -f "$folder/src/assimulo/setup.cfg" "$folder/src/pyfmi/setup.cfg"
   logged pyfmi env -C "$folder/src/assimulo" NPY_NUM_BUILD_JOBS="$jobs" "$python" setup.py install --sundials-home="$sundials_home"

@@ -518,9 +518,9 @@ pub struct ExportArgs {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub enum FmuInterfaceArg {
-    /// Those of the study; beside them `domain_policy`, and `in_domain`, `domain_distance` and error bounds as local variables
+    /// The study's; beside them `domain_policy`, and `in_domain`, `domain_distance` and error bounds as local variables
     Study,
-    /// Those of the study alone
+    /// The study's alone
     Plain,
 }
 

@@ -28,7 +28,7 @@ typedef enum {
     VARIABLE_USE_MEASURED /* true if measured values are used */
 } Quantity;
 
-/* A variable; its value reference is its position in model_variables, where the first one is at FIRST_REFERENCE. */
+/* A variable; its value reference is its position in model_variables. The first one is at FIRST_REFERENCE. */
 typedef struct {
     const char *name;
     Quantity quantity;

@@ -12,7 +12,7 @@ use metafmu::{
 };
 use serde::Serialize;
 
-/// What is printed as JSON.
+/// Output as JSON.
 #[derive(Serialize)]
 struct Validated<'a> {
     #[serde(flatten)]

@@ -119,7 +119,7 @@ pub fn added_variables(description: &ModelDescription) -> Vec<String> {
     of_domain.into_iter().chain(bounds).filter(is_local).collect()
 }
 
-/// What an FMU shows of a surrogate. The library inside has all variables; a host knows those of the description.
+/// The variables that hosts see. The library inside has all variables; a host knows those of the description.
 struct ShownInterface<'a> {
     surrogate: &'a Surrogate,
     fmi_version: FmiVersion,

@@ -63,7 +63,7 @@ struct PackageEntry {
 /// The bytes of the FMU of a surrogate; the same surrogate and contents always give the same bytes. No compiler is needed.
 ///
 /// # Errors
-/// [`Error::Ports`] for ports that it cannot have and flat names that are the same, [`Error::Surrogate`] if the surrogate cannot be
+/// [`Error::Ports`] for ports that it cannot have and for equal flat names, [`Error::Surrogate`] if the surrogate cannot be
 /// written as a model file, [`Error::SamePlace`] if two binaries belong in the same place, [`Error::NoSources`].
 pub fn pack(surrogate: &Surrogate, contents: &Contents) -> Result<Vec<u8>> {
     let Contents { version, about, binaries, accuracy, figures, sources } = contents;

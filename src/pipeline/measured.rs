@@ -12,7 +12,7 @@ use metafmu_runtime::{BuiltIn, Output, Surrogate};
 ///
 /// # Errors
 /// Those of [`Inputs::read`]; [`Error::Table`](crate::Error::Table) with the line of a row before time 0 that is no sample, or
-/// that lacks some of the outputs, or has all of them for an FMU that takes none.
+/// that lacks some of the outputs, or has them for an FMU that takes none.
 pub fn read_inputs(
     surrogate: &Surrogate,
     takes_measured: bool,

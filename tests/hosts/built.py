@@ -4,10 +4,10 @@
     cargo run --release --example kinds -- FOLDER
     target/hosts/pyfmi/bin/python tests/hosts/built.py FOLDER
 
-Each host takes ten steps of 0.02 s with the start values of the FMU. A cell has the largest difference of an output from FMPy's at the end, relative to
-the output's magnitude, or what the host said; see installed.py. A second table has what else PyFMI asks of FMUs: values before the initialization, the
-linearization, and two FMUs that are coupled. The environment variable HOSTS_FOLDER has the folder of the hosts, target/hosts by default. Hosts that were
-not built are skipped.
+Each host takes ten steps of 0.02 s with the start values of the FMU. A cell has the largest difference of an output from FMPy's at the end, relative
+to the output's magnitude, or what the host said; see installed.py. A second table has more uses of PyFMI: values before the initialization, the
+linearization, and two FMUs in a loop. The environment variable HOSTS_FOLDER has the folder of the hosts, target/hosts by default. Hosts that were not
+built are skipped.
 """
 
 import argparse
@@ -88,22 +88,22 @@ def can_be_coupled(description):
     return has_fmi2_co_simulation(description) and all(wire_of(description)) and description.coSimulation.providesDirectionalDerivative
 
 
-def run_program(*command):
-    """Runs a host, and raises an exception with the end of what it printed if it fails."""
+def run_program(result, *command):
+    """Runs a host that writes a CSV file, and returns the values of its last row by column; raises an exception with what the host said if it fails."""
     ended = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=PATIENCE)
+    said = " ".join((ended.stderr or ended.stdout).split())
     if ended.returncode != 0:
-        raise RuntimeError(f"exit code {ended.returncode}: {(ended.stdout + ended.stderr).strip()[-160:]}")
+        raise RuntimeError(f"exit code {ended.returncode}: {said}")
+    with open(result, newline="") as file:
+        rows = list(csv.DictReader(file))
+    if not rows:
+        raise RuntimeError(f"result without rows: {said}")
+    return {name: number(value) for name, value in rows[-1].items()}
 
 
 def number(text):
-    return NUMBERS[text] if text in NUMBERS else float(text)
-
-
-def last_row(path):
-    """Values of the last row of a CSV file by column."""
-    with open(path, newline="") as file:
-        *_, row = csv.DictReader(file)
-    return {name.strip(): number(value) for name, value in row.items()}
+    stripped = text.strip()
+    return NUMBERS[stripped] if stripped in NUMBERS else float(stripped)
 
 
 def load_with_pyfmi(fmu, kind):
@@ -136,41 +136,39 @@ def pyfmi_me(fmu, description):
     return simulate_with_pyfmi(fmu, description, "ME")
 
 
-def simulate_with_omsimulator(fmu, description, mode):
+def simulate_with_omsimulator(fmu, mode):
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result.csv"
-        run_program(FOLDER / "omsimulator" / "OMSimulator", fmu, f"--mode={mode}", f"--resultFile={result}", f"--tempDir={folder}", f"--stopTime={END}",
-                    f"--stepSize={STEP}", f"--tolerance={RELATIVE}", f"--intervals={STEPS}")
-        row = last_row(result)
-    return {name: row[name] for name in outputs_of(description) if name in row}
+        files = [f"--resultFile={result}", f"--tempDir={folder}"]
+        numbers = [f"--stopTime={END}", f"--stepSize={STEP}", f"--tolerance={RELATIVE}", f"--intervals={STEPS}"]
+        return run_program(result, FOLDER / "omsimulator" / "OMSimulator", fmu, f"--mode={mode}", *files, *numbers)
 
 
 @host("omsimulator", "co-simulation", (2, 3))
 def omsimulator_cs(fmu, description):
-    return simulate_with_omsimulator(fmu, description, "cs")
+    return simulate_with_omsimulator(fmu, "cs")
 
 
 @host("omsimulator", "model exchange")
 def omsimulator_me(fmu, description):
-    return simulate_with_omsimulator(fmu, description, "me")
+    return simulate_with_omsimulator(fmu, "me")
 
 
-def simulate_with_fmusim(fmu, description, interface):
+def simulate_with_fmusim(fmu, interface):
     with tempfile.TemporaryDirectory() as folder:
         result = Path(folder) / "result.csv"
-        run_program(FOLDER / "fmusim" / "fmusim", "simulate", fmu, "--interface-type", interface, "--output-file", result, "--stop-time", END,
-                    "--output-interval", STEP, "--tolerance", RELATIVE)
-        return last_row(result)
+        numbers = ["--stop-time", END, "--output-interval", STEP, "--tolerance", RELATIVE]
+        return run_program(result, FOLDER / "fmusim" / "fmusim", "simulate", fmu, "--interface-type", interface, "--output-file", result, *numbers)
 
 
 @host("fmusim", "co-simulation", (2, 3))
 def fmusim_cs(fmu, description):
-    return simulate_with_fmusim(fmu, description, "cs")
+    return simulate_with_fmusim(fmu, "cs")
 
 
 @host("fmusim", "model exchange", (2, 3))
 def fmusim_me(fmu, description):
-    return simulate_with_fmusim(fmu, description, "me")
+    return simulate_with_fmusim(fmu, "me")
 
 
 @check("ME", has_model_exchange)

@@ -4,8 +4,8 @@
     scripts/venv.sh --hosts && .hosts/bin/python tests/hosts/installed.py FOLDER
 
 Each host takes ten steps of 0.02 s with the start values of the FMU, with its defaults wherever it has some. A cell has the largest difference of an
-output from FMPy's at the end, relative to the output's magnitude, or what the host said. Hosts run in processes of their own, and each FMU in a fork of
-its host's, so that a crash ends one cell.
+output from FMPy's at the end, relative to the output's magnitude, or what the host said. Each host runs in a separate process, and each FMU in a fork
+of it, so that a crash ends one cell.
 """
 
 import argparse
@@ -67,7 +67,7 @@ def outputs_of(description):
     return [v.name for v in description.modelVariables if v.causality == "output" and not v.dimensions]
 
 
-@host("pathsim_fmi", "co-simulation")
+@host("pathsim_fmi", "co-simulation", (2, 3))
 def pathsim_fmi(fmu, description):
     from pathsim import Connection, Simulation
     from pathsim.blocks import Constant
@@ -232,7 +232,7 @@ def cell(name, fmu):
 
 
 def column(name, fmus):
-    """Cells of a host in a process of its own, which imports it once."""
+    """Cells of a host in a separate process, which imports it once."""
     command = [sys.executable, __file__, "--column", name, *map(str, fmus)]
     printed = subprocess.run(command, check=True, capture_output=True, text=True).stdout
     return [Cell(*line) for line in map(json.loads, printed.splitlines())]

@@ -1,4 +1,4 @@
-"""What `metafmu validate --hosts` predicts beside what hosts of the package registry do: a table of FMU by host, and how many predictions are right.
+"""Predictions of `metafmu validate --hosts` beside what hosts of the package registry do: a table of FMU by host, and how many predictions are right.
 
     scripts/venv.sh --hosts && .hosts/bin/python tests/hosts/predicted.py FMU|FOLDER...
 
@@ -23,7 +23,7 @@ RUNNING = ("runs", "limited", "wrong-values")
 
 
 def predictions(fmu):
-    """Whether each host runs the FMU; none if it is not of FMI 2.0 or 3.0."""
+    """Expected success by host; none if the FMU is not of FMI 2.0 or 3.0."""
     command = [METAFMU, "validate", "--hosts", "--json", "--time-limit", "20", fmu]
     found = json.loads(subprocess.run(command, capture_output=True, text=True).stdout)
     return {host["host"]: host["effect"] in RUNNING for host in found["hosts"]} if "hosts" in found else None

@@ -49,14 +49,14 @@ pub enum FmiChoice {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FmuInterface {
-    /// Those of the study, the parameter `domain_policy`, and as local variables `in_domain`, `domain_distance` and error bounds.
+    /// The study's, the parameter `domain_policy`, and as local variables `in_domain`, `domain_distance` and error bounds.
     #[default]
     Study,
-    /// Those of the study alone.
+    /// The study's alone.
     Plain,
 }
 
-/// What an FMU can have as inputs or outputs beside those of the study.
+/// Additional inputs or outputs of an FMU.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum FmuPort {

@@ -3,7 +3,7 @@
 
 use crate::{Metadata, Output, Role};
 
-/// All variables in the order of their FMI value references, which begin at [`Variables::FIRST_REFERENCE`]: inputs, outputs,
+/// All variables in the order of their FMI value references, from [`Variables::FIRST_REFERENCE`] on: inputs, outputs,
 /// states, their derivatives, built-in variables, arrays of outputs, error bounds, measured values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Variables(Vec<Variable>);
@@ -147,8 +147,8 @@ impl Variable {
 }
 
 impl Variables {
-    /// Value reference of the first variable. It is not 0, which OMSimulator takes for "none" among the dependencies of an
-    /// output of FMI 3.0.
+    /// Value reference of the first variable. OMSimulator takes 0 among the dependencies of an output for "none", and
+    /// refuses the FMU.
     pub const FIRST_REFERENCE: u32 = 1;
 
     /// The table of a surrogate with this description; `is_discrete`: whether it is discrete-time.

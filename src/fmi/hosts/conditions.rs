@@ -235,15 +235,13 @@ fn references_of_reals(facts: &FmuFacts) -> HashSet<u32> {
         .collect()
 }
 
-/// Variables of a causality that are no real numbers: in FMI 2.0, whose types have value references of their own, those that hit no real one, or
-/// those that hit one.
+/// Variables of a causality that are not real: in FMI 2.0, whose types have separate value references, those that hit no real one, or those that
+/// hit one.
 fn others(facts: &FmuFacts, causality: Causality, hits: bool) -> Option<String> {
-    if converts_types(facts) {
-        return None;
-    }
-    let reals = references_of_reals(facts);
+    let (reals, converts) = (references_of_reals(facts), converts_types(facts));
     let is_wrong = |written: &WrittenVariable| {
-        !is_real(written.variable) && reals.contains(&written.variable.value_reference) == hits
+        let ScalarVariable { value_reference, dimensions, .. } = written.variable;
+        !is_real(written.variable) && reals.contains(value_reference) == hits && !(converts && dimensions.is_empty())
     };
     named(facts.of(causality).filter(is_wrong))
 }
@@ -264,12 +262,26 @@ pub(super) fn has_other_inputs_that_hit_reals(facts: &FmuFacts) -> Option<String
     others(facts, Causality::Input, true)
 }
 
+/// Outputs that are no scalar real numbers, arrays aside, which users of some hosts need not name.
+pub(super) fn has_other_scalar_outputs(facts: &FmuFacts) -> Option<String> {
+    let converts = converts_types(facts);
+    let is_wrong = |written: &WrittenVariable| !is_real(written.variable) && written.variable.dimensions.is_empty();
+    named(facts.of(Causality::Output).filter(|written| is_wrong(written) && !converts))
+}
+
+/// Tunable parameters of FMI 3.0, which the structure of an FMU does not list among dependencies.
+pub(super) fn has_tunable_parameters_in_fmi_3(facts: &FmuFacts) -> Option<String> {
+    let is_tunable =
+        |written: &WrittenVariable| written.variable.variability == Variability::Tunable && is_real(written.variable);
+    if facts.version() == FmiVersion::V3 { named(facts.of(Causality::Parameter).filter(is_tunable)) } else { None }
+}
+
 /// Inputs of FMI 3.0 that are neither real numbers nor Booleans.
 pub(super) fn has_inputs_beyond_booleans(facts: &FmuFacts) -> Option<String> {
     let is_wrong = |written: &WrittenVariable| {
         !is_real(written.variable) && !(is_boolean(written.variable) && written.variable.dimensions.is_empty())
     };
-    named(facts.of(Causality::Input).filter(is_wrong))
+    if converts_types(facts) { None } else { named(facts.of(Causality::Input).filter(is_wrong)) }
 }
 
 fn is_set(written: &WrittenVariable) -> bool {
@@ -287,7 +299,7 @@ pub(super) fn has_whole_numbers_to_set(facts: &FmuFacts) -> Option<String> {
     if is_strict { named(facts.variables().filter(is_wrong)) } else { None }
 }
 
-/// Returns true if a written start value is no number: `true` of a Boolean, a text, several numbers of an array.
+/// Returns true if a written start value cannot be read as one number: `true` of a Boolean, a text, several numbers of an array.
 fn has_text_start(written: &WrittenVariable) -> bool {
     let text = written.kind.attribute("start").is_some_and(|start| start.trim().parse::<f64>().is_err());
     text || written.kind.child("Start").is_some()
@@ -302,7 +314,7 @@ pub(super) fn has_text_starts(facts: &FmuFacts) -> Option<String> {
     if facts.version() == FmiVersion::V2 { named(facts.variables().filter(is_wrong)) } else { None }
 }
 
-/// Variables of any causality that begin with a written start that is no number.
+/// Variables of any causality that begin with such a start.
 pub(super) fn has_exact_text_starts(facts: &FmuFacts) -> Option<String> {
     let is_wrong = |written: &WrittenVariable| {
         let is_exact =
@@ -397,7 +409,7 @@ pub(super) fn has_odd_parameters(facts: &FmuFacts) -> Option<String> {
 /// Returns true if the FMU reads and sets integers and Booleans as reals as well: value references of such tools tell the type.
 fn converts_types(facts: &FmuFacts) -> bool {
     let tool = facts.description().generation_tool.as_deref().unwrap_or_default();
-    facts.version() == FmiVersion::V2 && (tool.starts_with("Dymola") || tool.starts_with("metafmu "))
+    tool.starts_with("metafmu ") || (facts.version() == FmiVersion::V2 && tool.starts_with("Dymola"))
 }
 
 /// Dymola whose FMUs insist on the event iteration after their initialization: that of 2022x and later.

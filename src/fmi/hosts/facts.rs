@@ -1,4 +1,4 @@
-//! What of an FMU decides how hosts take it.
+//! Facts about an FMU on which its way in hosts depends.
 
 use crate::{
     Error, Result,

@@ -1,4 +1,4 @@
-//! What hosts will do with an FMU: whether they load and run it, what will fail, why, and what to do instead.
+//! Outlook of an FMU in hosts: whether they load and run it, what will fail, why, and what to do instead.
 //!
 //! A host is a list of rules about the FMU's description and archive. [`outlooks`] applies them to any vendor's FMU;
 //! `tests/hosts/predicted.py` compares the answers with what the hosts do.
@@ -19,7 +19,7 @@ struct Host {
     name: &'static str,
     version: &'static str,
     evidence: Evidence,
-    /// What it runs, in the order in which it chooses.
+    /// Versions and interfaces that it runs, in the order in which it chooses.
     takes: &'static [Offer],
     /// Lists of rules that apply to its FMUs.
     rules: &'static [&'static [Rule]],
@@ -33,12 +33,12 @@ struct Offer {
 
 /// A property of FMUs, and what it does in a host.
 struct Rule {
-    /// What of the FMU has the property.
+    /// Names of the variables or files that have the property.
     finds: fn(&FmuFacts) -> Option<String>,
     effect: Effect,
     /// Why, continuing "NAMES: ".
     because: &'static str,
-    /// What the host's user or the FMU's author can do.
+    /// Remedy for the host's user or the FMU's author.
     instead: &'static str,
 }
 
@@ -52,7 +52,7 @@ pub enum Evidence {
     Read,
 }
 
-/// What a host does with an FMU, from harmless to useless.
+/// Outcome of an FMU in a host, from harmless to useless.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Effect {
@@ -68,7 +68,7 @@ pub enum Effect {
     NotLoaded,
 }
 
-/// What a host will do with an FMU.
+/// Outlook of an FMU in a host.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct HostOutlook {
     /// The host.
@@ -81,22 +81,22 @@ pub struct HostOutlook {
     pub interface: Option<String>,
     /// The worst of the findings.
     pub effect: Effect,
-    /// What will happen, the worst first.
+    /// Single outcomes, the worst first.
     pub findings: Vec<HostFinding>,
 }
 
 /// One thing that a host does with an FMU.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct HostFinding {
-    /// What it does.
+    /// The outcome.
     pub effect: Effect,
-    /// What of the FMU it is about, and why.
+    /// Variables or files that it is about, and the cause.
     pub because: String,
-    /// What to do instead.
+    /// Remedy.
     pub instead: String,
 }
 
-/// What every host that is known will do with an FMU. It is run for some steps by each interface, in a separate process: what does not work at all
+/// Outlook of an FMU in every host that is known. It is run for some steps by each interface, in a separate process: what does not work at all
 /// works in no host.
 ///
 /// # Errors
@@ -179,7 +179,7 @@ mod tests {
     use super::*;
     use crate::export::testing::{fmu_of, fmu_of_described_as, fmu_with_arrays, fmu_with_input};
 
-    /// What a host would do with an FMU that nobody has run.
+    /// Outlook of an FMU that nobody has run.
     fn of(host: &str, fmu: &Path) -> HostOutlook {
         let facts = FmuFacts::read(&mut Archive::open(fmu).unwrap()).unwrap();
         table::HOSTS.iter().find(|known| known.name == host).unwrap().outlook(&facts)

@@ -83,13 +83,13 @@ const REAL_OUTPUTS: &[Rule] = &[
     ),
 ];
 
-/// What the parser of FMI Library takes for fatal.
+/// Mistakes that the parser of FMI Library takes for fatal.
 const FMI_LIBRARY: &[Rule] = &[
     rule(uses_unknown_display_units, NotLoaded, "FMI Library refuses display units that are not defined", REPAIR),
     rule(counts_kinds_of_dependencies_wrongly, NotLoaded, "there must be as many kinds as dependencies", REPAIR),
 ];
 
-/// What fmi4c, the reader of ecos, OMSimulator and Hopsan, does not get over.
+/// Mistakes that end fmi4c, the reader of ecos, OMSimulator and Hopsan.
 const FMI4C: &[Rule] = &[
     rule(
         lacks_functions,
@@ -376,6 +376,12 @@ pub(super) const HOSTS: &[Host] = &[
                     "set them to the values of another host",
                 ),
                 rule(has_events, Limited, "events are not handled", "only where no event happens"),
+                rule(
+                    has_tunable_parameters_in_fmi_3,
+                    Limited,
+                    "derivatives with respect to these parameters are zero, as no dependency lists them",
+                    "FMI 2.0",
+                ),
             ],
         ],
     },
@@ -384,7 +390,19 @@ pub(super) const HOSTS: &[Host] = &[
         version: "0.2.0",
         evidence: Evidence::Run,
         takes: &[CO_SIMULATION_2, CO_SIMULATION_3],
-        rules: &[LIBRARY, FMPY, REAL_OUTPUTS],
+        rules: &[
+            LIBRARY,
+            FMPY,
+            &[
+                rule(
+                    has_other_scalar_outputs,
+                    RunFails,
+                    "the host reads the outputs that are named as scalar real numbers",
+                    "name real outputs only",
+                ),
+                rule(has_arrays, Limited, "only scalars can be named", "scalars"),
+            ],
+        ],
     },
     Host {
         name: "pathsim-fmi (model exchange)",
