@@ -11,6 +11,7 @@ import threading
 import warnings
 import zipfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -236,6 +237,26 @@ def test_rows_of_a_training_are_numbers():
                           ([[1.0]], ["b"], "y: ")]:
         with pytest.raises(metafmu.Error, match=message):
             metafmu.fit(x, y)
+
+
+def test_the_interface_of_an_export_is_chosen(surrogate, tmp_path):
+    def causalities(**options):
+        [fmu] = surrogate.export(tmp_path / "chosen.fmu", **options)
+        with zipfile.ZipFile(fmu) as archive:
+            variables = ElementTree.fromstring(archive.read("modelDescription.xml")).iter("ScalarVariable")
+        return {variable.get("name"): variable.get("causality") for variable in variables}
+
+    usual, wired, plain = causalities(), causalities(ports="domain"), causalities(interface="plain", names="flat")
+    assert (usual["in_domain"], usual["domain_policy"]) == ("local", "parameter")
+    assert (wired["in_domain"], wired["domain_distance"]) == ("output", "output")
+    assert set(usual) - set(plain) == {"domain_policy", "in_domain", "domain_distance"}
+    for options, says in (
+        ({"ports": ["bounds"]}, "there are no error bounds"),
+        ({"ports": ["outputs"]}, "ports: unknown variant `outputs`, expected one of `domain`, `bounds`, `measured`"),
+        ({"interface": "none"}, "interface: unknown variant `none`, expected `study` or `plain`"),
+    ):
+        with pytest.raises(metafmu.Error, match=re.escape(says)):
+            surrogate.export(tmp_path / "never.fmu", **options)
 
 
 def test_exports_have_the_names_that_were_asked_for(surrogate, tmp_path):

@@ -181,16 +181,20 @@ def casadi(fmu, description):
 
 
 def reference(fmu, description):
-    """FMPy's values at the end."""
+    """FMPy's values at the end, none if it does not run the FMU."""
     names = outputs_of(description)
     kind = "CoSimulation" if description.coSimulation else "ModelExchange"
-    result = simulate_fmu(str(fmu), fmi_type=kind, stop_time=STEPS * STEP, output_interval=STEP, output=names, relative_tolerance=1e-10)
-    return {name: float(result[name][-1]) for name in names}
+    options = {"fmi_type": kind, "stop_time": STEPS * STEP, "output_interval": STEP, "output": names, "relative_tolerance": 1e-10}
+    try:
+        result = simulate_fmu(str(fmu), validate=False, **options)
+        return {name: float(result[name][-1]) for name in names}
+    except Exception:
+        return None
 
 
 def difference(name, fmu):
     """Cell of a host that can load the FMU."""
-    description = read_model_description(str(fmu))
+    description = read_model_description(str(fmu), validate=False)
     expected = reference(fmu, description)
     with open(os.devnull, "w") as nowhere:
         os.dup2(nowhere.fileno(), 1)
@@ -199,10 +203,12 @@ def difference(name, fmu):
             found = HOSTS[name].run(fmu, description)
         except Exception as error:
             return Cell(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", False)
+    if expected is None:
+        return Cell("runs, and FMPy does not", False)
     missing = set(expected) - set(found)
     if missing:
         return Cell(f"does not show {', '.join(sorted(missing))}", False)
-    largest = max(abs(float(found[name]) - value) / max(1.0, abs(value)) for name, value in expected.items())
+    largest = max((abs(float(found[name]) - value) / max(1.0, abs(value)) for name, value in expected.items()), default=0.0)
     return Cell(f"{largest:.0e}", largest <= TOLERANCE)
 
 
@@ -213,7 +219,10 @@ def send_difference(to, name, fmu):
 def cell(name, fmu):
     """Difference or message of a host, or a dash if it has no way to run the FMU."""
     program = HOSTS[name]
-    description = read_model_description(str(fmu))
+    try:
+        description = read_model_description(str(fmu), validate=False)
+    except Exception as error:
+        return Cell(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", False)
     offers = description.coSimulation if program.interface == "co-simulation" else description.modelExchange
     if offers is None or int(description.fmiVersion[0]) not in program.versions:
         return Cell("-", True)

@@ -9,7 +9,7 @@ from test_habits import folder  # noqa: F401
 pytestmark = pytest.mark.thorough
 PYTHON = ROOT / ".hosts" / "bin" / "python"
 # arrays of outputs in FMI 3.0
-FAILING = {("response-with-bounds-fmi3", host) for host in ("cofmupy", "estim8", "casadi")}
+FAILING = {("response-with-bounds-fmi3", host) for host in ("pathsim-fmi", "cofmupy", "estim8", "casadi")}
 
 
 def table(program, *arguments):

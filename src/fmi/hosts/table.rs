@@ -454,7 +454,7 @@ pub(super) const HOSTS: &[Host] = &[
     },
     Host {
         name: "OMSimulator",
-        version: "3.0.0 of October 2025",
+        version: "3.0.0 of November 2025",
         evidence: Evidence::Run,
         takes: &[CO_SIMULATION_2, MODEL_EXCHANGE_2, CO_SIMULATION_3],
         rules: &[
@@ -467,6 +467,7 @@ pub(super) const HOSTS: &[Host] = &[
                     "the host takes the value reference 0 among dependencies for none",
                     "value references from 1",
                 ),
+                rule(has_arrays, RunFails, "the result of FMUs with arrays is empty", "scalars, or FMI 2.0"),
                 rule(has_text_ports, Limited, "texts, bytes and clocks are left out", "numbers"),
             ],
         ],
@@ -492,8 +493,8 @@ pub(super) const HOSTS: &[Host] = &[
     },
     Host {
         name: "fmusim",
-        version: "of August 2026",
-        evidence: Evidence::Read,
+        version: "0.7.0 of August 2026",
+        evidence: Evidence::Run,
         takes: &[CO_SIMULATION_2, CO_SIMULATION_3, MODEL_EXCHANGE_2, MODEL_EXCHANGE_3],
         rules: &[
             LIBRARY,
