@@ -210,13 +210,12 @@ impl PySurrogate {
         py: Python<'_>,
         path: PathBuf,
         fmi: &str,
-        sources: bool,
-        platforms: Vec<String>,
+        contents: (bool, Vec<String>),
         variables: (String, Vec<String>, String),
         accuracy: Option<&str>,
     ) -> PyResult<Vec<PathBuf>> {
         let accuracy: Option<Accuracy> = accuracy.map(serde_json::from_str).transpose().map_err(refused)?;
-        let (interface, ports, names) = variables;
+        let ((sources, platforms), (interface, ports, names)) = (contents, variables);
         let ports = ports.into_iter().map(|port| choice("ports", port)).collect::<PyResult<_>>()?;
         let options = ExportRequest {
             fmi: versions(Some(fmi))?,

@@ -248,9 +248,13 @@ def column(name, fmus):
 
 
 def print_column(name, fmus):
+    # hosts print what they like
+    cells = os.fdopen(os.dup(1), "w")
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
     importlib.import_module(HOSTS[name].module)
     for fmu in fmus:
-        print(json.dumps(cell(name, fmu)), flush=True)
+        print(json.dumps(cell(name, fmu)), file=cells, flush=True)
 
 
 def main():

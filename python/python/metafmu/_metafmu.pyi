@@ -30,8 +30,7 @@ class Surrogate:
         self,
         path: str | PathLike[str],
         fmi: str,
-        sources: bool,
-        platforms: list[str],
+        contents: tuple[bool, list[str]],
         variables: tuple[str, list[str], str],
         accuracy: str | None,
     ) -> list[Path]: ...

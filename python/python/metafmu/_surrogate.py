@@ -403,7 +403,7 @@ class Surrogate:
         platforms = _names(platforms, "platforms", "tuples like \"x86_64-linux\"")
         ports = _names(ports, "ports", "some of \"domain\", \"bounds\" and \"measured\"")
         accuracy = None if self._accuracy is None else json.dumps(self._accuracy)
-        written = self._core.export(path, str(fmi), bool(sources), platforms, (str(interface), ports, str(names)), accuracy)
+        written = self._core.export(path, str(fmi), (bool(sources), platforms), (str(interface), ports, str(names)), accuracy)
         return [Path(fmu) for fmu in written]
 
     def to_onnx(self, path: str | os.PathLike[str]) -> None:

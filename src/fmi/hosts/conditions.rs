@@ -279,7 +279,8 @@ pub(super) fn has_tunable_parameters_in_fmi_3(facts: &FmuFacts) -> Option<String
 /// Inputs of FMI 3.0 that are neither real numbers nor Booleans.
 pub(super) fn has_inputs_beyond_booleans(facts: &FmuFacts) -> Option<String> {
     let is_wrong = |written: &WrittenVariable| {
-        !is_real(written.variable) && !(is_boolean(written.variable) && written.variable.dimensions.is_empty())
+        let is_boolean = is_boolean(written.variable) && written.variable.dimensions.is_empty();
+        !is_real(written.variable) && !is_boolean
     };
     if converts_types(facts) { None } else { named(facts.of(Causality::Input).filter(is_wrong)) }
 }

@@ -22,7 +22,7 @@ struct Host {
     /// Versions and interfaces that it runs, in the order in which it chooses.
     takes: &'static [Offer],
     /// Lists of rules that apply to its FMUs.
-    rules: &'static [&'static [Rule]],
+    rules: &'static [&'static [HostRule]],
 }
 
 /// A version of the standard, and an interface of it.
@@ -32,7 +32,7 @@ struct Offer {
 }
 
 /// A property of FMUs, and what it does in a host.
-struct Rule {
+struct HostRule {
     /// Names of the variables or files that have the property.
     finds: fn(&FmuFacts) -> Option<String>,
     effect: Effect,
@@ -140,7 +140,7 @@ impl Host {
     }
 }
 
-impl Rule {
+impl HostRule {
     fn finding(&self, facts: &FmuFacts) -> Option<HostFinding> {
         let found = (self.finds)(facts)?;
         let because = if found.is_empty() { self.because.to_owned() } else { format!("{found}: {}", self.because) };

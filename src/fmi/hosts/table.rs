@@ -2,7 +2,7 @@
 
 use super::{
     Effect::{Limited, NotLoaded, RunFails, WrongValues},
-    Evidence, Host, Offer, Rule,
+    Evidence, Host, HostRule, Offer,
     conditions::*,
 };
 use crate::fmi::{FmiVersion, InterfaceKind};
@@ -17,20 +17,20 @@ const fn rule(
     effect: super::Effect,
     because: &'static str,
     instead: &'static str,
-) -> Rule {
-    Rule { finds, effect, because, instead }
+) -> HostRule {
+    HostRule { finds, effect, because, instead }
 }
 
 const REPAIR: &str = "repair the description; `metafmu validate` has the lines";
 
 /// Every host that loads a library.
-const LIBRARY: &[Rule] = &[
+const LIBRARY: &[HostRule] = &[
     rule(lacks_library, NotLoaded, "there is nothing to load", "export it for this platform, or compile its sources"),
     rule(is_broken, RunFails, "the FMU does not run here", "see what `metafmu validate` says"),
 ];
 
 /// FMPy 0.3.32 checks a description when it reads it, and so do all hosts that are built on it.
-const FMPY: &[Rule] = &[
+const FMPY: &[HostRule] = &[
     rule(
         lacks_functions,
         NotLoaded,
@@ -68,7 +68,7 @@ const FMPY: &[Rule] = &[
 ];
 
 /// Hosts that read all outputs as real numbers.
-const REAL_OUTPUTS: &[Rule] = &[
+const REAL_OUTPUTS: &[HostRule] = &[
     rule(
         has_other_outputs,
         RunFails,
@@ -84,13 +84,13 @@ const REAL_OUTPUTS: &[Rule] = &[
 ];
 
 /// Mistakes that the parser of FMI Library takes for fatal.
-const FMI_LIBRARY: &[Rule] = &[
+const FMI_LIBRARY: &[HostRule] = &[
     rule(uses_unknown_display_units, NotLoaded, "FMI Library refuses display units that are not defined", REPAIR),
     rule(counts_kinds_of_dependencies_wrongly, NotLoaded, "there must be as many kinds as dependencies", REPAIR),
 ];
 
 /// Mistakes that end fmi4c, the reader of ecos, OMSimulator and Hopsan.
-const FMI4C: &[Rule] = &[
+const FMI4C: &[HostRule] = &[
     rule(
         lacks_functions,
         NotLoaded,
@@ -100,7 +100,7 @@ const FMI4C: &[Rule] = &[
     rule(counts_kinds_of_dependencies_wrongly, NotLoaded, "there must be as many kinds as dependencies", REPAIR),
 ];
 
-const UNWIRED: Rule = rule(
+const UNWIRED: HostRule = rule(
     has_inputs_that_start_elsewhere,
     Limited,
     "inputs that nothing is wired to are set to zero, whatever their start value is",
