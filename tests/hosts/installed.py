@@ -106,7 +106,9 @@ def estim8(fmu, description):
     from estim8.models import FmuModel
 
     simulation = FmuModel(str(fmu), fmi_type="CoSimulation").simulate(0.0, STEPS * STEP, STEP)
-    return {name: float(simulation[name].values[-1]) for name in outputs_of(description)}
+    # outputs that begin with an exact value are parameters here
+    shown = {variable.name for variable in description.modelVariables if variable.initial != "exact"}
+    return {name: float(simulation[name].values[-1]) for name in outputs_of(description) if name in shown}
 
 
 @host("sofirpy", "co-simulation")
@@ -167,8 +169,8 @@ def casadi(fmu, description):
     else:
         equations = model.create("equations", ["t", "x", "u", "p"], ["ode", "y"])
         starts = {variable.name: variable.start for variable in description.modelVariables}
-        # CasADi takes states without a start value for zero
-        state, size = np.array([float(starts[f"{name}_start"]) for name in model.x()]), STEP / 4
+        # CasADi takes states without a start value for zero; those of metafmu are parameters
+        state, size = np.array([float(starts.get(f"{name}_start", np.ravel(model.start(name))[0])) for name in model.x()]), STEP / 4
         for time in size * np.arange(4 * STEPS):
             # Runge-Kutta's classical method
             slope, total = np.zeros_like(state), np.zeros_like(state)

@@ -35,7 +35,7 @@ def has_run(cell):
         float(cell.text)
         return True
     except ValueError:
-        return cell.text.startswith("runs")
+        return cell.text.startswith(("runs", "does not show"))
 
 
 def main():
