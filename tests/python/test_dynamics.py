@@ -653,7 +653,7 @@ def test_error_bounds_grow_with_the_time_since_the_start(bounded, version, inter
         # those at the end of the runs stay
         np.testing.assert_allclose(bound[result["time"] >= start + STOP], metrics[output]["bound"], rtol=1e-12)
     description = {variable.name: variable for variable in read_model_description(fmu).modelVariables}["x_bound"]
-    assert (description.causality, description.variability, description.unit) == ("output", "continuous", "m")
+    assert (description.causality, description.variability, description.unit) == ("local", "continuous", "m")
     assert "up to 5 s after its start" in description.description
     assert validate_fmu(fmu) == []
 
