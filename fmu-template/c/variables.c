@@ -250,10 +250,12 @@ static Status check_policy(Instance *instance, double value)
 /* Checks that a variable can be set to a value now. Hosts that set every variable as a real set integers and Booleans, too. */
 static Status check_settable(Instance *instance, uint32_t reference, double value)
 {
-    if (is(instance, reference, VARIABLE_OUTPUT) || is(instance, reference, VARIABLE_DERIVATIVE) ||
-        is(instance, reference, VARIABLE_DOMAIN_DISTANCE) || is(instance, reference, VARIABLE_BOUND) ||
-        is(instance, reference, VARIABLE_IN_DOMAIN)) {
+    if (is(instance, reference, VARIABLE_OUTPUT)) {
         return cannot_set(instance, reference, "an output");
+    }
+    if (is(instance, reference, VARIABLE_DERIVATIVE) || is(instance, reference, VARIABLE_DOMAIN_DISTANCE) ||
+        is(instance, reference, VARIABLE_BOUND) || is(instance, reference, VARIABLE_IN_DOMAIN)) {
+        return cannot_set(instance, reference, "computed"); /* local variables, or outputs where the FMU has ports for them */
     }
     if (is(instance, reference, VARIABLE_STATE) && is_trial(instance)) {
         return STATUS_OK; /* allowed by both standards, besides fmi3SetContinuousStates */
@@ -388,7 +390,7 @@ Status instance_check_set_boolean(Instance *instance, const uint32_t references[
 {
     for (size_t i = 0; i < count; i++) {
         if (is(instance, references[i], VARIABLE_IN_DOMAIN)) {
-            return cannot_set(instance, references[i], "an output");
+            return cannot_set(instance, references[i], "computed");
         }
         if (!is(instance, references[i], VARIABLE_USE_MEASURED)) {
             return variable_wrong(instance, references[i], "Boolean");

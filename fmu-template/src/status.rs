@@ -64,6 +64,8 @@ pub(crate) enum Refusal {
     WrongType { name: String, reference: u32, found: &'static str, asked: &'static str },
     #[error("variable `{name}` (value reference {reference}) is an output and cannot be set")]
     SetOutput { name: String, reference: u32 },
+    #[error("variable `{name}` (value reference {reference}) is computed and cannot be set")]
+    SetComputed { name: String, reference: u32 },
     #[error(
         "variable `{name}` (value reference {reference}) is a state and cannot be set: set parameter `{name}_start` before the \
          simulation runs, or the state in Continuous-Time Mode"

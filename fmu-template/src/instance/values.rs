@@ -204,7 +204,7 @@ impl Instance {
             match self.quantity(reference)? {
                 Quantity::BuiltIn(BuiltIn::UseMeasured) => {}
                 Quantity::BuiltIn(BuiltIn::InDomain) => {
-                    return Err(Refusal::SetOutput { name: self.name(reference), reference });
+                    return Err(Refusal::SetComputed { name: self.name(reference), reference });
                 }
                 _ => return Err(self.wrong_type(reference, "Boolean")),
             }
@@ -233,12 +233,12 @@ impl Instance {
             // in both standards, beside fmi3SetContinuousStates
             Quantity::State(state) if self.is_trial() => Ok(Settable::Column(self.metadata.inputs.len() + state)),
             Quantity::State(_) => Err(Refusal::SetState { name: name(), reference }),
-            Quantity::Output(_)
-            | Quantity::Derivative(_)
-            | Quantity::Array(_)
+            Quantity::Output(_) | Quantity::Array(_) => Err(Refusal::SetOutput { name: name(), reference }),
+            // local variables, or outputs where the FMU has ports for them
+            Quantity::Derivative(_)
             | Quantity::Bound(_)
             | Quantity::BuiltIn(BuiltIn::DomainDistance | BuiltIn::InDomain) => {
-                Err(Refusal::SetOutput { name: name(), reference })
+                Err(Refusal::SetComputed { name: name(), reference })
             }
             Quantity::BuiltIn(BuiltIn::Time) => self.present_time(reference, value),
             Quantity::BuiltIn(BuiltIn::UseMeasured) => Ok(Settable::UseMeasured),

@@ -164,7 +164,7 @@ fn values_that_measured_inputs_cannot_have_are_refused_by_name() {
         ),
         (
             |host| unsafe { fmi2SetBoolean(host.c, &IN_DOMAIN, 1, &1) },
-            "`in_domain` (value reference 7) is an output and cannot be set",
+            "`in_domain` (value reference 7) is computed and cannot be set",
         ),
     ] {
         let host = stepping();

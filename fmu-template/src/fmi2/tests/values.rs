@@ -123,7 +123,7 @@ fn an_error_bound_is_a_constant_that_can_be_read_only() {
     };
     unsafe {
         let bound = "variable `x_bound` (value reference 11) is";
-        refused(&|c| fmi2SetReal(c, &11, 1, &0.0), &format!("{bound} an output and cannot be set"));
+        refused(&|c| fmi2SetReal(c, &11, 1, &0.0), &format!("{bound} computed and cannot be set"));
         refused(&|c| fmi2GetBoolean(c, &11, 1, &mut 0), &format!("{bound} of type real, not Boolean"));
         refused(&|c| fmi2GetReal(c, &13, 1, &mut 0.0), "value reference 13 is unknown, expected at most 12");
         refused(&|c| fmi2GetReal(c, &10, 1, &mut 0.0), "value reference 10 is unknown: no variable has it");
@@ -152,7 +152,7 @@ fn integers_and_booleans_can_be_read_and_set_as_reals() {
         assert!(host.message().contains("expected 0 (warn), 1 (clamp) or 2 (error)"));
     }
     assert_eq!(host.set(&[IN_DOMAIN], &[1.0]), Status::Error);
-    assert!(host.message().ends_with("`in_domain` (value reference 7) is an output and cannot be set"));
+    assert!(host.message().ends_with("`in_domain` (value reference 7) is computed and cannot be set"));
 }
 
 #[test]
@@ -176,8 +176,8 @@ fn every_variable_is_of_one_type() {
         |c| unsafe { fmi2SetBoolean(c, &DISTANCE, 1, &0) },
         "`domain_distance` (value reference 8) is of type real, not Boolean",
     );
-    refused(|c| unsafe { fmi2SetBoolean(c, &IN_DOMAIN, 1, &0) }, "is an output and cannot be set");
-    refused(|c| unsafe { fmi2SetReal(c, &DISTANCE, 1, &0.0) }, "is an output and cannot be set");
+    refused(|c| unsafe { fmi2SetBoolean(c, &IN_DOMAIN, 1, &0) }, "is computed and cannot be set");
+    refused(|c| unsafe { fmi2SetReal(c, &DISTANCE, 1, &0.0) }, "is computed and cannot be set");
     refused(|c| unsafe { fmi2GetInteger(c, &9, 1, &mut 0) }, "value reference 9 is unknown, expected at most 8");
     let none = "1 variables of type String asked for, but there are none of this type";
     refused(|c| unsafe { fmi2GetString(c, &LENGTH, 1, &mut null()) }, none);

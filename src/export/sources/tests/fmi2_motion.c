@@ -134,7 +134,7 @@ static void starts(void)
          "`trolley.position_start` before the simulation runs, or the state in Continuous-Time Mode", __LINE__);
     fmi2Reset(c);
     check(set(c, RATES, 1.0) == STATUS_ERROR, __LINE__);
-    said("is an output and cannot be set", __LINE__);
+    said("is computed and cannot be set", __LINE__);
     const double tolerances[] = {-1.0, NAN, INFINITY};
     for (int i = 0; i < 3; i++) {
         fmi2Reset(c);
