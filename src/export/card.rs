@@ -312,8 +312,7 @@ fn measured(surrogate: &Surrogate, about: &ExportOptions, page: &mut String) {
         return;
     }
     let switch = BuiltIn::UseMeasured;
-    let measured = |output: &Output| code(&Output::measured_name(&about.names.of(&output.name)));
-    let names = surrogate.outputs().iter().map(measured);
+    let names = surrogate.outputs().iter().map(|output| measured_name(output, about.names));
     line(page, "<h2>Start from measured outputs</h2>\n<table>");
     let values = "Measured values of the outputs, held or extrapolated as other inputs";
     for (name, description) in [
@@ -323,6 +322,11 @@ fn measured(surrogate: &Surrogate, about: &ExportOptions, page: &mut String) {
         line(page, &format!("<tr><td>{name}</td><td>{description}</td></tr>"));
     }
     line(page, "</table>");
+}
+
+/// The name of the input with measured values of an output.
+fn measured_name(output: &Output, style: NameStyle) -> String {
+    code(&Output::measured_name(&style.of(&output.name)))
 }
 
 /// Text on the model that computes the outputs.

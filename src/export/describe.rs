@@ -110,13 +110,17 @@ pub fn is_own(description: &ModelDescription) -> bool {
 
 /// Local variables of an FMU that metafmu added to those of its study: they are recorded beside the outputs.
 pub fn added_variables(description: &ModelDescription) -> Vec<String> {
-    let is_own = is_own(description);
+    if !is_own(description) {
+        return Vec::new();
+    }
     let of_domain = [BuiltIn::InDomain, BuiltIn::DomainDistance].map(|variable| variable.name().to_owned());
     let bounds = description.outputs().map(|output| Output::bound_name(&output.name));
-    let is_local = |name: &String| {
-        description.variable(name).is_some_and(|variable| is_own && variable.causality == Causality::Local)
-    };
-    of_domain.into_iter().chain(bounds).filter(is_local).collect()
+    of_domain.into_iter().chain(bounds).filter(|name| is_local(description, name)).collect()
+}
+
+/// Returns true if the description has a local variable of this name.
+fn is_local(description: &ModelDescription, name: &str) -> bool {
+    description.variable(name).is_some_and(|variable| variable.causality == Causality::Local)
 }
 
 /// The variables that hosts see. The library inside has all variables; a host knows those of the description.

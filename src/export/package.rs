@@ -292,16 +292,18 @@ mod tests {
         assert!(message.ends_with("rail.angle [1], rail_angle.1 would all be `rail_angle_1`"), "{message}");
     }
 
+    /// The message with which an export of the example with these ports fails.
+    fn refusal_of(interface: FmuInterface, ports: &[FmuPort]) -> String {
+        let about = ExportOptions { interface, ports: ports.into(), ..ExportOptions::default() };
+        packed(&seal(example::surrogate()).unwrap(), &about).unwrap_err().to_string()
+    }
+
     #[test]
     fn ports_that_an_fmu_cannot_have_are_refused_all_at_once() {
-        let of = |interface, ports: &[FmuPort]| {
-            let about = ExportOptions { interface, ports: ports.into(), ..ExportOptions::default() };
-            packed(&seal(example::surrogate()).unwrap(), &about).unwrap_err().to_string()
-        };
-        let message = of(FmuInterface::Study, &[FmuPort::Bounds, FmuPort::Measured, FmuPort::Domain]);
+        let message = refusal_of(FmuInterface::Study, &[FmuPort::Bounds, FmuPort::Measured, FmuPort::Domain]);
         assert!(message.contains("`bounds`: there are no error bounds"), "{message}");
         assert!(message.contains("`measured`: only discrete-time FMUs take measured outputs"), "{message}");
-        let message = of(FmuInterface::Plain, &[FmuPort::Domain]);
+        let message = refusal_of(FmuInterface::Plain, &[FmuPort::Domain]);
         assert!(message.contains("a plain interface has variables of the study only"), "{message}");
     }
 }

@@ -62,7 +62,8 @@ impl ExportPlan {
     /// [`Error::Io`] of a library, the error of an unknown platform, [`Error::Ports`].
     pub fn new(project: &Project, options: &ExportRequest) -> Result<Self> {
         let plan = Self::of(options, project.study.export.clone())?;
-        let problems = plan.about.interface_problems(&project.study);
+        let problems = plan.about.problems_beside(&project.study).into_iter().map(|problem| problem.message);
+        let problems: Vec<String> = problems.collect();
         if problems.is_empty() { Ok(plan) } else { Err(Error::Ports { problems }) }
     }
 

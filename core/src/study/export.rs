@@ -80,8 +80,8 @@ pub enum NameStyle {
 }
 
 impl ExportOptions {
-    /// Every mistake, by key within the section.
-    pub(super) fn problems_beside(&self, study: &Study) -> Problems {
+    /// Every mistake in ports and names of a study's FMU, by key within the section.
+    pub fn problems_beside(&self, study: &Study) -> Problems {
         let mut problems = Problems::default();
         for problem in self.port_problems(study.bounds.is_some(), study.is_discrete()) {
             problems.add("ports", problem);
@@ -92,25 +92,24 @@ impl ExportOptions {
         problems
     }
 
-    /// Every mistake in ports and names of a study's FMU.
-    pub fn interface_problems(&self, study: &Study) -> Vec<String> {
-        let of_ports = self.port_problems(study.bounds.is_some(), study.is_discrete());
-        of_ports.into_iter().chain(self.names.problems(names(study))).collect()
-    }
-
     /// Ports that an FMU cannot have: `has_bounds`: whether there are error bounds; `is_discrete`: whether it is discrete-time.
     pub fn port_problems(&self, has_bounds: bool, is_discrete: bool) -> Vec<String> {
-        let problem = |port: &FmuPort| match port {
+        let problems = self.ports.iter().filter_map(|port| self.port_problem(*port, has_bounds, is_discrete));
+        let mut problems: Vec<String> = problems.map(str::to_owned).collect();
+        problems.dedup();
+        problems
+    }
+
+    /// Why an FMU cannot have a port.
+    fn port_problem(&self, port: FmuPort, has_bounds: bool, is_discrete: bool) -> Option<&'static str> {
+        match port {
             _ if self.interface == FmuInterface::Plain => Some("a plain interface has variables of the study only"),
             FmuPort::Bounds if !has_bounds => {
                 Some("`bounds`: there are no error bounds, expected a section `[bounds]`")
             }
             FmuPort::Measured if !is_discrete => Some("`measured`: only discrete-time FMUs take measured outputs"),
             FmuPort::Domain | FmuPort::Bounds | FmuPort::Measured => None,
-        };
-        let mut problems: Vec<String> = self.ports.iter().filter_map(problem).map(str::to_owned).collect();
-        problems.dedup();
-        problems
+        }
     }
 }
 
