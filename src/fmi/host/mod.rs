@@ -252,13 +252,7 @@ impl Fmu {
 
     /// Functions of the standard that the binary does not export.
     pub fn missing_functions(&self) -> Vec<&'static str> {
-        let required = match (&self.functions, self.interface) {
-            (FmiFunctions::V2(_), InterfaceKind::CoSimulation) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_CO_SIMULATION],
-            (FmiFunctions::V2(_), InterfaceKind::ModelExchange) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_MODEL_EXCHANGE],
-            (FmiFunctions::V3(_), InterfaceKind::CoSimulation) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_CO_SIMULATION],
-            (FmiFunctions::V3(_), InterfaceKind::ModelExchange) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_MODEL_EXCHANGE],
-        };
-        ffi::missing(&self.library, &required)
+        ffi::missing(&self.library, &required_functions(self.description.fmi_version, self.interface))
     }
 
     /// Makes an instance, in the state before Initialization Mode.
@@ -272,6 +266,19 @@ impl Fmu {
     /// Creates an instance with a token that may differ from the FMU's.
     pub(super) fn instantiate_as(&self, name: &str, token: &str, logging: bool) -> Result<FmuInstance<'_>> {
         FmuInstance::new(self, &c_text(name), &c_text(token), logging)
+    }
+}
+
+/// Functions that a library must export for an interface: those that are always required, and those of the interface.
+pub(in crate::fmi) fn required_functions(
+    version: FmiVersion,
+    interface: InterfaceKind,
+) -> [&'static [&'static str]; 2] {
+    match (version, interface) {
+        (FmiVersion::V2, InterfaceKind::CoSimulation) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_CO_SIMULATION],
+        (FmiVersion::V2, InterfaceKind::ModelExchange) => [fmi2::REQUIRED, fmi2::REQUIRED_FOR_MODEL_EXCHANGE],
+        (FmiVersion::V3, InterfaceKind::CoSimulation) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_CO_SIMULATION],
+        (FmiVersion::V3, InterfaceKind::ModelExchange) => [fmi3::REQUIRED, fmi3::REQUIRED_FOR_MODEL_EXCHANGE],
     }
 }
 

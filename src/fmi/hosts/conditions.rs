@@ -5,6 +5,7 @@ use crate::{
     diagnostics::names::listed,
     fmi::{
         FmiVersion, ModelDescription, Platform,
+        host::required_functions,
         model_description::{Causality, Initial, ModelStructure, ScalarVariable, Unknown, Variability, VariableType},
     },
 };
@@ -170,41 +171,13 @@ pub(super) fn lacks_library(facts: &FmuFacts) -> Option<String> {
     is_missing.then(|| format!("no `{library}` for this platform, {}", Platform::CURRENT.tuple))
 }
 
-/// Functions that FMI 2.0 demands of every library, whatever the capabilities are.
-const FUNCTIONS_OF_2: [&str; 25] = [
-    "fmi2GetTypesPlatform",
-    "fmi2GetVersion",
-    "fmi2SetDebugLogging",
-    "fmi2Instantiate",
-    "fmi2FreeInstance",
-    "fmi2SetupExperiment",
-    "fmi2EnterInitializationMode",
-    "fmi2ExitInitializationMode",
-    "fmi2Terminate",
-    "fmi2Reset",
-    "fmi2GetReal",
-    "fmi2GetInteger",
-    "fmi2GetBoolean",
-    "fmi2GetString",
-    "fmi2SetReal",
-    "fmi2SetInteger",
-    "fmi2SetBoolean",
-    "fmi2SetString",
-    "fmi2GetFMUstate",
-    "fmi2SetFMUstate",
-    "fmi2FreeFMUstate",
-    "fmi2SerializedFMUstateSize",
-    "fmi2SerializeFMUstate",
-    "fmi2DeSerializeFMUstate",
-    "fmi2GetDirectionalDerivative",
-];
-
 pub(super) fn lacks_functions(facts: &FmuFacts) -> Option<String> {
     // a library without any names has been stripped of them in a way that is not understood here
-    if facts.version() != FmiVersion::V2 || facts.functions.is_empty() {
+    if facts.functions.is_empty() {
         return None;
     }
-    some(FUNCTIONS_OF_2.into_iter().filter(|function| !facts.functions.contains(*function)))
+    let required = required_functions(facts.version(), facts.interface).into_iter().flatten().copied();
+    some(required.filter(|function| !facts.functions.contains(*function)))
 }
 
 pub(super) fn is_broken(facts: &FmuFacts) -> Option<String> {
