@@ -3,17 +3,55 @@
 use crate::{
     Result,
     fmi::{
-        Fmu, FmuInstance,
+        Fmu, FmuInstance, ModelDescription,
         validate::{Area, Notes},
     },
 };
-use metafmu_runtime::{BuiltIn, Domain, DomainPolicy, Encoding, Evaluator, Input, Quantity, Role, Surrogate};
+use metafmu_runtime::{BuiltIn, Domain, DomainPolicy, Encoding, Evaluator, Input, Role, Surrogate};
 
 /// Largest difference of an output, relative to its largest magnitude in training.
 const TOLERANCE: f64 = 1e-9;
 
-/// Reports where the three policies and the two outputs of the domain do not hold.
+/// Value references in the FMU's description: FMUs of other releases may have others than the table of variables.
+struct References {
+    policy: u32,
+    in_domain: u32,
+    distance: u32,
+    inputs: Vec<u32>,
+    outputs: Vec<u32>,
+}
+
+impl References {
+    /// The references by name; none if the description lacks a variable, as a plain interface lacks those of the domain.
+    fn find(fmu: &Fmu, surrogate: &Surrogate) -> Option<Self> {
+        let description = fmu.description();
+        Some(Self {
+            policy: reference(description, BuiltIn::DomainPolicy.name())?,
+            in_domain: reference(description, BuiltIn::InDomain.name())?,
+            distance: reference(description, BuiltIn::DomainDistance.name())?,
+            inputs: surrogate
+                .inputs()
+                .iter()
+                .map(|input| reference(description, &input.name))
+                .collect::<Option<_>>()?,
+            outputs: surrogate
+                .outputs()
+                .iter()
+                .map(|output| reference(description, &output.name))
+                .collect::<Option<_>>()?,
+        })
+    }
+}
+
+fn reference(description: &ModelDescription, name: &str) -> Option<u32> {
+    Some(description.variable(name)?.value_reference)
+}
+
+/// Reports where the three policies and the two variables of the domain do not hold.
 pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
+    let Some(references) = References::find(fmu, surrogate) else {
+        return report.skipped("the domain of validity: modelDescription.xml lacks its variables");
+    };
     for policy in [DomainPolicy::Warn, DomainPolicy::Clamp, DomainPolicy::Error] {
         for column in 0..surrogate.inputs().len() {
             let Input { role, encoding, .. } = &surrogate.inputs()[column];
@@ -22,7 +60,7 @@ pub fn check(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
                 continue;
             }
             report.doing(format!("domain_policy {}", policy as i32));
-            match outside(fmu, surrogate, policy, column) {
+            match outside(fmu, surrogate, &references, policy, column) {
                 Ok(None) => {}
                 Ok(Some(problem)) => {
                     report.problem(Area::Behavior, format!("domain_policy {}: {problem}", policy as i32))
@@ -39,9 +77,10 @@ pub fn check_data(fmu: &Fmu, surrogate: &Surrogate, report: &mut Notes) {
     if surrogate.metadata().cover.is_none() {
         return;
     }
+    let Some(references) = References::find(fmu, surrogate) else { return };
     let Some(point) = far_from_data(&domain, surrogate.inputs()) else { return };
     report.doing("domain of the training data");
-    match without_data(fmu, surrogate, &point) {
+    match without_data(fmu, surrogate, &references, &point) {
         Ok(None) => {}
         Ok(Some(problem)) => report.problem(Area::Behavior, format!("far from the training data: {problem}")),
         Err(error) => report.problem(Area::Behavior, format!("far from the training data: {error}")),
@@ -69,15 +108,15 @@ fn far_from_data(domain: &Domain, inputs: &[Input]) -> Option<Vec<f64>> {
 /// Number of points that are searched for one far from the data.
 const POINTS: usize = 4096;
 
-fn without_data(fmu: &Fmu, surrogate: &Surrogate, point: &[f64]) -> Result<Option<String>> {
+fn without_data(fmu: &Fmu, surrogate: &Surrogate, references: &References, point: &[f64]) -> Result<Option<String>> {
     let instance = fmu.instantiate("domain of the data", true)?;
     let is_set = |column: &usize| !matches!(surrogate.inputs()[*column].role, Role::Time | Role::Start);
     let start = surrogate.time_column().map_or(0.0, |time| point[time]);
     instance.enter_initialization_mode(start, None)?;
     for column in (0..point.len()).filter(is_set) {
-        instance.set_real(&[reference(surrogate, Quantity::Input(column))], &[point[column]])?;
+        instance.set_real(&[references.inputs[column]], &[point[column]])?;
     }
-    holds(&instance, surrogate, DomainPolicy::Warn, point)
+    holds(&instance, surrogate, references, DomainPolicy::Warn, point)
 }
 
 /// Half a range beyond the largest value of a column; for a nominal one, a quarter of the way between two values.
@@ -89,7 +128,13 @@ fn outside_value(input: &Input) -> f64 {
     0.75 * input.min + 0.25 * next
 }
 
-fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize) -> Result<Option<String>> {
+fn outside(
+    fmu: &Fmu,
+    surrogate: &Surrogate,
+    references: &References,
+    policy: DomainPolicy,
+    column: usize,
+) -> Result<Option<String>> {
     let instance = fmu.instantiate("domain", true)?;
     let inputs = surrogate.inputs();
     let mut point: Vec<f64> = inputs.iter().map(|input| input.start).collect();
@@ -98,28 +143,29 @@ fn outside(fmu: &Fmu, surrogate: &Surrogate, policy: DomainPolicy, column: usize
         point[time] = start;
     }
     point[column] = outside_value(&inputs[column]);
-    instance.set_integer(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainPolicy))], &[policy as i32])?;
+    instance.set_integer(&[references.policy], &[policy as i32])?;
     instance.enter_initialization_mode(start, None)?;
-    let set = instance.set_real(&[reference(surrogate, Quantity::Input(column))], &[point[column]]);
     let name = &inputs[column].name;
+    let set = instance.set_real(&[references.inputs[column]], &[point[column]]);
     if policy == DomainPolicy::Error {
         return Ok(set.is_ok().then(|| format!("\"{name}\" = {} is accepted, expected an error", point[column])));
     }
     set?;
-    holds(&instance, surrogate, policy, &point)
+    holds(&instance, surrogate, references, policy, &point)
         .map(|problem| problem.map(|text| format!("{text} at \"{name}\" = {}", point[column])))
 }
 
-/// Value reference of a variable that the surrogate has.
-fn reference(surrogate: &Surrogate, quantity: Quantity) -> u32 {
-    surrogate.variables().reference(quantity).expect("every surrogate has it")
-}
-
-fn holds(instance: &FmuInstance, surrogate: &Surrogate, policy: DomainPolicy, point: &[f64]) -> Result<Option<String>> {
+fn holds(
+    instance: &FmuInstance,
+    surrogate: &Surrogate,
+    references: &References,
+    policy: DomainPolicy,
+    point: &[f64],
+) -> Result<Option<String>> {
     let domain = Domain::of(surrogate);
     let (mut inside, mut distance) = ([true], [0.0]);
-    instance.get_boolean(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::InDomain))], &mut inside)?;
-    instance.get_real(&[reference(surrogate, Quantity::BuiltIn(BuiltIn::DomainDistance))], &mut distance)?;
+    instance.get_boolean(&[references.in_domain], &mut inside)?;
+    instance.get_real(&[references.distance], &mut distance)?;
     if inside[0] {
         return Ok(Some("in_domain is true".into()));
     }
@@ -145,7 +191,7 @@ fn holds(instance: &FmuInstance, surrogate: &Surrogate, policy: DomainPolicy, po
     evaluator.evaluate(&used, &mut expected);
     for (index, (output, expected)) in surrogate.outputs().iter().zip(expected).enumerate() {
         let mut found = [0.0];
-        instance.get_real(&[reference(surrogate, Quantity::Output(index))], &mut found)?;
+        instance.get_real(&[references.outputs[index]], &mut found)?;
         let scale = output.min.abs().max(output.max.abs()).max(expected.abs()).max(f64::MIN_POSITIVE);
         // written so that NaN is wrong
         let right = (found[0] - expected).abs() <= TOLERANCE * scale;

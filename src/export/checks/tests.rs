@@ -106,6 +106,24 @@ fn a_damaged_binary_is_found() {
 }
 
 #[test]
+fn variables_of_the_domain_are_checked_by_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    for version in FmiVersion::ALL {
+        let found = problems(fmu_of_described_as(folder.path(), version, |text| {
+            let changed = text.replace(
+                "name=\"domain_distance\" valueReference=\"8\"",
+                "name=\"domain_distance\" valueReference=\"5\"",
+            );
+            let changed =
+                changed.replace("name=\"velocity\" valueReference=\"5\"", "name=\"velocity\" valueReference=\"8\"");
+            assert_ne!(changed, text);
+            changed
+        }));
+        assert!(found.iter().any(|problem| problem.contains("domain_policy 0: domain_distance is")), "{found:?}");
+    }
+}
+
+#[test]
 fn a_token_that_is_not_that_of_the_model_is_found() {
     let folder = tempfile::tempdir().unwrap();
     let found = problems(fmu_described_as(folder.path(), |text| text.replace("guid=\"{", "guid=\"{0")));
@@ -137,8 +155,9 @@ fn outputs_that_are_not_those_predicted_are_found() {
             .replace("valueReference=\"x\"", "valueReference=\"5\"")
     });
     let found = problems(swapped);
-    // once for each point: the start values and four corners; and the reference run of each interface
-    assert_eq!(found.len(), 7, "{found:?}");
+    // once for each point: the start values and four corners; beyond the range of each input with the policies 0 and 1; and
+    // the reference run of each interface
+    assert_eq!(found.len(), 5 + 2 * 2 + 2, "{found:?}");
     assert!(found[0].starts_with("behavior: in Initialization Mode, \"angle\" is "), "{found:?}");
 }
 
