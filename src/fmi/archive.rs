@@ -1,6 +1,6 @@
 //! An `.fmu` archive, or an `.ssp` archive with such in it, opened for reading.
 
-use super::xml::{self, Document};
+use super::xml::{self, Document, tree::Element};
 use crate::{
     Error, Result,
     diagnostics::kinds::{self, FileKind},
@@ -165,8 +165,17 @@ impl Archive {
     /// # Errors
     /// [`Error::ArchiveEntry`] if it is missing, [`Error::Description`] if it is not XML or of another FMI version.
     pub fn document(&mut self) -> Result<Document> {
+        let root = self.description_root()?;
+        xml::interpret(&root).map_err(|problem| description_error(&self.path, &problem))
+    }
+
+    /// The root element of modelDescription.xml.
+    ///
+    /// # Errors
+    /// [`Error::ArchiveEntry`] if it is missing, [`Error::Description`] if it is not XML.
+    pub(super) fn description_root(&mut self) -> Result<Element> {
         let bytes = self.read("modelDescription.xml", MAX_DESCRIPTION)?;
-        xml::read(&bytes).map_err(|problem| description_error(&self.path, &problem))
+        xml::root(&bytes).map_err(|problem| description_error(&self.path, &problem))
     }
 
     /// Unpacks the entries that are needed into a folder.

@@ -7,10 +7,13 @@ mod conditions;
 mod facts;
 mod table;
 mod trial;
+mod variables;
+mod whole;
 
 use super::{Archive, FmiVersion, InterfaceKind, Watch};
 use crate::Result;
-use facts::FmuFacts;
+use conditions::Condition;
+use facts::{FmuFacts, HostedFmu};
 use serde::Serialize;
 use std::{fmt, path::Path};
 
@@ -33,10 +36,9 @@ struct Offer {
 
 /// A property of FMUs, and what it does in a host.
 struct HostRule {
-    /// Names of the variables or files that have the property.
-    finds: fn(&FmuFacts) -> Option<String>,
+    condition: Condition,
     effect: Effect,
-    /// Why, continuing "NAMES: ".
+    /// Why, following the names of the variables or files that have the property.
     because: &'static str,
     /// Remedy for the host's user or the FMU's author.
     instead: &'static str,
@@ -113,8 +115,8 @@ impl Host {
         let offer = self.takes.iter().find(|offer| facts.offers(offer.version, offer.interface));
         let mut findings: Vec<HostFinding> = match offer {
             Some(offer) => {
-                let facts = FmuFacts { interface: offer.interface, ..facts.clone() };
-                self.rules.iter().copied().flatten().filter_map(|rule| rule.finding(&facts)).collect()
+                let fmu = HostedFmu { facts, interface: offer.interface };
+                self.rules.iter().copied().flatten().filter_map(|rule| rule.finding(fmu)).collect()
             }
             None => vec![self.without_interface(facts)],
         };
@@ -141,9 +143,8 @@ impl Host {
 }
 
 impl HostRule {
-    fn finding(&self, facts: &FmuFacts) -> Option<HostFinding> {
-        let found = (self.finds)(facts)?;
-        let because = if found.is_empty() { self.because.to_owned() } else { format!("{found}: {}", self.because) };
+    fn finding(&self, fmu: HostedFmu) -> Option<HostFinding> {
+        let because = self.condition.cause(fmu, self.because)?;
         Some(HostFinding { effect: self.effect, because, instead: self.instead.into() })
     }
 }

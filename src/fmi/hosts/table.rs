@@ -1,9 +1,27 @@
 //! The hosts that are known. Each rule was seen in a run of the version that is named, or read in its sources; docs/hosts.md has more on each host.
 
 use super::{
-    Effect::{Limited, NotLoaded, RunFails, WrongValues},
+    Effect::{self, Limited, NotLoaded, RunFails, WrongValues},
     Evidence, Host, HostRule, Offer,
-    conditions::*,
+    conditions::Condition::{self, Text, Variables, Whole},
+    variables::{
+        combines_what_is_not_allowed, has_bytes_to_set, has_dots_or_brackets, has_exact_text_start, is_array,
+        is_array_to_set, is_calculated_with_start, is_called_time, is_clock, is_computed_text, is_constant,
+        is_continuous_but_not_real, is_enumerated_output, is_enumeration, is_input_beyond_booleans,
+        is_input_but_not_real, is_input_of_fmi_2_but_not_real, is_input_that_hits_a_real,
+        is_input_that_starts_elsewhere, is_input_with_initial, is_odd_parameter, is_output_but_not_real,
+        is_output_that_hits_a_real, is_port_with_text_start, is_scalar_output_but_not_real, is_single_precision_to_set,
+        is_structural_parameter, is_text_in_elements, is_text_output, is_text_port, is_tunable_in_fmi_3,
+        is_whole_number_to_set, lacks_start, uses_unknown_display_unit, uses_unknown_type, uses_unknown_unit,
+    },
+    whole::{
+        breaks_schema, cannot_put_its_state_back, counts_kinds_of_dependencies_wrongly, depends_on_reference_zero,
+        has_backslashes, has_colons, has_dots_in_its_identifier, has_events, has_names_that_become_one, has_no_states,
+        has_states_without_start, is_broken, is_of_fmi_3, is_of_late_dymola, is_packed_in_a_rare_way,
+        lacks_dependencies, lacks_dependencies_in_fmi_3, lacks_functions, lacks_independent, lacks_library,
+        lacks_step_size, lacks_windows, needs_another_program, offers_both_interfaces, offers_co_simulation,
+        repeats_names, repeats_references,
+    },
 };
 use crate::fmi::{FmiVersion, InterfaceKind};
 
@@ -12,71 +30,110 @@ const CO_SIMULATION_3: Offer = Offer { version: FmiVersion::V3, interface: Inter
 const MODEL_EXCHANGE_2: Offer = Offer { version: FmiVersion::V2, interface: InterfaceKind::ModelExchange };
 const MODEL_EXCHANGE_3: Offer = Offer { version: FmiVersion::V3, interface: InterfaceKind::ModelExchange };
 
-const fn rule(
-    finds: fn(&super::facts::FmuFacts) -> Option<String>,
-    effect: super::Effect,
-    because: &'static str,
-    instead: &'static str,
-) -> HostRule {
-    HostRule { finds, effect, because, instead }
+const fn rule(condition: Condition, effect: Effect, because: &'static str, instead: &'static str) -> HostRule {
+    HostRule { condition, effect, because, instead }
+}
+
+/// A rule on arrays.
+const fn arrays(effect: Effect, because: &'static str) -> HostRule {
+    rule(Variables(is_array), effect, because, "scalars")
+}
+
+/// A rule on inputs and outputs that are texts, bytes or clocks.
+const fn text_ports(because: &'static str) -> HostRule {
+    rule(Variables(is_text_port), Limited, because, "numbers")
 }
 
 const REPAIR: &str = "repair the description; `metafmu validate` has the lines";
 
+const MISSING_FUNCTIONS: HostRule = rule(
+    Text(lacks_functions),
+    NotLoaded,
+    "the library must have all functions of the standard",
+    "export them; they may return an error",
+);
+
+const WRONG_KINDS: HostRule =
+    rule(Text(counts_kinds_of_dependencies_wrongly), NotLoaded, "there must be as many kinds as dependencies", REPAIR);
+
+const REAL_INPUTS: HostRule = rule(
+    Variables(is_input_but_not_real),
+    RunFails,
+    "the host sets all inputs as scalar real numbers",
+    "make them parameters or real",
+);
+
+const NO_TEXT_PORTS: HostRule = text_ports("texts, bytes and clocks have no port");
+
 /// Every host that loads a library.
 const LIBRARY: &[HostRule] = &[
-    rule(lacks_library, NotLoaded, "there is nothing to load", "export it for this platform, or compile its sources"),
-    rule(is_broken, RunFails, "the FMU does not run here", "see what `metafmu validate` says"),
+    rule(
+        Text(lacks_library),
+        NotLoaded,
+        "there is nothing to load",
+        "export it for this platform, or compile its sources",
+    ),
+    rule(Text(is_broken), RunFails, "the FMU does not run here", "see what `metafmu validate` says"),
 ];
 
 /// FMPy 0.3.32 checks a description when it reads it, and so do all hosts that are built on it.
 const FMPY: &[HostRule] = &[
+    MISSING_FUNCTIONS,
     rule(
-        lacks_functions,
-        NotLoaded,
-        "the library must have all functions of the standard",
-        "export them; they may return an error",
-    ),
-    rule(
-        breaks_schema,
+        Text(breaks_schema),
         NotLoaded,
         "FMPy refuses descriptions that break the schema",
         "validate=False where the host passes it on",
     ),
-    rule(repeats_names, NotLoaded, "FMPy refuses names that two variables have", REPAIR),
-    rule(lacks_starts, NotLoaded, "FMPy refuses variables that have no start value and need one", REPAIR),
-    rule(has_starts_of_calculated, NotLoaded, "FMPy refuses start values of calculated variables", REPAIR),
+    rule(Text(repeats_names), NotLoaded, "FMPy refuses names that two variables have", REPAIR),
+    rule(Variables(lacks_start), NotLoaded, "FMPy refuses variables that have no start value and need one", REPAIR),
+    rule(Variables(is_calculated_with_start), NotLoaded, "FMPy refuses start values of calculated variables", REPAIR),
     rule(
-        has_continuous_others,
+        Variables(is_continuous_but_not_real),
         NotLoaded,
         "FMPy refuses continuous variables that are not real; it is the default of FMI 2.0",
         REPAIR,
     ),
     rule(
-        combines_what_is_not_allowed,
+        Variables(combines_what_is_not_allowed),
         NotLoaded,
         "FMPy refuses this combination of causality, variability and initial",
         REPAIR,
     ),
-    rule(uses_unknown_units, NotLoaded, "FMPy refuses units that are not defined", REPAIR),
-    rule(uses_unknown_display_units, NotLoaded, "FMPy refuses display units that are not defined", REPAIR),
-    rule(uses_unknown_types, NotLoaded, "FMPy refuses declared types that are not defined", REPAIR),
-    rule(lacks_independent, NotLoaded, "FMPy refuses FMUs of FMI 3.0 without exactly one independent variable", REPAIR),
-    rule(repeats_references, NotLoaded, "FMPy refuses value references that two variables of FMI 3.0 have", REPAIR),
-    rule(has_backslashes, NotLoaded, "FMPy refuses backslashes in the archive", "pack it again with forward slashes"),
-    rule(has_colons, NotLoaded, "FMPy refuses colons and leading slashes in the archive", "rename the files"),
+    rule(Variables(uses_unknown_unit), NotLoaded, "FMPy refuses units that are not defined", REPAIR),
+    rule(Variables(uses_unknown_display_unit), NotLoaded, "FMPy refuses display units that are not defined", REPAIR),
+    rule(Variables(uses_unknown_type), NotLoaded, "FMPy refuses declared types that are not defined", REPAIR),
+    rule(
+        Whole(lacks_independent),
+        NotLoaded,
+        "FMPy refuses FMUs of FMI 3.0 without exactly one independent variable",
+        REPAIR,
+    ),
+    rule(
+        Text(repeats_references),
+        NotLoaded,
+        "FMPy refuses value references that two variables of FMI 3.0 have",
+        REPAIR,
+    ),
+    rule(
+        Text(has_backslashes),
+        NotLoaded,
+        "FMPy refuses backslashes in the archive",
+        "pack it again with forward slashes",
+    ),
+    rule(Text(has_colons), NotLoaded, "FMPy refuses colons and leading slashes in the archive", "rename the files"),
 ];
 
 /// Hosts that read all outputs as real numbers.
 const REAL_OUTPUTS: &[HostRule] = &[
     rule(
-        has_other_outputs,
+        Variables(is_output_but_not_real),
         RunFails,
         "the host reads all outputs as scalar real numbers",
         "make these outputs local or real",
     ),
     rule(
-        has_other_outputs_that_hit_reals,
+        Variables(is_output_that_hits_a_real),
         WrongValues,
         "the host reads all outputs as real numbers, and shows the variable that has the same value reference",
         "make these outputs local or real",
@@ -85,23 +142,20 @@ const REAL_OUTPUTS: &[HostRule] = &[
 
 /// Mistakes that the parser of FMI Library takes for fatal.
 const FMI_LIBRARY: &[HostRule] = &[
-    rule(uses_unknown_display_units, NotLoaded, "FMI Library refuses display units that are not defined", REPAIR),
-    rule(counts_kinds_of_dependencies_wrongly, NotLoaded, "there must be as many kinds as dependencies", REPAIR),
+    rule(
+        Variables(uses_unknown_display_unit),
+        NotLoaded,
+        "FMI Library refuses display units that are not defined",
+        REPAIR,
+    ),
+    WRONG_KINDS,
 ];
 
 /// Mistakes that end fmi4c, the reader of ecos, OMSimulator and Hopsan.
-const FMI4C: &[HostRule] = &[
-    rule(
-        lacks_functions,
-        NotLoaded,
-        "the library must have all functions of the standard",
-        "export them; they may return an error",
-    ),
-    rule(counts_kinds_of_dependencies_wrongly, NotLoaded, "there must be as many kinds as dependencies", REPAIR),
-];
+const FMI4C: &[HostRule] = &[MISSING_FUNCTIONS, WRONG_KINDS];
 
 const UNWIRED: HostRule = rule(
-    has_inputs_that_start_elsewhere,
+    Variables(is_input_that_starts_elsewhere),
     Limited,
     "inputs that nothing is wired to are set to zero, whatever their start value is",
     "wire a constant with the start value",
@@ -117,7 +171,7 @@ pub(super) const HOSTS: &[Host] = &[
             LIBRARY,
             FMPY,
             &[rule(
-                has_text_outputs,
+                Variables(is_text_output),
                 Limited,
                 "texts, bytes and clocks are not recorded",
                 "read them through the instance",
@@ -134,19 +188,14 @@ pub(super) const HOSTS: &[Host] = &[
             FMPY,
             REAL_OUTPUTS,
             &[
+                REAL_INPUTS,
                 rule(
-                    has_other_inputs,
-                    RunFails,
-                    "the host sets all inputs as scalar real numbers",
-                    "make them parameters or real",
-                ),
-                rule(
-                    has_other_inputs_that_hit_reals,
+                    Variables(is_input_that_hits_a_real),
                     WrongValues,
                     "the host sets all inputs as real numbers, and so the variable that has the same value reference",
                     "make them parameters or real",
                 ),
-                rule(lacks_step_size, Limited, "there is no step size", "CoSimulationFMU(path, dt=...)"),
+                rule(Whole(lacks_step_size), Limited, "there is no step size", "CoSimulationFMU(path, dt=...)"),
                 UNWIRED,
             ],
         ],
@@ -162,13 +211,13 @@ pub(super) const HOSTS: &[Host] = &[
             REAL_OUTPUTS,
             &[
                 rule(
-                    has_inputs_beyond_booleans,
+                    Variables(is_input_beyond_booleans),
                     NotLoaded,
                     "the host sets inputs as scalar real numbers",
                     "make them parameters or real",
                 ),
                 rule(
-                    |facts| if facts.version() == FmiVersion::V2 { has_other_inputs(facts) } else { None },
+                    Variables(is_input_of_fmi_2_but_not_real),
                     NotLoaded,
                     "the host sets inputs of FMI 2.0 as real numbers",
                     "make them parameters or real",
@@ -187,31 +236,31 @@ pub(super) const HOSTS: &[Host] = &[
             FMPY,
             &[
                 rule(
-                    has_text_starts,
+                    Variables(is_port_with_text_start),
                     NotLoaded,
                     "the host takes every start value for a number",
                     "start=\"0\" or \"1\" of Booleans, or input_names=[...], output_names=[...] without these variables",
                 ),
                 rule(
-                    has_text_outputs,
+                    Variables(is_text_output),
                     RunFails,
                     "texts are not recorded",
                     "output_names=[...] without these variables",
                 ),
                 rule(
-                    has_whole_numbers_to_set,
+                    Variables(is_whole_number_to_set),
                     RunFails,
                     "the host sets inputs and parameters as real numbers",
                     "input_names=[...] without these variables",
                 ),
                 rule(
-                    has_arrays_to_set,
+                    Variables(is_array_to_set),
                     RunFails,
                     "the host does not convert start values of arrays",
                     "input_names=[...] without these variables",
                 ),
                 rule(
-                    has_bytes_to_set,
+                    Variables(has_bytes_to_set),
                     RunFails,
                     "the host does not convert bytes",
                     "input_names=[...] without these variables",
@@ -229,37 +278,31 @@ pub(super) const HOSTS: &[Host] = &[
             FMPY,
             &[
                 rule(
-                    has_exact_text_starts,
+                    Variables(has_exact_text_start),
                     NotLoaded,
                     "the host takes every exact start value for a number",
                     "start=\"0\" or \"1\" of Booleans",
                 ),
                 rule(
-                    has_constants,
+                    Variables(is_constant),
                     RunFails,
                     "the host sets constants as parameters",
                     "leave constants out of the description",
                 ),
                 rule(
-                    has_computed_texts,
+                    Variables(is_computed_text),
                     RunFails,
                     "the host observes all variables, and texts are not recorded",
                     "simulate(..., observe=[...])",
                 ),
                 rule(
-                    has_arrays,
+                    Variables(is_array),
                     RunFails,
                     "the host observes all variables, and takes scalars only",
                     "simulate(..., observe=[...])",
                 ),
                 rule(
-                    |facts| {
-                        if facts.offers(facts.version(), InterfaceKind::CoSimulation) {
-                            Some(String::new())
-                        } else {
-                            None
-                        }
-                    },
+                    Whole(offers_co_simulation),
                     Limited,
                     "model exchange is the default",
                     "FmuModel(path, fmi_type=\"CoSimulation\")",
@@ -277,13 +320,13 @@ pub(super) const HOSTS: &[Host] = &[
             FMPY,
             &[
                 rule(
-                    has_enumerated_outputs,
+                    Variables(is_enumerated_output),
                     Limited,
                     "these outputs cannot be logged or connected",
                     "leave them out of parameters_to_log",
                 ),
                 rule(
-                    has_text_outputs,
+                    Variables(is_text_output),
                     Limited,
                     "these outputs cannot be logged or connected",
                     "leave them out of parameters_to_log",
@@ -301,13 +344,13 @@ pub(super) const HOSTS: &[Host] = &[
             FMPY,
             &[
                 rule(
-                    lacks_dependencies,
+                    Text(lacks_dependencies),
                     NotLoaded,
                     "the host needs the attribute `dependencies` of every unknown",
                     "write dependencies",
                 ),
                 rule(
-                    has_inputs_that_start_elsewhere,
+                    Variables(is_input_that_starts_elsewhere),
                     Limited,
                     "inputs begin at zero, whatever their start value is",
                     "component.set_inputs before the first step",
@@ -325,59 +368,59 @@ pub(super) const HOSTS: &[Host] = &[
             REAL_OUTPUTS,
             &[
                 rule(
-                    has_dots_in_its_identifier,
+                    Text(has_dots_in_its_identifier),
                     NotLoaded,
                     "the host looks for a library with `_` instead of dots",
                     "an identifier without dots",
                 ),
                 rule(
-                    writes_initial_of_inputs,
+                    Variables(is_input_with_initial),
                     NotLoaded,
                     "the host refuses `initial` of inputs",
                     "leave it out: it is the default",
                 ),
-                rule(has_odd_parameters, NotLoaded, "the host takes fixed and tunable parameters only", REPAIR),
                 rule(
-                    calls_a_variable_time,
+                    Variables(is_odd_parameter),
+                    NotLoaded,
+                    "the host takes fixed and tunable parameters only",
+                    REPAIR,
+                ),
+                rule(
+                    Variables(is_called_time),
                     NotLoaded,
                     "the host takes `time` for the independent variable",
                     "rename the variable",
                 ),
                 rule(
-                    lacks_dependencies_in_fmi_3,
+                    Text(lacks_dependencies_in_fmi_3),
                     NotLoaded,
                     "the host needs the attribute `dependencies` of every unknown",
                     "write dependencies",
                 ),
+                WRONG_KINDS,
                 rule(
-                    counts_kinds_of_dependencies_wrongly,
-                    NotLoaded,
-                    "there must be as many kinds as dependencies",
-                    REPAIR,
-                ),
-                rule(
-                    has_structural_parameters,
+                    Variables(is_structural_parameter),
                     NotLoaded,
                     "the host does not know structural parameters",
                     "fixed dimensions",
                 ),
-                rule(has_texts_in_elements, NotLoaded, "the host does not read <Start>", "leave texts out"),
-                rule(has_single_precision_to_set, NotLoaded, "the host does not know Float32", "Float64"),
+                rule(Variables(is_text_in_elements), NotLoaded, "the host does not read <Start>", "leave texts out"),
+                rule(Variables(is_single_precision_to_set), NotLoaded, "the host does not know Float32", "Float64"),
                 rule(
-                    is_packed_in_a_rare_way,
+                    Text(is_packed_in_a_rare_way),
                     NotLoaded,
                     "the host unpacks stored and deflated files only",
                     "pack it again",
                 ),
                 rule(
-                    has_states_without_start,
+                    Text(has_states_without_start),
                     Limited,
                     "DaeBuilder.start says 0 for states that the FMU initializes",
                     "set them to the values of another host",
                 ),
-                rule(has_events, Limited, "events are not handled", "only where no event happens"),
+                rule(Whole(has_events), Limited, "events are not handled", "only where no event happens"),
                 rule(
-                    has_tunable_parameters_in_fmi_3,
+                    Variables(is_tunable_in_fmi_3),
                     Limited,
                     "derivatives with respect to these parameters are zero, as no dependency lists them",
                     "FMI 2.0",
@@ -395,12 +438,12 @@ pub(super) const HOSTS: &[Host] = &[
             FMPY,
             &[
                 rule(
-                    has_other_scalar_outputs,
+                    Variables(is_scalar_output_but_not_real),
                     RunFails,
                     "the host reads the outputs that are named as scalar real numbers",
                     "name real outputs only",
                 ),
-                rule(has_arrays, Limited, "only scalars can be named", "scalars"),
+                arrays(Limited, "only scalars can be named"),
             ],
         ],
     },
@@ -415,18 +458,18 @@ pub(super) const HOSTS: &[Host] = &[
             REAL_OUTPUTS,
             &[
                 rule(
-                    is_of_late_dymola,
+                    Text(is_of_late_dymola),
                     NotLoaded,
                     "these FMUs need the event iteration after the initialization, which the host leaves out",
                     "CoSimulationFMU",
                 ),
-                rule(has_no_states, RunFails, "the host integrates states, and there are none", "CoSimulationFMU"),
                 rule(
-                    has_other_inputs,
+                    Whole(has_no_states),
                     RunFails,
-                    "the host sets all inputs as scalar real numbers",
-                    "make them parameters or real",
+                    "the host integrates states, and there are none",
+                    "CoSimulationFMU",
                 ),
+                REAL_INPUTS,
             ],
         ],
     },
@@ -435,7 +478,11 @@ pub(super) const HOSTS: &[Host] = &[
         version: "0.11 (libcosimpy 0.0.6)",
         evidence: Evidence::Run,
         takes: &[CO_SIMULATION_2],
-        rules: &[LIBRARY, FMI_LIBRARY, &[rule(has_enumerations, Limited, "enumerations are left out", "integers")]],
+        rules: &[
+            LIBRARY,
+            FMI_LIBRARY,
+            &[rule(Variables(is_enumeration), Limited, "enumerations are left out", "integers")],
+        ],
     },
     Host {
         name: "ecos",
@@ -446,9 +493,9 @@ pub(super) const HOSTS: &[Host] = &[
             LIBRARY,
             FMI4C,
             &[
-                rule(has_clocks, NotLoaded, "the host crashes at clocks", "an FMU without clocks"),
-                rule(has_enumerations, Limited, "enumerations cannot be read or set", "integers"),
-                rule(has_arrays, Limited, "only one number of an array is read", "scalars"),
+                rule(Variables(is_clock), NotLoaded, "the host crashes at clocks", "an FMU without clocks"),
+                rule(Variables(is_enumeration), Limited, "enumerations cannot be read or set", "integers"),
+                arrays(Limited, "only one number of an array is read"),
             ],
         ],
     },
@@ -462,13 +509,13 @@ pub(super) const HOSTS: &[Host] = &[
             FMI4C,
             &[
                 rule(
-                    depends_on_reference_zero,
+                    Text(depends_on_reference_zero),
                     RunFails,
                     "the host takes the value reference 0 among dependencies for none",
                     "value references from 1",
                 ),
-                rule(has_arrays, RunFails, "the result of FMUs with arrays is empty", "scalars, or FMI 2.0"),
-                rule(has_text_ports, Limited, "texts, bytes and clocks are left out", "numbers"),
+                rule(Variables(is_array), RunFails, "the result of FMUs with arrays is empty", "scalars, or FMI 2.0"),
+                text_ports("texts, bytes and clocks are left out"),
             ],
         ],
     },
@@ -482,12 +529,12 @@ pub(super) const HOSTS: &[Host] = &[
             FMI_LIBRARY,
             &[
                 rule(
-                    needs_another_program,
+                    Whole(needs_another_program),
                     NotLoaded,
                     "the host runs no FMU that needs another program",
                     "a self-contained FMU",
                 ),
-                rule(has_arrays, RunFails, "the host takes scalars only", "scalars"),
+                arrays(RunFails, "the host takes scalars only"),
             ],
         ],
     },
@@ -499,7 +546,7 @@ pub(super) const HOSTS: &[Host] = &[
         rules: &[
             LIBRARY,
             &[rule(
-                combines_what_is_not_allowed,
+                Variables(combines_what_is_not_allowed),
                 NotLoaded,
                 "the host refuses this combination of causality and variability",
                 REPAIR,
@@ -512,14 +559,14 @@ pub(super) const HOSTS: &[Host] = &[
         evidence: Evidence::Read,
         takes: &[CO_SIMULATION_2, CO_SIMULATION_3, MODEL_EXCHANGE_2, MODEL_EXCHANGE_3],
         rules: &[&[
-            rule(lacks_windows, Limited, "there is nothing to load on Windows", "export it for x86_64-windows"),
+            rule(Text(lacks_windows), Limited, "there is nothing to load on Windows", "export it for x86_64-windows"),
             rule(
-                is_of_fmi_3,
+                Whole(is_of_fmi_3),
                 Limited,
                 "on Linux the host looks for FMI 3.0 in binaries/linux64",
                 "FMI 2.0, or a copy of the library there",
             ),
-            rule(has_text_ports, Limited, "texts, bytes and clocks have no port", "numbers"),
+            NO_TEXT_PORTS,
         ]],
     },
     Host {
@@ -532,13 +579,13 @@ pub(super) const HOSTS: &[Host] = &[
             FMI_LIBRARY,
             &[
                 rule(
-                    has_names_that_become_one,
+                    Text(has_names_that_become_one),
                     NotLoaded,
                     "dots and brackets become `_`, and names collide",
                     "other names",
                 ),
-                rule(has_arrays, Limited, "arrays are left out", "scalars"),
-                rule(has_text_ports, Limited, "bytes and clocks are left out", "numbers"),
+                arrays(Limited, "arrays are left out"),
+                text_ports("bytes and clocks are left out"),
             ],
         ],
     },
@@ -550,8 +597,13 @@ pub(super) const HOSTS: &[Host] = &[
         rules: &[
             LIBRARY,
             &[
-                rule(has_structural_parameters, NotLoaded, "the host reads fixed dimensions only", "fixed dimensions"),
-                rule(has_arrays, Limited, "start values of arrays are not read", "scalars"),
+                rule(
+                    Variables(is_structural_parameter),
+                    NotLoaded,
+                    "the host reads fixed dimensions only",
+                    "fixed dimensions",
+                ),
+                arrays(Limited, "start values of arrays are not read"),
             ],
         ],
     },
@@ -564,7 +616,12 @@ pub(super) const HOSTS: &[Host] = &[
             LIBRARY,
             FMPY,
             REAL_OUTPUTS,
-            &[rule(cannot_put_its_state_back, Limited, "implicit coupling puts states back", "explicit coupling")],
+            &[rule(
+                Whole(cannot_put_its_state_back),
+                Limited,
+                "implicit coupling puts states back",
+                "explicit coupling",
+            )],
         ],
     },
     Host {
@@ -573,7 +630,7 @@ pub(super) const HOSTS: &[Host] = &[
         evidence: Evidence::Read,
         takes: &[CO_SIMULATION_2],
         rules: &[&[rule(
-            lacks_windows,
+            Text(lacks_windows),
             NotLoaded,
             "the host runs on Windows and macOS",
             "export it for x86_64-windows",
@@ -588,10 +645,10 @@ pub(super) const HOSTS: &[Host] = &[
             LIBRARY,
             FMI4C,
             &[
-                rule(has_text_ports, Limited, "texts, bytes and clocks have no port", "numbers"),
-                rule(has_arrays, Limited, "arrays have no port", "scalars"),
+                NO_TEXT_PORTS,
+                arrays(Limited, "arrays have no port"),
                 rule(
-                    is_of_fmi_3,
+                    Whole(is_of_fmi_3),
                     Limited,
                     "the stop time that FMUs of FMI 3.0 are told is 10 s",
                     "FMI 2.0 for longer runs",
@@ -604,7 +661,12 @@ pub(super) const HOSTS: &[Host] = &[
         version: "as its users report",
         evidence: Evidence::Read,
         takes: &[CO_SIMULATION_2, MODEL_EXCHANGE_2],
-        rules: &[&[rule(has_dots_or_brackets, NotLoaded, "the host refuses dots and brackets in names", "flat names")]],
+        rules: &[&[rule(
+            Variables(has_dots_or_brackets),
+            NotLoaded,
+            "the host refuses dots and brackets in names",
+            "flat names",
+        )]],
     },
     Host {
         name: "ROS fmi_adapter",
@@ -616,14 +678,14 @@ pub(super) const HOSTS: &[Host] = &[
             FMI_LIBRARY,
             &[
                 rule(
-                    has_both_interfaces,
+                    Whole(offers_both_interfaces),
                     NotLoaded,
                     "the host refuses FMUs with both interfaces",
                     "an FMU for co-simulation only",
                 ),
-                rule(lacks_step_size, Limited, "there is no step size", "give one to the adapter"),
+                rule(Whole(lacks_step_size), Limited, "there is no step size", "give one to the adapter"),
                 rule(
-                    has_other_outputs,
+                    Variables(is_output_but_not_real),
                     RunFails,
                     "the host reads all outputs as real numbers",
                     "make these outputs local or real",

@@ -63,8 +63,7 @@ fn run(path: &Path, facts: &FmuFacts, interface: InterfaceKind, watch: Watch) ->
 
 /// `inside`: step size inside the FMU.
 fn step_size(experiment: &DefaultExperiment, inside: Option<f64>) -> f64 {
-    let is_positive = |size: &f64| *size > 0.0 && size.is_finite();
     let of_stop = experiment.stop.map(|stop| (stop - experiment.start.unwrap_or(0.0)) / STEPS_OF_EXPERIMENT);
     let sizes = [experiment.step_size, inside, of_stop];
-    sizes.into_iter().flatten().find(is_positive).unwrap_or(USUAL_STEP)
+    sizes.into_iter().flatten().find(|size| *size > 0.0 && size.is_finite()).unwrap_or(USUAL_STEP)
 }

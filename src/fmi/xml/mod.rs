@@ -33,15 +33,23 @@ pub fn write(description: &ModelDescription) -> String {
 /// # Errors
 /// The one [`XmlProblem`] that makes reading impossible: the file is not UTF-8, not XML, or neither FMI 2.0 nor FMI 3.
 pub fn read(bytes: &[u8]) -> Result<Document, XmlProblem> {
-    let text = decode(bytes)?;
-    let root = Element::parse(&text)?;
+    interpret(&root(bytes)?)
+}
+
+/// The root element of an XML document.
+pub(in crate::fmi) fn root(bytes: &[u8]) -> Result<Element, XmlProblem> {
+    Element::parse(&decode(bytes)?)
+}
+
+/// The description whose root element is given.
+pub(in crate::fmi) fn interpret(root: &Element) -> Result<Document, XmlProblem> {
     if root.name != "fmiModelDescription" {
         let message = format!("the root element is <{}>, expected <fmiModelDescription>", root.name);
         return Err(XmlProblem::unusable(root.line, message));
     }
     match root.attribute("fmiVersion").unwrap_or_default() {
-        "2.0" => Ok(fmi2::read(&root)),
-        version if version.starts_with("3.") => Ok(fmi3::read(&root)),
+        "2.0" => Ok(fmi2::read(root)),
+        version if version.starts_with("3.") => Ok(fmi3::read(root)),
         version => {
             let message = format!("fmiVersion is \"{version}\": only FMI 2.0 and 3.0 are supported");
             Err(XmlProblem::unusable(root.line, message))
