@@ -13,7 +13,6 @@ built are skipped.
 import argparse
 import csv
 import importlib.util
-import multiprocessing
 import os
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from typing import Callable, NamedTuple
 import numpy as np
 from fmpy import read_model_description
 
-from installed import HOSTS, PATIENCE, STEP, STEPS, Cell, cell, host, outputs_of
+from installed import HOSTS, PATIENCE, STEP, STEPS, UNABLE, Cell, cell, failure, forked, host, outputs_of, silence
 
 FOLDER = Path(os.environ.get("HOSTS_FOLDER", Path(__file__).parents[2] / "target" / "hosts")).resolve()
 END = STEPS * STEP
@@ -184,7 +183,7 @@ def parameters_before_the_initialization(model, fmu):
     """Compares parameters of a model that is only instantiated with their start values."""
     variables = [variable for variable in read_model_description(str(fmu)).modelVariables if has_start(variable)]
     wrong = [variable.name for variable in variables if float(model.get(variable.name)[0]) != number(variable.start)]
-    return Cell(f"differs: {', '.join(wrong)}" if wrong else f"{len(variables)} right", not wrong)
+    return Cell(f"differs: {', '.join(wrong)}" if wrong else f"{len(variables)} right", not wrong, has_run=True)
 
 
 def rates_and_outputs(model, names, point):
@@ -214,7 +213,7 @@ def linearization(model, fmu):
         numeric = (rates_and_outputs(model, names, point + step) - rates_and_outputs(model, names, point - step)) / 2e-6
         exact[:, column] -= numeric
     largest = np.abs(exact).max()
-    return Cell(f"{largest:.0e}", bool(largest <= OF_DERIVATIVES))
+    return Cell(f"{largest:.0e}", bool(largest <= OF_DERIVATIVES), has_run=True)
 
 
 def couple(models, names, is_corrected):
@@ -236,36 +235,18 @@ def linear_correction(model, fmu):
     """Runs a loop of two FMUs with linear correction, and shows how far it moves their outputs: not at all without direct feedthrough."""
     models, names = [model, load_with_pyfmi(fmu, "CS")], reals_of(read_model_description(str(fmu)))
     corrected, plain = [couple(models, names, is_corrected) for is_corrected in (True, False)]
-    return Cell(f"runs, moves {np.abs(corrected - plain).max():.0e}", bool(np.isfinite(corrected).all()))
+    return Cell(f"runs, moves {np.abs(corrected - plain).max():.0e}", bool(np.isfinite(corrected).all()), has_run=True)
 
 
-def send_checked(to, program, fmu):
-    with open(os.devnull, "w") as nowhere, tempfile.TemporaryDirectory() as folder:
-        os.dup2(nowhere.fileno(), 1)
-        os.dup2(nowhere.fileno(), 2)
+def checked(name, fmu):
+    """Cell of a check of an FMU that it is for."""
+    silence()
+    with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         try:
-            to.send(program.run(load_with_pyfmi(fmu, program.kind), fmu))
+            return CHECKS[name].run(load_with_pyfmi(fmu, CHECKS[name].kind), fmu)
         except Exception as error:
-            to.send(Cell(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", False))
-
-
-def checked(program, fmu):
-    """Cell of a check, in a fork as a crash ends one cell."""
-    if not program.is_for(read_model_description(str(fmu))):
-        return Cell("-", True)
-    fork = multiprocessing.get_context("fork")
-    here, there = fork.Pipe(duplex=False)
-    process = fork.Process(target=send_checked, args=(there, program, fmu))
-    process.start()
-    there.close()
-    try:
-        return here.recv() if here.poll(PATIENCE) else Cell(f"no answer in {PATIENCE} s", False)
-    except EOFError:
-        process.join()
-        return Cell(f"the process ended with {process.exitcode}", False)
-    finally:
-        process.kill()
+            return failure(error)
 
 
 def is_built(name):
@@ -286,7 +267,8 @@ def print_table(fmus, names, cell_of):
 
 
 def cell_of_check(name, fmu):
-    return checked(CHECKS[name], fmu)
+    """Cell of a check, or a dash if it is not for the FMU."""
+    return forked(checked, name, fmu) if CHECKS[name].is_for(read_model_description(str(fmu))) else UNABLE
 
 
 def main():

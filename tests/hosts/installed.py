@@ -42,10 +42,15 @@ class HostProgram(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """Text of a cell of the table, and whether nothing is wrong."""
+    """Text of a cell of the table, whether nothing is wrong, and whether the host ran the FMU to its end."""
 
     text: str
     is_fine: bool
+    has_run: bool
+
+
+# a host that has no way to run the FMU
+UNABLE = Cell("-", is_fine=True, has_run=False)
 
 
 def host(module, interface, versions=(2,)):
@@ -194,28 +199,54 @@ def reference(fmu, description):
         return None
 
 
+def failure(error):
+    """Cell of an exception."""
+    return Cell(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", is_fine=False, has_run=False)
+
+
+def silence():
+    """Discards what this process prints from now on."""
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 1)
+        os.dup2(nowhere.fileno(), 2)
+
+
 def difference(name, fmu):
     """Cell of a host that can load the FMU."""
     description = read_model_description(str(fmu), validate=False)
     expected = reference(fmu, description)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            found = HOSTS[name].run(fmu, description)
-        except Exception as error:
-            return Cell(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", False)
+    silence()
+    try:
+        found = HOSTS[name].run(fmu, description)
+    except Exception as error:
+        return failure(error)
     if expected is None:
-        return Cell("runs, and FMPy does not", False)
+        return Cell("runs, and FMPy does not", is_fine=False, has_run=True)
     missing = set(expected) - set(found)
     if missing:
-        return Cell(f"does not show {', '.join(sorted(missing))}", False)
+        return Cell(f"does not show {', '.join(sorted(missing))}", is_fine=False, has_run=True)
     largest = max((abs(float(found[name]) - value) / max(1.0, abs(value)) for name, value in expected.items()), default=0.0)
-    return Cell(f"{largest:.0e}", largest <= TOLERANCE)
+    return Cell(f"{largest:.0e}", largest <= TOLERANCE, has_run=True)
 
 
-def send_difference(to, name, fmu):
-    to.send(difference(name, fmu))
+def send(to, compute, name, fmu):
+    to.send(compute(name, fmu))
+
+
+def forked(compute, name, fmu):
+    """Cell that a function computes, in a fork as a crash ends one cell."""
+    fork = multiprocessing.get_context("fork")
+    here, there = fork.Pipe(duplex=False)
+    process = fork.Process(target=send, args=(there, compute, name, fmu))
+    process.start()
+    there.close()
+    try:
+        return here.recv() if here.poll(PATIENCE) else Cell(f"no answer in {PATIENCE} s", is_fine=False, has_run=False)
+    except EOFError:
+        process.join()
+        return Cell(f"the process ended with {process.exitcode}", is_fine=False, has_run=False)
+    finally:
+        process.kill()
 
 
 def cell(name, fmu):
@@ -224,22 +255,11 @@ def cell(name, fmu):
     try:
         description = read_model_description(str(fmu), validate=False)
     except Exception as error:
-        return Cell(f"{type(error).__name__}: {' '.join(str(error).split())[:160]}", False)
+        return failure(error)
     offers = description.coSimulation if program.interface == "co-simulation" else description.modelExchange
     if offers is None or int(description.fmiVersion[0]) not in program.versions:
-        return Cell("-", True)
-    fork = multiprocessing.get_context("fork")
-    here, there = fork.Pipe(duplex=False)
-    process = fork.Process(target=send_difference, args=(there, name, fmu))
-    process.start()
-    there.close()
-    try:
-        return here.recv() if here.poll(PATIENCE) else Cell(f"no answer in {PATIENCE} s", False)
-    except EOFError:
-        process.join()
-        return Cell(f"the process ended with {process.exitcode}", False)
-    finally:
-        process.kill()
+        return UNABLE
+    return forked(difference, name, fmu)
 
 
 def column(name, fmus):

@@ -29,15 +29,6 @@ def predictions(fmu):
     return {host["host"]: host["effect"] in RUNNING for host in found["hosts"]} if "hosts" in found else None
 
 
-def has_run(cell):
-    """Returns true if the host ran the FMU to its end: a number is the difference of its outputs from FMPy's, which may not run it."""
-    try:
-        float(cell.text)
-        return True
-    except ValueError:
-        return cell.text.startswith(("runs", "does not show"))
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("fmus", type=Path, nargs="+", help="FMUs, or folders of FMUs")
@@ -54,7 +45,7 @@ def main():
     for place, fmu in enumerate(fmus):
         row = []
         for host, cells in columns.items():
-            runs = has_run(cells[place])
+            runs = cells[place].has_run
             is_right = expected[fmu][NAMES.get(host, host)] == runs
             right[host] += is_right
             row.append(("runs" if runs else "fails") + ("" if is_right else f", predicted otherwise: {cells[place].text}"))
