@@ -14,6 +14,11 @@ elif [ $# != 0 ]; then
   echo "usage: scripts/venv.sh [--peers | --hosts]" >&2
   exit 1
 fi
+# the target of a link belongs to another checkout, and would be emptied
+if [ -L $folder ]; then
+  echo "scripts/venv.sh: $folder is a symbolic link: remove it, then run this script again" >&2
+  exit 1
+fi
 stamp=$folder/requirements.txt
 if cmp -s "$requirements" "$stamp"; then exit 0; fi
 
