@@ -44,7 +44,7 @@ pub(super) struct WrittenVariable<'a> {
     pub kind: &'a Element,
 }
 
-/// Longer texts in a library are no names of functions.
+/// Longest name of a function in bytes.
 const LONGEST_SYMBOL: usize = 200;
 
 /// An interface by which an FMU does not run.

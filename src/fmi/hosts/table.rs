@@ -650,7 +650,7 @@ pub(super) const HOSTS: &[Host] = &[
                 rule(
                     Whole(is_of_fmi_3),
                     Limited,
-                    "the stop time that FMUs of FMI 3.0 are told is 10 s",
+                    "the host gives FMUs of FMI 3.0 a stop time of 10 s",
                     "FMI 2.0 for longer runs",
                 ),
             ],
