@@ -22,6 +22,10 @@ static NUMBER OF(combined)(Combination combination, NUMBER a, NUMBER b)
         return OF(value)(ahead) > R(0.0) ? OF(sum)(angle, OF(apply)(FUNCTION_ATAN, OF(quotient)(across, ahead))) : angle;
     }
     default:
+        /* of equal numbers the one that is smaller an instant later */
+        if (is_zero(OF(value)(b) - OF(value)(a))) {
+            return OF(leading)(OF(difference)(b, a)) < R(0.0) ? b : a;
+        }
         return OF(value)(b) < OF(value)(a) || isnan(OF(value)(b)) ? b : a;
     }
 }

@@ -142,16 +142,18 @@ static inline Jet jet_apply(Function function, Jet a)
         slope = R(0.5) / y;
         curvature = R(-0.25) / (x * y);
         break;
+    /* at a kink or a jump the derivatives are those of the piece that the curve enters */
     case FUNCTION_ABS:
-        slope = x < R(0.0) ? R(-1.0) : R(1.0);
+        slope = jet_leading(a) < R(0.0) ? R(-1.0) : R(1.0);
         break;
+    case FUNCTION_SIGN:
+        return jet_constant(sign(jet_leading(a)));
     case FUNCTION_SMOOTH:
         if (x > R(0.0) && x < R(1.0)) {
             slope = R(6.0) * x * (R(1.0) - x);
             curvature = R(6.0) - R(12.0) * x;
         }
         break;
-    case FUNCTION_SIGN:
     case FUNCTION_FLOOR:
         break;
     }

@@ -35,6 +35,12 @@ static INLINED Real real_value(Real a)
     return a;
 }
 
+/* The first of a number's value and derivatives that is not zero: its sign is the number's an instant later. */
+static INLINED Real real_leading(Real a)
+{
+    return a;
+}
+
 static INLINED Real real_sum(Real a, Real b)
 {
     return a + b;
@@ -90,6 +96,19 @@ static inline Real real_hyperbolic_tangent(Real a)
 
 static INLINED Real jet_value(Jet a)
 {
+    return a.value;
+}
+
+static INLINED bool is_zero(Real a)
+{
+    return a >= R(0.0) && a <= R(0.0);
+}
+
+static INLINED Real jet_leading(Jet a)
+{
+    if (is_zero(a.value)) {
+        return is_zero(a.first) ? a.second : a.first;
+    }
     return a.value;
 }
 

@@ -268,6 +268,64 @@ mod tests {
         }
     }
 
+    /// Formulas with a kink at zero, and their slopes below and above.
+    fn kinks() -> [(Vec<FormulaStep>, [f64; 2]); 3] {
+        use ElementaryFunction::{Abs, Sign};
+        let column = Column(0);
+        // Coulomb's friction, `-8 sign(v) min(1, |v| / 0.01)`, and `1e4 max(0, F) + 300 |F|`
+        let friction = vec![
+            Constant(-8.0),
+            column.clone(),
+            Call(Sign),
+            Combine(Multiply),
+            Constant(1.0),
+            column.clone(),
+            Call(Abs),
+            Constant(0.01),
+            Combine(Divide),
+            Combine(Minimum),
+            Combine(Multiply),
+        ];
+        let rope = vec![
+            Constant(0.0),
+            column.clone(),
+            Combine(Maximum),
+            Constant(1e4),
+            Combine(Multiply),
+            column.clone(),
+            Call(Abs),
+            Constant(300.0),
+            Combine(Multiply),
+            Combine(Add),
+        ];
+        // `min(x, 0) - max(-x, 0)`
+        let slack = vec![
+            column.clone(),
+            Constant(0.0),
+            Combine(Minimum),
+            column,
+            Negate,
+            Constant(0.0),
+            Combine(Maximum),
+            Combine(Subtract),
+        ];
+        [(friction, [-800.0; 2]), (rope, [-300.0, 10300.0]), (slack, [2.0, 0.0])]
+    }
+
+    #[test]
+    fn derivatives_at_a_kink_are_those_of_the_piece_that_is_entered() {
+        for (steps, [below, above]) in kinks() {
+            let formula = Formula::new(steps).unwrap();
+            for (rate, slope) in [(-2.0, below), (3.0, above)] {
+                let jet = formula.series(|_| Jet { value: 0.0, first: rate, second: 0.0 });
+                assert!((jet.first - slope * rate).abs() < 1e-9, "{formula:?}: {jet:?}, expected {slope}");
+            }
+            // at rest the second derivative decides
+            let jet = formula.series(|_| Jet { value: 0.0, first: 0.0, second: 1.0 });
+            assert!((jet.second - above).abs() < 1e-9, "{formula:?}: {jet:?}");
+        }
+    }
+
     #[test]
     fn a_power_of_zero_does_not_change_with_its_exponent() {
         let formula = Formula::new(vec![Column(0), Call(ElementaryFunction::Abs), Column(1), Combine(Power)]).unwrap();

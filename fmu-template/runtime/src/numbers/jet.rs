@@ -12,6 +12,8 @@ pub(crate) trait Number:
     const DEPTH: usize;
     /// Without derivatives.
     fn value(self) -> f64;
+    /// First one of the value and its derivatives that is not zero: its sign is the number's an instant later.
+    fn leading(self) -> f64;
     /// Times a constant.
     fn scaled(self, by: f64) -> Self;
     fn exp(self) -> Self;
@@ -21,14 +23,22 @@ pub(crate) trait Number:
     fn apply(self, function: ElementaryFunction) -> Self;
     fn divided_by(self, other: Self) -> Self;
     fn power(self, exponent: Self) -> Self;
-    /// Smaller one of two numbers; NaN if one of them is.
+    /// Smaller one of two numbers; NaN if one of them is. Of equal ones the one that is smaller an instant later.
     fn smaller(self, other: Self) -> Self {
-        let is_other = other.value() < self.value() || other.value().is_nan();
+        let is_other = if Self::DEPTH > 0 && self.value() == other.value() {
+            (other - self).leading() < 0.0
+        } else {
+            other.value() < self.value() || other.value().is_nan()
+        };
         if is_other { other } else { self }
     }
-    /// Larger one of two numbers; NaN if one of them is.
+    /// Larger one of two numbers; NaN if one of them is. Of equal ones the one that is larger an instant later.
     fn larger(self, other: Self) -> Self {
-        let is_other = other.value() > self.value() || other.value().is_nan();
+        let is_other = if Self::DEPTH > 0 && self.value() == other.value() {
+            (other - self).leading() > 0.0
+        } else {
+            other.value() > self.value() || other.value().is_nan()
+        };
         if is_other { other } else { self }
     }
     /// Angle of the point with this height above the axis, and this distance along it, from -π to π.
@@ -55,6 +65,10 @@ impl Number for f64 {
     const DEPTH: usize = 0;
 
     fn value(self) -> f64 {
+        self
+    }
+
+    fn leading(self) -> f64 {
         self
     }
 
@@ -113,6 +127,11 @@ impl<T: Number> Number for Jet<T> {
         self.value.value()
     }
 
+    fn leading(self) -> f64 {
+        let orders = [self.value, self.first, self.second].map(T::leading);
+        orders.into_iter().find(|order| *order != 0.0).unwrap_or(0.0)
+    }
+
     fn scaled(self, by: f64) -> Self {
         let Self { value, first, second } = self;
         Self { value: value.scaled(by), first: first.scaled(by), second: second.scaled(by) }
@@ -141,8 +160,17 @@ impl<T: Number> Number for Jet<T> {
 
     #[inline(never)]
     fn apply(self, function: ElementaryFunction) -> Self {
-        let value = self.value.apply(function);
-        chain(self, value, derivatives(function, self.value, value))
+        use ElementaryFunction::{Abs, Sign};
+        // at a kink or a jump the derivatives are those of the piece that the curve enters
+        match function {
+            Abs if self.leading() < 0.0 => self.scaled(-1.0),
+            Abs => self,
+            Sign => Self::from(Sign.value(self.leading())),
+            _ => {
+                let value = self.value.apply(function);
+                chain(self, value, derivatives(function, self.value, value))
+            }
+        }
     }
 
     #[inline(never)]
@@ -227,9 +255,9 @@ fn derivatives<T: Number>(function: ElementaryFunction, x: T, y: T) -> [T; 2] {
         Exp => [y, y],
         Ln => [x.recip(), minus((x * x).recip())],
         Sqrt => [y.recip().scaled(0.5), (x * y).recip().scaled(-0.25)],
-        Abs => [if x.value() < 0.0 { minus(one) } else { one }, zero],
         Smooth if x.value() > 0.0 && x.value() < 1.0 => [(x - x * x).scaled(6.0), (x + x - one).scaled(-6.0)],
-        Sign | Floor | Smooth => [zero, zero],
+        // those of `abs` and `sign` depend on the curve
+        Abs | Sign | Floor | Smooth => [zero, zero],
     }
 }
 
