@@ -6,9 +6,10 @@ import shutil
 import sys
 import zipfile
 
+import fmpy
 import numpy as np
 import pytest
-from conftest import ROOT, change, metafmu
+from conftest import ROOT, change, compiled_from_sources, metafmu
 from fmpy import simulate_fmu
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
@@ -135,6 +136,17 @@ def test_a_car_is_in_its_domain_however_far_it_drives(tmp_path):
     assert "nothing depends on it: valid everywhere" in (tmp_path / "study.toml").read_text()
 
 
+def test_a_gear_whose_ratio_is_a_parameter_is_exact_many_turns_away(tmp_path):
+    gear = (ROOT / "examples" / "mechanisms" / "elements" / "gear.toml").read_text()
+    fmu = build(tmp_path, gear, (r"velocity = \[.*\] \}", "velocity_range = [-150.0, 150.0] }"))
+    for ratio in (2.0, 3.1, 4.0):
+        times, in_domain, speed = simulate(fmu, 20.0, ["pinion"], ratio=ratio)
+        inertia, damping = 0.001 + 0.05 / ratio**2, 0.05 / ratio**2
+        expected = 0.2 / damping * (1 - np.exp(-damping / inertia * times))
+        assert in_domain.all() and np.sum(expected) * times[1] > 100 * np.pi
+        assert np.abs(speed - expected).max() < 1e-6 * expected.max()
+
+
 def test_an_engine_whose_force_repeats_after_two_turns_is_in_its_domain(tmp_path):
     fmu = build(tmp_path, ENGINE, (r"velocity = \[.*\] \}", "velocity_range = [-150.0, 150.0] }"))
     assert "a full turn: all angles" in (tmp_path / "study.toml").read_text()
@@ -188,3 +200,42 @@ F = { formula = "k*max(0, s.position - 0.5)", unit = "N" }
 """
     fmu = build(tmp_path, rope)
     assert "no problems found" in metafmu("validate", fmu).stdout
+
+
+KINKS = """
+[inputs]
+F = { min = -5, max = 5 }
+[bodies]
+b = { mass = 1 }
+[joints]
+s = { type = "prismatic", between = ["ground", "b"], axis = [1, 0] }
+[actuators]
+friction = { coordinate = "s.position", effort = "F - 8*sign(s.velocity)*min(1, abs(s.velocity)/0.01) - 8*s.velocity" }
+[outputs]
+G = { formula = "1e4*max(0, F) + 300*abs(F)", unit = "N" }
+"""
+
+
+@pytest.mark.parametrize("kind", ["library", "sources"])
+def test_derivatives_at_a_kink_are_one_sided_slopes(tmp_path, monkeypatch, kind):
+    """Friction at rest has the slope -800 on both sides, and the force of a rope 10300 and -300."""
+    fmu = build(tmp_path, KINKS, (r"velocity = \[.*\] \}", "velocity_range = [-3.0, 3.0] }"))
+    assert "no problems found" in metafmu("validate", fmu).stdout
+    if kind == "sources":
+        metafmu("export", tmp_path / "study.toml", "--out", tmp_path / "out", "--sources", "--fmi", 2)
+    description = fmpy.read_model_description(str(fmu))
+    references = {variable.name: variable.valueReference for variable in description.modelVariables}
+    folder = compiled_from_sources(fmu, monkeypatch) if kind == "sources" else fmpy.extract(str(fmu))
+    instance = fmpy.instantiate_fmu(folder, description, "ModelExchange")
+    instance.setupExperiment(startTime=0.0)
+    instance.enterInitializationMode()
+    for known, unknown, direction, slope in [
+        ("s.velocity", "der(s.velocity)", 1.0, -808.0),
+        ("s.velocity", "der(s.velocity)", -1.0, -808.0),
+        ("F", "G", 2.0, 10300.0),
+        ("F", "G", -1.0, -300.0),
+    ]:
+        derivative = instance.getDirectionalDerivative([references[unknown]], [references[known]], [direction])[0]
+        assert derivative == pytest.approx(slope * direction, rel=1e-12), (known, unknown, direction)
+    instance.freeInstance()
+    shutil.rmtree(folder)

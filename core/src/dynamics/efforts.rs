@@ -112,6 +112,14 @@ impl KnownEfforts {
         formulas.any(|(bound, occurs)| bound.slots.iter().zip(occurs).any(moves))
     }
 
+    /// Returns true if the value of a position, not its rate alone, occurs.
+    pub(super) fn has_position(&self, position: usize) -> bool {
+        let is_value =
+            |(slot, occurs): (&Slot, &Option<usize>)| matches!(slot, Slot::Position(_)) && *occurs == Some(position);
+        let mut formulas = self.bound.iter().zip(&self.occurs);
+        formulas.any(|(bound, occurs)| bound.slots.iter().zip(occurs).any(is_value))
+    }
+
     /// Returns true if a parameter occurs, by its position in the mechanism.
     pub(super) fn has_parameter(&self, parameter: usize) -> bool {
         let mut slots = self.bound.iter().flat_map(|bound| &bound.slots);

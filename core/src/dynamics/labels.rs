@@ -194,6 +194,16 @@ impl<'a> MechanismRegion<'a> {
         Dynamics::functions(self.coordinates(), self.efforts()) + self.efforts.positions()
     }
 
+    /// Flags of the functions: positions of outputs, and positions of which the rate alone enters formulas.
+    pub(super) fn free_positions(&self) -> Vec<bool> {
+        let mut flags = vec![false; self.functions()];
+        let n = self.coordinates();
+        let of_efforts = &mut flags[n * (n + 1) / 2 + 1..][..self.efforts.positions()];
+        of_efforts.iter_mut().enumerate().for_each(|(position, flag)| *flag = !self.efforts.has_position(position));
+        flags[self.functions_of_equations()..].fill(true);
+        flags
+    }
+
     /// Functions that are uniform forces.
     pub(super) fn uniform(&self) -> Range<usize> {
         let (n, positions) = (self.coordinates(), self.efforts.positions());

@@ -157,9 +157,10 @@ const WORTH_IT: f64 = 0.7;
 pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEquations, String> {
     let labels = MechanismRegion::new(mechanism, region)?;
     let (factors, splines) = (labels.factors(), labels.splines()?);
-    let set = FactorSet { factors: &factors, splines: &splines };
     let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
+    let highest = highest_powers(&Comparison::of(&labels, &unseen), &factors);
+    let set = FactorSet { factors: &factors, splines: &splines, highest: &highest };
     let mut samples = OfEquations::default();
     // accelerations have derivatives of the functions, reactions do not
     let mut equations = raise_order((set, 1), (FIRST_ORDER, EXACT), |exponents| {
@@ -329,33 +330,97 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
     let labels = MechanismRegion::new(mechanism, region)?;
     let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
-    let mut scales = labels.scales(samples.samples.labels.iter());
-    let counts = [labels.coordinates(), labels.efforts()];
-    scales.extend(reactions::scales(counts, &samples.sizes, samples.reactions.iter()));
-    let samples = samples.samples;
-    // a function of an angle is the same at both ends of a turn
-    let changes = |column: usize, [low, high]: [f64; 2]| {
-        let changes = samples.points.iter().take(COMPARED).map(|point| {
-            let at = |value: f64| {
-                let mut point = point.clone();
-                point[column] = value;
-                labels.at(&point).map(|label| [label.functions, label.reactions.functions].concat())
-            };
-            let differences = at(low)?.into_iter().zip(at(high)?).map(|(low, high)| high - low);
-            Ok(differences.zip(&scales).any(|(change, scale)| change.abs() > UNCHANGED * scale))
-        });
-        changes.collect::<Result<Vec<bool>, String>>().map(|changes| changes.contains(&true))
-    };
+    let comparison = Comparison::of(&labels, &samples);
     let (mut idle, mut is_used) = (Vec::new(), Vec::new());
     for (index, parameter) in region.parameters.iter().enumerate().filter(|(index, _)| !labels.occurs(*index)) {
-        if !changes(labels.coordinates() + index, [parameter.min, parameter.max])? {
+        if !comparison.changes(labels.coordinates() + index, [parameter.min, parameter.max])?.contains(&true) {
             idle.push(parameter.name.clone());
         }
     }
-    for (k, QuantityRange { min, max, .. }) in region.coordinates.iter().enumerate() {
-        is_used.push(labels.is_in_formula(k) || changes(k, [*min, min + ELSEWHERE * (max - min)])?);
+    for (k, range) in region.coordinates.iter().enumerate() {
+        is_used.push(labels.is_in_formula(k) || comparison.is_limited_along(k, range)?);
     }
     Ok(Checked { idle, is_periodic: labels.periods().iter().map(Option::is_some).collect(), is_used })
+}
+
+/// Functions of a region at values of one column, elsewhere at some of its configurations.
+struct Comparison<'a> {
+    labels: &'a MechanismRegion<'a>,
+    points: &'a [RegionPoint],
+    /// Largest magnitudes of the functions, with those of joints and springs.
+    scales: Vec<f64>,
+}
+
+impl<'a> Comparison<'a> {
+    fn of(labels: &'a MechanismRegion<'a>, samples: &'a OfEquations) -> Self {
+        let mut scales = labels.scales(samples.samples.labels.iter());
+        let counts = [labels.coordinates(), labels.efforts()];
+        scales.extend(reactions::scales(counts, &samples.sizes, samples.reactions.iter()));
+        let points = &samples.samples.points;
+        Self { labels, points: &points[..points.len().min(COMPARED)], scales }
+    }
+
+    fn at(&self, point: &RegionPoint, column: usize, value: f64) -> Result<Vec<f64>, String> {
+        let mut point = point.clone();
+        point[column] = value;
+        self.labels.at(&point).map(|label| [label.functions, label.reactions.functions].concat())
+    }
+
+    /// For each function, true if it differs between two values of a column.
+    fn changes(&self, column: usize, [low, high]: [f64; 2]) -> Result<Vec<bool>, String> {
+        let mut changes = vec![false; self.scales.len()];
+        for point in self.points {
+            let ends = self.at(point, column, low)?.into_iter().zip(self.at(point, column, high)?);
+            for ((changes, (low, high)), scale) in changes.iter_mut().zip(ends).zip(&self.scales) {
+                *changes |= (high - low).abs() > UNCHANGED * scale;
+            }
+        }
+        Ok(changes)
+    }
+
+    /// For each function, true if it is no straight line along a coordinate, or cannot be evaluated all along its range.
+    fn bends(&self, column: usize, QuantityRange { min, max, .. }: &QuantityRange) -> Vec<bool> {
+        let mut bends = vec![false; self.scales.len()];
+        let between = min + ELSEWHERE * (max - min);
+        for point in self.points {
+            let [Ok(low), Ok(middle), Ok(high)] = [*min, between, *max].map(|value| self.at(point, column, value))
+            else {
+                return vec![true; self.scales.len()];
+            };
+            for (function, bends) in bends.iter_mut().enumerate() {
+                let straight = low[function] + ELSEWHERE * (high[function] - low[function]);
+                *bends |= (middle[function] - straight).abs() > UNCHANGED * self.scales[function];
+            }
+        }
+        bends
+    }
+
+    /// Returns true if functions are known in a range of a coordinate only: they depend on it, and are no positions that are straight lines and
+    /// enter no formula.
+    fn is_limited_along(&self, coordinate: usize, range: &QuantityRange) -> Result<bool, String> {
+        // a function of an angle is the same at both ends of a turn
+        let elsewhere = range.min + ELSEWHERE * (range.max - range.min);
+        let changes = self.changes(coordinate, [range.min, elsewhere])?;
+        if !changes.contains(&true) {
+            return Ok(false);
+        }
+        let free = self.labels.free_positions();
+        let bends = self.bends(coordinate, range);
+        let may_change = |function: usize| free.get(function).is_some_and(|is_free| *is_free) && !bends[function];
+        Ok((0..changes.len()).any(|function| changes[function] && !may_change(function)))
+    }
+}
+
+/// Highest power of each coordinate that products may have: the first one if all functions are straight lines along it. They are known beyond
+/// the range of such a coordinate, where higher powers of rounding errors would grow without limit.
+fn highest_powers(comparison: &Comparison, factors: &[Factor]) -> Vec<i16> {
+    let mut highest = vec![i16::MAX; factors.len()];
+    for (k, range) in comparison.labels.ranges().take(comparison.labels.coordinates()).enumerate() {
+        if factors[k] != Factor::Angle && !comparison.bends(k, range).contains(&true) {
+            highest[k] = 1;
+        }
+    }
+    highest
 }
 
 /// Number of configurations that determine these terms.

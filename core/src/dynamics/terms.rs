@@ -13,11 +13,13 @@ pub(super) struct FactorSet<'a> {
     pub(super) factors: &'a [Factor],
     /// Splines of columns.
     pub(super) splines: &'a [SplineFactor],
+    /// Highest power of each column in a product; empty if none is limited.
+    pub(super) highest: &'a [i16],
 }
 
 impl<'a> From<&'a [Factor]> for FactorSet<'a> {
     fn from(factors: &'a [Factor]) -> Self {
-        Self { factors, splines: &[] }
+        Self { factors, splines: &[], highest: &[] }
     }
 }
 
@@ -37,8 +39,13 @@ pub(super) fn exponents_with_splines(set: FactorSet, order: [usize; 2], derivati
         };
         powers = powers.iter().flat_map(with).collect();
     }
+    let is_allowed = |own: &&Vec<i16>| own.iter().zip(set.highest).all(|(exponent, highest)| exponent <= highest);
     let of_columns = exponents(set.factors, order);
-    of_columns.iter().flat_map(|own| powers.iter().map(|(powers, _)| [&own[..], powers].concat())).collect()
+    of_columns
+        .iter()
+        .filter(is_allowed)
+        .flat_map(|own| powers.iter().map(|(powers, _)| [&own[..], powers].concat()))
+        .collect()
 }
 
 /// The exponents of all products whose harmonics have at most the first order in sum, and whose powers at most the second.

@@ -120,6 +120,33 @@ fn equations_do_not_depend_on_a_position_that_only_rates_and_weights_have() {
 }
 
 #[test]
+fn a_gear_whose_ratio_is_a_parameter_is_exact_at_all_angles() {
+    let text = r#"
+        parameters.ratio = { default = 2, min = 2, max = 4 }
+        bodies.pinion = { inertia = 0.001 }
+        bodies.wheel = { inertia = 0.05 }
+        joints.shaft = { type = "revolute", between = ["ground", "pinion"] }
+        joints.axle = { type = "revolute", between = ["ground", "wheel"] }
+        couplings.gear = { coordinate = "wheel.angle", follows = "-pinion.angle/ratio" }
+        actuators.motor = { coordinate = "pinion.angle", effort = 0.2 }
+        actuators.load = { coordinate = "wheel.angle", effort = "-0.05*wheel.angular_velocity" }
+        outputs.wheel = { measure = "wheel.angle" }
+    "#;
+    let region = Region { outputs: vec!["wheel".into()], ..region(&[("shaft.angle", 3.0)], &[("ratio", 2.0, 4.0)]) };
+    let fitted = fit(&parse(text), &region, 1).unwrap();
+    assert!(fitted.error < 1e-12 && !fitted.dynamics.is_limited_along(0), "{:e}", fitted.error);
+    assert!(fitted.positions.output_is_straight(0, 0));
+    let ratio = 3.1;
+    let found = accelerations(&fitted, [&[500.0], &[7.0], &[], &[ratio]])[0];
+    let expected = (0.2 - 0.05 * 7.0 / (ratio * ratio)) / (0.001 + 0.05 / (ratio * ratio));
+    assert!((found - expected).abs() < 1e-9 * expected.abs(), "{found} {expected}");
+    // a spring acts by the angle, which is a straight line along it
+    let sprung = format!("{text}\n springs.k = {{ coordinate = \"wheel.angle\", stiffness = 3 }}");
+    let fitted = fit(&parse(&sprung), &region, 1).unwrap();
+    assert!(fitted.error < 1e-12 && fitted.dynamics.is_limited_along(0), "{:e}", fitted.error);
+}
+
+#[test]
 fn forces_repeat_after_the_turns_of_their_tables_and_gears() {
     let shaft = |effort: &str| {
         format!(

@@ -244,6 +244,23 @@ impl Dictionary {
         self.products.iter().filter(is_in).any(|term| self.has_column(term.factors.clone(), column))
     }
 
+    /// Returns true if an output is a straight line along a column, or does not depend on it.
+    pub fn output_is_straight(&self, output: usize, column: usize) -> bool {
+        let is_in =
+            |term: &&PreparedTerm| self.coefficients[term.coefficients.clone()].iter().any(|(of, _)| *of == output);
+        self.products.iter().filter(is_in).all(|term| self.is_straight(term.factors.clone(), column))
+    }
+
+    /// Returns true if a product has a column as a factor of the first power at most.
+    fn is_straight(&self, factors: Range<usize>, column: usize) -> bool {
+        let mut of_column = self.factors[factors].iter().filter(|(of, _)| self.columns[*of].of == column);
+        let is_first_power = |(of, atom): &(usize, usize)| {
+            let Column { factor, atoms, .. } = &self.columns[*of];
+            matches!(factor, ColumnFactor::Own(Factor::Power { .. })) && *atom == atoms.start
+        };
+        of_column.next().is_none_or(is_first_power) && of_column.next().is_none()
+    }
+
     /// Returns true if some of the factors are functions of a column.
     fn has_column(&self, factors: Range<usize>, column: usize) -> bool {
         self.factors[factors].iter().any(|(of, _)| self.columns[*of].of == column)

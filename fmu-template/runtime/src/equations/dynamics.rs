@@ -321,6 +321,21 @@ impl Dynamics {
             || self.forces.as_ref().is_some_and(|forces| forces.depends_on(column))
     }
 
+    /// Returns true if equations are known in a range of a coordinate only: functions or efforts depend on it. A position whose rate alone enters
+    /// efforts may be a straight line along it.
+    pub fn is_limited_along(&self, coordinate: usize) -> bool {
+        let first = self.coordinates * (self.coordinates + 1) / 2 + 1;
+        let is_limited = |function: usize| match function.checked_sub(first) {
+            Some(position) if position < self.efforts.positions() && !self.efforts.has_position(position) => {
+                !self.function_set.function_is_straight(function, coordinate)
+            }
+            _ => self.function_set.function_depends_on(function, coordinate),
+        };
+        (0..self.function_set.dictionary().outputs()).any(is_limited)
+            || self.efforts.depends_on(coordinate)
+            || self.forces.as_ref().is_some_and(|forces| forces.depends_on(coordinate))
+    }
+
     /// Returns true if a force `F_k` other than zero acts on a coordinate, and no coordinate changes it.
     pub fn is_uniform(&self, coordinate: usize) -> bool {
         let force = self.differentiated() + coordinate;

@@ -134,6 +134,11 @@ impl Efforts {
         self.formulas[formula].columns().map(|column| self.column(column))
     }
 
+    /// Returns true if the value of a position, not its rate alone, is in a formula.
+    pub(super) fn has_position(&self, position: usize) -> bool {
+        (0..self.count()).any(|formula| self.columns(formula).any(|of| of == EffortColumn::Position(position)))
+    }
+
     /// Returns true if a formula has a column, or a position that moves along with a coordinate, by its position among the
     /// coordinates and parameters. The rate of such a position depends on the coordinate only as far as functions do.
     pub(super) fn depends_on(&self, column: usize) -> bool {

@@ -92,6 +92,12 @@ impl FunctionSet {
         self.dictionary.output_depends_on(function, column) || self.network.as_ref().is_some_and(of_network)
     }
 
+    /// Returns true if a function is a straight line along a column, or does not depend on it: then it is known beyond the column's range.
+    pub fn function_is_straight(&self, function: usize, column: usize) -> bool {
+        let of_network = |network: &NetworkTerm| network.outputs.contains(&function) && network.depends_on(column);
+        self.dictionary.output_is_straight(function, column) && !self.network.as_ref().is_some_and(of_network)
+    }
+
     /// Returns true if a function is zero everywhere.
     pub fn is_zero(&self, function: usize) -> bool {
         self.dictionary.is_zero(function)
