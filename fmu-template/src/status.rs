@@ -2,6 +2,7 @@
 //! of the function.
 
 use crate::state::InstanceState;
+use metafmu_runtime::exact;
 
 /// Smallest size of a communication step that is not zero, in seconds: shorter ones cannot be divided in double precision.
 pub(crate) const SMALLEST_STEP: f64 = 1e-30;
@@ -22,11 +23,15 @@ pub(crate) enum Status {
 /// The call was carried out and returns OK, but the user should know: the message is logged.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub(crate) enum Warning {
-    #[error("variable `{name}`: {value} is outside {valid}; outputs are {instead} (said once a run)")]
+    #[error(
+        "variable `{name}`: {value} is outside {valid}; outputs are {instead} (said once a run)",
+        value = exact(*value)
+    )]
     OutsideDomain { name: String, value: f64, valid: String, instead: &'static str },
     #[error(
         "variable `{name}`: changed from {from} to {to} during the run; outputs are those of a run that has had {to} \
-         since its start (said once a run)"
+         since its start (said once a run)",
+        from = exact(*from), to = exact(*to)
     )]
     Changed { name: String, from: f64, to: f64 },
     #[error(
@@ -77,11 +82,14 @@ pub(crate) enum Refusal {
     SetParameter { name: String, reference: u32, variability: &'static str, state: InstanceState },
     #[error("variable `{name}` (value reference {reference}): {value} is not finite")]
     ValueNotFinite { name: String, reference: u32, value: f64, status: Status },
-    #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)")]
+    #[error("parameter `domain_policy`: {found}, expected 0 (warn), 1 (clamp) or 2 (error)", found = exact(*found))]
     Policy { found: f64 },
-    #[error("variable `{name}`: {value} is outside {valid}, and domain_policy is 2")]
+    #[error("variable `{name}`: {value} is outside {valid}, and domain_policy is 2", value = exact(*value))]
     OutsideDomain { name: String, value: f64, valid: String, status: Status },
-    #[error("variable `{name}`: {to} instead of {from} as at the start of the run, and domain_policy is 2")]
+    #[error(
+        "variable `{name}`: {to} instead of {from} as at the start of the run, and domain_policy is 2",
+        from = exact(*from), to = exact(*to)
+    )]
     Changed { name: String, from: f64, to: f64, status: Status },
     #[error(
         "the inputs are in their ranges, but {distance:.3} of the ranges away from where training data are near, and domain_policy is 2"
@@ -101,19 +109,22 @@ pub(crate) enum Refusal {
     NotFinite { argument: &'static str, value: f64 },
     #[error("argument `{argument}`: {value} is not finite; the states stay what they were")]
     StateNotFinite { argument: &'static str, value: f64 },
-    #[error("stop time {stop} is before start time {start}")]
+    #[error("stop time {stop} is before start time {start}", start = exact(*start), stop = exact(*stop))]
     StopTime { start: f64, stop: f64 },
     #[error("the instance was made with eventModeUsed = false")]
     NoEventMode,
-    #[error("communication step size {size} is negative")]
+    #[error("communication step size {size} is negative", size = exact(*size))]
     NegativeStep { size: f64 },
     #[error("communication step size {size:e} is below {SMALLEST_STEP:e} s, the smallest one, and not zero")]
     ShortStep { size: f64 },
-    #[error("current communication point is {found}, expected {expected}, where the last step ended")]
+    #[error(
+        "current communication point is {found}, expected {expected}, where the last step ended",
+        found = exact(*found), expected = exact(*expected)
+    )]
     CommunicationPoint { found: f64, expected: f64 },
-    #[error("a step to {time} would go past the stop time {stop}")]
+    #[error("a step to {time} would go past the stop time {stop}", time = exact(*time), stop = exact(*stop))]
     PastStopTime { time: f64, stop: f64 },
-    #[error("tolerance {found} is negative or not finite")]
+    #[error("tolerance {found} is negative or not finite", found = exact(*found))]
     Tolerance { found: f64 },
     #[error(
         "the equations have no finite solution in this state: a formula is not defined there, a mass matrix is not positive \
@@ -122,19 +133,27 @@ pub(crate) enum Refusal {
     NotComputable { status: Status },
     #[error(
         "the states are not finite {after} s after the beginning of the step: the motion diverges, or reaches a state \
-         in which the equations have no finite solution"
+         in which the equations have no finite solution",
+        after = exact(*after)
     )]
     Diverged { after: f64, status: Status },
     #[error("{}{of}", when(.after))]
     Implausible { after: Option<f64>, of: Implausible, status: Status },
     #[error(
         "no step of the solver is short enough {after} s after the beginning of the step: the motion diverges, or the equations \
-         have a singularity"
+         have a singularity",
+        after = exact(*after)
     )]
     Underflow { after: f64, status: Status },
-    #[error("the outputs are not finite at the sample {after} s after the beginning of the step: the model diverges")]
+    #[error(
+        "the outputs are not finite at the sample {after} s after the beginning of the step: the model diverges",
+        after = exact(*after)
+    )]
     OutputsDiverged { after: f64, status: Status },
-    #[error("communication step size {size} takes more than ten million steps of the solver, expected a smaller one")]
+    #[error(
+        "communication step size {size} takes more than ten million steps of the solver, expected a smaller one",
+        size = exact(*size)
+    )]
     LongStep { size: f64 },
     #[error("the state belongs to another FMU, or to another FMI version or interface of this one")]
     ForeignState,
@@ -149,7 +168,9 @@ pub(crate) enum Refusal {
 /// A state that no motion leads to.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "state `{name}` is {value}, which is not plausible: expected {valid}, and at most {limit} in magnitude; the motion diverges"
+    "state `{name}` is {value}, which is not plausible: expected {valid}, and at most {limit} in magnitude; the motion diverges",
+    value = exact(*value),
+    limit = exact(*limit)
 )]
 pub(crate) struct Implausible {
     pub name: String,
@@ -159,7 +180,7 @@ pub(crate) struct Implausible {
 }
 
 fn when(after: &Option<f64>) -> String {
-    after.map_or(String::new(), |after| format!("{after} s after the beginning of the step, "))
+    after.map_or(String::new(), |after| format!("{} s after the beginning of the step, ", exact(after)))
 }
 
 impl Refusal {

@@ -2,6 +2,7 @@
 //!
 //! Records hold the largest number for what is infinite or NaN, because JSON has neither. Here it is "not finite".
 
+pub use metafmu_runtime::exact;
 use std::fmt::{Display, Write};
 
 /// Text for a number that is infinite, NaN, or the largest one.
@@ -35,16 +36,6 @@ pub fn number(value: f64) -> String {
 /// Formats a number as a power of ten with this many decimals, for instance `1.8e-7` with one.
 pub fn power(value: f64, decimals: usize) -> String {
     if is_proper(value) { format!("{value:.decimals$e}") } else { NOT_FINITE.into() }
-}
-
-/// Formats a number with all of its digits, and with a power of ten below 1e-5 and from 1e16 on: never hundreds of zeros.
-pub fn exact(value: f64) -> String {
-    let magnitude = value.abs();
-    if magnitude == 0.0 || (1e-5..1e16).contains(&magnitude) || !value.is_finite() {
-        format!("{value}")
-    } else {
-        format!("{value:e}")
-    }
 }
 
 /// Range that a number must be in, for instance `1 to 2`; an end that is infinite is left out, as in `at most 2`.
@@ -116,11 +107,6 @@ mod tests {
         for (found, text) in [
             (power(1.234e-7, 1), "1.2e-7"),
             (power(f64::MAX, 3), "not finite"),
-            (exact(5e-324), "5e-324"),
-            (exact(-1e300), "-1e300"),
-            (exact(0.1), "0.1"),
-            (exact(12.0), "12"),
-            (exact(0.0), "0"),
             (ends(0.5, 2.0), "0.5 to 2"),
             (ends(f64::NEG_INFINITY, 2.0), "at most 2"),
             (ends(0.5, f64::INFINITY), "at least 0.5"),

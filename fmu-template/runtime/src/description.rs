@@ -1,5 +1,6 @@
 //! Description of variables: names, units, roles, ranges.
 
+use crate::exact;
 use serde::{Deserialize, Serialize};
 
 /// How an input's value becomes one or several columns of the network.
@@ -139,7 +140,10 @@ impl State {
 
     /// Description of the valid values.
     pub fn valid(&self) -> String {
-        self.range.map_or("all numbers".into(), |[min, max]| format!("the training range from {min} to {max}"))
+        match self.range {
+            Some([min, max]) => format!("the training range from {} to {}", exact(min), exact(max)),
+            None => "all numbers".into(),
+        }
     }
 }
 

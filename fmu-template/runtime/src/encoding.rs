@@ -1,6 +1,6 @@
 //! Encodings: from the inputs' values to the columns of the network.
 
-use crate::{Encoding, FormatError, Input, Role};
+use crate::{Encoding, FormatError, Input, Role, exact};
 use std::f64::consts::TAU;
 
 impl Input {
@@ -15,7 +15,7 @@ impl Input {
     /// Description of the valid values: for instance `the training range from 0 to 2`.
     pub fn valid(&self) -> String {
         match &self.encoding {
-            Encoding::Plain => format!("the training range from {} to {}", self.min, self.max),
+            Encoding::Plain => format!("the training range from {} to {}", exact(self.min), exact(self.max)),
             Encoding::Nominal(values) => format!("the trained values {}", list(values)),
             Encoding::Periodic => "all numbers".into(),
         }
@@ -47,7 +47,7 @@ impl Input {
 
 /// Numbers, separated by commas.
 fn list(values: &[f64]) -> String {
-    values.iter().map(f64::to_string).collect::<Vec<_>>().join(", ")
+    values.iter().copied().map(exact).collect::<Vec<_>>().join(", ")
 }
 
 /// Position of the value that is nearest to `x`; of two the first.

@@ -1,5 +1,6 @@
 //! Errors in a model file.
 
+use crate::exact;
 use safetensors::SafeTensorError;
 
 /// Version of the layout described in this module.
@@ -175,7 +176,7 @@ pub enum FormatError {
         name: String,
     },
     /// A range that is empty or not finite.
-    #[error("variable `{name}`: range from {min} to {max} is empty or not finite")]
+    #[error("variable `{name}`: range from {min} to {max} is empty or not finite", min = exact(*min), max = exact(*max))]
     EmptyRange {
         /// The variable.
         name: String,
@@ -185,7 +186,10 @@ pub enum FormatError {
         max: f64,
     },
     /// A start value outside the range.
-    #[error("variable `{name}`: start {start} is not between {min} and {max}")]
+    #[error(
+        "variable `{name}`: start {start} is not between {min} and {max}",
+        start = exact(*start), min = exact(*min), max = exact(*max)
+    )]
     StartOutsideRange {
         /// The variable.
         name: String,
@@ -368,7 +372,7 @@ pub enum FormatError {
         found: f64,
     },
     /// A time step that is zero, negative or not finite.
-    #[error("time step {found} is not positive")]
+    #[error("time step {found} is not positive", found = exact(*found))]
     TimeStep {
         /// Value in the file.
         found: f64,

@@ -64,7 +64,7 @@ pub use error::FormatError;
 pub use graph::Graph;
 pub use metadata::Metadata;
 pub use network::{Layer, Numbers, ScaledNetwork, Scaling};
-pub use numbers::{activation::Activation, jet::Jet};
+pub use numbers::{activation::Activation, decimal::exact, jet::Jet};
 pub use program::{
     Clock, CommunicationStep, Drive, Evaluator, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Ports,
     Program, Sampling, Scale, StepError, Support,

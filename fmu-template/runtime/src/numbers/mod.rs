@@ -2,6 +2,7 @@
 
 pub(crate) mod activation;
 pub(crate) mod combination;
+pub(crate) mod decimal;
 pub(crate) mod elementary;
 pub(crate) mod exponential;
 pub(crate) mod jet;
