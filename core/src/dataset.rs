@@ -63,6 +63,17 @@ impl DatasetColumns<'_> {
 }
 
 impl Run {
+    /// The first rows of a run with this number of outputs.
+    pub fn beginning(&self, rows: usize, outputs: usize) -> Self {
+        let inputs = self.inputs.len() / self.times.len().max(1);
+        Self {
+            parameters: self.parameters.clone(),
+            times: self.times[..rows].into(),
+            inputs: self.inputs[..rows * inputs].to_vec(),
+            outputs: self.outputs[..rows * outputs].to_vec(),
+        }
+    }
+
     /// Each row's time and outputs.
     pub fn rows(&self) -> impl Iterator<Item = (f64, &[f64])> {
         let width = self.outputs.len() / self.times.len().max(1);

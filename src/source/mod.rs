@@ -27,7 +27,7 @@ use crate::{
 };
 pub use journal::Journal;
 use metafmu_runtime::{BuiltIn, Output, State};
-pub use own_equations::integrate_own_equations;
+pub use own_equations::{OwnRuns, integrate_own_equations};
 pub use point::{MovingMechanism, MovingPoint};
 pub use recorded::Recorded;
 pub use rows::StaticRows;

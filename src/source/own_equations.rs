@@ -14,6 +14,17 @@ const ACCURATE: f64 = 1e-6;
 /// Change relative to the difference from the source's own run at which it is accurate enough.
 const PART: f64 = 1e-3;
 
+/// Share of the rows that must be known for a comparison.
+const ENOUGH: f64 = 0.5;
+
+/// Result of the integration of a source's own equations along runs.
+pub enum OwnRuns {
+    /// Outputs of each run, `[rows, outputs]`, up to the row at which the integration stops to converge or to be possible.
+    Integrated(Vec<Vec<f64>>),
+    /// The integration was not possible, for this reason.
+    Unable(&'static str),
+}
+
 /// Runs with the same rows, whose equations one process evaluates together.
 struct OwnEquations<'a> {
     process: &'a mut dyn WorkerProcess,
@@ -24,50 +35,60 @@ struct OwnEquations<'a> {
     counts: [usize; 4],
 }
 
-/// States and outputs of all runs, run by run.
+/// Outputs of all runs, run by run, which are NaN once a run has ended.
 type EquationRuns = Vec<Vec<f64>>;
 
-/// Outputs of the source's own equations at the rows of runs, by Runge and Kutta's method of order 4 with as many steps as it needs: shape
-/// `[times, outputs]` for each run. None if the equations cannot be evaluated all along, or the method does not converge.
+/// Integrates the source's own equations along runs, by Runge and Kutta's method of order 4 with as many steps as it needs.
 ///
 /// # Errors
 /// Those of a process that cannot be started, [`Error::Interrupted`].
-pub fn integrate_own_equations(
-    model: &WorkerModel,
-    runs: &[Run],
-    workers: Workers<'_>,
-) -> Result<Option<EquationRuns>> {
+pub fn integrate_own_equations(model: &WorkerModel, runs: &[Run], workers: Workers<'_>) -> Result<OwnRuns> {
     let Some(first) = runs.first().filter(|run| runs.iter().all(|other| other.times == run.times)) else {
-        return Ok(None);
+        return Ok(OwnRuns::Unable("the test runs have different rows"));
     };
     let Some(states) = model.driven().map(|driven| driven.states().len()).filter(|states| *states > 0) else {
-        return Ok(None);
+        return Ok(OwnRuns::Unable("the source offers none"));
     };
     let inputs = first.inputs.len() / first.times.len().max(1);
     let outputs = first.outputs.len() / first.times.len().max(1);
     let (counts, time_limit) = ([model.parameters(), inputs, states, outputs], model.time_limit());
-    model.with_equations(workers, |process| {
+    let result = model.with_equations(workers, |process| {
         OwnEquations { process, time_limit, stop: workers.stop, runs, counts }.converged()
-    })
+    })?;
+    Ok(result.unwrap_or(OwnRuns::Unable("a process of the source makes only one run")))
 }
 
 impl OwnEquations<'_> {
     /// The outputs with a number of steps of which half gives the same outputs.
-    fn converged(&mut self) -> Result<Option<EquationRuns>> {
+    fn converged(&mut self) -> Result<OwnRuns> {
         let mut coarse: Option<EquationRuns> = None;
+        let mut known = Vec::new();
         let mut steps = 1;
         while steps <= MOST_STEPS {
-            let Some(fine) = self.integrate(steps)? else { return Ok(None) };
-            if coarse.is_some_and(|coarse| self.has_converged(&coarse, &fine)) {
-                return Ok(Some(fine));
+            let Some(mut fine) = self.integrate(steps)? else {
+                return Ok(OwnRuns::Unable("the source could not evaluate them along the test runs"));
+            };
+            if let Some(coarse) = coarse {
+                let rows = self.converged_rows(&coarse, &fine);
+                let is_last = steps == MOST_STEPS || rows.iter().all(|rows| *rows == self.runs[0].times.len());
+                fine.iter_mut().zip(&rows).for_each(|(outputs, rows)| outputs.truncate(rows * self.counts[3]));
+                if is_last {
+                    known = fine;
+                    break;
+                }
             }
-            steps *= 2;
             coarse = Some(fine);
+            steps *= 2;
         }
-        Ok(None)
+        let rows = known.iter().map(Vec::len).sum::<usize>() as f64;
+        let all = self.runs.iter().map(|run| run.outputs.len()).sum::<usize>() as f64;
+        if rows < ENOUGH * all {
+            return Ok(OwnRuns::Unable("the integration does not converge on most of the rows"));
+        }
+        Ok(OwnRuns::Integrated(known))
     }
 
-    /// The outputs of all runs with some steps between two rows; none if the equations cannot be evaluated.
+    /// The outputs of all runs with some steps between two rows; none if the source cannot evaluate the equations.
     fn integrate(&mut self, steps: usize) -> Result<Option<EquationRuns>> {
         let [parameters, _, states, _] = self.counts;
         let times = self.runs[0].times.clone();
@@ -81,18 +102,17 @@ impl OwnEquations<'_> {
             }
             let h = (times[row + 1] - times[row]) / steps as f64;
             for step in 0..steps {
-                let at = |part: f64| (step as f64 + part) / steps as f64;
-                let moved = |by: f64, rates: &[f64]| y.iter().zip(rates).map(|(y, rate)| y + by * rate).collect();
+                let [begin, middle, end] = [0.0, 0.5, 1.0].map(|part| (step as f64 + part) / steps as f64);
                 if step > 0 {
-                    let Some(found) = self.evaluate(row, at(0.0), &y, None)? else { return Ok(None) };
-                    rates = found;
+                    let Some(again) = self.evaluate(row, begin, &y, None)? else { return Ok(None) };
+                    rates = again;
                 }
-                let middle: Vec<f64> = moved(0.5 * h, &rates);
-                let Some(second) = self.evaluate(row, at(0.5), &middle, None)? else { return Ok(None) };
-                let middle: Vec<f64> = moved(0.5 * h, &second);
-                let Some(third) = self.evaluate(row, at(0.5), &middle, None)? else { return Ok(None) };
-                let end: Vec<f64> = moved(h, &third);
-                let Some(fourth) = self.evaluate(row, at(1.0), &end, None)? else { return Ok(None) };
+                let trial = moved(&y, 0.5 * h, &rates);
+                let Some(second) = self.evaluate(row, middle, &trial, None)? else { return Ok(None) };
+                let trial = moved(&y, 0.5 * h, &second);
+                let Some(third) = self.evaluate(row, middle, &trial, None)? else { return Ok(None) };
+                let trial = moved(&y, h, &third);
+                let Some(fourth) = self.evaluate(row, end, &trial, None)? else { return Ok(None) };
                 for (k, y) in y.iter_mut().enumerate() {
                     *y += h / 6.0 * (rates[k] + 2.0 * (second[k] + third[k]) + fourth[k]);
                 }
@@ -101,8 +121,8 @@ impl OwnEquations<'_> {
         Ok(Some(outputs))
     }
 
-    /// Derivatives of the states of all runs at a part of the way from a row to the next one, and on request their outputs; none if they
-    /// cannot be evaluated.
+    /// Derivatives of the states of all runs at a part of the way from a row to the next one, and on request their outputs; none if the source
+    /// cannot evaluate them. A run with a state or a value that is not finite has ended.
     fn evaluate(
         &mut self,
         row: usize,
@@ -119,16 +139,23 @@ impl OwnEquations<'_> {
             // inputs are linear between two rows
             request
                 .extend((0..inputs).map(|input| value(row, input) + part * (value(next, input) - value(row, input))));
-            request.extend_from_slice(states);
+            // a run that has ended must not disturb the others: the source evaluates its initial states again
+            let has_ended = states.iter().any(|state| !state.is_finite());
+            request.extend_from_slice(if has_ended { &run.parameters[parameters..][..count] } else { states });
         }
-        let values = match self.process.run(&request, self.time_limit, self.stop) {
+        let mut values = match self.process.run(&request, self.time_limit, self.stop) {
             WorkerReply::Done(values) => values,
             WorkerReply::Stopped => return Err(Error::Interrupted),
             WorkerReply::Failed(_) | WorkerReply::TimedOut => return Ok(None),
         };
         let per_run = values.len() / self.runs.len();
-        if per_run < count + width || values.iter().any(|value| !value.is_finite()) {
+        if per_run < count + width {
             return Ok(None);
+        }
+        for (values, states) in values.chunks_mut(per_run).zip(states.chunks(count)) {
+            if values.iter().chain(states).any(|value| !value.is_finite()) {
+                values.fill(f64::NAN);
+            }
         }
         if let Some(outputs) = outputs {
             for (outputs, values) in outputs.iter_mut().zip(values.chunks(per_run)) {
@@ -138,21 +165,49 @@ impl OwnEquations<'_> {
         Ok(Some(values.chunks(per_run).flat_map(|values| values[..count].iter().copied()).collect()))
     }
 
-    /// Returns true if shorter steps change nothing that matters.
-    fn has_converged(&self, coarse: &EquationRuns, fine: &EquationRuns) -> bool {
-        let width = self.counts[3];
-        let largest =
-            |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |largest: f64, value| largest.max(value.abs()));
-        let of_run = |((run, coarse), fine): ((&Run, &Vec<f64>), &Vec<f64>)| {
-            (0..width).all(|output| {
-                let column = |values: &[f64]| values.iter().skip(output).step_by(width).copied().collect::<Vec<f64>>();
-                let (source, coarse, fine) = (column(&run.outputs), column(coarse), column(fine));
-                let size = largest(&mut fine.iter().copied());
-                let change = largest(&mut coarse.iter().zip(&fine).map(|(a, b)| a - b));
-                let difference = largest(&mut source.iter().zip(&fine).map(|(a, b)| a - b));
-                change <= (ACCURATE * size).max(PART * difference)
-            })
-        };
-        self.runs.iter().zip(coarse).zip(fine).all(of_run)
+    /// Number of the first rows of each run in which shorter steps change nothing that matters.
+    fn converged_rows(&self, coarse: &EquationRuns, fine: &EquationRuns) -> Vec<usize> {
+        let runs = self.runs.iter().zip(coarse.iter().zip(fine));
+        runs.map(|(run, (coarse, fine))| converged_rows(&run.outputs, coarse, fine, self.counts[3])).collect()
+    }
+}
+
+/// States after a step with these rates.
+fn moved(states: &[f64], by: f64, rates: &[f64]) -> Vec<f64> {
+    states.iter().zip(rates).map(|(state, rate)| state + by * rate).collect()
+}
+
+/// Number of the first rows in which no output changes by more than a part of its size, or of its difference from the source's own run, up to there.
+fn converged_rows(source: &[f64], coarse: &[f64], fine: &[f64], width: usize) -> usize {
+    let (mut sizes, mut differences) = (vec![0.0f64; width], vec![0.0f64; width]);
+    let rows = source.chunks(width).zip(coarse.chunks(width).zip(fine.chunks(width)));
+    for (row, (source, (coarse, fine))) in rows.enumerate() {
+        for output in 0..width {
+            sizes[output] = sizes[output].max(fine[output].abs());
+            differences[output] = differences[output].max((source[output] - fine[output]).abs());
+            let limit = (ACCURATE * sizes[output]).max(PART * differences[output]);
+            let has_converged = (coarse[output] - fine[output]).abs() <= limit;
+            if !has_converged {
+                return row;
+            }
+        }
+    }
+    fine.len() / width
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_count_until_shorter_steps_change_an_output() {
+        let fine = [1.0, 10.0, 2.0, 20.0, 3.0, f64::NAN];
+        let near = [1.0, 10.0, 2.0 + 1e-6, 20.0, 3.0, f64::NAN];
+        assert_eq!(converged_rows(&fine, &near, &fine, 2), 2);
+        let far = [1.0, 10.0, 2.0 + 1e-5, 20.0, 3.0, 30.0];
+        assert_eq!(converged_rows(&fine, &far, &fine, 2), 1);
+        // an error is small beside a larger one of the source
+        let source = [1.0, 10.0, 2.1, 20.0, 3.0, 30.0];
+        assert_eq!(converged_rows(&source, &far, &fine, 2), 2);
     }
 }

@@ -174,7 +174,7 @@ impl WorkerModel {
     pub(super) fn with_equations<T>(
         &self,
         workers: Workers<'_>,
-        work: impl FnOnce(&mut dyn WorkerProcess) -> Result<Option<T>>,
+        work: impl FnOnce(&mut dyn WorkerProcess) -> Result<T>,
     ) -> Result<Option<T>> {
         if self.batch() == 1 {
             return Ok(None);
@@ -182,9 +182,9 @@ impl WorkerModel {
         let model = self.of_equations();
         let launcher = model.launcher(workers)?;
         let Some(mut process) = launcher.start(self.time_limit, workers)? else { return Err(Error::Interrupted) };
-        let found = work(&mut *process)?;
+        let result = work(&mut *process)?;
         process.finish();
-        Ok(found)
+        Ok(Some(result))
     }
 
     /// Number of the study's parameters, the first of a point.

@@ -71,7 +71,7 @@ impl OutsideRows {
             exit.as_ref().map_or(run.times.len(), |(row, _)| (*row).max(1))
         };
         let rows: Vec<usize> = test.runs.iter().zip(&exits).map(rows_of).collect();
-        let runs = test.runs.iter().zip(&rows).map(|(run, rows)| beginning(run, *rows, width)).collect();
+        let runs = test.runs.iter().zip(&rows).map(|(run, rows)| run.beginning(*rows, width)).collect();
         let inside = Dataset { runs, ..test.clone() };
         let predictions: Vec<Vec<f64>> =
             predictions.iter().zip(&rows).map(|(found, rows)| found[..rows * width].to_vec()).collect();
@@ -155,17 +155,6 @@ fn first_outside(
         return Some((row, exit));
     }
     None
-}
-
-/// The first rows of a run.
-fn beginning(run: &Run, rows: usize, outputs: usize) -> Run {
-    let inputs = run.inputs.len() / run.times.len().max(1);
-    Run {
-        parameters: run.parameters.clone(),
-        times: run.times[..rows].into(),
-        inputs: run.inputs[..rows * inputs].to_vec(),
-        outputs: run.outputs[..rows * outputs].to_vec(),
-    }
 }
 
 #[cfg(test)]

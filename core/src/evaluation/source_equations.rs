@@ -1,7 +1,10 @@
 //! A source's own equations, integrated accurately: the truth that its runs and a surrogate of these equations both approximate.
 
-use super::{AcceptanceCheck, Accuracy, OutputMetrics, Reason, compare};
-use crate::{dataset::Dataset, diagnostics::numbers::number};
+use super::{AcceptanceCheck, Accuracy, OutputMetrics, Reason, compare, predict_all};
+use crate::{
+    dataset::{Dataset, Run},
+    diagnostics::numbers::number,
+};
 use indexmap::IndexMap;
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
@@ -9,22 +12,35 @@ use serde::{Deserialize, Serialize};
 /// Accuracy of a surrogate, and of the source's own runs, relative to the source's own equations along the test runs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceEquations {
-    /// Accuracy of the surrogate.
+    /// Accuracy of the surrogate on all rows.
     pub surrogate: Box<Accuracy>,
-    /// Errors of the source's own runs, which have the errors of its time step.
+    /// Errors of the surrogate on the rows by which it is compared with the source: those before a motion leaves the domain, and of a chaotic
+    /// run the first sixth.
+    pub surrogate_compared: IndexMap<String, OutputMetrics>,
+    /// Errors of the source's own runs on these rows, which have the errors of its time step.
     pub source: IndexMap<String, OutputMetrics>,
 }
 
 impl SourceEquations {
-    /// Measures both. `exact`: outputs of the integrated equations at the rows of each run, row by row.
+    /// Measures both. `exact`: outputs of the integrated equations at the first rows of each run, row by row, as far as they are known.
     pub fn new(surrogate: &Surrogate, test: &Dataset, exact: Vec<Vec<f64>>) -> Self {
-        let mut truth = test.clone();
-        truth.runs.iter_mut().zip(exact).for_each(|(run, exact)| run.outputs = exact);
-        let own: Vec<Vec<f64>> = test.runs.iter().map(|run| run.outputs.clone()).collect();
-        let names = test.outputs.iter().map(|output| output.name.clone());
+        let width = test.outputs.len();
+        let known = test.runs.iter().zip(exact).filter(|(_, exact)| !exact.is_empty());
+        let known = known.map(|(run, exact)| {
+            let source = run.beginning(exact.len() / width, width);
+            (Run { outputs: exact, ..source.clone() }, source.outputs)
+        });
+        let (runs, own): (Vec<Run>, Vec<Vec<f64>>) = known.unzip();
+        let truth = Dataset { runs, ..test.clone() };
+        let predictions = predict_all(surrogate, &truth);
+        let accuracy = Accuracy::from_predictions(surrogate, &truth, &predictions);
+        let rows = compared_rows(&truth, &accuracy);
+        let runs = truth.runs.iter().zip(&rows).map(|(run, rows)| run.beginning(*rows, width)).collect();
+        let compared = Dataset { runs, ..truth };
         Self {
-            source: names.zip(compare(&truth, &own, None)).collect(),
-            surrogate: Box::new(Accuracy::of(surrogate, &truth)),
+            surrogate_compared: errors(&compared, &predictions),
+            source: errors(&compared, &own),
+            surrogate: Box::new(accuracy),
         }
     }
 
@@ -32,7 +48,7 @@ impl SourceEquations {
     /// equations, in every output that is not exact.
     pub fn explain(&self, of_runs: &Accuracy) -> bool {
         self.source.iter().all(|(name, source)| {
-            let errors = self.surrogate.outputs.get(name).zip(of_runs.outputs.get(name));
+            let errors = self.surrogate_compared.get(name).zip(of_runs.outputs.get(name));
             errors.is_some_and(|(surrogate, of_runs)| {
                 surrogate.mse < source.mse || surrogate.mse <= ROUNDING * of_runs.mse
             })
@@ -44,7 +60,7 @@ impl SourceEquations {
         let ratio = |metrics: &OutputMetrics| metrics.relative_error();
         let worst = self.source.iter().max_by(|a, b| ratio(a.1).total_cmp(&ratio(b.1)));
         let cause = worst.map_or(String::new(), |(name, OutputMetrics { max_abs_error, worst_run, worst_time, .. })| {
-            let own = self.surrogate.outputs.get(name).map_or(0.0, |metrics| metrics.max_abs_error);
+            let own = self.surrogate_compared.get(name).map_or(0.0, |metrics| metrics.max_abs_error);
             format!(
                 "the source's own runs are off by up to {} from its equations, integrated accurately (run {worst_run}, t = {} s), the \
                  surrogate by {}: it was judged by the equations. The source's time step is too long, or its runs contain what its \
@@ -58,6 +74,31 @@ impl SourceEquations {
         let advice = "a shorter time step of the source, then `metafmu build` again: the surrogate is nearer to the equations than the source is";
         (Reason::new(AcceptanceCheck::SourceStep, name, cause), advice.into())
     }
+}
+
+/// Part of a chaotic run in which errors of the source's time step and of the surrogate have not grown into noise.
+const PREDICTABLE: f64 = 1.0 / 6.0;
+
+/// Number of rows of each run by which a surrogate is compared with its source.
+fn compared_rows(truth: &Dataset, accuracy: &Accuracy) -> Vec<usize> {
+    let inside = accuracy.outside.as_ref();
+    let of_inside = inside.map_or(accuracy, |outside| &outside.inside);
+    let chaotic = of_inside.roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
+    let rows_of = |(index, run): (usize, &Run)| {
+        let exit = inside.and_then(|outside| outside.exits.iter().find(|exit| exit.run == index));
+        // the first row has the initial states, which are given
+        let rows = exit.map_or(run.times.len(), |exit| run.times.partition_point(|time| *time < exit.time)).max(1);
+        if chaotic.contains(&index) { ((PREDICTABLE * rows as f64) as usize).max(2).min(rows) } else { rows }
+    };
+    truth.runs.iter().enumerate().map(rows_of).collect()
+}
+
+/// Errors of outputs on the rows of `compared`, which are the first ones of each run.
+fn errors(compared: &Dataset, outputs: &[Vec<f64>]) -> IndexMap<String, OutputMetrics> {
+    let names = compared.outputs.iter().map(|output| output.name.clone());
+    let beginnings: Vec<Vec<f64>> =
+        compared.runs.iter().zip(outputs).map(|(run, outputs)| outputs[..run.outputs.len()].to_vec()).collect();
+    names.zip(compare(compared, &beginnings, None)).collect()
 }
 
 /// Part of a mean square error that counts as rounding.
