@@ -24,8 +24,47 @@ const ITERATIONS: usize = 1000;
 /// Values of the inputs all along a run.
 const INPUTS: [&str; 3] = ["all inputs at their lower ends", "all inputs at their upper ends", "inputs zero"];
 
-/// Velocities at the start of a run: as sampled, at one end of their ranges, at the other, and at alternating ends.
-const SPEEDS: usize = 4;
+/// Velocities at the start of a run.
+#[derive(Clone, Copy, PartialEq)]
+enum StartSpeed {
+    /// As sampled.
+    Sampled,
+    /// At the upper ends of their ranges.
+    Upper,
+    Lower,
+    Alternating,
+    /// At [`SLOW`] of the upper ends: a fast motion leaves the domain before it meets all that is inside, such as both stops of a slide.
+    Slow,
+}
+
+/// Velocities of corners, of which a single velocity has no alternating ends.
+const SPEEDS: [StartSpeed; 4] = [StartSpeed::Sampled, StartSpeed::Upper, StartSpeed::Lower, StartSpeed::Alternating];
+/// Part of the largest velocity of a slow start.
+const SLOW: f64 = 0.1;
+/// Number of slow runs at most.
+const SLOW_RUNS: usize = 8;
+
+impl StartSpeed {
+    /// Velocity at the start of the velocity with this number, or none if it is as sampled.
+    fn velocity(self, number: usize, [low, high]: [f64; 2]) -> Option<f64> {
+        match self {
+            Self::Sampled => None,
+            Self::Upper => Some(high),
+            Self::Lower => Some(low),
+            Self::Alternating => Some(if number % 2 == 0 { low } else { high }),
+            Self::Slow => Some(SLOW * high),
+        }
+    }
+
+    /// Description, or none if it is as sampled.
+    fn describe(self) -> Option<&'static str> {
+        match self {
+            Self::Sampled => None,
+            Self::Upper | Self::Lower | Self::Alternating => Some("starting at the largest velocities"),
+            Self::Slow => Some("starting at a tenth of the largest velocities"),
+        }
+    }
+}
 
 /// Corners of the domain: combinations of the ends of all parameters, constant inputs at both ends and zero, and
 /// initial states. These are those of the training runs, or at the ends of the velocities' ranges. `velocities`: range
@@ -46,14 +85,14 @@ pub(super) fn corners(
     let moving = velocities.iter().flatten().count();
     let speeds = match moving {
         0 => 1,
-        1 => SPEEDS - 1,
-        _ => SPEEDS,
+        1 => SPEEDS.len() - 1,
+        _ => SPEEDS.len(),
     };
     let total = combinations * inputs * speeds;
     let count = total.min(MOST_CORNERS);
     // evenly spread: every part of all combinations has its share
     let index = |corner: usize| corner * total / count;
-    let trial = |base: &Run, upper: &[bool], input: usize, speed: usize| {
+    let trial = |base: &Run, upper: &[bool], input: usize, speed: StartSpeed| {
         let mut names = Vec::new();
         let mut parameters = base.parameters.clone();
         for (column, (name, ends)) in ranges.iter().enumerate() {
@@ -61,22 +100,18 @@ pub(super) fn corners(
             names.push(format!("{name} = {}", parameters[column]));
         }
         let starts = parameters.len() - velocities.len();
-        let mut upper = speed == 1;
-        for (state, [low, high]) in velocities.iter().enumerate().filter_map(|(state, range)| Some((state, (*range)?)))
-        {
-            if speed > 0 {
-                parameters[starts + state] = if upper { high } else { low };
+        let moving = velocities.iter().enumerate().filter_map(|(state, range)| Some((state, (*range)?)));
+        for (number, (state, range)) in moving.enumerate() {
+            if let Some(velocity) = speed.velocity(number, range) {
+                parameters[starts + state] = velocity;
             }
-            upper ^= speed == SPEEDS - 1;
         }
         if driven.drivers().is_empty() {
-            names.extend((names.is_empty() && speed == 0).then(|| "a start as drawn".to_owned()));
+            names.extend((names.is_empty() && speed == StartSpeed::Sampled).then(|| "a start as drawn".to_owned()));
         } else {
             names.push(INPUTS[input].to_owned());
         }
-        if speed > 0 {
-            names.push("starting at the largest velocities".to_owned());
-        }
+        names.extend(speed.describe().map(str::to_owned));
         let values = driven.drivers().iter().map(|driver| match input {
             0 => driver.min,
             1 => driver.max,
@@ -92,14 +127,19 @@ pub(super) fn corners(
     let corner = |corner: usize| {
         let index = index(corner);
         let upper = combination(index / speeds / inputs);
-        trial(&runs[corner % runs.len()], &upper, index / speeds % inputs, index % speeds)
+        trial(&runs[corner % runs.len()], &upper, index / speeds % inputs, SPEEDS[index % speeds])
     };
     let mut trials: Vec<IntegrationTrial> = (0..count).map(corner).collect();
     if ranges.len() > ALL_COMBINATIONS {
         let ends: Vec<[f64; 2]> = ranges.iter().map(|(_, ends)| *ends).collect();
         let stiffest = stiffest(surrogate, first, &ends, (0..combinations).map(combination));
-        trials.extend((0..inputs).map(|input| trial(first, &stiffest, input, 0)));
+        trials.extend((0..inputs).map(|input| trial(first, &stiffest, input, StartSpeed::Sampled)));
     }
+    let slow = if moving > 0 { combinations.min(SLOW_RUNS) } else { 0 };
+    trials.extend((0..slow).map(|number| {
+        let upper = combination(number * combinations / slow);
+        trial(&runs[number % runs.len()], &upper, inputs - 1, StartSpeed::Slow)
+    }));
     trials
 }
 
