@@ -3,8 +3,7 @@
 use crate::{
     diagnostics::numbers::{number, power},
     evaluation::{
-        AcceptanceCheck, Accuracy, CHAOTIC, Findings, Grade, Horizon, OutputMetrics, OutsideRows, Reason, RollOuts,
-        Verdict,
+        AcceptanceCheck, Accuracy, Findings, Grade, Horizon, OutputMetrics, OutsideRows, Reason, RollOuts, Verdict,
         comparison::{Comparison, ModelRow, ModelStatus, NETWORK},
     },
     study::{AcceptOptions, Study},
@@ -119,9 +118,10 @@ fn judge_rows(
     let outputs = surrogate.outputs().iter().filter_map(|output| Some((output, accuracy.outputs.get(&output.name)?)));
     // nobody predicts a chaotic motion to its end: what counts is a sixth of the runs' length, or the runs that are not chaotic
     let of_regular = format!("{runs} that are not chaotic");
-    let is_chaotic = accuracy.roll_outs.as_ref().is_some_and(is_chaotic);
+    let is_chaotic = accuracy.roll_outs.as_ref().is_some_and(|roll_outs| roll_outs.is_chaotic(accuracy.test_runs));
     let mut judged = Judged { options: study.accept, runs, problems: others.problems, limits: others.limits };
     if let Some(roll_outs) = &accuracy.roll_outs {
+        judged.diverged(roll_outs, accuracy.test_runs);
         judged.strayed(roll_outs, is_chaotic);
     }
     let mut better = None;
@@ -150,14 +150,6 @@ fn of_build<'a>(study: &Study, comparison: &'a Comparison) -> Vec<&'a ModelRow> 
     let in_build = |row: &&ModelRow| study.baselines.build.iter().any(|kind| kind.name() == row.model);
     let measured = |row: &&ModelRow| row.model != NETWORK && row.status == ModelStatus::Fine;
     comparison.models.iter().filter(measured).filter(in_build).collect()
-}
-
-fn is_chaotic(roll_outs: &RollOuts) -> bool {
-    // NaN is chaotic
-    roll_outs
-        .horizons
-        .last()
-        .is_some_and(|Horizon { sensitivity: [median, _], .. }| median.is_nan() || *median > CHAOTIC)
 }
 
 /// Findings so far.
@@ -189,6 +181,14 @@ impl Judged<'_> {
         }
     }
 
+    /// A surrogate that diverges in a test run is wrong there, whatever the other runs are like.
+    fn diverged(&mut self, roll_outs: &RollOuts, test_runs: usize) {
+        if let Some(diverging) = roll_outs.describe_divergence(test_runs) {
+            let cause = "the predictions are not finite, or far outside the outputs' ranges in training";
+            self.reject("", format!("{diverging}: {cause}"));
+        }
+    }
+
     /// The relative error `e` of the median run is an R² of `1 - e²`. The beginning of a run may be slower than the rest, or little more than
     /// noise: its error counts relative to the whole run, unless the motion is chaotic and nothing else of it counts.
     fn strayed(&mut self, roll_outs: &RollOuts, is_chaotic: bool) {
@@ -215,7 +215,7 @@ impl Judged<'_> {
         if radians * (output.max - output.min) <= TAU {
             return;
         }
-        let (rms, largest) = (radians * metrics.mse.sqrt(), radians * metrics.max_abs_error);
+        let [rms, largest] = [metrics.rms(), metrics.max_abs_error].map(|error| (radians * error).min(f64::MAX));
         let limit = self.options.angle_error;
         if largest > limit {
             let (found, turns) = (told_apart(largest, limit), number(largest / TAU));
@@ -240,7 +240,7 @@ impl Judged<'_> {
         let Output { name, min, max, .. } = output;
         let deviation = 0.5 * (max - min);
         let limit = (deviation * (1.0 - self.options.r2).sqrt()).max(1e-9 * min.abs().max(max.abs()));
-        let rms = metrics.mse.sqrt();
+        let rms = metrics.rms();
         if rms > limit {
             let runs = self.runs;
             let (found, limit) = (number(rms), number(limit));
@@ -460,17 +460,13 @@ mod tests {
 
     #[test]
     fn motions_are_judged_to_their_end_unless_they_are_chaotic() {
-        let of = |sensitivity: f64, median: f64| {
-            let horizon = |seconds, median, sensitivity| Horizon {
-                seconds,
-                median,
-                q90: 1.0,
-                of_run: 0.5 * median,
-                sensitivity: [sensitivity; 2],
-            };
+        let of = |chaotic_runs: usize, median: f64| {
+            let horizon =
+                |seconds, median| Horizon { seconds, median, q90: 1.0, of_run: 0.5 * median, sensitivity: [1e-9; 2] };
             let roll_outs = RollOuts {
-                horizons: vec![horizon(1.0, median, 1e-9), horizon(6.0, 0.5, sensitivity)],
-                chaotic_runs: Vec::new(),
+                horizons: vec![horizon(1.0, median), horizon(6.0, 0.5)],
+                chaotic_runs: (0..chaotic_runs).collect(),
+                diverged_runs: Vec::new(),
                 divergence_time: None,
                 energy_drift: None,
                 constraint_residual: None,
@@ -481,20 +477,39 @@ mod tests {
             let others = Findings::default();
             lines(&judge(&study(""), &example::surrogate(), (&measured, "test runs"), None, others).problems)
         };
-        let found = of(1e-8, 0.01);
+        let found = of(9, 0.01);
         assert!(found.len() == 2 && found[1].starts_with("velocity: R² 0.720 on the test runs"), "{found:?}");
-        assert_eq!(of(0.3, 0.01), Vec::<String>::new());
-        let found = of(0.3, 0.5);
+        assert_eq!(of(10, 0.01), Vec::<String>::new());
+        let found = of(20, 0.5);
         let expected = "R² 0.750 in the median of the test runs up to 1 s, expected at least 0.9 (accept.r2): the motion is chaotic";
         assert!(found.len() == 1 && found[0].starts_with(expected), "{found:?}");
         // the beginning of a motion that is not chaotic counts relative to whole runs
-        let found = of(1e-8, 0.5);
+        let found = of(0, 0.5);
         assert!(found.len() == 2 && found[0].starts_with("angle"), "{found:?}");
-        let found = of(1e-8, 1.5);
+        let found = of(0, 1.5);
         assert!(
             found.len() == 3 && found[0].starts_with("R² 0.438 in the median of the test runs up to 1 s"),
             "{found:?}"
         );
+    }
+
+    #[test]
+    fn a_surrogate_that_diverges_in_a_run_is_rejected() {
+        let roll_outs = RollOuts {
+            horizons: Vec::new(),
+            chaotic_runs: (0..19).collect(),
+            diverged_runs: vec![19],
+            divergence_time: None,
+            energy_drift: None,
+            constraint_residual: None,
+            long_runs: [2, 2],
+        };
+        let exact = || metrics(Some(1.0), 0.0);
+        let measured = Accuracy { roll_outs: Some(roll_outs), ..accuracy(exact(), exact()) };
+        let verdict = judge(&study(""), &example::surrogate(), (&measured, "test runs"), None, Findings::default());
+        let expected = "1 of 20 test runs is diverging: run 19: the predictions are not finite, or far outside the outputs' \
+                        ranges in training";
+        assert_eq!((verdict.grade, lines(&verdict.problems)), (Grade::Rejected, vec![expected.to_owned()]));
     }
 
     #[test]

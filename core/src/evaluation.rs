@@ -10,6 +10,7 @@ mod verdict;
 
 use crate::{
     dataset::{Dataset, Run},
+    diagnostics::numbers::is_proper,
     layout::InputPoint,
     variable::SourceVariable,
 };
@@ -59,10 +60,15 @@ pub struct OutputMetrics {
 }
 
 impl OutputMetrics {
+    /// Root mean square error; the largest number if it is not finite.
+    pub fn rms(&self) -> f64 {
+        if is_proper(self.mse) { self.mse.sqrt() } else { f64::MAX }
+    }
+
     /// Root mean square error relative to the standard deviation of the truth, `sqrt(1 - R²)`, or, if the truth does not vary, to the
     /// output's range in training; 0 without such a range.
     pub fn relative_error(&self) -> f64 {
-        let of_range = |share: f64| if share > 0.0 { self.mse.sqrt() * share / self.max_abs_error } else { 0.0 };
+        let of_range = |share: f64| if share > 0.0 { self.rms() * (share / self.max_abs_error) } else { 0.0 };
         let relative = match self.r2 {
             Some(r2) => (1.0 - r2).max(0.0).sqrt(),
             None => self.relative_max_error.map_or(0.0, of_range),
@@ -188,7 +194,7 @@ impl Accuracy {
         for (column, metrics) in found.outputs.values_mut().enumerate() {
             let ends = labels.iter().map(|row| row[column]);
             let range = ends.clone().fold(f64::NEG_INFINITY, f64::max) - ends.fold(f64::INFINITY, f64::min);
-            metrics.relative_max_error = (range > 0.0).then(|| finite(metrics.max_abs_error / range));
+            metrics.relative_max_error = (range > 0.0).then(|| share_of(metrics.max_abs_error, range));
         }
         found
     }
@@ -317,7 +323,7 @@ fn output_metrics(
     let (bound, within_bound) = (bounds.map(|bounds| bounds.largest(column)), bounds.map(|_| within as f64 / rows));
     let within_two_std = std.map(|_| within_two_std as f64 / rows);
     let mse = finite(residual / rows);
-    let relative_max_error = range.filter(|&range| range > 0.0).map(|range| finite(max_abs_error / range));
+    let relative_max_error = range.filter(|&range| range > 0.0).map(|range| share_of(max_abs_error, range));
     let of_run = |&index: &usize| {
         let run = &test.runs[index];
         let inputs = run.inputs.len() / run.times.len().max(1);
@@ -356,6 +362,11 @@ fn varies(values: &[f64], range: f64) -> bool {
 
 fn is_zero(count: &usize) -> bool {
     *count == 0
+}
+
+/// Error as a share of a range; the largest number if the error is.
+fn share_of(error: f64, range: f64) -> f64 {
+    if is_proper(error) { finite(error / range) } else { f64::MAX }
 }
 
 /// JSON has neither infinity nor NaN.

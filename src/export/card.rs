@@ -191,7 +191,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     for (column, output) in surrogate.predictions().iter().enumerate() {
         let Some(metrics) = outputs.get(&output.name) else { continue };
         let r2 = metrics.r2.map_or("constant output".into(), readable::r2);
-        let (rms, largest) = (number(metrics.mse.sqrt()), number(metrics.max_abs_error));
+        let (rms, largest) = (number(metrics.rms()), number(metrics.max_abs_error));
         let (name, unit) = (code(&output.name), escape(&output.unit));
         let share =
             metrics.relative_max_error.map_or(String::new(), |share| format!("<br>{} %", number(100.0 * share)));

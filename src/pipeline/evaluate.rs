@@ -17,7 +17,7 @@ use crate::{
         TestRows, Verdict, constraint_residual,
     },
     files,
-    source::{Source, driven::Driven, integrate_own_equations},
+    source::{OwnRuns, Source, driven::Driven, integrate_own_equations},
     study::StudyStructure,
 };
 use indexmap::IndexMap;
@@ -189,8 +189,11 @@ pub(super) fn add_source_equations(
     project.note(
         "integrating the source's own equations along the test runs: its runs may have the errors of its time step",
     );
-    if let Some(exact) = integrate_own_equations(model, &test.runs, project.workers())? {
-        accuracy.source_equations = Some(SourceEquations::new(surrogate, test, exact));
+    match integrate_own_equations(model, &test.runs, project.workers())? {
+        OwnRuns::Integrated(exact) => accuracy.source_equations = Some(SourceEquations::new(surrogate, test, exact)),
+        OwnRuns::Unable(reason) => project.note(&format!(
+            "the source's own equations cannot show whether its time step is too long: {reason}; compare a build with half the step"
+        )),
     }
     Ok(())
 }
@@ -358,6 +361,7 @@ mod tests {
         let found = RollOuts {
             horizons: vec![horizon],
             chaotic_runs: Vec::new(),
+            diverged_runs: Vec::new(),
             divergence_time: None,
             energy_drift: Some(f64::MAX),
             constraint_residual: Some(f64::MAX),

@@ -211,7 +211,7 @@ pub(super) fn roll_outs(surrogate: &Surrogate, table: &Path) -> Result<Vec<(bool
     while let Some(batch) = reader.next()? {
         let Batch::Runs(runs) = batch else { continue };
         for LabeledRun { run, .. } in &runs {
-            let mut roll_out = RollOut::along(surrogate, &evaluator, run);
+            let mut roll_out = RollOut::along(surrogate, &evaluator, run).with_most_steps(u64::MAX);
             for row in 0..run.times.len() {
                 let found = roll_out.at(row).map_or(vec![f64::NAN; width], |(_, results)| results[..width].to_vec());
                 rows.push((row == 0, found));
@@ -349,7 +349,7 @@ impl<'a> Predictor<'a> {
         let rows = run.times.len();
         let labels = (!label.is_empty()).then(|| Labels::repeated(label, rows));
         let mut answers = Answers::new(self, labels, Some(run.times.to_vec()), rows);
-        let mut roll_out = RollOut::along(self.surrogate, &self.evaluator, run);
+        let mut roll_out = RollOut::along(self.surrogate, &self.evaluator, run).with_most_steps(u64::MAX);
         for row in 0..rows {
             match roll_out.at(row) {
                 Some((point, results)) if !self.stop.load(Ordering::Relaxed) => answers.push(self, point, results),

@@ -201,10 +201,8 @@ impl<'a> IntegrationComparison<'a> {
     fn follow(&self, mut roll_out: RollOut, run: &Run, rows: usize, domain: Option<&Domain>) -> Path {
         let (first, width) = (self.surrogate.inputs().len(), self.surrogate.outputs().len());
         let (mut outputs, mut found) = (vec![f64::NAN; rows * width], 0);
+        roll_out = roll_out.with_most_steps(MOST_STEPS);
         for row in 0..rows {
-            if roll_out.steps() > MOST_STEPS {
-                break;
-            }
             let Some((point, results)) = roll_out.at(row) else { break };
             let is_inside = |domain: &Domain| (first..point.len()).all(|column| domain.contains(column, point[column]));
             if !domain.is_none_or(is_inside) {
@@ -214,7 +212,9 @@ impl<'a> IntegrationComparison<'a> {
             found = row + 1;
         }
         let seconds = found.checked_sub(1).map_or(0.0, |row| run.times[row] - run.times[0]);
-        Path { outputs, rows: found, steps: roll_out.steps(), seconds, failure: roll_out.failure() }
+        // a run of many steps ends earlier, which is no failure
+        let failure = roll_out.failure().filter(|failure| *failure != StepError::TooManySteps);
+        Path { outputs, rows: found, steps: roll_out.steps(), seconds, failure }
     }
 
     /// All runs with an integration, up to where those that they are compared with leave the domain.

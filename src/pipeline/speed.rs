@@ -10,6 +10,7 @@ use crate::{
     evaluation::{first_predicted, predict, predict_all},
     fmi::Workers,
     source::{Simulation, Source, setting::SourceSetting, timed::TimedRuns},
+    worst::worst,
 };
 use metafmu_runtime::{Evaluator, Surrogate};
 use std::time::{Duration, Instant};
@@ -124,12 +125,16 @@ impl<'a> TrueRuns<'a> {
     }
 
     /// Speed of the surrogate and of the source at the loosest setting whose error is no larger than the surrogate's;
-    /// none if a run fails, or hardly takes longer than its first step. `starts_each_run`: of a program that is started for each run, the
+    /// none if a run fails, or hardly takes longer than its first step, or the surrogate diverges. `starts_each_run`: of a program that is started for each run, the
     /// start is a part of the run.
     fn compare(&self, surrogate: &Surrogate, starts_each_run: bool) -> Result<Option<Speed>> {
         let predictions = predict_all(surrogate, &self.runs);
         let given = self.runs.runs.iter().map(|run| first_predicted(surrogate, run)).max().unwrap_or(0);
         let surrogate_error = relative_error(&self.runs, &predictions, given);
+        // nothing is as wrong as a surrogate that diverges
+        if !surrogate_error.is_finite() {
+            return Ok(None);
+        }
         let source = self.loosest(surrogate_error)?;
         let Some(seconds) = self.alternate(&source.simulation, surrogate)? else { return Ok(None) };
         let times = &self.runs.runs[0].times;
@@ -245,7 +250,7 @@ fn relative_error(truth: &Dataset, outputs: &[Vec<f64>], first: usize) -> f64 {
         let squares = pairs().map(|[truth, output]| (truth - output).powi(2)).sum::<f64>();
         if variance > 0.0 { (squares / variance).sqrt() } else { 0.0 }
     };
-    (0..truth.outputs.len()).map(of_column).fold(0.0, f64::max)
+    worst((0..truth.outputs.len()).map(of_column))
 }
 
 /// Values of a column in a run and among outputs, row by row.

@@ -7,7 +7,7 @@ use crate::{
     worst::worst,
 };
 use metafmu_runtime::{
-    CommunicationStep, Domain, Drive, Dynamics, Evaluator, Integration, Role, Shown, StepError, Surrogate,
+    CommunicationStep, Domain, Drive, Dynamics, Evaluator, Integration, Output, Role, Shown, StepError, Surrogate,
 };
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -18,9 +18,13 @@ use std::ops::Range;
 pub struct RollOuts {
     /// At a sixth of the runs' length, and at their end; once if there is no row between.
     pub horizons: Vec<Horizon>,
-    /// Indices of the test runs that are chaotic: predicted to their end, where their sensitivity exceeds [`CHAOTIC`].
+    /// Indices of the test runs that are chaotic: their sensitivity at the end exceeds [`CHAOTIC`], and they have not diverged.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub chaotic_runs: Vec<usize>,
+    /// Indices of the test runs in which the surrogate diverges: predictions are not finite, or leave the outputs' ranges in training by more
+    /// than [`BOUNDED`] times their width. A diverging model is sensitive as a chaotic motion is, but a chaotic motion stays bounded.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub diverged_runs: Vec<usize>,
     /// Median of the times at which an error exceeds a tenth of its output's standard deviation in the run, in seconds; none if more
     /// than half of the runs never come to that.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -59,24 +63,34 @@ pub struct Horizon {
 pub const OFF: f64 = 1e-9;
 /// Sensitivity of a motion, its response to an initial state perturbed by 1e-9, from which on it is chaotic.
 pub const CHAOTIC: f64 = 1e-3;
+/// Widths of an output's range in training by which predictions of a bounded motion may leave it.
+const BOUNDED: f64 = 10.0;
 /// Part of its standard deviation that an error of an output has when a roll-out has diverged.
 const DIVERGED: f64 = 0.1;
 /// Largest number of chaotic runs that a description names.
 const NAMED_RUNS: usize = 8;
+/// Steps of the solver in a run, and for each of its rows, above which the run is not computed to its end.
+const MOST_STEPS: u64 = 1_000_000;
+const MOST_STEPS_OF_ROW: u64 = 1000;
 /// Lengths of a run after which it is to be finite.
 const LENGTHS: usize = 10;
 /// Runs that are rolled out so far.
 const LONG_RUNS: usize = 2;
 
 impl RollOuts {
+    /// Returns true if the motion is chaotic: at least half of the `test_runs` are.
+    pub fn is_chaotic(&self, test_runs: usize) -> bool {
+        2 * self.chaotic_runs.len() >= test_runs.max(1)
+    }
+
     /// Description of the chaotic runs among `test_runs`, or none.
     pub fn describe_chaos(&self, test_runs: usize) -> Option<String> {
-        let chaotic = &self.chaotic_runs;
-        let first: Vec<String> = chaotic.iter().take(NAMED_RUNS).map(usize::to_string).collect();
-        let more = if chaotic.len() > NAMED_RUNS { ", ..." } else { "" };
-        let (verb, runs) = if chaotic.len() == 1 { ("is", "run") } else { ("are", "runs") };
-        let list = format!("{runs} {}{more}", first.join(", "));
-        (!chaotic.is_empty()).then(|| format!("{} of {test_runs} test runs {verb} chaotic: {list}", chaotic.len()))
+        describe_runs(&self.chaotic_runs, test_runs, "chaotic")
+    }
+
+    /// Description of the test runs in which the surrogate diverges, or none.
+    pub fn describe_divergence(&self, test_runs: usize) -> Option<String> {
+        describe_runs(&self.diverged_runs, test_runs, "diverging")
     }
 
     /// Measures the predictions of the test runs.
@@ -119,14 +133,16 @@ impl RollOuts {
         let mut times: Vec<f64> = pairs().map(|(run, found)| divergence(run, found, first(run), &ranges)).collect();
         times.sort_by(f64::total_cmp);
         let divergence_time = times.get(times.len() / 2).copied().filter(|time| time.is_finite());
-        let is_chaotic = |sensitivity: f64| sensitivity.is_nan() || sensitivity > CHAOTIC;
         let at_end = sensitivities(rows);
-        let is_whole = |run: usize| predictions[run].iter().all(|value| value.is_finite());
+        let outputs = surrogate.outputs();
+        let all = 0..test.runs.len();
+        let diverged_runs: Vec<usize> = all.clone().filter(|&run| diverges(outputs, &predictions[run])).collect();
         let finite = |run: &&Run| RollOut::along(surrogate, &evaluator, run).repeated(LENGTHS).is_some();
         Self {
             horizons: lengths.into_iter().map(horizon).collect(),
-            // a run that ends with an error has failed, whatever its sensitivity is
-            chaotic_runs: (0..at_end.len()).filter(|&run| is_whole(run) && is_chaotic(at_end[run])).collect(),
+            // NaN, of a disturbed run that ends with an error, is no sensitivity of a bounded motion
+            chaotic_runs: all.filter(|run| at_end[*run] > CHAOTIC && !diverged_runs.contains(run)).collect(),
+            diverged_runs,
             divergence_time,
             energy_drift: energy_drift(surrogate, &evaluator, test),
             constraint_residual: None,
@@ -136,6 +152,29 @@ impl RollOuts {
             },
         }
     }
+}
+
+/// Returns true if predictions are not finite, or further outside the outputs' ranges in training than a bounded motion is.
+fn diverges(outputs: &[Output], predictions: &[f64]) -> bool {
+    predictions
+        .chunks(outputs.len())
+        .any(|row| outputs.iter().zip(row).any(|(output, value)| is_unbounded(output, *value)))
+}
+
+/// Returns true if a value is not finite, or further outside the output's range than those of a bounded motion. An output that did not vary in
+/// training has no width.
+fn is_unbounded(Output { min, max, .. }: &Output, value: f64) -> bool {
+    let width = max - min;
+    !value.is_finite() || width > 0.0 && (value < min - BOUNDED * width || value > max + BOUNDED * width)
+}
+
+/// Number and indices of runs that have a property, or none.
+fn describe_runs(runs: &[usize], test_runs: usize, property: &str) -> Option<String> {
+    let first: Vec<String> = runs.iter().take(NAMED_RUNS).map(usize::to_string).collect();
+    let more = if runs.len() > NAMED_RUNS { ", ..." } else { "" };
+    let (verb, noun) = if runs.len() == 1 { ("is", "run") } else { ("are", "runs") };
+    let list = format!("{noun} {}{more}", first.join(", "));
+    (!runs.is_empty()).then(|| format!("{} of {test_runs} test runs {verb} {property}: {list}", runs.len()))
 }
 
 /// Fraction of a surrogate's tolerance at which its sensitivity is measured. It keeps the error of the solver
@@ -282,8 +321,9 @@ pub struct RollOut<'a> {
     results: Vec<f64>,
     /// Tolerance of the solver, if not the surrogate's own.
     tolerance: Option<f64>,
-    /// Number of steps of the solver so far.
+    /// Number of steps of the solver so far, and the largest one.
     steps: u64,
+    most_steps: u64,
     /// The error that stopped it, if one did.
     failure: Option<StepError>,
 }
@@ -311,6 +351,7 @@ impl<'a> RollOut<'a> {
             evaluator: evaluator.clone(),
             tolerance: None,
             steps: 0,
+            most_steps: MOST_STEPS + MOST_STEPS_OF_ROW * run.times.len() as u64,
             failure: None,
         }
     }
@@ -319,6 +360,14 @@ impl<'a> RollOut<'a> {
     #[must_use]
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = Some(tolerance);
+        self
+    }
+
+    /// Sets the largest number of steps of the solver, after which the motion counts as one that cannot be computed. A motion that slides
+    /// along a jump of its forces would need one without end.
+    #[must_use]
+    pub fn with_most_steps(mut self, most_steps: u64) -> Self {
+        self.most_steps = most_steps;
         self
     }
 
@@ -393,6 +442,7 @@ impl<'a> RollOut<'a> {
 
     /// Repeats the whole run `count` times; none if the motion cannot be computed to the end.
     fn repeated(mut self, count: usize) -> Option<()> {
+        self.most_steps *= count as u64;
         for _ in 0..count {
             for row in 0..self.run.times.len() {
                 self.go_to(row)?;
@@ -408,7 +458,9 @@ impl<'a> RollOut<'a> {
             self.rates[column] = (value(row, input) - value(before, input)) / size;
         }
         let drive = Drive { rates: [&self.rates, &self.constant], clamp: None };
-        let step = CommunicationStep { tolerance: self.tolerance, ..CommunicationStep::of(size) };
+        let all = CommunicationStep::of(size);
+        let rest = u32::try_from(self.most_steps.saturating_sub(self.steps)).unwrap_or(all.most_steps);
+        let step = CommunicationStep { tolerance: self.tolerance, most_steps: rest.min(all.most_steps), ..all };
         match self.evaluator.advance(&mut self.point, step, drive) {
             Ok(steps) => self.steps += u64::from(steps),
             Err(failure) => {
@@ -510,8 +562,30 @@ mod tests {
         let runs = vec![run(1.2), run(0.0), run(1.5)];
         let test = Dataset { inputs: vec![variable("force")], parameters, outputs, runs };
         let accuracy = crate::evaluation::Accuracy::of(&surrogate, &test);
-        assert!(accuracy.roll_outs.unwrap().chaotic_runs.is_empty() && accuracy.regular_outputs.is_empty());
+        let RollOuts { chaotic_runs, diverged_runs, .. } = accuracy.roll_outs.unwrap();
+        assert!(chaotic_runs.is_empty() && diverged_runs == [1] && accuracy.regular_outputs.is_empty());
         assert_eq!(accuracy.outputs["theta"].worst_run, 1);
+    }
+
+    #[test]
+    fn a_motion_that_leaves_all_bounds_diverges_and_is_not_chaotic() {
+        // the trolley has a range of 5 m in both directions
+        let surrogate = example::crane();
+        let times: std::sync::Arc<[f64]> = (0..=100).map(|row| 0.05 * f64::from(row)).collect();
+        let width = surrogate.outputs().len();
+        let run = |speed: f64| Run {
+            inputs: vec![0.0; times.len()],
+            parameters: vec![1.2, 0.0, std::f64::consts::PI, speed, 0.0],
+            times: times.clone(),
+            outputs: vec![0.5; times.len() * width],
+        };
+        let variable = |name: &str| SourceVariable::new(name, "", "");
+        let parameters = ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec();
+        let outputs = surrogate.outputs().iter().map(|output| variable(&output.name)).collect();
+        let test = Dataset { inputs: vec![variable("force")], parameters, outputs, runs: vec![run(0.5), run(100.0)] };
+        let roll_outs = crate::evaluation::Accuracy::of(&surrogate, &test).roll_outs.unwrap();
+        assert_eq!((roll_outs.diverged_runs.as_slice(), roll_outs.chaotic_runs.as_slice()), (&[1][..], &[0][..]));
+        assert!(roll_outs.is_chaotic(2) && !roll_outs.is_chaotic(3));
     }
 
     #[test]

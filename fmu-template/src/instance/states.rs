@@ -96,9 +96,9 @@ impl Instance {
         let clamp = (self.now.policy == DomainPolicy::Clamp).then_some(&self.domain);
         let drive = Drive { rates: self.now.rates.each_ref().map(Vec::as_slice), clamp };
         let step = CommunicationStep {
-            size,
             tolerance: Some(self.now.tolerance).filter(|tolerance| *tolerance > 0.0),
             derivatives: is_known.then(|| &self.results[self.metadata.outputs.len()..]),
+            ..CommunicationStep::of(size)
         };
         let made = self.evaluator.advance(&mut self.point, step, drive);
         if let Err(error) = made {

@@ -71,7 +71,7 @@ fn histogram_figure(evaluated: &Evaluated, column: usize) -> Figure {
     let most = counts.iter().copied().max().unwrap_or(1) as f64;
     let mut y = Axis::log("rows", "", [1.0, most]);
     y.low = floor;
-    let rms = evaluated.accuracy.outputs[column].mse.sqrt();
+    let rms = evaluated.accuracy.outputs[column].rms();
     let mut series = vec![ChartSeries::named("test rows", Ink::Sky, Shape::Bars(bars))];
     for (index, sign) in [-1.0, 1.0].into_iter().enumerate() {
         let line = Shape::Line(vec![[sign * rms, floor], [sign * rms, y.high]]);

@@ -37,8 +37,8 @@ pub fn section(material: &Material) -> Option<Section> {
     let [left_outputs, right_outputs] = sides.map(|side| side.accuracy.outputs.values());
     let rows = left_outputs.zip(right_outputs).enumerate().map(|(column, (left, right))| {
         let (name, output_unit) = output(own, column);
-        let rms = |mse: f64| number(mse.sqrt());
-        vec![code(name), unit(output_unit), r2(left.r2), r2(right.r2), rms(left.mse), rms(right.mse)]
+        let [left_rms, right_rms] = [left, right].map(|metrics| number(metrics.rms()));
+        vec![code(name), unit(output_unit), r2(left.r2), r2(right.r2), left_rms, right_rms]
     });
     blocks.push(table(&headings, rows));
     let costs = costs.iter().map(|(name, [left, right])| vec![escape(name), escape(left), escape(right)]);

@@ -105,7 +105,7 @@ impl Scale {
 }
 
 /// A communication step.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct CommunicationStep<'a> {
     /// In seconds.
     pub size: f64,
@@ -113,12 +113,14 @@ pub struct CommunicationStep<'a> {
     pub tolerance: Option<f64>,
     /// Derivatives of the states at the beginning, if they are known, with which an evaluation is saved.
     pub derivatives: Option<&'a [f64]>,
+    /// Largest number of steps of the solver, at most [`MAX_SOLVER_STEPS`].
+    pub most_steps: u32,
 }
 
 impl CommunicationStep<'_> {
     /// A communication step of `size` seconds.
     pub fn of(size: f64) -> Self {
-        Self { size, ..Self::default() }
+        Self { size, tolerance: None, derivatives: None, most_steps: MAX_SOLVER_STEPS as u32 }
     }
 }
 
@@ -145,7 +147,7 @@ pub enum StepError {
         /// Since the beginning of the step, in seconds.
         after: f64,
     },
-    /// More steps of the solver than [`MAX_SOLVER_STEPS`].
+    /// More steps of the solver than [`CommunicationStep::most_steps`].
     TooManySteps,
 }
 
@@ -277,7 +279,7 @@ impl Solver {
     ) -> Result<u32, StepError> {
         self.before.copy_from_slice(&point[self.states.clone()]);
         let result = match integration.tolerance() {
-            None => self.fixed(point, integration, step.size, drive, respond),
+            None => self.fixed(point, integration, step, drive, respond),
             Some(own) => {
                 let tolerance = step.tolerance.map_or(own, |tolerance| tolerance.min(own));
                 self.error_controlled(point, (integration, tolerance), step, drive, respond)
@@ -293,12 +295,12 @@ impl Solver {
         &mut self,
         point: &mut [f64],
         integration: Integration,
-        size: f64,
+        CommunicationStep { size, most_steps, .. }: CommunicationStep,
         drive: Drive,
         mut respond: impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) -> Result<u32, StepError> {
         let steps = integration.parts(size);
-        if steps > MAX_SOLVER_STEPS {
+        if steps > f64::from(most_steps) {
             return Err(StepError::TooManySteps);
         }
         let (h, lanes) = (size / steps, self.lanes());
@@ -320,12 +322,12 @@ impl Solver {
         &mut self,
         point: &mut [f64],
         (integration, tolerance): (Integration, f64),
-        CommunicationStep { size, derivatives, .. }: CommunicationStep,
+        CommunicationStep { size, derivatives, most_steps, .. }: CommunicationStep,
         drive: Drive,
         mut respond: impl FnMut(&[f64], &mut [f64], &mut [f64]),
     ) -> Result<u32, StepError> {
         let parts = integration.parts(size);
-        if parts > MAX_SOLVER_STEPS {
+        if parts > f64::from(most_steps) {
             return Err(StepError::TooManySteps);
         }
         let longest = size / parts;
@@ -343,7 +345,7 @@ impl Solver {
         // a remainder by rounding is not a step
         while size - since > SHORTEST * size {
             steps += 1;
-            if f64::from(steps) > MAX_SOLVER_STEPS {
+            if steps > most_steps {
                 return Err(StepError::TooManySteps);
             }
             let rest = size - since;
