@@ -3,7 +3,11 @@
 use super::{kinds::Kinds, wrong_unit};
 use crate::{
     dataset::Run,
-    diagnostics::{Problems, names::expected_one_of},
+    diagnostics::{
+        Problems,
+        names::expected_one_of,
+        numbers::{exact, from_to},
+    },
     dynamics::{self, Checked, QuantityRange, Region},
     evaluation::SignalKind,
     integrate::Budget,
@@ -93,7 +97,8 @@ impl DrivingInput {
         if min >= max {
             problems.add(&key, format!("range is empty: min {min} is not below max {max}"));
         } else if !(min..=max).contains(&start) {
-            problems.add(format!("{key}.start"), format!("{start} is outside the range from {min} to {max}"));
+            problems
+                .add(format!("{key}.start"), format!("{} is outside the range {}", exact(start), from_to(min, max)));
         } else if let Some(message) = recording.as_ref().and_then(|recording| recording.unfit(&unit, [min, max])) {
             problems.add(format!("{key}.recording"), message);
         }
@@ -171,8 +176,11 @@ impl Driven {
             for (k, ((name, state), start)) in study.coordinates().zip(&start).enumerate() {
                 if !is_good(k, name, state) && state.min < state.max && !(state.min..=state.max).contains(start) {
                     let (min, max) = (state.min, state.max);
-                    let message =
-                        format!("the mechanism starts at {start}, which is outside the range from {min} to {max}");
+                    let message = format!(
+                        "the mechanism starts at {}, which is outside the range {}",
+                        exact(start),
+                        from_to(min, max)
+                    );
                     problems.add(format!("states.{name}"), message);
                 }
             }

@@ -48,6 +48,11 @@ pub fn ends(min: f64, max: f64) -> String {
     }
 }
 
+/// Both ends of a range: `from 1 to 2`.
+pub fn from_to(min: f64, max: f64) -> String {
+    format!("from {} to {}", exact(min), exact(max))
+}
+
 /// Text of a value, which is [`exact`] if it is a number of many digits.
 pub fn shown(value: impl Display) -> String {
     /// Digits of a double, its sign, its point and a zero before it.
@@ -110,6 +115,7 @@ mod tests {
             (ends(0.5, 2.0), "0.5 to 2"),
             (ends(f64::NEG_INFINITY, 2.0), "at most 2"),
             (ends(0.5, f64::INFINITY), "at least 0.5"),
+            (from_to(-1e300, 2.5), "from -1e300 to 2.5"),
             (shown(5e-324), "5e-324"),
             (shown(f64::MAX), "1.7976931348623157e308"),
             (shown("a key of more than twenty letters"), "a key of more than twenty letters"),

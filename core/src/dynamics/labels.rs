@@ -7,6 +7,7 @@ use super::{
     reactions::{self, Forces},
     windings::Windings,
 };
+use crate::diagnostics::numbers::{from_to, number};
 use crate::multibody::{
     Mechanism,
     constraint::{Slot, Target},
@@ -92,7 +93,7 @@ impl<'a> MechanismRegion<'a> {
         for QuantityRange { name, min, max } in region.coordinates.iter().chain(&region.parameters) {
             // also where one of them is not a number
             if !(min < max && min.is_finite() && max.is_finite()) {
-                return Err(format!("`{name}`: range from {min} to {max}, expected an end above the beginning"));
+                return Err(format!("`{name}`: range {}, expected an end above the beginning", from_to(*min, *max)));
             }
         }
         let known = mechanism.parameters().clone();
@@ -572,7 +573,7 @@ impl<'a> MechanismRegion<'a> {
     /// A message with the point that it is about.
     fn explain(&self, point: &[f64], message: &str) -> String {
         let values: Vec<String> =
-            self.ranges().zip(point).map(|(range, value)| format!("{} = {value:.4}", range.name)).collect();
+            self.ranges().zip(point).map(|(range, value)| format!("{} = {}", range.name, number(*value))).collect();
         format!("at {}: {message}", values.join(", "))
     }
 

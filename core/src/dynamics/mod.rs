@@ -159,7 +159,8 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let (factors, splines) = (labels.factors(), labels.splines()?);
     let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
-    let highest = highest_powers(&Comparison::of(&labels, &unseen), &factors);
+    let straight = StraightCoordinates::find(&Comparison::of(&labels, &unseen), &factors)?;
+    let highest = straight.highest_powers(factors.len());
     let set = FactorSet { factors: &factors, splines: &splines, highest: &highest };
     let mut samples = OfEquations::default();
     // accelerations have derivatives of the functions, reactions do not
@@ -173,6 +174,8 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         let (of_columns, of_splines) = exponents.split_at(factors.len());
         of_columns[..labels.coordinates()].iter().chain(of_splines).any(|exponent| *exponent != 0)
     });
+    let [still_functions, still_reactions] = straight.still_functions(labels.functions());
+    equations.clear_along(&still_functions);
     let counts = [labels.coordinates(), labels.efforts()];
     let of_reactions = |exponents: &[Vec<i16>]| {
         samples.extend(&labels, rows(exponents), seed)?;
@@ -192,7 +195,8 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let dynamics = Dynamics::with_efforts(labels.formulas()?, dynamics?);
     let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(labels.driven()));
     let dynamics = dynamics.map_err(|error| error.to_string())?;
-    let reactions = reactions.map(|found| {
+    let reactions = reactions.map(|mut found| {
+        found.clear_along(&still_reactions);
         let functions = found.dictionary(set, 0..found.coefficients.ncols())?;
         let reactions = Reactions::new(coordinates, efforts, functions).map_err(|error| error.to_string())?;
         Ok::<_, String>(FittedReactions { reactions, order: found.order, error: found.error })
@@ -226,6 +230,16 @@ impl Solution {
         let products = self.exponents.iter().enumerate().filter(|(_, exponents)| is_cleared(exponents));
         for (product, _) in products {
             self.coefficients.row_mut(product).columns_range_mut(functions.clone()).fill(0.0);
+        }
+    }
+
+    /// Sets coefficients of products with a coordinate to zero in the functions that do not change along it, which are flagged for each such
+    /// coordinate. They are rounding errors.
+    fn clear_along(&mut self, still: &[(usize, Vec<bool>)]) {
+        for (column, still) in still {
+            for (function, _) in still.iter().enumerate().filter(|(_, still)| **still) {
+                self.clear(function..function + 1, |exponents| exponents[*column] != 0);
+            }
         }
     }
 
@@ -333,7 +347,8 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
     let comparison = Comparison::of(&labels, &samples);
     let (mut idle, mut is_used) = (Vec::new(), Vec::new());
     for (index, parameter) in region.parameters.iter().enumerate().filter(|(index, _)| !labels.occurs(*index)) {
-        if !comparison.changes(labels.coordinates() + index, [parameter.min, parameter.max])?.contains(&true) {
+        if !comparison.changes(labels.coordinates() + index, [parameter.min, parameter.max], UNCHANGED)?.contains(&true)
+        {
             idle.push(parameter.name.clone());
         }
     }
@@ -366,13 +381,13 @@ impl<'a> Comparison<'a> {
         self.labels.at(&point).map(|label| [label.functions, label.reactions.functions].concat())
     }
 
-    /// For each function, true if it differs between two values of a column.
-    fn changes(&self, column: usize, [low, high]: [f64; 2]) -> Result<Vec<bool>, String> {
+    /// For each function, true if it differs between two values of a column by more than a part of its largest value.
+    fn changes(&self, column: usize, [low, high]: [f64; 2], part: f64) -> Result<Vec<bool>, String> {
         let mut changes = vec![false; self.scales.len()];
         for point in self.points {
             let ends = self.at(point, column, low)?.into_iter().zip(self.at(point, column, high)?);
             for ((changes, (low, high)), scale) in changes.iter_mut().zip(ends).zip(&self.scales) {
-                *changes |= (high - low).abs() > UNCHANGED * scale;
+                *changes |= (high - low).abs() > part * scale;
             }
         }
         Ok(changes)
@@ -400,7 +415,7 @@ impl<'a> Comparison<'a> {
     fn is_limited_along(&self, coordinate: usize, range: &QuantityRange) -> Result<bool, String> {
         // a function of an angle is the same at both ends of a turn
         let elsewhere = range.min + ELSEWHERE * (range.max - range.min);
-        let changes = self.changes(coordinate, [range.min, elsewhere])?;
+        let changes = self.changes(coordinate, [range.min, elsewhere], UNCHANGED)?;
         if !changes.contains(&true) {
             return Ok(false);
         }
@@ -411,16 +426,41 @@ impl<'a> Comparison<'a> {
     }
 }
 
-/// Highest power of each coordinate that products may have: the first one if all functions are straight lines along it. They are known beyond
-/// the range of such a coordinate, where higher powers of rounding errors would grow without limit.
-fn highest_powers(comparison: &Comparison, factors: &[Factor]) -> Vec<i16> {
-    let mut highest = vec![i16::MAX; factors.len()];
-    for (k, range) in comparison.labels.ranges().take(comparison.labels.coordinates()).enumerate() {
-        if factors[k] != Factor::Angle && !comparison.bends(k, range).contains(&true) {
-            highest[k] = 1;
+/// Largest change of a function, relative to its largest value, that rounding makes of one that does not change.
+const STILL: f64 = 1e-11;
+
+/// Coordinates along which all functions are straight lines, each with the functions that do not change along it. What was learned holds beyond the
+/// range of such a coordinate, where higher powers, of rounding errors, would grow without limit.
+struct StraightCoordinates(Vec<(usize, Vec<bool>)>);
+
+impl StraightCoordinates {
+    fn find(comparison: &Comparison, factors: &[Factor]) -> Result<Self, String> {
+        let mut straight = Vec::new();
+        for (k, range) in comparison.labels.ranges().take(comparison.labels.coordinates()).enumerate() {
+            if factors[k] != Factor::Angle && !comparison.bends(k, range).contains(&true) {
+                let changes = comparison.changes(k, [range.min, range.max], STILL)?;
+                straight.push((k, changes.into_iter().map(|changes| !changes).collect()));
+            }
         }
+        Ok(Self(straight))
     }
-    highest
+
+    /// Highest power of each column that products may have.
+    fn highest_powers(&self, columns: usize) -> Vec<i16> {
+        let mut highest = vec![i16::MAX; columns];
+        self.0.iter().for_each(|(column, _)| highest[*column] = 1);
+        highest
+    }
+
+    /// The flags of the functions of the equations, of which there are this number, and of the reactions.
+    fn still_functions(self, functions: usize) -> [Vec<(usize, Vec<bool>)>; 2] {
+        let (mut of_functions, mut of_reactions) = (Vec::new(), Vec::new());
+        for (column, mut still) in self.0 {
+            of_reactions.push((column, still.split_off(functions)));
+            of_functions.push((column, still));
+        }
+        [of_functions, of_reactions]
+    }
 }
 
 /// Number of configurations that determine these terms.

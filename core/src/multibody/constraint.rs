@@ -282,7 +282,12 @@ impl Constraints {
     pub fn assemble(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
         self.newton(t, q, |gradients, residual| {
             self.shortest(gradients, residual).or_else(|| {
-                let svd = gradients.dense().transpose().svd(true, true);
+                let dense = gradients.dense().transpose();
+                // the decomposition panics on values that are not finite
+                if !dense.iter().all(|value| value.is_finite()) {
+                    return None;
+                }
+                let svd = dense.svd(true, true);
                 svd.solve(residual, 1e-10 * svd.singular_values.amax()).ok()
             })
         })
@@ -426,6 +431,10 @@ pub(super) fn null_space(matrix: &DMatrix<f64>) -> Vec<DVector<f64>> {
     let (rows, columns) = matrix.shape();
     // with as many rows as columns the decomposition has all of them
     let square = matrix.clone().resize_vertically(rows.max(columns), 0.0);
+    // the decomposition panics on values that are not finite
+    if !square.iter().all(|value| value.is_finite()) {
+        return Vec::new();
+    }
     let svd = square.svd(false, true);
     let largest = svd.singular_values.iter().copied().fold(0.0, f64::max);
     let vectors = svd.v_t.iter().flat_map(DMatrix::row_iter).zip(&svd.singular_values);

@@ -19,6 +19,7 @@ use crate::{
     Error, Result,
     diagnostics::{
         KeyProblem, Problems,
+        numbers::{exact, from_to},
         origin::{self, Origin},
         problem::Problem,
         schema,
@@ -557,10 +558,10 @@ fn range_problems(description: &Description) -> Problems {
             (Some(_), None) => add("min", "expected a `max` as well".into()),
             (None, Some(_)) => add("max", "expected a `min` as well".into()),
             (Some(min), Some(max)) if min >= max => {
-                add("min", format!("range is empty: min {min} is not below max {max}"));
+                add("min", format!("range is empty: min {} is not below max {}", exact(min), exact(max)));
             }
             (Some(min), Some(max)) if !(min..=max).contains(&default) => {
-                add("default", format!("{default} is outside the range from {min} to {max}"));
+                add("default", format!("{} is outside the range {}", exact(default), from_to(min, max)));
             }
             _ => {}
         }
@@ -568,9 +569,9 @@ fn range_problems(description: &Description) -> Problems {
     for (name, &MechanismInput { start, min, max, .. }) in &description.inputs {
         let mut add = |field: &str, message: String| problems.add(format!("inputs.{name}.{field}"), message);
         if min >= max {
-            add("min", format!("range is empty: min {min} is not below max {max}"));
+            add("min", format!("range is empty: min {} is not below max {}", exact(min), exact(max)));
         } else if !(min..=max).contains(&start) {
-            add("start", format!("{start} is outside the range from {min} to {max}"));
+            add("start", format!("{} is outside the range {}", exact(start), from_to(min, max)));
         }
     }
     problems

@@ -1,7 +1,13 @@
 //! `[parameters]`: inputs of the surrogate beside the time.
 
 use super::{Method, Study, StudyStructure, outputs::check_variable_name};
-use crate::{diagnostics::Problems, scaling::LARGEST};
+use crate::{
+    diagnostics::{
+        Problems,
+        numbers::{exact, from_to},
+    },
+    scaling::LARGEST,
+};
 use indexmap::IndexMap;
 use metafmu_runtime::Encoding;
 use schemars::JsonSchema;
@@ -170,12 +176,13 @@ impl ParameterOptions {
         } else if values.len() == 1 {
             Some("1 value, expected at least 2".into())
         } else if !min.is_finite() || !max.is_finite() {
-            Some(format!("range from {min} to {max} is not finite"))
+            Some(format!("range {} is not finite", from_to(*min, *max)))
         } else if min >= max {
-            Some(format!("range is empty: min {min} is not below max {max}"))
+            Some(format!("range is empty: min {} is not below max {}", exact(*min), exact(*max)))
         } else if min.abs().max(max.abs()) > LARGEST || max - min < 1.0 / LARGEST {
             Some(format!(
-                "range from {min} to {max}, expected numbers up to {LARGEST:e} and a width above {:e}",
+                "range {}, expected numbers up to {LARGEST:e} and a width above {:e}",
+                from_to(*min, *max),
                 1.0 / LARGEST
             ))
         } else {

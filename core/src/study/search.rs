@@ -1,7 +1,7 @@
 //! `[search]`: which studies are tried.
 
 use super::BaselineKind;
-use crate::diagnostics::{Problems, schema};
+use crate::diagnostics::{Problems, numbers::from_to, schema};
 use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -219,7 +219,7 @@ impl SearchRange {
     fn problem(&self, grid: bool) -> Option<String> {
         let Some((min, max)) = self.ends() else { return Some("`min` and `max`: expected numbers".into()) };
         if !(min.is_finite() && max.is_finite() && min < max) {
-            return Some(format!("range from {min} to {max} is empty or not finite"));
+            return Some(format!("range {} is empty or not finite", from_to(min, max)));
         }
         if self.scale == SearchScale::Log && min <= 0.0 {
             return Some(format!("min {min}: a logarithmic range begins above 0"));

@@ -1,7 +1,7 @@
 //! `[source]`: what is sampled.
 
 use super::{Study, time::divides};
-use crate::diagnostics::Problems;
+use crate::diagnostics::{Problems, numbers::exact};
 use indexmap::IndexMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -220,10 +220,11 @@ impl SourceOptions {
         let Some(step) = self.step.filter(|step| step.is_finite() && *step > 0.0) else { return problems };
         let steps = study.time.stop / step;
         if study.time.step > 0.0 && !divides(step, study.time.step) {
-            let message = format!("{step} s does not divide the time between two rows, {} s", study.time.step);
+            let message =
+                format!("{} s does not divide the time between two rows, {} s", exact(step), exact(study.time.step));
             problems.add("source.step", message);
         } else if steps > MAX_STEPS {
-            problems.add("source.step", format!("{steps} steps a run, expected at most 100 million"));
+            problems.add("source.step", format!("{} steps a run, expected at most 100 million", exact(steps)));
         }
         problems
     }

@@ -6,7 +6,11 @@ use super::{
 };
 use crate::{
     Result,
-    diagnostics::{Problems, names::expected_one_of},
+    diagnostics::{
+        Problems,
+        names::expected_one_of,
+        numbers::{exact, from_to},
+    },
     table::Table,
 };
 use indexmap::IndexMap;
@@ -208,21 +212,21 @@ pub(super) fn problems(study: &Study) -> Problems {
         }
         let [min, max] = if is_open { &[f64::MIN, f64::MAX] } else { &[*min, *max] };
         if !(min.is_finite() && max.is_finite() && min < max) {
-            problems.add(&key, format!("range is empty or not finite: min {min}, max {max}"));
+            problems.add(&key, format!("range is empty or not finite: min {}, max {}", exact(*min), exact(*max)));
             continue;
         }
         if *periodic == Some(true) && !of_table && (max - min - TAU).abs() > 1e-6 {
-            problems.add(format!("{key}.periodic"), format!("the range from {min} to {max} is not a turn of 2 pi"));
+            problems.add(format!("{key}.periodic"), format!("the range {} is not a turn of 2 pi", from_to(*min, *max)));
         }
         for (field, range) in [("start", start), ("velocity", velocity), ("velocity_range", velocity_range)] {
             let Some([low, high]) = range else { continue };
             if field == "velocity_range" && low == high {
-                problems.add(format!("{key}.{field}"), format!("range is empty: from {low} to {high}"));
+                problems.add(format!("{key}.{field}"), format!("range is empty: {}", from_to(*low, *high)));
             } else if !(low.is_finite() && high.is_finite() && low <= high) {
                 let expected = "expected two finite numbers, the second at least as large as the first";
-                problems.add(format!("{key}.{field}"), format!("[{low}, {high}], {expected}"));
+                problems.add(format!("{key}.{field}"), format!("[{}, {}], {expected}", exact(*low), exact(*high)));
             } else if field == "start" && !(min <= low && high <= max) {
-                let message = format!("from {low} to {high}, expected a part of the range from {min} to {max}");
+                let message = format!("{}, expected a part of the range {}", from_to(*low, *high), from_to(*min, *max));
                 problems.add(format!("{key}.{field}"), message);
             }
         }

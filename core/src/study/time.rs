@@ -1,7 +1,7 @@
 //! `[time]`: the rows of a run.
 
 use super::{Study, TimeStructure};
-use crate::diagnostics::Problems;
+use crate::diagnostics::{Problems, numbers::exact};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -76,9 +76,9 @@ impl TimeOptions {
         problems.expect_positive("step", step);
         let steps = stop / step;
         if steps > MAX_STEPS {
-            problems.add("step", format!("{steps} rows a run, expected at most 10 million"));
+            problems.add("step", format!("{} rows a run, expected at most 10 million", exact(steps)));
         } else if steps > 0.0 && !divides(step, stop) {
-            problems.add("step", format!("{step} s does not divide the stop time of {stop} s"));
+            problems.add("step", format!("{} s does not divide the stop time of {} s", exact(step), exact(stop)));
         }
         problems
     }
