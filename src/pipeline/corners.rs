@@ -51,7 +51,7 @@ impl StartSpeed {
             Self::Sampled => None,
             Self::Upper => Some(high),
             Self::Lower => Some(low),
-            Self::Alternating => Some(if number % 2 == 0 { low } else { high }),
+            Self::Alternating => Some(if number.is_multiple_of(2) { low } else { high }),
             Self::Slow => Some(SLOW * high),
         }
     }

@@ -191,7 +191,7 @@ pub(super) fn add_source_equations(
     );
     match integrate_own_equations(model, &test.runs, project.workers())? {
         OwnRuns::Integrated(exact) => accuracy.source_equations = Some(SourceEquations::new(surrogate, test, exact)),
-        OwnRuns::Unable(reason) => project.note(&format!(
+        OwnRuns::Unable(reason) => project.note(format_args!(
             "the source's own equations cannot show whether its time step is too long: {reason}; compare a build with half the step"
         )),
     }

@@ -124,8 +124,8 @@ impl<'a> TrueRuns<'a> {
         Ok((!is_empty).then_some(truth))
     }
 
-    /// Speed of the surrogate and of the source at the loosest setting whose error is no larger than the surrogate's;
-    /// none if a run fails, or hardly takes longer than its first step, or the surrogate diverges. `starts_each_run`: of a program that is started for each run, the
+    /// Speed of the surrogate and of the source at the loosest setting whose error is no larger than the surrogate's. None if a run fails, or
+    /// hardly takes longer than its first step, or the surrogate diverges. `starts_each_run`: of a program that is started for each run, the
     /// start is a part of the run.
     fn compare(&self, surrogate: &Surrogate, starts_each_run: bool) -> Result<Option<Speed>> {
         let predictions = predict_all(surrogate, &self.runs);

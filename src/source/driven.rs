@@ -178,7 +178,7 @@ impl Driven {
                     let (min, max) = (state.min, state.max);
                     let message = format!(
                         "the mechanism starts at {}, which is outside the range {}",
-                        exact(start),
+                        exact(*start),
                         from_to(min, max)
                     );
                     problems.add(format!("states.{name}"), message);

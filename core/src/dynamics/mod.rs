@@ -159,7 +159,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let (factors, splines) = (labels.factors(), labels.splines()?);
     let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
-    let straight = StraightCoordinates::find(&Comparison::of(&labels, &unseen), &factors)?;
+    let straight = StraightCoordinates::find(&ColumnComparison::of(&labels, &unseen), &factors)?;
     let highest = straight.highest_powers(factors.len());
     let set = FactorSet { factors: &factors, splines: &splines, highest: &highest };
     let mut samples = OfEquations::default();
@@ -344,7 +344,7 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
     let labels = MechanismRegion::new(mechanism, region)?;
     let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
-    let comparison = Comparison::of(&labels, &samples);
+    let comparison = ColumnComparison::of(&labels, &samples);
     let (mut idle, mut is_used) = (Vec::new(), Vec::new());
     for (index, parameter) in region.parameters.iter().enumerate().filter(|(index, _)| !labels.occurs(*index)) {
         if !comparison.changes(labels.coordinates() + index, [parameter.min, parameter.max], UNCHANGED)?.contains(&true)
@@ -359,14 +359,14 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
 }
 
 /// Functions of a region at values of one column, elsewhere at some of its configurations.
-struct Comparison<'a> {
+struct ColumnComparison<'a> {
     labels: &'a MechanismRegion<'a>,
     points: &'a [RegionPoint],
     /// Largest magnitudes of the functions, with those of joints and springs.
     scales: Vec<f64>,
 }
 
-impl<'a> Comparison<'a> {
+impl<'a> ColumnComparison<'a> {
     fn of(labels: &'a MechanismRegion<'a>, samples: &'a OfEquations) -> Self {
         let mut scales = labels.scales(samples.samples.labels.iter());
         let counts = [labels.coordinates(), labels.efforts()];
@@ -434,7 +434,7 @@ const STILL: f64 = 1e-11;
 struct StraightCoordinates(Vec<(usize, Vec<bool>)>);
 
 impl StraightCoordinates {
-    fn find(comparison: &Comparison, factors: &[Factor]) -> Result<Self, String> {
+    fn find(comparison: &ColumnComparison, factors: &[Factor]) -> Result<Self, String> {
         let mut straight = Vec::new();
         for (k, range) in comparison.labels.ranges().take(comparison.labels.coordinates()).enumerate() {
             if factors[k] != Factor::Angle && !comparison.bends(k, range).contains(&true) {

@@ -589,6 +589,22 @@ mod tests {
     }
 
     #[test]
+    fn a_roll_out_ends_at_its_largest_number_of_steps() {
+        let surrogate = example::crane();
+        let evaluator = Evaluator::new(&surrogate);
+        let times: std::sync::Arc<[f64]> = (0..=100).map(|row| 0.05 * f64::from(row)).collect();
+        let inputs = vec![0.0; times.len()];
+        let run = Run { inputs, parameters: vec![1.2, 0.0, 0.8, 0.0, 0.0], times, outputs: Vec::new() };
+        let mut whole = RollOut::along(&surrogate, &evaluator, &run);
+        assert!((0..=100).all(|row| whole.at(row).is_some()));
+        let half = whole.steps() / 2;
+        let mut limited = RollOut::along(&surrogate, &evaluator, &run).with_most_steps(half);
+        let rows = (0..=100).take_while(|row| limited.at(*row).is_some()).count();
+        assert!((30..70).contains(&rows) && limited.steps() <= half, "{rows} rows");
+        assert_eq!(limited.failure(), Some(StepError::TooManySteps));
+    }
+
+    #[test]
     fn the_residual_is_how_far_positions_are_from_those_of_the_mechanism() {
         let surrogate = example::crane();
         let times: std::sync::Arc<[f64]> = (0..=40).map(|row| 0.05 * f64::from(row)).collect();

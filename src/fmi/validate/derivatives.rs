@@ -92,10 +92,11 @@ fn differences(
             report.skipped(format!("{names}: the outputs are too rough for differences"));
         }
     }
-    let mut compared = Compared { instance: &instance, unknown, largest, problems: Vec::new(), skipped: Vec::new() };
+    let mut check =
+        DerivativeCheck { instance: &instance, unknown, largest, problems: Vec::new(), skipped: Vec::new() };
     for ((known, difference), found) in knowns.iter().zip(&expected).zip(found) {
         if !is_rough(difference) {
-            compared.compare(Mode::Directional, known, difference, found)?;
+            check.compare(Mode::Directional, known, difference, found)?;
         }
     }
     if adjoint && fmu.description().fmi_version == FmiVersion::V3 && !knowns.is_empty() {
@@ -103,11 +104,11 @@ fn differences(
         let row = instance.adjoint_derivative(&[unknown.value_reference], &references, &[1.0])?;
         for ((known, difference), found) in knowns.iter().zip(&expected).zip(row) {
             if !is_rough(difference) {
-                compared.compare(Mode::Adjoint, known, difference, found)?;
+                check.compare(Mode::Adjoint, known, difference, found)?;
             }
         }
     }
-    let Compared { problems, skipped, .. } = compared;
+    let DerivativeCheck { problems, skipped, .. } = check;
     skipped.into_iter().for_each(|skipped| report.skipped(skipped));
     Ok(problems)
 }
@@ -120,7 +121,7 @@ enum Mode {
 }
 
 /// Comparison of the derivatives of one output.
-struct Compared<'a> {
+struct DerivativeCheck<'a> {
     instance: &'a FmuInstance<'a>,
     unknown: &'a ScalarVariable,
     /// Largest derivative of the output by differences.
@@ -129,7 +130,7 @@ struct Compared<'a> {
     skipped: Vec<String>,
 }
 
-impl Compared<'_> {
+impl DerivativeCheck<'_> {
     /// Compares a derivative at the start. One that differs there and is right on both sides is at a kink, where it may be any of the slopes that
     /// the parts of the function have.
     fn compare(&mut self, mode: Mode, known: &ScalarVariable, difference: &Differences, found: f64) -> Result<()> {

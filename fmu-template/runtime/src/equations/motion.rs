@@ -590,6 +590,12 @@ mod tests {
         let drive = Drive { rates: [&none, &none], clamp: None };
         let error = evaluator.advance(&mut point, CommunicationStep::of(1e9), drive);
         assert_eq!((error, point), (Err(StepError::TooManySteps), POINT));
+        for (most_steps, is_enough) in [(1, false), (1000, true)] {
+            let step = CommunicationStep { most_steps, ..CommunicationStep::of(0.1) };
+            let mut point = POINT;
+            let result = evaluator.advance(&mut point, step, drive);
+            assert_eq!((result.is_ok(), point != POINT), (is_enough, is_enough), "{result:?}");
+        }
         let fixed = Integration::Fixed { step: 0.005 };
         for integration in [fixed, Integration::ErrorControlled { tolerance: 1e-6, longest: 0.005 }] {
             let mut evaluator = evaluator.with_integration(integration);
