@@ -103,3 +103,62 @@ fn errors(compared: &Dataset, outputs: &[Vec<f64>]) -> IndexMap<String, OutputMe
 
 /// Part of a mean square error that counts as rounding.
 const ROUNDING: f64 = 1e-12;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{evaluation::RollOut, variable::SourceVariable};
+    use metafmu_example as example;
+    use metafmu_runtime::Evaluator;
+    use std::{f64::consts::PI, sync::Arc};
+
+    /// Error of the source's own runs.
+    const OWN_ERROR: f64 = 1e-3;
+
+    #[test]
+    fn chaotic_runs_and_runs_that_leave_the_domain_do_not_hide_a_coarse_time_step() {
+        // its trolley has a range of 5 m in both directions
+        let surrogate = example::crane();
+        let evaluator = Evaluator::new(&surrogate);
+        let times: Arc<[f64]> = (0..=200).map(|row| 0.05 * f64::from(row)).collect();
+        let width = surrogate.outputs().len();
+        let run = |angle: f64, speed: f64| {
+            let (parameters, inputs) = (vec![1.2, 0.0, angle, speed, 0.0], vec![0.0; times.len()]);
+            let run = Run { inputs, parameters, times: times.clone(), outputs: Vec::new() };
+            let mut roll_out = RollOut::along(&surrogate, &evaluator, &run);
+            let outputs = (0..times.len()).flat_map(|row| roll_out.at(row).unwrap().1[..width].to_vec()).collect();
+            Run { outputs, ..run }
+        };
+        let mut exact: Vec<Run> = vec![run(0.8, 0.1), run(0.3, 8.0), run(PI, 0.0)];
+        // a wall a little beyond the domain
+        for outputs in exact[1].outputs.chunks_mut(width).filter(|outputs| outputs[0] > 5.2) {
+            outputs[0] = 5.2;
+        }
+        // where the load falls to from its upright rest is left to rounding
+        exact[2].outputs.chunks_mut(width).skip(150).for_each(|outputs| outputs[1] += 2.0);
+        let mut own = exact.clone();
+        own.iter_mut().flat_map(|run| &mut run.outputs).for_each(|value| *value += OWN_ERROR);
+        let variable = |name: &str| SourceVariable::new(name, "", "");
+        let test = Dataset {
+            inputs: vec![variable("force")],
+            parameters: ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec(),
+            outputs: surrogate.outputs().iter().map(|output| variable(&output.name)).collect(),
+            runs: own,
+        };
+        let of_runs = Accuracy::of(&surrogate, &test);
+        let exact: Vec<Vec<f64>> = exact.into_iter().map(|run| run.outputs).collect();
+        let equations = SourceEquations::new(&surrogate, &test, exact.clone());
+        assert!(equations.explain(&of_runs), "{equations:?}");
+        for (name, metrics) in &equations.source {
+            assert!((metrics.max_abs_error - OWN_ERROR).abs() < 1e-12, "{name}: {metrics:?}");
+            assert!(equations.surrogate_compared[name].max_abs_error < 1e-9, "{name}");
+        }
+        assert!(equations.surrogate.outputs.values().any(|metrics| metrics.max_abs_error > 1.0));
+        // rows that are not known do not count
+        let beginnings: Vec<Vec<f64>> = exact.iter().map(|outputs| outputs[..50 * width].to_vec()).collect();
+        assert_eq!(SourceEquations::new(&surrogate, &test, beginnings).surrogate.test_rows, 150);
+        // the source's runs are as exact as can be, and the surrogate is of other equations
+        let own = test.runs.iter().map(|run| run.outputs.clone()).collect();
+        assert!(!SourceEquations::new(&surrogate, &test, own).explain(&of_runs));
+    }
+}
