@@ -241,6 +241,16 @@ def test_a_dask_worker_without_metafmu_is_reported_in_a_sentence(study, dask_wor
     assert (result.returncode, result.stderr.replace("`none`", "`metafmu`")) == (1, f"error: {platform.node()}: {says}\n")
 
 
+def test_dask_workers_with_metafmu_do_the_tasks_of_one_without_it(study, dask_worker, tmp_path):
+    dask_worker(tmp_path)
+    address = dask_worker(METAFMU.parent)
+    result = dask_campaign("sample", study, tmp_path, "--shards", SHARDS, "--scheduler", address)
+    assert tables(tmp_path) == tables(study.parent / "whole")
+    warnings = [line for line in result.stderr.splitlines() if line.startswith("warning: ")]
+    begin = f"warning: {platform.node()}: found no command `metafmu`, expected `metafmu` on the PATH, or its path in the variable METAFMU; the worker tcp://"
+    assert len(warnings) == 1 and warnings[0].startswith(begin) and warnings[0].endswith(" gets no tasks"), result.stderr
+
+
 def test_a_node_of_slurm_without_metafmu_is_reported_in_a_sentence(study, tmp_path):
     task = {"SLURM_ARRAY_TASK_ID": "1", "SLURM_ARRAY_TASK_COUNT": "1", "METAFMU": "none"}
     for command in [["slurm.sh", "sample"], ["slurm.sh", "compare"]]:
