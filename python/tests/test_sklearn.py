@@ -11,7 +11,8 @@ import metafmu
 pytest.importorskip("sklearn")
 pandas = pytest.importorskip("pandas")
 
-from sklearn import ensemble, linear_model, tree
+from scipy.sparse import csr_matrix
+from sklearn import base, ensemble, linear_model, tree
 from sklearn.compose import ColumnTransformer, TransformedTargetRegressor
 from sklearn.cross_decomposition import PLSRegression
 from sklearn.decomposition import PCA
@@ -122,6 +123,31 @@ def test_the_fmu_predicts_what_scikit_learn_does(name, rows, agrees):
         assert np.abs(found - expected).max() <= 1e-5 * max(np.abs(expected).max(), 1.0)
     elif smooth is None and "of-ridge" not in name:
         assert not found.any()
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_models_of_a_constant_target_are_constant(rows):
+    x = rows[0][:60]
+    kernels = {f"{kind.__name__}-{kernel}": kind(kernel=kernel) for kind in (SVR, NuSVR) for kernel in ("rbf", "linear", "poly", "sigmoid")}
+    models = {name: model for name, (model, _, _) in MODELS.items()} | kernels
+    for name, model in models.items():
+        model = base.clone(model).fit(x, np.full((60, 2) if name in MODELS and MODELS[name][1] is True else 60, 3.25))
+        assert "SVR" not in name or not len(model.support_vectors_)
+        expected = model.predict(rows[0])
+        found = metafmu.from_sklearn(model, data=x).predict(rows[0]).reshape(expected.shape)
+        assert np.abs(found - expected).max() < 1e-9, name
+    sparse = SVR().fit(csr_matrix(x), np.full(60, 3.25))
+    assert (metafmu.from_sklearn(sparse, data=x).predict(rows[0]) == 3.25).all()
+
+
+def test_an_onnx_regressor_without_support_vectors_is_its_constant(rows):
+    onnx = pytest.importorskip("onnx")
+    helper, single = onnx.helper, onnx.TensorProto.FLOAT
+    node = helper.make_node("SVMRegressor", ["x"], ["y"], domain="ai.onnx.ml", kernel_type="RBF", n_supports=0, rho=[3.25])
+    graph = helper.make_graph([node], "constant", [helper.make_tensor_value_info("x", single, [1, 3])], [helper.make_tensor_value_info("y", single, [1, 1])])
+    versions = [helper.make_opsetid("", 17), helper.make_opsetid("ai.onnx.ml", 3)]
+    surrogate = metafmu.from_onnx(helper.make_model(graph, opset_imports=versions, ir_version=8), data=rows[0])
+    assert (surrogate.predict(rows[0]) == 3.25).all()
 
 
 def test_thresholds_are_compared_as_scikit_learn_does(rows):

@@ -412,6 +412,9 @@ def _kernel_of_vectors(graph, value, vectors, kernel, gamma, coef0, degree):
 @_reads("SVR", "NuSVR")
 def _svr(graph, estimator, value):
     vectors = estimator.support_vectors_
+    if not vectors.shape[0]:
+        # all rows are within epsilon of the intercept
+        return graph.constant(np.ravel(estimator.intercept_))
     if hasattr(vectors, "toarray"):
         raise Error("support vectors in a sparse matrix, expected an estimator that was fitted to an array")
     kernel = _kernel_of_vectors(graph, value, np.asarray(vectors), estimator.kernel, estimator._gamma, estimator.coef0, estimator.degree)

@@ -72,10 +72,14 @@ impl GraphReader {
         }
         let width = self.row(node, 0)?.shape.last().copied().unwrap_or(1);
         let supports = usize::try_from(attributes.integer("n_supports").unwrap_or(0)).unwrap_or(0);
-        let (coefficients, rho) = (attributes.numbers("coefficients")?.values, attributes.numbers("rho")?.values);
+        let (mut coefficients, rho) = (attributes.numbers("coefficients")?.values, attributes.numbers("rho")?.values);
         let bias = rho.first().copied().unwrap_or(0.0);
         let kernel = attributes.text("kernel_type").unwrap_or("LINEAR".into());
         if supports == 0 {
+            if coefficients.is_empty() {
+                // a constant: no row is far from it
+                coefficients = vec![0.0; width];
+            }
             if coefficients.len() != width {
                 return Err(format!("{} coefficients, expected {width}", coefficients.len()));
             }
