@@ -20,7 +20,7 @@ INTRODUCTION = """# Python API
 This page has each public object of the package `metafmu`: arguments, shapes, units and errors.
 [From Python](python.md) explains them by task.
 
-Returned arrays are numpy arrays of doubles. Rows may be array-like, or a DataFrame with a column for each name. Two types stand for several forms of an argument:
+Returned arrays are numpy arrays of doubles. Rows may be array-like, or a DataFrame or dict with a column for each name. Two types stand for several forms of an argument:
 
 - `Names`: a list of names, or a dict from names to units, ranges `(min, max)`, or dicts with the keys of an [interface](import.md#the-interface).
 - `States`: a dict from inputs of a model to the outputs that are their next values, or to dicts with the keys of [states](import.md#states).

@@ -70,7 +70,7 @@ def names_of(rows):
 def test_a_simulation_from_measured_rows_is_that_of_predict(surrogate, expected):
     pandas = pytest.importorskip("pandas")
     past, driving = TRUTH[:GIVEN], TRUTH[GIVEN:, 0]
-    frame = pandas.DataFrame(names_of(past)).assign(time=TIME[:GIVEN], remark="measured")
+    frame = pandas.DataFrame(names_of(past)).assign(time=TIME[:GIVEN])
     close = lambda found: found.shape == expected.shape and (np.abs(found - expected).max(axis=0) <= 1e-12 * np.ptp(expected, axis=0)).all()
     assert surrogate.sample_time == STEP
     for history in (past, names_of(past), frame, {**names_of(past), "time": TIME[:GIVEN]}):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import os
+import sys
+import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +18,8 @@ from . import _metafmu
 
 # hosts add up step sizes and convert units; in an FMU it is the same
 _TOLERANCE = 1e-9
+# columns of tables of runs, which no variable need have
+_OF_TABLES = {"run", "time"}
 
 
 @dataclass(frozen=True)
@@ -42,17 +46,14 @@ States = Optional[Mapping[str, Any]]
 
 
 def rows_of(x, names, what="X"):
-    """Rows of an array-like or a DataFrame with columns of these names, as an array of doubles of shape (rows, columns).
+    """Rows of an array-like, or of a DataFrame or dict with columns of these names, as an array of doubles of shape (rows, columns).
 
     Raises :class:`metafmu.Error` if they do not fit.
     """
-    if is_frame(x):
-        known = [str(column) for column in x.columns]
-        refuse_missing(what, "column", names, known)
-        of_name = dict(zip(known, x.columns))
-        x = np.column_stack([numbers_of(x[of_name[name]], f"{what}: `{name}`") for name in names])
-    if isinstance(x, Mapping):
-        raise _metafmu.Error(f"{what} is a dict, expected an array or a DataFrame with the columns {', '.join(names[:20])}")
+    columns = columns_by_name(x, what)
+    if columns is not None:
+        refuse_missing(what, "column", names, columns)
+        x = stacked(columns, names, what)
     x = numbers_of(x, what)
     if x.ndim == 1 and len(names) > 1:
         hint = f"expected rows of {len(names)} columns: for a single row, {what}[None, :]"
@@ -62,6 +63,34 @@ def rows_of(x, names, what="X"):
     if x.ndim != 2 or x.shape[1] != len(names):
         raise _metafmu.Error(f"{what} has the shape {x.shape}, expected (rows, {len(names)}): {', '.join(names[:20])}")
     return np.ascontiguousarray(x)
+
+
+def columns_by_name(x, what):
+    """Columns of a DataFrame or dict by name; None for anything else. Raises :class:`metafmu.Error` if two have the same name."""
+    if not is_frame(x) and not isinstance(x, Mapping):
+        return None
+    keys = list(x.columns) if is_frame(x) else list(x)
+    names = [str(key) for key in keys]
+    if twice := [name for place, name in enumerate(names) if name in names[:place]]:
+        raise _metafmu.Error(f"{what}: found the column `{twice[0]}` twice, expected each name once")
+    return {name: x[key] for name, key in zip(names, keys)}
+
+
+def stacked(columns, names, what, count=None):
+    """Columns of these names as an array of doubles of shape (rows, columns); a number is the value of all rows.
+
+    ``count``: number of rows, that of the longest column if None. Raises :class:`metafmu.Error` if they have different lengths.
+    """
+    values = [numbers_of(columns[name], f"{what}: `{name}`") for name in names]
+    lengths = {value.shape for value in values if value.ndim}
+    if count is None and (len(lengths) > 1 or any(len(shape) != 1 for shape in lengths)):
+        shapes = ", ".join(f"`{name}` {value.shape}" for name, value in zip(names, values))
+        raise _metafmu.Error(f"{what}: {shapes}, expected as many numbers of each")
+    if count is not None and (wrong := [f"`{name}` {value.shape}" for name, value in zip(names, values) if value.shape not in ((), (1,), (count,))]):
+        raise _metafmu.Error(f"{what}: {wrong[0]}, expected a number or {count}, one for each time")
+    if count is None:
+        count = next((shape[0] for shape in lengths), 1)
+    return np.column_stack([np.broadcast_to(value, (count,)) for value in values]) if values else np.empty((count, 0))
 
 
 def refuse_missing(what, kind, wanted, known):
@@ -181,13 +210,22 @@ class Surrogate:
 
     def _rows(self, x):
         self._core.stateless()
-        return rows_of(x, [item["name"] for item in self._metadata["inputs"]])
+        return self._used(x, [item["name"] for item in self._metadata["inputs"]], "X")
+
+    def _used(self, x, names, what):
+        """Rows of these columns. A warning lists columns of a DataFrame or dict that mean nothing to the surrogate."""
+        rows = rows_of(x, names, what)
+        known = {item["name"] for item in (*self._metadata["inputs"], *self._metadata["outputs"])} | _OF_TABLES
+        if unused := [name for name in columns_by_name(x, what) or () if name not in known]:
+            _warn(f"{what}: found columns that are not used: {', '.join(unused[:20])}")
+        return rows
 
     def predict(self, X: Any, return_std: bool = False) -> Any:
         """Predicts outputs of shape (rows, outputs), in double precision, on all cores.
 
-        ``X``: rows of the inputs, as an array or a DataFrame with a column for each input. ``return_std``: also return the predicted
-        standard deviations, of the same shape, of a surrogate fitted with ``std=True``.
+        ``X``: rows of the inputs, as an array, or a DataFrame or dict with a column for each input; a number in a dict is the value of all
+        rows. Columns of outputs, ``run`` and ``time`` are ignored, and a warning lists other columns that are not used. ``return_std``: also
+        return the predicted standard deviations, of the same shape, of a surrogate fitted with ``std=True``.
 
         Raises :class:`metafmu.Error` for missing columns and for text or dates among numbers, for surrogates with states (see
         :meth:`Surrogate.simulate`), and with ``return_std`` if the surrogate predicts no standard deviations.
@@ -228,7 +266,7 @@ class Surrogate:
     def evaluate(self, X: Any, y: Any) -> dict[str, dict[str, float | None]]:
         """Measures errors of predictions on given rows. Returns a dict for each output, from which `pandas.DataFrame` makes a table.
 
-        ``X``: rows of the inputs; ``y``: outputs of the original model there, an array or a DataFrame. Both must be unseen in training: on
+        ``X``: rows of the inputs; ``y``: outputs of the original model there, an array, DataFrame or dict. Both must be unseen in training: on
         training rows the figures are too optimistic.
 
         The keys of the dicts are
@@ -247,10 +285,7 @@ class Surrogate:
         >>> surrogate.evaluate(X_test, y_test)["force"]["r2"]
         """
         x = self._rows(X)
-        y = y if is_frame(y) else numbers_of(y, "y")
-        if not is_frame(y) and y.ndim == 1 and len(self._predictions) == 1:
-            y = y[:, None]
-        y = rows_of(y, [item["name"] for item in self._predictions], "y")
+        y = self._used(y, [item["name"] for item in self._predictions], "y")
         if len(x) != len(y) or not len(x):
             raise _metafmu.Error(f"X has {len(x)} rows and y {len(y)}, expected as many, at least one")
         for what, rows in (("X", x), ("y", y)):
@@ -302,17 +337,18 @@ class Surrogate:
         """Simulates a surrogate with states from the first of the times on; returns outputs of shape (times, outputs).
 
         ``time``: ascending, in seconds. ``inputs``: input signals at these times, of shape (times, inputs), or a DataFrame or dict with a
-        column for each. A column that is missing is an error, which names the closest column there is. They are linear between the times; a
-        discrete-time surrogate holds them from sample to sample. ``parameters``: numbers by name, also the ``..._start`` of states; names that
-        the surrogate does not have are an error, and parameters that are not given keep their start values.
+        column for each. They are linear between the times; a discrete-time surrogate holds them from sample to sample. ``parameters``:
+        numbers by name, also the ``..._start`` of states; parameters that are not given keep their start values.
 
         ``history``: measurements before the first of the times, for a discrete-time surrogate. They are rows of inputs and outputs, of
         shape (rows, inputs + outputs), or a DataFrame or dict with a column for each. Rows are :attr:`sample_time` apart, and the last one
-        is that long before the first of the times; a column ``time`` is checked against that. Measured outputs replace the predicted ones;
-        the result has no rows for them.
+        is that long before the first of the times. Measured outputs replace the predicted ones; the result has no rows for them.
 
-        Raises :class:`metafmu.Error` for surrogates without states, times that do not ascend, unknown or missing names, wrong shapes and
-        numbers that are not finite.
+        A DataFrame or dict may also have parameters, which are constant, and ``time``, which is checked. Columns that are missing and columns
+        that the simulation does not use, such as outputs, are errors that list all of them.
+
+        Raises :class:`metafmu.Error` for surrogates without states, times that do not ascend, unknown or missing names, parameters with two
+        values, wrong shapes and numbers that are not finite.
 
         >>> t = numpy.linspace(0.0, 10.0, 1001)
         >>> y = surrogate.simulate(t, {"torque": numpy.sin(t)}, {"angle_start": 0.5})
@@ -325,43 +361,64 @@ class Surrogate:
         items = self._metadata["inputs"]
         driven = [item["name"] for item in items if item["role"]["causality"] == "input"]
         constants = {item["name"]: item["start"] for item in items if item["role"]["causality"] != "input"}
+        outputs = [item["name"] for item in self._metadata["outputs"]]
         if not isinstance(parameters or {}, Mapping):
             raise _metafmu.Error(f"parameters: {parameters!r}, expected a dict of numbers by name")
         refuse_missing("parameters", "parameter", parameters or {}, constants)
-        for name, value in (parameters or {}).items():
-            given = numbers_of(value, f"parameter `{name}`")
-            if given.ndim or not math.isfinite(given):
-                raise _metafmu.Error(f"parameter `{name}`: {value}, expected a finite number")
-            constants[name] = float(given)
-        rows = np.empty((len(time), 0))
-        if driven:
-            if inputs is None:
-                raise _metafmu.Error(f"no inputs, expected a column for each of {', '.join(driven)}")
-            rows = _driving(inputs, driven, len(time))
-        measured, outputs = np.empty((0, 0)), [item["name"] for item in self._metadata["outputs"]]
+        given = {"parameters": {name: _parameter(name, value) for name, value in (parameters or {}).items()}}
+        signals, past = columns_by_name(inputs, "inputs"), columns_by_name(history, "history")
+        if signals is not None:
+            self._refuse_misfits(signals, driven, "inputs")
+        given["inputs"] = _constants(signals or {}, constants, "inputs", len(time))
+        if driven and inputs is None:
+            raise _metafmu.Error(f"no inputs, expected a column for each of {', '.join(driven)}")
+        if not driven and inputs is not None and signals is None:
+            raise _metafmu.Error(f"inputs: found {type(inputs).__name__}, expected None: `{self.name}` has no inputs")
+        rows = _driving(inputs, driven, len(time)) if driven else np.empty((len(time), 0))
+        if "time" in (signals or {}):
+            _check_times(signals["time"], time)
+        measured = np.empty((0, 0))
         if history is not None:
-            before, past = self._past(history, driven + outputs, time[0])
-            time, rows = np.concatenate([before, time - time[0]]), np.concatenate([past[:, : len(driven)], rows])
-            measured = np.ascontiguousarray(past[:, len(driven) :])
+            if self.sample_time is None:
+                raise _metafmu.Error(f"`{self.name}` has no past samples, expected a discrete-time surrogate: `parameters` has the states at the start")
+            if past is not None:
+                self._refuse_misfits(past, driven + outputs, "history")
+            before, earlier = self._past(history, driven + outputs, time[0])
+            given["history"] = _constants(past or {}, constants, "history")
+            time, rows = np.concatenate([before, time - time[0]]), np.concatenate([earlier[:, : len(driven)], rows])
+            measured = np.ascontiguousarray(earlier[:, len(driven) :])
+        constants |= _merged(given)
         values = self._core.simulate(time.tobytes(), rows.tobytes(), list(constants.values()), measured.tobytes())
         return np.frombuffer(values, dtype=np.float64).reshape(len(time), len(outputs))[len(measured) :]
+
+    def _refuse_misfits(self, columns, signals, what):
+        """Raises :class:`metafmu.Error` with all columns that are missing, or that a simulation does not use.
+
+        ``signals``: names whose values change in time.
+        """
+        constants = [item["name"] for item in self._metadata["inputs"] if item["role"]["causality"] != "input"]
+        outputs = {item["name"] for item in self._metadata["outputs"]}
+        used = [*signals, *constants, "time"]
+        problems = []
+        if computed := [f"`{name}`" for name in columns if name in outputs and name not in used]:
+            measured = "" if self.sample_time is None else "; outputs measured before the first of `time` belong in `history`"
+            problems.append(f"found columns of outputs, {', '.join(computed[:20])}, which the simulation computes: leave them out{measured}")
+        missing = _metafmu.missing("column", list(signals), list(columns))
+        # columns of another name are among those that a missing one is expected among
+        if missing := missing or _metafmu.missing("variable", [name for name in columns if name not in outputs or name in used], used):
+            problems.append(missing)
+        if problems:
+            raise _metafmu.Error(f"{what}: {'; '.join(problems)}")
 
     def _past(self, history, names, start):
         """Times before the start, relative to it, and the rows of a history with columns of these names."""
         step = self.sample_time
-        if step is None:
-            raise _metafmu.Error(f"`{self.name}` has no past samples, expected a discrete-time surrogate: `parameters` has the states at the start")
-        if isinstance(history, Mapping):
-            given = [name for name in (*names, "time") if name in history]
-            refuse_missing("history", "column", names, history)
-            columns = {name: numbers_of(history[name], f"history: `{name}`") for name in given}
-            if len({column.shape for column in columns.values()}) > 1 or columns[given[0]].ndim != 1:
-                shapes = ", ".join(f"`{name}` {column.shape}" for name, column in columns.items())
-                raise _metafmu.Error(f"history: {shapes}, expected as many numbers of each")
-            past, stamps = np.column_stack([columns[name] for name in names]), columns.get("time")
+        columns = columns_by_name(history, "history")
+        if columns is not None and "time" in columns:
+            past, stamps = np.split(stacked(columns, [*names, "time"], "history"), [len(names)], axis=1)
+            stamps = stamps[:, 0]
         else:
-            past = rows_of(history, names, "history")
-            stamps = numbers_of(history["time"], "history: `time`") if is_frame(history) and "time" in history.columns else None
+            past, stamps = rows_of(history, names, "history"), None
         if not np.isfinite(past).all():
             raise _metafmu.Error(f"history has a number that is not finite in row {int(np.argwhere(~np.isfinite(past))[0, 0])}")
         before = -step * np.arange(len(past), 0, -1.0)
@@ -437,18 +494,65 @@ def _names(names, option, expected):
 
 def _driving(inputs, names, count):
     """Inputs at each time, of shape (times, inputs)."""
-    if isinstance(inputs, Mapping):
-        refuse_missing("inputs", "input", names, inputs)
-        columns = [numbers_of(inputs[name], f"inputs: `{name}`") for name in names]
-        if wrong := [f"`{name}` {column.shape}" for name, column in zip(names, columns) if column.shape not in ((), (1,), (count,))]:
-            raise _metafmu.Error(f"inputs: {wrong[0]}, expected a number or {count}, one for each time")
-        inputs = np.column_stack([np.broadcast_to(column, (count,)) for column in columns])
+    columns = columns_by_name(inputs, "inputs")
+    if columns is not None:
+        inputs = stacked(columns, names, "inputs", count)
     rows = rows_of(inputs, names, "inputs")
     if len(rows) != count:
         raise _metafmu.Error(f"inputs has {len(rows)} rows, expected {count}, one for each time")
     if not np.isfinite(rows).all():
         raise _metafmu.Error("inputs has numbers that are not finite")
     return rows
+
+
+def _check_times(column, time):
+    """Raises :class:`metafmu.Error` if a column of the inputs has other times than the simulation."""
+    found = numbers_of(column, "inputs: `time`")
+    if found.shape != time.shape:
+        raise _metafmu.Error(f"inputs: `time` {found.shape}, expected {time.shape}, the times of the simulation")
+    # a step apart from rounding
+    if len(wrong := np.flatnonzero(~(np.abs(found - time) <= _TOLERANCE * np.abs(time).max()))):
+        row = int(wrong[0])
+        raise _metafmu.Error(f"inputs: `time` is {found[row]:.12g} s in row {row}, expected {time[row]:.12g} s, that of the argument `time`")
+
+
+def _parameter(name, value):
+    given = numbers_of(value, f"parameter `{name}`")
+    if given.ndim or not math.isfinite(given):
+        raise _metafmu.Error(f"parameter `{name}`: {value}, expected a finite number")
+    return float(given)
+
+
+def _constants(columns, names, what, count=None):
+    """Values of the parameters among some columns, which must be constant. ``count``: number of rows, as in :func:`stacked`."""
+    found = {}
+    for name in names:
+        if name in columns and len(values := np.unique(stacked(columns, [name], what, count))):
+            if len(values) > 1 or not np.isfinite(values).all():
+                shown = ", ".join(f"{value:.12g}" for value in values[:3]) + (", ..." if len(values) > 3 else "")
+                raise _metafmu.Error(f"{what}: found the values {shown} of the parameter `{name}`, expected one finite value in a run")
+            found[name] = float(values[0])
+    return found
+
+
+def _merged(given):
+    """Parameters of several arguments. Raises :class:`metafmu.Error` if one has two values."""
+    found = {}
+    for what, values in given.items():
+        for name, value in values.items():
+            earlier = next((other for other in given if name in given[other]), what)
+            if given[earlier][name] != value:
+                raise _metafmu.Error(f"parameter `{name}`: found {given[earlier][name]:.12g} in `{earlier}` and {value:.12g} in `{what}`, expected one value")
+            found[name] = value
+    return found
+
+
+def _warn(message):
+    """A warning at the line of the caller of this package."""
+    frame, level = sys._getframe(), 1
+    while frame.f_back and os.path.dirname(frame.f_code.co_filename) == os.path.dirname(__file__):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, UserWarning, stacklevel=level)
 
 
 def _from_bytes(data, accuracy=None, fit=None):
