@@ -166,6 +166,20 @@ def test_keys_of_the_study_are_set_added_and_left_out(tmp_path):
         metafmu.Study(decorated(lambda times, parameters: {"x": times}), name="wrong", folder=tmp_path, sampling={"run": 5})
 
 
+@pytest.mark.parametrize(
+    "options,message",
+    [
+        ({"structure": "dynamic"}, "^structure: found 'dynamic', expected one of response, discrete, dynamics$"),
+        ({"sampling": 200}, r"^sampling: found 200, expected a dict with keys of \[sampling\]$"),
+        ({"sampling": {"runs": print}}, "^sampling.runs: found <built-in function print>, expected a number, a text, True or False, a list or a dict$"),
+        ({"name": "a/b"}, "^name: found 'a/b', expected a text without folders: `folder` has the place$"),
+    ],
+)
+def test_wrong_arguments_of_a_study_are_sentences(options, message, tmp_path):
+    with pytest.raises(metafmu.Error, match=message):
+        metafmu.Study(decorated(lambda times, parameters: {"x": times}), **{"name": "wrong", "folder": tmp_path, **options})
+
+
 def test_what_cannot_be_sampled_elsewhere_is_refused(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 

@@ -1,7 +1,7 @@
 """A study of a source that is defined in this process: in a notebook, a script or a closure.
 
 The processes that sample it read a copy from a file. cloudpickle makes it: code is copied, with the variables that it uses; modules are
-imported there. Nothing of the package is imported here but `_source`, so that such a process starts fast.
+imported there. Nothing of the package is imported here but `_source` and the extension, so that such a process starts fast.
 """
 
 from __future__ import annotations
@@ -20,14 +20,20 @@ import types
 from collections.abc import Mapping
 from pathlib import Path
 
+from ._metafmu import Error
 from ._source import Source
 
 MADE = "# Made by `metafmu.Study`"
+_STRUCTURES = ("response", "discrete", "dynamics")
 
 
 def write(source, name, folder, structure, sections, program):
     """Writes the copy and the study; returns the study's path."""
     name = _name(source) if name is None else name
+    if not isinstance(name, str) or os.path.basename(name) != name:
+        raise Error(f"name: found {name!r}, expected a text without folders: `folder` has the place")
+    if structure not in (None, *_STRUCTURES):
+        raise Error(f"structure: found {structure!r}, expected one of {', '.join(_STRUCTURES)}")
     path, copy = folder / f"{name}.toml", folder / f"{name}-source.pickle"
     if path.exists() and not path.read_text(encoding="utf-8").startswith(MADE):
         raise FileExistsError(f"{path} was not made by metafmu.Study, expected another `name` or `folder`: Study.load reads it")
@@ -41,8 +47,6 @@ def write(source, name, folder, structure, sections, program):
     chosen = [] if structure is None else ["--structure", structure]
     made = subprocess.run([program, "new", name, *chosen, "--command", *command], cwd=folder, capture_output=True, text=True, encoding="utf-8")
     if made.returncode != 0:
-        from ._metafmu import Error
-
         raise Error(made.stderr.strip().removeprefix("error: "))
     text = path.read_text(encoding="utf-8").split("\n", 1)[1]
     files = [*map(str, modules), *source.files]
@@ -168,8 +172,14 @@ def _with(text, sections):
     # keys outside of sections come first, so that no section precedes them
     for section, keys in sorted(sections.items(), key=lambda item: isinstance(item[1], Mapping)):
         in_section = isinstance(keys, Mapping)
+        if not in_section and keys is not None and _header(lines, section) is not None:
+            raise Error(f"{section}: found {keys!r}, expected a dict with keys of [{section}]")
         for key, value in (keys if in_section else {section: keys}).items():
-            lines = _set(lines, section if in_section else None, key, value)
+            try:
+                lines = _set(lines, section if in_section else None, key, value)
+            except TypeError:
+                what = f"{section}.{key}" if in_section else key
+                raise Error(f"{what}: found {value!r}, expected a number, a text, True or False, a list or a dict") from None
     return "\n".join(lines) + "\n"
 
 
@@ -177,10 +187,10 @@ def _set(lines, section, key, value):
     is_header = [re.match(r"\[[^\]]+\]", line) is not None for line in lines]
     begin = -1
     if section is not None:
-        headers = [number for number, line in enumerate(lines) if re.match(rf"\[\s*{re.escape(section)}\s*\]", line)]
-        if not headers:
+        header = _header(lines, section)
+        if header is None:
             lines, is_header = [*lines, "", f"[{section}]"], [*is_header, False, True]
-        begin = headers[0] if headers else len(lines) - 1
+        begin = len(lines) - 1 if header is None else header
     end = next((number for number in range(begin + 1, len(lines)) if is_header[number]), len(lines))
     name = key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else json.dumps(key, ensure_ascii=False)
     new = [] if value is None else [f"{name} = {_toml(value)}"]
@@ -191,6 +201,11 @@ def _set(lines, section, key, value):
     while end > begin + 1 and not lines[end - 1].strip():
         end -= 1
     return [*lines[:end], *new, *lines[end:]]
+
+
+def _header(lines, section):
+    """Number of the line that opens a section, or None."""
+    return next((number for number, line in enumerate(lines) if re.match(rf"\[\s*{re.escape(section)}\s*\]", line)), None)
 
 
 def _toml(value):
