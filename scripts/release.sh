@@ -158,7 +158,10 @@ wheels() {
   local tuple options
   have_libraries
   for tuple in "${only[@]}"; do
+    mkdir -p "$work/sbom"
+    python3 scripts/sbom.py --target "${TARGETS[$tuple]}" >"$work/sbom/metafmu.cdx.json"
     options=(build --release --locked --manifest-path python/Cargo.toml --target-dir "$work/cargo" --out "$dist" --target "${TARGETS[$tuple]}")
+    options+=(--sbom-include "$work/sbom/metafmu.cdx.json")
     # 2014 is that of glibc 2.17
     if [[ $tuple = *-linux ]]; then options+=(--zig --compatibility manylinux2014); fi
     compile "$tuple" maturin "${options[@]}"

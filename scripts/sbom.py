@@ -3,7 +3,9 @@
 That is what `cargo metadata` has for the command and the Python extension, on the platforms of releases, without what only builds and
 tests need. The checksums are those of Cargo.lock.
 
-Usage: python3 scripts/sbom.py > metafmu.cdx.json
+Usage: python3 scripts/sbom.py [--target TARGET] > metafmu.cdx.json
+
+With --target, only packages of one platform: a wheel has this bill instead of that of maturin, which has paths of the builder's machine.
 """
 
 import argparse
@@ -100,8 +102,10 @@ def bill(packages, edges):
 
 
 def main():
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    print(json.dumps(bill(*linked(PROGRAMS)), indent=2, ensure_ascii=False))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--target", help="platform as rustc names it, by default all platforms of releases")
+    options = parser.parse_args()
+    print(json.dumps(bill(*linked(PROGRAMS, [options.target] if options.target else TARGETS)), indent=2, ensure_ascii=False))
 
 
 if __name__ == "__main__":

@@ -49,6 +49,9 @@ def test_the_package_has_licenses_and_no_folder_of_its_builder():
     cargo = os.environ.get("CARGO_HOME", Path.home() / ".cargo")
     folders = [str(cargo), str(Path(__file__).parents[2])]
     assert [folder for folder in folders if folder.encode() in content] == []
+    [bill] = [file.read_text(encoding="utf-8") for file in files if "sboms" in file.parts]
+    assert "pkg:cargo/pyo3@" in bill and "path+file" not in bill
+    assert [folder for folder in folders if folder in bill] == []
 
 
 def test_a_surrogate_is_saved_loaded_and_pickled(surrogate, rows, tmp_path):

@@ -1,6 +1,8 @@
 """License texts that go with wheels, archives and FMUs."""
 
+import json
 import sys
+import tomllib
 
 from conftest import ROOT
 
@@ -24,6 +26,17 @@ def test_every_package_in_wheels_and_fmus_has_a_license_text(monkeypatch):
         packages = packages_of(programs, monkeypatch)
         assert len(packages) > 10 and packages <= listed, f"run scripts/licenses.py: {path} lacks {sorted(packages - listed)}"
         assert "The Rust standard library, The Rust Project Developers" in listed
+
+
+def test_bills_of_materials_in_wheels_have_no_paths_of_their_builder(monkeypatch):
+    monkeypatch.setenv("CARGO_NET_OFFLINE", "true")
+    bill = json.dumps(sbom.bill(*sbom.linked(sbom.PROGRAMS, ["x86_64-unknown-linux-gnu"])))
+    assert "pkg:cargo/pyo3@" in bill and "path+file" not in bill and str(ROOT) not in bill
+    # which takes the place of maturin's
+    options = tomllib.loads((ROOT / "python" / "pyproject.toml").read_text())["tool"]["maturin"]
+    assert options["sbom"] == {"rust": False}
+    for script in ("wheel.sh", "release.sh"):
+        assert "--sbom-include" in (ROOT / "scripts" / script).read_text(), script
 
 
 def test_packages_that_were_removed_have_no_license_text():
