@@ -1,6 +1,7 @@
 """A function or class as the source of a study: it answers the requests of docs/command-sources.md.
 
-Nothing but numpy and the extension, which every process has, is imported here, so that a worker starts fast.
+Nothing but numpy is imported here, so that a worker starts fast. The extension is imported when there is something to say: a file of its own,
+``metafmu.py``, works without it.
 """
 
 from __future__ import annotations
@@ -15,8 +16,6 @@ from collections.abc import Mapping
 from numbers import Real
 
 import numpy as np
-
-from ._metafmu import Error, missing
 
 PROTOCOL = 1
 _KEYS = ("unit", "min", "max", "start", "description")
@@ -66,7 +65,7 @@ def source(model=None, /, *, parameters=None, outputs=None, inputs=None, states=
     if None not in (length := times.get("stop"), between := times.get("step")) and 0 < length < between:
         problems.append(f"step: found {between}, expected at most the {length} of stop")
     for name, options in sections["states"].items():
-        if problem := missing("state", [str(options.get("rate_of", name))], list(sections["states"])):
+        if problem := _missing("state", [str(options.get("rate_of", name))], list(sections["states"])):
             problems.append(f"states.{name}.rate_of: {problem}")
     if description is not None and not isinstance(description, str):
         problems.append(f"description: found {description!r}, expected a text")
@@ -115,13 +114,13 @@ class Source:
         """
         for what, values in (("parameters", parameters), ("inputs", inputs or {}), ("states", states or {})):
             if not isinstance(values, Mapping):
-                raise Error(f"{what}: found {values!r}, expected a dict by name")
+                raise _error(f"{what}: found {values!r}, expected a dict by name")
         try:
             times = np.asarray(times, float)
         except (TypeError, ValueError):
-            raise Error(f"times: found {times!r}, expected an array of numbers") from None
+            raise _error(f"times: found {times!r}, expected an array of numbers") from None
         if times.ndim != 1:
-            raise Error(f"times: found the shape {times.shape}, expected an array of numbers, as in [0.0, 0.1]")
+            raise _error(f"times: found the shape {times.shape}, expected an array of numbers, as in [0.0, 0.1]")
         self._refuse("states", "state", states or {}, self._about["states"])
         self._refuse("inputs", "input", inputs or {}, self._about["inputs"])
         self._refuse("inputs", "input", self._about["inputs"], inputs or {})
@@ -203,8 +202,8 @@ class Source:
     @staticmethod
     def _refuse(what, kind, wanted, known):
         """Raises :class:`metafmu.Error` with all wanted names that are not known, each with the closest known one that nothing wants."""
-        if problem := missing(kind, [str(name) for name in wanted], [str(name) for name in known]):
-            raise Error(f"{what}: {problem}")
+        if problem := _missing(kind, [str(name) for name in wanted], [str(name) for name in known]):
+            raise _error(f"{what}: {problem}")
 
     def _complete(self, parameters):
         self._refuse("parameters", "parameter", parameters, self._about["parameters"])
@@ -270,7 +269,7 @@ def _quantity(section, name, given, problems):
         return {}
     options = dict(options)
     if unknown := [str(key) for key in options if key not in keys]:
-        problems.append(f"{what}: {missing('key', unknown, list(keys))}")
+        problems.append(f"{what}: {_missing('key', unknown, list(keys))}")
     for key in ("min", "max", "start"):
         if key in options:
             options[key] = _number(options[key], f"{what}.{key}", problems)
@@ -298,7 +297,7 @@ def _number(value, what, problems):
 def _refuse_all(problems):
     """Raises :class:`metafmu.Error` with a line for each problem."""
     if problems:
-        raise Error("\n".join(f"metafmu.source: {problem}" for problem in problems))
+        raise _error("\n".join(f"metafmu.source: {problem}" for problem in problems))
 
 
 def _problems_of_arguments(model, about):
@@ -334,7 +333,7 @@ def _problems_of_run(found, outputs, count):
     """Problems of the result of a run with `count` times."""
     if not isinstance(found, Mapping):
         return [f"the function returned {_kind(found)}, expected a dict with an array for each of {', '.join(outputs)}"]
-    if problem := missing("output", list(outputs), [str(name) for name in found]):
+    if problem := _missing("output", list(outputs), [str(name) for name in found]):
         return [f"the function returned {problem}"]
     problems = []
     for name in outputs:
@@ -352,7 +351,7 @@ def _problems_of_equations(found, states):
     """Problems of the result of the method `equations`."""
     if not isinstance(found, (tuple, list)) or len(found) not in (2, 3) or not all(isinstance(part, Mapping) for part in found[:2]):
         return [f"`equations` returned {_kind(found)}, expected two dicts: derivatives of the states, and outputs"]
-    problem = missing("derivative", list(states), [str(name) for name in found[0]])
+    problem = _missing("derivative", list(states), [str(name) for name in found[0]])
     return [f"`equations` returned {problem}"] if problem else []
 
 
@@ -362,7 +361,7 @@ def _column(found, which, name):
         return [float(parts[which][name]) for parts in found]
     except (TypeError, ValueError):
         value = next(parts[which][name] for parts in found if not isinstance(parts[which][name], Real))
-        raise Error(f"`equations` returned {_kind(value)} for `{name}`, expected a number") from None
+        raise _error(f"`equations` returned {_kind(value)} for `{name}`, expected a number") from None
 
 
 def _kind(value):
@@ -379,3 +378,23 @@ def _start(options):
 
 def _list(values):
     return np.asarray(values, float).tolist()
+
+
+def _error(message):
+    """:class:`metafmu.Error`, or ValueError without the extension."""
+    try:
+        from ._metafmu import Error
+    except ImportError:
+        return ValueError(message)
+    return Error(message)
+
+
+def _missing(kind, wanted, known):
+    """A sentence on the wanted names that are not known, with the nearest ones; None if all are."""
+    if lacking := [name for name in wanted if name not in known]:
+        try:
+            from ._metafmu import missing
+        except ImportError:
+            return f"no {kind} {', '.join(lacking)}, expected one of {', '.join(known)}"
+        return missing(kind, wanted, known)
+    return None
