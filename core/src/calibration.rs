@@ -2,6 +2,7 @@
 
 use crate::{
     dataset::{Dataset, Run},
+    diagnostics::numbers::counted,
     evaluation::{KindCoverage, SignalKind, first_predicted, predict},
     study::BoundsOptions,
 };
@@ -44,7 +45,8 @@ pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_ki
     if half_widths.iter().any(|half_width| !half_width.is_finite()) {
         let runs = calibration.runs.len();
         return Err(format!(
-            "{runs} runs do not bound {coverage} of the rows: too few of their predictions can be computed"
+            "no bound of {coverage} of the rows from {}: too few of their predictions can be computed",
+            counted(runs, "run")
         ));
     }
     let runs = calibration.runs.len() as u64;

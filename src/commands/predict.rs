@@ -37,7 +37,8 @@ pub fn run(args: &PredictArgs) -> Result<CommandOutcome> {
 
 fn summary(Predicted { rows, runs, seconds, .. }: &Predicted) -> String {
     let runs = runs.map_or(String::new(), |runs| format!(" of {}", counted(runs as usize, "run")));
-    format!("{rows} rows{runs} in {seconds:.2} s, {:.0} rows/s", *rows as f64 / seconds)
+    let per_second = *rows as f64 / seconds;
+    format!("{}{runs} in {seconds:.2} s, {per_second:.0} rows/s", counted(*rows as usize, "row"))
 }
 
 /// Prints warnings that would be overlooked in a long table.

@@ -6,6 +6,7 @@ use super::{
     reference::{OPTIONS_FILE, RESULT_FILE},
 };
 use crate::{
+    diagnostics::numbers::counted,
     evaluation::{Accuracy, Horizon, KindCoverage, RollOuts, TestRows, Verdict},
     html::{self, LOOK, escape},
     report::{
@@ -163,7 +164,7 @@ fn accuracy_table(page: &mut String, surrogate: &Surrogate, accuracy: Option<&Ac
     };
     let Accuracy { outputs, test_runs, rows, seen_until, .. } = accuracy;
     let test_rows = readable::count(accuracy.test_rows);
-    let runs = format!("{test_runs} runs of the original model ({test_rows} rows)");
+    let runs = format!("{} of the original model ({test_rows} rows)", counted(*test_runs, "run"));
     let measured = match (rows, seen_until) {
         (Some(TestRows::Given), _) => format!("{test_rows} rows that were given for it"),
         (Some(TestRows::OfRuns), _) => format!("{test_rows} rows of runs that took no part in training"),

@@ -254,7 +254,10 @@ pub(super) fn constants(surrogate: &Surrogate) -> impl Iterator<Item = (&Output,
 /// The results as a table for people: errors in the outputs' units.
 pub fn table(project: &Project, metrics: &Metrics) -> String {
     let Accuracy { outputs, test_runs, test_rows, given_rows, seen_until, .. } = &metrics.accuracy;
-    let runs = seen_until.map_or("unseen runs".into(), |stop| format!("runs, unseen after {stop} s"));
+    let runs = match seen_until {
+        None => counted(*test_runs, "unseen run"),
+        Some(stop) => format!("{}, unseen after {stop} s", counted(*test_runs, "run")),
+    };
     let on = match (metrics.accuracy.rows, given_rows) {
         (Some(TestRows::CrossValidated), _) => {
             format!(
@@ -263,8 +266,8 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         }
         (Some(TestRows::OfRuns), _) => format!("{test_rows} rows of unseen runs"),
         (Some(_), _) => format!("{test_rows} unseen rows"),
-        (None, 0) => format!("{test_runs} {runs}, {test_rows} rows"),
-        (None, given) => format!("{test_runs} {runs}, {test_rows} predicted rows, beside {given} given ones"),
+        (None, 0) => format!("{runs}, {}", counted(*test_rows, "row")),
+        (None, given) => format!("{runs}, {}, and {given} given", counted(*test_rows, "predicted row")),
     };
     let mut text = format!("{} on {on}\n\n", metrics.name);
     let coverage = project.study.bounds.map(|bounds| 100.0 * bounds.coverage);

@@ -9,6 +9,7 @@ use super::{
 };
 use crate::{
     Error, Result,
+    diagnostics::numbers::counted,
     evaluation::OutsideRows,
     files,
     report::{Beside, Evaluated, Material, page},
@@ -171,17 +172,18 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
         method: by_method,
         ..
     } = training;
+    let held_out = counted(*validation_runs, "run");
     let trained_on = match by_method {
         None => format!(
-            "{rows} rows, {validation_runs} runs held out, {epochs} of {all} epochs ({stopped}), the best is {best_epoch}",
+            "{rows} rows, {held_out} held out, {epochs} of {all} epochs ({stopped}), the best is {best_epoch}",
             all = study.training.epochs
         ),
         Some(MethodRecord::Motion(_)) => format!("{rows} configurations, "),
         Some(MethodRecord::StateSpace(_)) => format!("{rows} states, "),
         Some(MethodRecord::Trajectories(_)) => format!("{rows} rows, "),
-        Some(MethodRecord::Discrete(_)) => format!("{rows} samples, {validation_runs} runs held out, "),
+        Some(MethodRecord::Discrete(_)) => format!("{rows} samples, {held_out} held out, "),
         Some(MethodRecord::StaticMap(_)) => format!("{rows} rows, "),
-        Some(MethodRecord::Compliant(_)) => format!("{rows} rows, {validation_runs} runs held out, "),
+        Some(MethodRecord::Compliant(_)) => format!("{rows} rows, {held_out} held out, "),
     };
     let how = trained_on + &by_method.as_ref().map_or(String::new(), MethodRecord::describe).replace('\n', "; ");
     let added =
@@ -200,8 +202,8 @@ fn facts(project: &Project, samples: &SamplesRecord, training: &TrainingRecord) 
     [
         ("Source", source),
         ("Sampling of the training runs", method.to_owned()),
-        ("Training runs", format!("{train_runs}, {train_rows} rows{added}")),
-        ("Test runs", format!("{test_runs}, {test_rows} rows")),
+        ("Training runs", format!("{train_runs}, {}{added}", counted(*train_rows, "row"))),
+        ("Test runs", format!("{test_runs}, {}", counted(*test_rows, "row"))),
         ("Sampling took", format!("{sample_seconds:.2} s")),
         ("Training", how),
         ("Training took", format!("{train_seconds:.1} s")),

@@ -7,7 +7,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::Dataset,
-    diagnostics::numbers::power,
+    diagnostics::numbers::{counted, power},
     evaluation::Accuracy,
     files,
     refinement::next_points,
@@ -157,9 +157,10 @@ fn report(project: &Project, before: &[Round], round: &Round, target: &TargetOpt
         _ => "the target is met",
     };
     project.say(format_args!(
-        "round {} with {} runs: smallest R² {worst} on {validation_runs} held-out runs, {went} ({})",
+        "round {} with {}: smallest R² {worst} on {}, {went} ({})",
         before.len() + 1,
-        round.runs,
+        counted(round.runs, "run"),
+        counted(validation_runs, "held-out run"),
         target.r2
     ));
 }

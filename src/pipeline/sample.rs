@@ -8,6 +8,7 @@ use super::{
 use crate::{
     Error, Result,
     dataset::{self, Dataset, Rounding},
+    diagnostics::numbers::counted,
     files,
     sampling::{Plan, Sets},
     scaling,
@@ -169,7 +170,10 @@ pub fn sample_shard(project: &Project, part: Shard) -> Result<ShardRecord> {
     let failed = outcomes.iter().filter(|outcome| outcome.is_err()).count();
     shard::write(&path, &project.study, part, &outcomes, seconds)?;
     journal.remove()?;
-    project.finish(format_args!("sampled shard {part}: {} runs, {failed} failed, in {seconds:.2} s", points.len()));
+    project.finish(format_args!(
+        "sampled shard {part}: {}, {failed} failed, in {seconds:.2} s",
+        counted(points.len(), "run")
+    ));
     Ok(ShardRecord { shard: path, runs: points.len(), failed_runs: failed })
 }
 
@@ -225,7 +229,9 @@ fn run_points(
 ) -> Result<Vec<RunOutcome>> {
     project.begin(CountedWork::Runs, points.len());
     if !journal.is_empty() {
-        project.note(format_args!("{} runs are kept from a sampling that was not finished", journal.len()));
+        let verb = if journal.len() == 1 { "is" } else { "are" };
+        project
+            .note(format_args!("{} {verb} kept from a sampling that was not finished", counted(journal.len(), "run")));
     }
     let outcomes = simulation.run_all(points, total, journal, project.workers(), || project.event(Event::Advance));
     outcomes.inspect_err(|_| project.event(Event::End))
@@ -277,7 +283,10 @@ fn write(project: &Project, mut sets: Sets<Dataset>, failed: Vec<FailedRun>, sam
     };
     let SamplesRecord { train_runs, train_rows, test_runs, sample_seconds, .. } = record;
     project.finish(format_args!(
-        "sampled {train_runs} training runs ({train_rows} rows) and {test_runs} test runs in {sample_seconds:.2} s"
+        "sampled {} ({}) and {} in {sample_seconds:.2} s",
+        counted(train_runs, "training run"),
+        counted(train_rows, "row"),
+        counted(test_runs, "test run")
     ));
     constants.iter().for_each(|line| project.say(line));
     // tables without a record are not trusted: it goes first and comes back last

@@ -1,7 +1,7 @@
 //! The table of models side by side: `comparison.json` and `comparison.csv`.
 
 use super::OutputMetrics;
-use crate::diagnostics::numbers::{self, power};
+use crate::diagnostics::numbers::{self, counted, power};
 use indexmap::{IndexMap, IndexSet};
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
@@ -125,7 +125,7 @@ impl Comparison {
         // a static map has rows, each of which is a run
         let on = match test_runs == test_rows {
             true => format!("{test_rows} unseen rows, each kind of model separately"),
-            false => format!("{test_runs} unseen runs, {test_rows} rows"),
+            false => format!("{}, {}", counted(*test_runs, "unseen run"), counted(*test_rows, "row")),
         };
         let mut text = format!("{name} on {on}\n\n{:<18}", "R² of");
         // writing to a string does not fail

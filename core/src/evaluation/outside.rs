@@ -3,7 +3,7 @@
 use super::{Accuracy, roll_outs::divergence};
 use crate::{
     dataset::{Dataset, Run},
-    diagnostics::numbers::number,
+    diagnostics::numbers::{counted, number},
     evaluation::RollOut,
 };
 use indexmap::IndexMap;
@@ -95,7 +95,11 @@ impl OutsideRows {
         let first = first.map_or(String::new(), |exit| format!(": {}", exit.describe()));
         let (outside, leaving) = (self.rows, self.exits.len());
         let verb = if leaving == 1 { "leaves" } else { "leave" };
-        format!("{leaving} of {runs} test runs {verb} the domain, {outside} of {rows} rows are outside{first}")
+        format!(
+            "{leaving} of {} {verb} the domain, {outside} of {} are outside{first}",
+            counted(runs, "test run"),
+            counted(rows, "row")
+        )
     }
 }
 

@@ -1,7 +1,7 @@
 //! `[bounds]`: error bounds of the outputs.
 
 use super::limits::MAX_RUNS;
-use crate::diagnostics::Problems;
+use crate::diagnostics::{Problems, numbers::counted};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -43,7 +43,10 @@ impl BoundsOptions {
         }
         let least = Self::least_runs(coverage);
         if runs < least {
-            problems.add("runs", format!("{runs} runs, expected at least {least} for a coverage of {coverage}"));
+            problems.add(
+                "runs",
+                format!("{}, expected at least {least} for a coverage of {coverage}", counted(runs, "run")),
+            );
         }
         problems
     }

@@ -4,7 +4,7 @@ use super::{
     Method, Study,
     limits::{MAX_RUNS, MAX_VARIABLES},
 };
-use crate::diagnostics::Problems;
+use crate::diagnostics::{Problems, numbers::counted};
 
 /// Rows of all runs together.
 const MAX_ROWS: f64 = 1e9;
@@ -34,7 +34,8 @@ pub(super) fn problems(study: &Study) -> Problems {
         ("target.max_runs", target as u64),
     ];
     for (key, runs) in counts.into_iter().filter(|(_, runs)| *runs > MAX_RUNS as u64) {
-        let found = if runs == u64::MAX { "more runs than can be counted".into() } else { format!("{runs} runs") };
+        let found =
+            if runs == u64::MAX { "more runs than can be counted".into() } else { counted(runs as usize, "run") };
         problems.add(key, format!("{found}, expected at most {MAX_RUNS}"));
     }
     // rows of recorded runs are what the tables have

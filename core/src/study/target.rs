@@ -1,7 +1,7 @@
 //! `[target]`: how good the surrogate is to be.
 
 use super::{Method, Study, TimeStructure, limits::MAX_RUNS};
-use crate::diagnostics::Problems;
+use crate::diagnostics::{Problems, numbers::counted};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -42,7 +42,7 @@ impl TargetOptions {
         let mut problems = Problems::default();
         problems.expect(r2 > 0.0 && r2 < 1.0, "target.r2", r2, "a number between 0 and 1");
         if !(1..=MAX_ADDED_RUNS).contains(&runs) {
-            problems.add("target.runs", format!("{runs} runs, expected 1 to {MAX_ADDED_RUNS}"));
+            problems.add("target.runs", format!("{}, expected 1 to {MAX_ADDED_RUNS}", counted(runs, "run")));
         }
         problems
     }
@@ -59,7 +59,10 @@ impl TargetOptions {
         }
         let (runs, max_runs) = (study.train_runs(), self.max_runs);
         if (max_runs as u64) < runs {
-            problems.add("target.max_runs", format!("{max_runs} runs, expected at least the {runs} of the plan"));
+            problems.add(
+                "target.max_runs",
+                format!("{}, expected at least the {runs} of the plan", counted(max_runs, "run")),
+            );
         }
         if let Some(message) = too_few_judges(study, runs) {
             problems.add("target", message);

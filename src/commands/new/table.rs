@@ -4,6 +4,7 @@ use super::{DISCRETE, StudyTarget, key, quoted, rest};
 use crate::{cli::NewArgs, commands::say};
 use metafmu::{
     Error, Result,
+    diagnostics::numbers::counted,
     source::recorded::at_gap,
     table::{Table, is_text, stamps},
 };
@@ -271,7 +272,11 @@ fn read(
     let expected =
         "expected runs that begin at 0 s and have more than one row, or of rows without a time --structure static";
     if !(runs.stop > 0.0 && runs.step > 0.0) {
-        return Err(table.mistake(&format!("{} runs, the shortest ends at {} s: {expected}", runs.count, runs.stop)));
+        return Err(table.mistake(&format!(
+            "{}, the shortest ends at {} s: {expected}",
+            counted(runs.count, "run"),
+            runs.stop
+        )));
     }
     Ok(runs)
 }
@@ -365,7 +370,7 @@ fn text(target: &StudyTarget, file: &Path, runs: &RunsProfile, roles: &Roles) ->
         1.0 => "runs begin at 0 and are cut off at `stop`, where the shortest ends".into(),
         _ => format!("the run is cut into {pieces} of this length, each with the samples before it"),
     };
-    let count = if runs.count == 1 { "1 run".into() } else { format!("{} runs", runs.count) };
+    let count = counted(runs.count, "run");
     // of a single run that is cut
     let run_count = runs.count.max(pieces as usize);
     let (structure, option) = match is_discrete {

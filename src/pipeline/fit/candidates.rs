@@ -6,7 +6,7 @@ use crate::{
     baselines::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, worker},
     dataset::Dataset,
     diagnostics::names::listed,
-    diagnostics::numbers::power,
+    diagnostics::numbers::{counted, power},
     evaluation::{self, OutputMetrics},
     processor_time::{ProcessorClock, ProcessorTimer},
     scaling::of_columns,
@@ -46,7 +46,7 @@ const LEAST_PROCESS_ROWS: usize = 2;
 pub(super) fn std_rows_problem(rows: usize) -> Option<String> {
     let most = CANDIDATES.into_iter().filter(|kind| kind.has_std()).map(most_rows).max().unwrap_or_default();
     let expected = format!("expected {LEAST_PROCESS_ROWS} to {most} for a predicted standard deviation");
-    (!(LEAST_PROCESS_ROWS..=most).contains(&rows)).then(|| format!("std: {rows} rows, {expected}"))
+    (!(LEAST_PROCESS_ROWS..=most).contains(&rows)).then(|| format!("std: {}, {expected}", counted(rows, "row")))
 }
 
 /// Largest number of rows that a model of a kind can be fitted to.

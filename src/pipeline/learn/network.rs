@@ -4,6 +4,7 @@ use super::{Beginning, LearningMethod, per_instant};
 use crate::{
     Result,
     dataset::Dataset,
+    diagnostics::numbers::counted,
     pipeline::{
         follower::{Follower, Trained, at_least_one_epoch, load_checkpoint, unusable_checkpoint},
         prepare::{PreparedTraining, prepare},
@@ -59,14 +60,14 @@ fn train(project: &Project, dataset: &Dataset, Beginning { added, start, resume 
         method: None,
     };
     project.finish(format_args!(
-        "trained on {} rows for {} of {} epochs in {:.1} s ({}); epoch {} is the best on {} held-out runs",
-        record.train_rows,
+        "trained on {} for {} of {} in {:.1} s ({}); epoch {} is the best on {}",
+        counted(record.train_rows, "row"),
         record.epochs,
-        options.epochs,
+        counted(options.epochs, "epoch"),
         record.train_seconds,
         record.stopped,
         record.best_epoch,
-        record.validation_runs
+        counted(record.validation_runs, "held-out run")
     ));
     let network = per_instant::without_constants(&outcome.network, &training_rows);
     let graph = Graph::from(&ScaledNetwork { scaling, layers: network.to_layers() });

@@ -5,6 +5,7 @@ pub(super) use crate::training::without_constants;
 use crate::{
     Error, Result,
     dataset::Dataset,
+    diagnostics::numbers::counted,
     files,
     pipeline::{
         follower::Trained,
@@ -82,13 +83,13 @@ fn train(project: &Project, dataset: &Dataset, resume: bool) -> Result<Trained> 
         method: None,
     };
     project.finish(format_args!(
-        "trained {} networks on {} rows in {:.1} s ({}); epoch {} is the median of the best on {} held-out runs",
-        outcomes.len(),
-        record.train_rows,
+        "trained {} on {} in {:.1} s ({}); epoch {} is the median of the best on {}",
+        counted(outcomes.len(), "network"),
+        counted(record.train_rows, "row"),
         record.train_seconds,
         record.stopped,
         record.best_epoch,
-        record.validation_runs
+        counted(record.validation_runs, "held-out run")
     ));
     let history = mean_history(&outcomes);
     let scaled = |(prepared, outcome): (PreparedTraining, Outcome)| ScaledNetwork {

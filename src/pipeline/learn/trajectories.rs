@@ -4,6 +4,7 @@ use super::{Beginning, LearningMethod};
 use crate::{
     Error, Result,
     dataset::Dataset,
+    diagnostics::numbers::counted,
     dynamics::{
         identify::{AccelerationModel, Identified, fit_accelerations, fit_motion},
         trajectory::{Trajectory, disagreement},
@@ -128,7 +129,8 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
     let method = MethodRecord::Trajectories(exported);
     let record = TrainingRecord::solved(rows, began.elapsed().as_secs_f64(), method);
     project.finish(format_args!(
-        "learned the equations from {rows} rows in {:.1} s: {}",
+        "learned the equations from {} in {:.1} s: {}",
+        counted(rows, "row"),
         record.train_seconds,
         record.method.as_ref().map_or(String::new(), MethodRecord::describe)
     ));

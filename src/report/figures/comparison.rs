@@ -3,7 +3,10 @@
 use super::{
     Axis, Chart, ChartSeries, Figure, Ink, ReportBlock, Section, Shape, code, escape, number, paragraph, r2, table,
 };
-use crate::evaluation::comparison::{Comparison, ModelRow, ModelStatus};
+use crate::{
+    diagnostics::numbers::counted,
+    evaluation::comparison::{Comparison, ModelRow, ModelStatus},
+};
 
 /// `is_of_rows`: whether the models are the candidates of a static map.
 pub fn section(comparison: &Comparison, is_of_rows: bool) -> Section {
@@ -11,7 +14,9 @@ pub fn section(comparison: &Comparison, is_of_rows: bool) -> Section {
     let what = match is_of_rows {
         true => format!("Kinds of model, compared on {test_rows} rows that they were not fitted to."),
         false => format!(
-            "Simpler models, fitted to training rows of the same study and measured on the same {test_runs} test runs, {test_rows} rows."
+            "Simpler models, fitted to training rows of the same study and measured on the same {}, {}.",
+            counted(*test_runs, "test run"),
+            counted(*test_rows, "row")
         ),
     };
     let mut blocks = vec![paragraph(&format!(

@@ -73,6 +73,7 @@ pub fn summary(material: &Material) -> Section {
         }
         Some(TestRows::OfRuns) => format!("{test_rows} rows of runs that took no part in training"),
         Some(_) => format!("{test_rows} rows that took part neither in the fit nor in its choices"),
+        None if *test_runs == 1 => format!("1 run of the original model, {test_rows} rows, {unseen}"),
         None => format!("{test_runs_text} runs of the original model, {test_rows} rows, {unseen}"),
     };
     let train_rows = count(metadata.provenance.train_rows as usize);

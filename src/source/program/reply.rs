@@ -1,6 +1,6 @@
 //! Requests to a program and its replies, each a line of JSON.
 
-use crate::{study::Study, table::Table};
+use crate::{diagnostics::numbers::counted, study::Study, table::Table};
 use indexmap::IndexMap;
 use serde::{
     Deserialize, Serialize,
@@ -194,7 +194,7 @@ pub(super) fn rows_of(path: &Path, study: &Study, times: &[f64]) -> Result<Vec<f
             row += 1;
         }
         if row < times.len() {
-            return Err(table.mistake(&format!("{row} rows, expected {}", times.len())));
+            return Err(table.mistake(&format!("{}, expected {}", counted(row, "row"), times.len())));
         }
         Ok(values)
     };

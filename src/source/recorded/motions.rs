@@ -5,7 +5,7 @@ use super::{ColumnNames, Recorded, resolve, runs::Runs};
 use crate::{
     Error, Result,
     dataset::{Dataset, Run},
-    diagnostics::Problems,
+    diagnostics::{Problems, numbers::counted},
     dynamics::{
         identify::FEWEST_ROWS,
         trajectory::{Trajectory, differences},
@@ -113,7 +113,7 @@ impl Recorded {
         if let Some(short) = motions.learned().iter().find(|motion| motion.rows() < FEWEST_ROWS) {
             let part = study.sampling.train_stop.map_or(String::new(), |stop| format!(" up to {stop} s"));
             let expected = format!("expected at least {FEWEST_ROWS} to learn from");
-            return Err(table.mistake(&format!("a run has {} rows{part}, {expected}", short.rows())));
+            return Err(table.mistake(&format!("a run has {}{part}, {expected}", counted(short.rows(), "row"))));
         }
         self.parameters.extend(motions.driven.starts());
         self.motions = Some(Box::new(motions));
