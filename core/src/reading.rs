@@ -2,8 +2,14 @@
 
 use std::{
     fs::{self, File, FileType},
-    io::{self, ErrorKind, Read},
+    io::{self, Cursor, ErrorKind, Read},
     path::Path,
+    sync::{
+        atomic::{AtomicBool, Ordering},
+        mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel},
+    },
+    thread,
+    time::Duration,
 };
 
 /// Bytes of a study, a mechanism, an interface or a system's description at most.
@@ -27,13 +33,107 @@ pub fn open(path: &Path) -> io::Result<File> {
     Err(io::Error::other(format!("it is not a regular file but {kind}: write its content to a file first")))
 }
 
-/// Opens a file, a pipe or a device, for readers that take each byte once and have a limit. Opening a pipe waits for a
-/// writer: [`is_stream`] tells before.
-///
-/// # Errors
-/// The system's reason.
-pub fn open_stream(path: &Path) -> io::Result<File> {
-    if is_stream(path) { File::open(path) } else { open(path) }
+/// Bytes that are taken once, in their order: a regular file, or a [`StreamReader`].
+#[derive(Debug)]
+pub enum ByteSource<'a> {
+    /// A regular file.
+    File(File),
+    /// A pipe or a device.
+    Stream(StreamReader<'a>),
+}
+
+impl<'a> ByteSource<'a> {
+    /// Opens a file, a pipe or a device. [`is_stream`] tells before. Nothing waits for a pipe once `stop` is true.
+    ///
+    /// # Errors
+    /// The system's reason.
+    pub fn open(path: &Path, stop: &'a AtomicBool) -> io::Result<Self> {
+        if is_stream(path) { Ok(Self::Stream(StreamReader::open(path, stop))) } else { open(path).map(Self::File) }
+    }
+
+    /// Number of bytes of a regular file, 0 of a stream.
+    ///
+    /// # Errors
+    /// The system's reason.
+    pub fn length(&self) -> io::Result<u64> {
+        match self {
+            Self::File(file) => file.metadata().map(|found| found.len()),
+            Self::Stream(_) => Ok(0),
+        }
+    }
+}
+
+impl Read for ByteSource<'_> {
+    fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.read(to),
+            Self::Stream(stream) => stream.read(to),
+        }
+    }
+}
+
+/// A pipe or a device. A separate thread waits for its writer and for its bytes, so that a flag ends the wait of the reader.
+#[derive(Debug)]
+pub struct StreamReader<'a> {
+    pieces: Receiver<io::Result<Vec<u8>>>,
+    piece: Cursor<Vec<u8>>,
+    stop: &'a AtomicBool,
+}
+
+/// Bytes of a stream that are read at a time, and pieces that wait for the reader.
+const PIECE: usize = 1 << 16;
+const PIECES: usize = 4;
+/// Time between two checks of the flag.
+const BETWEEN: Duration = Duration::from_millis(50);
+
+impl<'a> StreamReader<'a> {
+    fn open(path: &Path, stop: &'a AtomicBool) -> Self {
+        let (give, pieces) = sync_channel(PIECES);
+        let path = path.to_owned();
+        // it ends with the stream, with its reader, or with the process
+        thread::spawn(move || give_pieces(&path, &give));
+        Self { pieces, piece: Cursor::default(), stop }
+    }
+}
+
+impl Read for StreamReader<'_> {
+    fn read(&mut self, to: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let count = self.piece.read(to)?;
+            if count > 0 || to.is_empty() {
+                return Ok(count);
+            }
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(io::Error::other("stopped"));
+            }
+            match self.pieces.recv_timeout(BETWEEN) {
+                Ok(piece) => self.piece = Cursor::new(piece?),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return Ok(0),
+            }
+        }
+    }
+}
+
+/// Reads a stream to its end, unless nobody takes its pieces any more.
+fn give_pieces(path: &Path, give: &SyncSender<io::Result<Vec<u8>>>) {
+    let mut file = match File::open(path) {
+        Ok(file) => file,
+        Err(error) => return drop(give.send(Err(error))),
+    };
+    loop {
+        let mut piece = vec![0; PIECE];
+        let found = file.read(&mut piece);
+        let is_last = !matches!(found, Ok(1..));
+        let found = found.map(|count| {
+            piece.truncate(count);
+            piece
+        });
+        let is_end = found.as_ref().is_ok_and(Vec::is_empty);
+        if is_end || give.send(found).is_err() || is_last {
+            return;
+        }
+    }
 }
 
 /// Returns true for a pipe or a device.
@@ -54,7 +154,7 @@ pub fn read(path: &Path, limit: u64) -> io::Result<Vec<u8>> {
     read_to_limit(file, limit)
 }
 
-fn read_to_limit(file: File, limit: u64) -> io::Result<Vec<u8>> {
+fn read_to_limit(file: impl Read, limit: u64) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     file.take(limit + 1).read_to_end(&mut bytes)?;
     let size = bytes.len() as u64;
@@ -84,6 +184,8 @@ fn kind_of(kind: FileType) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    #[cfg(unix)]
+    use std::process::Command;
 
     #[test]
     fn files_above_their_limit_are_refused_before_they_are_read() {
@@ -107,7 +209,31 @@ mod tests {
         let message = read(zero, MAX_TEXT).unwrap_err().to_string();
         assert_eq!(message, "it is not a regular file but a device: write its content to a file first");
         assert!(is_stream(zero) && !is_stream(Path::new("/dev")) && !is_stream(Path::new("/etc/passwd")));
-        assert_eq!(read_to_limit(open_stream(zero).unwrap(), 1 << 10).unwrap_err().kind(), ErrorKind::FileTooLarge);
-        assert_eq!(read_to_limit(open_stream(Path::new("/dev/null")).unwrap(), 1 << 10).unwrap(), b"");
+        let stop = AtomicBool::new(false);
+        let opened = |path: &Path| ByteSource::open(path, &stop).unwrap();
+        assert_eq!(read_to_limit(opened(zero), 1 << 10).unwrap_err().kind(), ErrorKind::FileTooLarge);
+        assert_eq!(read_to_limit(opened(Path::new("/dev/null")), 1 << 10).unwrap(), b"");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_flag_ends_the_wait_for_the_writer_of_a_pipe() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("pipe");
+        assert!(Command::new("mkfifo").arg(&path).status().unwrap().success());
+        let stop = AtomicBool::new(false);
+        thread::scope(|scope| {
+            let reading = scope.spawn(|| ByteSource::open(&path, &stop).unwrap().read(&mut [0; 8]));
+            thread::sleep(2 * BETWEEN);
+            stop.store(true, Ordering::Relaxed);
+            assert_eq!(reading.join().unwrap().unwrap_err().to_string(), "stopped");
+        });
+        // and gets all bytes otherwise, in their order
+        let bytes: Vec<u8> = (0..3 * PIECE).map(|place| (place % 251) as u8).collect();
+        let stop = AtomicBool::new(false);
+        thread::scope(|scope| {
+            scope.spawn(|| fs::write(&path, &bytes).unwrap());
+            assert_eq!(read_to_limit(ByteSource::open(&path, &stop).unwrap(), MAX_TEXT).unwrap(), bytes);
+        });
     }
 }

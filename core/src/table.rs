@@ -18,7 +18,8 @@ use crate::{
         names::{self, NameMatch},
         numbers::{ends, exact},
     },
-    reading, unit,
+    reading::{self, ByteSource},
+    unit,
 };
 use csv::Csv;
 use parquet::Parquet;
@@ -26,9 +27,9 @@ pub(crate) use parquet::contained;
 use std::{
     borrow::Cow,
     collections::{HashMap, HashSet},
-    fs::File,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
+    sync::atomic::{AtomicBool, Ordering},
 };
 
 /// A column of a table.
@@ -48,22 +49,24 @@ pub fn header_field(name: &str) -> String {
 
 /// A table that is being read.
 #[derive(Debug)]
-pub struct Table {
+pub struct Table<'a> {
     path: PathBuf,
     columns: Vec<TableColumn>,
     /// Position of each column by its name.
     positions: HashMap<String, usize>,
-    rows: FormatReader,
+    rows: FormatReader<'a>,
+    /// Flag that ends the wait for a pipe.
+    stop: Option<&'a AtomicBool>,
 }
 
 /// Reader of a table in its format.
 #[derive(Debug)]
-enum FormatReader {
-    Csv(Box<Csv>),
+enum FormatReader<'a> {
+    Csv(Box<Csv<'a>>),
     Parquet(Box<Parquet>),
 }
 
-impl Table {
+impl<'a> Table<'a> {
     /// Its file.
     pub fn path(&self) -> &Path {
         &self.path
@@ -74,31 +77,38 @@ impl Table {
     /// # Errors
     /// [`Error::Io`], or [`Error::Table`] if the header is not one.
     pub fn open(path: &Path) -> Result<Self> {
-        Self::of_file(path, reading::open(path).map_err(Error::io(path, "read"))?)
+        Self::of_bytes(path, ByteSource::File(reading::open(path).map_err(Error::io(path, "read"))?), None)
     }
 
-    /// Opens a table that may also be a pipe or a device, for readers that go through it once: see [`reading::open_stream`].
+    /// Opens a table that may also be a pipe or a device, for readers that go through it once. Nothing waits for a pipe once
+    /// `stop` is true.
     ///
     /// # Errors
-    /// As [`Table::open`].
-    pub fn open_stream(path: &Path) -> Result<Self> {
-        Self::of_file(path, reading::open_stream(path).map_err(Error::io(path, "read"))?)
+    /// As [`Table::open`], and [`Error::Interrupted`].
+    pub fn open_stream(path: &Path, stop: &'a AtomicBool) -> Result<Self> {
+        let input = ByteSource::open(path, stop).map_err(Error::io(path, "read"))?;
+        Self::of_bytes(path, input, Some(stop)).map_err(|error| unless_stopped(Some(stop), error))
     }
 
-    fn of_file(path: &Path, file: File) -> Result<Self> {
-        let mut input = BufReader::with_capacity(1 << 16, file);
+    fn of_bytes(path: &Path, input: ByteSource<'a>, stop: Option<&'a AtomicBool>) -> Result<Self> {
+        let mut input = BufReader::with_capacity(1 << 16, input);
         if kinds::of(path).is_some_and(|kind| kind != FileKind::Table) {
             return Err(kinds::other(path, "a table, in CSV or Parquet"));
         }
         let (rows, columns) = if parquet::begins(input.fill_buf().map_err(Error::io(path, "read"))?) {
-            let (rows, columns) = Parquet::new(path, input.into_inner())?;
+            let ByteSource::File(file) = input.into_inner() else {
+                let message =
+                    "is a pipe or a device with Parquet, which is read from its end: write its content to a file first";
+                return Err(Error::Table { path: path.to_owned(), place: Place::Whole, message: message.into() });
+            };
+            let (rows, columns) = Parquet::new(path, file)?;
             (FormatReader::Parquet(Box::new(rows)), columns)
         } else {
             let (rows, columns) = Csv::new(path, input)?;
             (FormatReader::Csv(Box::new(rows)), columns)
         };
         let positions = columns.iter().enumerate().map(|(position, column)| (column.name.clone(), position)).collect();
-        Ok(Self { path: path.to_owned(), columns, positions, rows })
+        Ok(Self { path: path.to_owned(), columns, positions, rows, stop })
     }
 
     /// The columns, in the order of the header.
@@ -158,10 +168,10 @@ impl Table {
     /// Goes to the next row; `false` if there is none.
     ///
     /// # Errors
-    /// [`Error::Io`], or [`Error::Table`] if the row has another number of fields than the header.
+    /// [`Error::Io`], [`Error::Table`] if the row has another number of fields than the header, or [`Error::Interrupted`].
     pub fn next_row(&mut self) -> Result<bool> {
         match &mut self.rows {
-            FormatReader::Csv(csv) => csv.next_row(),
+            FormatReader::Csv(csv) => csv.next_row().map_err(|error| unless_stopped(self.stop, error)),
             FormatReader::Parquet(parquet) => Ok(parquet.next_row()),
         }
     }
@@ -235,7 +245,7 @@ impl Table {
     ///
     /// # Errors
     /// [`Error::Table`] with all that are not.
-    pub fn check_units<'a>(&self, expected: impl IntoIterator<Item = (usize, Option<&'a str>)>) -> Result<()> {
+    pub fn check_units<'b>(&self, expected: impl IntoIterator<Item = (usize, Option<&'b str>)>) -> Result<()> {
         let problems = expected.into_iter().filter_map(|(column, expected)| self.unit_problem(column, expected));
         let problems: Vec<String> = problems.collect();
         if problems.is_empty() { Ok(()) } else { Err(self.mistake_in_header(&problems.join("; "))) }
@@ -318,6 +328,11 @@ fn check_names(columns: &[TableColumn]) -> std::result::Result<(), String> {
     Ok(())
 }
 
+/// [`Error::Interrupted`] if a flag has ended the wait for a pipe, else the error.
+fn unless_stopped(stop: Option<&AtomicBool>, error: Error) -> Error {
+    if stop.is_some_and(|stop| stop.load(Ordering::Relaxed)) { Error::Interrupted } else { error }
+}
+
 fn wrong(path: &Path, place: Place, message: String) -> Error {
     Error::Table { path: path.to_owned(), place, message }
 }
@@ -339,7 +354,7 @@ pub fn is_text(text: &str) -> bool {
 mod tests {
     use super::*;
 
-    fn open(bytes: &[u8]) -> Result<Table> {
+    fn open(bytes: &[u8]) -> Result<Table<'static>> {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), bytes).unwrap();
         Table::open(file.path())
@@ -391,7 +406,7 @@ mod tests {
             ("0,1\n1,2\n", ":1: `0` is a number, expected a header"),
             ("time,,x\n", ":1: column 2 has no name"),
             ("time,x,x\n", ":1: column `x` is duplicated"),
-            ("time,x\n0,1\n1\n", ":3: 1 fields, expected 2"),
+            ("time,x\n0,1\n1\n", ":3: 1 field, expected 2"),
             ("time,x\n0,1\n1,2,3\n", ":3: 3 fields, expected 2"),
             ("time,x\n0,1\n\n1,\n", ":4: column `x`: is empty, expected a finite number"),
             ("time,x\n0,1\n1,NaN\n", ":3: column `x`: `NaN`, expected a finite number"),

@@ -49,6 +49,12 @@ impl DefaultValue {
     pub fn unknown(&self, known: &[&str]) -> String {
         format!("--default {}: no such variable, {}", self.name, expected_one_of(&self.name, known))
     }
+
+    /// Message for a variable whose values only data have.
+    fn impossible(&self) -> String {
+        let name = &self.name;
+        format!("--default {name}: found a default value, expected a column `{name}`: it differs from row to row")
+    }
 }
 
 /// Option of a command that gives a variable its start value, or another one if it has none.
@@ -148,10 +154,20 @@ pub fn match_variables(
     missing.extend(
         doubtful.into_iter().filter(|variable| is_alone || closest(variable.name, unused.iter().copied()).is_some()),
     );
+    let impossible = defaults
+        .iter()
+        .filter(|default| wanted.iter().any(|variable| variable.name == default.name && variable.need == Need::Data));
+    let impossible = impossible.map(DefaultValue::impossible);
+    let can_have_default: Vec<&str> =
+        wanted.iter().filter(|variable| variable.need != Need::Data).map(|variable| variable.name).collect();
     let unknown = defaults.iter().filter(|default| !names.contains(&default.name.as_str()));
-    let unknown = unknown.map(|default| default.unknown(&names));
-    let problems: Vec<String> =
-        lacking(&missing, columns, &unused).into_iter().chain(unknown).chain(contradictions(defaults)).collect();
+    let unknown = unknown.map(|default| default.unknown(&can_have_default));
+    let problems: Vec<String> = lacking(&missing, columns, &unused)
+        .into_iter()
+        .chain(impossible)
+        .chain(unknown)
+        .chain(contradictions(defaults))
+        .collect();
     if !problems.is_empty() {
         return Err(problems.join("; "));
     }
@@ -243,7 +259,17 @@ mod tests {
         assert_eq!(message, "`L` has two default values");
         let message = matched(&["time", "L", "force"], &[default("forse=1"), default("time")]).unwrap_err();
         assert!(message.contains("--default forse: no such variable") && message.ends_with("did you mean `force`?"));
-        assert!(matched(&["L", "force"], &[default("time=1")]).unwrap_err().starts_with("no column `time`"));
+        let message = matched(&["L", "force"], &[default("time=1")]).unwrap_err();
+        assert!(message.starts_with("no column `time`") && message.contains("--default time: found"), "{message}");
+    }
+
+    #[test]
+    fn values_that_only_data_have_take_no_default() {
+        let variables = [wanted("time", Need::Data), wanted("force", Need::DataOrDefault)];
+        assert_eq!(
+            match_variables(&variables, &["time", "force"], &[], &[default("time")]).unwrap_err(),
+            "--default time: found a default value, expected a column `time`: it differs from row to row"
+        );
     }
 
     #[test]

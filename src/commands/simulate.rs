@@ -19,7 +19,7 @@ use metafmu::{
     variable::{DefaultValue, MatchedVariables},
 };
 use metafmu_runtime::{BuiltIn, Output, TOLERANCE};
-use std::{io::Write, path::Path};
+use std::{io::Write, path::Path, sync::atomic::AtomicBool};
 
 pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     [&args.output, &args.plot].into_iter().flatten().try_for_each(|path| files::check_output(path))?;
@@ -33,7 +33,7 @@ pub fn run(args: &SimulateArgs) -> Result<CommandOutcome> {
     let InputSignals { inputs, first, constants } = match &args.input {
         Some(path) => {
             say_stream(path);
-            read_inputs(args, unpacked.description(), path)?
+            read_inputs(args, unpacked.description(), path, watch.workers.stop)?
         }
         None => InputSignals::default(),
     };
@@ -87,12 +87,17 @@ struct InputSignals {
     constants: Vec<(String, f64)>,
 }
 
-fn read_inputs(args: &SimulateArgs, description: &ModelDescription, path: &Path) -> Result<InputSignals> {
+fn read_inputs(
+    args: &SimulateArgs,
+    description: &ModelDescription,
+    path: &Path,
+    stop: &AtomicBool,
+) -> Result<InputSignals> {
     let takes_measured = description.variable(BuiltIn::UseMeasured.name()).is_some();
     // not of every FMU: some model files are large
     let may_be_discrete = is_own(description) && description.model_exchange.is_none();
     let surrogate = if may_be_discrete { find_surrogate(&args.fmu)? } else { None };
-    let table = Table::open_stream(path)?;
+    let table = Table::open_stream(path, stop)?;
     let units = table.columns().iter().map(|column| description.unit_of(description.variable(&column.name)?));
     table.check_units(units.enumerate())?;
     let (inputs, first) = match &surrogate {

@@ -275,7 +275,7 @@ impl Recorded {
     }
 
     /// Reads a table, or an index and its files.
-    fn read_table(&self, path: &Path, runs: &mut Runs) -> Result<Table> {
+    fn read_table(&self, path: &Path, runs: &mut Runs) -> Result<Table<'static>> {
         let mut table = Table::open(path)?;
         match self.is_index {
             true => self.read_index(&mut table, runs)?,
@@ -359,7 +359,7 @@ impl Recorded {
     }
 
     /// Opens the file that a row of the index names.
-    fn open_run(&self, index: &mut Table) -> Result<Table> {
+    fn open_run(&self, index: &mut Table) -> Result<Table<'static>> {
         let name = index.text(index.column(&self.names.file)?)?.into_owned();
         Table::open(&index.path().with_file_name(&name)).map_err(|error| match error {
             Error::Io { source, .. } => index.mistake(&format!("`{name}` cannot be read: {source}")),

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import threading
+import time
 import zipfile
 
 import numpy as np
@@ -293,3 +294,38 @@ def test_ctrl_c_ends_it_and_leaves_no_file(pendulum, tmp_path):
     writer.join()
     process.stderr.close()
     assert [path.name for path in tmp_path.iterdir()] == ["table"]
+
+
+@pytest.mark.parametrize("header", [None, b"time,L\n"])
+@pytest.mark.parametrize("verb", ["predict", "simulate"])
+def test_the_first_ctrl_c_ends_the_wait_for_a_pipe(pendulum, tmp_path, verb, header):
+    """A pipe that nobody writes to, and one whose writer has stopped."""
+    table = tmp_path / "table"
+    os.mkfifo(table)
+    command = [verb, pendulum.fmu, table, "--default", "c"] if verb == "predict" else [verb, pendulum.fmu, "--input", table]
+    process = subprocess.Popen([METAFMU, *command], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    # what it waits for
+    assert b"table" in process.stderr.readline()
+    writer = None if header is None else open(table, "wb", buffering=0)
+    if writer:
+        writer.write(header)
+        time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(10) == 130
+    assert process.stderr.read().endswith(b"error: stopped\n")
+    process.stderr.close()
+    if writer:
+        writer.close()
+
+
+def test_the_time_takes_no_default_value(pendulum, crane, tmp_path):
+    says = "--default time: found a default value, expected a column `time`: it differs from row to row"
+    for fmu, folder in ((pendulum.fmu, pendulum.folder), (crane.fmu(2), crane.folder)):
+        result = metafmu("predict", fmu, folder / "test.csv", "--default", "time=1", "--out", tmp_path / "out.csv", check=False)
+        assert result.returncode == 2 and says in result.stderr, result.stderr
+
+
+def test_one_row_is_not_plural(pendulum, tmp_path):
+    (tmp_path / "row.csv").write_text("time,L,c,thetad0\n0.5,0.15,0.1,2\n")
+    result = metafmu("predict", pendulum.fmu, tmp_path / "row.csv", "--out", tmp_path / "out.csv")
+    assert ": 1 row in " in result.stdout, result.stdout

@@ -6,11 +6,10 @@
 //! LF, CR LF, or CR as once on the Macintosh. UTF-8, with or without a byte order mark, or Latin-1.
 
 use super::{Place, TableColumn, bracketed, check_names, wrong};
-use crate::{Error, Result};
+use crate::{Error, Result, diagnostics::numbers::counted, reading::ByteSource};
 use csv_core::{Reader, ReaderBuilder};
 use std::{
     borrow::Cow,
-    fs::File,
     io::{BufRead, BufReader, Read},
     path::{Path, PathBuf},
 };
@@ -20,9 +19,9 @@ const MAX_LINE: u64 = 64 << 20;
 
 /// The rows of a file, one after the other.
 #[derive(Debug)]
-pub(super) struct Csv {
+pub(super) struct Csv<'a> {
     path: PathBuf,
-    input: BufReader<File>,
+    input: BufReader<ByteSource<'a>>,
     /// Bytes that were read, and those of the file.
     read: u64,
     length: u64,
@@ -62,11 +61,11 @@ impl CsvRecord {
     }
 }
 
-impl Csv {
+impl<'a> Csv<'a> {
     /// Reads the header.
-    pub(super) fn new(path: &Path, mut input: BufReader<File>) -> Result<(Self, Vec<TableColumn>)> {
+    pub(super) fn new(path: &Path, mut input: BufReader<ByteSource<'a>>) -> Result<(Self, Vec<TableColumn>)> {
         let line_end = line_end(input.fill_buf().map_err(Error::io(path, "read"))?);
-        let length = input.get_ref().metadata().map_err(Error::io(path, "read"))?.len();
+        let length = input.get_ref().length().map_err(Error::io(path, "read"))?;
         let mut csv = Self {
             path: path.to_owned(),
             input,
@@ -112,7 +111,7 @@ impl Csv {
         self.split()?;
         let (found, expected) = (self.record.ends.len(), self.width);
         if found < expected || !self.record.fields().skip(expected).all(|field| field.is_empty()) {
-            return Err(self.mistake(&format!("{found} fields, expected {expected}")));
+            return Err(self.mistake(&format!("{}, expected {expected}", counted(found, "field"))));
         }
         Ok(true)
     }

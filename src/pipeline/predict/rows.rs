@@ -72,7 +72,7 @@ struct PredictionColumns {
 pub(super) struct Reader<'a> {
     surrogate: &'a Surrogate,
     stop: &'a AtomicBool,
-    table: Table,
+    table: Table<'a>,
     columns: PredictionColumns,
     labels: runs::RunLabels,
     current: Option<PredictionRun>,
@@ -94,14 +94,14 @@ impl<'a> Reader<'a> {
     /// Opens a table and finds the surrogate's inputs in its header.
     ///
     /// # Errors
-    /// [`Error::Io`], [`Error::Table`] with all that is wrong with the header.
+    /// [`Error::Io`], [`Error::Table`] with all that is wrong with the header, [`Error::Interrupted`].
     pub(super) fn open(
         surrogate: &'a Surrogate,
         path: &Path,
         stop: &'a AtomicBool,
         defaults: &[DefaultValue],
     ) -> Result<Self> {
-        let table = Table::open_stream(path)?;
+        let table = Table::open_stream(path, stop)?;
         let (columns, matched) = PredictionColumns::find(surrogate, &table, defaults)?;
         Ok(Self { surrogate, stop, table, columns, labels: runs::RunLabels::default(), current: None, matched })
     }
