@@ -242,8 +242,8 @@ linear between two rows. Exit code 1 if there are rows that cannot be computed."
 
 SYSTEM is an SSP archive, or a SystemStructure.ssd beside its FMUs (SSP 1.0). The surrogate's connectors and parameters are those of the \
 component by their names; parameters have the values that the system sets, else the source's start values, and `NAME_start` takes \
-that of the source's variable NAME. Inputs that the source lacks, and parameters that are perhaps spelled differently there, are an error \
-unless --default gives their values. The table has the difference of each output of the system, or of the component if the system has \
+that of the source's variable NAME. Inputs and parameters that the source lacks are an error unless --default gives their values. All \
+start values are printed with their origin. The table has the difference of each output of the system, or of the component if the system has \
 none, and the time of a step.")]
     Swap(SwapArgs),
     /// Print a script with which a shell completes this command

@@ -1,14 +1,15 @@
 //! A surrogate in the place of its source: one system, simulated with each of them, and the differences.
 
 mod counterparts;
+mod start_values;
 mod step_speed;
 
 use crate::{
     Error, Result,
     fmi::{
         ModelDescription, Watch,
-        host::{Grid, RecordedColumn, RowSink, Unpacked, is_settable},
-        model_description::{Causality, DefaultExperiment, ScalarVariable},
+        host::{Grid, RecordedColumn, RowSink, Unpacked},
+        model_description::{Causality, DefaultExperiment},
         system::{
             ComponentSource, Connector, ConnectorKind, Experiment, FmuSystem, is_number, misfit, port,
             run::{Port, SystemRun},
@@ -20,6 +21,8 @@ use crate::{
 };
 use metafmu_runtime::BuiltIn;
 use serde::Serialize;
+pub use start_values::{StartOrigin, SurrogateStart};
+use start_values::{TakenOver, taken_over};
 use std::{
     fmt::{self, Write},
     path::{Path, PathBuf},
@@ -59,6 +62,7 @@ pub struct Swap {
     source: PathBuf,
     /// Names and units.
     outputs: Vec<(String, String)>,
+    start_values: Vec<SurrogateStart>,
     warnings: Vec<String>,
     with_source: SystemRun,
     with_surrogate: SystemRun,
@@ -111,6 +115,8 @@ pub struct SwapComparison {
     pub timed_simulations: usize,
     /// Rows where the surrogate was outside its domain; none if it never was, or does not report it.
     pub outside_domain: Option<Outside>,
+    /// Start values of the surrogate's parameters, states and unconnected inputs, and their origins.
+    pub start_values: Vec<SurrogateStart>,
     /// Limits of the comparison.
     pub warnings: Vec<String>,
     /// The run with the source.
@@ -154,7 +160,7 @@ pub struct Outside {
 impl Swap {
     /// Reads the system and the FMUs, and determines what the surrogate takes over from the source. Connectors and
     /// parameters match by their names. Parameters have the values that the system sets, else the source's own start
-    /// values; `NAME_start` has that of the source's variable `NAME`.
+    /// values; `NAME_start` has that of the source's variable `NAME`. See [`Swap::start_values`].
     ///
     /// # Errors
     /// - as [`FmuSystem::open`], [`FmuSystem::load`] and [`Unpacked::open`];
@@ -175,22 +181,24 @@ impl Swap {
         let outputs = compared.names(&sources);
         let set: Vec<(&str, f64)> =
             system.components[replaced].values.iter().map(|value| (value.name.as_str(), value.value)).collect();
-        let [mut start_values, unused] = taken_over(sources[replaced].description(), &set, surrogate.description());
-        let names: Vec<&str> = unused.iter().map(|(name, _)| name.as_str()).collect();
         let descriptions = [sources[replaced].description(), surrogate.description()];
+        let is_connected = |name: &str| system.is_connected(replaced, name);
+        let TakenOver { values: start_values, unused } =
+            taken_over(descriptions, &set, &options.defaults, is_connected);
+        let names: Vec<&str> = unused.iter().map(|(name, _)| name.as_str()).collect();
         refuse(&surrogate, counterparts::problems(descriptions, &names, &options.defaults))?;
-        start_values.extend(counterparts::values(surrogate.description(), &options.defaults));
+        let doubts = start_values::doubts(&start_values, &options.defaults);
         let unset = |(name, value): &(String, f64)| {
             format!("the system sets `{name}` to {value:?}, which the surrogate has no parameter for")
         };
-        let warnings = unused.iter().map(unset).chain(compared.left_out.iter().cloned()).collect();
+        let warnings = unused.iter().map(unset).chain(doubts).chain(compared.left_out.iter().cloned()).collect();
 
         with_source.recorded = compared.ports(&sources);
         let mut with_surrogate = with_source.clone();
         let replacement = &mut with_surrogate.components[replaced];
         replacement.path = surrogate.path().to_owned();
         replacement.model = surrogate.model();
-        replacement.start_values = start_values;
+        replacement.start_values = start_values::to_set(surrogate.description(), &start_values);
         let source = std::mem::replace(&mut sources[replaced], surrogate);
         // names may be aliases
         with_surrogate.recorded = compared.ports(&sources);
@@ -206,12 +214,18 @@ impl Swap {
             source: path,
             system,
             outputs,
+            start_values,
             warnings,
             with_source,
             with_surrogate,
             suggested_tolerance,
             _sources: sources,
         })
+    }
+
+    /// Start values of the surrogate's parameters, states and unconnected inputs, and their origins.
+    pub fn start_values(&self) -> &[SurrogateStart] {
+        &self.start_values
     }
 
     /// Makes both runs, each in a separate process, and compares them; `begins` is called with the FMU of each run.
@@ -260,6 +274,7 @@ impl Swap {
             source_tolerance: timed.source_tolerance,
             timed_simulations: timed.simulations,
             outside_domain: watched.and_then(|inside| Outside::of(&surrogate.times, inside)),
+            start_values: self.start_values.clone(),
             warnings,
             with_source: source,
             with_surrogate: surrogate,
@@ -359,37 +374,6 @@ fn experiment(
         },
     };
     Err(Error::Experiment { start, stop, step, expected })
-}
-
-/// Start values of a surrogate that replaces a source, and values of the system for which the surrogate has no
-/// parameter.
-fn taken_over(source: &ModelDescription, set: &[(&str, f64)], surrogate: &ModelDescription) -> [Vec<(String, f64)>; 2] {
-    let takes =
-        |name: &str| surrogate.variable(name).is_some_and(|variable| is_settable(variable) && is_number(variable));
-    let target = |name: &str| [name.to_owned(), format!("{name}{AT_START}")].into_iter().find(|name| takes(name));
-    let (mut values, mut unused) = (Vec::new(), Vec::new());
-    for &(name, value) in set {
-        match target(name) {
-            Some(target) => values.push((target, value)),
-            None => unused.push((name.to_owned(), value)),
-        }
-    }
-    let parameters = surrogate.variables.iter().filter(|variable| {
-        matches!(variable.causality, Causality::Parameter | Causality::Input) && takes(&variable.name)
-    });
-    for parameter in parameters {
-        let state = parameter.name.strip_suffix(AT_START);
-        let of_source =
-            [Some(parameter.name.as_str()), state].into_iter().flatten().find_map(|name| source.variable(name));
-        let start = of_source.filter(|variable| is_number(variable)).and_then(ScalarVariable::start_value);
-        if let Some(start) = start
-            && parameter.start_value() != Some(start)
-            && !values.iter().any(|(name, _)| *name == parameter.name)
-        {
-            values.push((parameter.name.clone(), start));
-        }
-    }
-    [values, unused]
 }
 
 fn unit(description: &ModelDescription, name: &str) -> String {

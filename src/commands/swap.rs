@@ -6,7 +6,7 @@ use metafmu::{
     Error, Result, files,
     fmi::Watch,
     report::{Curve, two_runs_svg},
-    swap::{Outside, RecordedRows, Swap, SwapComparison, SwapOptions},
+    swap::{Outside, RecordedRows, SurrogateStart, Swap, SwapComparison, SwapOptions},
 };
 use metafmu_runtime::BuiltIn;
 use std::path::Path;
@@ -23,6 +23,7 @@ pub fn run(args: &SwapArgs) -> Result<CommandOutcome> {
         tolerance: args.tolerance,
         defaults: args.default.clone(),
     })?;
+    SurrogateStart::lines(swap.start_values()).iter().for_each(say);
     let watch = Watch { workers: workers()?, limit: args.time_limit, heard };
     let comparison = swap.compare(watch, |fmu| say(format_args!("simulating with {}", fmu.display())))?;
     comparison.warnings.iter().for_each(warn);

@@ -191,7 +191,7 @@ def test_an_identical_fmu_makes_no_difference(version, shaker):
 def test_another_fmu_makes_the_difference_that_it_makes_in_fmpy(shaker):
     load = shaker / "resources" / "load.fmu"
     expected, softer = (shaken(load, ("stiffness", value)) for value in (4000.0, 3900.0))
-    comparison, said = swap(shaker / "SystemStructure.ssd", "load", shaker / "softer.fmu", "--step-size", STEP)
+    comparison, said = swap(shaker / "SystemStructure.ssd", "load", shaker / "softer.fmu", "--default", "k", "--step-size", STEP)
     for name, one, other in zip(["stroke", "push"], expected, softer):
         found = differences(comparison)[name]
         difference = np.abs(one - other)
@@ -213,6 +213,24 @@ def test_states_start_where_those_of_the_source_do(shaker):
     assert "warning: the system sets `displacement` to 0.02, which the surrogate has no parameter for" in said
 
 
+def test_parameters_that_the_source_lacks_need_a_default(shaker):
+    arguments = ["swap", shaker / "SystemStructure.ssd", "--component", "load", "--with", shaker / "softer.fmu", "--step-size", STEP]
+    result = metafmu(*arguments, check=False)
+    says = "the source has no input or parameter `k`, expected it among mass, stiffness, damping, acceleration"
+    assert result.returncode == 2 and says in result.stderr and result.stderr.endswith("; for constants: --default k=3900.0\n"), result.stderr
+    assert "start values requested by --default: k = 3950" in metafmu(*arguments, "--default", "k=3950").stderr
+
+
+def test_start_values_are_printed_with_their_origin(shaker):
+    comparison, said = swap(shaker / "SystemStructure.ssd", "oscillator", shaker / "van_der_pol-fmi3.fmu")
+    values = {value["name"]: (value["value"], value["origin"]) for value in comparison["start_values"]}
+    assert values["mu"] == (0.5, "system") and values["x0_start"] == (1.5, "system")
+    lines = [line for line in said.splitlines() if line.startswith("start values ")]
+    assert lines[0].startswith("start values set by the system: ") and "mu = 0.5" in lines[0] and "x0_start = 1.5" in lines[0], said
+    others = [name for name, (_, origin) in values.items() if origin != "system"]
+    assert all(any(f"{name} = " in line for line in lines) for name in others)
+
+
 def test_archives_tables_and_plots(shaker, tmp_path):
     """The system as an archive; if it has no outputs, those of the component are compared."""
     ssp, plot = tmp_path / "shaker.ssp", tmp_path / "shaker.svg"
@@ -222,7 +240,7 @@ def test_archives_tables_and_plots(shaker, tmp_path):
     resources = shaker / "resources"
     fmus = {"oscillator.fmu": resources / "oscillator.fmu", "load.fmu": resources / "load.fmu"}
     embedding.build_ssp(structure, ssp, fmus)
-    arguments = ["--component", "load", "--with", shaker / "softer.fmu", "--step", STEP]
+    arguments = ["--component", "load", "--with", shaker / "softer.fmu", "--default", "k", "--step", STEP]
     result = metafmu("swap", ssp, *arguments, "--plot", plot)
     lines = result.stdout.splitlines()
     assert lines[0].startswith("shaker: load is") and lines[0].endswith("500 steps of 0.01 s")
@@ -256,7 +274,7 @@ def test_a_jacobi_master_holds_inputs_over_a_step(shaker, tmp_path):
     source, options = exchange.HERE / "exchange" / "exchange.c", ["-DMODEL=DAHLQUIST", "-DFMI=2"]
     code = [("{0, 1, 1, 0, 1, 0}", "{0, 2, 1, 0, 1, 0}")]
     other = rewritten(tmp_path / "resources" / "load.fmu", tmp_path / "other.fmu", FASTER, source, code, options)
-    comparison, _ = swap(tmp_path / "SystemStructure.ssd", "load", other, "--step-size", 0.1)
+    comparison, _ = swap(tmp_path / "SystemStructure.ssd", "load", other, "--default", "rate", "--step-size", 0.1)
     inputs = exchange.van_der_pol(0.1 * np.arange(51), 0.5, 1.5)["x0"]
 
     def solve(k):
