@@ -60,7 +60,7 @@ impl fmt::Display for StartOrigin {
     }
 }
 
-/// What a surrogate takes over from a source.
+/// Start values and parameters that a surrogate takes over from a source.
 pub(super) struct TakenOver {
     pub values: Vec<SurrogateStart>,
     /// Names and values that the system sets and the surrogate has no parameter for.

@@ -1,6 +1,6 @@
 """A function or class as the source of a study: it answers the requests of docs/command-sources.md.
 
-Nothing but numpy is imported here, so that a worker starts fast. The extension is imported when there is something to say: a file of its own,
+Nothing but numpy is imported here, so that a worker starts fast. The extension is imported when there is something to say: a single file,
 ``metafmu.py``, works without it.
 """
 
