@@ -3,6 +3,7 @@
 mod command;
 mod dynamics;
 mod fmu;
+mod located;
 mod motions;
 mod rows;
 mod schemas;
@@ -83,7 +84,7 @@ pub fn run(args: &NewArgs) -> Result<CommandOutcome> {
         (None, None, Some(file)) => table::study(target, file, args)?.into(),
         (None, None, None) => of_system(target, args)?,
     };
-    let study = target.parse(&text)?;
+    let study = target.parse(&text).map_err(|error| located::in_source(error, args))?;
     schemas.write()?;
     files::write_whole(&path, target.whole(&text).as_bytes())?;
     // the proposal is tried; a refused file is written all the same, to be changed
@@ -309,6 +310,11 @@ fn rest(runs: usize, rows: f64) -> String {
         &format!("validation = {validation:<5.2}"),
         1,
     )
+}
+
+/// Bandwidth of the inputs of runs, in Hz: ten periods in a run, and at most what rows a step apart can show.
+fn bandwidth(stop: f64, step: f64) -> f64 {
+    fmu::short((10.0 / stop).min(0.5 / step))
 }
 
 /// A TOML key.

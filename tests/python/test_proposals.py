@@ -5,6 +5,7 @@ import json
 import math
 import re
 import subprocess
+import sys
 import tomllib
 
 import numpy as np
@@ -238,3 +239,34 @@ def test_a_template_is_a_mechanism_to_start_from(tmp_path, name):
 def test_an_unknown_template_is_refused_with_those_there_are(tmp_path):
     result = metafmu("new", "my", "--template", "kran", check=False, cwd=tmp_path)
     assert result.returncode == 2 and "quarter-car" in result.stderr, result.stderr
+
+
+def test_mistakes_of_a_proposal_are_located_in_its_table(tmp_path):
+    """Numbers that no study takes: not a line of a study that is not written."""
+    rows = [f"{row},{row % 3},{'-' * (row % 2)}1e308,{'-' * (row % 2)}1e305" for row in range(12)]
+    (tmp_path / "rows.csv").write_text("\n".join(["a,b,x.y [N],z", *rows]) + "\n")
+    result = metafmu("new", "big", "--table", "rows.csv", "--structure", "static", "--outputs", "x.y,z", cwd=tmp_path, check=False)
+    errors = [line for line in result.stderr.splitlines() if line.startswith("error: ")]
+    assert [error.split(": from ")[0] for error in errors] == ["error: rows.csv:1: column `x.y`", "error: rows.csv:1: column `z`"], result.stderr
+    assert result.returncode == 2 and [path.name for path in tmp_path.iterdir()] == ["rows.csv"]
+
+
+def test_surrogates_of_our_own_fmus_are_proposed(pendulum, tmp_path):
+    model = pendulum.folder / "single-pendulum.safetensors"
+    metafmu("export", model, "--ports", "domain", "--out", tmp_path)
+    [fmu] = tmp_path.glob("*.fmu")
+    metafmu("new", "again", "--fmu", fmu, cwd=tmp_path)
+    outputs = tomllib.loads((tmp_path / "again.toml").read_text())["outputs"]
+    assert list(outputs) == ["theta", "thetad", "thetadd"]
+
+
+def test_proposed_bandwidths_suit_the_step(tmp_path):
+    """A run of ten samples has no ten periods."""
+    description = {"protocol": 1, "inputs": {"u": {"min": -1, "max": 1}}, "outputs": {"y": {}}, "stop": 1.0, "step": 0.1}
+    (tmp_path / "model.py").write_text(
+        "import json, sys\nfor line in sys.stdin:\n    request = json.loads(line)\n"
+        f"    reply = {description!r} if request['request'] == 'describe' else {{'outputs': {{'y': request['inputs']['u']}}}}\n"
+        "    print(json.dumps({'id': request['id'], **reply}), flush=True)\n"
+    )
+    metafmu("new", "steps", "--structure", "discrete", "--command", sys.executable, "model.py", cwd=tmp_path)
+    assert tomllib.loads((tmp_path / "steps.toml").read_text())["inputs"]["u"]["bandwidth"] == 5.0

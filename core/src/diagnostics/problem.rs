@@ -7,7 +7,7 @@ use std::{fmt, path::PathBuf};
 pub struct Problem {
     /// The file; empty if it is of none.
     pub path: PathBuf,
-    /// Line, counted from 1.
+    /// Line, counted from 1; 0 if the file has no lines.
     pub line: usize,
     /// Dotted key, for instance `parameters.L.max`; empty if the text is not TOML.
     pub key: String,
@@ -22,6 +22,7 @@ impl fmt::Display for Problem {
         if path.as_os_str().is_empty() {
             return write!(f, "{key}{message}");
         }
-        write!(f, "{}:{line}: {key}{message}", path.display())
+        let line = if *line == 0 { String::new() } else { format!("{line}:") };
+        write!(f, "{}:{line} {key}{message}", path.display())
     }
 }

@@ -1,6 +1,6 @@
 //! A study of a program, from the program's description of itself.
 
-use super::{DISCRETE, RESPONSE, RUNS, StudyTarget, fmu::short, key, quoted, rest, sampling};
+use super::{DISCRETE, RESPONSE, RUNS, StudyTarget, bandwidth, fmu::short, key, quoted, rest, sampling};
 use crate::commands::interrupt;
 use indexmap::IndexMap;
 use metafmu::{
@@ -135,7 +135,7 @@ step = {step:?}                 # s
         if structure != RESPONSE {
             let head =
                 "[inputs]                    # `bandwidth` in Hz and kinds of `excitation` of runs; docs/dynamics.md";
-            section(head, of_inputs(inputs, stop));
+            section(head, of_inputs(inputs, bandwidth(stop, step)));
         }
         section("[parameters]                # those with a range in the program", of_parameters(parameters));
         section(
@@ -188,8 +188,7 @@ fn of_states(states: &IndexMap<String, ProgramQuantity>) -> String {
     ordered.into_iter().map(line).collect()
 }
 
-fn of_inputs(inputs: &IndexMap<String, ProgramQuantity>, stop: f64) -> String {
-    let bandwidth = short(10.0 / stop);
+fn of_inputs(inputs: &IndexMap<String, ProgramQuantity>, bandwidth: f64) -> String {
     let line = |(name, input): (&String, &ProgramQuantity)| {
         let [min, max] = input.range().unwrap_or_default();
         let mut keys = vec![format!("min = {min:?}, max = {max:?}")];

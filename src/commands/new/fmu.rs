@@ -1,8 +1,9 @@
 //! A study of an FMU, from the FMU's description of itself.
 
-use super::{DISCRETE, RUNS, StudyTarget, key, quoted, rest, sampling};
+use super::{DISCRETE, RUNS, StudyTarget, bandwidth, key, quoted, rest, sampling};
 use metafmu::{
     Error, Result,
+    export::is_own,
     fmi::{
         ModelDescription,
         host::{InterfaceKind, NO_EQUATIONS, describe, element_names},
@@ -10,7 +11,7 @@ use metafmu::{
     },
     source::fmu::variables::{range, recordable, varied},
 };
-use metafmu_runtime::State;
+use metafmu_runtime::{BuiltIn, State};
 use std::{fmt::Write, path::Path};
 
 /// Largest number of rows of a run, unless the study is changed.
@@ -153,7 +154,7 @@ step = {step:?}                 # s
     let inputs = driving(&description).filter(|input| input.variability == Variability::Continuous);
     // a start of a state is a parameter of the surrogate anyway
     let is_start = |variable: &ScalarVariable| names_of_starts.contains(&variable.name);
-    text += &(signals(&description, inputs, stop, false) + &with_a_range(&description, is_start));
+    text += &(signals(&description, inputs, bandwidth(stop, step), false) + &with_a_range(&description, is_start));
     let _ = write!(
         text,
         "\n[outputs]\n{}\n[sampling]\nstates = {STATES}               # at which the FMU evaluates its equations\ntest_runs = 20              # random \
@@ -211,7 +212,7 @@ test_runs = 10              # never part of training
 {DISCRETE}",
         quoted(description.description.as_deref().unwrap_or_default()),
         quoted(&file),
-        signals(&description, inputs.into_iter(), stop, true),
+        signals(&description, inputs.into_iter(), bandwidth(stop, step), true),
         with_a_range(&description, |_| false),
         outputs(&description),
     );
@@ -232,7 +233,7 @@ fn driving(description: &ModelDescription) -> impl Iterator<Item = &ScalarVariab
 fn signals<'a>(
     description: &ModelDescription,
     inputs: impl Iterator<Item = &'a ScalarVariable>,
-    stop: f64,
+    bandwidth: f64,
     has_past: bool,
 ) -> String {
     let mut text = String::new();
@@ -254,9 +255,8 @@ fn signals<'a>(
         // writing to a string does not fail
         let _ = writeln!(
             text,
-            "{} = {{ min = {min:?}, max = {max:?}{start}, bandwidth = {:?}, excitation = {kinds} }}{comment}",
+            "{} = {{ min = {min:?}, max = {max:?}{start}, bandwidth = {bandwidth:?}, excitation = {kinds} }}{comment}",
             key(&input.name),
-            short(10.0 / stop),
         );
     }
     let head =
@@ -389,9 +389,14 @@ fn outputs(description: &ModelDescription) -> String {
     text
 }
 
-/// The variables that become outputs: the FMU's outputs, up to a limit; a study has at least one.
+/// The variables that become outputs: the FMU's outputs, up to a limit; a study has at least one. Variables that every FMU of
+/// metafmu has are none.
 fn chosen(description: &ModelDescription) -> Vec<&ScalarVariable> {
-    let fitting = || description.variables.iter().filter(|variable| recordable(variable).is_ok());
+    let is_own = is_own(description);
+    let is_built_in =
+        |variable: &ScalarVariable| is_own && BuiltIn::ALWAYS.iter().any(|known| known.name() == variable.name);
+    let is_fitting = |variable: &&ScalarVariable| recordable(variable).is_ok() && !is_built_in(variable);
+    let fitting = || description.variables.iter().filter(is_fitting);
     let mut left = OUTPUTS;
     let fits = |variable: &&ScalarVariable| {
         let rest = left.checked_sub(size(&description.shape(variable).unwrap_or_default()));

@@ -1,7 +1,9 @@
 //! A study of a table of rows without a time, from its columns and their content.
 
 use super::{
-    StudyTarget, key, quoted,
+    StudyTarget, key,
+    located::in_source,
+    quoted,
     table::{columns_of, given_all},
 };
 use crate::{
@@ -132,9 +134,11 @@ pub(super) fn study(target: &StudyTarget, file: &Path, args: &NewArgs) -> Result
         ));
     }
     let text = text(target, file, rows, &roles);
-    let study = target.parse(&text)?;
+    let study = target.parse(&text).map_err(|error| in_source(error, args))?;
     // other cells are problems of the table: a study would not help
-    let read = StaticRows::new(&study)?.read(&study, control()?.stop)?;
+    let stop = control()?.stop;
+    let read = StaticRows::new(&study).and_then(|rows| rows.read(&study, stop));
+    let read = read.map_err(|error| in_source(error, args))?;
     read.notes.iter().for_each(say);
     Ok(text)
 }
