@@ -317,7 +317,7 @@ mod tests {
             ("time,u,v,u\n0,1,2,3\n", ":1: column `u` is duplicated"),
             ("time,u\n", ":1: the table has no rows"),
             ("time,u\n0,1\n1,x\n", ":3: column `u`: `x`, expected a finite number"),
-            ("time,u\n0,1\n1\n", ":3: 1 fields, expected 2"),
+            ("time,u\n0,1\n1\n", ":3: 1 field, expected 2"),
             ("time,u\n0,inf\n", ":2: column `u`: `inf`, expected a finite number"),
             ("time,u\n1,1\n0,1\n", ":3: time 0 is before that of the row above, 1"),
         ] {
