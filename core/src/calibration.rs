@@ -44,8 +44,9 @@ pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_ki
     }
     if half_widths.iter().any(|half_width| !half_width.is_finite()) {
         let runs = calibration.runs.len();
+        let verb = if runs == 1 { "does" } else { "do" };
         return Err(format!(
-            "no bound of {coverage} of the rows from {}: too few of their predictions can be computed",
+            "{} {verb} not bound {coverage} of the rows: too few of their predictions can be computed",
             counted(runs, "run")
         ));
     }

@@ -17,7 +17,7 @@ struct NamedSource {
     path: PathBuf,
     /// Line of the names; 0 if the source has none.
     line: usize,
-    /// What the names are of.
+    /// Kind of the names: of columns or of variables.
     kind: &'static str,
     names: Vec<String>,
 }
