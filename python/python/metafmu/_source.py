@@ -160,11 +160,13 @@ class Source:
             request = json.loads(line)
             try:
                 reply = self._reply(request)
-            except Error as error:
-                reply = {"error": str(error)}
             except Exception as error:
-                traceback.print_exc()
-                reply = {"error": f"{type(error).__name__}: {error}"}
+                # one of ours says all that is to be known
+                if getattr(error, "is_own", False):
+                    reply = {"error": str(error)}
+                else:
+                    traceback.print_exc()
+                    reply = {"error": f"{type(error).__name__}: {error}"}
             replies.write(json.dumps({"id": request["id"]} | reply) + "\n")
             replies.flush()
 
@@ -383,10 +385,12 @@ def _list(values):
 def _error(message):
     """:class:`metafmu.Error`, or ValueError without the extension."""
     try:
-        from ._metafmu import Error
+        from ._metafmu import Error as kind
     except ImportError:
-        return ValueError(message)
-    return Error(message)
+        kind = ValueError
+    error = kind(message)
+    error.is_own = True
+    return error
 
 
 def _missing(kind, wanted, known):
