@@ -8,7 +8,7 @@ cd "$(dirname "$0")/.."
 export_remapped
 PATH=$PATH:$PWD/.venv/bin
 command -v maturin >/dev/null || { echo "scripts/wheel.sh: maturin is missing: pip install maturin" >&2; exit 1; }
-bill=target/metafmu.cdx.json
+bill=$PWD/target/metafmu.cdx.json
 mkdir -p target
-python3 scripts/sbom.py --target "$(rustc -vV | sed -n 's/^host: //p')" >$bill
-exec maturin build --release --locked --manifest-path python/Cargo.toml --sbom-include $bill "$@"
+python3 scripts/sbom.py --target "$(rustc -vV | sed -n 's/^host: //p')" >"$bill"
+exec maturin build --release --locked --manifest-path python/Cargo.toml --sbom-include "$bill" "$@"
