@@ -571,18 +571,18 @@ mod tests {
     fn a_motion_that_leaves_all_bounds_diverges_and_is_not_chaotic() {
         // the trolley has a range of 5 m in both directions
         let surrogate = example::crane();
-        let times: std::sync::Arc<[f64]> = (0..=100).map(|row| 0.05 * f64::from(row)).collect();
-        let width = surrogate.outputs().len();
-        let run = |speed: f64| Run {
-            inputs: vec![0.0; times.len()],
-            parameters: vec![1.2, 0.0, std::f64::consts::PI, speed, 0.0],
-            times: times.clone(),
-            outputs: vec![0.5; times.len() * width],
+        let evaluator = Evaluator::new(&surrogate);
+        let times: std::sync::Arc<[f64]> = (0..=200).map(|row| 0.05 * f64::from(row)).collect();
+        let run = |speed: f64| {
+            let (parameters, inputs) = (vec![1.2, 0.0, std::f64::consts::PI, speed, 0.0], vec![0.0; times.len()]);
+            let run = Run { inputs, parameters, times: times.clone(), outputs: Vec::new() };
+            let outputs = RollOut::along(&surrogate, &evaluator, &run).predictions();
+            Run { outputs, ..run }
         };
         let variable = |name: &str| SourceVariable::new(name, "", "");
         let parameters = ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec();
         let outputs = surrogate.outputs().iter().map(|output| variable(&output.name)).collect();
-        let test = Dataset { inputs: vec![variable("force")], parameters, outputs, runs: vec![run(0.5), run(100.0)] };
+        let test = Dataset { inputs: vec![variable("force")], parameters, outputs, runs: vec![run(0.0), run(100.0)] };
         let roll_outs = crate::evaluation::Accuracy::of(&surrogate, &test).roll_outs.unwrap();
         assert_eq!((roll_outs.diverged_runs.as_slice(), roll_outs.chaotic_runs.as_slice()), (&[1][..], &[0][..]));
         assert!(roll_outs.is_chaotic(2) && !roll_outs.is_chaotic(3));
