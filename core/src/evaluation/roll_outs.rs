@@ -22,7 +22,7 @@ pub struct RollOuts {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub chaotic_runs: Vec<usize>,
     /// Indices of the test runs in which the surrogate diverges: predictions are not finite, or leave the outputs' ranges in training by more
-    /// than [`BOUNDED`] times their width. A diverging model is sensitive as a chaotic motion is, but a chaotic motion stays bounded.
+    /// than ten times their width. A diverging model is sensitive as a chaotic motion is, but a chaotic motion stays bounded.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub diverged_runs: Vec<usize>,
     /// Median of the times at which an error exceeds a tenth of its output's standard deviation in the run, in seconds; none if more
