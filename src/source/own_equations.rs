@@ -61,30 +61,21 @@ pub fn integrate_own_equations(model: &WorkerModel, runs: &[Run], workers: Worke
 impl OwnEquations<'_> {
     /// The outputs with a number of steps of which half gives the same outputs.
     fn converged(&mut self) -> Result<OwnRuns> {
-        let mut coarse: Option<EquationRuns> = None;
-        let mut known = Vec::new();
+        const IMPOSSIBLE: OwnRuns = OwnRuns::Unable("the source could not evaluate them along the test runs");
+        let (width, all_rows) = (self.counts[3], self.runs[0].times.len());
+        let Some(mut known) = self.integrate(1)? else { return Ok(IMPOSSIBLE) };
+        let mut rows = vec![0; self.runs.len()];
         let mut steps = 1;
-        while steps <= MOST_STEPS {
-            let Some(mut fine) = self.integrate(steps)? else {
-                return Ok(OwnRuns::Unable("the source could not evaluate them along the test runs"));
-            };
-            if let Some(coarse) = coarse {
-                let rows = self.converged_rows(&coarse, &fine);
-                let is_last = steps == MOST_STEPS || rows.iter().all(|rows| *rows == self.runs[0].times.len());
-                fine.iter_mut().zip(&rows).for_each(|(outputs, rows)| outputs.truncate(rows * self.counts[3]));
-                if is_last {
-                    known = fine;
-                    break;
-                }
-            }
-            coarse = Some(fine);
+        while steps < MOST_STEPS && rows.iter().any(|rows| *rows < all_rows) {
             steps *= 2;
+            let Some(fine) = self.integrate(steps)? else { return Ok(IMPOSSIBLE) };
+            rows = self.converged_rows(&known, &fine);
+            known = fine;
         }
-        let rows = known.iter().map(Vec::len).sum::<usize>() as f64;
-        let all = self.runs.iter().map(|run| run.outputs.len()).sum::<usize>() as f64;
-        if rows < ENOUGH * all {
+        if (rows.iter().sum::<usize>() as f64) < ENOUGH * (all_rows * rows.len()) as f64 {
             return Ok(OwnRuns::Unable("the integration does not converge on most of the rows"));
         }
+        known.iter_mut().zip(&rows).for_each(|(outputs, rows)| outputs.truncate(rows * width));
         Ok(OwnRuns::Integrated(known))
     }
 
@@ -198,6 +189,51 @@ fn converged_rows(source: &[f64], coarse: &[f64], fine: &[f64], width: usize) ->
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::sync::Arc;
+
+    /// Evaluates `y' = -100 y³` in a run that falls, and `y' = y²`, which has no solution after a second, in one that rises.
+    struct Power;
+
+    impl WorkerProcess for Power {
+        fn run(&mut self, request: &[f64], _: Duration, _: &AtomicBool) -> WorkerReply {
+            let rate = |y: f64| if y < 0.0 { -100.0 * y.powi(3) } else { y * y };
+            WorkerReply::Done(request.iter().flat_map(|y| [rate(*y), *y]).collect())
+        }
+
+        fn finish(self: Box<Self>) {}
+    }
+
+    fn run_from(start: f64, rows: u32, step: f64) -> Run {
+        let times: Arc<[f64]> = (0..rows).map(|row| step * f64::from(row)).collect();
+        let outputs = vec![start; times.len()];
+        Run { parameters: vec![start], times, inputs: Vec::new(), outputs }
+    }
+
+    fn integrated(runs: &[Run]) -> OwnRuns {
+        let (mut process, stop) = (Power, AtomicBool::new(false));
+        let counts = [0, 0, 1, 1];
+        OwnEquations { process: &mut process, time_limit: Duration::MAX, stop: &stop, runs, counts }
+            .converged()
+            .unwrap()
+    }
+
+    #[test]
+    fn rows_are_known_as_far_as_the_integration_converges() {
+        // the first steps converge slowly in the run that falls, and the other one has no solution at its end
+        let runs = [run_from(-1.0, 12, 0.1), run_from(1.0, 12, 0.1)];
+        let OwnRuns::Integrated(known) = integrated(&runs) else { panic!("most of the rows are known") };
+        assert!(known[0].len() == 12 && (8..=10).contains(&known[1].len()), "{known:?}");
+        for (row, y) in known[0].iter().enumerate() {
+            let exact = -1.0 / (1.0 + 20.0 * row as f64).sqrt();
+            assert!((y - exact).abs() < 1e-3, "row {row}: {y}, expected {exact}");
+        }
+        for (row, y) in known[1].iter().enumerate() {
+            let exact = 1.0 / (1.0 - 0.1 * row as f64);
+            assert!((y - exact).abs() < 1e-2 * exact, "row {row}: {y}, expected {exact}");
+        }
+        let short = [run_from(1.0, 12, 0.5)];
+        assert!(matches!(integrated(&short), OwnRuns::Unable(reason) if reason.contains("does not converge")));
+    }
 
     #[test]
     fn rows_count_until_shorter_steps_change_an_output() {
