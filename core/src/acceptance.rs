@@ -184,7 +184,7 @@ impl Judged<'_> {
     /// A surrogate that diverges in a test run is wrong there, whatever the other runs are like.
     fn diverged(&mut self, roll_outs: &RollOuts, test_runs: usize) {
         if let Some(diverging) = roll_outs.describe_divergence(test_runs) {
-            let cause = "the predictions are not finite, or far outside the outputs' ranges in training";
+            let cause = "the predictions are not finite, or far outside the truth and the outputs' ranges in training";
             self.reject("", format!("{diverging}: {cause}"));
         }
     }
@@ -507,8 +507,8 @@ mod tests {
         let exact = || metrics(Some(1.0), 0.0);
         let measured = Accuracy { roll_outs: Some(roll_outs), ..accuracy(exact(), exact()) };
         let verdict = judge(&study(""), &example::surrogate(), (&measured, "test runs"), None, Findings::default());
-        let expected = "1 of 20 test runs is diverging: run 19: the predictions are not finite, or far outside the outputs' \
-                        ranges in training";
+        let expected = "1 of 20 test runs is diverging: run 19: the predictions are not finite, or far outside the truth \
+                        and the outputs' ranges in training";
         assert_eq!((verdict.grade, lines(&verdict.problems)), (Grade::Rejected, vec![expected.to_owned()]));
     }
 

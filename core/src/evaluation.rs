@@ -68,10 +68,10 @@ impl OutputMetrics {
     /// Root mean square error relative to the standard deviation of the truth, `sqrt(1 - R²)`, or, if the truth does not vary, to the
     /// output's range in training; 0 without such a range.
     pub fn relative_error(&self) -> f64 {
-        let of_range = |share: f64| if share > 0.0 { self.rms() * (share / self.max_abs_error) } else { 0.0 };
-        let relative = match self.r2 {
-            Some(r2) => (1.0 - r2).max(0.0).sqrt(),
-            None => self.relative_max_error.map_or(0.0, of_range),
+        let relative = match (self.r2, self.relative_max_error) {
+            (Some(r2), _) => (1.0 - r2).max(0.0).sqrt(),
+            (None, Some(share)) if share > 0.0 => self.rms() * (share / self.max_abs_error),
+            (None, _) => 0.0,
         };
         finite(relative)
     }

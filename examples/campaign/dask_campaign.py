@@ -49,7 +49,7 @@ def module_of(source):
 
 
 class Workers:
-    """Workers of a cluster that have `metafmu`. Each worker is asked once."""
+    """Returns the workers of a cluster that have `metafmu`. Each worker is queried once."""
 
     def __init__(self, client, source):
         self.client, self.source = client, source

@@ -159,8 +159,9 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let (factors, splines) = (labels.factors(), labels.splines()?);
     let mut unseen = OfEquations::default();
     unseen.extend(&labels, UNSEEN, seed ^ 1)?;
-    let straight = StraightCoordinates::find(&ColumnComparison::of(&labels, &unseen), &factors)?;
-    let highest = straight.highest_powers(factors.len());
+    let straight = straight_coordinates(&ColumnComparison::of(&labels, &unseen), &factors)?;
+    let mut highest = vec![i16::MAX; factors.len()];
+    straight.iter().for_each(|coordinate| highest[coordinate.column] = 1);
     let set = FactorSet { factors: &factors, splines: &splines, highest: &highest };
     let mut samples = OfEquations::default();
     // accelerations have derivatives of the functions, reactions do not
@@ -174,8 +175,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         let (of_columns, of_splines) = exponents.split_at(factors.len());
         of_columns[..labels.coordinates()].iter().chain(of_splines).any(|exponent| *exponent != 0)
     });
-    let [still_functions, still_reactions] = straight.still_functions(labels.functions());
-    equations.clear_along(&still_functions);
+    straight.iter().for_each(|coordinate| equations.clear_along(coordinate.column, &coordinate.still));
     let counts = [labels.coordinates(), labels.efforts()];
     let of_reactions = |exponents: &[Vec<i16>]| {
         samples.extend(&labels, rows(exponents), seed)?;
@@ -196,7 +196,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(labels.driven()));
     let dynamics = dynamics.map_err(|error| error.to_string())?;
     let reactions = reactions.map(|mut found| {
-        found.clear_along(&still_reactions);
+        straight.iter().for_each(|coordinate| found.clear_along(coordinate.column, &coordinate.still_reactions));
         let functions = found.dictionary(set, 0..found.coefficients.ncols())?;
         let reactions = Reactions::new(coordinates, efforts, functions).map_err(|error| error.to_string())?;
         Ok::<_, String>(FittedReactions { reactions, order: found.order, error: found.error })
@@ -233,13 +233,10 @@ impl Solution {
         }
     }
 
-    /// Sets coefficients of products with a coordinate to zero in the functions that do not change along it, which are flagged for each such
-    /// coordinate. They are rounding errors.
-    fn clear_along(&mut self, still: &[(usize, Vec<bool>)]) {
-        for (column, still) in still {
-            for (function, _) in still.iter().enumerate().filter(|(_, still)| **still) {
-                self.clear(function..function + 1, |exponents| exponents[*column] != 0);
-            }
+    /// Sets coefficients of products with a column to zero in the functions that are `still` along it. They are rounding errors.
+    fn clear_along(&mut self, column: usize, still: &[bool]) {
+        for (function, _) in still.iter().enumerate().filter(|(_, still)| **still) {
+            self.clear(function..function + 1, |exponents| exponents[column] != 0);
         }
     }
 
@@ -421,46 +418,43 @@ impl<'a> ColumnComparison<'a> {
         }
         let free = self.labels.free_positions();
         let bends = self.bends(coordinate, range);
-        let may_change = |function: usize| free.get(function).is_some_and(|is_free| *is_free) && !bends[function];
-        Ok((0..changes.len()).any(|function| changes[function] && !may_change(function)))
+        // reactions come after the flags, and none of them is free
+        let free = free.into_iter().chain(std::iter::repeat(false));
+        Ok(changes.into_iter().zip(bends).zip(free).any(|((changes, bends), is_free)| changes && (bends || !is_free)))
     }
 }
 
 /// Largest change of a function, relative to its largest value, that rounding makes of one that does not change.
 const STILL: f64 = 1e-11;
 
-/// Coordinates along which all functions are straight lines, each with the functions that do not change along it. What was learned holds beyond the
-/// range of such a coordinate, where higher powers, of rounding errors, would grow without limit.
-struct StraightCoordinates(Vec<(usize, Vec<bool>)>);
+/// A coordinate along which all functions are straight lines. What was learned holds beyond its range, where higher powers, of rounding errors, would
+/// grow without limit.
+struct StraightCoordinate {
+    column: usize,
+    /// Flags of the functions of the equations, and of the reactions: they do not change along it at all.
+    still: Vec<bool>,
+    still_reactions: Vec<bool>,
+}
 
-impl StraightCoordinates {
-    fn find(comparison: &ColumnComparison, factors: &[Factor]) -> Result<Self, String> {
-        let mut straight = Vec::new();
-        for (k, range) in comparison.labels.ranges().take(comparison.labels.coordinates()).enumerate() {
-            if factors[k] != Factor::Angle && !comparison.bends(k, range).contains(&true) {
-                let changes = comparison.changes(k, [range.min, range.max], STILL)?;
-                straight.push((k, changes.into_iter().map(|changes| !changes).collect()));
-            }
+impl StraightCoordinate {
+    /// The coordinate in a column, if all functions are straight lines along it.
+    fn find(comparison: &ColumnComparison, column: usize, range: &QuantityRange) -> Result<Option<Self>, String> {
+        if comparison.bends(column, range).contains(&true) {
+            return Ok(None);
         }
-        Ok(Self(straight))
+        let changes = comparison.changes(column, [range.min, range.max], STILL)?;
+        let mut still: Vec<bool> = changes.into_iter().map(|changes| !changes).collect();
+        let still_reactions = still.split_off(comparison.labels.functions());
+        Ok(Some(Self { column, still, still_reactions }))
     }
+}
 
-    /// Highest power of each column that products may have.
-    fn highest_powers(&self, columns: usize) -> Vec<i16> {
-        let mut highest = vec![i16::MAX; columns];
-        self.0.iter().for_each(|(column, _)| highest[*column] = 1);
-        highest
-    }
-
-    /// The flags of the functions of the equations, of which there are this number, and of the reactions.
-    fn still_functions(self, functions: usize) -> [Vec<(usize, Vec<bool>)>; 2] {
-        let (mut of_functions, mut of_reactions) = (Vec::new(), Vec::new());
-        for (column, mut still) in self.0 {
-            of_reactions.push((column, still.split_off(functions)));
-            of_functions.push((column, still));
-        }
-        [of_functions, of_reactions]
-    }
+/// All coordinates along which all functions are straight lines.
+fn straight_coordinates(comparison: &ColumnComparison, factors: &[Factor]) -> Result<Vec<StraightCoordinate>, String> {
+    let coordinates = comparison.labels.ranges().take(comparison.labels.coordinates()).enumerate();
+    let powers = coordinates.filter(|(column, _)| factors[*column] != Factor::Angle);
+    let found = powers.map(|(column, range)| StraightCoordinate::find(comparison, column, range));
+    found.filter_map(Result::transpose).collect()
 }
 
 /// Number of configurations that determine these terms.

@@ -39,13 +39,9 @@ pub(super) fn exponents_with_splines(set: FactorSet, order: [usize; 2], derivati
         };
         powers = powers.iter().flat_map(with).collect();
     }
-    let is_allowed = |own: &&Vec<i16>| own.iter().zip(set.highest).all(|(exponent, highest)| exponent <= highest);
-    let of_columns = exponents(set.factors, order);
-    of_columns
-        .iter()
-        .filter(is_allowed)
-        .flat_map(|own| powers.iter().map(|(powers, _)| [&own[..], powers].concat()))
-        .collect()
+    let mut of_columns = exponents(set.factors, order);
+    of_columns.retain(|own| own.iter().zip(set.highest).all(|(exponent, highest)| exponent <= highest));
+    of_columns.iter().flat_map(|own| powers.iter().map(|(powers, _)| [&own[..], powers].concat())).collect()
 }
 
 /// The exponents of all products whose harmonics have at most the first order in sum, and whose powers at most the second.

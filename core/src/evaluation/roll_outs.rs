@@ -21,8 +21,8 @@ pub struct RollOuts {
     /// Indices of the test runs that are chaotic: their sensitivity at the end exceeds [`CHAOTIC`], and they have not diverged.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub chaotic_runs: Vec<usize>,
-    /// Indices of the test runs in which the surrogate diverges: predictions are not finite, or leave the outputs' ranges in training by more
-    /// than ten times their width. A diverging model is sensitive as a chaotic motion is, but a chaotic motion stays bounded.
+    /// Indices of the test runs in which the surrogate diverges: predictions are not finite, or far outside. A diverging model is
+    /// as sensitive as a chaotic motion, but a chaotic motion stays within ten widths of the outputs' ranges in training, or of the truth.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub diverged_runs: Vec<usize>,
     /// Median of the times at which an error exceeds a tenth of its output's standard deviation in the run, in seconds; none if more
@@ -136,7 +136,8 @@ impl RollOuts {
         let at_end = sensitivities(rows);
         let outputs = surrogate.outputs();
         let all = 0..test.runs.len();
-        let diverged_runs: Vec<usize> = all.clone().filter(|&run| diverges(outputs, &predictions[run])).collect();
+        let diverged_runs: Vec<usize> =
+            all.clone().filter(|&run| diverges(outputs, &test.runs[run].outputs, &predictions[run])).collect();
         let finite = |run: &&Run| RollOut::along(surrogate, &evaluator, run).repeated(LENGTHS).is_some();
         Self {
             horizons: lengths.into_iter().map(horizon).collect(),
@@ -154,18 +155,18 @@ impl RollOuts {
     }
 }
 
-/// Returns true if predictions are not finite, or further outside the outputs' ranges in training than a bounded motion is.
-fn diverges(outputs: &[Output], predictions: &[f64]) -> bool {
-    predictions
-        .chunks(outputs.len())
-        .any(|row| outputs.iter().zip(row).any(|(output, value)| is_unbounded(output, *value)))
-}
-
-/// Returns true if a value is not finite, or further outside the output's range than those of a bounded motion. An output that did not vary in
-/// training has no width.
-fn is_unbounded(Output { min, max, .. }: &Output, value: f64) -> bool {
-    let width = max - min;
-    !value.is_finite() || width > 0.0 && (value < min - BOUNDED * width || value > max + BOUNDED * width)
+/// Returns true if predictions of a run are not finite, or further outside the outputs' ranges in training, and outside the truth of the run, than
+/// those of a bounded motion.
+fn diverges(outputs: &[Output], truth: &[f64], predictions: &[f64]) -> bool {
+    let width = outputs.len();
+    outputs.iter().enumerate().any(|(column, output)| {
+        let truth = truth.iter().skip(column).step_by(width).copied();
+        let [min, max] = truth.fold([output.min, output.max], |[min, max], value| [min.min(value), max.max(value)]);
+        let reach = BOUNDED * (output.max - output.min);
+        // an output that did not vary in training has no width
+        let is_outside = |value: f64| reach > 0.0 && (value < min - reach || value > max + reach);
+        predictions.iter().skip(column).step_by(width).any(|value| !value.is_finite() || is_outside(*value))
+    })
 }
 
 /// Number and indices of runs that have a property, or none.
@@ -582,10 +583,15 @@ mod tests {
         let variable = |name: &str| SourceVariable::new(name, "", "");
         let parameters = ["rope", "x_start", "theta_start", "speed_start", "rate_start"].map(variable).to_vec();
         let outputs = surrogate.outputs().iter().map(|output| variable(&output.name)).collect();
-        let test = Dataset { inputs: vec![variable("force")], parameters, outputs, runs: vec![run(0.0), run(100.0)] };
+        // the truth stays where it is in the second run, and is as far away in the third
+        let mut runs = vec![run(0.0), run(100.0), run(100.0)];
+        runs[1].outputs.fill(0.5);
+        let test = Dataset { inputs: vec![variable("force")], parameters, outputs, runs };
         let roll_outs = crate::evaluation::Accuracy::of(&surrogate, &test).roll_outs.unwrap();
-        assert_eq!((roll_outs.diverged_runs.as_slice(), roll_outs.chaotic_runs.as_slice()), (&[1][..], &[0][..]));
-        assert!(roll_outs.is_chaotic(2) && !roll_outs.is_chaotic(3));
+        assert_eq!(roll_outs.diverged_runs, [1]);
+        assert!(roll_outs.chaotic_runs.contains(&0) && !roll_outs.chaotic_runs.contains(&1), "{roll_outs:?}");
+        let half = RollOuts { chaotic_runs: vec![0], ..roll_outs };
+        assert!(half.is_chaotic(2) && !half.is_chaotic(3));
     }
 
     #[test]

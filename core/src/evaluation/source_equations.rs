@@ -1,6 +1,6 @@
 //! A source's own equations, integrated accurately: the truth that its runs and a surrogate of these equations both approximate.
 
-use super::{AcceptanceCheck, Accuracy, OutputMetrics, Reason, compare, predict_all};
+use super::{AcceptanceCheck, Accuracy, DomainExit, OutputMetrics, Reason, compare, predict_all};
 use crate::{
     dataset::{Dataset, Run},
     diagnostics::numbers::number,
@@ -81,16 +81,21 @@ const PREDICTABLE: f64 = 1.0 / 6.0;
 
 /// Number of rows of each run by which a surrogate is compared with its source.
 fn compared_rows(truth: &Dataset, accuracy: &Accuracy) -> Vec<usize> {
-    let inside = accuracy.outside.as_ref();
-    let of_inside = inside.map_or(accuracy, |outside| &outside.inside);
+    let exits = accuracy.outside.as_ref().map_or(&[][..], |outside| &outside.exits);
+    let of_inside = accuracy.outside.as_ref().map_or(accuracy, |outside| &outside.inside);
     let chaotic = of_inside.roll_outs.as_ref().map_or(&[][..], |roll_outs| &roll_outs.chaotic_runs);
-    let rows_of = |(index, run): (usize, &Run)| {
-        let exit = inside.and_then(|outside| outside.exits.iter().find(|exit| exit.run == index));
-        // the first row has the initial states, which are given
-        let rows = exit.map_or(run.times.len(), |exit| run.times.partition_point(|time| *time < exit.time)).max(1);
+    let runs = truth.runs.iter().enumerate();
+    runs.map(|(index, run)| {
+        let rows = rows_inside(run, exits.iter().find(|exit| exit.run == index));
         if chaotic.contains(&index) { ((PREDICTABLE * rows as f64) as usize).max(2).min(rows) } else { rows }
-    };
-    truth.runs.iter().enumerate().map(rows_of).collect()
+    })
+    .collect()
+}
+
+/// Number of rows of a run before it leaves the domain.
+fn rows_inside(run: &Run, exit: Option<&DomainExit>) -> usize {
+    // the first row has the initial states, which are given
+    exit.map_or(run.times.len(), |exit| run.times.partition_point(|time| *time < exit.time)).max(1)
 }
 
 /// Errors of outputs on the rows of `compared`, which are the first ones of each run.
@@ -116,7 +121,7 @@ mod tests {
     const OWN_ERROR: f64 = 1e-3;
 
     #[test]
-    fn chaotic_runs_and_runs_that_leave_the_domain_do_not_hide_a_coarse_time_step() {
+    fn chaotic_runs_and_exits_do_not_hide_a_coarse_time_step() {
         // its trolley has a range of 5 m in both directions
         let surrogate = example::crane();
         let evaluator = Evaluator::new(&surrogate);

@@ -32,7 +32,7 @@ impl Condition {
     }
 }
 
-/// The first names as text; none if there are no names.
+/// The first of several names as text, or `None` without names.
 pub(super) fn listing<'a>(names: impl Iterator<Item = &'a str>) -> Option<String> {
     let names: Vec<String> = names.map(|name| format!("`{name}`")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
