@@ -75,7 +75,7 @@ fn a_sampling_that_is_killed_loses_no_finished_run() {
 
     let output = bench.run(&["sample", "study.toml", "--out", "killed"]);
     assert!(output.status.success(), "{}", stderr(&output));
-    assert!(stderr(&output).contains("runs are kept from a sampling that was not finished"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("kept from a sampling that was not finished"), "{}", stderr(&output));
     assert!(!journal.exists());
     assert!(bench.run(&["sample", "study.toml", "--out", "whole"]).status.success());
     for name in ["train.csv", "test.csv"] {

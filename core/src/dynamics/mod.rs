@@ -102,6 +102,8 @@ pub struct FittedEquations {
     pub error: f64,
     /// Number of turns of each coordinate after which equations and efforts are the same; none if they never are.
     pub periods: Vec<Option<u32>>,
+    /// Coordinates along which all functions of the mechanism are straight lines.
+    pub straight: Vec<usize>,
 }
 
 /// Forces of joints and springs that were learned, and how well.
@@ -212,6 +214,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         terms: equations.exponents.len(),
         error: equations.error,
         periods: labels.periods().to_vec(),
+        straight: straight.iter().map(|coordinate| coordinate.column).collect(),
     })
 }
 

@@ -61,7 +61,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     };
     let n = program.coordinates();
     let ranges = study.states.iter().enumerate().map(|(state, (name, options))| {
-        let is_free = state < n && (!motion.is_limited_along(state) || options.goes_around(name));
+        let is_free = state < n && (!motion.depends_on(state) || options.goes_around(name));
         (!is_free).then_some([options.min, options.max])
     });
     let ranges: Vec<Option<[f64; 2]>> = ranges.collect();

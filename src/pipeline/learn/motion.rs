@@ -125,8 +125,12 @@ fn assemble(
         // the torque of a spring on a joint is another one a turn later, and a network of accelerations knows one turn only
         let is_known = |turns: u32| turns == 1 || learned.velocities.is_none();
         let is_periodic = fitted.periods[column].is_some_and(is_known) && options.goes_around(name);
-        let is_limited = motion.is_limited_along(column) && !is_periodic;
-        is_limited.then_some([options.min, options.max])
+        let is_limited = match fitted.straight.contains(&column) {
+            true => motion.is_limited_along(column),
+            // a straight line may be the best that was found of a curve
+            false => motion.depends_on(column),
+        };
+        (is_limited && !is_periodic).then_some([options.min, options.max])
     });
     let ranges: Vec<Option<[f64; 2]>> = ranges.chain(velocities.iter().copied().map(Some)).collect();
     let program = Program::of_motion(motion, integration);

@@ -110,8 +110,16 @@ impl Motion {
         first..first + self.dynamics.coordinates()
     }
 
-    /// Returns true if equations, positions or reactions are known in a range of a coordinate only. A coordinate on which none of them depends,
-    /// or along which positions are straight lines, may have any value.
+    /// Returns true if equations, positions or reactions depend on a coordinate or parameter, by its position among
+    /// both. A column that none of them depends on may have any value.
+    pub fn depends_on(&self, column: usize) -> bool {
+        self.dynamics.depends_on(column)
+            || self.positions.depends_on(column)
+            || self.reactions.as_ref().is_some_and(|reactions| reactions.depends_on(column))
+    }
+
+    /// Returns true if equations, positions or reactions hold in a range only of a coordinate along which they are as straight as what they were
+    /// learned from. Such a coordinate may have any value if only positions depend on it, and their values act on nothing.
     pub fn is_limited_along(&self, coordinate: usize) -> bool {
         let functions = 0..self.positions.dictionary().outputs();
         self.dynamics.is_limited_along(coordinate)
