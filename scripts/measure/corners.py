@@ -6,9 +6,11 @@ tolerance of 1e-10 or less by `metafmu sample`, which shares neither the equatio
 FMU in model exchange, integrated by scipy's DOP853 with a tolerance of 1e-11 and steps of at most this length. That checks the FMU's solver alone:
 no step of scipy jumps over a force that acts for longer.
 
-The FMU states the error of a start: `wanted` of the solver in training.json, and the error of the equations. To find the bound of an
-output, each component of the truth's initial state is perturbed by this error. The bound at a time is the largest change up to this time,
-and at least this share of the output's range in training. For each corner the script prints the largest error over this bound while
+training.json states the error of the solver, `wanted`, as that of a start, and the error of the equations, relative to the largest. To find the bound of
+an output at a time t, each component of the truth's initial state is perturbed: by `wanted`, and by what the equations' error adds up to until t,
+which is the largest rate of this state in the run times the error times t. The bound is the largest change up to this time, and at least the
+share of the output's range, in training or in this run, that both errors are, for reactions also that of their own error. The truth is not
+exact either: what it changes by at ten times its tolerance is added. For each corner the script prints the largest error over this bound while
 `in_domain` is true, and how long it is true. It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
 
 Usage: .venv/bin/python scripts/measure corners [--corners N] [--random N] [--longest SECONDS] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]
@@ -26,6 +28,7 @@ import sys
 import tempfile
 import tomllib
 from pathlib import Path
+from typing import NamedTuple
 
 import fmpy
 import numpy as np
@@ -53,15 +56,20 @@ def header(model):
         return json.loads(json.loads(file.read(length))["__metadata__"]["metafmu"])
 
 
+def coordinates(study):
+    """Their number: only states of actuators have no range in a study. Velocities follow the coordinates, states of actuators come last."""
+    return sum("min" in options for options in study["states"].values())
+
+
 def corners(study, states, drivers, count):
     """Some of all combinations of ends: values of parameters, of inputs, and of the states at the start."""
     parameters = {name: (range_["min"], range_["max"]) for name, range_ in study.get("parameters", {}).items()}
-    n = len(states) // 2
-    begin = [low + 0.3 * (high - low) for low, high in (start(study["states"][state["name"]]) for state in states[:n])]
-    speeds = [[0.0] * n, *([0.8 * state["range"][end] for state in states[n:]] for end in (1, 0))]
+    n = coordinates(study)
+    begin = [low + 0.3 * (high - low) for low, high in map(start, study["states"].values())]
+    speeds = [[0.0] * n, *([0.8 * state["range"][end] for state in states[n : 2 * n]] for end in (1, 0))]
     inputs = [{name: value(*range_) for name, range_ in drivers.items()} for value in (min, max, lambda low, high: min(max(0.0, low), high))]
     ends = [dict(zip(parameters, values)) for values in itertools.product(*parameters.values())]
-    every = [(p, u, begin + v) for v in speeds for u in (inputs if drivers else [{}]) for p in ends]
+    every = [(p, u, begin[:n] + v + begin[n:]) for v in speeds for u in (inputs if drivers else [{}]) for p in ends]
     count = min(count, len(every))
     # neighbors differ in the first parameter
     return [every[(index * len(every) // count + index * (count < len(every))) % len(every)] for index in range(count)]
@@ -81,8 +89,10 @@ def drawn(study, states, drivers, count):
 
 def start(options):
     """Where the study's runs start."""
+    if "start" in options:
+        return options["start"]
     middle, tenth = 0.5 * (options["min"] + options["max"]), 0.1 * (options["max"] - options["min"])
-    return options.get("start", [middle - tenth, middle + tenth])
+    return [middle - tenth, middle + tenth]
 
 
 def text_of(value):
@@ -92,17 +102,18 @@ def text_of(value):
     return json.dumps(value)
 
 
-def truth(folder, study, mechanism, corner, times):
+def truth(folder, study, mechanism, corner, times, tolerance):
     """Outputs of the mechanism itself at these times, row by row."""
     parameters, inputs, states = corner
-    n = len(states) // 2
-    source = {"mechanism": str(mechanism), "constants": {**study["source"].get("constants", {}), **parameters}, "tolerance": TOLERANCE}
-    coordinates = {}
+    n = coordinates(study)
+    source = {"mechanism": str(mechanism), "constants": {**study["source"].get("constants", {}), **parameters}, "tolerance": tolerance}
+    starts = {}
     for k, (name, options) in enumerate(study["states"].items()):
-        low, high = options["min"], options["max"]
+        begin = states[k] if k < n else states[n + k]
         # runs differ, by much less than the errors that are looked for
-        begin = [states[k], states[k] + 1e-12]
-        coordinates[name] = {"min": low, "max": high, "start": begin, "velocity": [states[n + k]] * 2}
+        starts[name] = {"start": [begin, begin + 1e-12]}
+        if k < n:
+            starts[name] |= {"min": options["min"], "max": options["max"], "velocity": [states[n + k]] * 2}
     driven = {}
     for name, value in inputs.items():
         (folder / f"{name}.csv").write_text(f"time,{name}\n0,{value!r}\n{2 * times[-1]!r},{value!r}\n")
@@ -110,7 +121,7 @@ def truth(folder, study, mechanism, corner, times):
     sections = {
         "source": source,
         "time": {"stop": times[-1], "step": times[1] - times[0]},
-        "states": coordinates,
+        "states": starts,
         "inputs": driven,
         "outputs": study["outputs"],
         "sampling": {"runs": 2, "test_runs": 1},
@@ -130,8 +141,8 @@ def truth(folder, study, mechanism, corner, times):
     return values
 
 
-def integrated(fmu, description, study, corner, names, times, longest):
-    """Outputs of the FMU in model exchange, integrated by scipy with short steps, row by row."""
+def integrated(fmu, description, study, corner, starts, times, longest):
+    """Outputs of the FMU in model exchange, integrated by scipy with short steps, row by row; `starts` are the names of start values."""
     parameters, inputs, begin = corner
     n = len(begin)
     references = {variable.name: variable.valueReference for variable in description.modelVariables}
@@ -141,7 +152,7 @@ def integrated(fmu, description, study, corner, names, times, longest):
         modelIdentifier=description.modelExchange.modelIdentifier,
         instanceName="truth",
     )
-    values = {**parameters, **inputs, **{f"{name}_start": value for name, value in zip(names, begin)}}
+    values = {**parameters, **inputs, **dict(zip(starts, begin))}
     outputs = [references[name] for name in study["outputs"]]
     states, rates = (ctypes.c_double * n)(), (ctypes.c_double * n)()
 
@@ -169,8 +180,15 @@ def integrated(fmu, description, study, corner, names, times, longest):
     return np.array(found)
 
 
-def stepped(fmu, description, study, corner, states, times):
-    """Outputs of the FMU, and how many rows it is in its domain."""
+class Stepped(NamedTuple):
+    """Outputs of an FMU, row by row as long as it is in its domain, and the largest rate of each state."""
+
+    outputs: np.ndarray
+    rates: np.ndarray
+
+
+def stepped(fmu, description, study, corner, starts, states, times):
+    """Steps the FMU until it leaves its domain."""
     parameters, inputs, begin = corner
     references = {variable.name: variable.valueReference for variable in description.modelVariables}
     slave = FMU2Slave(
@@ -180,9 +198,10 @@ def stepped(fmu, description, study, corner, states, times):
         instanceName="corner",
     )
     slave.instantiate()
-    values = {**parameters, **inputs, **{f"{state['name']}_start": value for state, value in zip(states, begin)}}
+    values = {**parameters, **inputs, **dict(zip(starts, begin))}
     outputs = [references[name] for name in study["outputs"]]
-    found = []
+    derivatives = [references[f"der({state['name']})"] for state in states]
+    found, rates = [], np.zeros(len(states))
     with contextlib.redirect_stdout(None):
         slave.setupExperiment(startTime=0.0)
         slave.setReal([references[name] for name in values], list(values.values()))
@@ -192,11 +211,12 @@ def stepped(fmu, description, study, corner, states, times):
             if not slave.getBoolean([references["in_domain"]])[0]:
                 break
             found.append(slave.getReal(outputs))
+            rates = np.maximum(rates, np.abs(slave.getReal(derivatives)))
             if then is None:
                 break
             slave.doStep(currentCommunicationPoint=now, communicationStepSize=then - now)
     slave.freeInstance()
-    return np.array(found).reshape(len(found), len(outputs))
+    return Stepped(np.array(found).reshape(len(found), len(outputs)), rates)
 
 
 def check(mechanism, options, folder):
@@ -209,12 +229,14 @@ def check(mechanism, options, folder):
     training = json.loads((out / "training.json").read_text())["motion"]
     solver, model = training["solver"], header(out / f"{name}.safetensors")
     states = model["states"]
-    of_study = list(study["states"].values())
+    of_study = list(study["states"].values())[: coordinates(study)]
     ends = [[of["min"], of["max"]] for of in of_study] + [of.get("velocity", [0.0, 0.0]) for of in of_study]
     for state, of in zip(states, ends):
         # nothing depends on it, so it has no range
         state.setdefault("range", of)
     stated = solver["wanted"] + training["error"]
+    # reactions are functions of their own
+    stated_of_outputs = stated + (training["reactions"]["error"] if training.get("reactions") else 0.0)
     ranges = np.array([output["max"] - output["min"] for output in model["outputs"]])
     step = study["time"]["step"] * options.every
     times = [step * row for row in range(round((options.stop or study["time"]["stop"]) / step) + 1)]
@@ -224,32 +246,34 @@ def check(mechanism, options, folder):
     fmu = fmpy.extract(out / f"{name}.fmu", unzipdir=folder / "unzipped" / name)
     description = fmpy.read_model_description(fmu)
     good = True
-    names = [state["name"] for state in states]
+    starts = [of["name"] for of in model["inputs"] if of["role"]["causality"] == "start"]
     every = corners(study, states, drivers, options.corners) + drawn(study, states, drivers, options.random)
 
-    def exactly(corner, times):
+    def exactly(corner, times, tolerance=TOLERANCE):
         if options.longest:
-            return integrated(fmu, description, study, corner, names, times, options.longest)
-        return truth(folder, study, mechanism, corner, times)
+            return integrated(fmu, description, study, corner, starts, times, options.longest)
+        return truth(folder, study, mechanism, corner, times, tolerance)
 
     for corner in every:
-        found = stepped(fmu, description, study, corner, states, times)
+        found, rates = stepped(fmu, description, study, corner, starts, states, times)
         # the truth is needed only for as long as the surrogate claims to be valid
         rows = max(len(found), 2)
         exact = exactly(corner, times[:rows])[: len(found)]
         parameters, inputs, begin = corner
-        by_start = np.zeros_like(exact)
+        by_start, since = np.zeros_like(exact), np.array(times[: len(found)])[:, None]
         for state in range(len(begin)):
             moved = (parameters, inputs, [value + OFF * (k == state) for k, value in enumerate(begin)])
-            by_start += np.abs(exactly(moved, times[:rows])[: len(found)] - exact)
-        by_start = np.maximum.accumulate(by_start, axis=0) * stated / OFF
-        # the truth has an error as well
-        bound = np.maximum(by_start, stated * ranges) + 1e-10 * ranges
+            by_state = np.abs(exactly(moved, times[:rows])[: len(found)] - exact) / OFF
+            by_start += by_state * (solver["wanted"] + training["error"] * rates[state] * since)
+        by_start = np.maximum.accumulate(by_start, axis=0)
+        of_truth = np.abs(exactly(corner, times[:rows], 10 * TOLERANCE)[: len(found)] - exact)
+        widths = np.maximum(ranges, np.ptp(exact, axis=0)) if len(exact) else ranges
+        bound = np.maximum(by_start, stated_of_outputs * widths) + np.maximum.accumulate(of_truth, axis=0) + 1e-10 * ranges
         share = (np.abs(found - exact) / bound).max(initial=0.0)
         is_good = bool(share <= 1.0)
         good &= is_good
         text = ", ".join(f"{name} {value:.3g}" for name, value in [*parameters.items(), *inputs.items()])
-        velocities = ", ".join(f"{value:.3g}" for value in begin[len(begin) // 2 :])
+        velocities = ", ".join(f"{value:.3g}" for value in begin[coordinates(study) :])
         verdict = "" if is_good else "  PASSED ITS BOUND"
         print(f"  {share:9.2e} of the bound, in the domain for {times[max(len(found) - 1, 0)]:.3g} of {times[-1]:.3g} s: {text}, speeds {velocities}{verdict}", flush=True)
     return good

@@ -137,7 +137,7 @@ def pyfmi_cs(fmu, description):
     return simulate_with_pyfmi(fmu, description, "CS")
 
 
-@host("pyfmi", "model exchange", (2, 3))
+@host("pyfmi", "model exchange", versions=(2, 3))
 def pyfmi_me(fmu, description):
     return simulate_with_pyfmi(fmu, description, "ME")
 
@@ -150,7 +150,7 @@ def simulate_with_omsimulator(fmu, description, mode):
         return run_program(outputs_of(description), result, FOLDER / "omsimulator" / "OMSimulator", fmu, f"--mode={mode}", *files, *numbers)
 
 
-@host("omsimulator", "co-simulation", (2, 3))
+@host("omsimulator", "co-simulation", versions=(2, 3))
 def omsimulator_cs(fmu, description):
     return simulate_with_omsimulator(fmu, description, "cs")
 
@@ -168,12 +168,12 @@ def simulate_with_fmusim(fmu, description, interface):
         return run_program(outputs_of(description), result, *command, *numbers)
 
 
-@host("fmusim", "co-simulation", (2, 3))
+@host("fmusim", "co-simulation", versions=(2, 3))
 def fmusim_cs(fmu, description):
     return simulate_with_fmusim(fmu, description, "cs")
 
 
-@host("fmusim", "model exchange", (2, 3))
+@host("fmusim", "model exchange", versions=(2, 3))
 def fmusim_me(fmu, description):
     return simulate_with_fmusim(fmu, description, "me")
 

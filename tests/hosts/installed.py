@@ -37,8 +37,13 @@ class HostProgram(NamedTuple):
 
     run: Callable
     module: str
-    interface: str
+    interfaces: tuple
     versions: tuple
+
+    def takes(self, description):
+        """Whether the host has a way to run an FMU with this description."""
+        offers = {"co-simulation": description.coSimulation, "model exchange": description.modelExchange}
+        return int(description.fmiVersion[0]) in self.versions and any(offers[interface] is not None for interface in self.interfaces)
 
 
 class Cell(NamedTuple):
@@ -53,11 +58,11 @@ class Cell(NamedTuple):
 UNABLE = Cell("-", is_fine=True, has_run=False)
 
 
-def host(module, interface, versions=(2,)):
-    """Registers a host that runs FMUs by an interface, of these versions of the standard."""
+def host(module, *interfaces, versions=(2,)):
+    """Registers a host that runs FMUs by one of these interfaces, of these versions of the standard."""
 
     def register(function):
-        HOSTS[function.__name__.replace("_", "-")] = HostProgram(function, module, interface, versions)
+        HOSTS[function.__name__.replace("_", "-")] = HostProgram(function, module, interfaces, versions)
         return function
 
     return register
@@ -72,7 +77,7 @@ def outputs_of(description):
     return [v.name for v in description.modelVariables if v.causality == "output" and not v.dimensions]
 
 
-@host("pathsim_fmi", "co-simulation", (2, 3))
+@host("pathsim_fmi", "co-simulation", versions=(2, 3))
 def pathsim_fmi(fmu, description):
     from pathsim import Connection, Simulation
     from pathsim.blocks import Constant
@@ -87,7 +92,7 @@ def pathsim_fmi(fmu, description):
     return dict(zip(block.fmu_wrapper.output_refs, block.outputs.to_array()))
 
 
-@host("cofmupy.wrappers", "co-simulation", (2, 3))
+@host("cofmupy.wrappers", "co-simulation", versions=(2, 3))
 def cofmupy(fmu, description):
     from cofmupy.wrappers import FmuHandlerFactory
 
@@ -98,7 +103,7 @@ def cofmupy(fmu, description):
     return {name: np.ravel(value)[0] for name, value in values.items()}
 
 
-@host("gemseo_fmu.disciplines.fmu_discipline", "co-simulation", (2, 3))
+@host("gemseo_fmu.disciplines.fmu_discipline", "co-simulation", versions=(2, 3))
 def gemseo_fmu(fmu, description):
     from gemseo_fmu.disciplines.fmu_discipline import FMUDiscipline
 
@@ -106,11 +111,12 @@ def gemseo_fmu(fmu, description):
     return {name: np.ravel(data[name])[-1] for name in outputs_of(description)}
 
 
-@host("estim8.models", "co-simulation", (2, 3))
+@host("estim8.models", "co-simulation", "model exchange", versions=(2, 3))
 def estim8(fmu, description):
     from estim8.models import FmuModel
 
-    simulation = FmuModel(str(fmu), fmi_type="CoSimulation").simulate(0.0, STEPS * STEP, STEP)
+    kind = "CoSimulation" if description.coSimulation else "ModelExchange"
+    simulation = FmuModel(str(fmu), fmi_type=kind).simulate(0.0, STEPS * STEP, STEP)
     # outputs that begin with an exact value are parameters here
     shown = {variable.name for variable in description.modelVariables if variable.initial != "exact"}
     return {name: float(simulation[name].values[-1]) for name in outputs_of(description) if name in shown}
@@ -138,7 +144,7 @@ def syssimx(fmu, description):
     return {name: float(getattr(value, "magnitude", value)) for name, value in component.get_outputs().items()}
 
 
-@host("fmugym.fmugym", "co-simulation", (2, 3))
+@host("fmugym.fmugym", "co-simulation", versions=(2, 3))
 def fmugym(fmu, description):
     from fmugym.fmugym import FMUGym
     from fmugym.fmugym_config import FMUGymConfig, VarSpace
@@ -162,7 +168,7 @@ def fmugym(fmu, description):
     return environment._get_fmu_output()
 
 
-@host("casadi", "model exchange", (2, 3))
+@host("casadi", "model exchange", versions=(2, 3))
 def casadi(fmu, description):
     from casadi import DaeBuilder
 
@@ -251,15 +257,11 @@ def forked(compute, name, fmu):
 
 def cell(name, fmu):
     """Difference or message of a host, or a dash if it has no way to run the FMU."""
-    program = HOSTS[name]
     try:
         description = read_model_description(str(fmu), validate=False)
     except Exception as error:
         return failure(error)
-    offers = description.coSimulation if program.interface == "co-simulation" else description.modelExchange
-    if offers is None or int(description.fmiVersion[0]) not in program.versions:
-        return UNABLE
-    return forked(difference, name, fmu)
+    return forked(difference, name, fmu) if HOSTS[name].takes(description) else UNABLE
 
 
 def column(name, fmus):

@@ -134,10 +134,13 @@ def test_the_motion_continues_with_a_mass_and_a_rope_that_change_in_a_run(system
     crane.close()
 
 
-@pytest.fixture(scope="module")
-def in_casadi(system):
+@pytest.fixture(scope="module", params=["2", "3"])
+def in_casadi(request, system, tmp_path_factory):
     """Rates and outputs of the crane in CasADi with its default options, by states, force and parameters."""
-    model = casadi.DaeBuilder("crane", str(extract(str(system.crane))))
+    folder = tmp_path_factory.mktemp("casadi")
+    metafmu("export", system.crane, "--fmi", request.param, "--out", folder)
+    [fmu] = folder.glob("*.fmu")
+    model = casadi.DaeBuilder("crane", str(extract(str(fmu), folder / "extracted")))
     assert model.p() == ["l", "m", "b"] and model.u() == ["force"]
     return model.create("crane", ["x", "u", "p"], ["ode", "y"])
 

@@ -157,12 +157,6 @@ pub(super) fn is_input_beyond_booleans(written: &WrittenVariable) -> bool {
     written.is_input() && !written.facts.converts_types() && !is_real(written.variable) && !is_boolean
 }
 
-/// Returns true if it is a tunable parameter of FMI 3.0, which the structure of an FMU does not list among dependencies.
-pub(super) fn is_tunable_in_fmi_3(written: &WrittenVariable) -> bool {
-    let is_tunable = written.variable.variability == Variability::Tunable && is_real(written.variable);
-    written.facts.version() == FmiVersion::V3 && written.is_parameter() && is_tunable
-}
-
 /// Returns true if it is a parameter or an input of FMI 2.0, and a number but not a real one.
 pub(super) fn is_whole_number_to_set(written: &WrittenVariable) -> bool {
     let is_strict = written.facts.version() == FmiVersion::V2 && !written.facts.converts_types();

@@ -4,7 +4,7 @@ use super::{conditions::listing, facts::HostedFmu};
 use crate::fmi::{
     FmiVersion, InterfaceKind, ModelDescription, Platform,
     host::required_functions,
-    model_description::{Causality, ModelStructure, Unknown},
+    model_description::{Causality, ModelStructure, ScalarVariable, Unknown, Variability},
 };
 use std::collections::HashSet;
 
@@ -156,6 +156,27 @@ pub(super) fn lacks_dependencies(fmu: HostedFmu) -> Option<String> {
 
 pub(super) fn lacks_dependencies_in_fmi_3(fmu: HostedFmu) -> Option<String> {
     if fmu.facts.version() == FmiVersion::V3 { lacks_dependencies(fmu) } else { None }
+}
+
+/// Tunable parameters of FMI 3.0 on which no output and no derivative is said to depend.
+pub(super) fn has_unlisted_parameters(fmu: HostedFmu) -> Option<String> {
+    if fmu.facts.version() != FmiVersion::V3 {
+        return None;
+    }
+    let description = fmu.description();
+    let ModelStructure { outputs, derivatives, .. } = &description.structure;
+    let mut listed: HashSet<usize> = HashSet::new();
+    for unknown in outputs.iter().chain(derivatives) {
+        // it depends on everything
+        let dependencies = unknown.dependencies.as_ref()?;
+        listed.extend(dependencies);
+    }
+    let is_unlisted = |(position, variable): &(usize, &ScalarVariable)| {
+        let is_tunable = variable.causality == Causality::Parameter && variable.variability == Variability::Tunable;
+        is_tunable && variable.kind.as_real().is_some() && !listed.contains(position)
+    };
+    let unlisted = description.variables.iter().enumerate().filter(is_unlisted);
+    listing(unlisted.map(|(_, variable)| variable.name.as_str()))
 }
 
 pub(super) fn counts_kinds_of_dependencies_wrongly(fmu: HostedFmu) -> Option<String> {

@@ -168,9 +168,11 @@ impl Fmi3Reader {
     fn array_sizes(&mut self, root: &Element, description: &ModelDescription) {
         let mut all = 0u64;
         for (element, variable) in variables(root).zip(&description.variables) {
+            let is_text = matches!(element.name.as_str(), "String" | "Binary");
             let count = match element.attribute("start") {
-                Some(list) => list.split_whitespace().count() as u64,
-                None => children(element, "Start").count() as u64,
+                Some(list) if !is_text => list.split_whitespace().count() as u64,
+                // Dymola 2023x writes texts as an attribute
+                _ => children(element, "Start").count() as u64,
             };
             let expected = match description.shape(variable) {
                 Some(shape) => shape.into_iter().fold(1, u64::saturating_mul),
