@@ -7,10 +7,10 @@ FMU in model exchange, integrated by scipy's DOP853 with a tolerance of 1e-11 an
 no step of scipy jumps over a force that acts for longer.
 
 training.json states the error of the solver, `wanted`, as that of a start, and the error of the equations, relative to the largest. To find the bound of
-an output at a time t, each component of the truth's initial state is perturbed: by `wanted`, and by what the equations' error adds up to until t,
-which is the largest rate of this state in the run times the error times t. The bound is the largest change up to this time, and at least the
-share of the output's range, in training or in this run, that both errors are, for reactions also that of their own error. The truth is not
-exact either: what it changes by at ten times its tolerance is added. For each corner the script prints the largest error over this bound while
+an output at a time t, each component of the truth's initial state is perturbed: by `wanted`, and by what the equations' error adds up to.
+This is the largest rate of the state in the run times the error times t. The bound is the largest change up to this time. It is at least the
+sum of both errors, for reactions with that of their functions, times the output's range in training or in this run. The truth is not exact
+either: what it changes by at ten times its tolerance is added. For each corner the script prints the largest error over this bound while
 `in_domain` is true, and how long it is true. It exits with 1 if an error passes the bound there, or if a step inside the domain fails.
 
 Usage: .venv/bin/python scripts/measure corners [--corners N] [--random N] [--longest SECONDS] [--stop SECONDS] [--every ROWS] [MECHANISM.toml ...]

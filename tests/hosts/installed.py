@@ -41,7 +41,7 @@ class HostProgram(NamedTuple):
     versions: tuple
 
     def takes(self, description):
-        """Whether the host has a way to run an FMU with this description."""
+        """Returns true if the host has a way to run an FMU with this description."""
         offers = {"co-simulation": description.coSimulation, "model exchange": description.modelExchange}
         return int(description.fmiVersion[0]) in self.versions and any(offers[interface] is not None for interface in self.interfaces)
 
