@@ -108,7 +108,7 @@ def compared(folder):
     return (
         f"- **Yes, beyond the break-even.** To simulate one second of a flexible cable, with the set-up, takes the FMU {rounded(of_fmu)} ms and Exudyn "
         f"{rounded(fastest)} ms, {rounded(fastest / of_fmu)} times as long. The FMU's largest error is {100 * largest:.2g} % of the range, and Exudyn has its "
-        f"fastest setting that is no less accurate. With the finer time steps of the training runs it takes {rounded(means[trained] / of_fmu)} times as long, "
+        f"fastest setting that is at least as accurate. With the finer time steps of the training runs it takes {rounded(means[trained] / of_fmu)} times as long, "
         f"and {metrics['speed']['speed_up']:.0f} times without set-ups, as in the picture. Its {metrics['train_runs']} training runs and the training took {cost:.0f} s: "
         f"it pays from about {rounded(cost / (1e-3 * (fastest - of_fmu)))} runs on, and sooner if the source is slower."
     )
