@@ -267,4 +267,11 @@ mod tests {
                      <Float64 name='x' valueReference='0'/></ModelVariables><ModelStructure/>";
         assert_eq!(problems_of_3(lines), []);
     }
+
+    #[test]
+    fn a_text_of_fmi_3_that_is_an_attribute_is_one_start_value() {
+        let lines = "<ModelVariables><String name='x' valueReference='0' start='Hello World'/></ModelVariables><ModelStructure/>";
+        let problems = problems_of_3(lines);
+        assert!(problems.iter().all(|(_, message)| !message.contains("start values")), "{problems:?}");
+    }
 }
