@@ -3,8 +3,11 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from conftest import ROOT
+from fmpy import extract, read_model_description
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 sys.path.insert(0, str(ROOT / "tests" / "hosts"))
 import habits
@@ -51,6 +54,40 @@ def test_a_habit_gets_what_it_means(kind, ending, folder):
     assert result.returncode == 0 and len(rows) == len(habits.HABITS), result.stdout + result.stderr
     outcomes = [row[-1] for row in rows]
     assert set(outcomes) <= {"✓", "-"} and outcomes.count("✓") >= 10, result.stdout
+
+
+def running(fmu, description):
+    """An instance of an FMU of FMI 3.0 in Continuous-Time Mode, or after a step where there is no model exchange."""
+    interface, offer = (FMU3Model, description.modelExchange) if description.modelExchange else (FMU3Slave, description.coSimulation)
+    instance = interface(guid=description.guid, unzipDirectory=extract(str(fmu)), modelIdentifier=offer.modelIdentifier, instanceName="listed")
+    instance.instantiate()
+    instance.enterInitializationMode()
+    instance.exitInitializationMode()
+    if description.modelExchange:
+        instance.updateDiscreteStates()
+        instance.enterContinuousTimeMode()
+    else:
+        instance.doStep(0.0, 0.02)
+    return instance
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_no_dependency_lists_has_a_derivative_of_zero(kind, folder):
+    fmu = folder / f"{kind}-fmi3.fmu"
+    description = read_model_description(str(fmu))
+    instance, pairs = running(fmu, description), 0
+    states = [unknown.variable.derivative for unknown in description.derivatives or []]
+    reals = [variable for variable in description.modelVariables if variable.type == "Float64"]
+    knowns = [variable for variable in reals if variable.causality in ("parameter", "input", "independent") or variable in states]
+    for unknown in [*description.outputs, *(description.derivatives or [])]:
+        size = int(np.prod([int(dimension.start) for dimension in unknown.variable.dimensions]))
+        for known in knowns:
+            slopes = instance.getDirectionalDerivative([unknown.variable.valueReference], [known.valueReference], [1.0], size)
+            assert known in unknown.dependencies or not np.any(slopes), (unknown.variable.name, known.name, slopes)
+            pairs += bool(np.any(slopes))
+    # inputs of these act from the next sample on
+    assert (pairs > 0) == (kind not in ("discrete", "recurrent"))
+    instance.freeInstance()
 
 
 def test_what_is_refused_is_in_the_table_with_the_fmus_sentence(folder):
