@@ -1,13 +1,16 @@
 //! Checks modelDescription.xml against the rules of the FMI standard that hosts apply.
 
 use super::Report;
-use crate::fmi::{
-    identifier::model_identifier,
-    model_description::{
-        Causality, FmiVersion, Initial, Integer, ModelDescription, ModelStructure, Named, NamingConvention,
-        RealAttributes, ScalarVariable, Unknown, Variability, VariableType,
+use crate::{
+    diagnostics::numbers::exact,
+    fmi::{
+        identifier::model_identifier,
+        model_description::{
+            Causality, FmiVersion, Initial, Integer, ModelDescription, ModelStructure, Named, NamingConvention,
+            RealAttributes, ScalarVariable, Unknown, Variability, VariableType,
+        },
+        xml::Document,
     },
-    xml::Document,
 };
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -204,6 +207,7 @@ impl Checker<'_> {
             VariableType::Real(real) => {
                 let nominal = real.nominal.or(of_type.and_then(|kind| kind.as_real()?.nominal));
                 if let Some(nominal) = nominal.filter(|nominal| *nominal <= 0.0 || nominal.is_nan()) {
+                    let nominal = exact(nominal);
                     self.report
                         .at_line(line, format!("variable \"{name}\" has nominal {nominal}, expected more than zero"));
                 }
@@ -222,16 +226,25 @@ impl Checker<'_> {
             }
             _ => return,
         };
+        // no comparison finds them
+        for (attribute, value) in [("min", min), ("max", max), ("start", start)] {
+            if value.is_some_and(f64::is_nan) {
+                self.report.at_line(line, format!("variable \"{name}\" has {attribute} NaN, expected a number"));
+            }
+        }
         if let (Some(min), Some(max)) = (min, max)
             && min > max
         {
+            let (min, max) = (exact(min), exact(max));
             self.report.at_line(line, format!("variable \"{name}\" has min {min} above max {max}"));
         }
         let Some(start) = start else { return };
         if let Some(min) = min.filter(|min| start < *min) {
+            let (start, min) = (exact(start), exact(min));
             self.report.at_line(line, format!("variable \"{name}\" has start {start} below min {min}"));
         }
         if let Some(max) = max.filter(|max| start > *max) {
+            let (start, max) = (exact(start), exact(max));
             self.report.at_line(line, format!("variable \"{name}\" has start {start} above max {max}"));
         }
     }

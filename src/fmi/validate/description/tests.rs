@@ -107,6 +107,9 @@ fn every_rule_has_a_description_that_breaks_it() {
         (r#"nominal="2""#, r#"min="2" max="1""#, 10, "variable \"y\" has min 2 above max 1"),
         (r#"max="2" start="1""#, r#"max="2" start="3""#, 8, "variable \"p\" has start 3 above max 2"),
         (r#"max="2" start="1""#, r#"max="2" start="-1""#, 8, "variable \"p\" has start -1 below min 0"),
+        (r#"max="2" start="1""#, r#"max="2" start="1e300""#, 8, "variable \"p\" has start 1e300 above max 2"),
+        (r#"max="2" start="1""#, r#"max="2" start="NaN""#, 8, "variable \"p\" has start NaN, expected a number"),
+        (r#"max="2" start="1""#, r#"max="NaN" start="1""#, 8, "variable \"p\" has max NaN, expected a number"),
         (r#"start="1" min="0" max="3""#, r#"start="5" min="0" max="3""#, 11, "variable \"n\" has start 5 above max 3"),
         (
             r#"<Real nominal="2""#,
