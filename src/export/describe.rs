@@ -1,13 +1,14 @@
 //! The description of the FMU that a surrogate becomes.
 
+use super::structure::structure;
 use crate::{
     diagnostics::numbers::power,
     fmi::{
         identifier::model_identifier,
         model_description::{
             Causality, CoSimulation, DefaultExperiment, Dimension, FmiVersion, Initial, Integer, InterfaceCapabilities,
-            ModelDescription, ModelExchange, ModelStructure, NamingConvention, RealAttributes, ScalarVariable,
-            UnitDefinition, Unknown, Variability, VariableType, Width,
+            ModelDescription, ModelExchange, NamingConvention, RealAttributes, ScalarVariable, UnitDefinition,
+            Variability, VariableType, Width,
         },
     },
     study::{ExportOptions, FmuInterface, FmuPort},
@@ -15,8 +16,8 @@ use crate::{
     unit::BaseUnit,
 };
 use metafmu_runtime::{
-    Bounds, BuiltIn, Clock, DomainPolicy, Encoding, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output,
-    OutputArray, Ports, Quantity, Role, Sampling, Shown, State, Surrogate, Variable, graph::Step,
+    BuiltIn, DomainPolicy, Encoding, Integration, Known, MAX_OUTPUT_DERIVATIVE_ORDER, Metadata, Output, OutputArray,
+    Quantity, Role, State, Surrogate, Variable,
 };
 
 /// Name of the tool in the descriptions of its FMUs, followed by its version.
@@ -428,158 +429,12 @@ fn default_experiment(surrogate: &Surrogate) -> DefaultExperiment {
     }
 }
 
-/// Model structure: unknowns and their dependencies, as positions of the variables in the table.
-///
-/// Every output and every derivative of a state depends on every input and every state. Those of the model also depend
-/// on the domain policy, which may clamp inputs and states. The initial value of a state is its parameter. Parameters are
-/// known at initialization. During the simulation they are known in FMI 3.0 only, where a derivative with respect to a
-/// known variable that is not listed is zero (FMI 3.0.2, 2.4.8, `dependencies`).
-/// Dependency kinds are omitted, which means that every dependency is nonlinear.
-fn structure(
-    table: &[(u32, &Variable)],
-    surrogate: &Surrogate,
-    about: &ExportOptions,
-    version: FmiVersion,
-) -> ModelStructure {
-    let positions = |is_wanted: &dyn Fn(Quantity) -> bool| -> Vec<usize> {
-        table.iter().enumerate().filter(|(_, (_, v))| is_wanted(v.quantity)).map(|(position, _)| position).collect()
-    };
-    let of_model = positions(&|quantity| matches!(quantity, Quantity::Output(_) | Quantity::Array(_)));
-    // local variables are no unknowns
-    let [shows_domain, shows_bounds] = [FmuPort::Domain, FmuPort::Bounds].map(|port| about.ports.contains(&port));
-    let of_domain = positions(&|quantity| {
-        shows_domain && matches!(quantity, Quantity::BuiltIn(BuiltIn::InDomain | BuiltIn::DomainDistance))
-    });
-    let bounds = positions(&|quantity| shows_bounds && matches!(quantity, Quantity::Bound(_)));
-    let grow = surrogate.bounds().is_some_and(Bounds::grow);
-    let states = positions(&|quantity| matches!(quantity, Quantity::State(_)));
-    let rates = positions(&|quantity| matches!(quantity, Quantity::Derivative(_)));
-    let inputs = positions(&|quantity| matches!(quantity, Quantity::Input(_)));
-    let policy = positions(&|quantity| quantity == Quantity::BuiltIn(BuiltIn::DomainPolicy));
-    let has_role = |quantity, roles: &[Role]| matches!(quantity, Quantity::Input(index) if roles.contains(&surrogate.inputs()[index].role));
-    let starts = positions(&|quantity| has_role(quantity, &[Role::Start]));
-    let driven = positions(&|quantity| has_role(quantity, &[Role::Input, Role::Time]));
-    let is_parameter = |quantity| matches!(quantity, Quantity::Input(index) if matches!(surrogate.inputs()[index].role, Role::Parameter(_)));
-    let constant = match version {
-        FmiVersion::V2 => Vec::new(),
-        FmiVersion::V3 => [positions(&is_parameter), policy.clone()].concat(),
-    };
-    let of_states = [states.as_slice(), &constant].concat();
-    let later = [driven.as_slice(), &of_states].concat();
-    // what does not follow at once from an input is not said to: hosts would see algebraic loops
-    let known = |position: usize| -> Vec<usize> {
-        let motion = match (&surrogate.program().clock, surrogate.program().motion()) {
-            (Clock::Continuous(_), Some(motion)) => motion,
-            (Clock::Continuous(_), None) => {
-                return known_of_rates(table[position].1.quantity, surrogate, &states, &constant, &later);
-            }
-            // past samples are no variables, and parameters and inputs without direct effect act from the next sample on
-            (Clock::Sampled(sampling), _) => match table[position].1.quantity {
-                Quantity::Output(output) => return direct_inputs(sampling, &driven, &[output]),
-                Quantity::Array(array) => return direct_inputs(sampling, &driven, surrogate.array_elements(array).1),
-                _ => return later.clone(),
-            },
-            (Clock::Static, _) => return later.clone(),
-        };
-        let follows_inputs = |output: &usize| match motion.outputs[*output] {
-            Shown::Acceleration(_) => true,
-            Shown::Reaction(index) => {
-                motion.reactions.as_ref().is_some_and(|reactions| reactions.follows_efforts(index))
-            }
-            Shown::Effort(effort) => motion.effort_follows_inputs(effort),
-            _ => false,
-        };
-        let n = motion.dynamics.coordinates();
-        match table[position].1.quantity {
-            Quantity::Output(output) if !follows_inputs(&output) => of_states.clone(),
-            Quantity::Array(array) if !surrogate.array_elements(array).1.iter().any(follows_inputs) => {
-                of_states.clone()
-            }
-            Quantity::Derivative(coordinate) if coordinate < n => vec![states[n + coordinate]],
-            _ => later.clone(),
-        }
-    };
-    let unknown = |variable: &usize, dependencies: &[usize]| {
-        let mut dependencies = dependencies.to_vec();
-        // the order of FMI 2.0
-        dependencies.sort_unstable();
-        Unknown { variable: *variable, dependencies: Some(dependencies), kinds: None }
-    };
-    let with_policy = [inputs.as_slice(), &policy].concat();
-    let at_start = |position: usize| -> Vec<usize> {
-        let is_known = |dependency: &usize| !driven.contains(dependency) || known(position).contains(dependency);
-        with_policy.iter().copied().filter(is_known).collect()
-    };
-    ModelStructure {
-        outputs: of_model
-            .iter()
-            .chain(&of_domain)
-            .map(|output| unknown(output, &known(*output)))
-            .chain(bounds.iter().map(|bound| unknown(bound, &[])))
-            .collect(),
-        derivatives: rates.iter().map(|rate| unknown(rate, &known(*rate))).collect(),
-        initial_unknowns: of_model
-            .iter()
-            .map(|output| unknown(output, &at_start(*output)))
-            .chain(states.iter().zip(&starts).map(|(state, start)| unknown(state, &[*start])))
-            .chain(rates.iter().map(|rate| unknown(rate, &at_start(*rate))))
-            .chain(of_domain.iter().map(|output| unknown(output, &inputs)))
-            .chain(bounds.iter().filter(|_| grow).map(|bound| unknown(bound, &[])))
-            .collect(),
-        ..ModelStructure::default()
-    }
-}
-
-/// Driven variables that act directly on one of the outputs.
-fn direct_inputs(sampling: &Sampling, driven: &[usize], outputs: &[usize]) -> Vec<usize> {
-    let acts = |(place, _): &(usize, &usize)| {
-        outputs
-            .iter()
-            .any(|output| sampling.direct.get(output * driven.len() + place).is_some_and(|direct| *direct != 0.0))
-    };
-    driven.iter().enumerate().filter(acts).map(|(_, variable)| *variable).collect()
-}
-
-/// Variables on which an output or a derivative depends during a simulation: one state, all states, or all states and inputs, and parameters.
-/// `constant` are parameters that are known then, `all` all known variables.
-fn known_of_rates(
-    quantity: Quantity,
-    surrogate: &Surrogate,
-    states: &[usize],
-    constant: &[usize],
-    all: &[usize],
-) -> Vec<usize> {
-    let graph = &surrogate.program().graph;
-    let Ports { parameters, inputs, .. } = surrogate.ports();
-    let driven = graph.dependent_on(&(parameters..parameters + inputs));
-    let of_states = [states, constant].concat();
-    let of_result = |result: usize| {
-        let place = match graph.steps.last() {
-            Some(Step::Columns { columns }) => columns[result].map(|place| place as usize),
-            _ => [graph.steps.len(), result],
-        };
-        match place {
-            [0, column] if column >= parameters + inputs => vec![states[column - parameters - inputs]],
-            [value, index] if driven[value][index] => all.to_vec(),
-            [0, _] => constant.to_vec(),
-            _ => of_states.clone(),
-        }
-    };
-    match quantity {
-        Quantity::Output(output) => of_result(output),
-        Quantity::Derivative(state) => of_result(surrogate.outputs().len() + state),
-        Quantity::Array(array) if !surrogate.array_elements(array).1.iter().any(|output| of_result(*output) == all) => {
-            of_states
-        }
-        _ => all.to_vec(),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{study::NameStyle, surrogate::with_names};
     use metafmu_example as example;
+    use metafmu_runtime::Bounds;
 
     #[test]
     fn nominals_are_powers_of_ten_and_never_zero() {
@@ -679,30 +534,6 @@ mod tests {
         let all = ["angle", "velocity", "in_domain", "domain_distance", "angle_bound", "velocity_bound"];
         assert_eq!(named(&wired, Causality::Output), all);
         assert_eq!((wired.structure.outputs.len(), wired.structure.initial_unknowns.len()), (6, 4));
-    }
-
-    /// Names of the variables on which outputs and derivatives of states are said to depend during a simulation.
-    fn dependencies<'a>(description: &'a ModelDescription, name: &str) -> Vec<&'a str> {
-        let ModelStructure { outputs, derivatives, .. } = &description.structure;
-        let of_name = |unknown: &&Unknown| description.variables[unknown.variable].name == name;
-        let unknown = outputs.iter().chain(derivatives).find(of_name).unwrap();
-        let positions = unknown.dependencies.iter().flatten();
-        positions.map(|position| description.variables[*position].name.as_str()).collect()
-    }
-
-    #[test]
-    fn parameters_are_known_in_a_simulation_in_fmi_3_only() {
-        let [v2, v3] = FmiVersion::ALL
-            .map(|version| ModelDescription::of_surrogate(&example::crane(), version, &ExportOptions::default()));
-        let states = ["trolley.position", "rope.angle", "trolley.velocity", "rope.angular_velocity"];
-        assert_eq!(dependencies(&v2, "x"), states);
-        let known = ["rope", states[0], states[1], states[2], states[3], "domain_policy"];
-        assert_eq!(dependencies(&v3, "x"), known);
-        assert_eq!(dependencies(&v3, "der(trolley.velocity)")[..2], ["rope", "force"]);
-        // it is a state
-        for description in [&v2, &v3] {
-            assert_eq!(dependencies(description, "der(trolley.position)"), ["trolley.velocity"]);
-        }
     }
 
     #[test]

@@ -12,6 +12,7 @@ mod onnx;
 mod package;
 mod reference;
 pub mod sources;
+mod structure;
 #[cfg(test)]
 pub(crate) mod testing;
 
