@@ -194,7 +194,7 @@ def test_a_run_without_labels_ends_where_the_time_goes_back(crane, tmp_path):
 
 
 def test_what_cannot_be_computed_is_no_number_and_told(crane, tmp_path):
-    # the inertia of such a rope is no number
+    # the inertia of a load on such a long rope overflows
     table = pd.concat([drive(), drive().assign(run="none", l=1e200), drive().assign(run="last")])
     found, done = predict(crane.fmu(2), table, tmp_path, check=False)
     assert done.returncode == 1 and len(found) == len(table)

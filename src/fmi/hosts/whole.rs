@@ -171,12 +171,14 @@ pub(super) fn has_unlisted_parameters(fmu: HostedFmu) -> Option<String> {
         let dependencies = unknown.dependencies.as_ref()?;
         listed.extend(dependencies);
     }
-    let is_unlisted = |(position, variable): &(usize, &ScalarVariable)| {
-        let is_tunable = variable.causality == Causality::Parameter && variable.variability == Variability::Tunable;
-        is_tunable && variable.kind.as_real().is_some() && !listed.contains(position)
-    };
-    let unlisted = description.variables.iter().enumerate().filter(is_unlisted);
+    let variables = description.variables.iter().enumerate();
+    let unlisted = variables.filter(|(position, variable)| is_tunable_real(variable) && !listed.contains(position));
     listing(unlisted.map(|(_, variable)| variable.name.as_str()))
+}
+
+fn is_tunable_real(variable: &ScalarVariable) -> bool {
+    let is_tunable = variable.causality == Causality::Parameter && variable.variability == Variability::Tunable;
+    is_tunable && variable.kind.as_real().is_some()
 }
 
 pub(super) fn counts_kinds_of_dependencies_wrongly(fmu: HostedFmu) -> Option<String> {

@@ -125,10 +125,11 @@ fn assemble(
         // the torque of a spring on a joint is another one a turn later, and a network of accelerations knows one turn only
         let is_known = |turns: u32| turns == 1 || learned.velocities.is_none();
         let is_periodic = fitted.periods[column].is_some_and(is_known) && options.goes_around(name);
-        let is_limited = match fitted.straight.contains(&column) {
-            true => motion.is_limited_along(column),
-            // a straight line may be the best that was found of a curve
-            false => motion.depends_on(column),
+        let is_limited = if fitted.straight.contains(&column) {
+            motion.is_limited_along(column)
+        } else {
+            // a straight line may be the best fit of a curve
+            motion.depends_on(column)
         };
         (is_limited && !is_periodic).then_some([options.min, options.max])
     });

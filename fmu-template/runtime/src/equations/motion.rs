@@ -118,8 +118,8 @@ impl Motion {
             || self.reactions.as_ref().is_some_and(|reactions| reactions.depends_on(column))
     }
 
-    /// Returns true if equations, positions or reactions hold in a range only of a coordinate along which they are as straight as what they were
-    /// learned from. Such a coordinate may have any value if only positions depend on it, and their values act on nothing.
+    /// Returns true if equations or reactions depend on a coordinate, or positions by more than a straight line. Otherwise the coordinate may
+    /// have any value, provided that the positions of the mechanism itself are straight along it: a line may be the best fit of a curve.
     pub fn is_limited_along(&self, coordinate: usize) -> bool {
         let functions = 0..self.positions.dictionary().outputs();
         self.dynamics.is_limited_along(coordinate)
