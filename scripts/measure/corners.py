@@ -56,6 +56,12 @@ def header(model):
         return json.loads(json.loads(file.read(length))["__metadata__"]["metafmu"])
 
 
+def error_of_equations(training):
+    """Error of the equations that are exported, which may be a network's."""
+    exported = [candidate for candidate in training["candidates"] if candidate["name"] == training["exported"]]
+    return exported[0]["error"] if exported else training["error"]
+
+
 def coordinates(study):
     """Their number: only states of actuators have no range in a study. Velocities follow the coordinates, states of actuators come last."""
     return sum("min" in options for options in study["states"].values())
@@ -234,7 +240,8 @@ def check(mechanism, options, folder):
     for state, of in zip(states, ends):
         # nothing depends on it, so it has no range
         state.setdefault("range", of)
-    stated = solver["wanted"] + training["error"]
+    of_equations = error_of_equations(training)
+    stated = solver["wanted"] + of_equations
     # reactions are learned separately, with another error
     stated_of_outputs = stated + (training["reactions"]["error"] if training.get("reactions") else 0.0)
     ranges = np.array([output["max"] - output["min"] for output in model["outputs"]])
@@ -264,7 +271,7 @@ def check(mechanism, options, folder):
         for state in range(len(begin)):
             moved = (parameters, inputs, [value + OFF * (k == state) for k, value in enumerate(begin)])
             by_state = np.abs(exactly(moved, times[:rows])[: len(found)] - exact) / OFF
-            by_start += by_state * (solver["wanted"] + training["error"] * rates[state] * since)
+            by_start += by_state * (solver["wanted"] + of_equations * rates[state] * since)
         by_start = np.maximum.accumulate(by_start, axis=0)
         # scipy's run stands for the truth as it is
         of_truth = np.zeros_like(exact) if options.longest else np.abs(exactly(corner, times[:rows], 10 * TOLERANCE)[: len(found)] - exact)

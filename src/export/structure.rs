@@ -85,7 +85,7 @@ struct KnownVariables<'a> {
     states: Vec<usize>,
     /// The time and the inputs.
     driven: Vec<usize>,
-    /// Those that do not change by themselves and are known during the simulation.
+    /// Parameters and the domain policy, where they are known during the simulation.
     constant: Vec<usize>,
     /// The domain policy, if the FMU shows it.
     policy: Vec<usize>,
