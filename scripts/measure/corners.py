@@ -58,7 +58,7 @@ def header(model):
 
 def error_of_equations(training):
     """Error of the equations that are exported, which may be a network's."""
-    exported = [candidate for candidate in training["candidates"] if candidate["name"] == training["exported"]]
+    exported = [candidate for candidate in training.get("candidates", []) if candidate["name"] == training["exported"]]
     return exported[0]["error"] if exported else training["error"]
 
 
