@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ._needed import needed
-from ._source import Source, _quantities
+from ._source import Source, _quantities, _refuse_all
 
 # units of the sensors whose values have one; of a joint it depends on the type
 UNITS = {
@@ -99,7 +99,9 @@ class Mechanism:
             raise ValueError(f"{self.path}: no range of {', '.join(missing)}: expected them in `ranges`, for instance ranges={{{missing[0]!r}: (-1.0, 1.0)}}")
         if ranges:
             raise ValueError(f"{self.path}: ranges of {', '.join(ranges)}: unknown, expected some of {', '.join([*states, *inputs])}")
-        known = _quantities(parameters)
+        problems = []
+        known = _quantities("parameters", parameters, problems)
+        _refuse_all(problems)
         for name, options in known.items():
             options.setdefault("start", float(_read(self._element(spec, name), name)))
         about = {
