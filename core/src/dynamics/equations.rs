@@ -142,7 +142,11 @@ impl<'a> Equations<'a> {
         Ok(changes.iter().map(|changed| changed.contains(&true)).collect())
     }
 
-    fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {
+    /// The accelerations in a state `(q, p, v, u)`.
+    ///
+    /// # Errors
+    /// A sentence if the configuration cannot be reached.
+    pub fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {
         let (configuration, v, u) = self.parts(point);
         let configured = self.labels.configured(configuration)?;
         configured.accelerations(&configuration[..self.labels.coordinates()], v, u)

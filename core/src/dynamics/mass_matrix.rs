@@ -127,12 +127,8 @@ pub fn acceleration_error(dynamics: &Dynamics, exact: &EquationSamples) -> f64 {
         dynamics.accelerations(StatePoint { q, v, u, p }, &mut found, &mut scratch);
         squares.iter_mut().zip(found.iter().zip(label)).for_each(|(sum, (a, b))| *sum += (a - b) * (a - b));
     }
-    let deviation = |k: usize| {
-        let mean = exact.labels.iter().map(|label| label[k]).sum::<f64>() / count;
-        let variance = exact.labels.iter().map(|label| (label[k] - mean).powi(2)).sum::<f64>() / count;
-        variance.sqrt().max(f64::MIN_POSITIVE)
-    };
-    worst(squares.iter().enumerate().map(|(k, sum)| (sum / count).sqrt() / deviation(k)))
+    let deviations = exact.standard_deviations();
+    worst(squares.iter().zip(deviations).map(|(sum, deviation)| (sum / count).sqrt() / deviation))
 }
 
 #[cfg(test)]

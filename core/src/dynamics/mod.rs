@@ -493,6 +493,17 @@ impl EquationSamples {
         let count = count.min(self.points.len());
         Self { points: self.points[..count].to_vec(), labels: self.labels[..count].to_vec() }
     }
+
+    /// Standard deviation of each function over the points, above zero.
+    pub fn standard_deviations(&self) -> Vec<f64> {
+        let count = self.labels.len().max(1) as f64;
+        let deviation = |function: usize| {
+            let mean = self.labels.iter().map(|label| label[function]).sum::<f64>() / count;
+            let variance = self.labels.iter().map(|label| (label[function] - mean).powi(2)).sum::<f64>() / count;
+            variance.sqrt().max(f64::MIN_POSITIVE)
+        };
+        (0..self.labels.first().map_or(0, Vec::len)).map(deviation).collect()
+    }
 }
 
 impl OfEquations {

@@ -71,13 +71,14 @@ impl Checks for SurrogateChecks {
 
     fn run(&self, fmu: &Fmu, archive: &mut Archive, notes: &mut Notes) {
         // what cannot be read has been reported
-        if let Ok(Some(surrogate)) = surrogate(archive) {
-            prediction::check(fmu, &surrogate, notes);
-            domain::check(fmu, &surrogate, notes);
-            domain::check_data(fmu, &surrogate, notes);
+        let surrogate = surrogate(archive).ok().flatten();
+        if let Some(surrogate) = &surrogate {
+            prediction::check(fmu, surrogate, notes);
+            domain::check(fmu, surrogate, notes);
+            domain::check_data(fmu, surrogate, notes);
         }
         if let Ok(Some(reference)) = reference_run::read(archive) {
-            reference_run::check(fmu, &reference, notes);
+            reference_run::check(fmu, &reference, surrogate.as_ref(), notes);
         }
     }
 

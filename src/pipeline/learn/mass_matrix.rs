@@ -83,6 +83,8 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         reactions: None,
         candidates,
         exported: name,
+        // a program is not asked for states outside its sampled ones
+        corners: None,
         solver,
     };
     let description = record.describe();

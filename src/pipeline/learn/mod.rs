@@ -1,6 +1,7 @@
 //! Ways to learn a surrogate from sampled runs, a file each.
 
 mod compliant;
+mod corner_error;
 mod discrete;
 pub(super) mod learned;
 mod mass_matrix;

@@ -2,15 +2,17 @@
 
 use super::{
     Beginning, LearningMethod,
+    corner_error::LearnedAccelerations,
     learned::EXACT,
-    motion_networks::{Learned, learn},
+    motion_networks::{ComparedStates, Learned, learn},
 };
 use crate::{
     Result,
     dataset::Dataset,
-    dynamics::FittedReactions,
+    dynamics::{Equations, FittedReactions},
     multibody::{FreeCoordinate, Mechanism},
     pipeline::{
+        corners::corners,
         follower::{Checkpoints, Trained},
         project::Project,
         record::{MethodRecord, MotionRecord, ReactionRecord, TrainingRecord},
@@ -67,6 +69,15 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let (surrogate, solver) = solver::choose(project, dataset, (driven, &of_states), of_equations, |integration| {
         assemble(project, dataset, driven, &learned, (integration, &velocities))
     })?;
+    let corners = match &learned.compared {
+        Some(ComparedStates { region, deviations }) => {
+            let equations = Equations::new(mechanism, region).map_err(|message| study.refusal("states", message))?;
+            let parameters = study.parameters.len();
+            let learned = LearnedAccelerations { surrogate: &surrogate, equations: &equations, deviations, parameters };
+            learned.largest_error(&corners(study, driven, &dataset.runs, &of_states, &surrogate))
+        }
+        None => None,
+    };
     let Learned { fitted, dynamics, positions, rows, .. } = &learned;
     let motion = MotionRecord {
         harmonics: fitted.order[0],
@@ -81,6 +92,7 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         }),
         candidates: learned.candidates.clone(),
         exported: learned.exported.clone(),
+        corners,
         solver,
     };
     let record = TrainingRecord::solved(*rows, began.elapsed().as_secs_f64(), MethodRecord::Motion(motion.clone()))

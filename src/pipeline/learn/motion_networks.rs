@@ -52,6 +52,16 @@ pub(super) struct Learned {
     pub stopped: StopReason,
     /// Configurations that it was learned from.
     pub rows: usize,
+    /// States at which the candidates were compared; none if the dictionary is exact.
+    pub compared: Option<ComparedStates>,
+}
+
+/// States at which candidates were compared.
+pub(super) struct ComparedStates {
+    /// Where they are.
+    pub region: Region,
+    /// Standard deviations of the exact accelerations there.
+    pub deviations: Vec<f64>,
 }
 
 impl Learned {
@@ -102,6 +112,7 @@ pub(super) fn learn(
             best_epoch: 0,
             stopped: StopReason::Solved,
             rows,
+            compared: None,
         });
     }
     region.velocities = driven.velocities(study, mechanism, &dataset.runs).map_err(refuse)?;
@@ -142,7 +153,21 @@ pub(super) fn learn(
     let velocities =
         (exported == ACCELERATIONS).then(|| [&region.velocities[..], &region.inputs[actuators..]].concat());
     let Last { history, best_epoch, stopped } = last;
-    Ok(Learned { fitted, dynamics, positions, velocities, candidates, exported, history, best_epoch, stopped, rows })
+    let deviations = asked.accelerations.standard_deviations();
+    let compared = Some(ComparedStates { deviations, region });
+    Ok(Learned {
+        fitted,
+        dynamics,
+        positions,
+        velocities,
+        candidates,
+        exported,
+        history,
+        best_epoch,
+        stopped,
+        rows,
+        compared,
+    })
 }
 
 /// The equations at sampled states, and the trainings so far.

@@ -24,8 +24,22 @@ pub struct MotionRecord {
     /// The one that is exported: `dictionary`, `network` or `dictionary and network`.
     #[serde(default = "dictionary")]
     pub exported: String,
+    /// Error of its accelerations at corners of the domain; none if the dictionary is exact.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub corners: Option<CornerRecord>,
     /// Integration by the solver.
     pub solver: SolverRecord,
+}
+
+/// Error of learned accelerations along motions that begin at corners of the domain.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct CornerRecord {
+    /// Largest error of an acceleration, relative to its standard deviation over random states.
+    pub error: f64,
+    /// Number of runs.
+    pub runs: usize,
+    /// Description of the run with the largest error.
+    pub worst: String,
 }
 
 /// Result of a training on forces of joints and springs.
@@ -52,7 +66,19 @@ fn dictionary() -> String {
 impl MotionRecord {
     /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
-        self.problem_of_equations().or_else(|| self.problem_of_reactions())
+        self.problem_of_equations().or_else(|| self.problem_of_corners()).or_else(|| self.problem_of_reactions())
+    }
+
+    fn problem_of_corners(&self) -> Option<String> {
+        let CornerRecord { error, worst, .. } = self.corners.as_ref()?;
+        let is_good = *error <= POOR;
+        (!is_good).then(|| {
+            format!(
+                "the learned accelerations are off by {} of their standard deviation at a corner of the domain ({worst}), expected at most \
+                 {POOR}: more `sampling.states`, smaller ranges or a larger network may help",
+                power(*error, 1)
+            )
+        })
     }
 
     fn problem_of_reactions(&self) -> Option<String> {
@@ -92,7 +118,10 @@ impl MotionRecord {
     /// Description of the training as text, in lines.
     pub(in crate::pipeline) fn describe(&self) -> String {
         let Self { harmonics, powers, products: [equations, positions], error, solver, .. } = self;
-        let Self { candidates, exported, reactions, .. } = self;
+        let Self { candidates, exported, corners, reactions, .. } = self;
+        let corners = corners.as_ref().map_or(String::new(), |CornerRecord { error, runs, worst }| {
+            format!(", off by at most {} in {runs} runs from corners of the domain ({worst})", power(*error, 1))
+        });
         let reactions = reactions.as_ref().map_or(String::new(), |ReactionRecord { harmonics, powers, products, error }| {
             format!(
                 "; forces of joints, drivers and springs: harmonics up to {harmonics}, powers up to {powers}, {products} products, error \
@@ -102,7 +131,8 @@ impl MotionRecord {
         let compared = match candidates.as_slice() {
             [] => String::new(),
             candidates => {
-                format!("; error of the accelerations at unseen states: {}; exported: {exported}", list(candidates))
+                let errors = list(candidates);
+                format!("; error of the accelerations at unseen states: {errors}; exported: {exported}{corners}")
             }
         };
         format!(
