@@ -88,6 +88,7 @@ impl TrainingRecord {
         let of_training = |cause: String| Reason::new(AcceptanceCheck::Training, "", cause);
         let mut findings = Findings { advice: self.advice(study), ..Findings::default() };
         findings.problems.extend(self.problems(study).into_iter().map(of_training));
+        findings.limits.extend(self.method.as_ref().and_then(MethodRecord::limit).map(of_training));
         if let Some(solver) = self.method.as_ref().and_then(MethodRecord::solver) {
             solver.add_to(&mut findings);
         }
@@ -160,6 +161,14 @@ impl MethodRecord {
             Self::StateSpace(space) => space.problem(),
             Self::Trajectories(trajectories) => trajectories.problem(),
             Self::Discrete(_) | Self::StaticMap(_) | Self::Compliant(_) => None,
+        }
+    }
+
+    /// Limit of the equations, if there is one.
+    fn limit(&self) -> Option<String> {
+        match self {
+            Self::Motion(motion) => motion.limit(),
+            _ => None,
         }
     }
 

@@ -66,10 +66,11 @@ fn dictionary() -> String {
 impl MotionRecord {
     /// Problem of the equations, if there is one.
     pub(in crate::pipeline) fn problem(&self) -> Option<String> {
-        self.problem_of_equations().or_else(|| self.problem_of_corners()).or_else(|| self.problem_of_reactions())
+        self.problem_of_equations().or_else(|| self.problem_of_reactions())
     }
 
-    fn problem_of_corners(&self) -> Option<String> {
+    /// Limit of the equations that are good at random states: corners of the domain at which they are not.
+    pub(in crate::pipeline) fn limit(&self) -> Option<String> {
         let CornerRecord { error, worst, .. } = self.corners.as_ref()?;
         let is_good = *error <= POOR;
         (!is_good).then(|| {
