@@ -11,7 +11,7 @@ use crate::{
     dynamics::{self, Checked, QuantityRange, Region},
     evaluation::SignalKind,
     integrate::Budget,
-    multibody::{Mechanism, RunStart},
+    multibody::{Mechanism, MotionCause, MotionError, RunStart},
     signal::{Knots, Signal, SineTerm},
     study::{Excitation, Recording, StateOptions, Study, is_angle, velocity_name},
     variable::SourceVariable,
@@ -154,10 +154,6 @@ impl Driven {
         let names: Vec<&str> = study.coordinates().map(|(name, _)| name.as_str()).collect();
         let mut start = Vec::new();
         let source = if study.source.mechanism.is_some() { "source.mechanism" } else { "source.system" };
-        // problems of a part of the mechanism are reported with its line
-        let is_of_part = |message: &str| {
-            ["`forces.", "`actuators.", "`drivers.", "`states."].iter().any(|part| message.contains(part))
-        };
         match mechanism.check_positions(values, &names).map(|()| mechanism.reduced(values, &names)) {
             Ok(Ok(reduced)) => {
                 start.extend(reduced.start().0.iter().chain(reduced.start().1));
@@ -165,10 +161,11 @@ impl Driven {
                 let position = |name: &&String| mechanism.actuator_states().get_index_of(*name);
                 start.extend(own.iter().filter_map(position).map(|index| starts[index]));
             }
-            Ok(Err(message)) if is_of_part(&message) => {
-                problems.add(source, mechanism.located(&message).to_string());
+            // problems of a part of the mechanism are reported with its line
+            Ok(Err(error)) if is_of_acting_part(&error) => {
+                problems.add(source, mechanism.located(error).to_string());
             }
-            Ok(Err(message)) => problems.add("states", message),
+            Ok(Err(error)) => problems.add("states", error),
             Err(found) => problems.add_section("states", found),
         }
         let starts_outside = |is_good: &dyn Fn(usize, &String, &StateOptions) -> bool| {
@@ -190,11 +187,11 @@ impl Driven {
         let region = region(study, mechanism, values);
         let mut ranges = region.coordinates.iter().chain(&region.parameters);
         if problems.is_empty() && names_are_known && ranges.all(|range| range.min < range.max) {
-            let is_singular =
-                |message: &String| ["singular", "do not decide"].iter().any(|words| message.contains(words));
-            if let Some(message) = dynamics::reach(mechanism, &region, false, study.seed).err().filter(is_singular) {
+            if let Err(error) = dynamics::reach(mechanism, &region, false, study.seed)
+                && error.cause == MotionCause::Singular
+            {
                 let expected = "expected ranges without singular positions: narrow them, or those of `parameters`";
-                problems.add("states", format!("{message}, {expected}"));
+                problems.add("states", format!("{error}, {expected}"));
                 return Err(problems);
             }
             match dynamics::check(mechanism, &region, study.seed) {
@@ -206,12 +203,11 @@ impl Driven {
                         problems.add(format!("parameters.{name}"), message);
                     }
                 }
-                Err(message) => {
-                    let output = study.outputs.keys().find(|name| message.contains(&format!("output `{name}`")));
-                    let is_force = message.contains("force") || message.contains("drivers.");
-                    let key = output.map(|name| format!("outputs.{name}"));
-                    let other = if is_force { source } else { "states" };
-                    problems.add(key.unwrap_or_else(|| other.into()), message);
+                Err(error) => {
+                    let is_output = error.section() == Some("outputs");
+                    let of_output = error.part.clone().filter(|_| is_output);
+                    let other = if is_of_acting_part(&error) { source } else { "states" };
+                    problems.add(of_output.unwrap_or_else(|| other.into()), error);
                 }
             }
         }
@@ -343,8 +339,9 @@ impl Driven {
     ///
     /// # Errors
     /// A sentence, as [`Mechanism::states_from`].
-    pub fn reached(&self, mechanism: &Mechanism, runs: &[(&[f64], &[f64])]) -> Result<Vec<[f64; 2]>, String> {
-        let region = self.region.as_ref().ok_or("expected a mechanism")?;
+    pub fn reached(&self, mechanism: &Mechanism, runs: &[(&[f64], &[f64])]) -> Result<Vec<[f64; 2]>, MotionError> {
+        let region =
+            self.region.as_ref().ok_or_else(|| MotionError::new(MotionCause::Unsuitable, "expected a mechanism"))?;
         let reached = runs.par_iter().map(|(parameters, times)| {
             let value = |(name, value): &(String, f64)| {
                 let varied = region.parameters.iter().position(|range| range.name == *name);
@@ -361,7 +358,7 @@ impl Driven {
             };
             Ok((0..width).map(range).collect())
         });
-        let reached: Vec<Vec<[f64; 2]>> = reached.collect::<Result<_, String>>()?;
+        let reached: Vec<Vec<[f64; 2]>> = reached.collect::<Result<_, MotionError>>()?;
         let both = |[a, b]: [f64; 2], [c, d]: [f64; 2]| [a.min(c), b.max(d)];
         let all = reached.into_iter().reduce(|all, one| all.into_iter().zip(one).map(|(a, b)| both(a, b)).collect());
         Ok(all.unwrap_or_default())
@@ -372,7 +369,7 @@ impl Driven {
     ///
     /// # Errors
     /// As [`reached`](Self::reached).
-    pub fn velocities(&self, study: &Study, mechanism: &Mechanism, runs: &[Run]) -> Result<Vec<[f64; 2]>, String> {
+    pub fn velocities(&self, study: &Study, mechanism: &Mechanism, runs: &[Run]) -> Result<Vec<[f64; 2]>, MotionError> {
         let of_actuators = study.actuator_states().map(|(_, state)| state.range());
         let own: Vec<Option<[f64; 2]>> =
             study.coordinates().map(|(_, state)| state.velocity_range).chain(of_actuators).collect();
@@ -387,7 +384,7 @@ impl Driven {
     }
 
     /// Start of the run with these parameters, and its signals.
-    pub(super) fn launch<'a>(&'a self, parameters: &'a [f64], times: &[f64]) -> Result<Launch<'a>, String> {
+    pub(super) fn launch<'a>(&'a self, parameters: &'a [f64], times: &[f64]) -> Result<Launch<'a>, MotionError> {
         let count = self.states.len();
         let (_, starts) = parameters.split_at(parameters.len() - count);
         let n = (count - self.actuator_states) / 2;
@@ -396,14 +393,22 @@ impl Driven {
         let inputs = self.inputs(parameters, times);
         let signal = |column: usize| {
             let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
-            Ok(Signal::Linear(Knots::new(times.to_vec(), values)?))
+            let knots = Knots::new(times.to_vec(), values);
+            knots.map(Signal::Linear).map_err(|message| MotionError::new(MotionCause::Unsuitable, message))
         };
         Ok(Launch {
             names: self.states[..n].iter().map(|state| state.name.as_str()).collect(),
             state: [positions, rates, actuator_states],
-            signals: (0..self.drivers.len()).map(signal).collect::<Result<_, String>>()?,
+            signals: (0..self.drivers.len()).map(signal).collect::<Result<_, MotionError>>()?,
         })
     }
+}
+
+/// Sections of a mechanism file with formulas that act on its motion.
+const ACTING: [&str; 4] = ["forces", "actuators", "drivers", "states"];
+
+fn is_of_acting_part(error: &MotionError) -> bool {
+    error.section().is_some_and(|section| ACTING.contains(&section))
 }
 
 /// The study's inputs as a source has them.
@@ -633,6 +638,36 @@ mod tests {
             let message = crane(force, recording).unwrap_err().to_string();
             assert!(message.contains("s.toml:12: inputs.force."), "{message}");
             assert!(message.contains(says) && message.lines().count() == 1, "{message}");
+        }
+    }
+
+    /// Problem of a slide whose spring loses its length in the range, or whose actuator has an effort that is no number there.
+    fn problem_of_slide(joint: &str, effort: &str) -> String {
+        let folder = tempfile::tempdir().unwrap();
+        let mechanism = format!(
+            "bodies.block = {{ mass = 1, inertia = 1 }}\noutputs.x = {{ measure = \"block.x\" }}\n\
+             joints.{joint} = {{ type = \"prismatic\", between = [\"ground\", \"block\"], axis = [1, 0] }}\n\
+             springs.rope = {{ between = [\"ground\", \"block\"], stiffness = 10, rest = 0.5 }}\n\
+             actuators.motor = {{ coordinate = \"{joint}.position\", effort = \"{effort}\" }}\n\
+             initial.{joint}.position = 1\n"
+        );
+        std::fs::write(folder.path().join("slide.toml"), mechanism).unwrap();
+        let text = format!(
+            "name = \"s\"\nstructure = \"dynamics\"\n[source]\nmechanism = \"slide.toml\"\n[time]\nstop = 2\nstep = 0.1\n[states]\n\
+             {joint}.position = {{ min = -1, max = 1.5 }}\n[outputs]\nx = {{}}\n"
+        );
+        let study = Study::parse(&text, &folder.path().join("s.toml")).unwrap();
+        Simulation::new(&study).map(|_| ()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_name_of_a_part_does_not_decide_where_a_problem_is() {
+        for joint in ["guide", "reinforced", "drivers"] {
+            let message = problem_of_slide(joint, "0");
+            assert!(message.contains("s.toml:8: states: at ") && message.contains("`springs.rope`"), "{message}");
+            let message = problem_of_slide(joint, &format!("sqrt({joint}.position - 0.9)"));
+            assert!(message.contains("s.toml:4: source.mechanism: "), "{message}");
+            assert!(message.contains("of `actuators.motor` is NaN"), "{message}");
         }
     }
 

@@ -472,7 +472,7 @@ impl EquationSolver {
     fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> OutputsOrReason {
         match self {
             Self::System(system) => (system.simulate)(quantities, times, tolerance, budget),
-            Self::Mechanism(mechanism) => mechanism.simulate(quantities, times, tolerance, budget),
+            Self::Mechanism(mechanism) => Ok(mechanism.simulate(quantities, times, tolerance, budget)?),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Positions of a mechanism at coordinates that a surrogate has come to.
 
 use super::{Region, labels::MechanismRegion, outputs::Outputs};
-use crate::multibody::{Mechanism, coordinate::Coordinate, reduced::Reduced};
+use crate::multibody::{Mechanism, MotionError, coordinate::Coordinate, reduced::Reduced};
 use metafmu_runtime::Shown;
 use nalgebra::DVector;
 
@@ -18,7 +18,7 @@ pub struct Assembled<'a> {
 impl<'a> Assembly<'a> {
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
+    pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, MotionError> {
         MechanismRegion::new(mechanism, region).map(Self)
     }
 
@@ -26,7 +26,7 @@ impl<'a> Assembly<'a> {
     ///
     /// # Errors
     /// A sentence: what [`Mechanism::reduced`] says.
-    pub fn with(&self, parameters: &[f64]) -> Result<Assembled<'_>, String> {
+    pub fn with(&self, parameters: &[f64]) -> Result<Assembled<'_>, MotionError> {
         let Self(labels) = self;
         let point: Vec<f64> =
             std::iter::repeat_n(0.0, labels.coordinates()).chain(parameters.iter().copied()).collect();
@@ -44,7 +44,7 @@ impl Assembled<'_> {
     ///
     /// # Errors
     /// A sentence that names the constraint that is singular on the way.
-    pub fn positions(&self, s: &[f64]) -> Result<Vec<(usize, f64)>, String> {
+    pub fn positions(&self, s: &[f64]) -> Result<Vec<(usize, f64)>, MotionError> {
         let q = self.reduced.configuration(&DVector::from_column_slice(s))?;
         let turned = |position: usize| -> f64 {
             let windings = &self.outputs.windings.0[position * s.len()..][..s.len()];

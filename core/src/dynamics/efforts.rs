@@ -3,14 +3,14 @@
 
 use super::windings::Windings;
 use crate::multibody::{
-    Mechanism,
+    Mechanism, MotionCause, MotionError,
     constraint::{BoundExpression, Slot},
     coordinate::Coordinate,
     model::MultibodyModel,
     reduced::Reduced,
 };
 use metafmu_runtime::{
-    Efforts,
+    Efforts, FormatError,
     formula::{ElementaryFunction, Formula, FormulaStep},
 };
 
@@ -33,10 +33,10 @@ impl KnownEfforts {
         mechanism: &Mechanism,
         values: [&[f64]; 2],
         unused: impl Iterator<Item = usize>,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MotionError> {
         let [mut bound, elsewhere] = [mechanism.known_expressions(values[0])?, mechanism.known_expressions(values[1])?];
         for index in unused {
-            let formula = Formula::new(vec![FormulaStep::Constant(0.0)]).map_err(|error| error.to_string())?;
+            let formula = Formula::new(vec![FormulaStep::Constant(0.0)]).map_err(unusable)?;
             bound[index] = BoundExpression { text: "0".into(), formula, slots: Vec::new() };
         }
         let at =
@@ -85,7 +85,7 @@ impl KnownEfforts {
     ///
     /// # Errors
     /// As [`Windings::find`].
-    pub(super) fn wind(&mut self, reduced: &Reduced) -> Result<(), String> {
+    pub(super) fn wind(&mut self, reduced: &Reduced) -> Result<(), MotionError> {
         self.windings = Windings::find(&self.positions_of(reduced.model()), reduced)?;
         Ok(())
     }
@@ -130,7 +130,7 @@ impl KnownEfforts {
     ///
     /// # Errors
     /// A sentence: a formula depends on time.
-    pub(super) fn formulas(&self, varied: &[usize], inputs: usize, coordinates: usize) -> Result<Efforts, String> {
+    pub(super) fn formulas(&self, varied: &[usize], inputs: usize, coordinates: usize) -> Result<Efforts, MotionError> {
         let first = varied.len() + inputs;
         let step = |slot: &Slot, occurs: &Option<usize>| match (slot, occurs) {
             (Slot::Parameter(parameter, value), _) => match varied.iter().position(|known| known == parameter) {
@@ -142,16 +142,24 @@ impl KnownEfforts {
             (Slot::Velocity(_), Some(position)) => Some(FormulaStep::Column(first + self.positions() + position)),
             (Slot::Time | Slot::Position(_) | Slot::Velocity(_), _) => None,
         };
-        let formula = |(bound, occurs): (&BoundExpression, &Vec<Option<usize>>)| -> Result<Formula, String> {
+        let formula = |(bound, occurs): (&BoundExpression, &Vec<Option<usize>>)| -> Result<Formula, MotionError> {
             let leaves =
                 bound.slots.iter().zip(occurs).map(|(slot, occurs)| step(slot, occurs)).collect::<Option<Vec<_>>>();
-            let leaves = leaves.ok_or_else(|| format!("`{}` depends on time", bound.text))?;
-            bound.formula.with_columns(|name| leaves[name].clone()).map_err(|error| error.to_string())
+            let leaves = leaves.ok_or_else(|| {
+                let message = format!("`{}` depends on time", bound.text);
+                MotionError::new(MotionCause::Unsuitable, message)
+            })?;
+            bound.formula.with_columns(|name| leaves[name].clone()).map_err(unusable)
         };
         let formulas = self.bound.iter().zip(&self.occurs).map(formula).collect::<Result<_, _>>()?;
         let efforts = Efforts::new([varied.len(), inputs, coordinates], self.windings.0.clone(), formulas);
-        efforts.map_err(|error| error.to_string())
+        efforts.map_err(unusable)
     }
+}
+
+/// The error of formulas of which no efforts can be made.
+fn unusable(error: FormatError) -> MotionError {
+    MotionError::new(MotionCause::Unsuitable, error.to_string())
 }
 
 /// Position that a slot is the value or the rate of.

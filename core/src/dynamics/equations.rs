@@ -3,7 +3,7 @@
 use super::{
     EquationSamples, FIRST_ORDER, OfEquations, Region, UNCHANGED, labels::MechanismRegion, least_squares, terms,
 };
-use crate::multibody::Mechanism;
+use crate::multibody::{Mechanism, MotionCause, MotionError};
 use metafmu_runtime::dictionary::{Dictionary, Factor};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
@@ -19,19 +19,20 @@ pub struct Equations<'a> {
 const COMPARED: usize = 12;
 
 /// Function of a state with inputs: shape `[columns]` to `[functions]`.
-type StateFunction<'f> = dyn Fn(&[f64]) -> Result<Vec<f64>, String> + Sync + 'f;
+type StateFunction<'f> = dyn Fn(&[f64]) -> Result<Vec<f64>, MotionError> + Sync + 'f;
 
 impl<'a> Equations<'a> {
     /// The equations in a region with ranges of velocities and inputs.
     ///
     /// # Errors
     /// A sentence, as [`fit`](super::fit).
-    pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
+    pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, MotionError> {
         let labels = MechanismRegion::new(mechanism, region)?;
         let (found, expected) =
             ([region.velocities.len(), region.inputs.len()], [labels.coordinates(), labels.inputs()]);
         if found != expected {
-            return Err(format!("ranges of {found:?} velocities and inputs, expected {expected:?}"));
+            let message = format!("ranges of {found:?} velocities and inputs, expected {expected:?}");
+            return Err(MotionError::new(MotionCause::Unsuitable, message));
         }
         Ok(Self { labels, region })
     }
@@ -56,7 +57,7 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn functions(&self, count: usize, seed: u64) -> Result<OfEquations, String> {
+    pub fn functions(&self, count: usize, seed: u64) -> Result<OfEquations, MotionError> {
         let mut samples = OfEquations::default();
         samples.extend(&self.labels, count, seed)?;
         Ok(samples)
@@ -113,7 +114,7 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn accelerations(&self, count: usize, seed: u64) -> Result<EquationSamples, String> {
+    pub fn accelerations(&self, count: usize, seed: u64) -> Result<EquationSamples, MotionError> {
         self.ask(count, seed, &|point| self.accelerations_at(point))
     }
 
@@ -121,7 +122,7 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn dependencies(&self, samples: &EquationSamples) -> Result<Vec<Vec<bool>>, String> {
+    pub fn dependencies(&self, samples: &EquationSamples) -> Result<Vec<Vec<bool>>, MotionError> {
         let functions = |point: &[f64]| self.labels.at(point).map(|label| label.functions);
         dependencies(samples, &functions, &self.scales(samples))
     }
@@ -130,11 +131,15 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// As [`fit`](super::fit).
-    pub fn dependencies_of_accelerations(&self, samples: &EquationSamples) -> Result<Vec<bool>, String> {
+    pub fn dependencies_of_accelerations(&self, samples: &EquationSamples) -> Result<Vec<bool>, MotionError> {
         self.dependencies_in_states(samples, &|point| self.accelerations_at(point))
     }
 
-    fn dependencies_in_states(&self, samples: &EquationSamples, function: &StateFunction) -> Result<Vec<bool>, String> {
+    fn dependencies_in_states(
+        &self,
+        samples: &EquationSamples,
+        function: &StateFunction,
+    ) -> Result<Vec<bool>, MotionError> {
         let magnitudes = |label: &Vec<f64>| label.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
         let largest = samples.labels.iter().map(magnitudes).fold(f64::MIN_POSITIVE, f64::max);
         let scales = vec![largest; self.labels.coordinates()];
@@ -146,7 +151,7 @@ impl<'a> Equations<'a> {
     ///
     /// # Errors
     /// A sentence if the configuration cannot be reached.
-    pub fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, String> {
+    pub fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, MotionError> {
         let (configuration, v, u) = self.parts(point);
         let configured = self.labels.configured(configuration)?;
         configured.accelerations(&configuration[..self.labels.coordinates()], v, u)
@@ -159,7 +164,7 @@ impl<'a> Equations<'a> {
         (configuration, v, u)
     }
 
-    fn ask(&self, count: usize, seed: u64, function: &StateFunction) -> Result<EquationSamples, String> {
+    fn ask(&self, count: usize, seed: u64, function: &StateFunction) -> Result<EquationSamples, MotionError> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let points: Vec<Vec<f64>> = (0..count).map(|number| self.state(number % 2 == 0, &mut random)).collect();
         let labels = points.par_iter().map(|point| function(point)).collect::<Result<_, _>>()?;
@@ -181,7 +186,11 @@ impl<'a> Equations<'a> {
 }
 
 /// Which functions change with each column: shape `[columns, functions]`.
-fn dependencies(samples: &EquationSamples, function: &StateFunction, scales: &[f64]) -> Result<Vec<Vec<bool>>, String> {
+fn dependencies(
+    samples: &EquationSamples,
+    function: &StateFunction,
+    scales: &[f64],
+) -> Result<Vec<Vec<bool>>, MotionError> {
     let columns = samples.points.first().map_or(0, Vec::len);
     let points = samples.points.iter().zip(&samples.labels).zip(samples.points.iter().skip(1)).take(COMPARED);
     let points: Vec<_> = points.collect();

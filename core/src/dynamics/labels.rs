@@ -9,7 +9,7 @@ use super::{
 };
 use crate::diagnostics::numbers::{from_to, number};
 use crate::multibody::{
-    Mechanism,
+    Mechanism, MotionCause, MotionError,
     constraint::{Slot, Target},
     coordinate::Coordinate,
     reduced::{Reduced, Terms},
@@ -88,24 +88,22 @@ pub(super) struct Configured {
 }
 
 impl<'a> MechanismRegion<'a> {
-    pub(super) fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, String> {
+    pub(super) fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, MotionError> {
         let mechanism = mechanism.with_torsion_as_forces(&region.outputs);
         for QuantityRange { name, min, max } in region.coordinates.iter().chain(&region.parameters) {
             // also where one of them is not a number
             if !(min < max && min.is_finite() && max.is_finite()) {
-                return Err(format!("`{name}`: range {}, expected an end above the beginning", from_to(*min, *max)));
+                let message = format!("`{name}`: range {}, expected an end above the beginning", from_to(*min, *max));
+                return Err(MotionError::new(MotionCause::Unsuitable, message));
             }
         }
         let known = mechanism.parameters().clone();
-        let position = |range: &QuantityRange| {
-            let unknown = || format!("the mechanism has no parameter `{}`", range.name);
-            known.get_index_of(&range.name).ok_or_else(unknown)
-        };
+        let position =
+            |range: &QuantityRange| known.get_index_of(&range.name).ok_or_else(|| unknown_parameter(&range.name));
         let varied: Vec<usize> = region.parameters.iter().map(position).collect::<Result<_, _>>()?;
         let mut defaults: Vec<f64> = known.values().map(|parameter| parameter.default).collect();
         for (name, value) in &region.constants {
-            let unknown = || format!("the mechanism has no parameter `{name}`");
-            defaults[known.get_index_of(name).ok_or_else(unknown)?] = *value;
+            defaults[known.get_index_of(name).ok_or_else(|| unknown_parameter(name))?] = *value;
         }
         let mut others = defaults.clone();
         for (range, position) in region.parameters.iter().zip(&varied) {
@@ -176,7 +174,7 @@ impl<'a> MechanismRegion<'a> {
     }
 
     /// Formulas of the efforts.
-    pub(super) fn formulas(&self) -> Result<Efforts, String> {
+    pub(super) fn formulas(&self) -> Result<Efforts, MotionError> {
         self.efforts.formulas(&self.varied, self.inputs(), self.coordinates())
     }
 
@@ -288,7 +286,7 @@ impl<'a> MechanismRegion<'a> {
     /// Returns true if the learned positions are equal a turn later, with the parameters of a point. A rack whose
     /// pinion has a different radius than in the middle of the ranges travels a different distance. An angle that
     /// cannot go around repeats.
-    fn positions_repeat(&self, point: &[f64], k: usize) -> Result<bool, String> {
+    fn positions_repeat(&self, point: &[f64], k: usize) -> Result<bool, MotionError> {
         let reduced = self.reduced(point)?;
         let before = reduced.start().0.clone();
         let mut after = before.clone();
@@ -329,7 +327,7 @@ impl<'a> MechanismRegion<'a> {
 
     /// Returns true if the potential differs a turn of an angle later by more than rounding explains. Where the mechanism starts its forces
     /// may be zero, as at a dead center, so they are measured around the turn.
-    fn has_mean_force(&self, reduced: &Reduced, k: usize) -> Result<bool, String> {
+    fn has_mean_force(&self, reduced: &Reduced, k: usize) -> Result<bool, MotionError> {
         let [before, after] = [0.0, 1.0].map(|turns| self.potential_after(reduced, k, turns));
         let (before, after) = (before?, after?);
         let around = SHARES.iter().filter_map(|turns| {
@@ -342,7 +340,7 @@ impl<'a> MechanismRegion<'a> {
     }
 
     /// Potential this number of turns of an angle after the start.
-    fn potential_after(&self, reduced: &Reduced, k: usize, turns: f64) -> Result<f64, String> {
+    fn potential_after(&self, reduced: &Reduced, k: usize, turns: f64) -> Result<f64, MotionError> {
         let mut s = reduced.start().0.clone();
         s[k] += turns * TAU;
         Ok(reduced.model().potential_energy(&reduced.configuration(&s)?))
@@ -350,7 +348,7 @@ impl<'a> MechanismRegion<'a> {
 
     /// Uniform forces of the potential, functions of the parameters: the mean over a turn along a harmonic angle, that at the start along
     /// any other coordinate, zero where there is none.
-    fn uniform_forces(&self, reduced: &Reduced) -> Result<Vec<f64>, String> {
+    fn uniform_forces(&self, reduced: &Reduced) -> Result<Vec<f64>, MotionError> {
         let along = |k: usize| {
             if !self.is_uniform[k] {
                 return Ok(0.0);
@@ -370,10 +368,10 @@ impl<'a> MechanismRegion<'a> {
     }
 
     /// Checks that the mechanism can be put together at a point.
-    pub(super) fn reach(&self, point: &[f64]) -> Result<(), String> {
+    pub(super) fn reach(&self, point: &[f64]) -> Result<(), MotionError> {
         let s = DVector::from_column_slice(&point[..self.coordinates()]);
         let reached = self.reduced(point).and_then(|reduced| reduced.configuration(&s));
-        reached.map(|_| ()).map_err(|message| self.explain(point, &message))
+        reached.map(|_| ()).map_err(|error| self.explain(point, error))
     }
 
     /// Periodic angles are angles; everything else is a power in its range.
@@ -389,7 +387,7 @@ impl<'a> MechanismRegion<'a> {
 
     /// Splines by which coordinates of the mechanism follow those of the region: lifts of cams. Splines whose slope or
     /// curvature jumps in the range are excluded.
-    pub(super) fn splines(&self) -> Result<Vec<SplineFactor>, String> {
+    pub(super) fn splines(&self) -> Result<Vec<SplineFactor>, MotionError> {
         let middle: RegionPoint = self.ranges().map(|range| 0.5 * (range.min + range.max)).collect();
         let reduced = self.reduced(&middle)?;
         let mut splines: Vec<SplineFactor> = Vec::new();
@@ -423,11 +421,11 @@ impl<'a> MechanismRegion<'a> {
     }
 
     /// The positions that the outputs need, with the parameters of a point.
-    pub(super) fn positions(&self, point: &[f64]) -> Result<Vec<Coordinate>, String> {
+    pub(super) fn positions(&self, point: &[f64]) -> Result<Vec<Coordinate>, MotionError> {
         self.outputs.positions_with(&self.mechanism, &self.values(point))
     }
 
-    pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, String> {
+    pub(super) fn reduced(&self, point: &[f64]) -> Result<Reduced, MotionError> {
         let names: Vec<&str> = self.region.coordinates.iter().map(|range| range.name.as_str()).collect();
         self.mechanism.reduced(&self.values(point), &names)
     }
@@ -488,22 +486,22 @@ impl<'a> MechanismRegion<'a> {
     }
 
     /// The functions at a point.
-    pub(super) fn at(&self, point: &[f64]) -> Result<Label, String> {
+    pub(super) fn at(&self, point: &[f64]) -> Result<Label, MotionError> {
         let n = self.coordinates();
         let Configured { reduced, terms } = self.configured(point)?;
-        self.check_efforts(&reduced, &terms).map_err(|message| self.explain(point, &message))?;
+        self.check_efforts(&reduced, &terms).map_err(|error| self.explain(point, error))?;
         let reactions = match self.outputs.reactions.as_slice() {
             [] => Forces::default(),
             measures => {
                 let found = reactions::in_configuration(&reduced, &terms, measures);
-                found.map_err(|message| self.explain(point, &message))?
+                found.map_err(|error| self.explain(point, error))?
             }
         };
         let mut functions = Vec::with_capacity(self.functions());
         for row in 0..n {
             functions.extend((0..=row).map(|column| terms.mass[(row, column)]));
         }
-        let uniform = self.uniform_forces(&reduced).map_err(|message| self.explain(point, &message))?;
+        let uniform = self.uniform_forces(&reduced).map_err(|error| self.explain(point, error))?;
         functions.push(terms.potential + uniform.iter().zip(point).map(|(force, s)| force * s).sum::<f64>());
         let in_efforts = self.efforts.positions_of(reduced.model());
         functions.extend(self.efforts.windings.unturned(&in_efforts, &terms.q, &point[..n]));
@@ -526,17 +524,18 @@ impl<'a> MechanismRegion<'a> {
     }
 
     /// Makes sure that efforts are finite at rest and in motion, with inputs in their ranges.
-    fn check_efforts(&self, reduced: &Reduced, terms: &Terms) -> Result<(), String> {
+    fn check_efforts(&self, reduced: &Reduced, terms: &Terms) -> Result<(), MotionError> {
         let (rates, inputs) = self.probe();
         let moving = &terms.velocities * rates;
         let ends = [0, 1].map(|end| self.input_ranges().map(|range| range[end]).collect::<Vec<f64>>());
         for (v, u) in [(&(0.0 * &moving), &ends[0]), (&(0.0 * &moving), &ends[1]), (&moving, &inputs)] {
-            if let Some(what) = reduced.model().undefined_effort(0.0, &terms.q, v, u) {
+            if let Some(error) = reduced.model().undefined_effort(0.0, &terms.q, v, u) {
                 let names = self.mechanism.inputs().keys().chain(self.mechanism.actuator_states().keys());
                 let names = names.zip(u).map(|(name, value)| format!("{name} = {value}"));
                 let with = names.collect::<Vec<_>>().join(", ");
                 let with = if with.is_empty() { with } else { format!(" with {with}") };
-                return Err(format!("{what}{with}, expected a finite number"));
+                let message = format!("{error}{with}, expected a finite number");
+                return Err(error.with_message(message));
             }
         }
         Ok(())
@@ -570,20 +569,26 @@ impl<'a> MechanismRegion<'a> {
         own.enumerate().map(|(k, own)| self.region.inputs.get(k).copied().unwrap_or(own))
     }
 
-    /// A message with the point that it is about.
-    fn explain(&self, point: &[f64], message: &str) -> String {
+    /// An error with the point that it is about.
+    fn explain(&self, point: &[f64], error: MotionError) -> MotionError {
         let values: Vec<String> =
             self.ranges().zip(point).map(|(range, value)| format!("{} = {}", range.name, number(*value))).collect();
-        format!("at {}: {message}", values.join(", "))
+        let message = format!("at {}: {error}", values.join(", "));
+        error.with_message(message)
     }
 
     /// The equations in the configuration of a point.
-    pub(super) fn configured(&self, point: &[f64]) -> Result<Configured, String> {
-        let explain = |message: String| self.explain(point, &message);
-        let reduced = self.reduced(point).map_err(explain)?;
-        let terms = reduced.terms(&DVector::from_column_slice(&point[..self.coordinates()])).map_err(explain)?;
+    pub(super) fn configured(&self, point: &[f64]) -> Result<Configured, MotionError> {
+        let reduced = self.reduced(point).map_err(|error| self.explain(point, error))?;
+        let s = DVector::from_column_slice(&point[..self.coordinates()]);
+        let terms = reduced.terms(&s).map_err(|error| self.explain(point, error))?;
         Ok(Configured { reduced, terms })
     }
+}
+
+fn unknown_parameter(name: &str) -> MotionError {
+    let message = format!("the mechanism has no parameter `{name}`");
+    MotionError::of(&format!("parameters.{name}"), MotionCause::Unsuitable, message)
 }
 
 /// Sum of the magnitudes of the potential's forces along a coordinate: less than a small part of it is rounding.
@@ -594,7 +599,7 @@ fn largest_force(reduced: &Reduced, terms: &Terms, k: usize) -> f64 {
 
 impl Configured {
     /// The accelerations.
-    pub(super) fn accelerations(&self, q: &[f64], v: &[f64], u: &[f64]) -> Result<Vec<f64>, String> {
+    pub(super) fn accelerations(&self, q: &[f64], v: &[f64], u: &[f64]) -> Result<Vec<f64>, MotionError> {
         let [q, v] = [q, v].map(DVector::from_column_slice);
         Ok(self.reduced.accelerations(&q, &v, u)?.iter().copied().collect())
     }

@@ -4,9 +4,53 @@ use super::{
     EquationSamples,
     terms::{self, FactorSet},
 };
-use metafmu_runtime::dictionary::{Dictionary, Term};
+use crate::multibody::{MotionCause, MotionError};
+use metafmu_runtime::{
+    FormatError,
+    dictionary::{Dictionary, Term},
+};
 use nalgebra::DMatrix;
-use std::ops::Range;
+use std::{fmt, ops::Range};
+
+/// Reason why a dictionary's coefficients are not found.
+#[derive(Debug)]
+pub enum DictionaryError {
+    /// There are more terms than this even at the lowest order.
+    TooManyTerms(usize),
+    /// There are too many terms of the lowest order for the samples, or too many at all.
+    TooFewSamples,
+    /// The samples do not determine the coefficients.
+    Dependent,
+    /// Coefficients of which no dictionary can be made.
+    Format(FormatError),
+}
+
+impl fmt::Display for DictionaryError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooManyTerms(most) => {
+                write!(f, "more than {most} terms even at the lowest order: fewer coordinates or parameters are needed")
+            }
+            Self::TooFewSamples => f.write_str("too many states, inputs and parameters, or too few samples"),
+            Self::Dependent => f.write_str("the terms depend on each other in these configurations"),
+            Self::Format(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for DictionaryError {}
+
+impl From<DictionaryError> for String {
+    fn from(error: DictionaryError) -> Self {
+        error.to_string()
+    }
+}
+
+impl From<DictionaryError> for MotionError {
+    fn from(error: DictionaryError) -> Self {
+        Self::new(MotionCause::Unsuitable, error.to_string())
+    }
+}
 
 /// Contribution of a product, relative to a function's scale, below which it may be dropped.
 const LITTLE: f64 = 1e-9;
@@ -28,7 +72,7 @@ pub(super) fn solve(
     samples: &EquationSamples,
     unseen: &EquationSamples,
     scales: &[f64],
-) -> Result<(DMatrix<f64>, f64), String> {
+) -> Result<(DMatrix<f64>, f64), DictionaryError> {
     let Solved { coefficients, sizes, error } = solve_for(set, exponents, samples, unseen, scales)?;
     if set.splines.is_empty() {
         return Ok((coefficients, error));
@@ -59,7 +103,7 @@ pub(super) fn solve_with(
     samples: &EquationSamples,
     unseen: &EquationSamples,
     scales: &[f64],
-) -> Result<(DMatrix<f64>, f64), String> {
+) -> Result<(DMatrix<f64>, f64), DictionaryError> {
     let is_used = |term: &usize| exponents[*term].iter().zip(used).all(|(exponent, used)| *exponent == 0 || *used);
     let kept: Vec<usize> = (0..exponents.len()).filter(is_used).collect();
     let of_used: Vec<Vec<i16>> = kept.iter().map(|term| exponents[*term].clone()).collect();
@@ -82,9 +126,9 @@ fn solve_for(
     samples: &EquationSamples,
     unseen: &EquationSamples,
     scales: &[f64],
-) -> Result<Solved, String> {
+) -> Result<Solved, DictionaryError> {
     let (rows, functions) = (samples.points.len(), scales.len());
-    let matrix = terms::values(set, exponents, &samples.points).map_err(|error| error.to_string())?;
+    let matrix = terms::values(set, exponents, &samples.points).map_err(DictionaryError::Format)?;
     let has_splines = |exponents: &Vec<i16>| exponents[set.factors.len()..].iter().any(|power| *power != 0);
     // powers of splines may be small or large; sines, cosines and other powers are one at most
     let columns = exponents.iter().zip(matrix.column_iter());
@@ -98,7 +142,7 @@ fn solve_for(
         .r()
         .solve_upper_triangular(&sides)
         .filter(|solution| solution.iter().all(|value| value.is_finite()))
-        .ok_or("the terms depend on each other in these configurations")?;
+        .ok_or(DictionaryError::Dependent)?;
     // coefficients that together are far below the error cost time and are worth nothing
     let error = error_of(&dictionary(set, exponents, &coefficients, 0..functions)?, unseen, scales);
     let negligible = (0.1 * error / exponents.len() as f64).max(1e-14);
@@ -116,7 +160,7 @@ pub(super) fn dictionary(
     exponents: &[Vec<i16>],
     coefficients: &DMatrix<f64>,
     columns: Range<usize>,
-) -> Result<Dictionary, String> {
+) -> Result<Dictionary, DictionaryError> {
     let rows = exponents.iter().zip(coefficients.row_iter());
     let terms: Vec<Term> = rows
         .map(|(exponents, row)| Term {
@@ -124,7 +168,7 @@ pub(super) fn dictionary(
             coefficients: row.columns_range(columns.clone()).iter().copied().collect(),
         })
         .collect();
-    Dictionary::with_splines(set.factors, set.splines, columns.len(), &terms).map_err(|error| error.to_string())
+    Dictionary::with_splines(set.factors, set.splines, columns.len(), &terms).map_err(DictionaryError::Format)
 }
 
 /// Largest error of any function at unseen points, relative to its scale.

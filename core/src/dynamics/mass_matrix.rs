@@ -3,7 +3,12 @@
 //! With the mass matrix `M` and the accelerations `vd`, the generalized forces `f = M vd` are known at any state. The forces at rest, their
 //! changes with each input and with each velocity give `F`, `B` and `D` of [`Dynamics`]; forces quadratic in velocities follow from `M`.
 
-use super::{EquationSamples, FIRST_ORDER, least_squares, raise_order, rows, terms::FactorSet};
+use super::{
+    EquationSamples, FIRST_ORDER,
+    least_squares::{self, DictionaryError},
+    raise_order, rows,
+    terms::FactorSet,
+};
 use crate::worst::worst;
 use metafmu_runtime::{
     Dynamics, StatePoint,
@@ -56,10 +61,10 @@ impl MassMatrixProblem<'_> {
     ///
     /// # Errors
     /// Those of `sample`; a sentence if there are too many coordinates and parameters.
-    pub fn fit(
+    pub fn fit<E: From<DictionaryError>>(
         &self,
-        mut sample: impl FnMut(usize, bool) -> Result<EquationSamples, String>,
-    ) -> Result<FittedMassMatrix, String> {
+        mut sample: impl FnMut(usize, bool) -> Result<EquationSamples, E>,
+    ) -> Result<FittedMassMatrix, E> {
         let set = FactorSet::from(self.factors);
         let unseen = sample(UNSEEN, true)?;
         let mut samples = EquationSamples::default();
@@ -69,13 +74,15 @@ impl MassMatrixProblem<'_> {
                 samples = sample(count, false)?;
             }
             let scales = self.scales(samples.labels.iter().chain(&unseen.labels));
-            least_squares::solve_with((set, self.used), exponents, &samples.first(count), &unseen, &scales)
+            let solved =
+                least_squares::solve_with((set, self.used), exponents, &samples.first(count), &unseen, &scales);
+            solved.map_err(E::from)
         })?;
         let (all, of_equations) = (self.functions(), self.functions() - self.positions);
         let dynamics = solution.dictionary(set, 0..of_equations)?;
         let dynamics = Dynamics::new(self.velocities.len(), self.inputs.len(), dynamics);
         Ok(FittedMassMatrix {
-            dynamics: dynamics.map_err(|error| error.to_string())?,
+            dynamics: dynamics.map_err(DictionaryError::Format)?,
             positions: solution.dictionary(set, of_equations..all)?,
             order: solution.order,
             rows: rows(&solution.exponents),
@@ -163,7 +170,10 @@ mod tests {
                 vec![within(-1.0, 1.0), within(-3.0, 3.0), within(0.5, 1.0)]
             };
             let points: Vec<Vec<f64>> = (0..count).map(|_| point()).collect();
-            Ok(EquationSamples { labels: points.iter().map(|point| label(point)).collect(), points })
+            Ok::<_, DictionaryError>(EquationSamples {
+                labels: points.iter().map(|point| label(point)).collect(),
+                points,
+            })
         });
         let fitted = fitted.unwrap();
         assert!(fitted.error < 1e-12, "{fitted:?}");

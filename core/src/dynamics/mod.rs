@@ -27,13 +27,14 @@ mod windings;
 #[cfg(test)]
 mod tests;
 
-use crate::multibody::Mechanism;
+use crate::multibody::{Mechanism, MotionCause, MotionError};
 pub use assembly::{Assembled, Assembly};
 pub use equations::Equations;
 use labels::{Label, MechanismRegion, RegionPoint};
+pub use least_squares::DictionaryError;
 pub use mass_matrix::{ENOUGH, FittedMassMatrix, MassMatrixProblem, acceleration_error};
 use metafmu_runtime::{
-    Dynamics, Reactions, Shown,
+    Dynamics, FormatError, Reactions, Shown,
     dictionary::{Dictionary, Factor},
 };
 use nalgebra::DMatrix;
@@ -156,7 +157,7 @@ const WORTH_IT: f64 = 0.7;
 /// # Errors
 /// A sentence: what [`Mechanism::reduced`] says, a range is empty or its name unknown, a force is not a number, or a configuration of
 /// the region cannot be reached.
-pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEquations, String> {
+pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEquations, MotionError> {
     let labels = MechanismRegion::new(mechanism, region)?;
     let (factors, splines) = (labels.factors(), labels.splines()?);
     let mut unseen = OfEquations::default();
@@ -170,7 +171,8 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let mut equations = raise_order((set, 1), (FIRST_ORDER, EXACT), |exponents| {
         samples.extend(&labels, rows(exponents), seed)?;
         let scales = labels.scales(samples.samples.labels.iter().chain(&unseen.samples.labels));
-        least_squares::solve(set, exponents, &samples.samples.first(rows(exponents)), &unseen.samples, &scales)
+        let samples = samples.samples.first(rows(exponents));
+        least_squares::solve(set, exponents, &samples, &unseen.samples, &scales).map_err(MotionError::from)
     })?;
     // no coordinate changes a uniform force, though functions that are no such sums may seem to
     equations.clear(labels.uniform(), |exponents| {
@@ -184,7 +186,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         let [seen, unseen] = [samples.reactions(rows(exponents)), unseen.reactions(UNSEEN)];
         let sizes = samples.sizes;
         let scales = reactions::scales(counts, &sizes, seen.labels.iter().chain(&unseen.labels));
-        least_squares::solve(set, exponents, &seen, &unseen, &scales)
+        least_squares::solve(set, exponents, &seen, &unseen, &scales).map_err(MotionError::from)
     };
     let has_reactions = !labels.outputs().reactions.is_empty();
     // what makes one of them hard to learn does so with both
@@ -196,12 +198,12 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let [coordinates, efforts] = counts;
     let dynamics = Dynamics::with_efforts(labels.formulas()?, dynamics?);
     let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(labels.driven()));
-    let dynamics = dynamics.map_err(|error| error.to_string())?;
+    let dynamics = dynamics.map_err(unusable)?;
     let reactions = reactions.map(|mut found| {
         straight.iter().for_each(|coordinate| found.clear_along(coordinate.column, &coordinate.still_reactions));
         let functions = found.dictionary(set, 0..found.coefficients.ncols())?;
-        let reactions = Reactions::new(coordinates, efforts, functions).map_err(|error| error.to_string())?;
-        Ok::<_, String>(FittedReactions { reactions, order: found.order, error: found.error })
+        let reactions = Reactions::new(coordinates, efforts, functions).map_err(unusable)?;
+        Ok::<_, MotionError>(FittedReactions { reactions, order: found.order, error: found.error })
     });
     Ok(FittedEquations {
         dynamics,
@@ -216,6 +218,11 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         periods: labels.periods().to_vec(),
         straight: straight.iter().map(|coordinate| coordinate.column).collect(),
     })
+}
+
+/// The error of functions of which no equations can be made.
+fn unusable(error: FormatError) -> MotionError {
+    MotionError::new(MotionCause::Unsuitable, error.to_string())
 }
 
 /// Coefficients of the products of an order.
@@ -244,18 +251,18 @@ impl Solution {
     }
 
     /// Some of the functions.
-    fn dictionary(&self, set: FactorSet, columns: std::ops::Range<usize>) -> Result<Dictionary, String> {
+    fn dictionary(&self, set: FactorSet, columns: std::ops::Range<usize>) -> Result<Dictionary, DictionaryError> {
         least_squares::dictionary(set, &self.exponents, &self.coefficients, columns)
     }
 }
 
 /// Solves for coefficients of higher and higher orders, as long as that is worth it and the error is above `enough`.
 /// Products have derivatives of splines up to the order `derivatives`.
-fn raise_order(
+fn raise_order<E: From<DictionaryError>>(
     (set, derivatives): (FactorSet, usize),
     (first, enough): ([usize; 2], f64),
-    mut solve: impl FnMut(&[Vec<i16>]) -> Result<(DMatrix<f64>, f64), String>,
-) -> Result<Solution, String> {
+    mut solve: impl FnMut(&[Vec<i16>]) -> Result<(DMatrix<f64>, f64), E>,
+) -> Result<Solution, E> {
     let has = |is_angle: bool| set.factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
     let (has_angles, has_powers) = (has(true), has(false));
     let mut tried: Vec<[usize; 2]> = Vec::new();
@@ -271,9 +278,7 @@ fn raise_order(
         }
         solve(&exponents).map(|(coefficients, error)| Some(Solution { order, exponents, coefficients, error }))
     };
-    let too_many =
-        format!("more than {MOST_TERMS} terms even at the lowest order: fewer coordinates or parameters are needed");
-    let mut best = try_order(first)?.ok_or(too_many)?;
+    let mut best = try_order(first)?.ok_or(DictionaryError::TooManyTerms(MOST_TERMS))?;
     while best.error > enough {
         let [harmonics, powers] = best.order;
         // what limits the error is not known; neither alone may lower it
@@ -317,7 +322,7 @@ pub struct Checked {
 ///
 /// # Errors
 /// A sentence with the first configuration that is singular, or as [`fit`].
-pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -> Result<(), String> {
+pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -> Result<(), MotionError> {
     let labels = MechanismRegion::new(mechanism, region)?;
     let ranges: Vec<&QuantityRange> = labels.ranges().collect();
     let mut generator = ChaCha8Rng::seed_from_u64(seed);
@@ -332,7 +337,7 @@ pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -
     } else if corners {
         points.extend((0..MOST_CORNERS).map(|_| within(&mut |_| f64::from(u8::from(generator.random::<bool>())))));
     }
-    let reached: Vec<Result<(), String>> = points.par_iter().map(|point| labels.reach(point)).collect();
+    let reached: Vec<Result<(), MotionError>> = points.par_iter().map(|point| labels.reach(point)).collect();
     reached.into_iter().collect()
 }
 
@@ -340,7 +345,7 @@ pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -
 ///
 /// # Errors
 /// As [`fit`].
-pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checked, String> {
+pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checked, MotionError> {
     let labels = MechanismRegion::new(mechanism, region)?;
     let mut samples = OfEquations::default();
     samples.extend(&labels, CHECKED, seed)?;
@@ -375,14 +380,14 @@ impl<'a> ColumnComparison<'a> {
         Self { labels, points: &points[..points.len().min(COMPARED)], scales }
     }
 
-    fn at(&self, point: &RegionPoint, column: usize, value: f64) -> Result<Vec<f64>, String> {
+    fn at(&self, point: &RegionPoint, column: usize, value: f64) -> Result<Vec<f64>, MotionError> {
         let mut point = point.clone();
         point[column] = value;
         self.labels.at(&point).map(|label| [label.functions, label.reactions.functions].concat())
     }
 
     /// For each function, true if it differs between two values of a column by more than a part of its largest value.
-    fn changes(&self, column: usize, [low, high]: [f64; 2], part: f64) -> Result<Vec<bool>, String> {
+    fn changes(&self, column: usize, [low, high]: [f64; 2], part: f64) -> Result<Vec<bool>, MotionError> {
         let mut changes = vec![false; self.scales.len()];
         for point in self.points {
             let ends = self.at(point, column, low)?.into_iter().zip(self.at(point, column, high)?);
@@ -412,7 +417,7 @@ impl<'a> ColumnComparison<'a> {
 
     /// Returns true if functions are known in a range of a coordinate only: they depend on it, and are no positions that are straight lines and
     /// enter no formula.
-    fn is_limited_along(&self, coordinate: usize, range: &QuantityRange) -> Result<bool, String> {
+    fn is_limited_along(&self, coordinate: usize, range: &QuantityRange) -> Result<bool, MotionError> {
         // a function of an angle is the same at both ends of a turn
         let elsewhere = range.min + ELSEWHERE * (range.max - range.min);
         let changes = self.changes(coordinate, [range.min, elsewhere], UNCHANGED)?;
@@ -441,7 +446,7 @@ struct StraightCoordinate {
 
 impl StraightCoordinate {
     /// The coordinate in a column, if all functions are straight lines along it.
-    fn find(comparison: &ColumnComparison, column: usize, range: &QuantityRange) -> Result<Option<Self>, String> {
+    fn find(comparison: &ColumnComparison, column: usize, range: &QuantityRange) -> Result<Option<Self>, MotionError> {
         if comparison.bends(column, range).contains(&true) {
             return Ok(None);
         }
@@ -453,7 +458,10 @@ impl StraightCoordinate {
 }
 
 /// All coordinates along which all functions are straight lines.
-fn straight_coordinates(comparison: &ColumnComparison, factors: &[Factor]) -> Result<Vec<StraightCoordinate>, String> {
+fn straight_coordinates(
+    comparison: &ColumnComparison,
+    factors: &[Factor],
+) -> Result<Vec<StraightCoordinate>, MotionError> {
     let coordinates = comparison.labels.ranges().take(comparison.labels.coordinates()).enumerate();
     let powers = coordinates.filter(|(column, _)| factors[*column] != Factor::Angle);
     let found = powers.map(|(column, range)| StraightCoordinate::find(comparison, column, range));
@@ -527,7 +535,7 @@ impl OfEquations {
     }
 
     /// Adds points until there are `count`, the same ones for the same seed.
-    fn extend(&mut self, labels: &MechanismRegion, count: usize, seed: u64) -> Result<(), String> {
+    fn extend(&mut self, labels: &MechanismRegion, count: usize, seed: u64) -> Result<(), MotionError> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         let columns = labels.ranges().count();
         let points = (0..count).map(|_| {

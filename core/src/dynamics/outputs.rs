@@ -2,7 +2,7 @@
 //! forces of joints, drivers and springs.
 
 use super::windings::Windings;
-use crate::multibody::{Mechanism, coordinate::Coordinate, measure::Measure};
+use crate::multibody::{Mechanism, MotionCause, MotionError, coordinate::Coordinate, measure::Measure};
 use metafmu_runtime::Shown;
 
 /// The outputs in terms of positions.
@@ -34,7 +34,7 @@ impl Outputs {
         mechanism: &Mechanism,
         [defaults, others]: [&[f64]; 2],
         names: &[String],
-    ) -> Result<Self, String> {
+    ) -> Result<Self, MotionError> {
         let (model, measures) = mechanism.build(defaults)?;
         let elsewhere = mechanism.measures(others)?;
         let first_formula = model.efforts.len() + model.prescribed.len();
@@ -53,7 +53,10 @@ impl Outputs {
         };
         for name in names {
             let position = mechanism.outputs().iter().position(|output| output.name == *name);
-            let position = position.ok_or_else(|| format!("the mechanism has no output `{name}`"))?;
+            let position = position.ok_or_else(|| {
+                let message = format!("the mechanism has no output `{name}`");
+                MotionError::of(&format!("outputs.{name}"), MotionCause::Unsuitable, message)
+            })?;
             let shown = match &measures[position] {
                 Measure::Position(_) => Shown::Position(add(&mut outputs, position)),
                 Measure::Velocity(_) => Shown::Velocity(add(&mut outputs, position)),
@@ -75,7 +78,7 @@ impl Outputs {
     ///
     /// # Errors
     /// A sentence, as [`Mechanism::measures`].
-    pub(super) fn positions_with(&self, mechanism: &Mechanism, values: &[f64]) -> Result<Vec<Coordinate>, String> {
+    pub(super) fn positions_with(&self, mechanism: &Mechanism, values: &[f64]) -> Result<Vec<Coordinate>, MotionError> {
         if !self.vary {
             return Ok(self.positions.clone());
         }

@@ -1,6 +1,7 @@
 //! Forces of joints, drivers and springs: their functions of a configuration, as [`Reactions`](metafmu_runtime::Reactions) has them.
 
 use crate::multibody::{
+    MotionError,
     measure::Measure,
     model::{Sample, Spring},
     reduced::{Reduced, Terms},
@@ -27,7 +28,7 @@ pub(super) struct Forces {
 ///
 /// # Errors
 /// A sentence, as [`Reduced::balance`].
-pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Measure]) -> Result<Forces, String> {
+pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Measure]) -> Result<Forces, MotionError> {
     let (n, m) = terms.effort_map.shape();
     let model = reduced.model();
     let inertia = reduced.inertia_forces(terms);

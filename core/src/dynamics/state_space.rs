@@ -1,6 +1,10 @@
 //! Functions without a known structure, by least squares: derivatives of states and outputs as sums of sines, cosines and powers.
 
-use super::{EXACT, EquationSamples, FIRST_ORDER, MOST_TERMS, WORTH_IT, least_squares, rows, terms};
+use super::{
+    EXACT, EquationSamples, FIRST_ORDER, MOST_TERMS, WORTH_IT,
+    least_squares::{self, DictionaryError},
+    rows, terms,
+};
 use metafmu_runtime::dictionary::{Dictionary, Factor};
 
 /// Functions that were found, and how well.
@@ -28,7 +32,7 @@ pub fn fit_functions(
     samples: &EquationSamples,
     unseen: &EquationSamples,
     lowest: bool,
-) -> Result<FittedFunctions, String> {
+) -> Result<FittedFunctions, DictionaryError> {
     let functions = samples.labels.first().map_or(0, Vec::len);
     let largest = |function: usize| {
         let values = samples.labels.iter().chain(&unseen.labels).map(|label| label[function].abs());
@@ -37,7 +41,7 @@ pub fn fit_functions(
     };
     let scales: Vec<f64> = (0..functions).map(largest).collect();
     let has_angles = factors.iter().zip(used).any(|(factor, used)| *used && *factor == Factor::Angle);
-    let try_order = |order: [usize; 2]| -> Option<Result<FittedFunctions, String>> {
+    let try_order = |order: [usize; 2]| -> Option<Result<FittedFunctions, DictionaryError>> {
         let is_used = |exponents: &Vec<i16>| exponents.iter().zip(used).all(|(exponent, used)| *exponent == 0 || *used);
         let exponents: Vec<Vec<i16>> = terms::exponents(factors, order).into_iter().filter(is_used).collect();
         let needed = rows(&exponents);
@@ -52,7 +56,7 @@ pub fn fit_functions(
     };
     let [harmonics, powers] = FIRST_ORDER;
     let first = try_order([if has_angles { harmonics } else { 0 }, powers]);
-    let mut best = first.unwrap_or_else(|| Err("too many states, inputs and parameters, or too few samples".into()))?;
+    let mut best = first.unwrap_or_else(|| Err(DictionaryError::TooFewSamples))?;
     let (mut order, mut without_gain) = (best.order, 0);
     while !lowest && best.error > EXACT && without_gain < PATIENCE {
         let [harmonics, powers] = order;

@@ -1,6 +1,6 @@
 //! Positions less what they move along with the coordinates: what a dictionary learns of them.
 
-use crate::multibody::{coordinate::Coordinate, reduced::Reduced};
+use crate::multibody::{MotionError, coordinate::Coordinate, reduced::Reduced};
 use nalgebra::{DMatrix, DVector};
 use std::f64::consts::TAU;
 
@@ -18,7 +18,7 @@ impl Windings {
     ///
     /// # Errors
     /// A sentence, as [`Reduced::configuration`].
-    pub(super) fn find(positions: &[Coordinate], reduced: &Reduced) -> Result<Self, String> {
+    pub(super) fn find(positions: &[Coordinate], reduced: &Reduced) -> Result<Self, MotionError> {
         let s = reduced.start().0.clone();
         let n = s.len();
         let mut windings = vec![0.0; positions.len() * n];

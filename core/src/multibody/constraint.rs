@@ -7,6 +7,7 @@
 
 use super::{
     coordinate::{Coordinate, Positions, TurnedBodies},
+    error::{MotionCause, MotionError},
     gradients::{Elimination, SparseGradients},
 };
 use crate::diagnostics::numbers::power;
@@ -245,13 +246,15 @@ impl Constraints {
     ///
     /// # Errors
     /// Which constraint is violated, and by how much.
-    pub fn check(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<(), String> {
+    pub fn check(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<(), MotionError> {
         let bound = CONSTRAINT_TOLERANCE.max(CONSTRAINT_ROUNDING * q.amax().max(v.amax()));
         let mut violations = self.iter().zip(self.violations(t, q, v));
         match violations.find(|(_, violation)| violation.is_nan() || *violation > bound) {
             None => Ok(()),
             Some((Constraint { owner, .. }, violation)) => {
-                Err(format!("`{owner}` is violated by {violation:.1e} at t = {t} s, expected at most {bound:.1e}"))
+                let message =
+                    format!("`{owner}` is violated by {violation:.1e} at t = {t} s, expected at most {bound:.1e}");
+                Err(MotionError::of(owner, MotionCause::Inconsistent, message))
             }
         }
     }
@@ -271,7 +274,7 @@ impl Constraints {
     ///
     /// # Errors
     /// Which constraint stays violated.
-    pub fn correct_positions(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
+    pub fn correct_positions(&self, t: f64, q: &mut DVector<f64>) -> Result<(), MotionError> {
         self.newton(t, q, |gradients, residual| self.least_norm(gradients, residual))
     }
 
@@ -279,7 +282,7 @@ impl Constraints {
     ///
     /// # Errors
     /// Which constraint stays violated.
-    pub fn assemble(&self, t: f64, q: &mut DVector<f64>) -> Result<(), String> {
+    pub fn assemble(&self, t: f64, q: &mut DVector<f64>) -> Result<(), MotionError> {
         self.newton(t, q, |gradients, residual| {
             self.shortest(gradients, residual).or_else(|| {
                 let dense = gradients.dense().transpose();
@@ -298,7 +301,7 @@ impl Constraints {
         t: f64,
         q: &mut DVector<f64>,
         solve: impl Fn(&SparseGradients, &DVector<f64>) -> Option<DVector<f64>>,
-    ) -> Result<(), String> {
+    ) -> Result<(), MotionError> {
         let mut residual = self.residual(t, &TurnedBodies::new(q));
         for _ in 0..100 {
             let scale = 1.0 + q.amax();
@@ -321,11 +324,9 @@ impl Constraints {
             return Ok(());
         };
         let unit = if self[row].coordinate.is_angle() { "rad" } else { "m" };
-        Err(format!(
-            "the mechanism cannot be assembled at t = {t} s: `{}` stays open by {} {unit}",
-            self[row].owner,
-            power(gap, 3)
-        ))
+        let (owner, gap) = (&self[row].owner, power(gap, 3));
+        let message = format!("the mechanism cannot be assembled at t = {t} s: `{owner}` stays open by {gap} {unit}");
+        Err(MotionError::of(owner, MotionCause::Inconsistent, message))
     }
 
     /// `q - step`, shortened until the constraints are less violated, lengths in parts of `length`; `None` if that does not help.
@@ -352,18 +353,18 @@ impl Constraints {
     ///
     /// # Errors
     /// Which constraint depends on the others.
-    pub fn correct_velocities(&self, t: f64, q: &DVector<f64>, v: &mut DVector<f64>) -> Result<(), String> {
+    pub fn correct_velocities(&self, t: f64, q: &DVector<f64>, v: &mut DVector<f64>) -> Result<(), MotionError> {
         if self.is_empty() {
             return Ok(());
         }
         let gradients = self.gradients(&TurnedBodies::new(q));
-        if let Some(message) = self.undefined_motion(t) {
-            return Err(message);
+        if let Some(error) = self.undefined_motion(t) {
+            return Err(error);
         }
         // the second pass removes the rounding of the first
         for _ in 0..2 {
             let error = gradients.along(v) - self.target_rates(t);
-            *v -= self.least_norm(&gradients, &error).ok_or_else(|| self.name_singular(t, &gradients))?;
+            *v -= self.least_norm(&gradients, &error).ok_or_else(|| self.singular(t, &gradients))?;
         }
         Ok(())
     }
@@ -379,12 +380,13 @@ impl Constraints {
         Some(gradients.sum(&factors.solve(b)))
     }
 
-    /// Names a driver without a finite motion, rate or acceleration.
-    pub fn undefined_motion(&self, t: f64) -> Option<String> {
+    /// The error of a driver without a finite motion, rate or acceleration.
+    pub fn undefined_motion(&self, t: f64) -> Option<MotionError> {
         let is_finite = |Jet { value, first, second }: Jet| [value, first, second].iter().all(|x| x.is_finite());
         let undefined = self.iter().find(|constraint| !is_finite(constraint.target.at(t)))?;
         let owner = &undefined.owner;
-        Some(format!("the motion of `{owner}` or a derivative of it is not finite at t = {t:.6} s"))
+        let message = format!("the motion of `{owner}` or a derivative of it is not finite at t = {t:.6} s");
+        Some(MotionError::of(owner, MotionCause::Undefined, message))
     }
 
     /// The first constraint that depends on those before it, by Gram-Schmidt in the order of the description.
@@ -397,11 +399,12 @@ impl Constraints {
         constraints.find(|(_, independent)| *independent <= DEPENDENT).map(|(constraint, _)| constraint)
     }
 
-    /// Names the constraint that depends most on those before it.
-    pub fn name_singular(&self, t: f64, gradients: &SparseGradients) -> String {
+    /// The error of the constraint that depends most on those before it.
+    pub fn singular(&self, t: f64, gradients: &SparseGradients) -> MotionError {
         let worst = self.iter().zip(independence(&gradients.dense())).min_by(|a, b| a.1.total_cmp(&b.1));
         let owner = worst.map_or("", |(constraint, _)| constraint.owner.as_str());
-        format!("singular position at t = {t} s: `{owner}` depends on the other constraints there")
+        let message = format!("singular position at t = {t} s: `{owner}` depends on the other constraints there");
+        MotionError::of(owner, MotionCause::Singular, message)
     }
 }
 

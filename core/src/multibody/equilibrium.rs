@@ -13,6 +13,7 @@
 
 use super::{
     constraint::{Constraint, Constraints, Target},
+    error::{MotionCause, MotionError},
     model::MultibodyModel,
 };
 use nalgebra::{DMatrix, DVector};
@@ -38,7 +39,12 @@ const DECIDED: f64 = 1e-6;
 ///
 /// # Errors
 /// A sentence: no equilibrium is found, or no position is free.
-pub(super) fn settle(model: &MultibodyModel, t: f64, held: &Constraints, q: &mut DVector<f64>) -> Result<(), String> {
+pub(super) fn settle(
+    model: &MultibodyModel,
+    t: f64,
+    held: &Constraints,
+    q: &mut DVector<f64>,
+) -> Result<(), MotionError> {
     let driven = model.prescribed.iter().map(|driver| Constraint {
         coordinate: driver.coordinate,
         target: Target::Fixed { value: driver.coordinate.value(q), rate: 0.0 },
@@ -46,7 +52,8 @@ pub(super) fn settle(model: &MultibodyModel, t: f64, held: &Constraints, q: &mut
     });
     let held: Constraints = held.iter().cloned().chain(driven).collect();
     if held.len() >= q.len() {
-        return Err("no position is free to settle: joints, `[initial]` and drivers decide all of them".into());
+        let message = "no position is free to settle: joints, `[initial]` and drivers decide all of them";
+        return Err(MotionError::of("equilibrium", MotionCause::Inconsistent, message));
     }
     let (u, rest) = (model.at(t, &model.actuator_starts()), DVector::zeros(q.len()));
     let forces = |q: &DVector<f64>| model.applied_forces(t, q, &rest, &u);
@@ -94,8 +101,10 @@ fn largest(model: &MultibodyModel, t: f64, q: &DVector<f64>, u: &[f64]) -> f64 {
     springs.chain(efforts).fold(weight, |largest, force| largest.max(force.abs()))
 }
 
-fn none_found(left: f64) -> String {
-    format!("no static equilibrium is found from the guesses of positions: {left:.1e} N or N.m are not balanced")
+fn none_found(left: f64) -> MotionError {
+    let message =
+        format!("no static equilibrium is found from the guesses of positions: {left:.1e} N or N.m are not balanced");
+    MotionError::of("equilibrium", MotionCause::Unsolved, message)
 }
 
 /// Multipliers that balance forces best, `min |F - C_q^T lambda|`.

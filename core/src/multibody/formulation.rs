@@ -18,6 +18,7 @@
 use super::{
     coordinate::{Coordinate, TurnedBodies},
     description::FormulationKind,
+    error::{MotionCause, MotionError},
     gradients::SparseGradients,
     model::MultibodyModel,
 };
@@ -74,7 +75,7 @@ impl Formulation {
     ///
     /// # Errors
     /// Names the constraint that is singular there.
-    pub fn new(kind: FormulationKind, model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, String> {
+    pub fn new(kind: FormulationKind, model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, MotionError> {
         Ok(match kind {
             // without constraints both are the same, and without a free coordinate there is nothing to integrate
             FormulationKind::Embedding if model.constraints.is_empty() || model.degrees_of_freedom() == 0 => {
@@ -103,7 +104,7 @@ impl Formulation {
         t: f64,
         state: &DVector<f64>,
         guess: &DVector<f64>,
-    ) -> Result<(DVector<f64>, DVector<f64>), String> {
+    ) -> Result<(DVector<f64>, DVector<f64>), MotionError> {
         let (q, v) = halves(state);
         match self {
             Self::Augmented => Ok((q, v)),
@@ -121,7 +122,7 @@ impl Formulation {
         t: f64,
         (q, v): (&DVector<f64>, &DVector<f64>),
         u: &[f64],
-    ) -> Result<Acceleration, String> {
+    ) -> Result<Acceleration, MotionError> {
         match self {
             Self::Augmented => augmented(model, t, (q, v), u),
             Self::Embedding(partition) => partition.accelerate(model, t, (q, v), u),
@@ -150,7 +151,7 @@ pub fn augmented(
     t: f64,
     (q, v): (&DVector<f64>, &DVector<f64>),
     u: &[f64],
-) -> Result<Acceleration, String> {
+) -> Result<Acceleration, MotionError> {
     let q = &TurnedBodies::new(q);
     let gradients = model.deciding.gradients(q);
     let (forces, side) = (model.applied_forces(t, q, v, u), model.deciding_side(t, q, v, u));
@@ -207,23 +208,31 @@ pub fn mobility(model: &MultibodyModel, q: &DVector<f64>, coordinate: &Coordinat
     Some(qdd.dot(&force))
 }
 
+/// The error of dependent coordinates that the others do not decide.
+fn without_partition() -> MotionError {
+    MotionError::new(MotionCause::Singular, "C_d is singular")
+}
+
 /// The reason why the equations of motion have no solution.
-fn without_solution(model: &MultibodyModel, t: f64, gradients: &SparseGradients) -> String {
+fn without_solution(model: &MultibodyModel, t: f64, gradients: &SparseGradients) -> MotionError {
     match model.deciding.first_dependent(gradients) {
-        Some(_) => model.deciding.name_singular(t, gradients),
-        None => format!(
-            "the equations of motion have no finite solution at t = {t} s: a free motion without mass or inertia, or a \
-             force that is not finite"
-        ),
+        Some(_) => model.deciding.singular(t, gradients),
+        None => {
+            let message = format!(
+                "the equations of motion have no finite solution at t = {t} s: a free motion without mass or inertia, or a \
+                 force that is not finite"
+            );
+            MotionError::new(MotionCause::Unsolved, message)
+        }
     }
 }
 
 impl Partition {
     /// Chooses the dependent coordinates: the pivots of Gaussian elimination with full pivoting of `C_q`.
-    fn new(model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, String> {
+    fn new(model: &MultibodyModel, t: f64, q: &DVector<f64>) -> Result<Self, MotionError> {
         let gradients = model.constraints.gradients(q);
         if model.constraints.first_dependent(&gradients).is_some() {
-            return Err(model.constraints.name_singular(t, &gradients));
+            return Err(model.constraints.singular(t, &gradients));
         }
         let transposed = gradients.dense();
         let (n, m) = transposed.shape();
@@ -258,11 +267,12 @@ impl Partition {
         t: f64,
         (q_i, v_i): (&DVector<f64>, &DVector<f64>),
         guess: &DVector<f64>,
-    ) -> Result<(DVector<f64>, DVector<f64>), String> {
+    ) -> Result<(DVector<f64>, DVector<f64>), MotionError> {
         let mut q = guess.clone();
         scatter(&mut q, &self.independent, q_i);
         let (factors, c_i) = self.correct_dependent(model, t, &mut q)?;
-        let dependent = factors.solve(&(model.constraints.target_rates(t) - c_i * v_i)).ok_or("C_d is singular")?;
+        let dependent =
+            factors.solve(&(model.constraints.target_rates(t) - c_i * v_i)).ok_or_else(without_partition)?;
         let mut v = DVector::zeros(q.len());
         scatter(&mut v, &self.independent, v_i);
         scatter(&mut v, &self.dependent, &dependent);
@@ -275,23 +285,24 @@ impl Partition {
         model: &MultibodyModel,
         t: f64,
         q: &mut DVector<f64>,
-    ) -> Result<PartitionedJacobian, String> {
+    ) -> Result<PartitionedJacobian, MotionError> {
         let mut converged = false;
         for _ in 0..30 {
             let gradients = model.constraints.gradients(q);
             let split = self.split(&gradients.dense());
-            let split = split.ok_or_else(|| model.constraints.name_singular(t, &gradients))?;
+            let split = split.ok_or_else(|| model.constraints.singular(t, &gradients))?;
             if converged {
                 return Ok(split);
             }
-            let step = split.0.solve(&model.constraints.residual(t, q)).ok_or("C_d is singular")?;
+            let step = split.0.solve(&model.constraints.residual(t, q)).ok_or_else(without_partition)?;
             for (&position, step) in self.dependent.iter().zip(step.iter()) {
                 q[position] -= step;
             }
             // the error left is about the square of the step: below rounding
             converged = step.amax() <= 1e-8 * (1.0 + q.amax());
         }
-        Err(format!("the dependent coordinates cannot be found at t = {t} s"))
+        let message = format!("the dependent coordinates cannot be found at t = {t} s");
+        Err(MotionError::new(MotionCause::Singular, message))
     }
 
     fn accelerate(
@@ -300,14 +311,14 @@ impl Partition {
         t: f64,
         (q, v): (&DVector<f64>, &DVector<f64>),
         u: &[f64],
-    ) -> Result<Acceleration, String> {
+    ) -> Result<Acceleration, MotionError> {
         let (gradients, side) = (model.deciding.gradients(q), model.deciding_side(t, q, v, u));
         let (m, prescribed) = (model.constraints.len(), model.prescribed.len());
         let all = gradients.dense();
         let transposed = all.columns(0, m).into_owned();
-        let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.name_singular(t, &gradients))?;
+        let (factors, c_i) = self.split(&transposed).ok_or_else(|| model.constraints.singular(t, &gradients))?;
         let (t_d, r_d) = (factors.solve(&-c_i), factors.solve(&side.rows(0, m)));
-        let (t_d, r_d) = Option::zip(t_d, r_d).ok_or("C_d is singular")?;
+        let (t_d, r_d) = Option::zip(t_d, r_d).ok_or_else(without_partition)?;
         let forces = model.applied_forces(t, q, v, u);
         let (m_d, m_i) = (gather(&model.mass, &self.dependent), gather(&model.mass, &self.independent));
 
@@ -336,7 +347,7 @@ impl Partition {
         let qdd_d = t_d * &qdd_i + r_d;
         let c_d_transposed = transposed.select_rows(&self.dependent).lu();
         let rest = f_d - m_d.component_mul(&qdd_d) - s_d * &mu;
-        let multipliers = c_d_transposed.solve(&rest).ok_or("C_d is singular")?;
+        let multipliers = c_d_transposed.solve(&rest).ok_or_else(without_partition)?;
         let mut qdd = DVector::zeros(q.len());
         scatter(&mut qdd, &self.independent, &qdd_i);
         scatter(&mut qdd, &self.dependent, &qdd_d);

@@ -12,6 +12,7 @@
 
 use super::{
     constraint::{Constraints, independence},
+    error::{MotionCause, MotionError},
     model::{MultibodyModel, Sample},
 };
 use crate::integrate::Budget;
@@ -62,7 +63,12 @@ struct Way<'a> {
 /// # Errors
 /// A sentence that says which joints are in a singular position, or which driver's motion jumps, and when, or that the run's
 /// budget is spent.
-pub fn follow(model: &MultibodyModel, times: &[f64], q: DVector<f64>, budget: &Budget) -> Result<Vec<Sample>, String> {
+pub fn follow(
+    model: &MultibodyModel,
+    times: &[f64],
+    q: DVector<f64>,
+    budget: &Budget,
+) -> Result<Vec<Sample>, MotionError> {
     let &[start, ..] = times else { return Ok(Vec::new()) };
     let stop = times[times.len() - 1];
     let way = Way::new(model, &q, budget);
@@ -72,7 +78,8 @@ pub fn follow(model: &MultibodyModel, times: &[f64], q: DVector<f64>, budget: &B
     let mut longest = step;
     while samples.len() < times.len() {
         budget.arrive(from.t);
-        budget.check(|| Some("the drivers are too fast for so long a run".into()))?;
+        let checked = budget.check(|| Some("the drivers are too fast for so long a run".into()));
+        checked.map_err(|message| MotionError::new(MotionCause::GivenUp, message))?;
         let to = if step < stop - from.t { from.t + step } else { stop };
         match way.step(&from, to, &times[samples.len()..]) {
             Some((next, rows, correction)) => {
@@ -155,7 +162,7 @@ impl<'a> Way<'a> {
     }
 
     /// With the multipliers of `M qdd + C_q^T lambda = F_a`.
-    fn sample(&self, position: &Position) -> Result<Sample, String> {
+    fn sample(&self, position: &Position) -> Result<Sample, MotionError> {
         let Position { t, q, v, qdd } = position;
         let forces = self.model.applied_forces(*t, q, v, &self.model.at(*t, &[])) - self.model.mass.component_mul(qdd);
         let multipliers = self.model.constraints.gradients(q).dense().lu().solve(&forces);
@@ -174,24 +181,28 @@ impl<'a> Way<'a> {
     }
 
     /// The reason why no path leads from a position to a time right after it.
-    fn obstacle(&self, from: f64, to: f64, q: &DVector<f64>) -> String {
+    fn obstacle(&self, from: f64, to: f64, q: &DVector<f64>) -> MotionError {
         let constraints = &self.model.constraints;
-        if let Some(message) = constraints.undefined_motion(to) {
-            return message;
+        if let Some(error) = constraints.undefined_motion(to) {
+            return error;
         }
         for constraint in constraints.iter() {
             let [before, behind] = [from, to].map(|t| constraint.target.at(t));
             let unit = if constraint.coordinate.is_angle() { 1.0 } else { self.scale[0] };
             if (behind.value - before.value - before.first * (to - from)).abs() > 0.5 * CORRECTION * unit {
-                return format!("the motion of `{}` jumps at t = {to:.6} s", constraint.owner);
+                let message = format!("the motion of `{}` jumps at t = {to:.6} s", constraint.owner);
+                return MotionError::of(&constraint.owner, MotionCause::Undefined, message);
             }
         }
         let owners = self.singular_loop(&constraints.gradients(q).dense());
-        format!("the mechanism reaches a singular position of {} at t = {to:.6} s", owners.join(", "))
+        let names: Vec<String> = owners.iter().map(|owner| format!("`{owner}`")).collect();
+        let message = format!("the mechanism reaches a singular position of {} at t = {to:.6} s", names.join(", "));
+        let part = if let [owner] = owners[..] { Some(owner.to_owned()) } else { None };
+        MotionError { cause: MotionCause::Singular, part, message }
     }
 
     /// The joints and drivers that hold the bodies of the loop that is the closest to a singular position.
-    fn singular_loop(&self, transposed: &DMatrix<f64>) -> Vec<String> {
+    fn singular_loop(&self, transposed: &DMatrix<f64>) -> Vec<&str> {
         let least = |one: &Loop| {
             let block = one.block(transposed);
             let parts = independence(&block).into_iter().zip(block.column_iter().zip(&one.constraints));
@@ -205,8 +216,7 @@ impl<'a> Way<'a> {
             self.loops.iter().flat_map(|one| one.constraints.iter().copied().zip(one.coordinates.iter().copied()));
         let mut rows: Vec<usize> = decisions.filter(of_its_bodies).map(|(row, _)| row).collect();
         rows.sort_unstable();
-        let mut owners: Vec<String> =
-            rows.into_iter().map(|row| format!("`{}`", self.model.constraints[row].owner)).collect();
+        let mut owners: Vec<&str> = rows.into_iter().map(|row| self.model.constraints[row].owner.as_str()).collect();
         owners.dedup();
         owners
     }

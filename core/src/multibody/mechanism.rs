@@ -6,6 +6,7 @@ use super::{
     description::{
         ActuatorStateOptions, Description, JointOptions, JointType, MechanismInput, MechanismParameter, SpringOptions,
     },
+    error::{MotionCause, MotionError},
     expression::{Expression, is_function},
     measure::Measure,
     model::{MultibodyModel, Sample},
@@ -111,13 +112,7 @@ impl Mechanism {
         }
         match model.initial_state(0.0) {
             Ok((q, _)) => problems.extend(free_of_inertia(&description, &model, &q)),
-            Err(message) => {
-                let sets = [&model.deciding, &model.initial_positions, &model.initial_velocities];
-                let mut owners = sets.iter().flat_map(|set| set.iter()).map(|constraint| &constraint.owner);
-                let key = owners.find(|owner| message.contains(&format!("`{owner}`")));
-                let other = if description.equilibrium { "equilibrium" } else { "" };
-                problems.add(key.cloned().unwrap_or_else(|| other.into()), message);
-            }
+            Err(error) => problems.add(error.part.unwrap_or_default(), error.message),
         }
         origin.refuse(problems)?;
         let mut odd = oddities(&description);
@@ -163,28 +158,9 @@ impl Mechanism {
         self.origin.refuse(problems)
     }
 
-    /// A problem of the equations of motion, at the line of the part that the message names in backticks:
-    /// `forces.wind`.
-    pub fn located(&self, message: &str) -> Problem {
-        let Description { joints, couplings, drivers, springs, bushings, stops, .. } = &self.description;
-        let Description { contacts, forces, actuators, states, .. } = &self.description;
-        let keys = |section: &'static str, names: Vec<&String>| {
-            names.into_iter().map(move |name| format!("{section}.{name}")).collect::<Vec<_>>()
-        };
-        let parts = [
-            keys("forces", forces.keys().collect()),
-            keys("actuators", actuators.keys().collect()),
-            keys("drivers", drivers.keys().collect()),
-            keys("states", states.keys().collect()),
-            keys("springs", springs.keys().collect()),
-            keys("bushings", bushings.keys().collect()),
-            keys("stops", stops.keys().collect()),
-            keys("contacts", contacts.keys().collect()),
-            keys("couplings", couplings.keys().collect()),
-            keys("joints", joints.keys().collect()),
-        ];
-        let named = parts.into_iter().flatten().find(|key| message.contains(&format!("`{key}`")));
-        let problem = Problems::one(named.unwrap_or_else(|| "joints".into()), message.to_owned());
+    /// A problem of the equations of motion, at the line of the part that it lies in.
+    pub fn located(&self, error: MotionError) -> Problem {
+        let problem = Problems::one(error.part.unwrap_or_else(|| "joints".into()), error.message);
         self.origin.locate(problem).swap_remove(0)
     }
 
@@ -246,7 +222,7 @@ impl Mechanism {
         times: &[f64],
         tolerance: f64,
         budget: &Budget,
-    ) -> std::result::Result<Vec<f64>, String> {
+    ) -> std::result::Result<Vec<f64>, MotionError> {
         let start = self.description.inputs.values().map(|input| Signal::Constant(input.start));
         self.simulate_driven(values, &start.collect::<Vec<_>>(), times, tolerance, budget)
     }
@@ -266,7 +242,7 @@ impl Mechanism {
         times: &[f64],
         tolerance: f64,
         budget: &Budget,
-    ) -> std::result::Result<Vec<f64>, String> {
+    ) -> std::result::Result<Vec<f64>, MotionError> {
         let (model, measures) = self.driven(values, signals, tolerance)?;
         self.rows(&model, &measures, &simulate(&model, times, budget)?)
     }
@@ -285,7 +261,7 @@ impl Mechanism {
         signals: &[Signal],
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
-    ) -> std::result::Result<Vec<f64>, String> {
+    ) -> std::result::Result<Vec<f64>, MotionError> {
         let (model, measures, samples, _) = self.run_from(values, start, signals, times, (tolerance, budget))?;
         self.rows(&model, &measures, &samples)
     }
@@ -301,7 +277,7 @@ impl Mechanism {
         signals: &[Signal],
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
-    ) -> std::result::Result<Vec<f64>, String> {
+    ) -> std::result::Result<Vec<f64>, MotionError> {
         let (.., samples, reduced) = self.run_from(values, start, signals, times, (tolerance, budget))?;
         let of_sample = |sample: &Sample| {
             let coordinates = reduced.coordinates().iter();
@@ -320,7 +296,7 @@ impl Mechanism {
         signals: &[Signal],
         times: &[f64],
         (tolerance, budget): (f64, &Budget),
-    ) -> std::result::Result<(MultibodyModel, Vec<Measure>, Vec<Sample>, Reduced), String> {
+    ) -> std::result::Result<(MultibodyModel, Vec<Measure>, Vec<Sample>, Reduced), MotionError> {
         let (model, measures) = self.driven(values, signals, tolerance)?;
         let [s, rates] = [positions, rates].map(DVector::from_column_slice);
         let reduced = self.reduced(values, coordinates)?;
@@ -334,8 +310,8 @@ impl Mechanism {
     ///
     /// # Errors
     /// A sentence that says what cannot be built of these values.
-    pub fn build(&self, values: &[f64]) -> std::result::Result<(MultibodyModel, Vec<Measure>), String> {
-        build(&self.description, values, self.torsion).map_err(sentence)
+    pub fn build(&self, values: &[f64]) -> std::result::Result<(MultibodyModel, Vec<Measure>), MotionError> {
+        build(&self.description, values, self.torsion).map_err(unsuitable)
     }
 
     /// The model with signals, and what its outputs measure.
@@ -344,7 +320,7 @@ impl Mechanism {
         values: &[f64],
         signals: &[Signal],
         tolerance: f64,
-    ) -> std::result::Result<(MultibodyModel, Vec<Measure>), String> {
+    ) -> std::result::Result<(MultibodyModel, Vec<Measure>), MotionError> {
         let (mut model, measures) = self.build(values)?;
         assert_eq!(signals.len(), model.inputs.len(), "a signal for each input");
         model.inputs.iter_mut().zip(signals).for_each(|(input, signal)| input.signal = signal.clone());
@@ -356,7 +332,7 @@ impl Mechanism {
     ///
     /// # Errors
     /// A sentence that says what cannot be built of these values.
-    pub fn measures(&self, values: &[f64]) -> std::result::Result<Vec<Measure>, String> {
+    pub fn measures(&self, values: &[f64]) -> std::result::Result<Vec<Measure>, MotionError> {
         self.build(values).map(|(_, measures)| measures)
     }
 
@@ -364,7 +340,7 @@ impl Mechanism {
     ///
     /// # Errors
     /// A sentence that says what cannot be built of these values.
-    pub fn known_expressions(&self, values: &[f64]) -> std::result::Result<Vec<BoundExpression>, String> {
+    pub fn known_expressions(&self, values: &[f64]) -> std::result::Result<Vec<BoundExpression>, MotionError> {
         let (model, _) = self.build(values)?;
         Ok(model.known_expressions().cloned().collect())
     }
@@ -375,13 +351,15 @@ impl Mechanism {
         model: &MultibodyModel,
         measures: &[Measure],
         samples: &[Sample],
-    ) -> std::result::Result<Vec<f64>, String> {
+    ) -> std::result::Result<Vec<f64>, MotionError> {
         let mut rows = Vec::with_capacity(samples.len() * measures.len());
         for sample in samples {
             for (measure, output) in measures.iter().zip(&self.outputs) {
                 let value = measure.value(model, sample);
                 if !value.is_finite() {
-                    return Err(format!("output `{}` is {value} at t = {} s", output.name, sample.t));
+                    let message = format!("output `{}` is {value} at t = {} s", output.name, sample.t);
+                    let part = format!("outputs.{}", output.name);
+                    return Err(MotionError::of(&part, MotionCause::Undefined, message));
                 }
                 rows.push(value);
             }
@@ -404,16 +382,19 @@ impl Mechanism {
     ///
     /// # Errors
     /// A sentence: a name is not that of a position, or as [`Reduced::new`].
-    pub fn reduced(&self, values: &[f64], coordinates: &[&str]) -> std::result::Result<Reduced, String> {
+    pub fn reduced(&self, values: &[f64], coordinates: &[&str]) -> std::result::Result<Reduced, MotionError> {
         let (model, _) = self.build(values)?;
-        let named = position_coordinates(&self.description, values, coordinates).map_err(sentence)?;
+        // a name is no part of the file
+        let named = position_coordinates(&self.description, values, coordinates);
+        let named = named.map_err(|problems| MotionError { part: None, ..unsuitable(problems) })?;
         let candidates = if named.is_empty() {
             reduced::candidates(&model, free_coordinates(&self.description, values))
         } else if named.len() == model.degrees_of_freedom() {
             named
         } else {
             let found = counted(named.len(), "coordinate", "coordinates");
-            return Err(format!("{found}, expected {}: one for each degree of freedom", model.degrees_of_freedom()));
+            let message = format!("{found}, expected {}: one for each degree of freedom", model.degrees_of_freedom());
+            return Err(MotionError::new(MotionCause::Unsuitable, message));
         };
         Reduced::new(model, &candidates)
     }
@@ -455,7 +436,7 @@ impl Mechanism {
     ///
     /// # Errors
     /// A sentence, as [`Reduced::new`].
-    pub fn free_coordinates(&self) -> std::result::Result<Vec<FreeCoordinate>, String> {
+    pub fn free_coordinates(&self) -> std::result::Result<Vec<FreeCoordinate>, MotionError> {
         let values: Vec<f64> = self.description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, _) = self.build(&values)?;
         // a joint has an angle or a position, or none
@@ -535,9 +516,13 @@ fn reach(reduced: &Reduced, s: &DVector<f64>, k: usize, end: f64) -> f64 {
     }
 }
 
-fn sentence(problems: Problems) -> String {
-    let sentences = problems.into_iter().map(|KeyProblem { key, message }| format!("{key}: {message}"));
-    sentences.collect::<Vec<_>>().join("; ")
+/// Problems of parts as one error, which lies in the first of them.
+fn unsuitable(problems: Problems) -> MotionError {
+    let problems: Vec<KeyProblem> = problems.into_iter().collect();
+    let sentences: Vec<String> =
+        problems.iter().map(|KeyProblem { key, message }| format!("{key}: {message}")).collect();
+    let part = problems.into_iter().next().map(|first| first.key);
+    MotionError { cause: MotionCause::Unsuitable, part, message: sentences.join("; ") }
 }
 
 fn counted(count: usize, one: &str, many: &str) -> String {

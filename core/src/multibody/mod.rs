@@ -11,6 +11,7 @@ pub mod coordinate;
 pub mod description;
 mod enclosure;
 mod equilibrium;
+mod error;
 pub mod expression;
 pub mod formulation;
 pub mod gradients;
@@ -31,6 +32,7 @@ mod tables;
 mod variables;
 
 pub use build::{JointGeometry, MechanismGeometry};
+pub use error::{MotionCause, MotionError};
 pub use mechanism::{FreeCoordinate, Mechanism, RunStart, json_schema};
 pub use motion::BodyMotion;
 pub use stepper::Stepper;

@@ -4,6 +4,7 @@ use super::{
     constraint::{BoundExpression, Constraints, null_space},
     coordinate::{Coordinate, Positions},
     description::FormulationKind,
+    error::{MotionCause, MotionError},
     gradients::SparseGradients,
 };
 use crate::signal::Signal;
@@ -138,7 +139,7 @@ impl MultibodyModel {
     ///
     /// # Errors
     /// Which constraint is violated, and by how much.
-    pub fn check(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<(), String> {
+    pub fn check(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>) -> Result<(), MotionError> {
         self.constraints.check(t, q, v)?;
         self.redundant.check(t, q, v)
     }
@@ -224,24 +225,28 @@ impl MultibodyModel {
         sum
     }
 
-    /// A message about the first effort that is not finite in a state: the square root of a negative number, for instance.
-    pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
-        self.undefined_effort(t, q, v, u).map(|what| format!("{what} at t = {t} s, expected a finite number"))
+    /// The error of the first effort that is not finite in a state: the square root of a negative number, for instance.
+    pub fn undefined_force(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<MotionError> {
+        let error = self.undefined_effort(t, q, v, u)?;
+        let message = format!("{error} at t = {t} s, expected a finite number");
+        Some(error.with_message(message))
     }
 
     /// The first effort, prescribed acceleration or rate of an actuator state that is not finite in a state, and its value; or a spring
     /// whose length is zero.
-    pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<String> {
+    pub fn undefined_effort(&self, t: f64, q: &DVector<f64>, v: &DVector<f64>, u: &[f64]) -> Option<MotionError> {
         let without_length = |spring: &&Spring| {
             spring.coordinate.direction(q).is_some_and(|direction| direction.norm() == 0.0)
                 && spring.effort(q, v) != 0.0
         };
         if let Some(spring) = self.springs.iter().find(without_length) {
-            return Some(format!("the direction of `{}` is not defined: its length is zero", spring.owner));
+            let message = format!("the direction of `{}` is not defined: its length is zero", spring.owner);
+            return Some(MotionError::of(&spring.owner, MotionCause::Undefined, message));
         }
         self.acting_expressions().find_map(|(bound, owner)| {
             let value = bound.value(t, q, v, u);
-            (!value.is_finite()).then(|| format!("`{}` of `{owner}` is {value}", bound.text))
+            let message = || format!("`{}` of `{owner}` is {value}", bound.text);
+            (!value.is_finite()).then(|| MotionError::of(owner, MotionCause::Undefined, message()))
         })
     }
 

@@ -3,6 +3,7 @@
 use super::{
     Mechanism, RunStart,
     build::{MechanismGeometry, geometry},
+    error::MotionError,
     measure::Measure,
     model::{MultibodyModel, Sample},
     simulate::simulate,
@@ -34,7 +35,7 @@ impl Mechanism {
         times: &[f64],
         tolerance: f64,
         budget: &Budget,
-    ) -> Result<BodyMotion, String> {
+    ) -> Result<BodyMotion, MotionError> {
         let start = self.inputs().values().map(|input| Signal::Constant(input.start));
         let (model, measures) = self.driven(values, &start.collect::<Vec<_>>(), tolerance)?;
         let samples = simulate(&model, times, budget)?;
@@ -52,7 +53,7 @@ impl Mechanism {
         signals: &[Signal],
         times: &[f64],
         integration: (f64, &Budget),
-    ) -> Result<BodyMotion, String> {
+    ) -> Result<BodyMotion, MotionError> {
         let (model, measures, samples, _) = self.run_from(values, start, signals, times, integration)?;
         self.body_motion_of(&model, &measures, &samples)
     }
@@ -62,7 +63,7 @@ impl Mechanism {
         model: &MultibodyModel,
         measures: &[Measure],
         samples: &[Sample],
-    ) -> Result<BodyMotion, String> {
+    ) -> Result<BodyMotion, MotionError> {
         let poses = samples.iter().flat_map(|sample| sample.q.iter().copied()).collect();
         Ok(BodyMotion { poses, outputs: self.rows(model, measures, samples)? })
     }

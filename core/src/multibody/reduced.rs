@@ -36,8 +36,9 @@
 //! which are zero but for driven coordinates: there `-mu` is the driver's effort.
 
 use super::{
-    constraint::{Slot, Target, independence},
+    constraint::{Constraint, Slot, Target, independence},
     coordinate::{BodyPoint, Coordinate},
+    error::{MotionCause, MotionError},
     model::{MultibodyModel, Prescribed, Spring},
 };
 use nalgebra::{DMatrix, DVector, Dyn, LU};
@@ -128,7 +129,7 @@ impl Reduced {
     /// A sentence if a motion is prescribed, a force or prescribed acceleration depends on time, or the mechanism
     /// cannot be assembled. Also if there are fewer independent coordinates than degrees of freedom, or the
     /// acceleration of another coordinate is prescribed.
-    pub fn new(model: MultibodyModel, candidates: &[Coordinate]) -> Result<Self, String> {
+    pub fn new(model: MultibodyModel, candidates: &[Coordinate]) -> Result<Self, MotionError> {
         refuse_time(&model)?;
         let (q, v) = model.initial_state(0.0)?;
         let coordinates = choose(&model, &q, candidates)?;
@@ -167,16 +168,15 @@ impl Reduced {
     ///
     /// # Errors
     /// A sentence that names the constraint that is singular on the way.
-    pub fn configuration(&self, s: &DVector<f64>) -> Result<DVector<f64>, String> {
+    pub fn configuration(&self, s: &DVector<f64>) -> Result<DVector<f64>, MotionError> {
         let last = self.last.borrow();
         let from = if (&last.s - s).amax() < (&self.start.s - s).amax() { &*last } else { &self.start };
         let distance = s - &from.s;
         let steps = (distance.amax() / STEP).ceil().max(1.0);
         if steps > MOST_STEPS {
-            return Err(format!(
-                "the independent coordinates are more than {} rad or m from the start",
-                MOST_STEPS * STEP
-            ));
+            let message =
+                format!("the independent coordinates are more than {} rad or m from the start", MOST_STEPS * STEP);
+            return Err(MotionError::new(MotionCause::Unsuitable, message));
         }
         let mut q = from.q.clone();
         for step in 1..=steps as u32 {
@@ -196,13 +196,14 @@ impl Reduced {
 
     /// Makes sure that no spring has lost its direction between two configurations that are close: one whose force is not zero where its
     /// length is.
-    fn refuse_turned_springs(&self, before: &DVector<f64>, after: &DVector<f64>) -> Result<(), String> {
+    fn refuse_turned_springs(&self, before: &DVector<f64>, after: &DVector<f64>) -> Result<(), MotionError> {
         let springs = self.model.springs.iter();
         let has_direction = |spring: &&Spring| spring.rest != 0.0 || spring.damping != 0.0 || spring.further.is_some();
         for Spring { coordinate, owner, .. } in springs.filter(has_direction) {
             let [from, to] = [before, after].map(|q| coordinate.direction(q));
             if Option::zip(from, to).is_some_and(|(from, to)| from.dot(&to) <= 0.0) {
-                return Err(format!("`{owner}` has no length on the way: its direction is lost there"));
+                let message = format!("`{owner}` has no length on the way: its direction is lost there");
+                return Err(MotionError::of(owner, MotionCause::Undefined, message));
             }
         }
         Ok(())
@@ -212,7 +213,7 @@ impl Reduced {
     ///
     /// # Errors
     /// As [`Reduced::configuration`].
-    pub fn terms(&self, s: &DVector<f64>) -> Result<Terms, String> {
+    pub fn terms(&self, s: &DVector<f64>) -> Result<Terms, MotionError> {
         let q = self.configuration(s)?;
         let (count, n) = (q.len(), s.len());
         let factors = self.factorise(&q)?;
@@ -298,7 +299,7 @@ impl Reduced {
     ///
     /// # Errors
     /// A sentence that names the constraint that is singular there.
-    pub fn balance(&self, terms: &Terms, forces: &DMatrix<f64>) -> Result<DMatrix<f64>, String> {
+    pub fn balance(&self, terms: &Terms, forces: &DMatrix<f64>) -> Result<DMatrix<f64>, MotionError> {
         let factors = jacobian(&self.model, &self.coordinates, &terms.q).transpose().lu();
         factors.solve(forces).ok_or_else(|| self.singular(&terms.q))
     }
@@ -317,7 +318,12 @@ impl Reduced {
     ///
     /// # Errors
     /// As [`Reduced::terms`]; the mass matrix is singular there.
-    pub fn accelerations(&self, s: &DVector<f64>, rates: &DVector<f64>, u: &[f64]) -> Result<DVector<f64>, String> {
+    pub fn accelerations(
+        &self,
+        s: &DVector<f64>,
+        rates: &DVector<f64>,
+        u: &[f64],
+    ) -> Result<DVector<f64>, MotionError> {
         let terms = self.terms(s)?;
         let (mut side, inertia) = (self.force(&terms, rates, u), terms.quadratic_forces(rates));
         let mut mass = terms.mass.clone();
@@ -332,7 +338,8 @@ impl Reduced {
         }
         let solved = mass.cholesky().map(|factors| factors.solve(&side));
         let solved = solved.filter(|accelerations| accelerations.iter().all(|value| value.is_finite()));
-        solved.ok_or_else(|| "the mass matrix of the independent coordinates is not positive definite".into())
+        let message = "the mass matrix of the independent coordinates is not positive definite";
+        solved.ok_or_else(|| MotionError::new(MotionCause::Unsolved, message))
     }
 
     /// Rows of the equations that are of one kind: all forces, then each prescribed acceleration.
@@ -364,13 +371,13 @@ impl Reduced {
         })
     }
 
-    fn factorise(&self, q: &DVector<f64>) -> Result<LU<f64, Dyn, Dyn>, String> {
+    fn factorise(&self, q: &DVector<f64>) -> Result<LU<f64, Dyn, Dyn>, MotionError> {
         let factors = jacobian(&self.model, &self.coordinates, q).lu();
         if factors.determinant() / self.determinant > UNUSABLE { Ok(factors) } else { Err(self.singular(q)) }
     }
 
     /// Newton's method on the constraints and the independent coordinates.
-    fn correct(&self, mut q: DVector<f64>, target: &DVector<f64>) -> Result<DVector<f64>, String> {
+    fn correct(&self, mut q: DVector<f64>, target: &DVector<f64>) -> Result<DVector<f64>, MotionError> {
         for _ in 0..30 {
             let mut residual = self.model.constraints.residual(0.0, &q).as_slice().to_vec();
             residual.extend(self.coordinates.iter().zip(target).map(|(one, target)| one.value(&q) - target));
@@ -384,13 +391,18 @@ impl Reduced {
         Err(self.singular(&q))
     }
 
-    fn singular(&self, q: &DVector<f64>) -> String {
+    fn singular(&self, q: &DVector<f64>) -> MotionError {
         let s: Vec<String> = self.coordinates.iter().map(|coordinate| format!("{:.4}", coordinate.value(q))).collect();
+        let s = s.join(", ");
         match self.model.constraints.first_dependent(&self.model.constraints.gradients(q)) {
-            Some(constraint) => {
-                format!("`{}` is singular at independent coordinates ({})", constraint.owner, s.join(", "))
+            Some(Constraint { owner, .. }) => {
+                let message = format!("`{owner}` is singular at independent coordinates ({s})");
+                MotionError::of(owner, MotionCause::Singular, message)
             }
-            None => format!("the independent coordinates do not decide the others at ({})", s.join(", ")),
+            None => {
+                let message = format!("the independent coordinates do not decide the others at ({s})");
+                MotionError::new(MotionCause::Singular, message)
+            }
         }
     }
 }
@@ -408,10 +420,10 @@ fn jacobian(model: &MultibodyModel, coordinates: &[Coordinate], q: &DVector<f64>
 
 /// The first candidates that are independent of the constraints and of each other at the start, one for each degree of
 /// freedom. Lengths are relative to the mechanism's size, so that the choice does not depend on the unit.
-fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<Vec<Coordinate>, String> {
+fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -> Result<Vec<Coordinate>, MotionError> {
     let count = model.degrees_of_freedom();
     if count == 0 {
-        return Err("the mechanism has no degree of freedom".into());
+        return Err(MotionError::new(MotionCause::Unsuitable, "the mechanism has no degree of freedom"));
     }
     let gradients = model.constraints.gradients(q);
     let (lever_arm, mut gradients) = (model.constraints.lever_arm(&gradients), gradients.dense());
@@ -435,20 +447,23 @@ fn choose(model: &MultibodyModel, q: &DVector<f64>, candidates: &[Coordinate]) -
     }
     if chosen.len() < count {
         let (found, tried) = (chosen.len(), candidates.len());
-        return Err(format!(
+        let message = format!(
             "only {found} of {tried} coordinates are independent, expected {count}: as many as there are degrees of freedom"
-        ));
+        );
+        return Err(MotionError::new(MotionCause::Unsuitable, message));
     }
     Ok(chosen)
 }
 
 /// The independent coordinates that drivers accelerate.
-fn driven(model: &MultibodyModel, coordinates: &[Coordinate]) -> Result<Vec<usize>, String> {
+fn driven(model: &MultibodyModel, coordinates: &[Coordinate]) -> Result<Vec<usize>, MotionError> {
     let find = |driver: &Prescribed| {
         let position = coordinates.iter().position(|coordinate| *coordinate == driver.coordinate);
         let Prescribed { name, owner, .. } = driver;
-        position
-            .ok_or_else(|| format!("`{owner}` gives the acceleration of `{name}`, expected that among the coordinates"))
+        position.ok_or_else(|| {
+            let message = format!("`{owner}` gives the acceleration of `{name}`, expected that among the coordinates");
+            MotionError::of(owner, MotionCause::Unsuitable, message)
+        })
     };
     model.prescribed.iter().map(find).collect()
 }
@@ -469,11 +484,12 @@ pub fn candidates(model: &MultibodyModel, free: impl IntoIterator<Item = Coordin
 }
 
 /// Refuses what depends on time: it would be another state.
-fn refuse_time(model: &MultibodyModel) -> Result<(), String> {
+fn refuse_time(model: &MultibodyModel) -> Result<(), MotionError> {
     for constraint in model.constraints.iter() {
         if let Target::Motion(formula) = &constraint.target {
-            let motion = &formula.text;
-            return Err(format!("`{}` prescribes the motion `{motion}`, expected an `acceleration`", constraint.owner));
+            let (owner, motion) = (&constraint.owner, &formula.text);
+            let message = format!("`{owner}` prescribes the motion `{motion}`, expected an `acceleration`");
+            return Err(MotionError::of(owner, MotionCause::Unsuitable, message));
         }
     }
     for (bound, owner) in model.acting_expressions() {
@@ -483,7 +499,8 @@ fn refuse_time(model: &MultibodyModel) -> Result<(), String> {
                 Some("states") => "rate",
                 _ => "force",
             };
-            return Err(format!("the {what} `{}` of `{owner}` depends on time", bound.text));
+            let message = format!("the {what} `{}` of `{owner}` depends on time", bound.text);
+            return Err(MotionError::of(owner, MotionCause::Unsuitable, message));
         }
     }
     Ok(())

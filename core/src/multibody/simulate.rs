@@ -6,6 +6,7 @@ use super::{
     bends::Bending,
     constraint::independence,
     description::FormulationKind,
+    error::{MotionCause, MotionError},
     formulation::{Acceleration, Formulation, mobility},
     kinematics,
     model::{ActuatorState, MultibodyModel, Sample, Spring},
@@ -27,7 +28,7 @@ const NEARLY_SINGULAR: f64 = 0.1;
 ///
 /// # Errors
 /// A sentence that says what failed, when, and at which joint, or that the run's budget is spent.
-pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, String> {
+pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, MotionError> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
     let (q, v) = model.initial_state(start)?;
     simulate_from(model, (q, v, model.actuator_starts()), times, budget)
@@ -42,7 +43,7 @@ pub fn simulate_from(
     state: (DVector<f64>, DVector<f64>, Vec<f64>),
     times: &[f64],
     budget: &Budget,
-) -> Result<Vec<Sample>, String> {
+) -> Result<Vec<Sample>, MotionError> {
     continue_from(model, state, times, budget, &mut MethodChoice::default())
 }
 
@@ -56,7 +57,7 @@ pub(super) fn continue_from(
     times: &[f64],
     budget: &Budget,
     choice: &mut MethodChoice,
-) -> Result<Vec<Sample>, String> {
+) -> Result<Vec<Sample>, MotionError> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
     budget.begin(times);
     if model.degrees_of_freedom() == 0 && model.actuator_states.is_empty() {
@@ -75,14 +76,14 @@ pub(super) fn continue_from(
     while samples.len() < times.len() {
         let from = between.as_ref().unwrap_or(&samples[samples.len() - 1]);
         let stretch = stops.next(from.t, &times[samples.len()..], if between.is_some() { 2 } else { rows });
-        let next = run.rows(from, &stretch.times, choice).or_else(|message| {
+        let next = run.rows(from, &stretch.times, choice).or_else(|error| {
             // where stability could not be checked, the implicit method may succeed
             budget.renew();
             if choice.is_stiff() || budget.is_over() || !choice.is_suspect() {
-                return Err(message);
+                return Err(error);
             }
             choice.set_stiff();
-            run.rows(from, &stretch.times, choice).map_err(|_| message)
+            run.rows(from, &stretch.times, choice).map_err(|_| error)
         });
         let mut next = next?;
         between = if stretch.has_rows { None } else { next.pop() };
@@ -107,7 +108,7 @@ struct ModelRun<'a> {
 
 impl ModelRun<'_> {
     /// The samples after one, at least one of them.
-    fn rows(self, from: &Sample, ahead: &[f64], choice: &mut MethodChoice) -> Result<Vec<Sample>, String> {
+    fn rows(self, from: &Sample, ahead: &[f64], choice: &mut MethodChoice) -> Result<Vec<Sample>, MotionError> {
         let Self { model, budget, bending, .. } = self;
         let next = match bending.is_empty() {
             true => self.stretch(model.formulation, from, ahead, choice),
@@ -119,19 +120,19 @@ impl ModelRun<'_> {
             Err(_) if model.formulation == FormulationKind::Embedding && !budget.is_over() => {
                 match self.bridge(from, ahead[1], 5, choice) {
                     Ok(sample) => Ok(vec![sample]),
-                    Err(message) if budget.is_over() => Err(message),
-                    Err(message) => {
+                    Err(error) if budget.is_over() => Err(error),
+                    Err(error) => {
                         let all = self.stretch(FormulationKind::Augmented, from, &ahead[..2], choice);
-                        all.map_err(|_| message)
+                        all.map_err(|_| error)
                     }
                 }
             }
-            Err(message) => Err(message),
+            Err(error) => Err(error),
         }
     }
 
     /// The sample at a time; on the way no bend is stepped over.
-    fn over_bends(self, from: &Sample, t: f64, choice: &mut MethodChoice) -> Result<Sample, String> {
+    fn over_bends(self, from: &Sample, t: f64, choice: &mut MethodChoice) -> Result<Sample, MotionError> {
         let kind = self.model.formulation;
         let (mut from, least) = (from.clone(), SHORTEST * (t - from.t));
         let mut h = t - from.t;
@@ -152,10 +153,10 @@ impl ModelRun<'_> {
     }
 
     /// The sample at the next time; independent coordinates are chosen again in between as often as necessary.
-    fn bridge(self, from: &Sample, t: f64, halvings: u32, choice: &mut MethodChoice) -> Result<Sample, String> {
+    fn bridge(self, from: &Sample, t: f64, halvings: u32, choice: &mut MethodChoice) -> Result<Sample, MotionError> {
         match self.stretch(self.model.formulation, from, &[from.t, t], choice) {
             Ok(mut samples) => Ok(samples.swap_remove(0)),
-            Err(message) if halvings == 0 || self.budget.is_over() => Err(message),
+            Err(error) if halvings == 0 || self.budget.is_over() => Err(error),
             Err(_) => {
                 let middle = self.bridge(from, 0.5 * (from.t + t), halvings - 1, choice)?;
                 self.bridge(&middle, t, halvings - 1, choice)
@@ -170,7 +171,7 @@ impl ModelRun<'_> {
         from: &Sample,
         times: &[f64],
         choice: &mut MethodChoice,
-    ) -> Result<Vec<Sample>, String> {
+    ) -> Result<Vec<Sample>, MotionError> {
         let Self { model, budget, bending, has_stops } = self;
         let formulation = Formulation::new(kind, model, from.t, &from.q)?;
         let [guess, speeds] = [&from.q, &from.v].map(|from| RefCell::new(from.clone()));
@@ -196,11 +197,11 @@ fn sample(
     formulation: &Formulation,
     t: f64,
     (q, v, z): (DVector<f64>, DVector<f64>, Vec<f64>),
-) -> Result<Sample, String> {
+) -> Result<Sample, MotionError> {
     let u = model.at(t, &z);
     let acceleration = formulation.accelerate(model, t, (&q, &v), &u);
     let Acceleration { qdd, multipliers } =
-        acceleration.map_err(|message| model.undefined_force(t, &q, &v, &u).unwrap_or(message))?;
+        acceleration.map_err(|error| model.undefined_force(t, &q, &v, &u).unwrap_or(error))?;
     model.check(t, &q, &v)?;
     Ok(Sample { t, q, v, z, qdd, multipliers })
 }
@@ -217,7 +218,7 @@ struct Stretch<'a> {
     z: &'a [f64],
     budget: &'a Budget<'a>,
     /// A force that was not a number where the integrator has been.
-    undefined: RefCell<Option<String>>,
+    undefined: RefCell<Option<MotionError>>,
     /// Where the arguments with bends have been.
     bending: &'a Bending<'a>,
     /// Where formulas of time are on one branch, if they switch.
@@ -226,7 +227,12 @@ struct Stretch<'a> {
 
 impl Stretch<'_> {
     /// The states at `times`, or at the first of them if the formulation wears out before the end; at least two.
-    fn integrate(&self, from: &Sample, times: &[f64], choice: &mut MethodChoice) -> Result<Vec<DVector<f64>>, String> {
+    fn integrate(
+        &self,
+        from: &Sample,
+        times: &[f64],
+        choice: &mut MethodChoice,
+    ) -> Result<Vec<DVector<f64>>, MotionError> {
         let state = joined(&self.formulation.state(&from.q, &from.v), &from.z, from.t);
         let mut failed = None;
         if choice.is_stiff() {
@@ -259,7 +265,7 @@ impl Stretch<'_> {
                 }
             }
         }
-        self.budget.check(|| self.cause())?;
+        self.check_budget()?;
         // after a failure the next stretch may succeed, if there is a row from which to continue
         if states.len() >= 2 {
             Ok(states)
@@ -272,13 +278,13 @@ impl Stretch<'_> {
     ///
     /// # Errors
     /// The budget is over.
-    fn implicit(&self, state: &DVector<f64>, times: &[f64]) -> Result<Result<Vec<DVector<f64>>, String>, String> {
+    fn implicit(&self, state: &DVector<f64>, times: &[f64]) -> Result<Result<Vec<DVector<f64>>, String>, MotionError> {
         let guess = self.guess.borrow().clone();
         self.bending.restart();
         let mut problem = StretchProblem { stretch: self, start: times[0] };
         let IntegrationResult { mut states, failure, .. } =
             radau::advance(&mut problem, without_time(state), times, self.model.tolerance, self.budget);
-        self.budget.check(|| self.cause())?;
+        self.check_budget()?;
         if states.len() < 2 {
             self.guess.replace(guess);
             return Ok(Err(failure.map_or("the state is not finite".into(), |failure| failure.to_string())));
@@ -300,52 +306,78 @@ impl Stretch<'_> {
     }
 
     /// The integrator's message with what the equations of motion say where it stopped.
-    fn explain(&self, error: Option<String>, t: f64) -> String {
-        if let Some(force) = self.undefined.take() {
-            return format!("integration failed after t = {t} s: {force}");
+    fn explain(&self, failure: Option<String>, t: f64) -> MotionError {
+        if let Some(error) = self.undefined.take() {
+            let message = format!("integration failed after t = {t} s: {error}");
+            return error.with_message(message);
         }
         let q = self.guess.borrow();
         let rest = DVector::zeros(q.len());
         let reason = self.formulation.accelerate(self.model, t, (&q, &rest), &self.model.at(t, self.z)).err();
-        let reason = reason.map_or(String::new(), |reason| format!("; {reason}"));
-        let cause = || self.singular().or_else(|| self.stiffest_part());
-        let reason = if reason.is_empty() { cause().map_or(reason, |cause| format!("; {cause}")) } else { reason };
-        let error = error.unwrap_or_else(|| "the state is not finite".into());
-        format!("integration failed after t = {t} s: {error}{reason}")
+        let reason = reason.or_else(|| self.singular()).or_else(|| self.stiffest_part());
+        let failure = failure.unwrap_or_else(|| "the state is not finite".into());
+        let failed = format!("integration failed after t = {t} s: {failure}");
+        match reason {
+            Some(reason) => {
+                let message = format!("{failed}; {reason}");
+                reason.with_message(message)
+            }
+            None => MotionError::new(MotionCause::Unsolved, failed),
+        }
     }
 
-    /// The cause that prevents the integration from progressing, if it is known.
-    fn cause(&self) -> Option<String> {
-        let message = "the motion is too fast";
-        let stiffest = || self.stiffest_part().map(|part| format!("{message}; {part}"));
-        stiffest()
-            .or_else(|| self.singular())
-            .or_else(|| self.largest_force().map(|force| format!("{message}; {force}")))
+    /// Fails if the run must be abandoned, with the reason why the integration does not progress if it is known.
+    fn check_budget(&self) -> Result<(), MotionError> {
+        let mut reason = None;
+        let checked = self.budget.check(|| {
+            reason = self.obstacle();
+            reason.as_ref().map(MotionError::to_string)
+        });
+        checked.map_err(|message| match reason {
+            Some(reason) if reason.cause == MotionCause::Singular => reason.with_message(message),
+            reason => {
+                let part = reason.and_then(|reason| reason.part);
+                MotionError { cause: MotionCause::GivenUp, part, message }
+            }
+        })
     }
 
-    /// Names the force or torque that has become largest, if it is a formula.
-    fn largest_force(&self) -> Option<String> {
+    /// The reason that prevents the integration from progressing, if it is known.
+    fn obstacle(&self) -> Option<MotionError> {
+        let too_fast = |error: MotionError| {
+            let message = format!("the motion is too fast; {error}");
+            error.with_message(message)
+        };
+        let stiffest = self.stiffest_part().map(too_fast);
+        stiffest.or_else(|| self.singular()).or_else(|| self.largest_force().map(too_fast))
+    }
+
+    /// The error of the force or torque that has become largest, if it is a formula.
+    fn largest_force(&self) -> Option<MotionError> {
         let (q, v, t) = (self.guess.borrow(), self.speeds.borrow(), self.budget.reached());
         let u = self.model.at(t, self.z);
         let values = self.model.acting_expressions().map(|(bound, owner)| (owner, bound.value(t, &*q, &v, &u)));
         let (owner, value) = values.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
-        Some(format!("`{owner}` is the largest force, {value:.1e}"))
+        let message = format!("`{owner}` is the largest force, {value:.1e}");
+        Some(MotionError::of(owner, MotionCause::Unsolved, message))
     }
 
-    /// Names the spring or actuator state that alone makes the fastest motion or decay, if that decides the length of the steps.
-    fn stiffest_part(&self) -> Option<String> {
+    /// The error of the spring or actuator state that alone makes the fastest motion or decay, if that decides the length of the steps.
+    fn stiffest_part(&self) -> Option<MotionError> {
         let rates = self.rates_of_springs().into_iter().chain(self.rates_of_actuators());
         let (part, rate) = rates.max_by(|a, b| a.1.total_cmp(&b.1))?;
-        (rate * self.budget.last_step() > 0.01).then(|| format!("the stiffest part is `{part}`, {rate:.1e} rad/s"))
+        let message = format!("the stiffest part is `{part}`, {rate:.1e} rad/s");
+        let is_short = rate * self.budget.last_step() > 0.01;
+        is_short.then(|| MotionError::of(part, MotionCause::Unsolved, message))
     }
 
-    /// Names the constraint that has come close to depending on others.
-    fn singular(&self) -> Option<String> {
+    /// The error of the constraint that has come close to depending on others.
+    fn singular(&self) -> Option<MotionError> {
         let (start, _) = self.model.initial_state(self.budget.start()).ok()?;
         let here = self.model.deciding.gradients(&*self.guess.borrow());
         let parts = [&self.model.deciding.gradients(&start), &here].map(|gradients| independence(&gradients.dense()));
         let is_close = parts[0].iter().zip(&parts[1]).any(|(before, now)| *now < NEARLY_SINGULAR * before);
-        is_close.then(|| self.model.deciding.name_singular(self.budget.reached(), &here))
+        is_close.then(|| self.model.deciding.singular(self.budget.reached(), &here))
     }
 
     /// Angular frequency or rate of decay that each spring makes alone.
@@ -390,7 +422,7 @@ impl Stretch<'_> {
         }
     }
 
-    fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, String> {
+    fn derivative(&self, state: &DVector<f64>) -> Result<DVector<f64>, MotionError> {
         let (t, state, z) = split(state, self.z.len());
         let t = self.branch.map_or(t, |branch| branch.nearest(t));
         let mut guess = self.guess.borrow_mut();
@@ -403,10 +435,10 @@ impl Stretch<'_> {
         if t.is_finite()
             && !(acceleration.as_ref().is_ok_and(|acceleration| is_finite(&acceleration.qdd))
                 && rates.iter().all(|rate| rate.is_finite()))
-            && let Some(force) = self.model.undefined_force(t, &q, &v, &u)
+            && let Some(error) = self.model.undefined_force(t, &q, &v, &u)
         {
-            self.undefined.replace(Some(force.clone()));
-            return Err(force);
+            self.undefined.replace(Some(error.clone()));
+            return Err(error);
         }
         let Acceleration { qdd, .. } = acceleration?;
         *guess = q;

@@ -1,6 +1,11 @@
 //! State of a mechanism at the start of a run.
 
-use super::{constraint::Constraints, equilibrium, model::MultibodyModel};
+use super::{
+    constraint::Constraints,
+    equilibrium,
+    error::{MotionCause, MotionError},
+    model::MultibodyModel,
+};
 use nalgebra::DVector;
 
 impl MultibodyModel {
@@ -8,7 +13,7 @@ impl MultibodyModel {
     ///
     /// # Errors
     /// Which joint cannot be closed, which constraint is redundant, which initial condition contradicts; no static equilibrium is found.
-    pub fn initial_state(&self, t: f64) -> Result<(DVector<f64>, DVector<f64>), String> {
+    pub fn initial_state(&self, t: f64) -> Result<(DVector<f64>, DVector<f64>), MotionError> {
         let (mut q, mut v) = (self.position_guess.clone(), self.velocity_guess.clone());
         let with = |conditions: &Constraints| -> Constraints {
             self.constraints.iter().chain(&**conditions).cloned().collect()
@@ -16,15 +21,18 @@ impl MultibodyModel {
         let (positions, velocities) = (with(&self.initial_positions), with(&self.initial_velocities));
         positions.assemble(t, &mut q)?;
         if let Some(constraint) = self.deciding.first_dependent(&self.deciding.gradients(&q)) {
-            return Err(format!(
-                "`{}` depends on the joints and drivers before it: it is redundant, or the mechanism starts in a singular \
-                 position",
-                constraint.owner
-            ));
+            let owner = &constraint.owner;
+            let message = format!(
+                "`{owner}` depends on the joints and drivers before it: it is redundant, or the mechanism starts in a singular \
+                 position"
+            );
+            return Err(MotionError::of(owner, MotionCause::Singular, message));
         }
         for conditions in [&positions, &velocities] {
             if let Some(condition) = conditions.first_dependent(&conditions.gradients(&q)) {
-                return Err(format!("`{}` is decided by the constraints and conditions before it", condition.owner));
+                let owner = &condition.owner;
+                let message = format!("`{owner}` is decided by the constraints and conditions before it");
+                return Err(MotionError::of(owner, MotionCause::Inconsistent, message));
             }
         }
         if self.starts_in_equilibrium {

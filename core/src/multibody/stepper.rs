@@ -3,6 +3,7 @@
 use super::{
     Mechanism,
     build::motions,
+    error::{MotionCause, MotionError},
     measure::Measure,
     model::{MultibodyModel, Sample},
     simulate::{continue_from, simulate},
@@ -27,7 +28,7 @@ impl Mechanism {
     ///
     /// # Errors
     /// A sentence that says what cannot be built or assembled.
-    pub fn stepper(&self, values: &[f64], inputs: &[f64], time: f64, tolerance: f64) -> Result<Stepper, String> {
+    pub fn stepper(&self, values: &[f64], inputs: &[f64], time: f64, tolerance: f64) -> Result<Stepper, MotionError> {
         let (mut model, measures) = self.build(values)?;
         model.tolerance = tolerance;
         hold(&mut model, inputs);
@@ -39,7 +40,7 @@ impl Mechanism {
     ///
     /// # Errors
     /// As [`Mechanism::stepper`].
-    pub fn state_at_start(&self, values: &[f64], time: f64) -> Result<Vec<(String, f64)>, String> {
+    pub fn state_at_start(&self, values: &[f64], time: f64) -> Result<Vec<(String, f64)>, MotionError> {
         let inputs: Vec<f64> = self.inputs().values().map(|input| input.start).collect();
         let Stepper { model, now, .. } = self.stepper(values, &inputs, time, TOLERANCE)?;
         let measures = motions(self.description(), values).into_iter();
@@ -55,7 +56,7 @@ impl Stepper {
     ///
     /// # Panics
     /// If there are more or fewer values than inputs.
-    pub fn set_inputs(&mut self, values: &[f64]) -> Result<(), String> {
+    pub fn set_inputs(&mut self, values: &[f64]) -> Result<(), MotionError> {
         hold(&mut self.model, values);
         // accelerations and reactions follow at once
         self.go_on(&[self.now.t])
@@ -65,11 +66,11 @@ impl Stepper {
     ///
     /// # Errors
     /// A sentence, as [`Mechanism::simulate`].
-    pub fn advance(&mut self, to: f64) -> Result<(), String> {
+    pub fn advance(&mut self, to: f64) -> Result<(), MotionError> {
         self.go_on(&[self.now.t, to])
     }
 
-    fn go_on(&mut self, times: &[f64]) -> Result<(), String> {
+    fn go_on(&mut self, times: &[f64]) -> Result<(), MotionError> {
         let state = (self.now.q.clone(), self.now.v.clone(), self.now.z.clone());
         self.now = last(continue_from(&self.model, state, times, &Budget::default(), &mut self.choice)?)?;
         Ok(())
@@ -86,8 +87,8 @@ fn hold(model: &mut MultibodyModel, values: &[f64]) {
     model.inputs.iter_mut().zip(values).for_each(|(input, value)| input.signal = Signal::Constant(*value));
 }
 
-fn last(samples: Vec<Sample>) -> Result<Sample, String> {
-    samples.into_iter().last().ok_or_else(|| "it has no state".into())
+fn last(samples: Vec<Sample>) -> Result<Sample, MotionError> {
+    samples.into_iter().last().ok_or_else(|| MotionError::new(MotionCause::Unsolved, "it has no state"))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 use super::{
     constraint::{BoundExpression, Slot, Target},
     enclosure::Enclosure,
+    error::{MotionCause, MotionError},
     model::MultibodyModel,
 };
 use metafmu_runtime::{
@@ -47,7 +48,7 @@ impl Stops {
     ///
     /// # Errors
     /// As [`switches`].
-    pub fn new(model: &MultibodyModel, rows: &[f64]) -> Result<Self, String> {
+    pub fn new(model: &MultibodyModel, rows: &[f64]) -> Result<Self, MotionError> {
         let list = if let [start, .., stop] = rows { switches(model, [*start, *stop])? } else { Vec::new() };
         Ok(Self { list, passed: 0 })
     }
@@ -94,21 +95,31 @@ impl Branch {
 ///
 /// # Errors
 /// A sentence: there are too many.
-pub(super) fn switches(model: &MultibodyModel, run: [f64; 2]) -> Result<Vec<f64>, String> {
+pub(super) fn switches(model: &MultibodyModel, run: [f64; 2]) -> Result<Vec<f64>, MotionError> {
     let motions = model.constraints.iter().filter_map(|constraint| match &constraint.target {
         Target::Motion(motion) => Some((motion, constraint.owner.as_str())),
         _ => None,
     });
     let mut found = run.to_vec();
     for (bound, owner) in model.acting_expressions().chain(motions) {
-        add_switches(bound, &mut found).map_err(|message| format!("`{}` of `{owner}` {message}", bound.text))?;
+        add_switches(bound, &mut found).map_err(|TooManySwitches([begin, end])| {
+            let message = format!(
+                "`{}` of `{owner}` switches at too many times from {begin} s to {end} s, expected at most {MOST}",
+                bound.text
+            );
+            MotionError::of(owner, MotionCause::Unsolved, message)
+        })?;
     }
     found.retain(|t| *t > run[0] && *t < run[1]);
     Ok(found)
 }
 
+/// More switches than [`MOST`] between two times.
+#[derive(Debug)]
+struct TooManySwitches([f64; 2]);
+
 /// Adds the switches of an expression to times in ascending order, the ends of the run among them.
-fn add_switches(bound: &BoundExpression, times: &mut Vec<f64>) -> Result<(), String> {
+fn add_switches(bound: &BoundExpression, times: &mut Vec<f64>) -> Result<(), TooManySwitches> {
     for one in Switch::all(bound) {
         let (begin, end) = (times[0], times[times.len() - 1]);
         let mut search = SwitchSearch { one, bound, shortest: SHORTEST * (end - begin), checked: 0, found: Vec::new() };
@@ -116,7 +127,7 @@ fn add_switches(bound: &BoundExpression, times: &mut Vec<f64>) -> Result<(), Str
             search.visit([piece[0] + rounding([begin, end]), piece[1] - rounding([begin, end])]);
         }
         if search.is_exhausted() {
-            return Err(format!("switches at too many times from {begin} s to {end} s, expected at most {MOST}"));
+            return Err(TooManySwitches([begin, end]));
         }
         times.append(&mut search.found);
         times.sort_by(f64::total_cmp);

@@ -8,7 +8,7 @@ mod parts;
 mod redundancy;
 
 use super::{
-    Mechanism,
+    Mechanism, MotionCause,
     model::{MultibodyModel, Sample},
     simulate::simulate,
 };

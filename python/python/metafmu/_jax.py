@@ -12,7 +12,7 @@ from ._graph import Graph
 from ._needed import needed
 from ._comparison import DOUBLE, Precision
 from ._reader import ReaderOptions, surrogate_of
-from ._rows import Row, binary, choose, columns_of_arguments, compared, compose, concatenate, extreme, is_row
+from ._rows import OperationError, Row, binary, choose, columns_of_arguments, compared, compose, concatenate, extreme, is_row
 from ._surrogate import Names, States, Surrogate
 
 Error = _metafmu.Error
@@ -98,12 +98,13 @@ def _follow(jaxpr, consts, arguments):
         else:
             try:
                 results = _primitive(equation, name, operands)
+            except OperationError:
+                # of an inner function, whose operation it names
+                raise
             except Error as error:
-                if str(error).startswith("primitive `"):
-                    raise
-                raise Error(f"primitive `{name}`: {error}") from None
+                raise OperationError(f"primitive `{name}`: {error}") from None
             except Exception as error:
-                raise Error(f"primitive `{name}`, in a form that is not known: {type(error).__name__}: {error}") from error
+                raise OperationError(f"primitive `{name}`, in a form that is not known: {type(error).__name__}: {error}") from error
         known.update(zip(equation.outvars, results))
     return [read(atom) for atom in jaxpr.outvars]
 

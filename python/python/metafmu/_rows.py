@@ -9,6 +9,10 @@ from . import _metafmu
 Error = _metafmu.Error
 
 
+class OperationError(Error):
+    """An error of an operation of a model, which its message names."""
+
+
 class Row:
     """A tensor whose elements, row by row, are a value of a graph. The batch is a dimension of length 1."""
 

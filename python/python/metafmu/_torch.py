@@ -15,7 +15,7 @@ from ._needed import needed
 from ._interface import names_in
 from ._comparison import Precision
 from ._reader import ReaderOptions, surrogate_of
-from ._rows import Row, binary, choose, columns_of_arguments, compared, compose, concatenate, extreme, is_row
+from ._rows import OperationError, Row, binary, choose, columns_of_arguments, compared, compose, concatenate, extreme, is_row
 from ._surrogate import Names, States, Surrogate, is_frame, numbers_of
 
 Error = _metafmu.Error
@@ -200,17 +200,18 @@ def _follow(traced, given):
             return args[0]
         try:
             known[node] = _step(traced, node, args, kwargs)
+        except OperationError:
+            # of an inner module, whose operation it names
+            raise
         except Error as error:
-            if str(error).startswith("node `"):
-                raise
-            raise Error(f"node `{node.name}` ({_title(traced, node)}): {error}") from None
+            raise OperationError(f"node `{node.name}` ({_title(traced, node)}): {error}") from None
         except Exception as error:
-            raise Error(f"node `{node.name}` ({_title(traced, node)}), in a form that is not known: {type(error).__name__}: {error}") from error
+            raise OperationError(f"node `{node.name}` ({_title(traced, node)}), in a form that is not known: {type(error).__name__}: {error}") from error
         try:
             for changed in storage.changed_by(node):
                 known[changed] = known[node]
         except Error as error:
-            raise Error(f"node `{node.name}` ({_title(traced, node)}): {error}") from None
+            raise OperationError(f"node `{node.name}` ({_title(traced, node)}): {error}") from None
     raise Error("the module has no output")
 
 

@@ -47,7 +47,7 @@ const SHORTER: [f64; 5] = [1.0, 0.3, 0.1, 0.03, 0.01];
 fn propose(target: &StudyTarget, mechanism: &Mechanism, option: &str, source: &str) -> Result<Proposal> {
     let coordinates = mechanism
         .free_coordinates()
-        .map_err(|message| metafmu::Error::Study { problems: vec![mechanism.located(&message)] })?;
+        .map_err(|error| metafmu::Error::Study { problems: vec![mechanism.located(error)] })?;
     describe(mechanism, control()?);
     let stop = duration(&coordinates);
     let mut ranges = NonsingularRanges::new(mechanism, coordinates);
@@ -232,7 +232,7 @@ impl NonsingularRanges {
             }
         }
         ranges = ranges.scaled(&shares, of_parameters);
-        ranges.narrowed = Some(why);
+        ranges.narrowed = Some(why.message);
         ranges
     }
 

@@ -7,7 +7,7 @@ use crate::{
         host::{Exchange, FmuInstance, Grid, InterfaceKind, NO_INPUTS, Recorder, StepResult, set_start},
         model_description::{RealAttributes, ScalarVariable, VariableType},
     },
-    multibody::{Mechanism, Stepper},
+    multibody::{Mechanism, MotionError, Stepper},
 };
 
 /// Tolerance of a mechanism's integration if none is given, as that of model exchange.
@@ -159,7 +159,7 @@ impl<'a> MechanismSimulator<'a> {
     }
 
     fn stepper(&mut self) -> Result<&mut Stepper> {
-        self.stepper.as_mut().ok_or_else(|| failed("it is not initialized".into()))
+        self.stepper.as_mut().ok_or_else(|| Error::Worker { message: "it is not initialized".into() })
     }
 }
 
@@ -213,6 +213,6 @@ impl Simulator for MechanismSimulator<'_> {
     }
 }
 
-fn failed(message: String) -> Error {
-    Error::Worker { message }
+fn failed(error: MotionError) -> Error {
+    Error::Worker { message: error.message }
 }

@@ -37,12 +37,11 @@ impl ComponentSource {
         let mechanism = Mechanism::parse(&text, &path)?;
         let parameters = mechanism.parameters().iter();
         let values: Vec<f64> = parameters.map(|(name, parameter)| set(name).unwrap_or(parameter.default)).collect();
-        let failed = |message| Error::Run {
+        let start = mechanism.state_at_start(&values, 0.0).map_err(|error| Error::Run {
             system: path.display().to_string(),
             values: "the values that the system sets".into(),
-            message,
-        };
-        let start = mechanism.state_at_start(&values, 0.0).map_err(failed)?;
+            message: error.message,
+        })?;
         let mut variables = Vec::new();
         let mut add = |name: &str, causality, variability, start, unit: &str| {
             let unit = (!unit.is_empty()).then(|| unit.to_owned());

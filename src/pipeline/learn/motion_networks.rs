@@ -5,7 +5,7 @@ use crate::{
     Result,
     dataset::Dataset,
     dynamics::{EquationSamples, Equations, FittedEquations, OfEquations, Region, acceleration_error, fit},
-    multibody::Mechanism,
+    multibody::{Mechanism, MotionError},
     pipeline::{
         follower::Checkpoints,
         observer::{CountedWork, Event},
@@ -89,7 +89,7 @@ pub(super) fn learn(
 ) -> Result<Learned> {
     let study = &project.study;
     let began = Instant::now();
-    let refuse = |message: String| study.refusal("states", message);
+    let refuse = |error: MotionError| study.refusal("states", error);
     let of_drivers = driven.drivers().iter().map(|driver| [driver.min, driver.max]);
     let starts = &driven.start()[2 * study.coordinates().count()..];
     let of_actuators =
@@ -196,7 +196,7 @@ struct Last {
 impl<'a> Asked<'a> {
     fn new(project: &'a Project<'a>, equations: &'a Equations<'a>, checkpoints: &'a Checkpoints<'a>) -> Result<Self> {
         let study = &project.study;
-        let refuse = |message: String| study.refusal("states", message);
+        let refuse = |error: MotionError| study.refusal("states", error);
         let (count, seed) = (learned::states(study), study.seed ^ 0x4e45_5457);
         project.begin(CountedWork::Equations, 1);
         let unseen = held_out(count);
@@ -325,7 +325,7 @@ impl<'a> Asked<'a> {
     /// The network of the accelerations.
     fn accelerations(&self, last: &mut Last) -> Result<NetworkTerm> {
         let study = &self.project.study;
-        let refuse = |message: String| study.refusal("states", message);
+        let refuse = |error: MotionError| study.refusal("states", error);
         let count = learned::states(study);
         let all = self.equations.accelerations(count, study.seed ^ 0x4143_4345).map_err(refuse)?;
         let (unseen, seen) = (part(&all, 0..held_out(count)), part(&all, held_out(count)..count));

@@ -27,7 +27,7 @@ fn parse(text: &str) -> Mechanism {
     Mechanism::parse(text, Path::new("m.toml")).unwrap()
 }
 
-fn reduced(text: &str, coordinates: &[&str]) -> Result<Reduced, String> {
+fn reduced(text: &str, coordinates: &[&str]) -> Result<Reduced, MotionError> {
     let mechanism = parse(text);
     let defaults: Vec<f64> = mechanism.parameters().values().map(|parameter| parameter.default).collect();
     mechanism.reduced(&defaults, coordinates)
@@ -218,7 +218,7 @@ fn a_crank_is_followed_around_on_the_same_assembly() {
 
 #[test]
 fn what_has_no_such_equations_is_refused() {
-    let refused = |text: &str, coordinates: &[&str]| reduced(text, coordinates).unwrap_err();
+    let refused = |text: &str, coordinates: &[&str]| reduced(text, coordinates).unwrap_err().message;
     let driven = CRANE.replacen(
         "[\"cart\", \"load.top\"] }",
         "[\"cart\", \"load.top\"] }\n    drivers.swing = { coordinate = \"rope.angle\", motion = \"sin(time)\" }",

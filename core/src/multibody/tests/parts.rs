@@ -70,7 +70,7 @@ fn a_state_that_is_too_fast_is_named() {
         outputs.i = { measure = "current" }
     "#;
     let mechanism = parse(text);
-    let message = mechanism.simulate(&[], &grid(10.0, 3), TOLERANCE, &Budget::default()).unwrap_err();
+    let message = mechanism.simulate(&[], &grid(10.0, 3), TOLERANCE, &Budget::default()).unwrap_err().message;
     assert!(
         message.contains("the motion is too fast; the stiffest part is `states.current`, 1.0e8 rad/s"),
         "{message}"

@@ -161,6 +161,6 @@ fn runs_without_switches_of_time_cost_what_they_did() {
 #[test]
 fn formulas_that_switch_too_often_are_refused() {
     let mechanism = parse(&rotor("mod(time, 1e-6)"));
-    let message = mechanism.simulate(&[0.5, 1e-3], &grid(2.0, 21), 1e-12, &Budget::default()).unwrap_err();
+    let message = mechanism.simulate(&[0.5, 1e-3], &grid(2.0, 21), 1e-12, &Budget::default()).unwrap_err().message;
     assert!(message.contains("`mod(time, 1e-6)` of `actuators.motor` switches at too many times"), "{message}");
 }
