@@ -641,7 +641,7 @@ mod tests {
         }
     }
 
-    /// Problem of a slide whose spring loses its length in the range, or whose actuator has an effort that is no number there.
+    /// Problem of a slide whose spring loses its length in the range, or whose actuator has an effort that is NaN there.
     fn problem_of_slide(joint: &str, effort: &str) -> String {
         let folder = tempfile::tempdir().unwrap();
         let mechanism = format!(
