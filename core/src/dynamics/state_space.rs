@@ -56,7 +56,7 @@ pub fn fit_functions(
     };
     let [harmonics, powers] = FIRST_ORDER;
     let first = try_order([if has_angles { harmonics } else { 0 }, powers]);
-    let mut best = first.unwrap_or_else(|| Err(DictionaryError::TooFewSamples))?;
+    let mut best = first.unwrap_or(Err(DictionaryError::TooFewSamples))?;
     let (mut order, mut without_gain) = (best.order, 0);
     while !lowest && best.error > EXACT && without_gain < PATIENCE {
         let [harmonics, powers] = order;

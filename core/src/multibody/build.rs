@@ -23,6 +23,7 @@ use crate::{
     diagnostics::{Problems, names::expected_one_of},
     integrate::TOLERANCE,
     signal::Signal,
+    unit::is_same,
 };
 use forces::bushing_coordinates;
 pub use geometry::{JointGeometry, MechanismGeometry, geometry};
@@ -51,9 +52,7 @@ pub fn build(
 ) -> Result<(MultibodyModel, Vec<Measure>), Problems> {
     let mut builder = MultibodyBuilder { torsion, ..MultibodyBuilder::new(description, values) };
     let mut model = builder.model();
-    let outputs = description.outputs.iter();
-    let measures: Vec<Measure> =
-        outputs.filter_map(|(name, output)| builder.output(name, output, &mut model.formulas)).collect();
+    let measures: Vec<Measure> = builder.measures(&mut model.formulas).into_iter().flatten().collect();
     if !builder.problems.is_empty() {
         return Err(builder.problems);
     }
@@ -71,6 +70,23 @@ pub fn build(
     }
     let measures = measures.into_iter().map(|measure| redundancy.renumbered(measure)).collect();
     if builder.problems.is_empty() { Ok((model, measures)) } else { Err(builder.problems) }
+}
+
+/// Problems of the parts of a description and of its outputs, one by one.
+pub fn part_problems(description: &Description, values: &[f64]) -> Problems {
+    let mut builder = MultibodyBuilder::new(description, values);
+    let mut model = builder.model();
+    let parts_are_right = builder.problems.is_empty();
+    let measures = builder.measures(&mut model.formulas);
+    // where a part is missing, others have its number
+    for ((name, output), measure) in description.outputs.iter().zip(&measures).filter(|_| parts_are_right) {
+        let Some(unit) = measure.as_ref().map(|measure| measure.unit(&model)) else { continue };
+        if let Some(found) = output.unit.as_deref().filter(|&found| !is_same(found, unit)) {
+            let expected = if unit.is_empty() { "none".into() } else { format!("`{unit}`") };
+            builder.problem(&format!("outputs.{name}.unit"), format!("`{found}`, expected {expected}"));
+        }
+    }
+    builder.problems
 }
 
 /// The coordinates that measures of positions name.
@@ -345,6 +361,12 @@ impl<'a> MultibodyBuilder<'a> {
             states.extend(rate.map(|rate| ActuatorState { rate, start, owner }));
         }
         states
+    }
+
+    /// Quantity that each output shows, none where there is a problem; formulas are added to those of the model.
+    fn measures(&mut self, formulas: &mut Vec<OutputFormula>) -> Vec<Option<Measure>> {
+        let outputs = self.description.outputs.iter();
+        outputs.map(|(name, output)| self.output(name, output, formulas)).collect()
     }
 
     /// Quantity that an output shows; formulas are added to those of the model.

@@ -1,7 +1,7 @@
 //! The mechanism file: read, checked, simulated.
 
 use super::{
-    build::{Torsion, build, free_coordinates, limits, position_coordinates},
+    build::{Torsion, build, free_coordinates, limits, part_problems, position_coordinates},
     constraint::BoundExpression,
     description::{
         ActuatorStateOptions, Description, JointOptions, JointType, MechanismInput, MechanismParameter, SpringOptions,
@@ -27,7 +27,6 @@ use crate::{
     },
     integrate::Budget,
     signal::Signal,
-    unit::is_same,
     variable::SourceVariable,
 };
 use indexmap::IndexMap;
@@ -90,25 +89,24 @@ impl Mechanism {
         let mut description: Description = origin.deserialize(root)?;
         origin.refuse(read_files(&mut description, origin.folder()))?;
         let mut problems = name_problems(&description);
-        problems.extend(range_problems(&description));
-        problems.extend(idle_parts(&description));
         problems.extend(tables(&description).1);
         problems.extend(variables(&description.variables).1);
-        origin.refuse(problems)?;
         let defaults: Vec<f64> = description.parameters.values().map(|parameter| parameter.default).collect();
+        // every part that uses a wrong name or number would repeat its problem
+        let parts_are_checked = problems.is_empty() && defaults.iter().all(|default| default.is_finite());
+        problems.extend(range_problems(&description));
+        problems.extend(idle_parts(&description));
+        if parts_are_checked {
+            problems.extend(part_problems(&description, &defaults));
+        }
+        origin.refuse(problems)?;
         let (model, measures) = match build(&description, &defaults, Torsion::default()) {
             Ok(built) => built,
             Err(problems) => return Err(Error::Study { problems: origin.locate(problems) }),
         };
         let (mut problems, mut outputs) = (Problems::default(), Vec::new());
         for ((name, output), measure) in description.outputs.iter().zip(&measures) {
-            let unit = measure.unit(&model);
-            if let Some(found) = output.unit.as_deref().filter(|&found| !is_same(found, unit)) {
-                let expected = if unit.is_empty() { "none".into() } else { format!("`{unit}`") };
-                problems.add(format!("outputs.{name}.unit"), format!("`{found}`, expected {expected}"));
-            }
-            let description = output.description.clone();
-            outputs.push(SourceVariable::new(name, unit, &description));
+            outputs.push(SourceVariable::new(name, measure.unit(&model), &output.description));
         }
         match model.initial_state(0.0) {
             Ok((q, _)) => problems.extend(free_of_inertia(&description, &model, &q)),

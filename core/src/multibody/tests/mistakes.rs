@@ -444,3 +444,32 @@ fn large_mechanisms_are_assembled_and_springs_without_length_are_named() {
         .message;
     assert!(message.contains("the direction of `springs.s` is not defined: its length is zero"), "{message}");
 }
+
+#[test]
+fn problems_of_numbers_parts_and_units_are_reported_together() {
+    let text = r#"
+        parameters.m = { default = 20, min = 30, max = 40 }
+        bodies.load = { mass = "m", inertia = "J" }
+        bodies.cart = { mass = 1 }
+        joints.lift = { type = "prismatic", between = ["ground", "load"] }
+        joints.rail = { type = "prismatic", between = ["ground", "wagon"], axis = [1, 0] }
+        outputs.z = { measure = "lift.positio" }
+    "#;
+    let message = refused(text);
+    for key in
+        ["parameters.m.default", "bodies.load.inertia", "joints.lift", "joints.rail.between", "outputs.z.measure"]
+    {
+        assert!(message.contains(&format!(": {key}: ")), "{key}: {message}");
+    }
+    let text = r#"
+        parameters.m = { default = 20, min = 30, max = 40 }
+        bodies.load = { mass = "m" }
+        joints.lift = { type = "prismatic", between = ["ground", "load"], axis = [0, 1] }
+        outputs.y = { measure = "lift.position", unit = "s" }
+        outputs.z = { measure = "lift.positio" }
+    "#;
+    let message = refused(text);
+    for key in ["parameters.m.default", "outputs.y.unit", "outputs.z.measure"] {
+        assert!(message.contains(&format!(": {key}: ")), "{key}: {message}");
+    }
+}
