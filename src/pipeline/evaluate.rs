@@ -303,6 +303,7 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
     }
     if let Some(outside) = &metrics.accuracy.outside {
         let _ = writeln!(text, "{}", outside.describe());
+        text += &accuracy_inside(&outside.inside);
     }
     if outputs.values().any(|metrics| metrics.within_bound.is_some()) {
         let shares = outputs.values().filter_map(|metrics| metrics.within_bound);
@@ -322,6 +323,16 @@ pub fn table(project: &Project, metrics: &Metrics) -> String {
         let _ = writeln!(text, "\n{}\n({})", speed.describe(), speed.conditions());
     }
     text
+}
+
+/// A line with the accuracy on the rows before motions leave the domain, by which a surrogate is judged; none without such rows.
+fn accuracy_inside(inside: &Accuracy) -> String {
+    if inside.test_rows == 0 {
+        return String::new();
+    }
+    let r2_of = |metrics: &OutputMetrics| metrics.r2.map_or("constant".into(), numbers::r2);
+    let each: Vec<String> = inside.outputs.iter().map(|(name, metrics)| format!("{name} {}", r2_of(metrics))).collect();
+    format!("R² of {} before motions leave it: {}\n", counted(inside.test_rows, "row"), each.join(", "))
 }
 
 /// Growth of errors along the roll-outs, for people.

@@ -87,6 +87,7 @@ def test_a_motion_through_a_dead_point_does_not_reject_exact_equations(tmp_path)
     assert outside["rows"] == left and inside["test_rows"] == len(runs) - left
     text = f"{len(outside['exits'])} of 8 test runs leave the domain, {left} of {len(runs)} rows are outside"
     reasons = verdict["notes"] if verdict["grade"] == "good" else verdict["limits"]
+    assert f"R² of {inside['test_rows']} rows before motions leave it: " in done.stdout
     assert text in done.stdout and (reasons[0]["check"], text in reasons[0]["cause"]) == ("domain", True), verdict
     assert text in (tmp_path / "out" / "report.html").read_text().split("</header>")[0]
 
