@@ -1,4 +1,4 @@
-"""Checks that imports go downward only, that there is no circle among modules, and that a type name means one thing.
+"""Checks that imports go downward only, that there is no circle among modules, that a type name means one thing, and that no message decides.
 
 In core/src/ and src/ a module may use those before it in ORDER and no other. Below that, and in the other crates, the modules of a folder may use each
 other in one direction: every circle among them is printed with its arrows. A folder's own file, `mod.rs`, and the modules below it count as
@@ -7,7 +7,9 @@ one. Re-exports are followed to the module that has the name. Tests may import a
 The types of all crates together, of every module and macro except tests, have different names: a name that two definitions share is printed with both places.
 Types inside functions, and associated types, may have any name.
 
-Ends with exit code 1 if an arrow goes up, a circle is found or a name is shared.
+Outside of tests nothing looks for words in the message of an error, in Rust and in the Python package: an error has fields for what the program needs.
+
+Ends with exit code 1 if an arrow goes up, a circle is found, a name is shared or a message is searched.
 
 Usage: python3 scripts/check-imports.py [--table] [SRC...]     (--table: how many modules each folder has, and its arrows)
 """
@@ -46,6 +48,11 @@ PROGRAM = ("main", "cli", "commands")
 TYPE = r"(?:pub(?:\([^)]*\))? )?(?:struct|enum|trait|type|union) (\w+)"
 # formatted code: definitions of a module begin their lines, and so does the last brace of an inner module or macro
 OF_MODULE, INSIDE = re.compile(rf"^{TYPE}", re.MULTILINE), re.compile(rf"^ +{TYPE}", re.MULTILINE)
+# what the TOML parser says is put in other words; it has no codes
+TRANSLATED = ROOT / "core" / "src" / "diagnostics" / "origin" / "words.rs"
+MESSAGE = r"\b\w*(?:message|error|reason|failure|problem)\w*"
+WORDS_IN_RUST = re.compile(rf"{MESSAGE}(?:\.(?:to_string\(\)|message|as_str\(\)))*\s*\.(?:contains|starts_with|split_once)\(")
+WORDS_IN_PYTHON = re.compile(rf"str\({MESSAGE}\)\.(?:startswith|find|split)|\bin str\({MESSAGE}\)")
 INNER = re.compile(r"^(?:macro_rules!|(?:pub(?:\([^)]*\))? )?mod) \w+ \{\n.*?^\}", re.MULTILINE | re.DOTALL)
 
 
@@ -81,6 +88,18 @@ def shared_names(folders):
     for name, files in sorted(places.items()):
         if len(files) > 1:
             yield "\n".join([f"type {name}: {len(files)} definitions, expected different names", *files.values()])
+
+
+def searched_messages():
+    """Places where words are looked for in the message of an error."""
+    rust = [path for src in FOLDERS for path in sorted(src.rglob("*.rs")) if not is_for_tests(path) and path != TRANSLATED]
+    python = sorted((ROOT / "python" / "python").rglob("*.py"))
+    for path in [*rust, *python]:
+        of_rust = path.suffix == ".rs"
+        text = path.read_text()
+        pattern, text = (WORDS_IN_RUST, without_tests(text)) if of_rust else (WORDS_IN_PYTHON, text)
+        for match in pattern.finditer(text):
+            yield f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}: searches a message: {match[0]}"
 
 
 def matching(text, start):
@@ -208,11 +227,12 @@ def main():
             for circle in sorted(circles(pairs), key=sorted):
                 inside = [f"    {a} -> {b}: {where}" for (a, b), where in sorted(pairs.items()) if {a, b} <= circle]
                 mistakes.append("\n".join([f"{name}: a circle of {', '.join(sorted(circle))}", *inside]))
+    mistakes.extend(searched_messages())
     for mistake in mistakes:
         print(mistake)
     if mistakes:
         sys.exit(1)
-    print(f"{count} arrows between modules of {len(arguments.src)} folders: none goes up, none is part of a circle; type names differ")
+    print(f"{count} arrows between modules of {len(arguments.src)} folders: none goes up, none is part of a circle; type names differ; no message decides")
 
 
 def upward(crate):
