@@ -91,7 +91,7 @@ def shared_names(folders):
 
 
 def searched_messages():
-    """Places where words are looked for in the message of an error."""
+    """The lines of code that search the message of an error for words."""
     rust = [path for src in FOLDERS for path in sorted(src.rglob("*.rs")) if not is_for_tests(path) and path != TRANSLATED]
     python = sorted((ROOT / "python" / "python").rglob("*.py"))
     for path in [*rust, *python]:

@@ -25,7 +25,7 @@ impl<'a> Assembly<'a> {
     /// With values of the region's parameters.
     ///
     /// # Errors
-    /// A sentence: what [`Mechanism::reduced`] says.
+    /// An error: what [`Mechanism::reduced`] says.
     pub fn with(&self, parameters: &[f64]) -> Result<Assembled<'_>, MotionError> {
         let Self(labels) = self;
         let point: Vec<f64> =
@@ -43,7 +43,7 @@ impl Assembled<'_> {
     /// before.
     ///
     /// # Errors
-    /// A sentence that names the constraint that is singular on the way.
+    /// An error that names the constraint that is singular on the way.
     pub fn positions(&self, s: &[f64]) -> Result<Vec<(usize, f64)>, MotionError> {
         let q = self.reduced.configuration(&DVector::from_column_slice(s))?;
         let turned = |position: usize| -> f64 {

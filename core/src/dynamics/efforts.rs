@@ -10,7 +10,7 @@ use crate::multibody::{
     reduced::Reduced,
 };
 use metafmu_runtime::{
-    Efforts, FormatError,
+    Efforts,
     formula::{ElementaryFunction, Formula, FormulaStep},
 };
 
@@ -28,7 +28,7 @@ impl KnownEfforts {
     /// Efforts of a mechanism with two sets of parameter values. Positions that agree in both are one position. Unused ones become zero.
     ///
     /// # Errors
-    /// A sentence that says what cannot be built of these values.
+    /// An error that says what cannot be built of these values.
     pub(super) fn new(
         mechanism: &Mechanism,
         values: [&[f64]; 2],
@@ -36,7 +36,7 @@ impl KnownEfforts {
     ) -> Result<Self, MotionError> {
         let [mut bound, elsewhere] = [mechanism.known_expressions(values[0])?, mechanism.known_expressions(values[1])?];
         for index in unused {
-            let formula = Formula::new(vec![FormulaStep::Constant(0.0)]).map_err(unusable)?;
+            let formula = Formula::new(vec![FormulaStep::Constant(0.0)])?;
             bound[index] = BoundExpression { text: "0".into(), formula, slots: Vec::new() };
         }
         let at =
@@ -129,7 +129,7 @@ impl KnownEfforts {
     /// Formulas for equations whose parameters are those at the positions `varied` in the mechanism. The others are constants.
     ///
     /// # Errors
-    /// A sentence: a formula depends on time.
+    /// An error: a formula depends on time.
     pub(super) fn formulas(&self, varied: &[usize], inputs: usize, coordinates: usize) -> Result<Efforts, MotionError> {
         let first = varied.len() + inputs;
         let step = |slot: &Slot, occurs: &Option<usize>| match (slot, occurs) {
@@ -149,17 +149,11 @@ impl KnownEfforts {
                 let message = format!("`{}` depends on time", bound.text);
                 MotionError::new(MotionCause::Unsuitable, message)
             })?;
-            bound.formula.with_columns(|name| leaves[name].clone()).map_err(unusable)
+            Ok(bound.formula.with_columns(|name| leaves[name].clone())?)
         };
         let formulas = self.bound.iter().zip(&self.occurs).map(formula).collect::<Result<_, _>>()?;
-        let efforts = Efforts::new([varied.len(), inputs, coordinates], self.windings.0.clone(), formulas);
-        efforts.map_err(unusable)
+        Ok(Efforts::new([varied.len(), inputs, coordinates], self.windings.0.clone(), formulas)?)
     }
-}
-
-/// The error of formulas of which no efforts can be made.
-fn unusable(error: FormatError) -> MotionError {
-    MotionError::new(MotionCause::Unsuitable, error.to_string())
 }
 
 /// Position that a slot is the value or the rate of.

@@ -1,7 +1,10 @@
 //! The equations of motion at sampled states: what networks learn from, and what candidates are compared by.
 
 use super::{
-    EquationSamples, FIRST_ORDER, OfEquations, Region, UNCHANGED, labels::MechanismRegion, least_squares, terms,
+    EquationSamples, FIRST_ORDER, OfEquations, Region, UNCHANGED,
+    labels::MechanismRegion,
+    least_squares::{self, DictionaryError},
+    terms,
 };
 use crate::multibody::{Mechanism, MotionCause, MotionError};
 use metafmu_runtime::dictionary::{Dictionary, Factor};
@@ -25,7 +28,7 @@ impl<'a> Equations<'a> {
     /// The equations in a region with ranges of velocities and inputs.
     ///
     /// # Errors
-    /// A sentence, as [`fit`](super::fit).
+    /// As [`fit`](super::fit).
     pub fn new(mechanism: &'a Mechanism, region: &'a Region) -> Result<Self, MotionError> {
         let labels = MechanismRegion::new(mechanism, region)?;
         let (found, expected) =
@@ -86,12 +89,12 @@ impl<'a> Equations<'a> {
     /// leave over oscillates. They have the columns only that change something.
     ///
     /// # Errors
-    /// A sentence if the samples do not determine the coefficients.
+    /// [`DictionaryError`](super::DictionaryError): the samples do not determine the coefficients.
     pub fn lowest(
         &self,
         [samples, unseen]: [&EquationSamples; 2],
         dependencies: &[Vec<bool>; 2],
-    ) -> Result<[Dictionary; 2], String> {
+    ) -> Result<[Dictionary; 2], DictionaryError> {
         let (factors, scales, [of_equations, _]) = (self.factors(), self.scales(samples), self.counts());
         let ranges = [0..of_equations, of_equations..scales.len()];
         let of = |range: &Range<usize>, depends: &[bool]| {
@@ -150,7 +153,7 @@ impl<'a> Equations<'a> {
     /// The accelerations in a state `(q, p, v, u)`.
     ///
     /// # Errors
-    /// A sentence if the configuration cannot be reached.
+    /// An error if the configuration cannot be reached.
     pub fn accelerations_at(&self, point: &[f64]) -> Result<Vec<f64>, MotionError> {
         let (configuration, v, u) = self.parts(point);
         let configured = self.labels.configured(configuration)?;

@@ -65,7 +65,7 @@ const ROUNDING: f64 = 1e-13;
 /// Products with small contributions are dropped if the error does not grow.
 ///
 /// # Errors
-/// A sentence if the points do not determine the coefficients.
+/// [`DictionaryError`]: the points do not determine the coefficients.
 pub(super) fn solve(
     set: FactorSet,
     exponents: &[Vec<i16>],

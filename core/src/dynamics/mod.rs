@@ -27,14 +27,14 @@ mod windings;
 #[cfg(test)]
 mod tests;
 
-use crate::multibody::{Mechanism, MotionCause, MotionError};
+use crate::multibody::{Mechanism, MotionError};
 pub use assembly::{Assembled, Assembly};
 pub use equations::Equations;
 use labels::{Label, MechanismRegion, RegionPoint};
 pub use least_squares::DictionaryError;
 pub use mass_matrix::{ENOUGH, FittedMassMatrix, MassMatrixProblem, acceleration_error};
 use metafmu_runtime::{
-    Dynamics, FormatError, Reactions, Shown,
+    Dynamics, Reactions, Shown,
     dictionary::{Dictionary, Factor},
 };
 use nalgebra::DMatrix;
@@ -155,7 +155,7 @@ const WORTH_IT: f64 = 0.7;
 /// Learns the equations of motion of a mechanism.
 ///
 /// # Errors
-/// A sentence: what [`Mechanism::reduced`] says, a range is empty or its name unknown, a force is not a number, or a configuration of
+/// An error: what [`Mechanism::reduced`] says, a range is empty or its name unknown, a force is not a number, or a configuration of
 /// the region cannot be reached.
 pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEquations, MotionError> {
     let labels = MechanismRegion::new(mechanism, region)?;
@@ -198,11 +198,11 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let [coordinates, efforts] = counts;
     let dynamics = Dynamics::with_efforts(labels.formulas()?, dynamics?);
     let dynamics = dynamics.and_then(|dynamics| dynamics.with_prescribed(labels.driven()));
-    let dynamics = dynamics.map_err(unusable)?;
+    let dynamics = dynamics?;
     let reactions = reactions.map(|mut found| {
         straight.iter().for_each(|coordinate| found.clear_along(coordinate.column, &coordinate.still_reactions));
         let functions = found.dictionary(set, 0..found.coefficients.ncols())?;
-        let reactions = Reactions::new(coordinates, efforts, functions).map_err(unusable)?;
+        let reactions = Reactions::new(coordinates, efforts, functions)?;
         Ok::<_, MotionError>(FittedReactions { reactions, order: found.order, error: found.error })
     });
     Ok(FittedEquations {
@@ -218,11 +218,6 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
         periods: labels.periods().to_vec(),
         straight: straight.iter().map(|coordinate| coordinate.column).collect(),
     })
-}
-
-/// The error of functions of which no equations can be made.
-fn unusable(error: FormatError) -> MotionError {
-    MotionError::new(MotionCause::Unsuitable, error.to_string())
 }
 
 /// Coefficients of the products of an order.
@@ -321,7 +316,7 @@ pub struct Checked {
 /// Checks that the mechanism can be put together in random configurations of a region and, with `corners`, at its ends.
 ///
 /// # Errors
-/// A sentence with the first configuration that is singular, or as [`fit`].
+/// An error with the first configuration that is singular, or as [`fit`].
 pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -> Result<(), MotionError> {
     let labels = MechanismRegion::new(mechanism, region)?;
     let ranges: Vec<&QuantityRange> = labels.ranges().collect();
@@ -504,13 +499,14 @@ impl EquationSamples {
 
     /// Standard deviation of each function over the points, above zero.
     pub fn standard_deviations(&self) -> Vec<f64> {
+        (0..self.labels.first().map_or(0, Vec::len)).map(|function| self.standard_deviation(function)).collect()
+    }
+
+    fn standard_deviation(&self, function: usize) -> f64 {
         let count = self.labels.len().max(1) as f64;
-        let deviation = |function: usize| {
-            let mean = self.labels.iter().map(|label| label[function]).sum::<f64>() / count;
-            let variance = self.labels.iter().map(|label| (label[function] - mean).powi(2)).sum::<f64>() / count;
-            variance.sqrt().max(f64::MIN_POSITIVE)
-        };
-        (0..self.labels.first().map_or(0, Vec::len)).map(deviation).collect()
+        let mean = self.labels.iter().map(|label| label[function]).sum::<f64>() / count;
+        let variance = self.labels.iter().map(|label| (label[function] - mean).powi(2)).sum::<f64>() / count;
+        variance.sqrt().max(f64::MIN_POSITIVE)
     }
 }
 

@@ -29,7 +29,7 @@ impl Outputs {
     /// Finds outputs of a mechanism by their names.
     ///
     /// # Errors
-    /// A sentence: an output is not known.
+    /// An error: an output is not known.
     pub(super) fn new(
         mechanism: &Mechanism,
         [defaults, others]: [&[f64]; 2],
@@ -77,7 +77,7 @@ impl Outputs {
     /// The positions for values of all parameters.
     ///
     /// # Errors
-    /// A sentence, as [`Mechanism::measures`].
+    /// As [`Mechanism::measures`].
     pub(super) fn positions_with(&self, mechanism: &Mechanism, values: &[f64]) -> Result<Vec<Coordinate>, MotionError> {
         if !self.vary {
             return Ok(self.positions.clone());

@@ -27,7 +27,7 @@ pub(super) struct Forces {
 /// The functions of forces of joints, drivers and springs.
 ///
 /// # Errors
-/// A sentence, as [`Reduced::balance`].
+/// As [`Reduced::balance`].
 pub(super) fn in_configuration(reduced: &Reduced, terms: &Terms, measures: &[Measure]) -> Result<Forces, MotionError> {
     let (n, m) = terms.effort_map.shape();
     let model = reduced.model();

@@ -26,7 +26,7 @@ const PATIENCE: usize = 3;
 /// wanted.
 ///
 /// # Errors
-/// A sentence if there are more columns than a dictionary of the lowest order can have, or too few samples for it.
+/// [`DictionaryError`]: there are more columns than a dictionary of the lowest order can have, or too few samples for it.
 pub fn fit_functions(
     (factors, used): (&[Factor], &[bool]),
     samples: &EquationSamples,

@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
     integrate::{Budget, TOLERANCE, integrate},
-    multibody::RunStart,
+    multibody::{MotionCause, RunStart},
     signal::Signal,
 };
 use metafmu_runtime::StatePoint;

@@ -17,7 +17,7 @@ impl Windings {
     /// number; any other change must be the same from elsewhere, as that of a gear or a rack. A coordinate that cannot go so far is not followed.
     ///
     /// # Errors
-    /// A sentence, as [`Reduced::configuration`].
+    /// As [`Reduced::configuration`].
     pub(super) fn find(positions: &[Coordinate], reduced: &Reduced) -> Result<Self, MotionError> {
         let s = reduced.start().0.clone();
         let n = s.len();

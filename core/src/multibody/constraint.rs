@@ -402,6 +402,7 @@ impl Constraints {
     /// The error of the constraint that depends most on those before it.
     pub fn singular(&self, t: f64, gradients: &SparseGradients) -> MotionError {
         let worst = self.iter().zip(independence(&gradients.dense())).min_by(|a, b| a.1.total_cmp(&b.1));
+        // without constraints nothing is singular
         let owner = worst.map_or("", |(constraint, _)| constraint.owner.as_str());
         let message = format!("singular position at t = {t} s: `{owner}` depends on the other constraints there");
         MotionError::of(owner, MotionCause::Singular, message)

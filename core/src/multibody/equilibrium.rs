@@ -38,7 +38,7 @@ const DECIDED: f64 = 1e-6;
 /// accelerate stays where it is.
 ///
 /// # Errors
-/// A sentence: no equilibrium is found, or no position is free.
+/// An error: no equilibrium is found, or no position is free.
 pub(super) fn settle(
     model: &MultibodyModel,
     t: f64,

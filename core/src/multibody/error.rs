@@ -1,5 +1,6 @@
 //! Why a motion, or the equations of one, cannot be computed.
 
+use metafmu_runtime::FormatError;
 use std::fmt;
 
 /// Reason why a motion, or the equations of one, cannot be computed, and where in the mechanism it lies.
@@ -60,6 +61,13 @@ impl fmt::Display for MotionError {
 }
 
 impl std::error::Error for MotionError {}
+
+/// Functions of which no equations can be made.
+impl From<FormatError> for MotionError {
+    fn from(error: FormatError) -> Self {
+        Self::new(MotionCause::Unsuitable, error.to_string())
+    }
+}
 
 impl From<MotionError> for String {
     fn from(error: MotionError) -> Self {

@@ -61,7 +61,7 @@ struct Way<'a> {
 /// Samples at evenly spaced times of a model without degrees of freedom, from its position at the first of them.
 ///
 /// # Errors
-/// A sentence that says which joints are in a singular position, or which driver's motion jumps, and when, or that the run's
+/// An error that says which joints are in a singular position, or which driver's motion jumps, and when, or that the run's
 /// budget is spent.
 pub fn follow(
     model: &MultibodyModel,

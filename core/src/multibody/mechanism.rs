@@ -213,7 +213,7 @@ impl Mechanism {
     /// the tolerance of the integration and the cost limit. Returns the rows of all outputs, one after the other.
     ///
     /// # Errors
-    /// A sentence that says what failed, when, and at which joint.
+    /// An error that says what failed, when, and at which joint.
     pub fn simulate(
         &self,
         values: &[f64],
@@ -229,7 +229,7 @@ impl Mechanism {
     /// them in advance, at the cost of repeated steps.
     ///
     /// # Errors
-    /// A sentence that says what failed, when, and at which joint.
+    /// An error that says what failed, when, and at which joint.
     ///
     /// # Panics
     /// If there are more or fewer signals than inputs.
@@ -248,7 +248,7 @@ impl Mechanism {
     /// Simulates one run with a signal for each input from a state.
     ///
     /// # Errors
-    /// A sentence, as [`Mechanism::reduced`] and [`Mechanism::simulate_driven`].
+    /// As [`Mechanism::reduced`] and [`Mechanism::simulate_driven`].
     ///
     /// # Panics
     /// If there are more or fewer signals than inputs.
@@ -307,7 +307,7 @@ impl Mechanism {
     /// The model with a value for each parameter, and what its outputs measure, in their order.
     ///
     /// # Errors
-    /// A sentence that says what cannot be built of these values.
+    /// An error that says what cannot be built of these values.
     pub fn build(&self, values: &[f64]) -> std::result::Result<(MultibodyModel, Vec<Measure>), MotionError> {
         build(&self.description, values, self.torsion).map_err(unsuitable)
     }
@@ -329,7 +329,7 @@ impl Mechanism {
     /// The measures of the outputs, in their order, with a value for each parameter.
     ///
     /// # Errors
-    /// A sentence that says what cannot be built of these values.
+    /// An error that says what cannot be built of these values.
     pub fn measures(&self, values: &[f64]) -> std::result::Result<Vec<Measure>, MotionError> {
         self.build(values).map(|(_, measures)| measures)
     }
@@ -337,7 +337,7 @@ impl Mechanism {
     /// Expressions that are efforts of learned equations, with a value for each parameter: see [`MultibodyModel::known_expressions`].
     ///
     /// # Errors
-    /// A sentence that says what cannot be built of these values.
+    /// An error that says what cannot be built of these values.
     pub fn known_expressions(&self, values: &[f64]) -> std::result::Result<Vec<BoundExpression>, MotionError> {
         let (model, _) = self.build(values)?;
         Ok(model.known_expressions().cloned().collect())
@@ -379,7 +379,7 @@ impl Mechanism {
     /// the order of the file, then of the bodies.
     ///
     /// # Errors
-    /// A sentence: a name is not that of a position, or as [`Reduced::new`].
+    /// An error: a name is not that of a position, or as [`Reduced::new`].
     pub fn reduced(&self, values: &[f64], coordinates: &[&str]) -> std::result::Result<Reduced, MotionError> {
         let (model, _) = self.build(values)?;
         // a name is no part of the file
@@ -433,7 +433,7 @@ impl Mechanism {
     /// chains, angles of bodies against the ground replace those of revolute joints.
     ///
     /// # Errors
-    /// A sentence, as [`Reduced::new`].
+    /// As [`Reduced::new`].
     pub fn free_coordinates(&self) -> std::result::Result<Vec<FreeCoordinate>, MotionError> {
         let values: Vec<f64> = self.description.parameters.values().map(|parameter| parameter.default).collect();
         let (model, _) = self.build(&values)?;

@@ -245,8 +245,11 @@ impl MultibodyModel {
         }
         self.acting_expressions().find_map(|(bound, owner)| {
             let value = bound.value(t, q, v, u);
-            let message = || format!("`{}` of `{owner}` is {value}", bound.text);
-            (!value.is_finite()).then(|| MotionError::of(owner, MotionCause::Undefined, message()))
+            if value.is_finite() {
+                return None;
+            }
+            let message = format!("`{}` of `{owner}` is {value}", bound.text);
+            Some(MotionError::of(owner, MotionCause::Undefined, message))
         })
     }
 

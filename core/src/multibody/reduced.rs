@@ -126,7 +126,7 @@ impl Reduced {
     /// more.
     ///
     /// # Errors
-    /// A sentence if a motion is prescribed, a force or prescribed acceleration depends on time, or the mechanism
+    /// An error if a motion is prescribed, a force or prescribed acceleration depends on time, or the mechanism
     /// cannot be assembled. Also if there are fewer independent coordinates than degrees of freedom, or the
     /// acceleration of another coordinate is prescribed.
     pub fn new(model: MultibodyModel, candidates: &[Coordinate]) -> Result<Self, MotionError> {
@@ -167,7 +167,7 @@ impl Reduced {
     /// along the straight line in `s` from the closer of two configurations, the start or the latest one.
     ///
     /// # Errors
-    /// A sentence that names the constraint that is singular on the way.
+    /// An error that names the constraint that is singular on the way.
     pub fn configuration(&self, s: &DVector<f64>) -> Result<DVector<f64>, MotionError> {
         let last = self.last.borrow();
         let from = if (&last.s - s).amax() < (&self.start.s - s).amax() { &*last } else { &self.start };
@@ -298,7 +298,7 @@ impl Reduced {
     /// the bodies: `J^T [lambda; mu] = forces`, column by column.
     ///
     /// # Errors
-    /// A sentence that names the constraint that is singular there.
+    /// An error that names the constraint that is singular there.
     pub fn balance(&self, terms: &Terms, forces: &DMatrix<f64>) -> Result<DMatrix<f64>, MotionError> {
         let factors = jacobian(&self.model, &self.coordinates, &terms.q).transpose().lu();
         factors.solve(forces).ok_or_else(|| self.singular(&terms.q))

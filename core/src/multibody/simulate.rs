@@ -27,7 +27,7 @@ const NEARLY_SINGULAR: f64 = 0.1;
 /// Samples at evenly spaced times, from a consistent state at the first of them.
 ///
 /// # Errors
-/// A sentence that says what failed, when, and at which joint, or that the run's budget is spent.
+/// An error that says what failed, when, and at which joint, or that the run's budget is spent.
 pub fn simulate(model: &MultibodyModel, times: &[f64], budget: &Budget) -> Result<Vec<Sample>, MotionError> {
     let Some(&start) = times.first() else { return Ok(Vec::new()) };
     let (q, v) = model.initial_state(start)?;
@@ -344,10 +344,6 @@ impl Stretch<'_> {
 
     /// The reason that prevents the integration from progressing, if it is known.
     fn obstacle(&self) -> Option<MotionError> {
-        let too_fast = |error: MotionError| {
-            let message = format!("the motion is too fast; {error}");
-            error.with_message(message)
-        };
         let stiffest = self.stiffest_part().map(too_fast);
         stiffest.or_else(|| self.singular()).or_else(|| self.largest_force().map(too_fast))
     }
@@ -446,6 +442,12 @@ impl Stretch<'_> {
         self.speeds.replace(v);
         Ok(derivative)
     }
+}
+
+/// An error of a part that makes the motion too fast to be integrated.
+fn too_fast(error: MotionError) -> MotionError {
+    let message = format!("the motion is too fast; {error}");
+    error.with_message(message)
 }
 
 /// A stretch in the form that `ode_solvers` needs.

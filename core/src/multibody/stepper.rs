@@ -27,7 +27,7 @@ impl Mechanism {
     /// integration.
     ///
     /// # Errors
-    /// A sentence that says what cannot be built or assembled.
+    /// An error that says what cannot be built or assembled.
     pub fn stepper(&self, values: &[f64], inputs: &[f64], time: f64, tolerance: f64) -> Result<Stepper, MotionError> {
         let (mut model, measures) = self.build(values)?;
         model.tolerance = tolerance;
@@ -52,7 +52,7 @@ impl Stepper {
     /// Sets the inputs from now on, one value for each.
     ///
     /// # Errors
-    /// A sentence, as [`Mechanism::simulate`].
+    /// As [`Mechanism::simulate`].
     ///
     /// # Panics
     /// If there are more or fewer values than inputs.
@@ -65,7 +65,7 @@ impl Stepper {
     /// Advances to a later time.
     ///
     /// # Errors
-    /// A sentence, as [`Mechanism::simulate`].
+    /// As [`Mechanism::simulate`].
     pub fn advance(&mut self, to: f64) -> Result<(), MotionError> {
         self.go_on(&[self.now.t, to])
     }

@@ -94,7 +94,7 @@ impl Branch {
 /// Time points in a run at which its formulas of time switch, in ascending order; none if no formula does.
 ///
 /// # Errors
-/// A sentence: there are too many.
+/// An error: there are too many.
 pub(super) fn switches(model: &MultibodyModel, run: [f64; 2]) -> Result<Vec<f64>, MotionError> {
     let motions = model.constraints.iter().filter_map(|constraint| match &constraint.target {
         Target::Motion(motion) => Some((motion, constraint.owner.as_str())),

@@ -102,8 +102,8 @@ struct MotionSensitivity {
 impl MotionSensitivity {
     /// Change of an output by the perturbation in a row; infinite where it is not known.
     fn change(&self, row: usize, output: usize) -> f64 {
-        let of = |run: &RepeatedRun| run.rows.get(row).map(|row| row[output]);
-        let change = Option::zip(of(&self.unperturbed), of(&self.perturbed)).map(|(a, b)| (a - b).abs());
+        let runs = Option::zip(self.unperturbed.rows.get(row), self.perturbed.rows.get(row));
+        let change = runs.map(|(unperturbed, perturbed)| (unperturbed[output] - perturbed[output]).abs());
         change.filter(|change| !change.is_nan()).unwrap_or(f64::INFINITY)
     }
 }

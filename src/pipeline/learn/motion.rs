@@ -12,10 +12,10 @@ use crate::{
     dynamics::{Equations, FittedReactions},
     multibody::{FreeCoordinate, Mechanism},
     pipeline::{
-        corners::corners,
+        corners::{IntegrationTrial, corners},
         follower::{Checkpoints, Trained},
         project::Project,
-        record::{MethodRecord, MotionRecord, ReactionRecord, TrainingRecord},
+        record::{CornerRecord, MethodRecord, MotionRecord, ReactionRecord, TrainingRecord},
         solver,
     },
     source::{Source, driven::Driven},
@@ -69,15 +69,8 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
     let (surrogate, solver) = solver::choose(project, dataset, (driven, &of_states), of_equations, |integration| {
         assemble(project, dataset, driven, &learned, (integration, &velocities))
     })?;
-    let corners = match &learned.compared {
-        Some(ComparedStates { region, deviations }) => {
-            let equations = Equations::new(mechanism, region).map_err(|message| study.refusal("states", message))?;
-            let parameters = study.parameters.len();
-            let learned = LearnedAccelerations { surrogate: &surrogate, equations: &equations, deviations, parameters };
-            learned.largest_error(&corners(study, driven, &dataset.runs, &of_states, &surrogate))
-        }
-        None => None,
-    };
+    let trials = corners(study, driven, &dataset.runs, &of_states, &surrogate);
+    let corners = error_at_corners(project, mechanism, &learned, &surrogate, &trials)?;
     let Learned { fitted, dynamics, positions, rows, .. } = &learned;
     let motion = MotionRecord {
         harmonics: fitted.order[0],
@@ -103,6 +96,22 @@ fn train(project: &Project, dataset: &Dataset, checkpoints: &Checkpoints) -> Res
         motion.describe()
     ));
     Ok(Trained { surrogate, history: learned.history, record })
+}
+
+/// Error of the accelerations of a surrogate along runs from corners of the domain; none if its equations are exact.
+fn error_at_corners(
+    project: &Project,
+    mechanism: &Mechanism,
+    learned: &Learned,
+    surrogate: &Surrogate,
+    trials: &[IntegrationTrial],
+) -> Result<Option<CornerRecord>> {
+    let Some(ComparedStates { region, deviations }) = &learned.compared else { return Ok(None) };
+    let study = &project.study;
+    let equations = Equations::new(mechanism, region).map_err(|error| study.refusal("states", error))?;
+    let parameters = study.parameters.len();
+    let accelerations = LearnedAccelerations { surrogate, equations: &equations, deviations, parameters };
+    Ok(accelerations.largest_error(trials))
 }
 
 /// Warns of coordinates other than those that are proposed, where equations are not exact in them.

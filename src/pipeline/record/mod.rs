@@ -168,7 +168,8 @@ impl MethodRecord {
     fn limit(&self) -> Option<String> {
         match self {
             Self::Motion(motion) => motion.limit(),
-            _ => None,
+            Self::StateSpace(_) | Self::Trajectories(_) => None,
+            Self::Discrete(_) | Self::StaticMap(_) | Self::Compliant(_) => None,
         }
     }
 
