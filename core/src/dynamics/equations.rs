@@ -1,7 +1,7 @@
 //! The equations of motion at sampled states: what networks learn from, and what candidates are compared by.
 
 use super::{
-    EquationSamples, FIRST_ORDER, OfEquations, Region, UNCHANGED,
+    EquationSamples, FIRST_ORDER, OfEquations, Region, SampleDensity, UNCHANGED,
     labels::MechanismRegion,
     least_squares::{self, DictionaryError},
     terms,
@@ -56,13 +56,13 @@ impl<'a> Equations<'a> {
         [of_equations, self.labels.functions() - of_equations]
     }
 
-    /// The functions in random configurations.
+    /// The functions in random configurations, with more of them at the ends of ranges.
     ///
     /// # Errors
     /// As [`fit`](super::fit).
     pub fn functions(&self, count: usize, seed: u64) -> Result<OfEquations, MotionError> {
         let mut samples = OfEquations::default();
-        samples.extend(&self.labels, count, seed)?;
+        samples.extend(&self.labels, SampleDensity::Ends, count, seed)?;
         Ok(samples)
     }
 

@@ -42,6 +42,7 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use reactions::Forces;
 pub use state_space::{FittedFunctions, fit_functions};
+use std::f64::consts::{PI, TAU};
 use terms::FactorSet;
 
 /// Where the equations are learned.
@@ -161,7 +162,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let labels = MechanismRegion::new(mechanism, region)?;
     let (factors, splines) = (labels.factors(), labels.splines()?);
     let mut unseen = OfEquations::default();
-    unseen.extend(&labels, UNSEEN, seed ^ 1)?;
+    unseen.extend(&labels, SampleDensity::Uniform, UNSEEN, seed ^ 1)?;
     let straight = straight_coordinates(&ColumnComparison::of(&labels, &unseen), &factors)?;
     let mut highest = vec![i16::MAX; factors.len()];
     straight.iter().for_each(|coordinate| highest[coordinate.column] = 1);
@@ -169,7 +170,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     let mut samples = OfEquations::default();
     // accelerations have derivatives of the functions, reactions do not
     let mut equations = raise_order((set, 1), (FIRST_ORDER, EXACT), |exponents| {
-        samples.extend(&labels, rows(exponents), seed)?;
+        samples.extend(&labels, SampleDensity::Uniform, rows(exponents), seed)?;
         let scales = labels.scales(samples.samples.labels.iter().chain(&unseen.samples.labels));
         let samples = samples.samples.first(rows(exponents));
         least_squares::solve(set, exponents, &samples, &unseen.samples, &scales).map_err(MotionError::from)
@@ -182,7 +183,7 @@ pub fn fit(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<FittedEq
     straight.iter().for_each(|coordinate| equations.clear_along(coordinate.column, &coordinate.still));
     let counts = [labels.coordinates(), labels.efforts()];
     let of_reactions = |exponents: &[Vec<i16>]| {
-        samples.extend(&labels, rows(exponents), seed)?;
+        samples.extend(&labels, SampleDensity::Uniform, rows(exponents), seed)?;
         let [seen, unseen] = [samples.reactions(rows(exponents)), unseen.reactions(UNSEEN)];
         let sizes = samples.sizes;
         let scales = reactions::scales(counts, &sizes, seen.labels.iter().chain(&unseen.labels));
@@ -343,7 +344,7 @@ pub fn reach(mechanism: &Mechanism, region: &Region, corners: bool, seed: u64) -
 pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checked, MotionError> {
     let labels = MechanismRegion::new(mechanism, region)?;
     let mut samples = OfEquations::default();
-    samples.extend(&labels, CHECKED, seed)?;
+    samples.extend(&labels, SampleDensity::Uniform, CHECKED, seed)?;
     let comparison = ColumnComparison::of(&labels, &samples);
     let (mut idle, mut is_used) = (Vec::new(), Vec::new());
     for (index, parameter) in region.parameters.iter().enumerate().filter(|(index, _)| !labels.occurs(*index)) {
@@ -510,6 +511,29 @@ impl EquationSamples {
     }
 }
 
+/// SampleDensity of random configurations in the range of a coordinate or parameter.
+#[derive(Clone, Copy)]
+enum SampleDensity {
+    /// SampleDensity that is the same everywhere.
+    Uniform,
+    /// SampleDensity of Chebyshev's nodes, `1/(pi sqrt(1 - x^2))` over a range of ±1: what a network learns from them has errors of about the same
+    /// size everywhere, while from uniform samples its errors are largest at the ends. An angle that turns around has no ends.
+    Ends,
+}
+
+impl SampleDensity {
+    /// The value that has this share of the random values below it.
+    fn value(self, range: &QuantityRange, factor: Factor, share: f64) -> f64 {
+        let width = range.max - range.min;
+        let turns_around = matches!(factor, Factor::Angle) && width >= TAU;
+        let share = match self {
+            Self::Ends if !turns_around => 0.5 - 0.5 * (PI * share).cos(),
+            Self::Ends | Self::Uniform => share,
+        };
+        range.min + share * width
+    }
+}
+
 impl OfEquations {
     /// Some of the samples.
     pub fn part(&self, range: std::ops::Range<usize>) -> Self {
@@ -531,12 +555,19 @@ impl OfEquations {
     }
 
     /// Adds points until there are `count`, the same ones for the same seed.
-    fn extend(&mut self, labels: &MechanismRegion, count: usize, seed: u64) -> Result<(), MotionError> {
+    fn extend(
+        &mut self,
+        labels: &MechanismRegion,
+        density: SampleDensity,
+        count: usize,
+        seed: u64,
+    ) -> Result<(), MotionError> {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
-        let columns = labels.ranges().count();
+        let factors = labels.factors();
         let points = (0..count).map(|_| {
-            let shares = (0..columns).map(|_| generator.random::<f64>()).collect::<Vec<_>>();
-            labels.ranges().zip(shares).map(|(range, share)| range.min + share * (range.max - range.min)).collect()
+            let shares = factors.iter().map(|_| generator.random::<f64>()).collect::<Vec<_>>();
+            let values = labels.ranges().zip(&factors).zip(shares);
+            values.map(|((range, factor), share)| density.value(range, *factor, share)).collect()
         });
         let points: Vec<RegionPoint> = points.skip(self.samples.points.len()).collect();
         let found: Vec<Label> = points.par_iter().map(|point| labels.at(point)).collect::<Result<_, _>>()?;
