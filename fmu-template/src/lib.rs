@@ -8,7 +8,7 @@
 //! - `instance`: one simulation: modes, get, set, step, derivatives; neither C nor names of functions
 //! - `state`: the modes, and how a table says what may be called in which
 //! - `snapshot`: everything a simulation needs to go on from a point, also as bytes
-//! - `answer`: every warning and every way to refuse a call
+//! - `status`: every warning and every way to refuse a call
 //! - `backtrace`: panics without backtraces
 //! - `boundary`: C pointers and panics to Rust and back
 //! - `logger`: messages to the host
