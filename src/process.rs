@@ -233,17 +233,12 @@ fn in_own_group(command: &mut Command) {
 
 /// Ends a child that [`in_own_group`] was applied to, at once and with all its group.
 fn kill(child: &mut Child) {
+    // a child that was waited for is gone, and its number may be another's
     #[cfg(unix)]
-    {
-        unsafe extern "C" {
-            fn kill(process: i32, signal: i32) -> i32;
-        }
-        const KILL: i32 = 9;
-        // a child that was waited for is gone, and its number may be another's
-        if let (Ok(None), Ok(group)) = (child.try_wait(), i32::try_from(child.id())) {
-            // SAFETY: the function takes numbers
-            unsafe { kill(-group, KILL) };
-        }
+    if let Ok(None) = child.try_wait() {
+        // a group that is gone already is as good as killed
+        let _ =
+            rustix::process::kill_process_group(rustix::process::Pid::from_child(child), rustix::process::Signal::KILL);
     }
     // fails if it is gone already
     let _ = child.kill();

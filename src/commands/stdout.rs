@@ -67,14 +67,7 @@ impl Write for Stdout {
 
 #[cfg(any(target_os = "linux", target_vendor = "apple"))]
 mod at_start {
-    use std::{
-        ffi::c_int,
-        sync::atomic::{AtomicBool, Ordering},
-    };
-
-    unsafe extern "C" {
-        fn fcntl(descriptor: c_int, command: c_int, ...) -> c_int;
-    }
+    use std::sync::atomic::{AtomicBool, Ordering};
 
     pub static CLOSED: AtomicBool = AtomicBool::new(false);
 
@@ -84,10 +77,8 @@ mod at_start {
     #[cfg_attr(target_vendor = "apple", unsafe(link_section = "__DATA,__mod_init_func"))]
     static LOOK: extern "C" fn() = {
         extern "C" fn look() {
-            const STDOUT: c_int = 1;
-            const F_GETFD: c_int = 1;
-            // SAFETY: reads the flags of a descriptor, and takes no further argument
-            CLOSED.store(unsafe { fcntl(STDOUT, F_GETFD) } == -1, Ordering::Relaxed);
+            let flags = rustix::io::fcntl_getfd(rustix::stdio::stdout());
+            CLOSED.store(flags.is_err(), Ordering::Relaxed);
         }
         look
     };

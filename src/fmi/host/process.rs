@@ -19,22 +19,13 @@ impl Pipes {
     /// The system's.
     #[cfg(unix)]
     pub fn take() -> std::io::Result<Self> {
-        use std::os::fd::{AsFd, AsRawFd, BorrowedFd, RawFd};
-        unsafe extern "C" {
-            fn dup2(from: RawFd, to: RawFd) -> RawFd;
-        }
-        let duplicate = |stream: BorrowedFd| stream.try_clone_to_owned().map(File::from);
-        let redirect = |from: BorrowedFd, to: BorrowedFd| {
-            // SAFETY: both are open, and what `to` was has been duplicated
-            match unsafe { dup2(from.as_raw_fd(), to.as_raw_fd()) } {
-                -1 => Err(std::io::Error::last_os_error()),
-                _ => Ok(()),
-            }
+        use std::os::fd::AsFd;
+        let pipes = Self {
+            requests: File::from(std::io::stdin().as_fd().try_clone_to_owned()?),
+            replies: File::from(std::io::stdout().as_fd().try_clone_to_owned()?),
         };
-        let (input, output, error) = (std::io::stdin(), std::io::stdout(), std::io::stderr());
-        let pipes = Self { requests: duplicate(input.as_fd())?, replies: duplicate(output.as_fd())? };
-        redirect(File::open("/dev/null")?.as_fd(), input.as_fd())?;
-        redirect(error.as_fd(), output.as_fd())?;
+        rustix::stdio::dup2_stdin(File::open("/dev/null")?)?;
+        rustix::stdio::dup2_stdout(std::io::stderr())?;
         Ok(pipes)
     }
 
