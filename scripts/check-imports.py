@@ -7,6 +7,8 @@ one. Re-exports are followed to the module that has the name. Tests may import a
 The types of all crates together, of every module and macro except tests, have different names: a name that two definitions share is printed with both places.
 Types inside functions, and associated types, may have any name.
 
+C files of the FMU's sources call each other in one direction too. Files that define the same functions are alternatives, each for one kind of model.
+
 Outside of tests nothing looks for words in the message of an error, in Rust and in the Python package: an error has fields for what the program needs.
 
 Ends with exit code 1 if an arrow goes up, a circle is found, a name is shared or a message is searched.
@@ -42,6 +44,9 @@ pipeline
 ROOT = Path(__file__).parent.parent
 ORDERED = [ROOT / "core" / "src", ROOT / "src"]
 FOLDERS = [*ORDERED, *(ROOT / crate / "src" for crate in ["fmu-template", "fmu-template/runtime", "baselines", "python"])]
+C = ROOT / "fmu-template" / "c"
+# functions with external linkage: the brace of a definition begins its line
+FUNCTION_OF_C = re.compile(r"^(?!static\b|typedef\b|#)\w[\w *]*?\b(\w+)\([^;{}]*\)\n\{", re.MULTILINE)
 LEVELS = {module: level for level, line in enumerate(ORDER.split("\n")) for module in line.split()}
 REEXPORTED = {"Error": "diagnostics", "Result": "diagnostics"}
 PROGRAM = ("main", "cli", "commands")
@@ -199,6 +204,26 @@ class Crate:
         return found
 
 
+def arrows_of_c():
+    """Pairs of C files, the first of which calls a function that the second defines, and where."""
+    texts = {path: re.sub(r"/\*.*?\*/", lambda match: re.sub(r"[^\n]", " ", match[0]), path.read_text(), flags=re.DOTALL) for path in sorted(C.glob("*.c"))}
+    defined = {path: set(FUNCTION_OF_C.findall(text)) for path, text in texts.items()}
+    arrows = {}
+    for path, text in texts.items():
+        for match in re.finditer(r"\b(\w+)\(", text):
+            for other, functions in defined.items():
+                if match[1] in functions and match[1] not in defined[path]:
+                    arrows.setdefault((path.name, other.name), f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}")
+    return arrows
+
+
+def circle_problems(name, pairs):
+    """The circles of a folder, with their arrows."""
+    for circle in sorted(circles(pairs), key=sorted):
+        inside = [f"    {a} -> {b}: {where}" for (a, b), where in sorted(pairs.items()) if {a, b} <= circle]
+        yield "\n".join([f"{name}: a circle of {', '.join(sorted(circle))}", *inside])
+
+
 def circles(pairs):
     """Sets of modules that use each other."""
     reached = {a: {b for of, b in pairs if of == a} for a in {a for a, _ in pairs}}
@@ -224,15 +249,15 @@ def main():
             name = "/".join([str(crate.src.relative_to(ROOT)), *folder])
             if arguments.table:
                 print(f"{name}: {len({module for pair in pairs for module in pair})} modules, {len(pairs)} arrows")
-            for circle in sorted(circles(pairs), key=sorted):
-                inside = [f"    {a} -> {b}: {where}" for (a, b), where in sorted(pairs.items()) if {a, b} <= circle]
-                mistakes.append("\n".join([f"{name}: a circle of {', '.join(sorted(circle))}", *inside]))
+            mistakes += circle_problems(name, pairs)
+    of_c = arrows_of_c()
+    mistakes += circle_problems(str(C.relative_to(ROOT)), of_c)
     mistakes.extend(searched_messages())
     for mistake in mistakes:
         print(mistake)
     if mistakes:
         sys.exit(1)
-    print(f"{count} arrows between modules of {len(arguments.src)} folders: none goes up, none is part of a circle; type names differ; no message decides")
+    print(f"{count} arrows between modules of {len(arguments.src)} folders, {len(of_c)} between C files: none goes up, none is part of a circle; type names differ; no message decides")
 
 
 def upward(crate):

@@ -23,6 +23,7 @@ pub const COMMON: &[File] = files![
     "instance.h",
     "jet_arithmetic.h",
     "jets.h",
+    "messages.c",
     "model.h",
     "parts.h",
     "README.txt",

@@ -1,6 +1,6 @@
 /*
- * Declarations that the parts of an instance share: instance.c (messages and modes), domain.c, variables.c, steps.c,
- * derivatives.c and snapshot.c. fmi2.c and fmi3.c need instance.h only.
+ * Declarations that the parts of an instance share: messages.c, domain.c, steps.c, variables.c, derivatives.c, snapshot.c and instance.c
+ * (modes). Each calls only those before it. fmi2.c and fmi3.c need instance.h only.
  */
 #ifndef PARTS_H
 #define PARTS_H
@@ -29,7 +29,7 @@ static inline bool is_starting(const Instance *instance)
     return instance->now.state == STATE_INSTANTIATED || instance->now.state == STATE_INITIALIZATION;
 }
 
-/* ---- Messages: instance.c ---- */
+/* ---- Messages: messages.c ---- */
 
 const char *instance_state_name(State state);
 

@@ -428,19 +428,6 @@ double instance_updates(double size)
 #endif
 }
 
-Status instance_set_solver_time(Instance *instance, double time)
-{
-    if (!is_finite(time)) {
-        return instance_not_finite(instance, "time", time);
-    }
-    if (instance->now.state == STATE_INSTANTIATED) {
-        /* the experiment begins then */
-        return instance_set_up_experiment(instance, true, instance->now.tolerance, time, true,
-                                          instance->now.stop_time);
-    }
-    return instance_set_time(instance, time, STATUS_ERROR);
-}
-
 Status instance_accept_point(Instance *instance)
 {
     instance->trials = 0;

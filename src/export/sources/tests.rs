@@ -50,8 +50,8 @@ fn compiler() -> Command {
 }
 
 /// Files of FMI 2.0 that the evaluation does not need: what hosts see.
-const HOST_FILES: [&str; 7] =
-    ["derivatives.c", "domain.c", "fmi2.c", "instance.c", "snapshot.c", "steps.c", "variables.c"];
+const HOST_FILES: [&str; 8] =
+    ["derivatives.c", "domain.c", "fmi2.c", "instance.c", "messages.c", "snapshot.c", "steps.c", "variables.c"];
 
 /// Writes the sources of a surrogate into a folder.
 fn write_sources(folder: &Path, surrogate: &Surrogate, version: FmiVersion) {
