@@ -9,8 +9,8 @@ use crate::{
 use metafmu_runtime::{Domain, Evaluator, Surrogate};
 use rayon::prelude::*;
 
-/// States of a run at which accelerations are compared, at most.
-const STATES_OF_RUN: usize = 40;
+/// States of a run at which accelerations are compared, at most: peaks of a network's error are narrow.
+const STATES_OF_RUN: usize = 500;
 
 /// Accelerations that a surrogate has learned, and those of the mechanism.
 pub(super) struct LearnedAccelerations<'a> {
