@@ -1,18 +1,18 @@
 //! Elastic net: least squares with penalties on the sizes and the squares of the weights.
 
-use crate::{Baseline, Fitted, StandardizedRows, for_each_output, linear};
+use crate::{Baseline, BaselineError, Fitted, StandardizedRows, for_each_output, linear};
 use linfa::traits::Fit;
 use metafmu_core::study::baselines::ElasticNet;
 
 impl Baseline for ElasticNet {
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let model = linfa_elasticnet::ElasticNet::<f64>::params()
             .penalty(self.alpha)
             .l1_ratio(self.l1_ratio)
             .tolerance(TOLERANCE)
             .max_iterations(MOST_STEPS);
         let fits = for_each_output(rows, |output| {
-            let fitted = model.fit(&linear::dataset(rows, output)).map_err(|error| error.to_string())?;
+            let fitted = model.fit(&linear::dataset(rows, output)).map_err(BaselineError::library)?;
             Ok((fitted.intercept(), fitted.hyperplane().to_vec()))
         })?;
         Ok(linear::formula(rows, &fits))

@@ -10,7 +10,7 @@
 mod design;
 mod deviation;
 
-use crate::{Baseline, Fitted, StandardizedRows, bfgs, for_each_output};
+use crate::{Baseline, BaselineCause, BaselineError, Fitted, StandardizedRows, bfgs, for_each_output};
 pub use design::{DesignPlaces, design_points};
 use metafmu_core::study::baselines::GaussianProcess;
 use metafmu_runtime::graph::{Graph, KernelMachine};
@@ -21,12 +21,12 @@ impl Baseline for GaussianProcess {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let machines = for_each_output(rows, |output| machine(self, rows, output, false))?;
         Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))
     }
 
-    fn fit_with_std(&self, rows: &StandardizedRows, _: u64) -> Result<Graph, String> {
+    fn fit_with_std(&self, rows: &StandardizedRows, _: u64) -> Result<Graph, BaselineError> {
         let machines = for_each_output(rows, |output| machine(self, rows, output, true))?;
         Ok(Graph::of_kernels(&rows.scaling, &machines))
     }
@@ -51,11 +51,12 @@ fn machine(
     rows: &StandardizedRows,
     output: usize,
     has_std: bool,
-) -> Result<KernelMachine, String> {
-    let parameters = parameters(model, rows, output).ok_or("the covariance of the rows is singular")?;
+) -> Result<KernelMachine, BaselineError> {
+    let parameters =
+        parameters(model, rows, output).ok_or_else(|| unsuitable_rows("the covariance of the rows is singular"))?;
     let all = Rows::of(rows, output, rows.len());
-    let process = Process::new(&all, &parameters).ok_or("the covariance of the rows is singular: raise `noise`")?;
-    let (noise, lengths) = parameters.split_last().ok_or("no input")?;
+    let process = Process::new(&all, &parameters).ok_or_else(|| unsuitable_rows(SINGULAR))?;
+    let (noise, lengths) = parameters.split_last().ok_or_else(|| unsuitable_rows("no input"))?;
     Ok(KernelMachine {
         lengths: lengths.iter().map(|length| length.exp()).collect(),
         centres: rows.x.clone(),
@@ -63,6 +64,13 @@ fn machine(
         bias: process.mean,
         deviation: has_std.then(|| deviation::of(&process, noise.exp())).transpose()?,
     })
+}
+
+/// Message of a covariance that more noise makes regular.
+const SINGULAR: &str = "the covariance of the rows is singular: raise `noise`";
+
+fn unsuitable_rows(message: &str) -> BaselineError {
+    BaselineError::new(BaselineCause::Rows, message)
 }
 
 /// Logarithms of the lengths, and of the square of the noise, of the greatest likelihood of `kernel_rows` rows.

@@ -6,7 +6,7 @@
 //! numbers of rows, so the sums of a histogram determine the split (Ke et al., LightGBM, 2017). The histogram of a
 //! child is that of its parent minus that of its smaller sibling.
 
-use crate::{Baseline, Fitted, StandardizedRows, for_each_output, tree::MARGIN};
+use crate::{Baseline, BaselineCause, BaselineError, Fitted, StandardizedRows, for_each_output, tree::MARGIN};
 use metafmu_core::study::baselines::GradientBoosting;
 use metafmu_runtime::graph::{Forest, Graph, LEAF, Node, Tree};
 
@@ -20,16 +20,17 @@ impl Baseline for GradientBoosting {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         if rows.x.len() != rows.len() * rows.inputs || rows.y.len() != rows.len() * rows.outputs {
-            return Err(format!("{} numbers of outputs for {} rows", rows.y.len(), rows.len()));
+            let message = format!("{} numbers of outputs for {} rows", rows.y.len(), rows.len());
+            return Err(BaselineError::new(BaselineCause::Rows, message));
         }
         let binned = BinnedInputs::new(rows);
         let fitted = for_each_output(rows, |output| Ok(trees(self, &binned, rows.output(output))))?;
         let mut forest = Forest::default();
         for (output, trees) in (0..).zip(fitted) {
             for tree in trees {
-                let root = u32::try_from(forest.nodes.len()).map_err(|_| "more than 4 billion nodes")?;
+                let root = u32::try_from(forest.nodes.len()).map_err(BaselineError::too_many_nodes)?;
                 forest.trees.push(Tree { root, output });
                 let moved = |node: Node| Node {
                     below: node.below.map(|below| if node.column == LEAF { 0 } else { root + below }),

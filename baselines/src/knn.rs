@@ -1,6 +1,6 @@
 //! k nearest neighbors.
 
-use crate::{Baseline, Fitted, LibraryModel, StandardizedRows};
+use crate::{Baseline, BaselineError, Fitted, LibraryModel, StandardizedRows};
 use metafmu_core::study::baselines::Knn;
 use smartcore::{
     algorithm::neighbour::cover_tree::CoverTree,
@@ -12,16 +12,16 @@ impl Baseline for Knn {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let (inputs, outputs, neighbors) = (rows.inputs, rows.outputs, self.neighbors);
         let points = rows.x.chunks(inputs).map(<[f64]>::to_vec).collect();
         // smartcore's regressor would search once for each output
-        let tree = CoverTree::new(points, Distances::euclidian()).map_err(|error| error.to_string())?;
+        let tree = CoverTree::new(points, Distances::euclidian()).map_err(BaselineError::library)?;
         let memory_bytes = (size_of_val(rows.x.as_slice()) + size_of_val(rows.y.as_slice())) as u64;
         let y = rows.y.clone();
         let predict = move |x: &[f64]| {
             let at = |point: &[f64]| mean(&tree, point, neighbors, &y, outputs);
-            x.chunks(inputs).map(at).collect::<Result<Vec<Vec<f64>>, String>>().map(|rows| rows.concat())
+            x.chunks(inputs).map(at).collect::<Result<Vec<Vec<f64>>, BaselineError>>().map(|rows| rows.concat())
         };
         Ok(Fitted::Library(LibraryModel {
             predict: Box::new(predict),
@@ -38,8 +38,8 @@ fn mean(
     neighbors: usize,
     y: &[f64],
     outputs: usize,
-) -> Result<Vec<f64>, String> {
-    let nearest = tree.find(&point.to_vec(), neighbors).map_err(|error| error.to_string())?;
+) -> Result<Vec<f64>, BaselineError> {
+    let nearest = tree.find(&point.to_vec(), neighbors).map_err(BaselineError::library)?;
     let at_the_point = nearest.iter().any(|(_, distance, _)| *distance == 0.0);
     let (mut sum, mut weights) = (vec![0.0; outputs], 0.0);
     for (row, distance, _) in nearest {

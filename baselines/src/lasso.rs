@@ -1,10 +1,10 @@
 //! Lasso: least squares with a penalty on the sizes of the weights, which makes some of them zero.
 
-use crate::{Baseline, Fitted, StandardizedRows};
+use crate::{Baseline, BaselineError, Fitted, StandardizedRows};
 use metafmu_core::study::baselines::{ElasticNet, Lasso};
 
 impl Baseline for Lasso {
-    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, BaselineError> {
         ElasticNet { alpha: self.alpha, l1_ratio: 1.0 }.fit(rows, seed)
     }
 }

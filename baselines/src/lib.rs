@@ -5,6 +5,7 @@
 
 mod bfgs;
 mod elastic_net;
+mod error;
 mod gaussian_process;
 mod gradient_boosting;
 mod knn;
@@ -20,6 +21,7 @@ mod testing;
 mod tree;
 pub mod worker;
 
+pub use error::{BaselineCause, BaselineError};
 pub use gaussian_process::{DesignPlaces, design_points};
 pub use metafmu_core::study::baselines::{BaselineKind, Baselines, GaussianProcess};
 use metafmu_runtime::graph::Graph;
@@ -38,15 +40,15 @@ pub trait Baseline {
     ///
     /// # Errors
     /// The reason why the model cannot be fitted.
-    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String>;
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, BaselineError>;
 
     /// Fits a model that also predicts standard deviations: those of a further row, one for each output, follow all
     /// outputs.
     ///
     /// # Errors
-    /// Those of [`Self::fit`], and if the model has no predicted standard deviation.
-    fn fit_with_std(&self, _: &StandardizedRows, _: u64) -> Result<Graph, String> {
-        Err("has no predicted standard deviation".into())
+    /// Those of [`Self::fit`], and [`BaselineCause::NoDeviation`] if the model has no predicted standard deviation.
+    fn fit_with_std(&self, _: &StandardizedRows, _: u64) -> Result<Graph, BaselineError> {
+        Err(BaselineError::new(BaselineCause::NoDeviation, "has no predicted standard deviation"))
     }
 }
 
@@ -77,7 +79,7 @@ pub enum Fitted {
 }
 
 /// Predictions of a library at rows, or the reason for a failure.
-pub type Predict = dyn Fn(&[f64]) -> Result<Vec<f64>, String>;
+pub type Predict = dyn Fn(&[f64]) -> Result<Vec<f64>, BaselineError>;
 
 /// A fitted model inside a library.
 pub struct LibraryModel {
@@ -92,8 +94,8 @@ pub struct LibraryModel {
 /// Runs a library's function for each output, over all cores; results in the order of the outputs.
 fn for_each_output<T: Send>(
     rows: &StandardizedRows,
-    fit: impl Fn(usize) -> Result<T, String> + Send + Sync,
-) -> Result<Vec<T>, String> {
+    fit: impl Fn(usize) -> Result<T, BaselineError> + Send + Sync,
+) -> Result<Vec<T>, BaselineError> {
     use rayon::prelude::*;
     (0..rows.outputs).into_par_iter().map(fit).collect()
 }

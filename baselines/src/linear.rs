@@ -1,6 +1,6 @@
 //! Linear least squares: `y = b + w z`.
 
-use crate::{Baseline, Fitted, StandardizedRows, for_each_output};
+use crate::{Baseline, BaselineError, Fitted, StandardizedRows, for_each_output};
 use linfa::{Dataset, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_core::study::baselines::Linear;
@@ -8,9 +8,9 @@ use metafmu_runtime::graph::Graph;
 use ndarray::{Array1, Array2, ShapeBuilder};
 
 impl Baseline for Linear {
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let fits = for_each_output(rows, |output| {
-            let fitted = LinearRegression::new().fit(&dataset(rows, output)).map_err(|error| error.to_string())?;
+            let fitted = LinearRegression::new().fit(&dataset(rows, output)).map_err(BaselineError::library)?;
             Ok((fitted.intercept(), fitted.params().to_vec()))
         })?;
         Ok(formula(rows, &fits))

@@ -1,6 +1,6 @@
 //! Polynomials of all inputs together.
 
-use crate::{Baseline, Fitted, StandardizedRows};
+use crate::{Baseline, BaselineCause, BaselineError, Fitted, StandardizedRows};
 use metafmu_core::study::baselines::{MAX_TERMS, Polynomial};
 use metafmu_runtime::{
     Scaling,
@@ -22,7 +22,7 @@ impl Baseline for Polynomial {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let inputs = rows.inputs;
         let degrees = match self.degree {
             Some(degree) => degrees(inputs, degree, MAX_TERMS)?,
@@ -36,12 +36,16 @@ impl Baseline for Polynomial {
             .zip(rows.y.par_chunks(PART * rows.outputs))
             .map(|(x, y)| normal_equations(&products, x, y, &middle, &half))
             .collect();
-        let (mut matrix, mut right) = parts.into_iter().reduce(|a, b| (a.0 + b.0, a.1 + b.1)).ok_or("no rows")?;
+        let (mut matrix, mut right) = parts
+            .into_iter()
+            .reduce(|a, b| (a.0 + b.0, a.1 + b.1))
+            .ok_or_else(|| BaselineError::new(BaselineCause::Rows, "no rows"))?;
         matrix /= rows.len() as f64;
         right /= rows.len() as f64;
         (0..matrix.nrows()).for_each(|term| matrix[(term, term)] += self.alpha);
         let singular = "the terms depend on each other in these rows: lower `degree` or raise `alpha`";
-        let weights = matrix.cholesky().ok_or(singular)?.solve(&right);
+        let factors = matrix.cholesky().ok_or_else(|| BaselineError::new(BaselineCause::Rows, singular))?;
+        let weights = factors.solve(&right);
         // column by column: the coefficients of each output
         let scaling = scaled_to(&rows.scaling, &middle, &half);
         Ok(Fitted::Formula(Graph::of_polynomial(&scaling, products, weights.as_slice())))
@@ -77,7 +81,7 @@ fn normal_equations(
 }
 
 /// [`degrees`] up to the highest usual degree that makes no more than the usual number of terms; else up to 1.
-fn usual_degrees(inputs: usize) -> Result<Vec<u8>, String> {
+fn usual_degrees(inputs: usize) -> Result<Vec<u8>, BaselineError> {
     let usual = (2..=USUAL_DEGREE).rev().find_map(|degree| degrees(inputs, degree, USUAL_TERMS).ok());
     usual.map_or_else(|| degrees(inputs, 1, MAX_TERMS), Ok)
 }
@@ -85,10 +89,13 @@ fn usual_degrees(inputs: usize) -> Result<Vec<u8>, String> {
 /// Every combination of powers with a sum of at most `degree`, row by row.
 ///
 /// # Errors
-/// If there are more than `most` of them, with the option to change.
-pub fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, String> {
+/// [`BaselineCause::TooLarge`] if there are more than `most` of them, with the option to change.
+pub fn degrees(inputs: usize, degree: u8, most: usize) -> Result<Vec<u8>, BaselineError> {
     let all = Products::up_to(inputs, degree, most).map(|all| all.concat());
-    all.ok_or_else(|| format!("more than {most} terms of degree {degree} in {inputs} inputs: lower `degree`"))
+    all.ok_or_else(|| {
+        let message = format!("more than {most} terms of degree {degree} in {inputs} inputs: lower `degree`");
+        BaselineError::new(BaselineCause::TooLarge, message)
+    })
 }
 
 /// Middle and half width of the range of each standardized input.
@@ -143,7 +150,9 @@ mod tests {
     fn many_rows_are_summed_in_parts_and_too_many_terms_are_refused() {
         assert_eq!(degrees(2, 2, MAX_TERMS).unwrap(), [0, 0, 0, 1, 0, 2, 1, 0, 1, 1, 2, 0]);
         assert_eq!(degrees(4, 6, MAX_TERMS).unwrap().len() / 4, 210);
-        assert!(degrees(100, 6, MAX_TERMS).unwrap_err().starts_with("more than 5000 terms"));
+        let error = degrees(100, 6, MAX_TERMS).unwrap_err();
+        assert_eq!(error.cause, BaselineCause::TooLarge);
+        assert!(error.message.starts_with("more than 5000 terms"), "{error}");
     }
 
     #[test]

@@ -1,13 +1,13 @@
 //! Ridge regression: least squares with a penalty on the squares of the weights.
 
-use crate::{Baseline, Fitted, StandardizedRows, for_each_output, linear};
+use crate::{Baseline, BaselineError, Fitted, StandardizedRows, for_each_output, linear};
 use linfa::{DatasetBase, traits::Fit};
 use linfa_linear::LinearRegression;
 use metafmu_core::study::baselines::Ridge;
 use ndarray::{Array1, Array2, ShapeBuilder};
 
 impl Baseline for Ridge {
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let (count, inputs) = (rows.len(), rows.inputs);
         let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / count as f64;
         let column = |column: usize| rows.x.iter().skip(column).step_by(inputs).copied();
@@ -19,13 +19,13 @@ impl Baseline for Ridge {
             column(index).map(move |z| z - mean).chain(added)
         });
         let x = Array2::from_shape_vec((count + inputs, inputs).f(), columns.collect());
-        let x = x.map_err(|error| error.to_string())?;
+        let x = x.map_err(BaselineError::library)?;
         let fits = for_each_output(rows, |output| {
             let y = rows.output(output);
             let y_mean = mean(&mut y.iter().copied());
             let y = y.iter().map(|y| y - y_mean).chain(std::iter::repeat_n(0.0, inputs));
             let data = DatasetBase::new(x.view(), y.collect::<Array1<f64>>());
-            let fitted = LinearRegression::new().with_intercept(false).fit(&data).map_err(|error| error.to_string())?;
+            let fitted = LinearRegression::new().with_intercept(false).fit(&data).map_err(BaselineError::library)?;
             let weights = fitted.params().to_vec();
             let intercept = y_mean - x_means.iter().zip(&weights).map(|(mean, weight)| mean * weight).sum::<f64>();
             Ok((intercept, weights))

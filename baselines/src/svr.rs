@@ -1,6 +1,6 @@
 //! Support vector regression with Gaussian kernels.
 
-use crate::{Baseline, Fitted, StandardizedRows, for_each_output};
+use crate::{Baseline, BaselineError, Fitted, StandardizedRows, for_each_output};
 use metafmu_core::study::baselines::Svr;
 use metafmu_runtime::graph::{Graph, KernelMachine};
 use serde::Deserialize;
@@ -25,7 +25,7 @@ impl Baseline for Svr {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, _: u64) -> Result<Fitted, BaselineError> {
         let x = matrix(rows.len(), rows.inputs, rows.x.clone())?;
         let machines = for_each_output(rows, |output| machine(self, &x, &rows.output(output)))?;
         Ok(Fitted::Formula(Graph::of_kernels(&rows.scaling, &machines)))
@@ -37,11 +37,11 @@ fn parameters(model: &Svr) -> SVRParameters<f64> {
     SVRParameters::default().with_c(model.c).with_eps(model.epsilon).with_kernel(kernel)
 }
 
-fn machine(model: &Svr, x: &DenseMatrix<f64>, y: &Vec<f64>) -> Result<KernelMachine, String> {
+fn machine(model: &Svr, x: &DenseMatrix<f64>, y: &Vec<f64>) -> Result<KernelMachine, BaselineError> {
     let parameters = parameters(model);
-    let fitted = SVR::fit(x, y, &parameters).map_err(|error| error.to_string())?;
-    let text = serde_json::to_value(&fitted).map_err(|error| error.to_string())?;
-    let Serialized { instances, w, b } = serde_json::from_value(text).map_err(|error| error.to_string())?;
+    let fitted = SVR::fit(x, y, &parameters).map_err(BaselineError::library)?;
+    let text = serde_json::to_value(&fitted).map_err(BaselineError::library)?;
+    let Serialized { instances, w, b } = serde_json::from_value(text).map_err(BaselineError::library)?;
     let inputs = instances.first().map_or(0, Vec::len);
     // exp(-gamma d^2) = exp(-1/2 (d / length)^2)
     let lengths = vec![(0.5 / model.gamma).sqrt(); inputs];
@@ -49,8 +49,8 @@ fn machine(model: &Svr, x: &DenseMatrix<f64>, y: &Vec<f64>) -> Result<KernelMach
 }
 
 /// Rows as smartcore takes them.
-pub(super) fn matrix(rows: usize, columns: usize, values: Vec<f64>) -> Result<DenseMatrix<f64>, String> {
-    DenseMatrix::new(rows, columns, values, false).map_err(|error| error.to_string())
+pub(super) fn matrix(rows: usize, columns: usize, values: Vec<f64>) -> Result<DenseMatrix<f64>, BaselineError> {
+    DenseMatrix::new(rows, columns, values, false).map_err(BaselineError::library)
 }
 
 #[cfg(test)]

@@ -1,6 +1,6 @@
 //! Decision trees, and forests of them.
 
-use crate::{Baseline, Fitted, StandardizedRows, for_each_output, svr::matrix};
+use crate::{Baseline, BaselineError, Fitted, StandardizedRows, for_each_output, svr::matrix};
 use metafmu_core::study::baselines::{DecisionTree, ExtraTrees, RandomForest};
 use metafmu_runtime::graph::{Forest, Graph, LEAF, Node, Tree};
 use serde::{Deserialize, Serialize};
@@ -18,11 +18,11 @@ impl Baseline for DecisionTree {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, BaselineError> {
         let mut parameters = DecisionTreeRegressorParameters::default().with_min_samples_leaf(self.leaf);
         parameters.seed = Some(seed);
         fit(rows, |x, y| {
-            let fitted = DecisionTreeRegressor::fit(x, y, parameters.clone()).map_err(|error| error.to_string())?;
+            let fitted = DecisionTreeRegressor::fit(x, y, parameters.clone()).map_err(BaselineError::library)?;
             let SerializedRegressor { tree_regressor } = through_text(&fitted)?;
             Ok(vec![tree_regressor])
         })
@@ -34,14 +34,14 @@ impl Baseline for RandomForest {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, BaselineError> {
         let parameters = RandomForestRegressorParameters::default()
             .with_n_trees(self.trees)
             .with_min_samples_leaf(self.leaf)
             .with_m(rows.inputs)
             .with_seed(seed);
         fit(rows, |x, y| {
-            let fitted = RandomForestRegressor::fit(x, y, parameters.clone()).map_err(|error| error.to_string())?;
+            let fitted = RandomForestRegressor::fit(x, y, parameters.clone()).map_err(BaselineError::library)?;
             let SerializedForest { forest_regressor } = through_text(&fitted)?;
             Ok(forest_regressor.trees)
         })
@@ -53,14 +53,14 @@ impl Baseline for ExtraTrees {
         Some(self.rows)
     }
 
-    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, String> {
+    fn fit(&self, rows: &StandardizedRows, seed: u64) -> Result<Fitted, BaselineError> {
         let parameters = ExtraTreesRegressorParameters::default()
             .with_n_trees(self.trees)
             .with_min_samples_leaf(self.leaf)
             .with_m(rows.inputs)
             .with_seed(seed);
         fit(rows, |x, y| {
-            let fitted = ExtraTreesRegressor::fit(x, y, parameters.clone()).map_err(|error| error.to_string())?;
+            let fitted = ExtraTreesRegressor::fit(x, y, parameters.clone()).map_err(BaselineError::library)?;
             let SerializedForest { forest_regressor } = through_text(&fitted)?;
             Ok(forest_regressor.trees)
         })
@@ -97,16 +97,16 @@ struct SerializedTrees {
     trees: Vec<SerializedTree>,
 }
 
-fn through_text<T: for<'a> Deserialize<'a>>(fitted: &impl Serialize) -> Result<T, String> {
-    let text = serde_json::to_vec(fitted).map_err(|error| error.to_string())?;
-    serde_json::from_slice(&text).map_err(|error| error.to_string())
+fn through_text<T: for<'a> Deserialize<'a>>(fitted: &impl Serialize) -> Result<T, BaselineError> {
+    let text = serde_json::to_vec(fitted).map_err(BaselineError::library)?;
+    serde_json::from_slice(&text).map_err(BaselineError::library)
 }
 
 /// Fits the trees of each output; the model is their mean.
 fn fit(
     rows: &StandardizedRows,
-    fit: impl Fn(&DenseMatrix<f64>, &Vec<f64>) -> Result<Vec<SerializedTree>, String> + Send + Sync,
-) -> Result<Fitted, String> {
+    fit: impl Fn(&DenseMatrix<f64>, &Vec<f64>) -> Result<Vec<SerializedTree>, BaselineError> + Send + Sync,
+) -> Result<Fitted, BaselineError> {
     let x = matrix(rows.len(), rows.inputs, rows.x.clone())?;
     let fitted = for_each_output(rows, |output| fit(&x, &rows.output(output)))?;
     drop(x);
@@ -114,7 +114,7 @@ fn fit(
     for (output, trees) in (0..).zip(fitted) {
         let share = 1.0 / trees.len() as f64;
         for tree in trees {
-            let root = u32::try_from(forest.nodes.len()).map_err(|_| "more than 4 billion nodes")?;
+            let root = u32::try_from(forest.nodes.len()).map_err(BaselineError::too_many_nodes)?;
             forest.trees.push(Tree { root, output });
             append(&mut forest.nodes, &tree, share)?;
         }
@@ -128,14 +128,14 @@ fn fit(
 pub(crate) const MARGIN: f64 = 1e-9;
 
 /// Puts the nodes of a tree, whose leaves are multiplied by its share, behind the others: depth first.
-fn append(nodes: &mut Vec<Node>, tree: &SerializedTree, share: f64) -> Result<(), String> {
+fn append(nodes: &mut Vec<Node>, tree: &SerializedTree, share: f64) -> Result<(), BaselineError> {
     // a node of the tree, and where its position belongs
     let mut waiting: Vec<(usize, Option<(usize, usize)>)> = vec![(0, None)];
     while let Some((index, from)) = waiting.pop() {
-        let node = tree.nodes.get(index).ok_or("a tree without a root")?;
+        let node = tree.nodes.get(index).ok_or_else(|| BaselineError::library("a tree without a root"))?;
         let position = nodes.len();
         if let Some((above, side)) = from {
-            nodes[above].below[side] = u32::try_from(position).map_err(|_| "more than 4 billion nodes")?;
+            nodes[above].below[side] = u32::try_from(position).map_err(BaselineError::too_many_nodes)?;
         }
         let split = node.split_value.zip(node.true_child.zip(node.false_child));
         nodes.push(match split {

@@ -4,7 +4,7 @@
 //! Input is a line of JSON, then the numbers of the rows and of the test inputs. Output is a line of JSON, then the
 //! predictions. All numbers are little-endian doubles.
 
-use crate::{BaselineKind, Baselines, Fitted, StandardizedRows, model};
+use crate::{BaselineCause, BaselineError, BaselineKind, Baselines, Fitted, StandardizedRows, model};
 use metafmu_core::processor_time::{ProcessorClock, ProcessorTimer};
 use metafmu_runtime::Scaling;
 use serde::{Deserialize, Serialize};
@@ -35,8 +35,8 @@ pub struct FitTask {
 /// Result of a [`FitTask`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitResult {
-    /// How it went, if it went well; else why not.
-    pub result: Result<BaselineFit, String>,
+    /// The fit, or the reason why there is none.
+    pub result: Result<BaselineFit, BaselineError>,
     /// Outputs of the test rows, in the study's units: shape `[test rows, outputs]`.
     pub predictions: Vec<f64>,
 }
@@ -66,7 +66,7 @@ struct TaskHeader {
 
 #[derive(Serialize, Deserialize)]
 struct ResultHeader {
-    result: Result<BaselineFit, String>,
+    result: Result<BaselineFit, BaselineError>,
     predictions: usize,
 }
 
@@ -105,24 +105,25 @@ impl FitTask {
     /// Fits and predicts. A panic is a failure like any other.
     pub fn perform(&self) -> FitResult {
         match caught(|| self.fit_and_predict()) {
-            Ok((fit, predictions)) if predictions.iter().all(|value| value.is_finite()) => {
-                FitResult { result: Ok(fit), predictions }
-            }
-            Ok(_) => FitResult { result: Err("its predictions are not finite".into()), predictions: Vec::new() },
-            Err(message) => FitResult { result: Err(message), predictions: Vec::new() },
+            Ok((fit, predictions)) => FitResult { result: Ok(fit), predictions },
+            Err(error) => FitResult { result: Err(error), predictions: Vec::new() },
         }
     }
 
-    fn fit_and_predict(&self) -> Result<(BaselineFit, Vec<f64>), String> {
+    fn fit_and_predict(&self) -> Result<(BaselineFit, Vec<f64>), BaselineError> {
         let timer = ProcessorTimer::start(ProcessorClock::Process);
         let fitted = model(&self.options, self.kind).fit(&self.rows, self.seed)?;
         let fit_seconds = timer.seconds();
         let began = Instant::now();
         let predictions = self.predict(&fitted)?;
+        let predict_seconds = began.elapsed().as_secs_f64();
+        if !predictions.iter().all(|value| value.is_finite()) {
+            return Err(BaselineError::new(BaselineCause::NotFinite, "its predictions are not finite"));
+        }
         let points = (self.test.len() / self.rows.inputs).max(1);
         let fit = BaselineFit {
             fit_seconds,
-            predict_seconds_per_point: began.elapsed().as_secs_f64() / points as f64,
+            predict_seconds_per_point: predict_seconds / points as f64,
             memory_bytes: match &fitted {
                 Fitted::Formula(graph) => graph.bytes(),
                 Fitted::Library(model) => model.memory_bytes,
@@ -135,11 +136,11 @@ impl FitTask {
         Ok((fit, predictions))
     }
 
-    fn predict(&self, fitted: &Fitted) -> Result<Vec<f64>, String> {
+    fn predict(&self, fitted: &Fitted) -> Result<Vec<f64>, BaselineError> {
         let StandardizedRows { inputs, outputs, scaling, .. } = &self.rows;
         match fitted {
             Fitted::Formula(graph) => {
-                graph.check(*inputs, *outputs).map_err(|error| error.to_string())?;
+                graph.check(*inputs, *outputs).map_err(BaselineError::library)?;
                 Ok(graph.evaluate(&self.test.chunks(*inputs).collect::<Vec<_>>()).concat())
             }
             Fitted::Library(model) => {
@@ -177,12 +178,12 @@ impl FitResult {
 /// Result of a library's function; a panic is a failure like any other.
 ///
 /// # Errors
-/// That of the function, or the message of the panic.
-pub fn caught<T>(work: impl FnOnce() -> Result<T, String>) -> Result<T, String> {
+/// That of the function; [`BaselineCause::Library`] with the message of a panic.
+pub fn caught<T>(work: impl FnOnce() -> Result<T, BaselineError>) -> Result<T, BaselineError> {
     catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| {
         let text = panic.downcast_ref::<String>().cloned();
         let text = text.or_else(|| panic.downcast_ref::<&str>().map(|&text| text.to_owned()));
-        Err(format!("the library panicked: {}", text.unwrap_or_default()))
+        Err(BaselineError::library(format!("the library panicked: {}", text.unwrap_or_default())))
     })
 }
 
@@ -258,9 +259,14 @@ mod tests {
     fn a_panic_and_a_mistake_are_answers() {
         let mut broken = task(BaselineKind::DecisionTree);
         broken.rows.y.truncate(10);
-        assert!(broken.perform().result.is_err());
+        assert_eq!(broken.perform().result.unwrap_err().cause, BaselineCause::Library);
         let mut infinite = task(BaselineKind::Linear);
         infinite.test[0] = f64::INFINITY;
-        assert_eq!(infinite.perform().result, Err("its predictions are not finite".into()));
+        let expected = BaselineError::new(BaselineCause::NotFinite, "its predictions are not finite");
+        let answer = infinite.perform();
+        assert_eq!(answer.result, Err(expected));
+        let mut bytes = Vec::new();
+        answer.write(&mut bytes).unwrap();
+        assert_eq!(FitResult::read(&bytes).unwrap(), answer, "an error has its cause in both processes");
     }
 }

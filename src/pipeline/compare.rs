@@ -235,7 +235,7 @@ pub(super) fn measure(
             let metrics = evaluation::compare(test, &by_run(test, &predictions), None);
             fitted_row(kind, &fit, count, all, test, &metrics)
         }
-        Ended::Answered(FitResult { result: Err(message), .. }) => row(name, ModelStatus::Failed, message),
+        Ended::Answered(FitResult { result: Err(error), .. }) => row(name, ModelStatus::Failed, error.message),
         Ended::TooSlow => {
             let note = format!("not done after {} s with {count} of {all} rows", study.baselines.time_budget);
             row(name, ModelStatus::TooSlow, note)

@@ -208,7 +208,7 @@ pub fn export_baseline(project: &Project, plan: &ExportPlan, kind: BaselineKind)
     let rows = baseline_rows(study, &train);
     let rows = choose_rows(&rows, baseline.most_rows(), study.seed);
     let failed = |problem| Error::Baseline { model, problem };
-    let graph = match baseline.fit(&rows, study.seed).map_err(failed)? {
+    let graph = match baseline.fit(&rows, study.seed).map_err(|error| failed(error.message))? {
         Fitted::Formula(graph) => graph,
         Fitted::Library(library) => return Err(failed(format!("cannot be exported: {}", library.not_exportable))),
     };

@@ -7,7 +7,7 @@
 //! with the kernels `k` between `x` and the rows and their covariance `s² C`, noise included. The last summand is the uncertainty of the constant mean
 //! (Rasmussen, Williams (2006), section 2.7). Lengths, noise and `s` count as known.
 
-use super::Process;
+use super::{BaselineError, Process, SINGULAR, unsuitable_rows};
 use metafmu_runtime::graph::ProcessDeviation;
 use nalgebra::{DMatrix, DVector};
 
@@ -18,13 +18,13 @@ const SAFETY: f64 = 4.0;
 ///
 /// # Errors
 /// If the covariance is singular.
-pub(super) fn of(process: &Process, noise: f64) -> Result<ProcessDeviation, String> {
+pub(super) fn of(process: &Process, noise: f64) -> Result<ProcessDeviation, BaselineError> {
     let Process { kernel, covariance, variance, .. } = process;
     let count = kernel.nrows();
     // columns `w` are the rows of `W`: small residuals of `L^T w` are those that remain small times the kernels
     let mut whitening = DMatrix::identity(count, count);
     if !covariance.l_dirty().tr_solve_lower_triangular_mut(&mut whitening) {
-        return Err("the covariance of the rows is singular: raise `noise`".into());
+        return Err(unsuitable_rows(SINGULAR));
     }
     let of_ones = whitening.tr_mul(&DVector::repeat(count, 1.0));
     let trend_origin = 1.0 / of_ones.norm();

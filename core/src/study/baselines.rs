@@ -3,7 +3,7 @@
 use crate::diagnostics::Problems;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::str::FromStr;
+use std::{fmt, str::FromStr};
 
 /// Trees of a model: all of them are in memory.
 const MAX_TREES: usize = 10_000;
@@ -132,14 +132,24 @@ impl BaselineKind {
     }
 }
 
-impl FromStr for BaselineKind {
-    type Err = String;
+/// Name that is not that of a baseline.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownBaseline(pub String);
 
-    fn from_str(name: &str) -> Result<Self, String> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| {
-            let names = Self::ALL.map(|kind| format!("`{}`", kind.name()));
-            format!("no model `{name}`, expected one of {}", names.join(", "))
-        })
+impl fmt::Display for UnknownBaseline {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names = BaselineKind::ALL.map(|kind| format!("`{}`", kind.name()));
+        write!(f, "no model `{}`, expected one of {}", self.0, names.join(", "))
+    }
+}
+
+impl std::error::Error for UnknownBaseline {}
+
+impl FromStr for BaselineKind {
+    type Err = UnknownBaseline;
+
+    fn from_str(name: &str) -> Result<Self, UnknownBaseline> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name).ok_or_else(|| UnknownBaseline(name.to_owned()))
     }
 }
 

@@ -5,7 +5,7 @@ use crate::diagnostics::Problems;
 use metafmu_runtime::Precision;
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
+use std::{borrow::Cow, fmt};
 
 /// `[static]`: the model of the structure "static".
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -61,12 +61,24 @@ impl ModelKind {
     }
 }
 
-impl TryFrom<String> for ModelKind {
-    type Error = String;
+/// Name that is not that of a kind of model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownModelKind(pub String);
 
-    fn try_from(name: String) -> Result<Self, String> {
-        let names = || Self::all().map(Self::name).collect::<Vec<_>>().join(", ");
-        Self::all().find(|kind| kind.name() == name).ok_or_else(|| format!("`{name}`, expected one of {}", names()))
+impl fmt::Display for UnknownModelKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<&str> = ModelKind::all().map(ModelKind::name).collect();
+        write!(f, "`{}`, expected one of {}", self.0, names.join(", "))
+    }
+}
+
+impl std::error::Error for UnknownModelKind {}
+
+impl TryFrom<String> for ModelKind {
+    type Error = UnknownModelKind;
+
+    fn try_from(name: String) -> Result<Self, UnknownModelKind> {
+        Self::all().find(|kind| kind.name() == name).ok_or(UnknownModelKind(name))
     }
 }
 

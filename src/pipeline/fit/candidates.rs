@@ -344,7 +344,7 @@ impl FitContext<'_> {
             true => worker::caught(|| model.fit_with_std(&rows, seed).map(Fitted::Formula)),
             false => worker::caught(|| model.fit(&rows, seed)),
         };
-        let graph = match fitted? {
+        let graph = match fitted.map_err(|error| error.message)? {
             Fitted::Formula(graph) => graph,
             Fitted::Library(model) => return Err(model.not_exportable.into()),
         };
