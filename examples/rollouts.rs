@@ -236,7 +236,8 @@ impl Run {
         };
         let (q, v) = &self.initial;
         let initial = SVector::from_iterator(q.iter().chain(v).copied().chain([0.0]));
-        let states = integrate(derivative, initial, &times(), TOLERANCE, &Budget::default())?;
+        let states = integrate(derivative, initial, &times(), TOLERANCE, &Budget::default());
+        let states = states.map_err(|error| error.to_string())?;
         let length = if coordinates_only { n } else { 2 * n };
         Ok(states.iter().map(|state| state.as_slice()[..length].to_vec()).collect())
     }

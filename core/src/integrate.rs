@@ -7,11 +7,11 @@ mod budget;
 pub mod method;
 pub mod radau;
 
-pub use budget::Budget;
+pub use budget::{Budget, BudgetError, StopCause};
 use nalgebra::{DefaultAllocator, Dim, OVector, SVector, allocator::Allocator};
 use ode_solvers::{
     Dop853, System,
-    dop_shared::{IntegrationError, OutputType},
+    dop_shared::{IntegrationError as DopriError, OutputType},
 };
 use std::fmt;
 
@@ -54,6 +54,25 @@ impl fmt::Display for IntegrationFailure {
     }
 }
 
+impl std::error::Error for IntegrationFailure {}
+
+/// Reason why there are no states at all times of an integration.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum IntegrationError {
+    /// The method found no step that is accurate enough, or took too many steps.
+    #[error("integration failed: {0}")]
+    Method(IntegrationFailure),
+    /// A state that is not finite.
+    #[error("the state is not finite at t = {t} s")]
+    NotFinite {
+        /// Time of the state, in s.
+        t: f64,
+    },
+    /// The run has exhausted its budget, or was stopped.
+    #[error(transparent)]
+    GivenUp(#[from] BudgetError),
+}
+
 /// Right-hand side `f(y)` of `y' = f(y)` in the form that `ode_solvers` needs.
 struct RightHandSide<F>(F);
 
@@ -93,21 +112,21 @@ const MAX_STEPS: u32 = 2_000_000;
 /// States at evenly spaced `times`, from `initial` at the first of them; `tolerance` is relative and absolute.
 ///
 /// # Errors
-/// A sentence if the method fails: the end of the budget, a step size that vanishes, stiffness, a state that is not finite.
+/// [`IntegrationError`]: the method fails, a state is not finite, or the budget is exhausted.
 pub fn integrate<const N: usize>(
     derivative: impl Fn(&SVector<f64, N>) -> SVector<f64, N>,
     initial: SVector<f64, N>,
     times: &[f64],
     tolerance: f64,
     budget: &Budget,
-) -> Result<Vec<SVector<f64, N>>, String> {
+) -> Result<Vec<SVector<f64, N>>, IntegrationError> {
     budget.begin(times);
     let IntegrationResult { states, failure, .. } =
         advance(RightHandSide(derivative), initial, times, tolerance, budget);
     budget.check(|| None)?;
     match failure {
-        Some(error) => Err(format!("integration failed: {error}")),
-        None if states.len() < times.len() => Err(format!("the state is not finite at t = {} s", times[states.len()])),
+        Some(failure) => Err(IntegrationError::Method(failure)),
+        None if states.len() < times.len() => Err(IntegrationError::NotFinite { t: times[states.len()] }),
         None => Ok(states),
     }
 }
@@ -206,10 +225,10 @@ impl OdeRun {
         let (evaluations, failure, is_stiff) = match solver.integrate() {
             Ok(statistics) => (statistics.num_eval, None, false),
             Err(error) => {
-                let is_stiff = matches!(error, IntegrationError::StiffnessDetected { .. });
-                let (IntegrationError::MaxNumStepReached { x, .. }
-                | IntegrationError::StepSizeUnderflow { x }
-                | IntegrationError::StiffnessDetected { x }) = &error;
+                let is_stiff = matches!(error, DopriError::StiffnessDetected { .. });
+                let (DopriError::MaxNumStepReached { x, .. }
+                | DopriError::StepSizeUnderflow { x }
+                | DopriError::StiffnessDetected { x }) = &error;
                 (0, Some(IntegrationFailure { message: in_words(&error), t: *x }), is_stiff)
             }
         };
@@ -220,13 +239,11 @@ impl OdeRun {
 }
 
 /// Why a method gave up, without the time.
-pub fn in_words(error: &IntegrationError) -> String {
+pub fn in_words(error: &DopriError) -> String {
     match error {
-        IntegrationError::MaxNumStepReached { n_step, .. } => format!("more than {n_step} steps"),
-        IntegrationError::StepSizeUnderflow { .. } => "no step is short enough for the tolerance".into(),
-        IntegrationError::StiffnessDetected { .. } => {
-            "the equations are stiff, for which the method is not made".into()
-        }
+        DopriError::MaxNumStepReached { n_step, .. } => format!("more than {n_step} steps"),
+        DopriError::StepSizeUnderflow { .. } => "no step is short enough for the tolerance".into(),
+        DopriError::StiffnessDetected { .. } => "the equations are stiff, for which the method is not made".into(),
     }
 }
 
@@ -251,9 +268,11 @@ mod tests {
     #[test]
     fn a_state_that_leaves_the_numbers_is_located() {
         let times = [0.0, 0.5, 1.0, 1.5];
-        let message =
+        let error =
             integrate(|y| y.component_mul(y), SVector::<f64, 1>::new(1.0), &times, TOLERANCE, &Budget::default())
                 .unwrap_err();
+        assert!(matches!(error, IntegrationError::Method(_)), "{error}");
+        let message = error.to_string();
         assert!(
             message.starts_with("integration failed: no step is short enough for the tolerance at t = 0.9999"),
             "{message}"

@@ -471,7 +471,9 @@ impl EquationSolver {
 
     fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> OutputsOrReason {
         match self {
-            Self::System(system) => (system.simulate)(quantities, times, tolerance, budget),
+            Self::System(system) => {
+                (system.simulate)(quantities, times, tolerance, budget).map_err(|error| error.to_string())
+            }
             Self::Mechanism(mechanism) => Ok(mechanism.simulate(quantities, times, tolerance, budget)?),
         }
     }

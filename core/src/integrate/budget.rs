@@ -7,6 +7,7 @@
 
 use std::{
     cell::Cell,
+    fmt,
     sync::atomic::{AtomicBool, Ordering},
     time::{Duration, Instant},
 };
@@ -38,13 +39,35 @@ pub struct Budget<'a> {
     end: Cell<Option<StopCause>>,
 }
 
-/// Cause that stops a run.
-#[derive(Clone, Copy, Debug)]
-enum StopCause {
+/// Reason why a run is abandoned before its end.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BudgetError {
+    /// Kind of the reason.
+    pub cause: StopCause,
+    /// Simulated time that the run has reached, in s.
+    pub t: f64,
+    /// A sentence for people.
+    pub message: String,
+}
+
+/// Kinds of reasons why a run is abandoned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StopCause {
+    /// A flag ended the run.
     Stopped,
+    /// The run took longer than the study's `source.time_limit`.
     TimeLimit,
+    /// The run needs too many evaluations.
     Evaluations,
 }
+
+impl fmt::Display for BudgetError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for BudgetError {}
 
 impl<'a> Budget<'a> {
     /// For a run that begins now, ends early when one of the flags turns true, and may take so long.
@@ -139,24 +162,26 @@ impl<'a> Budget<'a> {
         self.end.get().is_some()
     }
 
-    /// Fails if the run must be abandoned; `cause` may explain why the equations cannot be integrated.
+    /// Fails if the run must be abandoned; `obstacle` may explain why the equations cannot be integrated.
     ///
     /// # Errors
-    /// A sentence that says what was tried and why the run is abandoned.
-    pub(crate) fn check(&self, cause: impl FnOnce() -> Option<String>) -> Result<(), String> {
+    /// The reason why the run is abandoned, with its effort so far.
+    pub(crate) fn check(&self, obstacle: impl FnOnce() -> Option<String>) -> Result<(), BudgetError> {
+        let Some(cause) = self.end.get() else { return Ok(()) };
         let t = self.reached.get();
-        Err(match (self.end.get(), self.clock) {
-            (None, _) => return Ok(()),
-            (Some(StopCause::TimeLimit), Some((_, limit))) => {
+        let message = match (cause, self.clock) {
+            (StopCause::TimeLimit, Some((_, limit))) => {
                 format!("took longer than {limit:?} (source.time_limit) and came to t = {t} s")
             }
-            (Some(StopCause::Evaluations), _) => {
+            (StopCause::Evaluations, _) => {
                 let (spent, step) = (self.evaluations.get(), self.last_step.get());
-                let cause = cause().unwrap_or_else(|| "the motion is too fast, or the equations are too stiff".into());
-                format!("given up at t = {t} s after {spent} evaluations, the last step was {step:.1e} s: {cause}")
+                let obstacle =
+                    obstacle().unwrap_or_else(|| "the motion is too fast, or the equations are too stiff".into());
+                format!("given up at t = {t} s after {spent} evaluations, the last step was {step:.1e} s: {obstacle}")
             }
             _ => format!("stopped at t = {t} s"),
-        })
+        };
+        Err(BudgetError { cause, t, message })
     }
 }
 
@@ -191,10 +216,12 @@ mod tests {
         assert!((0..1000).all(|_| budget.spend()));
         flag.store(true, Ordering::Relaxed);
         assert!(!(0..1000).all(|_| budget.spend()));
-        assert_eq!(budget.check(|| None).unwrap_err(), "stopped at t = 0 s");
+        let message = "stopped at t = 0 s".into();
+        assert_eq!(budget.check(|| None), Err(BudgetError { cause: StopCause::Stopped, t: 0.0, message }));
         let budget = Budget::new(&[], Some(Duration::ZERO));
         assert!(!(0..1000).all(|_| budget.spend()));
-        let message = budget.check(|| None).unwrap_err();
+        let BudgetError { cause, message, .. } = budget.check(|| None).unwrap_err();
+        assert_eq!(cause, StopCause::TimeLimit);
         assert!(message.starts_with("took longer than 0ns (source.time_limit)"), "{message}");
     }
 }

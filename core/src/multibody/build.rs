@@ -25,11 +25,12 @@ use crate::{
     signal::Signal,
     unit::is_same,
 };
+use contacts::ContactError;
 use forces::bushing_coordinates;
 pub use geometry::{JointGeometry, MechanismGeometry, geometry};
 use indexmap::IndexMap;
 use nalgebra::{DVector, Vector2};
-use std::{collections::BTreeSet, ops::Range};
+use std::{collections::BTreeSet, error::Error, fmt, ops::Range};
 
 /// Part of a model that the stiffness of springs along angles is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -137,9 +138,34 @@ pub fn limits(description: &Description, values: &[f64]) -> Vec<(Coordinate, [f6
     limits.collect()
 }
 
-fn unknown_measure(owner: &str, what: &str, known: &[&str]) -> String {
-    format!("`{owner}` has no `{what}`, {}", expected_one_of(what, known))
+/// Reason why a name is not the measure, coordinate or point that is needed, as text with the name.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum NameError {
+    /// The description has nothing of this name.
+    Unknown(String),
+    /// The name is that of something else, for instance of a force and not of a position.
+    OtherKind(String),
+    /// The contact that the measure belongs to is itself wrong.
+    BrokenContact(ContactError),
 }
+
+impl NameError {
+    /// Error of a part without a measure of this name.
+    fn unknown_measure(owner: &str, what: &str, known: &[&str]) -> Self {
+        Self::Unknown(format!("`{owner}` has no `{what}`, {}", expected_one_of(what, known)))
+    }
+}
+
+impl fmt::Display for NameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unknown(message) | Self::OtherKind(message) => f.write_str(message),
+            Self::BrokenContact(error) => error.fmt(f),
+        }
+    }
+}
+
+impl Error for NameError {}
 
 /// Measures of points.
 const POINT_MEASURES: [&str; 6] = ["x", "y", "vx", "vy", "ax", "ay"];
@@ -407,7 +433,7 @@ impl<'a> MultibodyBuilder<'a> {
                 let number = self.number(&key, expression);
                 let measure = self.measure(&name).and_then(|measure| match measure {
                     Measure::Position(_) | Measure::Velocity(_) => Ok(measure),
-                    _ => Err(format!("`{name}` is neither a position nor a velocity")),
+                    _ => Err(NameError::OtherKind(format!("`{name}` is neither a position nor a velocity"))),
                 });
                 let owner = key.clone();
                 match self.noted(&key, measure) {
@@ -427,7 +453,7 @@ impl<'a> MultibodyBuilder<'a> {
     }
 
     /// Resolves the name of a measure; see [`super::measure`].
-    fn measure(&mut self, name: &str) -> Result<Measure, String> {
+    fn measure(&mut self, name: &str) -> Result<Measure, NameError> {
         match name {
             "kinetic_energy" => return Ok(Measure::KineticEnergy),
             "potential_energy" => return Ok(Measure::PotentialEnergy),
@@ -437,9 +463,10 @@ impl<'a> MultibodyBuilder<'a> {
         let Some((owner, what)) = name.rsplit_once('.') else {
             let known: Vec<&str> = description.states.keys().map(String::as_str).collect();
             let known = if known.is_empty() { String::new() } else { format!(", {}", expected_one_of(name, &known)) };
-            return Err(format!("`{name}` is not a measure, expected for instance `BODY.angle`{known}"));
+            let message = format!("`{name}` is not a measure, expected for instance `BODY.angle`{known}");
+            return Err(NameError::Unknown(message));
         };
-        let unknown = |known: &[&str]| Err(unknown_measure(owner, what, known));
+        let unknown = |known: &[&str]| Err(NameError::unknown_measure(owner, what, known));
         let one_of = |measures: Measures| {
             let known: Vec<&str> = measures.iter().map(|(name, _)| *name).collect();
             let found = measures.iter().find(|(name, _)| *name == what);
@@ -449,7 +476,8 @@ impl<'a> MultibodyBuilder<'a> {
             return one_of(self.joints[index].measures(self.joint_rows(index)));
         }
         if let Some((index, _, spring)) = description.springs.get_full(owner) {
-            let ends = spring.between.as_ref().map(|[from, to]| Ok::<_, String>([self.point(from)?, self.point(to)?]));
+            let ends =
+                spring.between.as_ref().map(|[from, to]| Ok::<_, NameError>([self.point(from)?, self.point(to)?]));
             let distance = ends.transpose()?.map(|[from, to]| Coordinate::Distance { from, to });
             return match (what, distance) {
                 ("force", _) => Ok(Measure::SpringEffort(index)),
@@ -480,7 +508,8 @@ impl<'a> MultibodyBuilder<'a> {
             let (joints, bodies) = (description.joints.keys(), description.bodies.keys());
             let names = joints.chain(bodies).chain(description.springs.keys()).chain(description.drivers.keys());
             let known: Vec<&str> = names.map(String::as_str).chain(["ground"]).collect();
-            return Err(format!("no joint or body `{owner}`, {}", expected_one_of(owner, &known)));
+            let message = format!("no joint or body `{owner}`, {}", expected_one_of(owner, &known));
+            return Err(NameError::Unknown(message));
         }
         let point = self.point(owner)?;
         let (x, y) = (Coordinate::component(point, 0), Coordinate::component(point, 1));
@@ -497,7 +526,8 @@ impl<'a> MultibodyBuilder<'a> {
             ("angular_velocity", Some(_)) => Ok(Measure::Velocity(angle)),
             ("angular_acceleration", Some(_)) => Ok(Measure::Acceleration(angle)),
             (_, Some(body)) if description.bodies[body].points.contains_key(what) => {
-                Err(format!("`{name}` is a point, expected a component such as `{name}.x`"))
+                let message = format!("`{name}` is a point, expected a component such as `{name}.x`");
+                Err(NameError::OtherKind(message))
             }
             (_, Some(_)) => unknown(&[&POINT_MEASURES[..], &BODY_MEASURES].concat()),
             (_, None) => unknown(&POINT_MEASURES),
@@ -523,13 +553,18 @@ impl<'a> MultibodyBuilder<'a> {
         self.joint_rows(self.joints.len()).start + self.description.couplings.len() + before
     }
 
-    fn coordinate(&mut self, name: &str) -> Result<Coordinate, String> {
+    /// Resolves the name of a coordinate of a body.
+    fn coordinate(&mut self, name: &str) -> Result<Coordinate, NameError> {
         match self.measure(name)? {
             Measure::Position(coordinate) if !coordinate.is_of_body() && !self.is_broken_joint(name) => {
-                Err(format!("`{name}` belongs to the ground, expected a coordinate of a body"))
+                let message = format!("`{name}` belongs to the ground, expected a coordinate of a body");
+                Err(NameError::OtherKind(message))
             }
             Measure::Position(coordinate) => Ok(coordinate),
-            _ => Err(format!("`{name}` is not a position, expected for instance `BODY.angle`")),
+            _ => {
+                let message = format!("`{name}` is not a position, expected for instance `BODY.angle`");
+                Err(NameError::OtherKind(message))
+            }
         }
     }
 
@@ -555,7 +590,7 @@ impl<'a> MultibodyBuilder<'a> {
     }
 
     /// `ground`, `ground.POINT`, `BODY` (its centre of mass) or `BODY.POINT`.
-    fn point(&mut self, name: &str) -> Result<BodyPoint, String> {
+    fn point(&mut self, name: &str) -> Result<BodyPoint, NameError> {
         let description = self.description;
         let (owner, point) = name.split_once('.').map_or((name, None), |(owner, point)| (owner, Some(point)));
         let (frame, points): (Frame, _) = match description.bodies.get_full(owner) {
@@ -563,13 +598,15 @@ impl<'a> MultibodyBuilder<'a> {
             None if owner == "ground" => (None, &description.ground.points),
             None => {
                 let known: Vec<&str> = description.bodies.keys().map(String::as_str).chain(["ground"]).collect();
-                return Err(format!("no body `{owner}`, {}", expected_one_of(owner, &known)));
+                let message = format!("no body `{owner}`, {}", expected_one_of(owner, &known));
+                return Err(NameError::Unknown(message));
             }
         };
         let Some(point) = point else { return Ok(BodyPoint { frame, local: Vector2::zeros() }) };
         let Some(local) = points.get(point) else {
             let known: Vec<&str> = points.keys().map(String::as_str).collect();
-            return Err(format!("`{owner}` has no point `{point}`, {}", expected_one_of(point, &known)));
+            let message = format!("`{owner}` has no point `{point}`, {}", expected_one_of(point, &known));
+            return Err(NameError::Unknown(message));
         };
         let key =
             if frame.is_some() { format!("bodies.{owner}.points.{point}") } else { format!("ground.points.{point}") };
@@ -636,12 +673,15 @@ impl<'a> MultibodyBuilder<'a> {
                     self.measure(name).and_then(|measure| match measure {
                         Measure::Position(coordinate) => Ok(Slot::Position(coordinate)),
                         Measure::Velocity(coordinate) if of_state => Ok(Slot::Velocity(coordinate)),
-                        _ if of_state => Err(format!("`{name}` is neither a position nor a velocity")),
-                        _ => Err(format!("`{name}` is not a position")),
+                        _ if of_state => {
+                            Err(NameError::OtherKind(format!("`{name}` is neither a position nor a velocity")))
+                        }
+                        _ => Err(NameError::OtherKind(format!("`{name}` is not a position"))),
                     })
                 }
                 None if self.tables.contains_key(name) => {
-                    Err(format!("`{name}` is a table, expected its arguments, as in `{name}(time)`"))
+                    let message = format!("`{name}` is a table, expected its arguments, as in `{name}(time)`");
+                    Err(NameError::OtherKind(message))
                 }
                 None => {
                     let parameters = self.description.parameters.keys().chain(self.description.variables.keys());
@@ -649,11 +689,16 @@ impl<'a> MultibodyBuilder<'a> {
                     let inputs = inputs.keys().chain(states.keys()).map(String::as_str).filter(|_| of_state);
                     let known = parameters.chain(inputs).chain(["time"].into_iter().filter(|_| of_time));
                     let known: Vec<&str> = known.collect();
-                    Err(format!("no `{name}`, {}", expected_one_of(name, &known)))
+                    Err(NameError::Unknown(format!("no `{name}`, {}", expected_one_of(name, &known))))
                 }
             };
-            let slot = slot.map_err(|message| format!("`{expression}`: {message}"));
-            slots.push(self.noted(key, slot)?);
+            match slot {
+                Ok(slot) => slots.push(slot),
+                Err(error) => {
+                    self.problem(key, format!("`{expression}`: {error}"));
+                    return None;
+                }
+            }
         }
         let kinked = |name: &&str| self.tables.get(*name).is_some_and(|table| !table.is_smooth());
         if let Some(name) = expression.tables().find(kinked).filter(|_| !of_state) {
@@ -671,8 +716,9 @@ impl<'a> MultibodyBuilder<'a> {
         Some(BoundExpression { text: expression.to_string(), formula: self.noted(key, formula)?, slots })
     }
 
-    fn noted<T>(&mut self, key: &str, result: Result<T, String>) -> Option<T> {
-        result.map_err(|message| self.problem(key, message)).ok()
+    /// The value of a result; its error becomes a problem of a key.
+    fn noted<T>(&mut self, key: &str, result: Result<T, impl Error>) -> Option<T> {
+        result.map_err(|error| self.problem(key, error.to_string())).ok()
     }
 
     /// Notes a problem once: points are looked up wherever they are named.

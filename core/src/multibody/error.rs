@@ -1,5 +1,6 @@
 //! Why a motion, or the equations of one, cannot be computed.
 
+use crate::integrate::BudgetError;
 use metafmu_runtime::FormatError;
 use std::fmt;
 
@@ -66,6 +67,12 @@ impl std::error::Error for MotionError {}
 impl From<FormatError> for MotionError {
     fn from(error: FormatError) -> Self {
         Self::new(MotionCause::Unsuitable, error.to_string())
+    }
+}
+
+impl From<BudgetError> for MotionError {
+    fn from(error: BudgetError) -> Self {
+        Self::new(MotionCause::GivenUp, error.message)
     }
 }
 

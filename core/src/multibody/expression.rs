@@ -30,6 +30,45 @@ enum Token {
     },
 }
 
+/// Reason why a text is no expression, or an expression has no formula.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ExpressionError {
+    /// Kind of the reason.
+    pub cause: ExpressionCause,
+    /// Character in the text, counted from 1; none if no single one is wrong.
+    pub character: Option<usize>,
+    /// A sentence for people, with the expression.
+    pub message: String,
+}
+
+/// Kinds of reasons why there is no expression or formula.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExpressionCause {
+    /// Text that the grammar does not allow, such as a missing or a further argument of a function.
+    Syntax,
+    /// Name of a function or table that does not exist.
+    UnknownFunction,
+    /// Number of arguments that a table does not have.
+    Arguments,
+    /// Deeper nesting or more operations than allowed.
+    TooLong,
+}
+
+impl ExpressionError {
+    /// An error of a whole expression.
+    fn new(cause: ExpressionCause, message: String) -> Self {
+        Self { cause, character: None, message }
+    }
+}
+
+impl fmt::Display for ExpressionError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl std::error::Error for ExpressionError {}
+
 impl Expression {
     /// An expression that is a number.
     pub fn number(value: f64) -> Self {
@@ -39,8 +78,8 @@ impl Expression {
     /// Parses a text.
     ///
     /// # Errors
-    /// A sentence that says what was found, where, and what was expected.
-    pub fn parse(text: &str) -> Result<Self, String> {
+    /// [`ExpressionCause::Syntax`] or [`ExpressionCause::TooLong`]: found and expected text, and the character.
+    pub fn parse(text: &str) -> Result<Self, ExpressionError> {
         let mut parser = Parser { text, position: 0, depth: 0, tokens: Vec::new(), names: Vec::new() };
         parser.sum()?;
         if parser.peek().is_some() {
@@ -106,8 +145,8 @@ impl Expression {
     /// Replaces the names of variables with their expressions.
     ///
     /// # Errors
-    /// A sentence if it becomes too long.
-    pub fn with_variables(&self, variables: &IndexMap<String, Self>) -> Result<Self, String> {
+    /// [`ExpressionCause::TooLong`] if it has too many operations with its variables.
+    pub fn with_variables(&self, variables: &IndexMap<String, Self>) -> Result<Self, ExpressionError> {
         let (mut tokens, mut names) = (Vec::new(), Vec::new());
         for token in &self.tokens {
             let variable = match token {
@@ -125,7 +164,8 @@ impl Expression {
                 });
             }
             if tokens.len() > MOST_STEPS {
-                return Err(format!("`{self}` has more than {MOST_STEPS} operations with its variables"));
+                let message = format!("`{self}` has more than {MOST_STEPS} operations with its variables");
+                return Err(ExpressionError::new(ExpressionCause::TooLong, message));
             }
         }
         Ok(Self { text: self.text.clone(), tokens, names })
@@ -134,26 +174,31 @@ impl Expression {
     /// The formula with these tables by their names.
     ///
     /// # Errors
-    /// A sentence: there is no such table, or it has another number of arguments.
-    pub fn formula(&self, tables: &Tables) -> Result<Formula, String> {
-        let step = |token: &Token| match token {
-            Token::Step(step) => Ok(step.clone()),
-            Token::Lookup { table: name, arguments } => {
-                let table = tables.get(name).ok_or_else(|| {
-                    let known: Vec<&str> = function_names().chain(tables.keys().map(String::as_str)).collect();
-                    let known = expected_one_of(name, &known);
-                    format!("`{self}`: no function or table `{name}`, {known}")
-                })?;
-                if table.arguments() != *arguments {
-                    let expected = table.arguments();
-                    let found = if *arguments == 1 { "1 argument".into() } else { format!("{arguments} arguments") };
-                    return Err(format!("`{self}`: {found} of the table `{name}`, expected {expected}"));
-                }
-                Ok(FormulaStep::Lookup(Arc::clone(table)))
-            }
+    /// [`ExpressionCause::UnknownFunction`] if there is no such table, [`ExpressionCause::Arguments`] if it has another
+    /// number of arguments.
+    pub fn formula(&self, tables: &Tables) -> Result<Formula, ExpressionError> {
+        let steps = self.tokens.iter().map(|token| self.formula_step(token, tables)).collect::<Result<_, _>>()?;
+        Formula::new(steps).map_err(|error| ExpressionError::new(ExpressionCause::Syntax, format!("`{self}`: {error}")))
+    }
+
+    /// Step of the formula for a token.
+    fn formula_step(&self, token: &Token, tables: &Tables) -> Result<FormulaStep, ExpressionError> {
+        let (name, arguments) = match token {
+            Token::Step(step) => return Ok(step.clone()),
+            Token::Lookup { table, arguments } => (table, *arguments),
         };
-        let steps = self.tokens.iter().map(step).collect::<Result<_, _>>()?;
-        Formula::new(steps).map_err(|error| format!("`{self}`: {error}"))
+        let Some(table) = tables.get(name) else {
+            let known: Vec<&str> = function_names().chain(tables.keys().map(String::as_str)).collect();
+            let message = format!("`{self}`: no function or table `{name}`, {}", expected_one_of(name, &known));
+            return Err(ExpressionError::new(ExpressionCause::UnknownFunction, message));
+        };
+        if table.arguments() != arguments {
+            let expected = table.arguments();
+            let counted = if arguments == 1 { "1 argument".into() } else { format!("{arguments} arguments") };
+            let message = format!("`{self}`: {counted} of the table `{name}`, expected {expected}");
+            return Err(ExpressionError::new(ExpressionCause::Arguments, message));
+        }
+        Ok(FormulaStep::Lookup(Arc::clone(table)))
     }
 }
 
@@ -286,7 +331,7 @@ struct Parser<'a> {
 
 impl Parser<'_> {
     /// `product (("+" | "-") product)*`
-    fn sum(&mut self) -> Result<(), String> {
+    fn sum(&mut self) -> Result<(), ExpressionError> {
         self.product()?;
         while let Some(operator @ ('+' | '-')) = self.peek() {
             self.position += 1;
@@ -297,7 +342,7 @@ impl Parser<'_> {
     }
 
     /// `signed (("*" | "/") signed)*`
-    fn product(&mut self) -> Result<(), String> {
+    fn product(&mut self) -> Result<(), ExpressionError> {
         self.signed()?;
         while let Some(operator @ ('*' | '/')) = self.peek() {
             self.position += 1;
@@ -308,10 +353,11 @@ impl Parser<'_> {
     }
 
     /// `("-" | "+") signed | atom ("^" signed)?`
-    fn signed(&mut self) -> Result<(), String> {
+    fn signed(&mut self) -> Result<(), ExpressionError> {
         self.depth += 1;
         if self.depth > 100 {
-            return Err(format!("`{}` is nested too deeply, expected at most 100 levels", self.text));
+            let message = format!("`{}` is nested too deeply, expected at most 100 levels", self.text);
+            return Err(ExpressionError::new(ExpressionCause::TooLong, message));
         }
         match self.peek() {
             Some('-') => {
@@ -345,7 +391,7 @@ impl Parser<'_> {
     }
 
     /// `number | name | function "(" sum ")" | pair "(" sum "," sum ")" | table "(" sum ("," sum)? ")" | "(" sum ")"`
-    fn atom(&mut self) -> Result<(), String> {
+    fn atom(&mut self) -> Result<(), ExpressionError> {
         match self.peek() {
             Some('(') => self.arguments(1..=1).map(drop),
             Some(c) if c.is_ascii_digit() || c == '.' => self.number(),
@@ -355,7 +401,7 @@ impl Parser<'_> {
     }
 
     /// `"(" sum ("," sum)* ")"`; returns where the operations of each sum begin.
-    fn arguments(&mut self, counts: RangeInclusive<usize>) -> Result<Vec<usize>, String> {
+    fn arguments(&mut self, counts: RangeInclusive<usize>) -> Result<Vec<usize>, ExpressionError> {
         let mut begins = Vec::new();
         // the first of them is `(`, which was seen already
         while begins.is_empty() || (begins.len() < *counts.end() && self.peek() == Some(',')) {
@@ -373,7 +419,7 @@ impl Parser<'_> {
         Ok(begins)
     }
 
-    fn number(&mut self) -> Result<(), String> {
+    fn number(&mut self) -> Result<(), ExpressionError> {
         let rest = &self.text[self.position..];
         let digits = |text: &str| text.find(|c: char| !c.is_ascii_digit()).unwrap_or(text.len());
         let mut end = digits(rest);
@@ -395,7 +441,7 @@ impl Parser<'_> {
         }
     }
 
-    fn name(&mut self) -> Result<(), String> {
+    fn name(&mut self) -> Result<(), ExpressionError> {
         let rest = &self.text[self.position..];
         let plain = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
         let name = &rest[..rest.find(|c| !plain(c)).unwrap_or(rest.len())];
@@ -433,10 +479,12 @@ impl Parser<'_> {
         self.text[self.position..].chars().next()
     }
 
-    fn unexpected(&mut self, expected: &str) -> String {
+    /// Error of the next character that is not a space.
+    fn unexpected(&mut self, expected: &str) -> ExpressionError {
         let found = self.peek().map_or("the end".into(), |c| format!("`{c}`"));
-        let column = self.text[..self.position].chars().count() + 1;
-        format!("`{}`: found {found} at character {column}, expected {expected}", self.text)
+        let character = self.text[..self.position].chars().count() + 1;
+        let message = format!("`{}`: found {found} at character {character}, expected {expected}", self.text);
+        ExpressionError { cause: ExpressionCause::Syntax, character: Some(character), message }
     }
 }
 
@@ -461,8 +509,8 @@ mod tests {
         let value =
             |text: &str| Expression::parse(text).unwrap().formula(&tables).map(|formula| formula.value(|_| 0.5));
         assert_eq!(value("-cam(a) + map(a, cam(0))"), Ok(-2.0 + 4.0));
-        assert_eq!(value("cam(1, 2)").unwrap_err(), "`cam(1, 2)`: 2 arguments of the table `cam`, expected 1");
-        assert!(value("map(1)").unwrap_err().contains("1 argument of the table `map`, expected 2"));
+        assert_eq!(value("cam(1, 2)").unwrap_err().message, "`cam(1, 2)`: 2 arguments of the table `cam`, expected 1");
+        assert!(value("map(1)").unwrap_err().message.contains("1 argument of the table `map`, expected 2"));
     }
 
     fn at(text: &str, t: f64) -> Jet {
@@ -549,12 +597,21 @@ mod tests {
             ("1e999", "expected a finite number"),
             ("..", "expected a finite number"),
         ] {
-            let message = Expression::parse(text).unwrap_err();
-            assert!(message.contains(says), "{message}");
+            let error = Expression::parse(text).unwrap_err();
+            assert!(error.message.contains(says), "{error}");
+            assert_eq!(error.cause, ExpressionCause::Syntax, "{error}");
         }
         let unknown = Expression::parse("2*sine(1)").unwrap().formula(&Tables::new()).unwrap_err();
-        assert!(unknown.contains("`2*sine(1)`: no function or table `sine`, expected one of sin, cos"), "{unknown}");
-        assert!(Expression::parse(&"(".repeat(10_000)).unwrap_err().contains("nested too deeply"));
-        assert!(Expression::parse(&"-".repeat(10_000)).unwrap_err().contains("nested too deeply"));
+        assert!(
+            unknown.message.contains("`2*sine(1)`: no function or table `sine`, expected one of sin, cos"),
+            "{unknown}"
+        );
+        assert_eq!(unknown.cause, ExpressionCause::UnknownFunction);
+        for character in ["(", "-"] {
+            let error = Expression::parse(&character.repeat(10_000)).unwrap_err();
+            assert!(error.message.contains("nested too deeply"));
+            assert_eq!(error.cause, ExpressionCause::TooLong);
+        }
+        assert_eq!(Expression::parse("1 + é").unwrap_err().character, Some(5));
     }
 }

@@ -48,7 +48,7 @@ pub fn json_schema() -> &'static serde_json::Value {
 /// The problem of a number or a text that has a format of the schema.
 fn format_problem(format: &str, text: &str) -> Option<String> {
     match format {
-        "expression" => Expression::parse(text).err(),
+        "expression" => Expression::parse(text).err().map(|error| error.message),
         "finite" if !text.parse().is_ok_and(f64::is_finite) => Some(format!("{text}, expected a finite number")),
         _ => None,
     }

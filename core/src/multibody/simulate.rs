@@ -13,7 +13,7 @@ use super::{
     switches::{Branch, Stops},
 };
 use crate::integrate::{
-    self, Budget, IntegrationResult,
+    self, Budget, IntegrationFailure, IntegrationResult,
     method::{Lap, MethodChoice},
     radau,
 };
@@ -234,12 +234,13 @@ impl Stretch<'_> {
         choice: &mut MethodChoice,
     ) -> Result<Vec<DVector<f64>>, MotionError> {
         let state = joined(&self.formulation.state(&from.q, &from.v), &from.z, from.t);
-        let mut failed = None;
+        let mut implicit = None;
         if choice.is_stiff() {
-            match self.implicit(&state, times)? {
-                Ok(states) => return Ok(states),
-                Err(message) => failed = Some(message),
+            let result = self.implicit(&state, times)?;
+            if result.states.len() >= 2 {
+                return Ok(result.states);
             }
+            implicit = Some(result);
         }
         self.bending.restart();
         let lap = Lap::begin(self.budget, from.t);
@@ -259,10 +260,11 @@ impl Stretch<'_> {
         {
             self.budget.renew();
             if states.len() < 2 {
-                match self.implicit(&state, times)? {
-                    Ok(states) => return Ok(states),
-                    Err(message) => failed = Some(message),
+                let result = self.implicit(&state, times)?;
+                if result.states.len() >= 2 {
+                    return Ok(result.states);
                 }
+                implicit = Some(result);
             }
         }
         self.check_budget()?;
@@ -270,27 +272,25 @@ impl Stretch<'_> {
         if states.len() >= 2 {
             Ok(states)
         } else {
-            Err(self.explain(failed.or(failure.map(|failure| failure.to_string())), from.t))
+            Err(self.explain(implicit.map_or(failure, |result| result.failure), from.t))
         }
     }
 
-    /// A stretch by the implicit method, or its message.
+    /// A stretch by the implicit method, which has failed if there are fewer than two states.
     ///
     /// # Errors
-    /// The budget is over.
-    fn implicit(&self, state: &DVector<f64>, times: &[f64]) -> Result<Result<Vec<DVector<f64>>, String>, MotionError> {
+    /// The budget is exhausted.
+    fn implicit(&self, state: &DVector<f64>, times: &[f64]) -> Result<IntegrationResult<DVector<f64>>, MotionError> {
         let guess = self.guess.borrow().clone();
         self.bending.restart();
         let mut problem = StretchProblem { stretch: self, start: times[0] };
-        let IntegrationResult { mut states, failure, .. } =
-            radau::advance(&mut problem, without_time(state), times, self.model.tolerance, self.budget);
+        let mut result = radau::advance(&mut problem, without_time(state), times, self.model.tolerance, self.budget);
         self.check_budget()?;
-        if states.len() < 2 {
+        if result.states.len() < 2 {
             self.guess.replace(guess);
-            return Ok(Err(failure.map_or("the state is not finite".into(), |failure| failure.to_string())));
         }
-        states.iter_mut().zip(times).for_each(|(state, t)| *state = state.push(*t));
-        Ok(Ok(states))
+        result.states.iter_mut().zip(times).for_each(|(state, t)| *state = state.push(*t));
+        Ok(result)
     }
 
     /// The Jacobian of the equations in a state, its time fixed.
@@ -305,8 +305,8 @@ impl Stretch<'_> {
         found
     }
 
-    /// The integrator's message with what the equations of motion say where it stopped.
-    fn explain(&self, failure: Option<String>, t: f64) -> MotionError {
+    /// Error of a failed stretch, with the reason in the equations of motion. Without a failure of the method, a state is not finite.
+    fn explain(&self, failure: Option<IntegrationFailure>, t: f64) -> MotionError {
         if let Some(error) = self.undefined.take() {
             let message = format!("integration failed after t = {t} s: {error}");
             return error.with_message(message);
@@ -315,7 +315,7 @@ impl Stretch<'_> {
         let rest = DVector::zeros(q.len());
         let reason = self.formulation.accelerate(self.model, t, (&q, &rest), &self.model.at(t, self.z)).err();
         let reason = reason.or_else(|| self.singular()).or_else(|| self.stiffest_part());
-        let failure = failure.unwrap_or_else(|| "the state is not finite".into());
+        let failure = failure.map_or("the state is not finite".into(), |failure| failure.to_string());
         let failed = format!("integration failed after t = {t} s: {failure}");
         match reason {
             Some(reason) => {
@@ -333,12 +333,9 @@ impl Stretch<'_> {
             reason = self.obstacle();
             reason.as_ref().map(MotionError::to_string)
         });
-        checked.map_err(|message| match reason {
-            Some(reason) if reason.cause == MotionCause::Singular => reason.with_message(message),
-            reason => {
-                let part = reason.and_then(|reason| reason.part);
-                MotionError { cause: MotionCause::GivenUp, part, message }
-            }
+        checked.map_err(|error| match reason {
+            Some(reason) if reason.cause == MotionCause::Singular => reason.with_message(error.message),
+            reason => MotionError { part: reason.and_then(|reason| reason.part), ..error.into() },
         })
     }
 

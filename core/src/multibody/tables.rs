@@ -9,7 +9,7 @@ use crate::{
     table::Table,
 };
 use metafmu_runtime::formula::{Extrapolation, Interpolation, LookupTable};
-use std::{path::Path, sync::Arc};
+use std::{fmt, path::Path, sync::Arc};
 
 /// Reads knots and values of tables from the files that they name, which are relative to a folder; every mistake by its key.
 pub fn read_files(description: &mut Description, folder: &Path) -> Problems {
@@ -106,24 +106,68 @@ pub fn tables(description: &Description) -> (Tables, Problems) {
             Ok(table) => {
                 tables.insert(name.clone(), Arc::new(table));
             }
-            Err((field, message)) => {
-                let field = if options.file.is_some() { "file" } else { field };
-                problems.add(format!("tables.{name}.{field}"), message);
+            Err(error) => {
+                let field = if options.file.is_some() { "file" } else { error.field() };
+                problems.add(format!("tables.{name}.{field}"), error.to_string());
             }
         }
     }
     (tables, problems)
 }
 
-/// A table, or the field that is wrong, and why.
-fn table(options: &TableOptions) -> Result<LookupTable, (&'static str, String)> {
-    let TableOptions { x, y, values, interpolation, extrapolation, .. } = options;
-    for (field, knots) in [("x", Some(x)), ("y", y.as_ref())] {
-        knots.map_or(Ok(()), |knots| check_knots(knots)).map_err(|message| (field, message))?;
+/// Reason why the options of a table make none.
+#[derive(Clone, Debug, PartialEq)]
+enum LookupTableError {
+    /// Knots of the argument `x` or `y`: fewer than two, not finite, or not ascending.
+    Knots {
+        /// The argument.
+        field: &'static str,
+        message: String,
+    },
+    /// Values: another number or kind than the knots require, or not finite.
+    Values(String),
+    /// A periodic table with different values at the ends of an argument.
+    Open {
+        /// The argument.
+        axis: &'static str,
+        begin: f64,
+        end: f64,
+    },
+    /// Values that are too large, or knots that are too close together, for a spline.
+    Spline,
+}
+
+impl LookupTableError {
+    /// Key of the table that is wrong.
+    fn field(&self) -> &'static str {
+        match self {
+            Self::Knots { field, .. } => field,
+            Self::Values(_) | Self::Open { .. } | Self::Spline => "values",
+        }
     }
-    let wrong = |message: String| ("values", message);
+}
+
+impl fmt::Display for LookupTableError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Knots { message, .. } | Self::Values(message) => f.write_str(message),
+            Self::Open { axis, begin, end } => {
+                write!(f, "{begin} at the first and {end} at the last `{axis}`, expected the same in a periodic table")
+            }
+            Self::Spline => f.write_str("too large or too close together for a spline"),
+        }
+    }
+}
+
+impl std::error::Error for LookupTableError {}
+
+/// The table of some options.
+fn table(options: &TableOptions) -> Result<LookupTable, LookupTableError> {
+    let TableOptions { x, y, values, interpolation, extrapolation, .. } = options;
+    check_knots("x", x)?;
+    y.as_ref().map_or(Ok(()), |y| check_knots("y", y))?;
     if values.len() != x.len() {
-        return Err(wrong(format!("{}, expected {}, one for each `x`", values.len(), x.len())));
+        return Err(LookupTableError::Values(format!("{}, expected {}, one for each `x`", values.len(), x.len())));
     }
     let mut numbers = Vec::new();
     for (index, value) in values.iter().enumerate() {
@@ -132,21 +176,27 @@ fn table(options: &TableOptions) -> Result<LookupTable, (&'static str, String)> 
             (TableValues::Row(row), Some(y)) if row.len() == y.len() => numbers.extend(row),
             (TableValues::Row(row), Some(y)) => {
                 let (found, expected) = (row.len(), y.len());
-                return Err(wrong(format!(
+                return Err(LookupTableError::Values(format!(
                     "list {}: {found} numbers, expected {expected}, one for each `y`",
                     index + 1
                 )));
             }
             (TableValues::One(_), Some(_)) => {
-                return Err(wrong(format!("element {}: a number, expected a list with one for each `y`", index + 1)));
+                return Err(LookupTableError::Values(format!(
+                    "element {}: a number, expected a list with one for each `y`",
+                    index + 1
+                )));
             }
             (TableValues::Row(_), None) => {
-                return Err(wrong(format!("element {}: a list, expected a number, or the knots `y`", index + 1)));
+                return Err(LookupTableError::Values(format!(
+                    "element {}: a list, expected a number, or the knots `y`",
+                    index + 1
+                )));
             }
         }
     }
     if numbers.iter().any(|value| !value.is_finite()) {
-        return Err(wrong("expected finite numbers".into()));
+        return Err(LookupTableError::Values("expected finite numbers".into()));
     }
     let axes = [Some(x), y.as_ref()].into_iter().flatten().cloned().collect();
     let interpolation = match interpolation {
@@ -159,15 +209,15 @@ fn table(options: &TableOptions) -> Result<LookupTable, (&'static str, String)> 
         ExtrapolationKind::Periodic => Extrapolation::Periodic,
     };
     if extrapolation == Extrapolation::Periodic {
-        close(&mut numbers, [x.len(), y.as_ref().map_or(1, Vec::len)]).map_err(wrong)?;
+        close(&mut numbers, [x.len(), y.as_ref().map_or(1, Vec::len)])?;
     }
     let table = LookupTable::new(axes, numbers, interpolation, extrapolation);
     // all else is checked above
-    table.map_err(|_| wrong("too large or too close together for a spline".into()))
+    table.map_err(|_| LookupTableError::Spline)
 }
 
 /// Makes values at the ends of both arguments equal, if they are but for rounding; `values` has shape `[rows, columns]`.
-fn close(values: &mut [f64], [rows, columns]: [usize; 2]) -> Result<(), String> {
+fn close(values: &mut [f64], [rows, columns]: [usize; 2]) -> Result<(), LookupTableError> {
     /// Relative to the largest value.
     const ROUNDING: f64 = 1e-9;
     let least = ROUNDING * values.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
@@ -176,27 +226,24 @@ fn close(values: &mut [f64], [rows, columns]: [usize; 2]) -> Result<(), String> 
     for (first, last, axis) in of_x.chain(of_y) {
         let [begin, end] = [values[first], values[last]];
         if (begin - end).abs() > least {
-            return Err(format!(
-                "{begin} at the first and {end} at the last `{axis}`, expected the same in a periodic table"
-            ));
+            return Err(LookupTableError::Open { axis, begin, end });
         }
         values[last] = begin;
     }
     Ok(())
 }
 
-fn check_knots(knots: &[f64]) -> Result<(), String> {
-    if knots.len() < 2 {
-        return Err(format!("a list of {}, expected two or more knots", knots.len()));
-    }
-    if knots.iter().any(|knot| !knot.is_finite()) {
-        return Err("expected finite numbers".into());
-    }
-    match knots.windows(2).position(|pair| pair[0] >= pair[1]) {
-        None => Ok(()),
-        Some(index) => {
-            let (number, found, before) = (index + 2, knots[index + 1], knots[index]);
-            Err(format!("element {number}: {found} is not above {before}, expected ascending knots"))
-        }
-    }
+/// Checks the knots of an argument.
+fn check_knots(field: &'static str, knots: &[f64]) -> Result<(), LookupTableError> {
+    let message = if knots.len() < 2 {
+        format!("a list of {}, expected two or more knots", knots.len())
+    } else if knots.iter().any(|knot| !knot.is_finite()) {
+        "expected finite numbers".into()
+    } else if let Some(index) = knots.windows(2).position(|pair| pair[0] >= pair[1]) {
+        let (number, knot, before) = (index + 2, knots[index + 1], knots[index]);
+        format!("element {number}: {knot} is not above {before}, expected ascending knots")
+    } else {
+        return Ok(());
+    };
+    Err(LookupTableError::Knots { field, message })
 }

@@ -23,8 +23,8 @@ pub fn variables(variables: &IndexMap<String, Expression>) -> (IndexMap<String, 
                 Ok(of) => {
                     expanded.insert(name.clone(), of);
                 }
-                Err(message) => {
-                    problems.add(format!("variables.{name}"), message);
+                Err(error) => {
+                    problems.add(format!("variables.{name}"), error.message);
                     expanded.insert(name.clone(), Expression::default());
                 }
             }

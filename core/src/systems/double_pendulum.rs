@@ -5,7 +5,7 @@
 //!   + (m1 + m2) g sin(theta1) = 0`
 //! - `m2 L2 theta2dd + m2 L1 theta1dd cos(theta1 - theta2) - m2 L1 theta1d² sin(theta1 - theta2) + m2 g sin(theta2) = 0`
 
-use super::{System, SystemOutput, SystemPoint, SystemQuantity};
+use super::{System, SystemError, SystemOutput, SystemPoint, SystemQuantity};
 use crate::integrate::{Budget, integrate};
 use nalgebra::{Matrix2, Vector2, Vector4};
 
@@ -81,9 +81,9 @@ impl DoublePendulum {
     }
 }
 
-fn simulate(quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> Result<Vec<f64>, String> {
+fn simulate(quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> Result<Vec<f64>, SystemError> {
     let &[l1, l2, theta1d0, theta2d0, theta10, theta20, m1, m2, gravity] = quantities else {
-        return Err(format!("{} quantities, expected {}", quantities.len(), SYSTEM.quantities.len()));
+        return Err(SYSTEM.wrong_count(quantities.len()));
     };
     let model = DoublePendulum { lengths: [l1, l2], masses: [m1, m2], gravity };
     let initial = Vector4::new(theta10, theta20, theta1d0, theta2d0);

@@ -1,7 +1,7 @@
 //! Built-in systems: those of Choi et al., *Data-driven simulation for general purpose multibody dynamics using deep
 //! neural networks*, Multibody System Dynamics (2021).
 
-use crate::integrate::Budget;
+use crate::integrate::{Budget, IntegrationError};
 
 mod double_pendulum;
 mod single_pendulum;
@@ -32,8 +32,33 @@ pub struct System {
     pub simulate: Simulate,
 }
 
-/// From quantities, times, tolerance and budget to rows of outputs, or a sentence that says what failed.
-pub type Simulate = fn(&[f64], &[f64], f64, &Budget) -> Result<Vec<f64>, String>;
+/// From quantities, times, tolerance and budget to rows of outputs, or the reason for a failure.
+pub type Simulate = fn(&[f64], &[f64], f64, &Budget) -> Result<Vec<f64>, SystemError>;
+
+/// Reason why a system cannot be simulated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SystemError {
+    /// Another number of quantities than the system has.
+    #[error("{found} quantities, expected {expected}")]
+    Count {
+        /// Number of given quantities.
+        found: usize,
+        /// Number of the system's quantities.
+        expected: usize,
+    },
+    /// A rod that does not reach from the crank to the slider.
+    #[error("the rod must be longer than the crank's radius, L/r is {ratio}")]
+    ShortRod {
+        /// Length of the rod, relative to the radius.
+        ratio: f64,
+    },
+    /// Outputs that are not finite.
+    #[error("the motion is not finite")]
+    NotFinite,
+    /// The equations of motion cannot be integrated.
+    #[error(transparent)]
+    Integration(#[from] IntegrationError),
+}
 
 /// A quantity of a [`System`] that may be a parameter or a constant.
 #[derive(Debug)]
@@ -71,6 +96,11 @@ pub struct SystemPoint {
 }
 
 impl System {
+    /// Error of another number of quantities than the system has.
+    fn wrong_count(&self, found: usize) -> SystemError {
+        SystemError::Count { found, expected: self.quantities.len() }
+    }
+
     /// The built-in system of a name.
     pub fn of(name: &str) -> Option<&'static Self> {
         SYSTEMS.iter().copied().find(|system| system.name == name)

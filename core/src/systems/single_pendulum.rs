@@ -3,7 +3,7 @@
 //! A point mass `m` on a massless rod of length `L`, damped by a force `c thetad`:
 //! `thetadd + (g / L) sin(theta) + c / (m L) thetad = 0`.
 
-use super::{System, SystemOutput, SystemPoint, SystemQuantity};
+use super::{System, SystemError, SystemOutput, SystemPoint, SystemQuantity};
 use crate::integrate::{Budget, integrate};
 use nalgebra::Vector2;
 
@@ -38,9 +38,9 @@ pub(super) static SYSTEM: System = System {
     simulate,
 };
 
-fn simulate(quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> Result<Vec<f64>, String> {
+fn simulate(quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> Result<Vec<f64>, SystemError> {
     let &[length, damping, thetad0, theta0, mass, gravity] = quantities else {
-        return Err(format!("{} quantities, expected {}", quantities.len(), SYSTEM.quantities.len()));
+        return Err(SYSTEM.wrong_count(quantities.len()));
     };
     let (stiffness, damping) = (gravity / length, damping / (mass * length));
     let acceleration = |theta: f64, thetad: f64| -stiffness * theta.sin() - damping * thetad;

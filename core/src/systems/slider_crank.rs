@@ -8,7 +8,7 @@
 //!
 //! Velocities and accelerations by differentiating both constraints.
 
-use super::{System, SystemOutput, SystemPoint, SystemQuantity};
+use super::{System, SystemError, SystemOutput, SystemPoint, SystemQuantity};
 use crate::integrate::Budget;
 
 pub(super) static SYSTEM: System = System {
@@ -56,15 +56,15 @@ pub(super) static SYSTEM: System = System {
     simulate,
 };
 
-fn simulate(quantities: &[f64], times: &[f64], _: f64, _: &Budget) -> Result<Vec<f64>, String> {
+fn simulate(quantities: &[f64], times: &[f64], _: f64, _: &Budget) -> Result<Vec<f64>, SystemError> {
     let &[tau, radius, ratio] = quantities else {
-        return Err(format!("{} quantities, expected {}", quantities.len(), SYSTEM.quantities.len()));
+        return Err(SYSTEM.wrong_count(quantities.len()));
     };
     if ratio.abs() <= 1.0 {
-        return Err(format!("the rod must be longer than the crank's radius, L/r is {ratio}"));
+        return Err(SystemError::ShortRod { ratio });
     }
     let rows: Vec<f64> = times.iter().flat_map(|&t| row(tau, radius, ratio, t)).collect();
-    if rows.iter().all(|value| value.is_finite()) { Ok(rows) } else { Err("the motion is not finite".into()) }
+    if rows.iter().all(|value| value.is_finite()) { Ok(rows) } else { Err(SystemError::NotFinite) }
 }
 
 fn row(tau: f64, radius: f64, ratio: f64, t: f64) -> [f64; 7] {
@@ -120,10 +120,8 @@ mod tests {
 
     #[test]
     fn a_rod_too_short_for_the_crank_is_refused() {
-        assert!(
-            simulate(&[1.5, 2.0, 0.9], &[0.0, 1.0], TOLERANCE, &Budget::default())
-                .unwrap_err()
-                .contains("longer than the crank")
-        );
+        let error = simulate(&[1.5, 2.0, 0.9], &[0.0, 1.0], TOLERANCE, &Budget::default()).unwrap_err();
+        assert_eq!(error, SystemError::ShortRod { ratio: 0.9 });
+        assert!(error.to_string().contains("longer than the crank"), "{error}");
     }
 }

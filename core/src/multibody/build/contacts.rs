@@ -1,11 +1,16 @@
 //! Contacts of points and circles with lines.
 
-use super::{MultibodyBuilder, Scope};
+use super::{MultibodyBuilder, NameError, Scope};
 use crate::multibody::{
-    coordinate::Coordinate, description::ContactOptions, expression::Expression, measure::Measure, model::Effort,
+    coordinate::{BodyPoint, Coordinate},
+    description::ContactOptions,
+    expression::{Expression, ExpressionError},
+    measure::Measure,
+    model::Effort,
     review::is_zero,
 };
 use nalgebra::Vector2;
+use std::{error::Error, fmt};
 
 /// Forces on the body of a contact's point, as expressions.
 struct ContactForces {
@@ -32,23 +37,47 @@ impl ContactForces {
 /// Names of a contact's measures: forces, then positions, then their rates.
 const MEASURES: [&str; 8] = ["fx", "fy", "x", "y", "angle", "vx", "vy", "angular_velocity"];
 
+/// Reason why a contact has no coordinates.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct ContactError {
+    /// Key of the contact that is wrong: `point` or `line`.
+    field: &'static str,
+    message: String,
+}
+
+impl fmt::Display for ContactError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.message)
+    }
+}
+
+impl Error for ContactError {}
+
+impl From<ContactError> for NameError {
+    fn from(error: ContactError) -> Self {
+        Self::BrokenContact(error)
+    }
+}
+
 impl MultibodyBuilder<'_> {
     /// Where the point is from the line's first point: along the line, to its left, and the angle of its body against that of the line.
-    fn contact_coordinates(&mut self, name: &str) -> Result<[Coordinate; 3], (&'static str, String)> {
+    fn contact_coordinates(&mut self, name: &str) -> Result<[Coordinate; 3], ContactError> {
         let options = &self.description.contacts[name];
-        let point = self.point(&options.point).map_err(|message| ("point", message))?;
-        let mut end = |index: usize| self.point(&options.line[index]).map_err(|message| ("line", message));
-        let [from, to] = [end(0)?, end(1)?];
+        let point = self.contact_point("point", &options.point)?;
+        let [from, to] = &options.line;
+        let [from, to] = [self.contact_point("line", from)?, self.contact_point("line", to)?];
         if from.frame != to.frame {
-            return Err(("line", "the points belong to two bodies, expected two of the same one".into()));
+            let message = "the points belong to two bodies, expected two of the same one".into();
+            return Err(ContactError { field: "line", message });
         }
         if point.frame == from.frame {
             let owner = if point.frame.is_some() { "the same body" } else { "the ground" };
-            return Err(("point", format!("point and line belong to {owner}")));
+            return Err(ContactError { field: "point", message: format!("point and line belong to {owner}") });
         }
         let length = (to.local - from.local).norm();
         if length == 0.0 {
-            return Err(("line", "both points are in the same place, expected a direction".into()));
+            let message = "both points are in the same place, expected a direction".into();
+            return Err(ContactError { field: "line", message });
         }
         let along = (to.local - from.local) / length;
         let projection = |axis| Coordinate::Projection { from, to: point, frame: from.frame, axis };
@@ -56,12 +85,17 @@ impl MultibodyBuilder<'_> {
         Ok([projection(along), projection(Vector2::new(-along.y, along.x)), angle])
     }
 
+    /// Point that a key of a contact names.
+    fn contact_point(&mut self, field: &'static str, name: &str) -> Result<BodyPoint, ContactError> {
+        self.point(name).map_err(|error| ContactError { field, message: error.to_string() })
+    }
+
     /// Position or velocity that a contact measures.
     ///
     /// # Errors
     /// The known names, or the reason why the contact does not exist.
-    pub(super) fn contact_measure(&mut self, name: &str, what: &str) -> Result<Measure, String> {
-        let [x, y, angle] = self.contact_coordinates(name).map_err(|(_, message)| message)?;
+    pub(super) fn contact_measure(&mut self, name: &str, what: &str) -> Result<Measure, NameError> {
+        let [x, y, angle] = self.contact_coordinates(name)?;
         match what {
             "x" => Ok(Measure::Position(x)),
             "y" => Ok(Measure::Position(y)),
@@ -69,13 +103,16 @@ impl MultibodyBuilder<'_> {
             "vx" => Ok(Measure::Velocity(x)),
             "vy" => Ok(Measure::Velocity(y)),
             "angular_velocity" => Ok(Measure::Velocity(angle)),
-            "fx" | "fy" => Err(format!("`{name}.{what}` is a force, expected as the measure of an output")),
-            _ => Err(super::unknown_measure(name, what, &MEASURES)),
+            "fx" | "fy" => {
+                let message = format!("`{name}.{what}` is a force, expected as the measure of an output");
+                Err(NameError::OtherKind(message))
+            }
+            _ => Err(NameError::unknown_measure(name, what, &MEASURES)),
         }
     }
 
     /// The force that an output measures, if it is a contact's.
-    pub(super) fn contact_force(&self, measure: &str) -> Option<Result<Expression, String>> {
+    pub(super) fn contact_force(&self, measure: &str) -> Option<Result<Expression, ExpressionError>> {
         let (name, what) = measure.rsplit_once('.')?;
         let forces = ContactForces::new(name, self.description.contacts.get(name)?);
         match what {
@@ -115,7 +152,7 @@ impl MultibodyBuilder<'_> {
             }
             let [x, y, angle] = match self.contact_coordinates(name) {
                 Ok(coordinates) => coordinates,
-                Err((field, message)) => {
+                Err(ContactError { field, message }) => {
                     self.problem(&key(field), message);
                     continue;
                 }

@@ -1,6 +1,6 @@
 //! Springs, bushings, forces, actuators and stops of a model.
 
-use super::{MultibodyBuilder, Scope, Torsion};
+use super::{MultibodyBuilder, NameError, Scope, Torsion};
 use crate::multibody::{
     constraint::BoundExpression,
     coordinate::{BodyPoint, Coordinate},
@@ -61,8 +61,8 @@ impl MultibodyBuilder<'_> {
                     self.noted(&key("coordinate"), coordinate)
                 }
                 _ => {
-                    let message = "expected either `between` or `coordinate`";
-                    self.noted(&owner, Err(message.into()))
+                    self.problem(&owner, "expected either `between` or `coordinate`".into());
+                    None
                 }
             };
             let part = SpringPart {
@@ -127,7 +127,10 @@ impl MultibodyBuilder<'_> {
             let point = self.point(&force.point);
             let point = point.and_then(|point| match point.frame {
                 Some(_) => Ok(point),
-                None => Err(format!("`{}` belongs to the ground, expected a point of a body", force.point)),
+                None => {
+                    let message = format!("`{}` belongs to the ground, expected a point of a body", force.point);
+                    Err(NameError::OtherKind(message))
+                }
             });
             let point = self.noted(&format!("forces.{name}.point"), point);
             let key = format!("forces.{name}.force");
