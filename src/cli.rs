@@ -7,8 +7,13 @@ use clap::{
 };
 use clap_complete::Shell;
 use metafmu::{
-    baselines::BaselineKind, export::Binary, fmi::worker, source::shard::Shard, systems::SYSTEMS,
-    table::writer::Format, variable::DefaultValue,
+    baselines::BaselineKind,
+    export::Binary,
+    fmi::worker,
+    source::shard::Shard,
+    systems::SYSTEMS,
+    table::writer::{Format, TableExtensionError},
+    variable::DefaultValue,
 };
 use std::{path::PathBuf, time::Duration};
 
@@ -645,7 +650,7 @@ pub struct PredictArgs {
     pub json: bool,
 }
 
-fn table_file(text: &str) -> Result<(PathBuf, Format), String> {
+fn table_file(text: &str) -> Result<(PathBuf, Format), TableExtensionError> {
     let path = PathBuf::from(text);
     Format::of(&path).map(|format| (path, format))
 }

@@ -8,6 +8,47 @@ use crate::{
 };
 use metafmu_runtime::{Bounds, Evaluator, Output, Surrogate};
 use rayon::prelude::*;
+use std::fmt;
+
+/// Reason why calibration data bound no error: they are too few, or too many of their predictions are not finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum CalibrationError {
+    /// Runs do not bound the errors of a surrogate.
+    Runs {
+        /// Number of runs.
+        count: usize,
+        /// Share of the rows to bound.
+        coverage: f64,
+    },
+    /// Unseen rows do not bound the errors of a static map.
+    Rows {
+        /// Number of rows.
+        count: usize,
+        /// Share of the rows to bound.
+        coverage: f64,
+    },
+}
+
+impl fmt::Display for CalibrationError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Runs { count, coverage } => {
+                let verb = if *count == 1 { "does" } else { "do" };
+                let runs = counted(*count, "run");
+                write!(
+                    f,
+                    "{runs} {verb} not bound {coverage} of the rows: too few of their predictions can be computed"
+                )
+            }
+            Self::Rows { count, coverage } => write!(
+                f,
+                "{count} unseen rows do not bound {coverage} of the rows: too few of their predictions are finite"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for CalibrationError {}
 
 /// Split-conformal error bounds from `n` calibration runs: for each output the smallest `q` with
 ///
@@ -29,9 +70,14 @@ use rayon::prelude::*;
 /// left, the largest error takes the place of the quantile.
 ///
 /// # Errors
-/// A sentence, if there are fewer than [`BoundsOptions::least_runs`](crate::study::BoundsOptions::least_runs), or if too many
-/// predictions are not finite.
-pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_kind: bool) -> Result<Bounds, String> {
+/// [`CalibrationError::Runs`] if there are fewer than [`BoundsOptions::least_runs`](crate::study::BoundsOptions::least_runs),
+/// or if too many predictions are not finite.
+pub fn bounds(
+    surrogate: &Surrogate,
+    calibration: &Dataset,
+    coverage: f64,
+    by_kind: bool,
+) -> Result<Bounds, CalibrationError> {
     let ends = if surrogate.program().has_memory() { ends(calibration) } else { vec![f64::INFINITY] };
     let width = surrogate.outputs().len();
     let mut half_widths = vec![0.0f64; ends.len() * width];
@@ -43,12 +89,7 @@ pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_ki
         half_widths.iter_mut().zip(of_kind).for_each(|(largest, of_kind)| *largest = largest.max(of_kind));
     }
     if half_widths.iter().any(|half_width| !half_width.is_finite()) {
-        let runs = calibration.runs.len();
-        let verb = if runs == 1 { "does" } else { "do" };
-        return Err(format!(
-            "{} {verb} not bound {coverage} of the rows: too few of their predictions can be computed",
-            counted(runs, "run")
-        ));
+        return Err(CalibrationError::Runs { count: calibration.runs.len(), coverage });
     }
     let runs = calibration.runs.len() as u64;
     let (times, half_widths) = match surrogate.program().has_memory() {
@@ -61,15 +102,13 @@ pub fn bounds(surrogate: &Surrogate, calibration: &Dataset, coverage: f64, by_ki
 /// Error bounds of a static map, from the errors of each output in unseen rows: as [`bounds`] of runs of a single row.
 ///
 /// # Errors
-/// A sentence, if there are too few rows, or too many of their predictions are not finite.
-pub fn bounds_of_rows(errors: &[Vec<f64>], coverage: f64) -> Result<Bounds, String> {
+/// [`CalibrationError::Rows`] if there are too few rows, or too many of their predictions are not finite.
+pub fn bounds_of_rows(errors: &[Vec<f64>], coverage: f64) -> Result<Bounds, CalibrationError> {
     let (rows, width) = (errors.len(), errors.first().map_or(0, Vec::len));
     let of_output = |output| half_width(errors, output, width, (coverage, SignalKind::Signals));
     let half_widths: Vec<f64> = (0..width).map(of_output).collect();
     if half_widths.iter().any(|half_width| !half_width.is_finite()) {
-        return Err(format!(
-            "{rows} unseen rows do not bound {coverage} of the rows: too few of their predictions are finite"
-        ));
+        return Err(CalibrationError::Rows { count: rows, coverage });
     }
     Ok(Bounds { coverage, runs: rows as u64, times: Vec::new(), half_widths })
 }
@@ -376,7 +415,7 @@ mod tests {
         let outputs = vec![f64::NAN; 2 * surrogate.outputs().len()];
         let run = Run { inputs: vec![0.0; 2], parameters: vec![1.5, 0.0, 0.0, 0.0, 0.0], times, outputs };
         let dataset = Dataset { inputs: Vec::new(), parameters: Vec::new(), outputs: Vec::new(), runs: vec![run; 40] };
-        let message = bounds(&surrogate, &dataset, 0.5, false).unwrap_err();
+        let message = bounds(&surrogate, &dataset, 0.5, false).unwrap_err().to_string();
         assert!(message.ends_with("too few of their predictions can be computed"), "{message}");
     }
 
@@ -402,11 +441,9 @@ mod tests {
     fn too_few_runs_give_no_bounds() {
         let surrogate = example::surrogate();
         assert_eq!(BoundsOptions::least_runs(0.95), 19);
-        assert!(
-            bounds(&surrogate, &runs(18, 1), 0.95, false)
-                .unwrap_err()
-                .starts_with("18 runs do not bound 0.95 of the rows")
-        );
+        let error = bounds(&surrogate, &runs(18, 1), 0.95, false).unwrap_err();
+        assert_eq!(error, CalibrationError::Runs { count: 18, coverage: 0.95 });
+        assert!(error.to_string().starts_with("18 runs do not bound 0.95 of the rows"), "{error}");
         let largest = bounds(&surrogate, &runs(19, 1), 0.95, false).unwrap();
         assert!(largest.half_widths.iter().all(|&width| width > 1.0), "{largest:?}");
     }

@@ -199,8 +199,11 @@ impl Dataset {
 const CSV_NUMBERS: usize = 5_000_000;
 
 fn format_of(path: &Path) -> Result<Format> {
-    let wrong = |message| Error::Table { path: path.to_owned(), place: Place::Whole, message };
-    Format::of(path).map_err(wrong)
+    Format::of(path).map_err(|error| Error::Table {
+        path: path.to_owned(),
+        place: Place::Whole,
+        message: error.to_string(),
+    })
 }
 
 /// Writes to a file and hashes what it writes.
@@ -219,6 +222,15 @@ impl Write for HashedWriter<'_> {
     fn flush(&mut self) -> io::Result<()> {
         self.to.flush()
     }
+}
+
+/// Reason why a row does not continue its run.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+enum RunRowError {
+    #[error("run {run}: parameters differ from those of the run's first row")]
+    Parameters { run: f64 },
+    #[error("run {run}: time {time} does not come after the row before")]
+    Time { run: f64, time: f64 },
 }
 
 /// Collects rows into runs.
@@ -241,7 +253,7 @@ impl RunReader {
     }
 
     /// Takes the values of a row; returns the run before it if the row begins a new one.
-    fn push(&mut self, row: &[f64]) -> std::result::Result<Option<Run>, String> {
+    fn push(&mut self, row: &[f64]) -> std::result::Result<Option<Run>, RunRowError> {
         let (number, time) = (row[0], row[1]);
         let (parameters, rest) = row[2..].split_at(self.counts[0]);
         let (inputs, outputs) = rest.split_at(self.counts[1]);
@@ -251,9 +263,9 @@ impl RunReader {
             self.number = Some(number);
             self.parameters = parameters.to_vec();
         } else if self.parameters != parameters {
-            return Err(format!("run {number}: parameters differ from those of the run's first row"));
+            return Err(RunRowError::Parameters { run: number });
         } else if self.times.last().is_some_and(|&last| last >= time) {
-            return Err(format!("run {number}: time {time} does not come after the row before"));
+            return Err(RunRowError::Time { run: number, time });
         }
         self.times.push(time);
         self.inputs.extend_from_slice(inputs);

@@ -53,25 +53,45 @@ pub struct SineTerm {
     pub phase: f64,
 }
 
+/// Reason why values at time points make no signal.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum KnotsError {
+    /// No values, or another number of values than of time points.
+    #[error("{values} values at {times} instants, expected one at each, and at least one")]
+    Count {
+        /// Number of values.
+        values: usize,
+        /// Number of time points.
+        times: usize,
+    },
+    /// A value or a time point that is not finite.
+    #[error("{0}, expected a finite number")]
+    NotFinite(f64),
+    /// A time point that is not after the one before it.
+    #[error("the instant {next} after {before}, expected them to ascend")]
+    NotAscending {
+        /// The time point before, in s.
+        before: f64,
+        /// The time point, in s.
+        next: f64,
+    },
+}
+
 impl Knots {
     /// Values at ascending time points, in s.
     ///
     /// # Errors
-    /// A sentence: there is no value, the numbers of values and time points differ, one is not finite, or the time
+    /// [`KnotsError`]: there is no value, the numbers of values and time points differ, one is not finite, or the time
     /// points do not ascend.
-    pub fn new(times: Vec<f64>, values: Vec<f64>) -> Result<Self, String> {
+    pub fn new(times: Vec<f64>, values: Vec<f64>) -> Result<Self, KnotsError> {
         if times.is_empty() || times.len() != values.len() {
-            return Err(format!(
-                "{} values at {} instants, expected one at each, and at least one",
-                values.len(),
-                times.len()
-            ));
+            return Err(KnotsError::Count { values: values.len(), times: times.len() });
         }
         if let Some(value) = times.iter().chain(&values).find(|value| !value.is_finite()) {
-            return Err(format!("{value}, expected a finite number"));
+            return Err(KnotsError::NotFinite(*value));
         }
         match times.windows(2).find(|pair| pair[0] >= pair[1]) {
-            Some(pair) => Err(format!("the instant {} after {}, expected them to ascend", pair[1], pair[0])),
+            Some(pair) => Err(KnotsError::NotAscending { before: pair[0], next: pair[1] }),
             None => Ok(Self { times, values }),
         }
     }
@@ -151,7 +171,7 @@ mod tests {
             (vec![0.0, 0.0], vec![1.0, 2.0], "the instant 0 after 0, expected them to ascend"),
             (vec![0.0, 1.0], vec![1.0, f64::NAN], "NaN, expected a finite number"),
         ] {
-            assert_eq!(Knots::new(times, values).unwrap_err(), expected);
+            assert_eq!(Knots::new(times, values).unwrap_err().to_string(), expected);
         }
     }
 

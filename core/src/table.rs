@@ -23,10 +23,11 @@ use crate::{
 };
 use csv::Csv;
 use parquet::Parquet;
-pub(crate) use parquet::contained;
+pub(crate) use parquet::{ParquetReadError, contained};
 use std::{
     borrow::Cow,
     collections::{HashMap, HashSet},
+    fmt,
     io::{BufRead, BufReader},
     path::{Path, PathBuf},
     sync::atomic::{AtomicBool, Ordering},
@@ -312,17 +313,38 @@ fn bracketed(text: &str) -> Option<&str> {
     square.or_else(|| text.strip_prefix('(').and_then(|text| text.strip_suffix(')'))).map(str::trim)
 }
 
+/// Reason why columns cannot be told apart by their names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum ColumnNameError {
+    /// A column without a name: its position, counted from 0.
+    Missing(usize),
+    /// A name of two columns.
+    Duplicated(String),
+}
+
+impl fmt::Display for ColumnNameError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Missing(0) => {
+                f.write_str("column 1 has no name; an index of pandas is left out by `to_csv(index=False)`")
+            }
+            Self::Missing(index) => write!(f, "column {} has no name", index + 1),
+            Self::Duplicated(name) => write!(f, "column `{name}` is duplicated"),
+        }
+    }
+}
+
+impl std::error::Error for ColumnNameError {}
+
 /// Checks the names of the columns: each has one, and no two are equal.
-fn check_names(columns: &[TableColumn]) -> std::result::Result<(), String> {
+fn check_names(columns: &[TableColumn]) -> std::result::Result<(), ColumnNameError> {
     let mut before = HashSet::with_capacity(columns.len());
     for (index, TableColumn { name, .. }) in columns.iter().enumerate() {
         if name.is_empty() {
-            let index_of_pandas =
-                if index == 0 { "; an index of pandas is left out by `to_csv(index=False)`" } else { "" };
-            return Err(format!("column {} has no name{index_of_pandas}", index + 1));
+            return Err(ColumnNameError::Missing(index));
         }
         if !before.insert(name.as_str()) {
-            return Err(format!("column `{name}` is duplicated"));
+            return Err(ColumnNameError::Duplicated(name.clone()));
         }
     }
     Ok(())

@@ -1,6 +1,7 @@
 //! Named quantities, with their units and meanings, and the data that they are matched with by name.
 
 use crate::diagnostics::names::{self, NameMatch, closest, expected_one_of, listed};
+use std::fmt;
 
 /// A named quantity of a source: a parameter or an output column of a dataset.
 #[derive(Clone, Debug, PartialEq)]
@@ -31,18 +32,23 @@ pub struct DefaultValue {
     pub value: Option<f64>,
 }
 
+/// Text of a default value that is not a finite number.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is not a finite number, expected NAME or NAME=VALUE")]
+pub struct DefaultValueError(pub String);
+
 impl DefaultValue {
     /// Parses `NAME` or `NAME=VALUE`.
     ///
     /// # Errors
-    /// A message if the value is not a finite number.
-    pub fn parse(text: &str) -> Result<Self, String> {
+    /// [`DefaultValueError`] if the value is not a finite number.
+    pub fn parse(text: &str) -> Result<Self, DefaultValueError> {
         let Some((name, value)) = text.rsplit_once('=') else {
             return Ok(Self { name: text.trim().to_owned(), value: None });
         };
         let number = value.trim().parse().ok().filter(|number: &f64| number.is_finite());
-        let value = number.ok_or_else(|| format!("`{value}` is not a finite number, expected NAME or NAME=VALUE"))?;
-        Ok(Self { name: name.trim().to_owned(), value: Some(value) })
+        let number = number.ok_or_else(|| DefaultValueError(value.to_owned()))?;
+        Ok(Self { name: name.trim().to_owned(), value: Some(number) })
     }
 
     /// Message for a variable that does not exist.
@@ -107,17 +113,32 @@ pub struct MatchedVariables {
     pub doubts: Vec<String>,
 }
 
+/// Reasons why variables do not match the columns of data.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct VariableMatchError {
+    /// Message for all variables that lack data, then a message for each default value that cannot be used.
+    pub problems: Vec<String>,
+}
+
+impl fmt::Display for VariableMatchError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.problems.join("; "))
+    }
+}
+
+impl std::error::Error for VariableMatchError {}
+
 /// Matches variables with the columns of data by name. Columns in `other` have a meaning that is none of these variables.
 ///
 /// # Errors
-/// A message with all variables that lack data, each with the closest unused column, and with default values of unknown
-/// variables.
+/// [`VariableMatchError`] with all variables that lack data, each with the closest unused column, and with default values of
+/// unknown variables.
 pub fn match_variables(
     wanted: &[WantedVariable],
     columns: &[&str],
     other: &[&str],
     defaults: &[DefaultValue],
-) -> Result<MatchedVariables, String> {
+) -> Result<MatchedVariables, VariableMatchError> {
     let names: Vec<&str> = wanted.iter().map(|variable| variable.name).collect();
     let NameMatch { positions, unused } = NameMatch::of(&names, columns);
     let unused: Vec<&str> =
@@ -169,7 +190,7 @@ pub fn match_variables(
         .chain(contradictions(defaults))
         .collect();
     if !problems.is_empty() {
-        return Err(problems.join("; "));
+        return Err(VariableMatchError { problems });
     }
     if !constants.is_empty() {
         let constants: Vec<&str> = constants.iter().map(String::as_str).collect();
@@ -241,12 +262,12 @@ mod tests {
         );
         // a column that nothing uses may be meant
         assert_eq!(
-            matched(&["t", "l", "force"], &[]).unwrap_err(),
+            matched(&["t", "l", "force"], &[]).unwrap_err().to_string(),
             "no columns `time`, `L`, expected them among t, l, force; did you mean `l` for `L`? Not used: t, l. \
              For constants: --default L=0.5"
         );
         assert_eq!(
-            matched(&["time", "L", "force", "x0"], &[]).unwrap_err(),
+            matched(&["time", "L", "force", "x0"], &[]).unwrap_err().to_string(),
             "no column `x_start`, expected it among time, L, force, x0. Not used: x0. For constants: --default x_start=0.5"
         );
         let found = matched(&["time", "l", "force"], &[default("L"), default("x_start = -2")]).unwrap();
@@ -255,11 +276,11 @@ mod tests {
         assert_eq!(found.notes[1], "columns that are not used: l");
         let found = matched(&["time", "L", "force"], &[default("L=2"), default("force")]).unwrap();
         assert_eq!(found.doubts, ["`L` has a column, and its default value 2.0 is not used"]);
-        let message = matched(&["time", "force"], &[default("L=2"), default("L=3")]).unwrap_err();
+        let message = matched(&["time", "force"], &[default("L=2"), default("L=3")]).unwrap_err().to_string();
         assert_eq!(message, "`L` has two default values");
-        let message = matched(&["time", "L", "force"], &[default("forse=1"), default("time")]).unwrap_err();
+        let message = matched(&["time", "L", "force"], &[default("forse=1"), default("time")]).unwrap_err().to_string();
         assert!(message.contains("--default forse: no such variable") && message.ends_with("did you mean `force`?"));
-        let message = matched(&["L", "force"], &[default("time=1")]).unwrap_err();
+        let message = matched(&["L", "force"], &[default("time=1")]).unwrap_err().to_string();
         assert!(message.starts_with("no column `time`") && message.contains("--default time: found"), "{message}");
     }
 
@@ -267,7 +288,7 @@ mod tests {
     fn values_that_only_data_have_take_no_default() {
         let variables = [wanted("time", Need::Data), wanted("force", Need::DataOrDefault)];
         assert_eq!(
-            match_variables(&variables, &["time", "force"], &[], &[default("time")]).unwrap_err(),
+            match_variables(&variables, &["time", "force"], &[], &[default("time")]).unwrap_err().to_string(),
             "--default time: found a default value, expected a column `time`: it differs from row to row"
         );
     }
@@ -278,7 +299,7 @@ mod tests {
         assert!(DefaultValue::parse("a=nan").is_err() && DefaultValue::parse("a=").is_err());
         assert_eq!(option_for("L", Some(0.5 * (0.1 + 0.2))), "--default L=0.15");
         let nameless = [WantedVariable { start: None, ..wanted("x[1] 2", Need::DataOrDefault) }];
-        let message = match_variables(&nameless, &[], &[], &[]).unwrap_err();
+        let message = match_variables(&nameless, &[], &[], &[]).unwrap_err().to_string();
         assert!(message.ends_with("For constants: --default 'x[1] 2=VALUE'"), "{message}");
     }
 }

@@ -64,7 +64,7 @@ pub(super) fn with_bounds(surrogate: Surrogate, calibration: Option<&Dataset>, s
     // runs of a table are driven by whatever they are driven by
     match calibration::bounds(&surrogate, runs, options.coverage, !study.source.is_recorded()) {
         Ok(bounds) => surrogate::with_bounds(surrogate, bounds),
-        Err(message) => Err(study.refusal("bounds", message)),
+        Err(error) => Err(study.refusal("bounds", error.to_string())),
     }
 }
 

@@ -394,7 +394,7 @@ impl Driven {
         let signal = |column: usize| {
             let values: Vec<f64> = inputs.iter().skip(column).step_by(self.drivers.len()).copied().collect();
             let knots = Knots::new(times.to_vec(), values);
-            knots.map(Signal::Linear).map_err(|message| MotionError::new(MotionCause::Unsuitable, message))
+            knots.map(Signal::Linear).map_err(|error| MotionError::new(MotionCause::Unsuitable, error.to_string()))
         };
         Ok(Launch {
             names: self.states[..n].iter().map(|state| state.name.as_str()).collect(),

@@ -45,10 +45,10 @@ pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<(Dataset, S
         let (pieces, ()): (Vec<TablePiece>, ()) = rayon::join(parse, || hash.update(&block));
         for piece in pieces {
             for (row, offset) in piece.values.chunks(columns.len()).zip(&piece.row_lines) {
-                dataset.runs.extend(rows.push(row).map_err(|message| mistake(line + offset, message))?);
+                dataset.runs.extend(rows.push(row).map_err(|error| mistake(line + offset, error.to_string()))?);
             }
-            if let Some((offset, message)) = piece.mistake {
-                return Err(mistake(line + offset, message));
+            if let Some(error) = piece.mistake {
+                return Err(mistake(line + error.line, error.message));
             }
             line += piece.lines;
         }
@@ -111,6 +111,13 @@ fn split_lines(block: &[u8]) -> Vec<&[u8]> {
     pieces
 }
 
+/// Reason why a line is no row of a table.
+struct CsvLineError {
+    /// Line, counted from 0 at the start of the piece.
+    line: u64,
+    message: String,
+}
+
 /// Rows of a part of a table.
 struct TablePiece {
     /// Row by row.
@@ -119,27 +126,29 @@ struct TablePiece {
     row_lines: Vec<u64>,
     /// Number of lines.
     lines: u64,
-    /// Line and message of the first mistake, which ends the rows.
-    mistake: Option<(u64, String)>,
+    /// The first mistake, which ends the rows.
+    mistake: Option<CsvLineError>,
 }
 
 impl TablePiece {
     fn parse(text: &[u8], columns: &[String]) -> Self {
         let lines = text.iter().filter(|&&byte| byte == b'\n').count() as u64;
         let mut piece = Self { values: Vec::new(), row_lines: Vec::new(), lines, mistake: None };
-        if let Err(mistake) = piece.read(text, columns) {
-            piece.mistake = Some(mistake);
-        }
+        piece.mistake = piece.read(text, columns).err();
         piece
     }
 
-    fn read(&mut self, text: &[u8], columns: &[String]) -> std::result::Result<(), (u64, String)> {
+    fn read(&mut self, text: &[u8], columns: &[String]) -> std::result::Result<(), CsvLineError> {
         let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).from_reader(text);
         let (mut record, mut before) = (csv::ByteRecord::new(), csv::ByteRecord::new());
-        while reader.read_byte_record(&mut record).map_err(|error| (0, error.to_string()))? {
+        while reader
+            .read_byte_record(&mut record)
+            .map_err(|error| CsvLineError { line: 0, message: error.to_string() })?
+        {
             let line = record.position().map_or(0, csv::Position::line) - 1;
             if record.len() != columns.len() {
-                return Err((line, format!("{} fields, expected {}", record.len(), columns.len())));
+                let message = format!("{} fields, expected {}", record.len(), columns.len());
+                return Err(CsvLineError { line, message });
             }
             let last_row = self.values.len().saturating_sub(columns.len());
             for (index, column) in columns.iter().enumerate() {
@@ -147,8 +156,10 @@ impl TablePiece {
                 let value = if before.get(index) == Some(&record[index]) {
                     self.values[last_row + index]
                 } else {
-                    number(&record[index])
-                        .map_err(|found| (line, format!("column `{column}`: `{found}` is not a finite number")))?
+                    number(&record[index]).ok_or_else(|| {
+                        let text = String::from_utf8_lossy(&record[index]);
+                        CsvLineError { line, message: format!("column `{column}`: `{text}` is not a finite number") }
+                    })?
                 };
                 self.values.push(value);
             }
@@ -159,8 +170,7 @@ impl TablePiece {
     }
 }
 
-/// A finite number, or the text that is none.
-fn number(field: &[u8]) -> std::result::Result<f64, String> {
-    let text = String::from_utf8_lossy(field);
-    text.trim().parse().ok().filter(|value: &f64| value.is_finite()).ok_or(text.into_owned())
+/// The finite number in a field; none if its text is another.
+fn number(field: &[u8]) -> Option<f64> {
+    String::from_utf8_lossy(field).trim().parse().ok().filter(|value: &f64| value.is_finite())
 }

@@ -6,7 +6,7 @@ use crate::{
     diagnostics::Place,
     reading,
     table::{
-        contained,
+        ParquetReadError, contained,
         writer::{Block, Format, Values, Writer},
     },
 };
@@ -68,14 +68,15 @@ fn block(index: usize, run: &Run) -> Block {
 pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<Dataset> {
     let wrong = |place, message| Error::Table { path: path.to_owned(), place, message };
     let file = reading::open(path).map_err(Error::io(path, "read"))?;
-    let file = contained(|| SerializedFileReader::new(file)).map_err(|message| wrong(Place::Whole, message))?;
+    let damaged = |error: ParquetReadError| wrong(Place::Whole, error.to_string());
+    let file = contained(|| SerializedFileReader::new(file)).map_err(damaged)?;
     let mut dataset = variables.without_runs();
     let columns = dataset.columns();
-    check_columns(&file, &columns).map_err(|message| wrong(Place::Whole, message))?;
+    check_columns(&file, &columns).map_err(|error| wrong(Place::Whole, error.to_string()))?;
     let mut reader = RunReader::new([variables.parameters.len(), variables.inputs.len()]);
     let (mut number, mut row) = (0, Vec::with_capacity(columns.len()));
     for group in 0..file.num_row_groups() {
-        let values = contained(|| group_values(&file, group)).map_err(|message| wrong(Place::Whole, message))?;
+        let values = contained(|| group_values(&file, group)).map_err(damaged)?;
         for index in 0..values[0].len() {
             number += 1;
             row.clear();
@@ -84,7 +85,7 @@ pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<Dataset> {
                 let message = format!("column `{}`: `{}` is not a finite number", columns[column], row[column]);
                 return Err(wrong(Place::Row(number), message));
             }
-            dataset.runs.extend(reader.push(&row).map_err(|message| wrong(Place::Row(number), message))?);
+            dataset.runs.extend(reader.push(&row).map_err(|error| wrong(Place::Row(number), error.to_string()))?);
         }
     }
     dataset.runs.extend(reader.finish());
@@ -94,17 +95,29 @@ pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<Dataset> {
     Ok(dataset)
 }
 
+/// Reason why the columns of a file are not those of the dataset.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+enum ColumnsError {
+    /// Other names, or the same in another order.
+    #[error("columns `{}`, expected `{}`", found.join(","), expected.join(","))]
+    Names { found: Vec<String>, expected: Vec<String> },
+    /// A column of another type, or one that may have missing values.
+    #[error("column `{column}` is {found}, expected {expected} without missing values")]
+    Type { column: String, found: Type, expected: Type },
+}
+
 /// Checks the names and types of the columns.
-fn check_columns(file: &SerializedFileReader<File>, expected: &[String]) -> std::result::Result<(), String> {
+fn check_columns(file: &SerializedFileReader<File>, expected: &[String]) -> std::result::Result<(), ColumnsError> {
     let schema = file.metadata().file_metadata().schema_descr();
     let found: Vec<&str> = schema.columns().iter().map(|column| column.name()).collect();
     if found != expected {
-        return Err(format!("columns `{}`, expected `{}`", found.join(","), expected.join(",")));
+        let found = found.into_iter().map(str::to_owned).collect();
+        return Err(ColumnsError::Names { found, expected: expected.to_owned() });
     }
     for (position, column) in schema.columns().iter().enumerate() {
         let (found, expected) = (column.physical_type(), if position == 0 { Type::INT64 } else { Type::DOUBLE });
         if found != expected || column.max_def_level() > 0 {
-            return Err(format!("column `{}` is {found}, expected {expected} without missing values", column.name()));
+            return Err(ColumnsError::Type { column: column.name().to_owned(), found, expected });
         }
     }
     Ok(())

@@ -62,7 +62,7 @@ impl Recording {
             path: path.to_owned(),
             digest: files::digest(path)?,
             column: table.columns()[value].clone(),
-            signal: Signal::Linear(Knots::new(times, values).map_err(|message| table.mistake(&message))?),
+            signal: Signal::Linear(Knots::new(times, values).map_err(|error| table.mistake(&error.to_string()))?),
             begin,
             duration: end - begin,
             extremes,
@@ -107,11 +107,11 @@ impl Recording {
 mod tests {
     use super::*;
 
-    fn read(text: &str) -> std::result::Result<Recording, String> {
+    fn read(text: &str) -> Result<Recording> {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("r.csv");
         std::fs::write(&path, text).unwrap();
-        Recording::read(&path, "force").map_err(|error| error.to_string())
+        Recording::read(&path, "force")
     }
 
     #[test]
@@ -147,7 +147,7 @@ mod tests {
             ("time,force\n1,1\n1,2\n", "r.csv:3: time 1 s after 1 s, expected rows in the order of time"),
             ("time,force\n0,1\n", "r.csv:2: expected at least two rows"),
         ] {
-            let message = read(text).unwrap_err();
+            let message = read(text).unwrap_err().to_string();
             assert!(message.ends_with(says), "{message}");
         }
     }

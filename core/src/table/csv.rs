@@ -197,7 +197,7 @@ impl<'a> Csv<'a> {
         if let Some(TableColumn { name, .. }) = columns.iter().find(|column| column.name.parse::<f64>().is_ok()) {
             return Err(self.mistake(&format!("`{name}` is a number, expected a header with the columns' names")));
         }
-        check_names(&columns).map_err(|message| self.mistake(&message))?;
+        check_names(&columns).map_err(|error| self.mistake(&error.to_string()))?;
         Ok(columns)
     }
 

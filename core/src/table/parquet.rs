@@ -92,12 +92,12 @@ impl fmt::Debug for Parquet {
 impl Parquet {
     /// Reads the names and types of the columns.
     pub(super) fn new(path: &Path, file: File) -> Result<(Self, Vec<TableColumn>)> {
-        let damaged = |message| wrong(path, Place::Whole, message);
+        let damaged = |error: ParquetReadError| wrong(path, Place::Whole, error.to_string());
         let file = contained(|| SerializedFileReader::new(file)).map_err(damaged)?;
         let schema = file.metadata().file_metadata().schema_descr_ptr();
         let leaves: Vec<Leaf> = contained(|| Ok(leaves(&schema))).map_err(damaged)?;
         let columns: Vec<TableColumn> = leaves.iter().map(|leaf| TableColumn::parse(&leaf.name)).collect();
-        check_names(&columns).map_err(damaged)?;
+        check_names(&columns).map_err(|error| wrong(path, Place::Whole, error.to_string()))?;
         let mut rows = Self { path: path.to_owned(), file, columns: leaves, group: 0, rows: 0, rows_before: 0, row: 0 };
         rows.rows = rows.rows_of(0);
         Ok((rows, columns))
@@ -209,8 +209,8 @@ impl Parquet {
                 (leaf.chunk, leaf.start, leaf.end) = (chunk, row, row + count);
                 Ok(())
             }
-            Err(message) => {
-                let message = format!("column `{}`: {message}", leaf.name);
+            Err(error) => {
+                let message = format!("column `{}`: {error}", leaf.name);
                 Err(wrong(&self.path, self.place(), message))
             }
         }
@@ -239,7 +239,7 @@ impl Parquet {
                 let todo = "write the file again with `compression=\"snappy\"`";
                 format!("column `{name}`: compressed with {codec}, expected SNAPPY, GZIP or none: {todo}")
             }
-            Err(message) => format!("column `{name}`: {message}"),
+            Err(error) => format!("column `{name}`: {error}"),
         };
         Err(wrong(&self.path, Place::Whole, message))
     }
@@ -323,11 +323,25 @@ impl ColumnType {
     }
 }
 
+/// Reason why a Parquet file cannot be read.
+#[derive(Debug, thiserror::Error)]
+pub(crate) enum ParquetReadError {
+    /// A file that needs something that the crate does not have.
+    #[error("written in a way that is not read: {0}")]
+    Unsupported(String),
+    /// A file that the crate refuses.
+    #[error("the file is damaged or cut off: {0}")]
+    Damaged(ParquetError),
+    /// A file that makes the crate panic.
+    #[error("the file is damaged")]
+    Panicked,
+}
+
 /// Calls the crate, which panics at some damaged files (found by flipping bits: a dictionary that was never set, lengths past
 /// the end of a page). That is an error like its others, and nothing to report on its own.
 pub(crate) fn contained<T>(
     call: impl FnOnce() -> std::result::Result<T, ParquetError>,
-) -> std::result::Result<T, String> {
+) -> std::result::Result<T, ParquetReadError> {
     thread_local! { static IS_CONTAINED: Cell<bool> = const { Cell::new(false) } }
     static HOOK: Once = Once::new();
     HOOK.call_once(|| {
@@ -343,9 +357,9 @@ pub(crate) fn contained<T>(
     IS_CONTAINED.set(false);
     match result {
         Ok(Ok(value)) => Ok(value),
-        Ok(Err(ParquetError::NYI(what))) => Err(format!("written in a way that is not read: {what}")),
-        Ok(Err(error)) => Err(format!("the file is damaged or cut off: {error}")),
-        Err(_) => Err("the file is damaged".into()),
+        Ok(Err(ParquetError::NYI(what))) => Err(ParquetReadError::Unsupported(what)),
+        Ok(Err(error)) => Err(ParquetReadError::Damaged(error)),
+        Err(_) => Err(ParquetReadError::Panicked),
     }
 }
 

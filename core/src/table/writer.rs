@@ -35,6 +35,11 @@ pub enum Format {
     Parquet,
 }
 
+/// End of a file's name, after the dot, that is not that of a table.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`.{0}`, expected a file that ends in .csv or .parquet")]
+pub struct TableExtensionError(pub String);
+
 impl Format {
     /// All formats.
     pub const ALL: [Self; 2] = [Self::Csv, Self::Parquet];
@@ -50,12 +55,12 @@ impl Format {
     /// Format of a file by the end of its name: `.parquet`, else `.csv` or none.
     ///
     /// # Errors
-    /// If its name ends otherwise.
-    pub fn of(path: &Path) -> Result<Self, String> {
+    /// [`TableExtensionError`] if its name ends otherwise.
+    pub fn of(path: &Path) -> Result<Self, TableExtensionError> {
         match path.extension().map(|extension| extension.to_string_lossy().to_lowercase()).as_deref() {
             Some("parquet") => Ok(Self::Parquet),
             Some("csv") | None => Ok(Self::Csv),
-            Some(other) => Err(format!("`.{other}`, expected a file that ends in .csv or .parquet")),
+            Some(other) => Err(TableExtensionError(other.to_owned())),
         }
     }
 }

@@ -129,7 +129,7 @@ impl Inputs {
                 format!("column `{name}` is no variable of the FMU, {}", expected_one_of(name, &known))
             }
         });
-        let problems: Vec<String> = matched.as_ref().err().cloned().into_iter().chain(others).collect();
+        let problems: Vec<String> = matched.as_ref().err().map(ToString::to_string).into_iter().chain(others).collect();
         match matched {
             Ok(matched) if problems.is_empty() => {
                 let constant = wanted.iter().zip(&matched.columns).zip(&matched.values);

@@ -110,7 +110,8 @@ fn with_bounds(study: &Study, map: Surrogate, unseen: &UnseenRows, outputs: &[Ve
         outputs[*row].iter().zip(found).map(|(label, found)| (label - found).abs()).collect()
     };
     let errors: Vec<Vec<f64>> = unseen.rows.iter().zip(&unseen.predictions).map(error).collect();
-    let bounds = calibration::bounds_of_rows(&errors, coverage).map_err(|message| study.refusal("bounds", message))?;
+    let bounds = calibration::bounds_of_rows(&errors, coverage);
+    let bounds = bounds.map_err(|error| study.refusal("bounds", error.to_string()))?;
     surrogate::with_bounds(map, bounds)
 }
 

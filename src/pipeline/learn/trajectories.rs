@@ -72,7 +72,7 @@ fn train(project: &Project, dataset: &Dataset) -> Result<Trained> {
                     let candidate = Candidate { name: name.into(), error, seconds };
                     of_name.push(FoundEquations { candidate, identified, columns, angles });
                 }
-                Err(message) => refused.push(format!("{name}: {message}")),
+                Err(error) => refused.push(format!("{name}: {error}")),
             }
         }
         found.extend(first_of_the_best(of_name));

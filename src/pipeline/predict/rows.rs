@@ -274,7 +274,7 @@ impl PredictionColumns {
         let used = NameMatch::of(&of_wanted, &names).positions;
         let units = used.iter().zip(&wanted);
         let units = units.filter_map(|(column, variable)| table.unit_problem((*column)?, Some(variable.unit)));
-        let problems: Vec<String> = matched.as_ref().err().cloned().into_iter().chain(units).collect();
+        let problems: Vec<String> = matched.as_ref().err().map(ToString::to_string).into_iter().chain(units).collect();
         let matched = match matched {
             Ok(matched) if problems.is_empty() => matched,
             _ => return Err(table.mistake_in_header(&problems.join("; "))),

@@ -42,6 +42,20 @@ pub struct Identified {
     pub error: f64,
 }
 
+/// Reason why no equations are identified.
+#[derive(Debug, thiserror::Error)]
+pub enum IdentificationError {
+    /// More coefficients, even at the lowest order, than the rows or the method allow.
+    #[error("too many coordinates, parameters and inputs, or too few rows")]
+    TooManyCoefficients,
+    /// Equations of motion, but none with a positive definite mass matrix.
+    #[error("no equations with a positive definite mass matrix continue the motions")]
+    NoMassMatrix,
+    /// Coefficients of which no functions can be made.
+    #[error(transparent)]
+    Format(#[from] FormatError),
+}
+
 /// Part of the rows of each motion from which equations are found before those that are held out are added.
 const LEARNED: f64 = 0.75;
 
@@ -74,8 +88,8 @@ fn split(rows: usize) -> usize {
 /// Finds equations of motion, their columns being `factors`: coordinates, then parameters.
 ///
 /// # Errors
-/// A sentence if there are too many functions or too few rows, or no equations have a positive definite mass matrix.
-pub fn fit_motion(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Identified, String> {
+/// [`IdentificationError`]: too many functions or too few rows, or no equations with a positive definite mass matrix.
+pub fn fit_motion(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Identified, IdentificationError> {
     let has = |is_angle: bool| factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
     let mut order = [if has(true) { 2 } else { 0 }, 0];
     let mut best: Option<Identified> = None;
@@ -98,22 +112,21 @@ pub fn fit_motion(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Ide
             _ => break,
         };
     }
-    let best = best.ok_or("too many coordinates, parameters and inputs, or too few rows")?;
-    if best.error.is_finite() {
-        Ok(best)
-    } else {
-        Err("no equations with a positive definite mass matrix continue the motions".into())
-    }
+    let best = best.ok_or(IdentificationError::TooManyCoefficients)?;
+    if best.error.is_finite() { Ok(best) } else { Err(IdentificationError::NoMassMatrix) }
 }
 
 /// The best equations of an order; none if there are too many coefficients for the rows.
-fn of_order(factors: &[Factor], trajectories: &[Trajectory], order: [usize; 2]) -> Result<Option<Identified>, String> {
+fn of_order(
+    factors: &[Factor],
+    trajectories: &[Trajectory],
+    order: [usize; 2],
+) -> Result<Option<Identified>, FormatError> {
     let first = &trajectories[0];
     let basis = Basis::new(factors, first.coordinates, first.inputs(), order);
     if basis.unknowns.len() > MOST_COEFFICIENTS {
         return Ok(None);
     }
-    let explain = |error: FormatError| error.to_string();
     let parts: Vec<Trajectory> = trajectories.iter().map(|motion| motion.first(split(motion.rows()))).collect();
     let of_window = |half: usize| {
         let problem = WeakEquations::new(&basis, &parts, half)?;
@@ -121,20 +134,20 @@ fn of_order(factors: &[Factor], trajectories: &[Trajectory], order: [usize; 2]) 
         Ok(chosen.map(|(choice, error)| (choice, error, half)))
     };
     let found: Result<Vec<_>, FormatError> = WINDOWS.into_par_iter().map(of_window).collect();
-    let found = found.map_err(explain)?.into_iter().flatten().collect();
+    let found = found?.into_iter().flatten().collect();
     let model =
         |choice: &Choice| basis.dynamics(&choice.coefficients).map(|model| AccelerationModel::Motion(Box::new(model)));
     let Some((choice, error, half)) = simplest(found, |(choice, error, _)| (choice.active.len(), *error)) else {
-        let model = model(&Choice::none(&basis)).map_err(explain)?;
+        let model = model(&Choice::none(&basis))?;
         return Ok(Some(Identified { model, order, coefficients: 0, solutions: 0, error: f64::INFINITY }));
     };
     // with the rows that were held out, if that is a solution as well
-    let whole = WeakEquations::new(&basis, trajectories, half).map_err(explain)?;
+    let whole = WeakEquations::new(&basis, trajectories, half)?;
     let refitted = whole.and_then(|problem| problem.solve(&choice.active, choice.limit, choice.solutions));
-    let refitted = refitted.map(|choice| model(&choice)).transpose().map_err(explain)?;
+    let refitted = refitted.map(|choice| model(&choice)).transpose()?;
     let refitted = refitted.filter(|model| roll_out::error(model, trajectories, split) <= 2.0 * error.max(SAME));
     let Choice { active, independent, .. } = &choice;
-    let model = refitted.map_or_else(|| model(&choice), Ok).map_err(explain)?;
+    let model = refitted.map_or_else(|| model(&choice), Ok)?;
     Ok(Some(Identified { model, order, coefficients: active.len(), solutions: *independent, error }))
 }
 
@@ -413,8 +426,8 @@ fn likely_solutions(singular: &[f64], coordinates: usize) -> Vec<usize> {
 /// rates.
 ///
 /// # Errors
-/// A sentence if there are too many columns or too few rows.
-pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Identified, String> {
+/// [`IdentificationError::TooManyCoefficients`] if there are too many columns or too few rows.
+pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Result<Identified, IdentificationError> {
     let has = |is_angle: bool| factors.iter().any(|factor| (*factor == Factor::Angle) == is_angle);
     let samples = |of: &dyn Fn(usize) -> std::ops::Range<usize>| {
         let mut samples = EquationSamples::default();
@@ -468,7 +481,7 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
             break;
         }
     }
-    best.ok_or_else(|| "too many coordinates, parameters and inputs, or too few rows".into())
+    best.ok_or(IdentificationError::TooManyCoefficients)
 }
 
 impl AccelerationModel {
