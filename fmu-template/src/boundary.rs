@@ -6,13 +6,21 @@ use std::{
     panic::{AssertUnwindSafe, catch_unwind},
 };
 
-/// Runs `body` so that no panic unwinds into the host; a panic's message comes back as the error.
+/// A panic behind the FMI functions, with its message.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("internal error ({message}); free the instance and please report this")]
+pub(crate) struct InternalPanic {
+    pub(crate) message: String,
+}
+
+/// Runs `body` so that no panic unwinds into the host; a panic comes back as the error.
 ///
 /// Whatever `body` borrowed may be half changed after a panic: the caller must not use it for a simulation again.
-pub(crate) fn guard<T>(body: impl FnOnce() -> T) -> Result<T, String> {
+pub(crate) fn guard<T>(body: impl FnOnce() -> T) -> Result<T, InternalPanic> {
     catch_unwind(AssertUnwindSafe(body)).map_err(|payload| {
         let text = payload.downcast_ref::<&str>().map(|text| (*text).to_owned());
-        text.or_else(|| payload.downcast_ref::<String>().cloned()).unwrap_or_default()
+        let text = text.or_else(|| payload.downcast_ref::<String>().cloned());
+        InternalPanic { message: text.unwrap_or_default() }
     })
 }
 
@@ -133,8 +141,10 @@ mod tests {
     #[test]
     fn a_panic_comes_back_as_its_message() {
         assert_eq!(guard(|| 1), Ok(1));
-        assert_eq!(guard(|| -> i32 { panic!("plain") }), Err("plain".to_owned()));
-        assert_eq!(guard(|| -> i32 { panic!("formatted {}", 2) }), Err("formatted 2".to_owned()));
+        let plain = InternalPanic { message: "plain".into() };
+        assert_eq!(guard(|| -> i32 { panic!("plain") }), Err(plain));
+        let formatted = InternalPanic { message: "formatted 2".into() };
+        assert_eq!(guard(|| -> i32 { panic!("formatted {}", 2) }), Err(formatted));
     }
 
     #[test]

@@ -7,7 +7,7 @@
 //! not trusted.
 
 use crate::{
-    boundary::{TextError, guard, not_null, slice, slice_mut, text, write},
+    boundary::{InternalPanic, TextError, guard, not_null, slice, slice_mut, text, write},
     instance::{Instance, InstanceKind, LoadError},
     location::LocationError,
     logger::Logger,
@@ -142,7 +142,7 @@ pub(crate) unsafe fn instantiate(
             return Box::into_raw(Box::new(Component { instance, logger, updates })).cast();
         }
         Ok(Err(error)) => (Status::Error, error.to_string()),
-        Err(panic) => (Status::Fatal, panicked(&panic)),
+        Err(panic) => (Status::Fatal, panic.to_string()),
     };
     logger.log(status, &format!("{function}: {message}"));
     null_mut()
@@ -247,7 +247,7 @@ unsafe fn carry_out(
 /// # Safety
 /// The host's promise, and the component is not null.
 #[cold]
-unsafe fn tell(component: *mut Component, called: &Called, answer: Result<Option<Refusal>, String>) -> Status {
+unsafe fn tell(component: *mut Component, called: &Called, answer: Result<Option<Refusal>, InternalPanic>) -> Status {
     // SAFETY: the caller's promise
     let instance = unsafe { &mut (*component).instance };
     let warnings = instance.take_warnings();
@@ -261,7 +261,7 @@ unsafe fn tell(component: *mut Component, called: &Called, answer: Result<Option
         }
         Err(panic) => {
             instance.fail(Status::Fatal);
-            (Status::Fatal, Some(panicked(&panic)))
+            (Status::Fatal, Some(panic.to_string()))
         }
     };
     // SAFETY: the caller's promise; the instance is not borrowed any more, should the host call back from its logger
@@ -271,10 +271,6 @@ unsafe fn tell(component: *mut Component, called: &Called, answer: Result<Option
         logger.log(severity, &format!("{}{:?}: {message}", called.prefix, called.name));
     }
     status
-}
-
-fn panicked(message: &str) -> String {
-    format!("internal error ({message}); free the instance and please report this")
 }
 
 /// Switches log categories, all if none is named.
