@@ -84,7 +84,7 @@ fn failures(project: &Project, plan: &Plan, outcomes: &[RunOutcome]) -> Vec<Fail
     let runs = plan.named().into_iter().flat_map(|(set, points)| points.iter().enumerate().map(move |run| (set, run)));
     let failure = |((set, (run, point)), outcome): ((&str, (usize, &Vec<f64>)), &RunOutcome)| {
         let names = project.study.planned().map(|(name, _)| name.to_owned());
-        let reason = outcome.as_ref().err()?.clone();
+        let reason = outcome.as_ref().err()?.message.clone();
         Some(FailedRun { set: set.into(), run, parameters: names.zip(point.iter().copied()).collect(), reason })
     };
     runs.zip(outcomes).filter_map(failure).collect()

@@ -50,8 +50,8 @@ pub fn attempt(study: &Study, control: Control<'_>) -> Result<Trial> {
         return Err(Error::Interrupted);
     }
     let failures = points.iter().zip(&found).filter_map(|(point, outcome)| {
-        let reason = outcome.as_ref().err()?;
-        Some(format!("{}: {reason}", simulation.values(point)))
+        let failure = outcome.as_ref().err()?;
+        Some(format!("{}: {failure}", simulation.values(point)))
     });
     Ok(Trial { runs: found.len(), failures: failures.collect() })
 }

@@ -1,5 +1,6 @@
 //! A worker process of a source: numbers in, numbers out.
 
+use super::RunFailure;
 use crate::{Result, fmi::Workers};
 use std::{sync::atomic::AtomicBool, time::Duration};
 
@@ -40,8 +41,8 @@ pub(super) trait WorkerProcess {
 pub(super) enum WorkerReply {
     /// Numbers.
     Done(Vec<f64>),
-    /// Failed, with the reason.
-    Failed(String),
+    /// The run failed.
+    Failed(RunFailure),
     /// No reply within the time limit.
     TimedOut,
     /// Abandoned, because the program must stop.

@@ -2,6 +2,7 @@
 
 mod calibration_runs;
 pub mod driven;
+mod failure;
 pub mod fmu;
 mod journal;
 mod kinds;
@@ -25,6 +26,7 @@ use crate::{
     unit,
     variable::SourceVariable,
 };
+pub use failure::{FailureCause, RunFailure};
 pub use journal::Journal;
 use metafmu_runtime::{BuiltIn, Output, State};
 pub use own_equations::{OwnRuns, integrate_own_equations};

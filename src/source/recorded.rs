@@ -30,6 +30,7 @@ use crate::{
 pub use motions::Motions;
 use runs::{Current, Runs};
 use std::{
+    fmt,
     path::{Path, PathBuf},
     sync::atomic::AtomicBool,
 };
@@ -253,7 +254,8 @@ impl Recorded {
         runs.refuse_outliers()?;
         let is_record = runs.finished.len() == 1 && self.samples.is_some();
         let odd = runs.cut();
-        let chosen = self.choose(runs.finished.len(), is_record).map_err(|message| table.mistake(&message))?;
+        let chosen = self.choose(runs.finished.len(), is_record);
+        let chosen = chosen.map_err(|error| table.mistake(&error.to_string()))?;
         let tests = self.test.as_ref().map(|path| {
             let mut tests = runs.followed();
             let table = self.read_table(path, &mut tests)?;
@@ -285,16 +287,12 @@ impl Recorded {
     }
 
     /// The numbers of the runs of each set, in their order. Tests are the last parts of a record, and of several runs random ones.
-    fn choose(&self, count: usize, is_record: bool) -> std::result::Result<Sets<Vec<usize>>, String> {
+    fn choose(&self, count: usize, is_record: bool) -> std::result::Result<Sets<Vec<usize>>, TooFewRuns> {
         let Self { test_runs, calibration_runs, .. } = *self;
         let to_train = if self.is_motion { 1 } else { 2 };
         if count < test_runs + calibration_runs + to_train {
-            let least = test_runs + calibration_runs + to_train;
-            let bounds = if calibration_runs == 0 { String::new() } else { format!("{calibration_runs} for bounds, ") };
-            let part = if self.is_motion { "; `sampling.train_stop` divides every run in time" } else { "" };
-            let tests = if test_runs == 0 { String::new() } else { format!("{test_runs} for the tests, ") };
-            let expected = format!("expected at least {least}: {tests}{bounds}{to_train} to train{part}");
-            return Err(format!("{}, {expected}", counted(count, "run")));
+            let is_motion = self.is_motion;
+            return Err(TooFewRuns { found: count, test_runs, calibration_runs, to_train, is_motion });
         }
         let order: Vec<usize> = match is_record {
             true => (0..count).rev().collect(),
@@ -372,6 +370,36 @@ impl Recorded {
         columns.map(|(&column, options)| read_value(table, column, options)).collect()
     }
 }
+
+/// Error of tables with fewer runs than the sets of a study need.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct TooFewRuns {
+    found: usize,
+    test_runs: usize,
+    calibration_runs: usize,
+    /// Fewest training runs.
+    to_train: usize,
+    /// `true` if each run could also be divided in time.
+    is_motion: bool,
+}
+
+impl fmt::Display for TooFewRuns {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { found, test_runs, calibration_runs, to_train, is_motion } = *self;
+        let least = test_runs + calibration_runs + to_train;
+        write!(f, "{}, expected at least {least}: ", counted(found, "run"))?;
+        if test_runs > 0 {
+            write!(f, "{test_runs} for the tests, ")?;
+        }
+        if calibration_runs > 0 {
+            write!(f, "{calibration_runs} for bounds, ")?;
+        }
+        let part = if is_motion { "; `sampling.train_stop` divides every run in time" } else { "" };
+        write!(f, "{to_train} to train{part}")
+    }
+}
+
+impl std::error::Error for TooFewRuns {}
 
 impl RecordedInput {
     fn of(options: &InputOptions) -> Self {

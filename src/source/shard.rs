@@ -5,7 +5,10 @@
 //! in one row. So each shard has its share of every set, whatever the order of the plan. Its file is a line of JSON,
 //! then the outputs of the successful runs, as little-endian doubles, and the SHA-256 of all that.
 
-use super::simulation::{RunOutcome, Simulation};
+use super::{
+    RunFailure,
+    simulation::{RunOutcome, Simulation},
+};
 use crate::{Error, Result, files, study::Study};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
@@ -27,14 +30,26 @@ pub struct Shard {
     pub number: usize,
 }
 
-impl FromStr for Shard {
-    type Err = String;
+/// Text that is no shard.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShardSyntaxError;
 
-    fn from_str(text: &str) -> std::result::Result<Self, String> {
+impl fmt::Display for ShardSyntaxError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("expected I/N with I from 1 to N, for instance 3/8")
+    }
+}
+
+impl std::error::Error for ShardSyntaxError {}
+
+impl FromStr for Shard {
+    type Err = ShardSyntaxError;
+
+    fn from_str(text: &str) -> std::result::Result<Self, ShardSyntaxError> {
         let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
         match parts {
             Some((number, of)) if (1..=of).contains(&number) => Ok(Self { of, number }),
-            _ => Err("expected I/N with I from 1 to N, for instance 3/8".into()),
+            _ => Err(ShardSyntaxError),
         }
     }
 }
@@ -89,8 +104,8 @@ struct ShardHeader {
     metafmu: String,
     sampling_digest: String,
     shard: Shard,
-    /// Reasons of the failed runs, by their position in the plan.
-    failed: BTreeMap<usize, String>,
+    /// Failed runs, by their position in the plan.
+    failed: BTreeMap<usize, RunFailure>,
     seconds: f64,
 }
 
@@ -192,7 +207,7 @@ fn read(
     let mut outcomes = Vec::new();
     for position in header.shard.positions(points.len()) {
         outcomes.push(match header.failed.get(&position) {
-            Some(reason) => Err(reason.clone()),
+            Some(failure) => Err(failure.clone()),
             None => {
                 let values = runs.next().ok_or_else(damaged)?.as_chunks().0;
                 Ok(simulation

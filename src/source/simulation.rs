@@ -1,11 +1,11 @@
 //! Runs that are simulated here: parameter values in, a run out.
 
 use super::{
-    Journal, MovingMechanism, MovingPoint, before_start, calibration_runs,
+    FailureCause, Journal, MovingMechanism, MovingPoint, RunFailure, before_start, calibration_runs,
     driven::Driven,
     list,
     setting::SourceSetting,
-    worker::{OutputsOrReason, WorkerModel},
+    worker::{RunOutputs, WorkerModel},
     wrong_unit,
 };
 use crate::{
@@ -60,8 +60,8 @@ enum SimulationModel {
     Apart(Box<WorkerModel>),
 }
 
-/// A run, or the reason of its failure.
-pub type RunOutcome = std::result::Result<Run, String>;
+/// A run, or its failure.
+pub type RunOutcome = std::result::Result<Run, RunFailure>;
 
 impl Simulation {
     /// Finds the study's system, mechanism, FMU or program and in it the study's parameters, constants and outputs.
@@ -220,7 +220,7 @@ impl Simulation {
         match &self.model {
             SimulationModel::Equations(equations) => {
                 let outputs = equations.run(parameters, &self.times, &[]);
-                let outputs = outputs.map_err(|message| self.failure(&equations.name, parameters, message))?;
+                let outputs = outputs.map_err(|failure| self.error_of(&equations.name, parameters, failure))?;
                 Ok(self.run_of(parameters, outputs))
             }
             SimulationModel::Apart(_) => {
@@ -230,14 +230,14 @@ impl Simulation {
         }
     }
 
-    /// Tries a run of a system or mechanism. Returns the reason if it fails within `limit`; none for an FMU or a
+    /// Tries a run of a system or mechanism. Returns its failure if it fails within `limit`; none for an FMU or a
     /// program.
     pub fn attempt(
         &self,
         point: &[f64],
         limit: Duration,
         stop: &AtomicBool,
-    ) -> Option<std::result::Result<(), String>> {
+    ) -> Option<std::result::Result<(), RunFailure>> {
         let SimulationModel::Equations(equations) = &self.model else { return None };
         let limited = SimulatedEquations { time_limit: Some(limit), ..(**equations).clone() };
         let begin = Instant::now();
@@ -245,8 +245,8 @@ impl Simulation {
         Some(if begin.elapsed() < limit { outcome } else { Ok(()) })
     }
 
-    fn failure(&self, system: &str, parameters: &[f64], message: String) -> Error {
-        Error::Run { system: system.into(), values: self.values(parameters), message }
+    fn error_of(&self, system: &str, parameters: &[f64], failure: RunFailure) -> Error {
+        Error::Run { system: system.into(), values: self.values(parameters), message: failure.message }
     }
 
     /// The values of a point of a plan, for messages.
@@ -297,13 +297,13 @@ impl Simulation {
             }
             SimulationModel::Apart(model) => {
                 let failed = AtomicUsize::new(0);
-                let failure = |point: &[f64], reason: &str| {
-                    self.allow(failed.fetch_add(1, Ordering::Relaxed) + 1, total, point, reason)
+                let allow = |point: &[f64], failure: &RunFailure| {
+                    self.allow(failed.fetch_add(1, Ordering::Relaxed) + 1, total, point, failure)
                 };
-                model.run_all(points, Some(journal), workers, &failure, done)?
+                model.run_all(points, Some(journal), workers, &allow, done)?
             }
         };
-        let made = |(outcome, point): (OutputsOrReason, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
+        let made = |(outcome, point): (RunOutputs, &Vec<f64>)| outcome.map(|outputs| self.run_of(point, outputs));
         Ok(outcomes.into_iter().zip(points).map(made).collect())
     }
 
@@ -317,7 +317,7 @@ impl Simulation {
         journal: &Journal,
         stop: &AtomicBool,
         done: impl Fn() + Sync,
-    ) -> Result<Vec<OutputsOrReason>> {
+    ) -> Result<Vec<RunOutputs>> {
         let solve = |point: &Vec<f64>| {
             if let Some(outputs) = journal.get(point) {
                 return Ok(Ok(outputs.to_vec()));
@@ -355,7 +355,7 @@ impl Simulation {
         let outcomes = outcomes.into_iter().filter_map(|(_, outcome)| outcome).collect::<Result<Vec<_>>>()?;
         let mut failures =
             points.iter().zip(&outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
-        failures.nth(allowed).map_or(Ok(()), |(point, reason)| self.allow(allowed + 1, total, point, reason))?;
+        failures.nth(allowed).map_or(Ok(()), |(point, failure)| self.allow(allowed + 1, total, point, failure))?;
         Ok(outcomes)
     }
 
@@ -364,9 +364,9 @@ impl Simulation {
         (self.max_failed * total as f64).floor() as usize
     }
 
-    /// Refuses too many failed runs; the last one had parameters and a reason.
-    fn allow(&self, failed: usize, total: usize, point: &[f64], reason: &str) -> Result<()> {
-        let (share, reason) = (self.max_failed, reason.to_owned());
+    /// Refuses too many failed runs; with the parameters and the failure of the last one.
+    fn allow(&self, failed: usize, total: usize, point: &[f64], failure: &RunFailure) -> Result<()> {
+        let (share, reason) = (self.max_failed, failure.message.clone());
         let allowed = self.allowed(total);
         if failed <= allowed {
             return Ok(());
@@ -382,7 +382,7 @@ impl Simulation {
     pub fn check_failures(&self, points: &[Vec<f64>], outcomes: &[RunOutcome]) -> Result<()> {
         let failed = points.iter().zip(outcomes).filter_map(|(point, outcome)| Some((point, outcome.as_ref().err()?)));
         let last = failed.clone().next_back();
-        last.map_or(Ok(()), |(point, reason)| self.allow(failed.count(), points.len(), point, reason))
+        last.map_or(Ok(()), |(point, failure)| self.allow(failed.count(), points.len(), point, failure))
     }
 
     /// Runs with the names of their columns; failed ones are dropped.
@@ -469,10 +469,11 @@ impl EquationSolver {
         }
     }
 
-    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> OutputsOrReason {
+    fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> RunOutputs {
         match self {
             Self::System(system) => {
-                (system.simulate)(quantities, times, tolerance, budget).map_err(|error| error.to_string())
+                let outputs = (system.simulate)(quantities, times, tolerance, budget);
+                outputs.map_err(|reason| RunFailure::new(FailureCause::Model, reason.to_string()))
             }
             Self::Mechanism(mechanism) => Ok(mechanism.simulate(quantities, times, tolerance, budget)?),
         }
@@ -563,7 +564,7 @@ impl SimulatedEquations {
     }
 
     /// Outputs of a run, row by row, in the study's order; any of the flags ends it early.
-    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> OutputsOrReason {
+    fn run(&self, parameters: &[f64], times: &[f64], stops: &[&AtomicBool]) -> RunOutputs {
         let quantities = self.quantities(parameters);
         let budget = Budget::new(stops, self.time_limit);
         let rows = match (&self.driven, &self.simulator) {

@@ -8,7 +8,7 @@ mod campaign;
 mod repeat;
 
 use super::{
-    Journal,
+    Journal, RunFailure,
     driven::Driven,
     fmu::{FmuRuns, ResolvedFmu},
     launch::{Launcher, WorkerProcess},
@@ -28,8 +28,8 @@ const RETRIES: usize = 1;
 /// Default `source.repeats`.
 const REPEATS: usize = 2;
 
-/// Outputs of a run, row by row, or the reason of its failure.
-pub type OutputsOrReason = std::result::Result<Vec<f64>, String>;
+/// Outputs of a run, row by row, or its failure.
+pub type RunOutputs = std::result::Result<Vec<f64>, RunFailure>;
 
 /// Model whose runs are made by worker processes.
 #[derive(Clone, Debug)]
@@ -148,8 +148,11 @@ impl WorkerModel {
             points.iter().chain(more).flatten().copied().collect::<Vec<f64>>()
         };
         let batches: Vec<Vec<f64>> = points.chunks(size).map(batch).collect();
-        let failure = |_: &[f64], reason: &str| Err(Error::Worker { message: format!("{}: {reason}", self.name()) });
-        let replies = model.run_all(&batches, None, workers, &failure, done)?;
+        let refuse = |_: &[f64], failure: &RunFailure| {
+            let message = format!("{}: {failure}", self.name());
+            Err(Error::Worker { message })
+        };
+        let replies = model.run_all(&batches, None, workers, &refuse, done)?;
         let rows = replies
             .into_iter()
             .flatten()
@@ -199,7 +202,7 @@ impl WorkerModel {
 
     /// Makes the run of each point, with one process for each thread; runs in the journal are taken from it. `done` is
     /// called after each run. When the token of `workers` turns true, runs that have begun are abandoned. `failure` is
-    /// called with the point and the reason of each failed run; its error ends everything.
+    /// called with the point of each failed run; its error ends everything.
     ///
     /// # Errors
     /// - Those of `failure`, of the journal and of an FMU that cannot be unpacked;
@@ -211,11 +214,11 @@ impl WorkerModel {
         points: &[Vec<f64>],
         journal: Option<&Journal>,
         workers: Workers<'_>,
-        failure: &(dyn Fn(&[f64], &str) -> Result<()> + Sync),
+        failure: &(dyn Fn(&[f64], &RunFailure) -> Result<()> + Sync),
         done: impl Fn() + Sync,
-    ) -> Result<Vec<OutputsOrReason>> {
+    ) -> Result<Vec<RunOutputs>> {
         let kept = |point: &Vec<f64>| Some(journal?.get(point)?.to_vec());
-        let mut outcomes: Vec<Option<OutputsOrReason>> = points.iter().map(|point| kept(point).map(Ok)).collect();
+        let mut outcomes: Vec<Option<RunOutputs>> = points.iter().map(|point| kept(point).map(Ok)).collect();
         let missing: Vec<usize> = (0..points.len()).filter(|&index| outcomes[index].is_none()).collect();
         (missing.len()..points.len()).for_each(|_| done());
         if !missing.is_empty() {

@@ -5,6 +5,7 @@
 pub mod variables;
 
 use super::{
+    FailureCause, RunFailure,
     driven::Driven,
     launch::{Launcher, Started, WorkerProcess, WorkerReply},
     setting::SourceSetting,
@@ -164,9 +165,11 @@ impl WorkerProcess for FmuProcess {
         self.worker.ask(&request);
         match self.worker.reply(Some(limit), stop) {
             ReplyStatus::Reply((SamplingReply::Done, outputs)) => WorkerReply::Done(outputs),
-            ReplyStatus::Reply((SamplingReply::Failed(reason), _)) => WorkerReply::Failed(reason),
-            ReplyStatus::Reply(_) => WorkerReply::Failed("the worker's reply made no sense".into()),
-            ReplyStatus::Died(end) => WorkerReply::Failed(end.message),
+            ReplyStatus::Reply((SamplingReply::Failed(reason), _)) => {
+                WorkerReply::Failed(RunFailure::new(FailureCause::Model, reason))
+            }
+            ReplyStatus::Reply(_) => WorkerReply::Failed(RunFailure::senseless_reply()),
+            ReplyStatus::Died(end) => WorkerReply::Failed(RunFailure::new(FailureCause::Process, end.message)),
             ReplyStatus::TimedOut => WorkerReply::TimedOut,
             ReplyStatus::Stopped => WorkerReply::Stopped,
         }

@@ -20,6 +20,7 @@ use crate::{
     study::Study,
     variable::SourceVariable,
 };
+use std::fmt;
 
 /// A study's names found in an FMU.
 pub struct Resolved {
@@ -88,8 +89,8 @@ impl Resolver<'_> {
                 add(unknown(description, name, before, "variable to be set", |variable| varied(variable).is_ok()));
                 continue;
             };
-            if let Err(reason) = varied(variable) {
-                add(reason);
+            if let Err(unfit) = varied(variable) {
+                add(unfit.to_string());
                 continue;
             }
             let (min, max) = range(description, variable);
@@ -121,7 +122,7 @@ impl Resolver<'_> {
                 continue;
             };
             match settable(variable) {
-                Err(reason) => add(reason),
+                Err(unfit) => add(unfit.to_string()),
                 Ok(()) if self.study.parameters.contains_key(name) => {
                     add("is a parameter: a quantity is either constant or varied".into());
                 }
@@ -245,8 +246,8 @@ impl Resolver<'_> {
                 problems.add(key, message);
                 continue;
             };
-            if let Err(reason) = recordable(variable) {
-                problems.add(key, reason);
+            if let Err(unfit) = recordable(variable) {
+                problems.add(key, unfit.to_string());
                 continue;
             }
             if variable.name == *name && !variable.dimensions.is_empty() {
@@ -273,26 +274,62 @@ fn named(name: &str, unit: &str, description: Option<&str>, variable: &ScalarVar
     SourceVariable::new(name, unit, description.or(variable.description.as_deref()).unwrap_or_default())
 }
 
+/// Reason why a study cannot use a variable of an FMU as it wants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum UnfitVariable {
+    /// Its values are text or bytes.
+    NotANumber,
+    /// Its values are integers, Booleans or of another type in place of real numbers.
+    Type {
+        /// Type of the variable.
+        found: &'static str,
+        /// Types that suit, and what else can be done.
+        expected: &'static str,
+    },
+    /// It is a number that the FMU does not take before a simulation.
+    Fixed(&'static str),
+    /// It is an array, in place of a scalar.
+    Array,
+    /// It is a number that the FMU does not calculate.
+    NotCalculated(Causality),
+}
+
+impl fmt::Display for UnfitVariable {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotANumber => f.write_str("is not a number"),
+            Self::Type { found, expected } => write!(f, "is of type {found}: {expected}"),
+            Self::Fixed(reason) => f.write_str(reason),
+            Self::Array => {
+                f.write_str("is an array: only scalars are varied; all elements may have one value in source.constants")
+            }
+            Self::NotCalculated(causality) => {
+                write!(f, "is not an output: its causality is {}", fmi::Named::name(*causality))
+            }
+        }
+    }
+}
+
+impl std::error::Error for UnfitVariable {}
+
 /// Checks that a study can vary a variable; the error says why not.
-pub fn varied(variable: &ScalarVariable) -> std::result::Result<(), String> {
+pub fn varied(variable: &ScalarVariable) -> std::result::Result<(), UnfitVariable> {
     settable(variable)?;
     if !matches!(variable.kind, VariableType::Real(_)) {
-        let what = variable.kind.name(fmi::FmiVersion::V2);
-        return Err(format!(
-            "is of type {what}: only real numbers are varied; it may have a value in source.constants"
-        ));
+        let expected = "only real numbers are varied; it may have a value in source.constants";
+        return Err(UnfitVariable::Type { found: variable.kind.name(fmi::FmiVersion::V2), expected });
     }
     if !variable.dimensions.is_empty() {
-        return Err("is an array: only scalars are varied; all elements may have one value in source.constants".into());
+        return Err(UnfitVariable::Array);
     }
     Ok(())
 }
 
 /// Checks that a variable may have a value before the simulation; the error says why not.
-pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), String> {
+pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), UnfitVariable> {
     let starts = matches!(variable.initial, Some(Initial::Exact | Initial::Approx)) && variable.kind.has_start();
-    let problem = match variable.causality {
-        _ if !variable.kind.is_number() => "is not a number",
+    let reason = match variable.causality {
+        _ if !variable.kind.is_number() => return Err(UnfitVariable::NotANumber),
         _ if variable.variability == fmi::Variability::Constant => "is constant in the FMU",
         Causality::Independent => "is the time",
         Causality::StructuralParameter => "is a structural parameter: they keep their values here",
@@ -300,19 +337,19 @@ pub fn settable(variable: &ScalarVariable) -> std::result::Result<(), String> {
         Causality::CalculatedParameter | Causality::Output | Causality::Local if starts => return Ok(()),
         _ => "is calculated by the FMU",
     };
-    Err(problem.into())
+    Err(UnfitVariable::Fixed(reason))
 }
 
 /// Checks that a variable may be an output of a study; the error says why not.
-pub fn recordable(variable: &ScalarVariable) -> std::result::Result<(), String> {
-    let problem = match (&variable.kind, variable.causality) {
-        (VariableType::Real(_), Causality::Output | Causality::Local | Causality::CalculatedParameter) => return Ok(()),
-        (VariableType::Real(_), causality) => {
-            format!("is not an output: its causality is {}", fmi::Named::name(causality))
+pub fn recordable(variable: &ScalarVariable) -> std::result::Result<(), UnfitVariable> {
+    match (&variable.kind, variable.causality) {
+        (VariableType::Real(_), Causality::Output | Causality::Local | Causality::CalculatedParameter) => Ok(()),
+        (VariableType::Real(_), causality) => Err(UnfitVariable::NotCalculated(causality)),
+        (kind, _) => {
+            let found = kind.name(fmi::FmiVersion::V2);
+            Err(UnfitVariable::Type { found, expected: "only real numbers are predicted" })
         }
-        (kind, _) => format!("is of type {}: only real numbers are predicted", kind.name(fmi::FmiVersion::V2)),
-    };
-    Err(problem)
+    }
 }
 
 /// The smallest and largest value that an FMU takes, its own or that of its type.

@@ -2,7 +2,7 @@
 
 use super::{
     PROTOCOL,
-    reply::{check_id, from_json},
+    reply::{ReplyError, check_id, from_json},
 };
 use crate::{
     diagnostics::{Problems, names::expected_one_of, numbers::ends},
@@ -57,15 +57,17 @@ pub struct ProgramQuantity {
 
 impl ProgramDescription {
     /// Reads the reply to the first request.
-    pub(super) fn parse(line: &[u8], id: u64) -> Result<Self, String> {
+    pub(super) fn parse(line: &[u8], id: u64) -> Result<Self, ReplyError> {
         let description: Self = from_json(line)?;
-        if let Some(error) = description.error {
-            return Err(error);
+        if let Some(message) = description.error {
+            return Err(ReplyError::Reported(message));
         }
-        match description.protocol {
-            Some(PROTOCOL) => {}
-            Some(found) => return Err(format!("the program has protocol {found}, expected {PROTOCOL}")),
-            None => return Err(format!("the reply to `describe` has no `protocol`, expected {PROTOCOL}")),
+        if description.protocol != Some(PROTOCOL) {
+            let message = match description.protocol {
+                Some(found) => format!("the program has protocol {found}, expected {PROTOCOL}"),
+                None => format!("the reply to `describe` has no `protocol`, expected {PROTOCOL}"),
+            };
+            return Err(ReplyError::Mismatch(message));
         }
         check_id(description.id, id)?;
         Ok(description)

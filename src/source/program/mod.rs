@@ -8,6 +8,7 @@ mod once;
 mod reply;
 
 use super::{
+    FailureCause, RunFailure,
     driven::{Driven, OwnInput},
     launch::{Launcher, Started, WorkerProcess, WorkerReply},
 };
@@ -25,6 +26,7 @@ use once::OneShot;
 use reply::{Request, parse};
 use serde::Serialize;
 use std::{
+    fmt,
     io::{BufRead, Read},
     path::{Path, PathBuf},
     process::Command,
@@ -258,14 +260,21 @@ impl RunningProgram {
         };
         let process = command.spawn(&command.arguments, read)?;
         let mut program = Self { process, name: command.name(), id: 0 };
-        let answer = match program.ask(Request::Describe { protocol: PROTOCOL }, limit, stop) {
-            Answer::Line(line) => ProgramDescription::parse(&line, program.id),
-            Answer::Failed(reason) => Err(reason),
-            Answer::TimedOut => Err(format!("no description within {limit:?} (source.time_limit)")),
-            Answer::Stopped => return Ok(None),
-        };
-        let described = answer.map_err(|reason| Error::Worker { message: format!("{}: {reason}", program.name) })?;
-        Ok(Some((program, described)))
+        match program.ask(Request::Describe { protocol: PROTOCOL }, limit, stop) {
+            Answer::Line(line) => match ProgramDescription::parse(&line, program.id) {
+                Ok(description) => Ok(Some((program, description))),
+                Err(error) => Err(program.refused(error)),
+            },
+            Answer::Ended(reason) => Err(program.refused(reason)),
+            Answer::TimedOut => {
+                Err(program.refused(format_args!("no description within {limit:?} (source.time_limit)")))
+            }
+            Answer::Stopped => Ok(None),
+        }
+    }
+
+    fn refused(&self, reason: impl fmt::Display) -> Error {
+        Error::Worker { message: format!("{}: {reason}", self.name) }
     }
 
     /// Closes standard input, at whose end the program ends.
@@ -279,7 +288,7 @@ impl RunningProgram {
         self.process.ask(&Numbered { id: self.id, request });
         match self.process.reply(Some(limit), stop) {
             ReplyStatus::Reply(line) => Answer::Line(line),
-            ReplyStatus::Died(end) => Answer::Failed(end.message),
+            ReplyStatus::Died(end) => Answer::Ended(end.message),
             ReplyStatus::TimedOut => Answer::TimedOut,
             ReplyStatus::Stopped => Answer::Stopped,
         }
@@ -289,7 +298,8 @@ impl RunningProgram {
 /// Result of a request to a program.
 enum Answer {
     Line(Vec<u8>),
-    Failed(String),
+    /// The process ended, with the reason.
+    Ended(String),
     TimedOut,
     Stopped,
 }
@@ -310,15 +320,18 @@ impl WorkerProcess for ProgramProcess {
         let points = if let Request::Equations { points, .. } = &request { *points } else { 0 };
         let line = match program.ask(request, limit, stop) {
             Answer::Line(line) => line,
-            Answer::Failed(reason) => return WorkerReply::Failed(reason),
+            Answer::Ended(reason) => return WorkerReply::Failed(RunFailure::new(FailureCause::Process, reason)),
             Answer::TimedOut => return WorkerReply::TimedOut,
             Answer::Stopped => return WorkerReply::Stopped,
         };
-        let found = parse(&line, program.id).and_then(|reply| match runs.is_of_equations {
+        let values = parse(&line, program.id).and_then(|reply| match runs.is_of_equations {
             true => reply.equations(&runs.study, points),
             false => reply.run(&runs.study, &runs.times, &runs.command.folder),
         });
-        found.map_or_else(WorkerReply::Failed, WorkerReply::Done)
+        match values {
+            Ok(values) => WorkerReply::Done(values),
+            Err(error) => WorkerReply::Failed(error.into()),
+        }
     }
 
     fn memory(&self) -> Option<u64> {

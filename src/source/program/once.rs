@@ -5,7 +5,10 @@ use crate::{
     Error, Result,
     diagnostics::Problems,
     process::ReplyStatus,
-    source::launch::{WorkerProcess, WorkerReply},
+    source::{
+        FailureCause, RunFailure,
+        launch::{WorkerProcess, WorkerReply},
+    },
     study::{RESULT, Study},
 };
 use std::{fmt::Write, io, path::Path, sync::atomic::AtomicBool, time::Duration};
@@ -98,7 +101,7 @@ impl WorkerProcess for OneShot {
         let _ = std::fs::remove_file(&result);
         let arguments = match self.arguments(values, &result) {
             Ok(arguments) => arguments,
-            Err(error) => return WorkerReply::Failed(error.to_string()),
+            Err(error) => return process_failed(error.to_string()),
         };
         let discard = |output: &mut crate::process::ReplyStream| -> Option<()> {
             let _ = io::copy(output, &mut io::sink());
@@ -106,23 +109,41 @@ impl WorkerProcess for OneShot {
         };
         let mut process = match self.runs.command.spawn(&arguments, discard) {
             Ok(process) => process,
-            Err(error) => return WorkerReply::Failed(error.to_string()),
+            Err(error) => return process_failed(error.to_string()),
         };
         process.close();
         match process.end(limit, stop) {
             ReplyStatus::Died(end) if end.is_success && result.exists() => {}
             ReplyStatus::Died(end) if end.is_success => {
-                return WorkerReply::Failed(format!("{}, but did not write {RESULT}", end.message));
+                return process_failed(format!("{}, but did not write {RESULT}", end.message));
             }
-            ReplyStatus::Died(end) => return WorkerReply::Failed(end.message),
+            ReplyStatus::Died(end) => return process_failed(end.message),
             ReplyStatus::TimedOut => return WorkerReply::TimedOut,
             ReplyStatus::Stopped | ReplyStatus::Reply(()) => return WorkerReply::Stopped,
         }
-        let rows = reply::rows_of(&result, &self.runs.study, &self.runs.times);
-        // its folder is another one for each process
-        let rows = rows.map_err(|reason| reason.replace(&result.display().to_string(), RESULT));
-        rows.map_or_else(WorkerReply::Failed, WorkerReply::Done)
+        match reply::rows_of(&result, &self.runs.study, &self.runs.times) {
+            Ok(values) => WorkerReply::Done(values),
+            Err(error) => {
+                let message = without_folder(error).to_string();
+                WorkerReply::Failed(RunFailure::new(FailureCause::Model, message))
+            }
+        }
     }
 
     fn finish(self: Box<Self>) {}
+}
+
+fn process_failed(message: String) -> WorkerReply {
+    WorkerReply::Failed(RunFailure::new(FailureCause::Process, message))
+}
+
+/// Error of the result's file with the placeholder as its path: each process has another folder.
+fn without_folder(error: Error) -> Error {
+    let path = RESULT.into();
+    match error {
+        Error::Io { action, source, .. } => Error::Io { path, action, source },
+        Error::Table { place, message, .. } => Error::Table { path, place, message },
+        Error::OtherFile { message, .. } => Error::OtherFile { path, message },
+        error => error,
+    }
 }

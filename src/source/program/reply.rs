@@ -1,12 +1,21 @@
 //! Requests to a program and its replies, each a line of JSON.
 
-use crate::{diagnostics::numbers::counted, study::Study, table::Table};
+use crate::{
+    Error,
+    diagnostics::numbers::counted,
+    source::{FailureCause, RunFailure},
+    study::Study,
+    table::Table,
+};
 use indexmap::IndexMap;
 use serde::{
     Deserialize, Serialize,
     de::{DeserializeOwned, IgnoredAny},
 };
-use std::path::{Path, PathBuf};
+use std::{
+    fmt,
+    path::{Path, PathBuf},
+};
 
 /// Number of characters of a line that a message shows.
 const SHOWN: usize = 120;
@@ -64,15 +73,75 @@ pub(super) struct ProgramReply {
     file: Option<PathBuf>,
 }
 
+/// Reason why a reply of a program has no results.
+#[derive(Debug)]
+pub(super) enum ReplyError {
+    /// The program reports that it failed, with its own message.
+    Reported(String),
+    /// A line that is no reply.
+    Line {
+        /// Beginning of the line.
+        line: String,
+        /// Wrong shape of the JSON; none if the line is no JSON.
+        shape: Option<serde_json::Error>,
+    },
+    /// A reply that lacks a value, or is one to another request: the value or number that is found, and the expected one.
+    Mismatch(String),
+    /// A value that is not finite.
+    NotFinite {
+        /// Column of the value, such as "output `x`".
+        column: String,
+        /// Time or point of the value.
+        place: String,
+    },
+    /// The file of a run.
+    File(Error),
+}
+
+impl fmt::Display for ReplyError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Reported(message) | Self::Mismatch(message) => f.write_str(message),
+            Self::Line { line, shape: None } => {
+                let expected = "expected a reply in JSON: print everything else to standard error";
+                write!(f, "the program printed `{line}` to standard output, {expected}")
+            }
+            Self::Line { line, shape: Some(error) } => write!(f, "the reply `{line}` has a wrong shape: {error}"),
+            Self::NotFinite { column, place } => write!(f, "{column} is not finite at {place}"),
+            Self::File(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for ReplyError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Line { shape: Some(error), .. } => Some(error),
+            Self::File(error) => Some(error),
+            Self::Line { shape: None, .. } | Self::Reported(_) | Self::Mismatch(_) | Self::NotFinite { .. } => None,
+        }
+    }
+}
+
+impl From<ReplyError> for RunFailure {
+    fn from(error: ReplyError) -> Self {
+        let cause = match error {
+            ReplyError::Reported(_) | ReplyError::NotFinite { .. } | ReplyError::File(_) => FailureCause::Model,
+            ReplyError::Line { .. } | ReplyError::Mismatch(_) => FailureCause::Process,
+        };
+        Self::new(cause, error.to_string())
+    }
+}
+
 /// Reads the reply to the request of a number.
 ///
 /// # Errors
-/// The program's own message, or what is wrong with the line.
-pub(super) fn parse(line: &[u8], id: u64) -> Result<ProgramReply, String> {
+/// Those of [`from_json`] and [`check_id`], or the program's own message.
+pub(super) fn parse(line: &[u8], id: u64) -> Result<ProgramReply, ReplyError> {
     let reply: ProgramReply = from_json(line)?;
     check_id(reply.id, id)?;
     match reply.error {
-        Some(error) => Err(error),
+        Some(message) => Err(ReplyError::Reported(message)),
         None => Ok(reply),
     }
 }
@@ -80,8 +149,8 @@ pub(super) fn parse(line: &[u8], id: u64) -> Result<ProgramReply, String> {
 /// Reads a line of JSON, in which numbers may be `NaN` or `Infinity` as some programs write them.
 ///
 /// # Errors
-/// A sentence that shows the line.
-pub(super) fn from_json<T: DeserializeOwned>(line: &[u8]) -> Result<T, String> {
+/// [`ReplyError::Line`].
+pub(super) fn from_json<T: DeserializeOwned>(line: &[u8]) -> Result<T, ReplyError> {
     let error = match serde_json::from_slice(line) {
         Ok(reply) => return Ok(reply),
         Err(error) => error,
@@ -90,79 +159,102 @@ pub(super) fn from_json<T: DeserializeOwned>(line: &[u8]) -> Result<T, String> {
     if let Ok(reply) = serde_json::from_slice(&finite) {
         return Ok(reply);
     }
-    let text = shown(line);
-    if serde_json::from_slice::<IgnoredAny>(&finite).is_err() {
-        let expected = "expected a reply in JSON: print everything else to standard error";
-        return Err(format!("the program printed `{text}` to standard output, {expected}"));
-    }
-    Err(format!("the reply `{text}` has a wrong shape: {error}"))
+    let is_json = serde_json::from_slice::<IgnoredAny>(&finite).is_ok();
+    Err(ReplyError::Line { line: shown(line), shape: is_json.then_some(error) })
 }
 
 /// Compares the number of a reply with that of the request.
-pub(super) fn check_id(found: Option<u64>, expected: u64) -> Result<(), String> {
-    match found {
-        Some(found) if found == expected => Ok(()),
-        Some(found) => Err(format!("the reply has `id` {found}, expected {expected}, that of the request")),
-        None => Err(format!("the reply has no `id`, expected {expected}, that of the request")),
-    }
+pub(super) fn check_id(found: Option<u64>, expected: u64) -> Result<(), ReplyError> {
+    let message = match found {
+        Some(found) if found == expected => return Ok(()),
+        Some(found) => format!("the reply has `id` {found}, expected {expected}, that of the request"),
+        None => format!("the reply has no `id`, expected {expected}, that of the request"),
+    };
+    Err(ReplyError::Mismatch(message))
 }
 
 impl ProgramReply {
     /// Outputs of a run, row by row, in the study's order; `folder` is that of relative paths.
-    pub(super) fn run(&self, study: &Study, times: &[f64], folder: &Path) -> Result<Vec<f64>, String> {
+    pub(super) fn run(&self, study: &Study, times: &[f64], folder: &Path) -> Result<Vec<f64>, ReplyError> {
         let columns = match (&self.outputs, &self.file) {
             (Some(outputs), _) => {
                 let place = |row: usize| format!("{} s", times.get(row).copied().unwrap_or_default());
-                found(outputs, "output", study.outputs.keys(), times.len(), &place)?
+                let request = RequestedColumns { what: "output", count: times.len(), place: &place };
+                request.find_in(outputs, study.outputs.keys())?
             }
-            (None, Some(file)) => return rows_of(&folder.join(file), study, times),
-            (None, None) => return Err("the reply has no `outputs`, expected `outputs`, `file` or `error`".into()),
+            (None, Some(file)) => {
+                return rows_of(&folder.join(file), study, times).map_err(ReplyError::File);
+            }
+            (None, None) => {
+                let message = "the reply has no `outputs`, expected `outputs`, `file` or `error`";
+                return Err(ReplyError::Mismatch(message.into()));
+            }
         };
         Ok(rows(&columns, times.len()))
     }
 
     /// Derivatives, then outputs, then the lower triangle of the mass matrix if the study needs it, for each point.
-    pub(super) fn equations(&self, study: &Study, points: usize) -> Result<Vec<f64>, String> {
+    pub(super) fn equations(&self, study: &Study, points: usize) -> Result<Vec<f64>, ReplyError> {
         let place = |point: usize| format!("point {point}");
-        let derivatives = self.derivatives.as_ref().ok_or("the reply has no `derivatives`")?;
-        let mut columns = found(derivatives, "derivative", study.states.keys(), points, &place)?;
-        let outputs = self.outputs.as_ref().ok_or("the reply has no `outputs`")?;
-        columns.extend(found(outputs, "output", study.outputs.keys(), points, &place)?);
+        let derivatives = required(self.derivatives.as_ref(), "the reply has no `derivatives`")?;
+        let of_states = RequestedColumns { what: "derivative", count: points, place: &place };
+        let mut columns = of_states.find_in(derivatives, study.states.keys())?;
+        let outputs = required(self.outputs.as_ref(), "the reply has no `outputs`")?;
+        let of_outputs = RequestedColumns { what: "output", count: points, place: &place };
+        columns.extend(of_outputs.find_in(outputs, study.outputs.keys())?);
         if study.has_mass_matrix() {
-            let mass = self
-                .mass
-                .as_ref()
-                .ok_or("the reply has no `mass`, expected the mass matrix for states with `rate_of`")?;
+            let without = "the reply has no `mass`, expected the mass matrix for states with `rate_of`";
+            let mass = required(self.mass.as_ref(), without)?;
             let rates = study.states.keys().skip(study.states.len() / 2);
             for (count, row) in (1..).zip(rates.clone()) {
-                let columns_of_row = mass.get(row).ok_or_else(|| format!("`mass` has no row `{row}`"))?;
+                let columns_of_row = required(mass.get(row), &format!("`mass` has no row `{row}`"))?;
                 let what = format!("`mass` of `{row}`, column");
-                columns.extend(found(columns_of_row, &what, rates.clone().take(count), points, &place)?);
+                let of_row = RequestedColumns { what: &what, count: points, place: &place };
+                columns.extend(of_row.find_in(columns_of_row, rates.clone().take(count))?);
             }
         }
         Ok(rows(&columns, points))
     }
 }
 
-/// Columns of these names, each of `expected` finite values.
-fn found<'a>(
-    columns: &NamedValues,
-    what: &str,
-    names: impl Iterator<Item = &'a String>,
-    expected: usize,
-    place: &dyn Fn(usize) -> String,
-) -> Result<Vec<Vec<f64>>, String> {
-    let column = |name: &String| {
-        let values = columns.get(name).ok_or_else(|| format!("the reply has no {what} `{name}`"))?;
-        if values.len() != expected {
-            return Err(format!("{what} `{name}` has {} values, expected {expected}", values.len()));
+/// A value that a reply must have; `without`: the message if it has not.
+fn required<'a, T>(value: Option<&'a T>, without: &str) -> Result<&'a T, ReplyError> {
+    value.ok_or_else(|| ReplyError::Mismatch(without.to_owned()))
+}
+
+/// Columns that a request is for.
+struct RequestedColumns<'a> {
+    /// Kind of each column, for messages.
+    what: &'a str,
+    /// Number of values of each column.
+    count: usize,
+    /// Place of a value of a column, for messages.
+    place: &'a dyn Fn(usize) -> String,
+}
+
+impl RequestedColumns<'_> {
+    /// The columns of these names, each of finite values.
+    fn find_in<'n>(
+        &self,
+        columns: &NamedValues,
+        names: impl Iterator<Item = &'n String>,
+    ) -> Result<Vec<Vec<f64>>, ReplyError> {
+        names.map(|name| self.column(columns, name)).collect()
+    }
+
+    fn column(&self, columns: &NamedValues, name: &str) -> Result<Vec<f64>, ReplyError> {
+        let Self { what, count, place } = self;
+        let column = format!("{what} `{name}`");
+        let values = required(columns.get(name), &format!("the reply has no {column}"))?;
+        if values.len() != *count {
+            return Err(ReplyError::Mismatch(format!("{column} has {} values, expected {count}", values.len())));
         }
-        let finite = |(row, value): (usize, &Option<f64>)| {
-            value.filter(|v| v.is_finite()).ok_or_else(|| format!("{what} `{name}` is not finite at {}", place(row)))
-        };
-        values.iter().enumerate().map(finite).collect()
-    };
-    names.map(column).collect()
+        let finite: Vec<f64> = values.iter().map_while(|value| value.filter(|value| value.is_finite())).collect();
+        if finite.len() < values.len() {
+            return Err(ReplyError::NotFinite { column, place: place(finite.len()) });
+        }
+        Ok(finite)
+    }
 }
 
 fn rows(columns: &[Vec<f64>], count: usize) -> Vec<f64> {
@@ -170,35 +262,33 @@ fn rows(columns: &[Vec<f64>], count: usize) -> Vec<f64> {
 }
 
 /// Outputs in a file with a column `time` and one for each output, row by row.
-pub(super) fn rows_of(path: &Path, study: &Study, times: &[f64]) -> Result<Vec<f64>, String> {
-    let read = || -> crate::Result<Vec<f64>> {
-        let mut table = Table::open(path)?;
-        let names: Vec<&str> = ["time"].into_iter().chain(study.outputs.keys().map(String::as_str)).collect();
-        let mut columns = table.columns_of(&names)?;
-        let time = columns.remove(0);
-        let units = study.outputs.values().map(|output| output.unit.as_deref());
-        table.check_units(columns.iter().copied().zip(units))?;
-        let (mut values, mut row) = (Vec::with_capacity(times.len() * columns.len()), 0);
-        while table.next_row()? {
-            let found = table.number(time)?;
-            match times.get(row) {
-                Some(expected) if (found - expected).abs() <= SAME_TIME * study.time.step => {}
-                Some(expected) => {
-                    return Err(table.mistake(&format!("column `time`: {found}, expected {expected}")));
-                }
-                None => return Err(table.mistake(&format!("a row after the last one, expected {}", times.len()))),
-            }
-            for &column in &columns {
-                values.push(table.number(column)?);
-            }
-            row += 1;
+///
+/// # Errors
+/// [`Error::Table`] with the place of what is wrong, and those of [`Table::open`].
+pub(super) fn rows_of(path: &Path, study: &Study, times: &[f64]) -> crate::Result<Vec<f64>> {
+    let mut table = Table::open(path)?;
+    let names: Vec<&str> = ["time"].into_iter().chain(study.outputs.keys().map(String::as_str)).collect();
+    let mut columns = table.columns_of(&names)?;
+    let time = columns.remove(0);
+    let units = study.outputs.values().map(|output| output.unit.as_deref());
+    table.check_units(columns.iter().copied().zip(units))?;
+    let (mut values, mut row) = (Vec::with_capacity(times.len() * columns.len()), 0);
+    while table.next_row()? {
+        let now = table.number(time)?;
+        match times.get(row) {
+            Some(expected) if (now - expected).abs() <= SAME_TIME * study.time.step => {}
+            Some(expected) => return Err(table.mistake(&format!("column `time`: {now}, expected {expected}"))),
+            None => return Err(table.mistake(&format!("a row after the last one, expected {}", times.len()))),
         }
-        if row < times.len() {
-            return Err(table.mistake(&format!("{}, expected {}", counted(row, "row"), times.len())));
+        for &column in &columns {
+            values.push(table.number(column)?);
         }
-        Ok(values)
-    };
-    read().map_err(|error| error.to_string())
+        row += 1;
+    }
+    if row < times.len() {
+        return Err(table.mistake(&format!("{}, expected {}", counted(row, "row"), times.len())));
+    }
+    Ok(values)
 }
 
 /// The beginning of a line as text.
@@ -245,7 +335,7 @@ mod tests {
     const STUDY: &str = "name = \"s\"\n[source]\ncommand = [\"python\", \"model.py\"]\n[time]\nstop = 1\nstep = 0.5\n[parameters]\n\
         p = { min = 0, max = 1 }\n[outputs]\nx = { unit = \"m\" }\ny = {}\n[sampling]\nmethod = \"sobol\"\nruns = 2\n";
 
-    fn run(line: &str) -> Result<Vec<f64>, String> {
+    fn run(line: &str) -> Result<Vec<f64>, ReplyError> {
         let study = Study::parse(STUDY, Path::new("s.toml")).unwrap();
         parse(line.as_bytes(), 3)?.run(&study, &study.time.grid(), Path::new(""))
     }
@@ -271,11 +361,25 @@ mod tests {
             (r#"{"id": 3, "error": "NaN \" in the \\"}"#, "NaN \" in the \\"),
             (r#"{"id": 3, "file": "none.csv"}"#, "none.csv"),
         ] {
-            let message = run(line).unwrap_err();
+            let message = run(line).unwrap_err().to_string();
             assert!(message.contains(says), "{line}: {message}");
         }
-        let message = run(&"x".repeat(500)).unwrap_err();
+        let message = run(&"x".repeat(500)).unwrap_err().to_string();
         assert!(message.len() < 300, "{message}");
+    }
+
+    #[test]
+    fn a_reply_that_breaks_the_protocol_is_no_failure_of_the_model() {
+        for (line, cause) in [
+            (r#"{"id": 3, "error": "too long"}"#, FailureCause::Model),
+            (r#"{"id": 3, "outputs": {"x": [1, NaN, 2], "y": [1, 2, 3]}}"#, FailureCause::Model),
+            (r#"{"id": 3, "outputs": {"x": [1, 2, 3]}}"#, FailureCause::Process),
+            (r#"{"id": 2}"#, FailureCause::Process),
+            ("step 1 of 10", FailureCause::Process),
+            ("7", FailureCause::Process),
+        ] {
+            assert_eq!(RunFailure::from(run(line).unwrap_err()).cause, cause, "{line}");
+        }
     }
 
     #[test]
@@ -296,7 +400,7 @@ mod tests {
             ("time,x,y\n0,1,2\n0.5,1,2\n1,1,2\n1.5,1,2\n", "rows.csv:5: a row after the last one, expected 3"),
             ("time,x,y\n0,1,nan\n", "rows.csv:2: column `y`"),
         ] {
-            let message = read(text).unwrap_err();
+            let message = read(text).unwrap_err().to_string();
             assert!(message.contains(says), "{text}: {message}");
         }
     }

@@ -107,7 +107,7 @@ impl Recorded {
         let all = || (0..recorded.len()).collect::<Vec<usize>>();
         let chosen = match study.sampling.train_stop {
             Some(_) => Sets { train: all(), test: all(), calibration: Vec::new() },
-            None => self.choose(recorded.len(), false).map_err(|message| table.mistake(&message))?,
+            None => self.choose(recorded.len(), false).map_err(|error| table.mistake(&error.to_string()))?,
         };
         let motions = columns.motions(study, recorded, chosen)?;
         if let Some(short) = motions.learned().iter().find(|motion| motion.rows() < FEWEST_ROWS) {

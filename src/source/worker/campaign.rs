@@ -1,11 +1,11 @@
 //! Runs of many points by several processes, with retries and repeats.
 
-use super::{OutputsOrReason, WorkerModel};
+use super::{RunOutputs, WorkerModel};
 use crate::{
     Error, Result,
     fmi::Workers,
     source::{
-        Journal,
+        FailureCause, Journal, RunFailure,
         launch::{Launcher, WorkerProcess, WorkerReply},
     },
 };
@@ -27,7 +27,7 @@ pub(super) struct Campaign<'a> {
     pub(super) points: &'a [Vec<f64>],
     /// Positions of the points to run.
     pub(super) missing: &'a [usize],
-    pub(super) failure: &'a (dyn Fn(&[f64], &str) -> Result<()> + Sync),
+    pub(super) failure: &'a (dyn Fn(&[f64], &RunFailure) -> Result<()> + Sync),
     pub(super) journal: Option<&'a Journal>,
     pub(super) workers: Workers<'a>,
     pub(super) done: &'a (dyn Fn() + Sync),
@@ -58,7 +58,7 @@ struct MemoryWatch {
 
 impl Campaign<'_> {
     /// Outcomes of the missing points, in any order.
-    pub(super) fn run(&self) -> Result<Vec<(usize, OutputsOrReason)>> {
+    pub(super) fn run(&self) -> Result<Vec<(usize, RunOutputs)>> {
         let threads = rayon::current_num_threads().min(self.missing.len());
         // the first thread makes the first runs, which it repeats
         let first = self.missing.len().min(self.model.repeats);
@@ -85,13 +85,13 @@ impl Campaign<'_> {
     }
 
     /// Makes one run after the other with a separate process, and halts the other threads after an error.
-    fn work(&self, own: &[usize], progress: &SharedProgress) -> Result<Vec<(usize, OutputsOrReason)>> {
+    fn work(&self, own: &[usize], progress: &SharedProgress) -> Result<Vec<(usize, RunOutputs)>> {
         let result = self.work_off(own, progress);
         result.inspect_err(|_| progress.halt.store(true, Ordering::Relaxed))
     }
 
     /// Makes runs of a thread's own points, repeats them, then makes those that are next.
-    fn work_off(&self, own: &[usize], progress: &SharedProgress) -> Result<Vec<(usize, OutputsOrReason)>> {
+    fn work_off(&self, own: &[usize], progress: &SharedProgress) -> Result<Vec<(usize, RunOutputs)>> {
         let (mut outcomes, mut worker) = (Vec::new(), None);
         while !self.workers.stop.load(Ordering::Relaxed) && !progress.halt.load(Ordering::Relaxed) {
             let own_next = own.get(outcomes.len());
@@ -111,21 +111,21 @@ impl Campaign<'_> {
     }
 
     /// One run, with retries, which the journal keeps; none if the program must stop.
-    fn attempt(&self, point: &[f64], worker: &mut Option<IdleWorker>) -> Result<Option<OutputsOrReason>> {
+    fn attempt(&self, point: &[f64], worker: &mut Option<IdleWorker>) -> Result<Option<RunOutputs>> {
         let begin = Instant::now();
         let Some(outcome) = self.try_run(point, worker)? else { return Ok(None) };
         match (&outcome, self.journal) {
             (Ok(outputs), Some(journal)) => journal.keep(point, outputs, begin.elapsed())?,
             (Ok(_), None) => {}
-            (Err(reason), _) => (self.failure)(point, reason)?,
+            (Err(failure), _) => (self.failure)(point, failure)?,
         }
         Ok(Some(outcome))
     }
 
     /// One run, with retries; none if the program must stop.
-    pub(super) fn try_run(&self, point: &[f64], worker: &mut Option<IdleWorker>) -> Result<Option<OutputsOrReason>> {
+    pub(super) fn try_run(&self, point: &[f64], worker: &mut Option<IdleWorker>) -> Result<Option<RunOutputs>> {
         let (limit, stop) = (self.model.time_limit, self.workers.stop);
-        let mut reason = String::new();
+        let mut failure = RunFailure::senseless_reply();
         for _ in 0..=self.model.retries {
             let (started, memory) = match worker.take() {
                 Some(IdleWorker { process, memory }) => (Some(process), memory),
@@ -133,18 +133,21 @@ impl Campaign<'_> {
             };
             // a process in which something goes wrong is not trusted any more
             let Some(mut process) = started else { return Ok(None) };
-            reason = match process.run(&self.model.request(point), limit, stop) {
+            failure = match process.run(&self.model.request(point), limit, stop) {
                 WorkerReply::Done(outputs) if outputs.len() == self.model.values => {
                     *worker = self.idle(process, memory);
                     return Ok(Some(Ok(outputs)));
                 }
-                WorkerReply::Done(_) => "the worker's reply made no sense".into(),
-                WorkerReply::Failed(reason) => reason,
-                WorkerReply::TimedOut => format!("took longer than {limit:?} (source.time_limit)"),
+                WorkerReply::Done(_) => RunFailure::senseless_reply(),
+                WorkerReply::Failed(failure) => failure,
+                WorkerReply::TimedOut => {
+                    let message = format!("took longer than {limit:?} (source.time_limit)");
+                    RunFailure::new(FailureCause::GivenUp, message)
+                }
                 WorkerReply::Stopped => return Ok(None),
             };
         }
-        Ok(Some(Err(reason)))
+        Ok(Some(Err(failure)))
     }
 
     /// The process after a run; none if the next run needs a fresh one.

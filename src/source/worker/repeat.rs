@@ -1,7 +1,7 @@
 //! Runs that are repeated after others: results must depend on the request only.
 
 use super::{
-    OutputsOrReason, WorkerModel,
+    RunOutputs, WorkerModel,
     campaign::{Campaign, IdleWorker},
 };
 use crate::{
@@ -54,7 +54,7 @@ impl Campaign<'_> {
     ///
     /// # Errors
     /// [`Error::Study`] if a result differs.
-    pub(super) fn repeat(&self, runs: &[(usize, OutputsOrReason)], worker: &mut Option<IdleWorker>) -> Result<()> {
+    pub(super) fn repeat(&self, runs: &[(usize, RunOutputs)], worker: &mut Option<IdleWorker>) -> Result<()> {
         for (index, outcome) in runs.iter().rev() {
             let (Ok(first), point) = (outcome, &self.points[*index]) else { continue };
             let Some(repeated) = self.try_run(point, worker)? else { return Ok(()) };
