@@ -114,9 +114,12 @@ fn read_inputs(
     };
     let starts = args.start.iter().filter(is_input).filter(|(name, _)| !is_optional(name)).map(start);
     let defaults: Vec<DefaultValue> = args.default.iter().cloned().chain(starts).collect();
-    let wrong = |message| Error::Table { path: path.to_owned(), place: Place::Line(1), message };
-    let (constants, MatchedVariables { notes, doubts, .. }) =
-        inputs.complete(description, is_optional, &defaults).map_err(wrong)?;
+    let completed = inputs.complete(description, is_optional, &defaults);
+    let (constants, MatchedVariables { notes, doubts, .. }) = completed.map_err(|unmatched| Error::Table {
+        path: path.to_owned(),
+        place: Place::Line(1),
+        message: unmatched.to_string(),
+    })?;
     notes.iter().for_each(say);
     doubts.iter().for_each(warn);
     Ok(InputSignals { inputs, first, constants })
@@ -229,7 +232,7 @@ fn plot(path: &Path, title: &str, table: &SimulationTable) -> Result<()> {
     let (changing, constant): (Vec<Curve>, Vec<Curve>) = curves.into_iter().partition(changes);
     let curves = if changing.is_empty() { &constant } else { &changing };
     let svg = time_series_svg(title, &table.times, curves)
-        .map_err(|message| Error::Plot { path: path.to_owned(), message })?;
+        .map_err(|error| Error::Plot { path: path.to_owned(), message: error.to_string() })?;
     files::write_output(path, |file| file.write_all(svg.as_bytes()))?;
     if !changing.is_empty() && !constant.is_empty() {
         let values: Vec<String> =

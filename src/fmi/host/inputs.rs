@@ -9,6 +9,7 @@ use crate::{
     variable::{DefaultValue, MatchedVariables, Need, WantedVariable, match_variables},
 };
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Column of the times of rows.
 const TIME: &str = "time";
@@ -26,6 +27,21 @@ pub struct Inputs {
     /// A value for each name at each time.
     pub rows: Vec<Vec<f64>>,
 }
+
+/// Error of a table whose columns are not the inputs of an FMU.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnmatchedInputs {
+    /// The inputs that lack a column together, then each column that is no input.
+    pub problems: Vec<String>,
+}
+
+impl fmt::Display for UnmatchedInputs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.problems.join("; "))
+    }
+}
+
+impl std::error::Error for UnmatchedInputs {}
 
 impl Inputs {
     /// Reads a table: its column `time`, in s, and columns with the names of inputs.
@@ -93,13 +109,13 @@ impl Inputs {
     /// `defaults` must ask for, and lines about them. Inputs for which `is_optional` is true may keep their start values.
     ///
     /// # Errors
-    /// A message with all inputs that lack a column, and all columns that are no inputs.
+    /// [`UnmatchedInputs`] with all inputs that lack a column, and all columns that are no inputs.
     pub fn complete<'a>(
         &'a self,
         description: &'a ModelDescription,
         is_optional: impl Fn(&str) -> bool,
         defaults: &[DefaultValue],
-    ) -> std::result::Result<(Vec<(String, f64)>, MatchedVariables), String> {
+    ) -> std::result::Result<(Vec<(String, f64)>, MatchedVariables), UnmatchedInputs> {
         let is_wanted = |variable: &&ScalarVariable| {
             let is_number = variable.kind.is_number() && variable.dimensions.is_empty();
             variable.causality == Causality::Input && is_number && !is_optional(&variable.name)
@@ -136,7 +152,7 @@ impl Inputs {
                 let constant = constant.filter(|((_, column), _)| column.is_none());
                 Ok((constant.map(|((variable, _), value)| (variable.name.to_owned(), *value)).collect(), matched))
             }
-            _ => Err(problems.join("; ")),
+            _ => Err(UnmatchedInputs { problems }),
         }
     }
 
@@ -297,7 +313,9 @@ mod tests {
         };
         assert_eq!(complete("time,brake,speed\n0,1,2\n", &[]), Ok(Vec::new()));
         assert_eq!(complete("time,speed\n0,1\n", &["brake=0.25"]), Ok(vec![("brake".into(), 0.25)]));
-        let message = complete("time,Speed,length\n0,1,2\n", &[]).unwrap_err();
+        let unmatched = complete("time,Speed,length\n0,1,2\n", &[]).unwrap_err();
+        assert_eq!(unmatched.problems.len(), 3);
+        let message = unmatched.to_string();
         for says in [
             "no columns `speed`, `brake`, expected them among Speed, length; did you mean `Speed` for `speed`?",
             "column `Speed` is no variable of the FMU, expected one of speed, brake; did you mean `speed`?",
@@ -305,7 +323,8 @@ mod tests {
         ] {
             assert!(message.contains(says), "{message}");
         }
-        assert!(complete("time,speed\n0,1\n", &["Brake"]).unwrap_err().contains("--default Brake: no such variable"));
+        let message = complete("time,speed\n0,1\n", &["Brake"]).unwrap_err().to_string();
+        assert!(message.contains("--default Brake: no such variable"), "{message}");
     }
 
     #[test]

@@ -191,9 +191,9 @@ impl Fmu {
         if let Some(problem) = elf::cut_short(&bytes) {
             return Err(Error::ArchiveEntry { path: path.to_owned(), entry: binary, problem });
         }
-        let library = load_library(&file, alone).map_err(|(source, hint)| {
+        let library = load_library(&file, &bytes, alone).map_err(|UnloadedLibrary { source, hint }| {
             let path = path.to_owned();
-            Error::Library { path, binary, source, hint }
+            Error::Library { path, binary, source, hint: hint.map(|hint| hint.to_string()) }
         })?;
         let (functions, resources) = match description.fmi_version {
             FmiVersion::V2 => {
@@ -311,16 +311,27 @@ fn choose(
     })
 }
 
-/// Loads a binary; an error has the reason and the remedy.
-fn load_library(binary: &Path, alone: bool) -> std::result::Result<Library, (libloading::Error, Option<String>)> {
+/// Error of a binary that cannot be loaded.
+struct UnloadedLibrary {
+    source: libloading::Error,
+    /// Missing Python interpreter, if the binary needs one.
+    hint: Option<python::PythonError>,
+}
+
+/// Loads a binary of these bytes.
+fn load_library(binary: &Path, bytes: &[u8], alone: bool) -> std::result::Result<Library, UnloadedLibrary> {
     // SAFETY: initializers of the library run; that is what loading an FMU means
     let load = || unsafe { Library::new(binary) };
-    match load() {
-        Err(error) if python::is_missing(&error) => match python::provide(alone) {
-            Ok(()) => load().map_err(|error| (error, None)),
-            Err(hint) => Err((error, Some(hint))),
-        },
-        library => library.map_err(|error| (error, None)),
+    let source = match load() {
+        Ok(library) => return Ok(library),
+        Err(source) => source,
+    };
+    if !python::is_missing(bytes) {
+        return Err(UnloadedLibrary { source, hint: None });
+    }
+    match python::provide(alone) {
+        Ok(()) => load().map_err(|source| UnloadedLibrary { source, hint: None }),
+        Err(error) => Err(UnloadedLibrary { source, hint: Some(error) }),
     }
 }
 

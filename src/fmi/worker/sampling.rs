@@ -2,11 +2,12 @@
 
 use super::Replies;
 use crate::{
-    Result,
+    Error, Result,
     fmi::host::{Fmu, Inputs, InterfaceKind, RecordedColumn, SimulationOptions, StateEvaluation, simulate},
 };
 use serde::{Deserialize, Serialize};
 use std::{
+    fmt,
     path::{Path, PathBuf},
     sync::mpsc::Receiver,
 };
@@ -89,14 +90,63 @@ pub(super) fn serve(
         };
         match reply {
             Ok(outputs) => replies.send(&SamplingReply::Done, &outputs)?,
-            Err(message) => replies.send(&SamplingReply::Failed(message), &[])?,
+            Err(error) => replies.send(&SamplingReply::Failed(error.to_string()), &[])?,
         }
     }
     Ok(())
 }
 
+/// Reason why a request has no numbers.
+#[derive(Debug)]
+enum SamplingError {
+    /// The FMU cannot be instantiated, or its run failed.
+    Fmu(Error),
+    /// The FMU ended the run early.
+    Terminated { time: f64 },
+    /// An output of a run is not finite.
+    NotFinite { output: String, value: f64, time: f64 },
+    /// An output is none of the recorded variables.
+    NotRecorded { output: String },
+    /// The equations cannot be evaluated at a point.
+    Equations {
+        states: Vec<f64>,
+        inputs: Vec<(String, f64)>,
+        /// Failure of the FMU; none if a derivative or output is not finite.
+        source: Option<Box<Error>>,
+    },
+}
+
+impl fmt::Display for SamplingError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fmu(error) => error.fmt(f),
+            Self::Terminated { time } => write!(f, "the FMU ended the simulation at {time} s"),
+            Self::NotFinite { output, value, time } => write!(f, "output `{output}` is {value} at {time} s"),
+            Self::NotRecorded { output } => write!(f, "`{output}` was not recorded"),
+            Self::Equations { states, inputs, source } => {
+                let inputs: Vec<String> = inputs.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+                write!(f, "in the states {states:?} with {}: ", inputs.join(", "))?;
+                match source {
+                    Some(error) => error.fmt(f),
+                    None => f.write_str("a derivative or output is not finite"),
+                }
+            }
+        }
+    }
+}
+
+impl std::error::Error for SamplingError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Fmu(error) => Some(error),
+            Self::Equations { source, .. } => source.as_ref().map(|error| &**error as _),
+            Self::Terminated { .. } | Self::NotFinite { .. } | Self::NotRecorded { .. } => None,
+        }
+    }
+}
+
 /// Makes one run in a separate instance: an FMU that does not reset all of its state cannot affect the next run.
-fn run(fmu: &Fmu, task: &SamplingTask, values: Vec<f64>) -> std::result::Result<Vec<f64>, String> {
+fn run(fmu: &Fmu, task: &SamplingTask, values: Vec<f64>) -> std::result::Result<Vec<f64>, SamplingError> {
     let (values, rest) = values.split_at(task.parameters());
     let Settings { start_values, mut inputs } = task.settings(values);
     let mut states = None;
@@ -117,18 +167,17 @@ fn run(fmu: &Fmu, task: &SamplingTask, values: Vec<f64>) -> std::result::Result<
         record: task.recorded.clone(),
         record_only: true,
     };
-    let instance = fmu.instantiate("metafmu", false).map_err(|error| error.to_string())?;
-    let table = simulate(&instance, &options).map_err(|error| error.to_string())?;
+    let instance = fmu.instantiate("metafmu", false).map_err(SamplingError::Fmu)?;
+    let table = simulate(&instance, &options).map_err(SamplingError::Fmu)?;
     if table.terminated {
-        let end = table.times.last().copied().unwrap_or(0.0);
-        return Err(format!("the FMU ended the simulation at {end} s"));
+        return Err(SamplingError::Terminated { time: table.times.last().copied().unwrap_or(0.0) });
     }
     let columns = task.columns(&table.columns)?;
     let mut outputs = Vec::with_capacity(columns.len() * (table.rows.len() / task.steps_per_row + 1));
     for (time, row) in table.times.iter().zip(&table.rows).step_by(task.steps_per_row) {
         for (&column, name) in columns.iter().zip(&task.outputs) {
             if !row[column].is_finite() {
-                return Err(format!("output `{name}` is {} at {time} s", row[column]));
+                return Err(SamplingError::NotFinite { output: name.clone(), value: row[column], time: *time });
             }
             outputs.push(row[column]);
         }
@@ -142,7 +191,7 @@ fn derivatives(
     task: &SamplingTask,
     driven: &DrivenRuns,
     values: &[f64],
-) -> std::result::Result<Vec<f64>, String> {
+) -> std::result::Result<Vec<f64>, SamplingError> {
     let (parameters, states) = (task.parameters(), driven.states.len());
     let mut reply = Vec::new();
     for point in values.chunks_exact(parameters + driven.inputs.len() + states) {
@@ -151,10 +200,10 @@ fn derivatives(
         let mut settings = task.settings(settings);
         settings.inputs.names.extend_from_slice(&driven.inputs);
         settings.inputs.rows[0].extend_from_slice(inputs);
-        let explain = |message: String| {
-            let names = driven.inputs.iter().map(|name| format!("{name} = ")).zip(inputs);
-            let known: Vec<String> = names.map(|(name, value)| format!("{name}{value}")).collect();
-            format!("in the states {states:?} with {}: {message}", known.join(", "))
+        let unusable = |source: Option<Error>| SamplingError::Equations {
+            states: states.to_vec(),
+            inputs: driven.inputs.iter().cloned().zip(inputs.iter().copied()).collect(),
+            source: source.map(Box::new),
         };
         let options = SimulationOptions {
             start: Some(0.0),
@@ -166,14 +215,13 @@ fn derivatives(
             record_only: true,
             ..SimulationOptions::default()
         };
-        let instance = fmu.instantiate("metafmu", false).map_err(|error| error.to_string())?;
-        let labels = StateEvaluation::of(&instance, &options).map_err(|error| explain(error.to_string()))?;
+        let instance = fmu.instantiate("metafmu", false).map_err(SamplingError::Fmu)?;
+        let labels = StateEvaluation::of(&instance, &options).map_err(|error| unusable(Some(error)))?;
         let columns = task.columns(&labels.columns)?;
         let derivatives = driven.states.iter().map(|position| labels.derivatives.get(*position).copied());
-        let found = derivatives.chain(columns.into_iter().map(|column| labels.outputs.get(column).copied()));
-        for value in found {
-            let value = value.filter(|value| value.is_finite());
-            reply.push(value.ok_or_else(|| explain("a derivative or output is not finite".into()))?);
+        let outputs = columns.into_iter().map(|column| labels.outputs.get(column).copied());
+        for value in derivatives.chain(outputs) {
+            reply.push(value.filter(|value| value.is_finite()).ok_or_else(|| unusable(None))?);
         }
     }
     Ok(reply)
@@ -201,10 +249,10 @@ impl SamplingTask {
     }
 
     /// Position of each output among the columns of a recorder.
-    fn columns(&self, recorded: &[RecordedColumn]) -> std::result::Result<Vec<usize>, String> {
-        let position = |name: &String| {
-            let found = recorded.iter().position(|column| column.name == *name);
-            found.ok_or_else(|| format!("`{name}` was not recorded"))
+    fn columns(&self, recorded: &[RecordedColumn]) -> std::result::Result<Vec<usize>, SamplingError> {
+        let position = |output: &String| {
+            let position = recorded.iter().position(|column| column.name == *output);
+            position.ok_or_else(|| SamplingError::NotRecorded { output: output.clone() })
         };
         self.outputs.iter().map(position).collect()
     }
