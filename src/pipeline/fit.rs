@@ -16,7 +16,7 @@ use crate::{
     training::{EpochRecord, StopReason},
 };
 use candidates::SelectedModel;
-pub use candidates::{CandidateScore, ModelChoice};
+pub use candidates::{CandidateScore, ModelChoice, UnknownModel};
 use metafmu_runtime::Surrogate;
 use serde::{Deserialize, Serialize};
 use std::{path::Path, sync::atomic::Ordering};

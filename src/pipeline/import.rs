@@ -271,9 +271,9 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], has
     let columns = Table::open(path)?.columns().to_vec();
     let mut open: HashMap<&str, usize> =
         columns.iter().enumerate().map(|(place, column)| (column.name.as_str(), place)).collect();
-    let found = [(&mut *inputs, "inputs"), (&mut *outputs, "outputs")]
-        .map(|(ports, what)| find_by_name(&columns, &mut open, ports, what));
-    let problems: Vec<String> = found.iter().filter_map(|found| found.clone().err()).collect();
+    let matches = [&mut *inputs, &mut *outputs].map(|ports| find_by_name(&columns, &mut open, ports));
+    let problems: Vec<String> =
+        matches.iter().zip(["inputs", "outputs"]).filter_map(|(names, ports)| names.problem(ports)).collect();
     if !problems.is_empty() {
         return Err(Error::Import { path: path.to_owned(), problems });
     }
@@ -283,11 +283,11 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], has
     rest.sort_unstable();
     let is_behind = rest.first().is_some_and(|first| first + rest.len() == columns.len());
     let is_plain = |port: &&mut ModelColumn| !port.is_state;
-    let meant: Vec<&mut ModelColumn> = match found {
-        [Ok(true), Ok(false)] if is_behind => outputs.iter_mut().filter(is_plain).collect(),
-        [Ok(false), Ok(true)] => inputs.iter_mut().filter(is_plain).collect(),
-        [Ok(false), Ok(false)] if rest.len() == inputs.len() => inputs.iter_mut().collect(),
-        [Ok(false), Ok(false)] => inputs.iter_mut().chain(outputs).collect(),
+    let meant: Vec<&mut ModelColumn> = match matches {
+        [NamedColumns::All, NamedColumns::None] if is_behind => outputs.iter_mut().filter(is_plain).collect(),
+        [NamedColumns::None, NamedColumns::All] => inputs.iter_mut().filter(is_plain).collect(),
+        [NamedColumns::None, NamedColumns::None] if rest.len() == inputs.len() => inputs.iter_mut().collect(),
+        [NamedColumns::None, NamedColumns::None] => inputs.iter_mut().chain(outputs).collect(),
         _ => Vec::new(),
     };
     if meant.len() == rest.len() {
@@ -301,14 +301,33 @@ fn find_in_table(path: &Path, [inputs, outputs]: [&mut Vec<ModelColumn>; 2], has
     Ok(())
 }
 
-/// Finds ports by their names among the columns that are `open`; whether it has found all, but for those of states. If there are some and not all,
-/// the position of the others would be a guess.
-fn find_by_name(
-    columns: &[TableColumn],
-    open: &mut HashMap<&str, usize>,
-    ports: &mut [ModelColumn],
-    what: &str,
-) -> std::result::Result<bool, String> {
+/// Columns of a model that a table has by their names, those of states aside.
+enum NamedColumns {
+    None,
+    All,
+    /// Only some, so that the position of the others would be a guess.
+    Part {
+        named: Vec<String>,
+        missing: Vec<String>,
+    },
+}
+
+impl NamedColumns {
+    /// Message if the table has only some of the `ports`, which are inputs or outputs.
+    fn problem(&self, ports: &str) -> Option<String> {
+        let Self::Part { named, missing } = self else { return None };
+        let [named, missing] = [named, missing].map(|names| names.iter().map(String::as_str).collect::<Vec<_>>());
+        Some(format!(
+            "has columns for {} of the model's {ports}, but none for {}: expected one for each, or none with the model's names, if columns are \
+             meant by their position",
+            listed(&named),
+            listed(&missing)
+        ))
+    }
+}
+
+/// Finds ports by their names among the columns that are `open`.
+fn find_by_name(columns: &[TableColumn], open: &mut HashMap<&str, usize>, ports: &mut [ModelColumn]) -> NamedColumns {
     for port in ports.iter_mut().filter(|port| !port.is_state) {
         port.found = open.remove(port.column).map(|place| columns[place].clone());
     }
@@ -322,18 +341,16 @@ fn find_by_name(
             port.found = open.remove(name).map(|place| columns[place].clone());
         }
     }
-    let (found, missing): (Vec<&ModelColumn>, Vec<&ModelColumn>) =
-        ports.iter().filter(|port| !port.is_state).partition(|port| port.found.is_some());
-    let names = |ports: &[&ModelColumn]| listed(&ports.iter().map(|port| port.column).collect::<Vec<&str>>());
-    match (found.is_empty(), missing.is_empty()) {
-        (true, _) => Ok(false),
-        (false, true) => Ok(true),
-        (false, false) => Err(format!(
-            "has columns for {} of the model's {what}, but none for {}: expected one for each, or none with the model's names, if columns are \
-             meant by their position",
-            names(&found),
-            names(&missing)
-        )),
+    let mut named = Vec::new();
+    let mut missing = Vec::new();
+    for port in ports.iter().filter(|port| !port.is_state) {
+        let names = if port.found.is_some() { &mut named } else { &mut missing };
+        names.push(port.column.to_owned());
+    }
+    match (named.is_empty(), missing.is_empty()) {
+        (true, _) => NamedColumns::None,
+        (false, true) => NamedColumns::All,
+        (false, false) => NamedColumns::Part { named, missing },
     }
 }
 

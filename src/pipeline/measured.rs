@@ -88,24 +88,30 @@ mod tests {
     use metafmu_example as example;
     use std::cell::RefCell;
 
-    fn read(text: &str) -> (Result<(Inputs, Option<f64>)>, Vec<String>) {
+    /// Inputs of a table, and the lines that are printed about it.
+    struct ReadTable {
+        inputs: Result<(Inputs, Option<f64>)>,
+        lines: Vec<String>,
+    }
+
+    fn read(text: &str) -> ReadTable {
         read_for(text, true)
     }
 
-    fn read_for(text: &str, takes_measured: bool) -> (Result<(Inputs, Option<f64>)>, Vec<String>) {
+    fn read_for(text: &str, takes_measured: bool) -> ReadTable {
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
-        let told = RefCell::new(Vec::new());
+        let lines = RefCell::new(Vec::new());
         let table = Table::open(file.path()).unwrap();
-        let found =
-            read_inputs(&example::recorded(), takes_measured, table, |line| told.borrow_mut().push(line.to_owned()));
-        (found, told.into_inner())
+        let inputs =
+            read_inputs(&example::recorded(), takes_measured, table, |line| lines.borrow_mut().push(line.to_owned()));
+        ReadTable { inputs, lines: lines.into_inner() }
     }
 
     #[test]
     fn outputs_are_measured_up_to_a_row_between_the_last_one_before_the_start_and_the_next() {
-        let (found, told) = read("time,position,force\n-0.2,0.5,1\n-0.1,0.75,2\n0,9,3\n0.1,9,4\n");
-        let (inputs, start) = found.unwrap();
+        let table = read("time,position,force\n-0.2,0.5,1\n-0.1,0.75,2\n0,9,3\n0.1,9,4\n");
+        let (inputs, start) = table.inputs.unwrap();
         assert_eq!(
             (inputs.names, start),
             (vec!["position_measured".into(), "force".into(), "use_measured".into()], Some(-0.2))
@@ -113,27 +119,27 @@ mod tests {
         assert_eq!(inputs.times, [-0.2, -0.1, -0.05, 0.0, 0.1]);
         let expected = [[0.5, 1.0, 1.0], [0.75, 2.0, 1.0], [4.875, 2.5, 0.0], [9.0, 3.0, 0.0], [9.0, 4.0, 0.0]];
         assert_eq!(inputs.rows, expected.map(|row| row.to_vec()));
-        assert!(told.is_empty());
+        assert!(table.lines.is_empty());
         // the table may end there
-        let (mut inputs, _) = read("time,position,force\n-0.2,0.5,1\n-0.1,0.7,2\n").0.unwrap();
+        let (mut inputs, _) = read("time,position,force\n-0.2,0.5,1\n-0.1,0.7,2\n").inputs.unwrap();
         assert_eq!((inputs.times, inputs.rows.pop()), (vec![-0.2, -0.1, -0.05], Some(vec![0.7, 2.0, 0.0])));
     }
 
     #[test]
     fn outputs_of_other_rows_are_not_used_and_a_row_that_is_no_sample_is_located() {
-        let (found, told) = read("time,position,force\n0,9,3\n0.1,9,4\n");
+        let table = read("time,position,force\n0,9,3\n0.1,9,4\n");
         assert_eq!(
-            found.unwrap(),
+            table.inputs.unwrap(),
             (Inputs { names: vec!["force".into()], times: vec![0.0, 0.1], rows: vec![vec![3.0], vec![4.0]] }, None)
         );
-        assert!(told.is_empty());
+        assert!(table.lines.is_empty());
         let message =
             "time -0.05 s, expected -0.1 s: rows before time 0 are 0.1 s apart, as their outputs are measured samples";
-        let error = read("time,position\n-0.2,1\n-0.05,1\n").0.unwrap_err().to_string();
+        let error = read("time,position\n-0.2,1\n-0.05,1\n").inputs.unwrap_err().to_string();
         assert!(error.ends_with(&format!(":3: {message}")), "{error}");
-        let error = read_for("time,position,force\n-0.2,0.5,1\n", false).0.unwrap_err().to_string();
+        let error = read_for("time,position,force\n-0.2,0.5,1\n", false).inputs.unwrap_err().to_string();
         assert!(error.contains("the FMU has no inputs for them: `metafmu export --ports measured`"), "{error}");
         // inputs alone may be anywhere
-        assert_eq!(read("time,force\n-0.2,1\n-0.05,1\n").0.unwrap().1, None);
+        assert_eq!(read("time,force\n-0.2,1\n-0.05,1\n").inputs.unwrap().1, None);
     }
 }

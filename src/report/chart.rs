@@ -15,6 +15,7 @@ use plotters::{
         text_anchor::{HPos, Pos, VPos},
     },
 };
+use std::{fmt, io};
 
 /// Two axes and the marks between them.
 #[derive(Clone, Debug)]
@@ -95,8 +96,36 @@ const LINE_POINTS: usize = 600;
 const LETTER: f64 = 0.6;
 
 type ChartArea<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type DrawResult = Result<(), DrawingAreaErrorKind<std::io::Error>>;
+type DrawError = DrawingAreaErrorKind<io::Error>;
+type DrawResult = Result<(), DrawError>;
 type Plot<'a, 'b> = ChartContext<'b, SVGBackend<'a>, Cartesian2d<Axis, Axis>>;
+
+/// Reason why a plot cannot be made.
+#[derive(Debug)]
+pub enum PlotError {
+    /// There are no curves, or no times.
+    Empty,
+    /// plotters failed.
+    Drawing(DrawError),
+}
+
+impl fmt::Display for PlotError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Empty => f.write_str("there is nothing to plot"),
+            Self::Drawing(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for PlotError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Empty => None,
+            Self::Drawing(error) => Some(error),
+        }
+    }
+}
 
 impl Ink {
     fn color(self) -> RGBColor {
@@ -172,8 +201,8 @@ impl Chart {
     /// The picture. The same chart always gives the same text.
     ///
     /// # Errors
-    /// plotters' message.
-    pub fn svg(&self, title: &str) -> Result<String, String> {
+    /// [`PlotError::Drawing`].
+    pub fn svg(&self, title: &str) -> Result<String, PlotError> {
         stack(title, std::slice::from_ref(self), HEIGHT)
     }
 
@@ -321,8 +350,8 @@ impl Chart {
 /// Charts one below the other, each of this height without its legend.
 ///
 /// # Errors
-/// plotters' message.
-pub fn stack(title: &str, charts: &[Chart], height: u32) -> Result<String, String> {
+/// [`PlotError::Drawing`].
+pub fn stack(title: &str, charts: &[Chart], height: u32) -> Result<String, PlotError> {
     let heights: Vec<u32> = charts.iter().map(|chart| height + chart.legend_height()).collect();
     let total: u32 = heights.iter().sum();
     let mut svg = String::new();
@@ -336,7 +365,7 @@ pub fn stack(title: &str, charts: &[Chart], height: u32) -> Result<String, Strin
         }
         area.present()
     };
-    draw(&mut svg).map_err(|error| error.to_string())?;
+    draw(&mut svg).map_err(PlotError::Drawing)?;
     Ok(finish(&svg, title, total))
 }
 

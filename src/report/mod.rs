@@ -108,7 +108,9 @@ impl Figure {
     /// [`Error::Plot`].
     pub fn draw(&self) -> Result<Drawn> {
         let Self { id, caption, chart } = self;
-        let svg = chart.svg(caption).map_err(|message| Error::Plot { path: format!("{id}.svg").into(), message })?;
+        let svg = chart
+            .svg(caption)
+            .map_err(|error| Error::Plot { path: format!("{id}.svg").into(), message: error.to_string() })?;
         let thinned = if chart.is_thinned() { " Lines are thinned; their peaks are kept." } else { "" };
         Ok(Drawn { id: id.clone(), caption: format!("{caption}{thinned}"), svg })
     }

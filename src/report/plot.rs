@@ -2,7 +2,7 @@
 
 use super::{
     axis::Axis,
-    chart::{Chart, ChartSeries, Ink, Shape, stack},
+    chart::{Chart, ChartSeries, Ink, PlotError, Shape, stack},
 };
 
 /// One quantity over time.
@@ -22,10 +22,10 @@ const HEIGHT: u32 = 200;
 /// One chart per curve, one below the other, over a common time axis in seconds.
 ///
 /// # Errors
-/// A sentence if there is nothing to draw or plotters fails.
-pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<String, String> {
+/// [`PlotError`].
+pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<String, PlotError> {
     let (Some(&start), Some(&stop), false) = (times.first(), times.last(), curves.is_empty()) else {
-        return Err("there is nothing to plot".into());
+        return Err(PlotError::Empty);
     };
     let chart = |Curve { name, unit, values }: &Curve| Chart {
         x: Axis::exact("time", "s", start, stop),
@@ -43,10 +43,10 @@ pub fn time_series_svg(title: &str, times: &[f64], curves: &[Curve]) -> Result<S
 ///
 /// # Errors
 /// As [`time_series_svg`].
-pub fn two_runs_svg(title: &str, names: [&str; 2], runs: [(&[f64], &[Curve]); 2]) -> Result<String, String> {
+pub fn two_runs_svg(title: &str, names: [&str; 2], runs: [(&[f64], &[Curve]); 2]) -> Result<String, PlotError> {
     let [(times, curves), (other_times, other_curves)] = runs;
     let (Some(&start), Some(&stop), false) = (times.first(), times.last(), curves.is_empty()) else {
-        return Err("there is nothing to plot".into());
+        return Err(PlotError::Empty);
     };
     let line =
         |times: &[f64], curve: &Curve| Shape::Line(times.iter().zip(&curve.values).map(|(&t, &y)| [t, y]).collect());

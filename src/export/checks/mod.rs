@@ -53,7 +53,7 @@ impl Checks for SurrogateChecks {
         match reference_run::read(archive) {
             Ok(Some(_)) => {}
             Ok(None) => report.skipped("a reference result: there is none of metafmu's inside"),
-            Err(problem) => report.problem(Area::Archive, problem),
+            Err(error) => report.problem(Area::Archive, error.to_string()),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Repeats the reference run inside an FMU of metafmu and compares the results.
 
 use crate::{
-    Result,
+    Error, Result,
     export::reference::{OPTIONS_FILE, RESULT_FILE, ReferenceOptions},
     fmi::{
         Archive, Fmu, InterfaceKind, SimulationOptions, simulate,
@@ -10,6 +10,7 @@ use crate::{
 };
 use indexmap::IndexMap;
 use metafmu_runtime::{BuiltIn, Role, Surrogate};
+use std::fmt;
 
 /// Largest reference that is read.
 const MAX_SIZE: u64 = 64 << 20;
@@ -21,23 +22,54 @@ pub struct Reference {
     rows: Vec<Vec<f64>>,
 }
 
+/// Reason why the reference run inside an FMU cannot be read.
+#[derive(Debug)]
+pub enum ReferenceError {
+    /// One of its two files is missing, too large or damaged.
+    Archive(Error),
+    /// The options of the run.
+    Options(serde_json::Error),
+    /// The table of its result.
+    Result(csv::Error),
+}
+
+impl fmt::Display for ReferenceError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Archive(error) => error.fmt(f),
+            Self::Options(error) => write!(f, "`{OPTIONS_FILE}`: {error}"),
+            Self::Result(error) => write!(f, "`{RESULT_FILE}`: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for ReferenceError {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        match self {
+            Self::Archive(error) => Some(error),
+            Self::Options(error) => Some(error),
+            Self::Result(error) => Some(error),
+        }
+    }
+}
+
 /// The reference inside, if there is one, or its problem.
-pub fn read(archive: &mut Archive) -> std::result::Result<Option<Reference>, String> {
+pub fn read(archive: &mut Archive) -> std::result::Result<Option<Reference>, ReferenceError> {
     if !archive.contains(OPTIONS_FILE) && !archive.contains(RESULT_FILE) {
         return Ok(None);
     }
     parse(archive).map(Some)
 }
 
-fn parse(archive: &mut Archive) -> std::result::Result<Reference, String> {
-    let mut text = |name: &str| archive.read(name, MAX_SIZE).map_err(|error| error.to_string());
-    let options = serde_json::from_slice(&text(OPTIONS_FILE)?).map_err(|error| format!("`{OPTIONS_FILE}`: {error}"))?;
-    let result = text(RESULT_FILE)?;
-    let wrong = |error: csv::Error| format!("`{RESULT_FILE}`: {error}");
+fn parse(archive: &mut Archive) -> std::result::Result<Reference, ReferenceError> {
+    let options = archive.read(OPTIONS_FILE, MAX_SIZE).map_err(ReferenceError::Archive)?;
+    let options = serde_json::from_slice(&options).map_err(ReferenceError::Options)?;
+    let result = archive.read(RESULT_FILE, MAX_SIZE).map_err(ReferenceError::Archive)?;
     let mut reader = csv::Reader::from_reader(result.as_slice());
-    let names = reader.headers().map_err(wrong)?.iter().skip(1).map(str::to_owned).collect();
-    let rows = reader.deserialize().collect::<std::result::Result<Vec<Vec<f64>>, _>>().map_err(wrong)?;
-    Ok(Reference { options, names, rows })
+    let header = reader.headers().map_err(ReferenceError::Result)?;
+    let names = header.iter().skip(1).map(str::to_owned).collect();
+    let rows = reader.deserialize().collect::<std::result::Result<Vec<Vec<f64>>, _>>();
+    Ok(Reference { options, names, rows: rows.map_err(ReferenceError::Result)? })
 }
 
 /// Reports the first difference. `surrogate`: the one inside, if it can be read.

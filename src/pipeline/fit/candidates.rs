@@ -17,6 +17,7 @@ use crate::{
 use metafmu_runtime::{Graph, Scaling, graph::Step};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Name of the choice among the candidates.
 const AUTO: &str = "auto";
@@ -66,16 +67,32 @@ impl From<Option<ModelKind>> for ModelChoice {
 }
 
 impl TryFrom<String> for ModelChoice {
-    type Error = String;
+    type Error = UnknownModel;
 
-    fn try_from(name: String) -> std::result::Result<Self, String> {
-        let found = ModelKind::all().find(|kind| kind.name() == name).map(Self::Only);
-        found.or((name == AUTO).then_some(Self::Auto)).ok_or_else(|| {
-            let names: Vec<&str> = [AUTO].into_iter().chain(ModelKind::all().map(ModelKind::name)).collect();
-            format!("model: `{name}`, expected one of {}", listed(&names))
-        })
+    fn try_from(name: String) -> std::result::Result<Self, UnknownModel> {
+        if name == AUTO {
+            return Ok(Self::Auto);
+        }
+        let kind = ModelKind::all().find(|kind| kind.name() == name);
+        kind.map(Self::Only).ok_or(UnknownModel { name })
     }
 }
+
+/// Name of no kind of model.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnknownModel {
+    /// The name.
+    pub name: String,
+}
+
+impl fmt::Display for UnknownModel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let names: Vec<&str> = [AUTO].into_iter().chain(ModelKind::all().map(ModelKind::name)).collect();
+        write!(f, "model: `{}`, expected one of {}", self.name, listed(&names))
+    }
+}
+
+impl std::error::Error for UnknownModel {}
 
 /// Row of a candidate in the choice.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -273,8 +290,7 @@ impl FitContext<'_> {
                 (Graph::from(&network), Some(outcome.completed()?), parts.seen.len())
             }
             ModelKind::Baseline(kind) => {
-                let fitted = self.baseline(kind, &parts.usable());
-                let (graph, rows) = fitted.map_err(|problem| self.refusal(vec![problem]))?;
+                let (graph, rows) = self.baseline(kind, &parts.usable())?;
                 (graph, None, rows)
             }
         };
@@ -313,9 +329,11 @@ impl FitContext<'_> {
     }
 
     /// A baseline of some rows, and the number of rows that it was fitted to. An output that is constant in them stays that constant.
-    fn baseline(&self, kind: BaselineKind, which: &[usize]) -> std::result::Result<(Graph, usize), String> {
+    fn baseline(&self, kind: BaselineKind, which: &[usize]) -> Result<(Graph, usize)> {
         let (x, y) = (chosen(self.inputs, which), chosen(self.outputs, which));
-        let (Some(first), Some(constants)) = (x.first(), y.first()) else { return Err("no rows".into()) };
+        let (Some(first), Some(constants)) = (x.first(), y.first()) else {
+            return Err(self.refusal(vec!["no rows".into()]));
+        };
         let inputs = first.len();
         let varying: Vec<usize> =
             (0..constants.len()).filter(|output| y.iter().any(|row| row[*output] != constants[*output])).collect();
@@ -344,12 +362,12 @@ impl FitContext<'_> {
             true => worker::caught(|| model.fit_with_std(&rows, seed).map(Fitted::Formula)),
             false => worker::caught(|| model.fit(&rows, seed)),
         };
-        let graph = match fitted.map_err(|error| error.message)? {
+        let graph = match fitted.map_err(|error| self.refusal(vec![error.message]))? {
             Fitted::Formula(graph) => graph,
-            Fitted::Library(model) => return Err(model.not_exportable.into()),
+            Fitted::Library(model) => return Err(self.refusal(vec![model.not_exportable.into()])),
         };
         let outputs = if has_std { 2 * varying.len() } else { varying.len() };
-        graph.check(inputs, outputs).map_err(|error| error.to_string())?;
+        graph.check(inputs, outputs).map_err(|error| self.refusal(vec![error.to_string()]))?;
         Ok((with_constants(graph), rows.len()))
     }
 

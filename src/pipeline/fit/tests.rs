@@ -35,7 +35,7 @@ fn quick(model: ModelChoice) -> FitOptions {
     FitOptions { model, network, training, measure: true, ..FitOptions::default() }
 }
 
-fn model_choice(name: &str) -> std::result::Result<ModelChoice, String> {
+fn model_choice(name: &str) -> std::result::Result<ModelChoice, UnknownModel> {
     ModelChoice::try_from(name.to_owned())
 }
 
@@ -246,7 +246,7 @@ fn every_kind_is_fitted_by_its_name_and_others_are_refused() {
         assert_eq!(fit.accuracy.unwrap().outputs["constant"].mse, 0.0, "{}", kind.name());
     }
     for name in ["knn", "kriging", ""] {
-        let problem = model_choice(name).unwrap_err();
+        let problem = model_choice(name).unwrap_err().to_string();
         assert!(
             problem.starts_with(&format!("model: `{name}`, expected one of auto, network, linear, ridge, ")),
             "{problem}"
