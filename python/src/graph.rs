@@ -3,7 +3,11 @@
 use crate::{Error, PySurrogate, bytes, doubles, refused, rows, threads::shared};
 use metafmu::{
     import::interface::ModelInterface,
-    import::{self, About, Imported, builder::Builder, rounding::RandomRounding},
+    import::{
+        self, About, Imported,
+        builder::{Builder, GraphError},
+        rounding::RandomRounding,
+    },
 };
 use metafmu_runtime::{
     Activation, Layer, Numbers, ScaledNetwork,
@@ -89,7 +93,7 @@ impl PyGraph {
         if self.is_finished { Err(Error::new_err("the graph is finished")) } else { Ok(&mut self.builder) }
     }
 
-    fn made(&mut self, made: Result<usize, String>) -> PyResult<usize> {
+    fn made(&mut self, made: Result<usize, GraphError>) -> PyResult<usize> {
         let value = made.map_err(refused)?;
         self.values = value + 1;
         Ok(value)
@@ -153,7 +157,7 @@ impl PyGraph {
         };
         let builder = self.of(&[of])?;
         lengths("columns", builder.width(of), scaling.input_mean.len())?;
-        let made = (|| {
+        let made = (|| -> Result<usize, GraphError> {
             let minus: Vec<f64> = scaling.input_mean.iter().map(|mean| -mean).collect();
             let mut value = builder.elementwise(of, Elementwise::Linear, linear(&vec![1.0; minus.len()], &minus))?;
             let factors: Vec<f64> = scaling.input_scale.iter().map(|scale| 1.0 / scale).collect();

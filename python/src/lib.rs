@@ -16,7 +16,7 @@ use metafmu::{
     export::validate_apart,
     fmi::{Watch, Workers},
     import::interface::ModelInterface,
-    import::{self, Imported, onnx, rounding::RandomRounding},
+    import::{self, ImportError, Imported, onnx, rounding::RandomRounding},
     pipeline::{
         self, Project,
         export::{ExportPlan, ExportRequest, WrittenFmu},
@@ -260,11 +260,15 @@ fn rows(bytes: Option<&[u8]>, columns: usize) -> Option<Vec<Vec<f64>>> {
     bytes.map(|bytes| doubles(bytes).chunks_exact(columns.max(1)).map(<[f64]>::to_vec).collect())
 }
 
+/// Problems of a model as an error of Python, one per line.
+fn unreadable(problems: Vec<ImportError>) -> PyErr {
+    refused(problems.iter().map(ImportError::to_string).collect::<Vec<_>>().join("\n"))
+}
+
 /// The columns that an ONNX model takes and gives.
 #[pyfunction]
 fn onnx_columns(py: Python<'_>, model: &[u8], folder: Option<PathBuf>) -> PyResult<(Vec<String>, Vec<String>)> {
-    let read = detached(py, || onnx::read(model, folder.as_deref()));
-    let imported = read.map_err(|problems| refused(problems.join("\n")))?;
+    let imported = detached(py, || onnx::read(model, folder.as_deref())).map_err(unreadable)?;
     Ok((imported.inputs, imported.outputs))
 }
 
@@ -300,17 +304,17 @@ fn onnx_evaluate<'py>(
 ) -> PyResult<Bound<'py, PyByteArray>> {
     let evaluated = detached(py, || {
         let Imported { inputs, builder, columns, recurrences, .. } =
-            onnx::read(model, folder.as_deref()).map_err(|problems| problems.join("\n"))?;
+            onnx::read(model, folder.as_deref()).map_err(unreadable)?;
         let mut points = rows(Some(x), inputs.len()).unwrap_or_default();
         let starts: Vec<f64> = recurrences.into_iter().flat_map(|state| state.start).collect();
         points.iter_mut().for_each(|point| point.extend(&starts));
         let graph = match rounding {
-            Some((relative, absolute, seed)) => RandomRounding { relative, absolute, seed }.of(&builder, columns)?,
-            None => builder.finish(columns)?,
+            Some((relative, absolute, seed)) => RandomRounding { relative, absolute, seed }.of(&builder, columns),
+            None => builder.finish(columns),
         };
-        Ok(graph.evaluate(&points).concat())
+        Ok(graph.map_err(refused)?.evaluate(&points).concat())
     });
-    evaluated.map(|values| PyByteArray::new(py, &bytes(&values))).map_err(|problem: String| refused(problem))
+    evaluated.map(|values| PyByteArray::new(py, &bytes(&values)))
 }
 
 #[pyfunction]
@@ -323,7 +327,7 @@ fn from_onnx(
 ) -> PyResult<PySurrogate> {
     detached(py, || {
         let interface = ModelInterface::from_json(interface).map_err(refused)?;
-        let imported = onnx::read(model, folder.as_deref()).map_err(|problems| refused(problems.join("\n")))?;
+        let imported = onnx::read(model, folder.as_deref()).map_err(unreadable)?;
         let rows = rows(data, interface.variables().count());
         let path = Path::new(&interface.name);
         let made = import::surrogate((path, model), imported, &interface, rows);

@@ -2,12 +2,52 @@
 //! evaluates faster.
 
 use metafmu_runtime::{
-    Activation, Layer, Numbers, ScaledNetwork, Scaling,
+    Activation, FormatError, Layer, Numbers, ScaledNetwork, Scaling,
     graph::{Elementwise, Graph, MAX_VALUES, Step},
 };
+use std::fmt;
 
 /// Largest number of weights of a step: a file of a few kilobytes must not request gigabytes.
 pub const MAX_WEIGHTS: usize = 1 << 25;
+
+/// Reason why a graph cannot be built.
+#[derive(Debug)]
+pub enum GraphError {
+    /// More numbers or weights than a graph may have.
+    TooLarge {
+        /// Numbers of all values.
+        numbers: usize,
+        /// Weights of all steps.
+        weights: usize,
+    },
+    /// A graph that is appended to a value of another length.
+    Width {
+        /// Numbers of the value.
+        found: usize,
+        /// Columns of the graph.
+        expected: usize,
+    },
+    /// A graph with steps that do not fit each other.
+    Format(FormatError),
+    /// A graph with NaN or infinity after constants were folded.
+    NotFinite(FormatError),
+}
+
+impl fmt::Display for GraphError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooLarge { numbers, weights } => write!(
+                f,
+                "the graph has {numbers} numbers and {weights} weights up to here, expected at most {MAX_VALUES} and {MAX_WEIGHTS}"
+            ),
+            Self::Width { found, expected } => write!(f, "{found} columns, expected {expected}"),
+            Self::Format(error) => error.fmt(f),
+            Self::NotFinite(error) => write!(f, "constant folding of the graph produced NaN or infinity: {error}"),
+        }
+    }
+}
+
+impl std::error::Error for GraphError {}
 
 /// A graph under construction: every step is added behind those whose values it uses.
 #[derive(Clone, Debug)]
@@ -28,7 +68,7 @@ impl Builder {
     ///
     /// # Errors
     /// As [`Builder::add`].
-    pub fn more_inputs(&mut self, count: usize) -> Result<usize, String> {
+    pub fn more_inputs(&mut self, count: usize) -> Result<usize, GraphError> {
         let first = self.widths[0];
         self.numbers = self.numbers.saturating_add(count);
         self.within_limits()?;
@@ -36,12 +76,9 @@ impl Builder {
         Ok(first)
     }
 
-    fn within_limits(&self) -> Result<(), String> {
+    fn within_limits(&self) -> Result<(), GraphError> {
         if self.numbers > MAX_VALUES || self.weights > MAX_WEIGHTS {
-            return Err(format!(
-                "the graph has {} numbers and {} weights up to here, expected at most {MAX_VALUES} and {MAX_WEIGHTS}",
-                self.numbers, self.weights
-            ));
+            return Err(GraphError::TooLarge { numbers: self.numbers, weights: self.weights });
         }
         Ok(())
     }
@@ -59,8 +96,8 @@ impl Builder {
     /// Adds a step that makes `width` numbers; the result is the value's number.
     ///
     /// # Errors
-    /// A sentence, if the graph becomes too large.
-    pub fn add(&mut self, step: Step, width: usize) -> Result<usize, String> {
+    /// [`GraphError::TooLarge`].
+    pub fn add(&mut self, step: Step, width: usize) -> Result<usize, GraphError> {
         self.numbers = self.numbers.saturating_add(width);
         self.weights = self.weights.saturating_add(match &step {
             Step::Affine { weight, .. } => weight.len(),
@@ -79,7 +116,7 @@ impl Builder {
     ///
     /// # Errors
     /// As [`Builder::add`].
-    pub fn affine(&mut self, of: usize, weight: Numbers, bias: Numbers) -> Result<usize, String> {
+    pub fn affine(&mut self, of: usize, weight: Numbers, bias: Numbers) -> Result<usize, GraphError> {
         let width = bias.len();
         self.add(Step::Affine { of, weight, bias }, width)
     }
@@ -88,7 +125,7 @@ impl Builder {
     ///
     /// # Errors
     /// As [`Builder::add`].
-    pub fn elementwise(&mut self, of: usize, function: Elementwise, parameters: Vec<f64>) -> Result<usize, String> {
+    pub fn elementwise(&mut self, of: usize, function: Elementwise, parameters: Vec<f64>) -> Result<usize, GraphError> {
         self.add(Step::Elementwise { of, function, parameters }, self.width(of))
     }
 
@@ -96,7 +133,7 @@ impl Builder {
     ///
     /// # Errors
     /// As [`Builder::add`].
-    pub fn columns(&mut self, columns: Vec<[u32; 2]>) -> Result<usize, String> {
+    pub fn columns(&mut self, columns: Vec<[u32; 2]>) -> Result<usize, GraphError> {
         let width = columns.len();
         self.add(Step::Columns { columns }, width)
     }
@@ -104,11 +141,12 @@ impl Builder {
     /// Outputs of another graph, whose columns are a value.
     ///
     /// # Errors
-    /// As [`Builder::add`], and if the value has not as many numbers as the graph has columns.
-    pub fn append(&mut self, of: usize, graph: &Graph) -> Result<usize, String> {
-        let widths = graph.widths().map_err(|error| error.to_string())?;
+    /// As [`Builder::add`]. [`GraphError::Width`] if the numbers of the value are not as many as the columns of the graph,
+    /// [`GraphError::Format`] if the graph is invalid.
+    pub fn append(&mut self, of: usize, graph: &Graph) -> Result<usize, GraphError> {
+        let widths = graph.widths().map_err(GraphError::Format)?;
         if self.width(of) != graph.inputs {
-            return Err(format!("{} columns, expected {}", self.width(of), graph.inputs));
+            return Err(GraphError::Width { found: self.width(of), expected: graph.inputs });
         }
         let before = self.steps.len();
         let mut last = of;
@@ -135,7 +173,7 @@ impl Builder {
     ///
     /// # Errors
     /// As [`Builder::add`].
-    pub fn finish(mut self, outputs: Vec<[u32; 2]>) -> Result<Graph, String> {
+    pub fn finish(mut self, outputs: Vec<[u32; 2]>) -> Result<Graph, GraphError> {
         self.columns(outputs)?;
         let inputs = self.widths[0];
         let mut steps = self.steps;

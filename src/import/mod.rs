@@ -2,6 +2,7 @@
 
 pub mod builder;
 mod cover;
+mod error;
 pub mod interface;
 pub mod onnx;
 pub mod rounding;
@@ -9,7 +10,8 @@ mod stateful;
 pub mod tensors;
 
 use crate::{Error, Result, diagnostics::Problems, surrogate, table::Table};
-use builder::Builder;
+use builder::{Builder, GraphError};
+pub use error::{ImportCause, ImportError, ImportPlace, NodePlace};
 use interface::{
     ColumnSource, InterfaceCausality, InterfaceDomain, InterfaceInput, InterfaceVariability, Mapping, ModelInterface,
     OutputSource,
@@ -60,8 +62,8 @@ impl Imported {
     /// The model as a graph of variables.
     ///
     /// # Errors
-    /// A sentence, if it becomes too large.
-    pub fn into_graph(self, mapping: &Mapping, variables: usize) -> std::result::Result<Graph, String> {
+    /// [`GraphError::TooLarge`], [`GraphError::NotFinite`].
+    pub fn into_graph(self, mapping: &Mapping, variables: usize) -> std::result::Result<Graph, GraphError> {
         let column = |shown: &OutputSource| match shown {
             OutputSource::Column(column) => Some(self.columns[*column]),
             // there are no states
@@ -78,7 +80,7 @@ fn into_graph(
     sources: &[ColumnSource],
     width: usize,
     mut columns: Vec<[u32; 2]>,
-) -> std::result::Result<Graph, String> {
+) -> std::result::Result<Graph, GraphError> {
     let in_order = sources.len() == width
         && sources.iter().enumerate().all(|(column, source)| *source == ColumnSource::Input(column));
     if !in_order {
@@ -89,9 +91,7 @@ fn into_graph(
     let outputs = columns.len();
     let graph = builder.finish(columns)?;
     // products of finite weights may not be finite
-    graph
-        .check(width, outputs)
-        .map_err(|problem| format!("constant folding of the graph produced NaN or infinity: {problem}"))?;
+    graph.check(width, outputs).map_err(GraphError::NotFinite)?;
     Ok(graph)
 }
 
@@ -154,8 +154,8 @@ pub fn surrogate(
         .refuse(interface.time.sample.map_or_else(Problems::default, |_| Problems::one("time.sample", message)))?;
     let inputs = inputs(interface, rows.as_deref())?;
     let (is_single, producer) = (imported.is_single, imported.producer.clone());
-    let refused = |problem: String| Error::Import { path: path.to_owned(), problems: vec![problem] };
-    let graph = imported.into_graph(&mapping, inputs.len()).map_err(refused)?;
+    let graph = imported.into_graph(&mapping, inputs.len()).map_err(ImportError::from);
+    let graph = graph.map_err(ImportError::of_file(path))?;
     let about = About { path, content: bytes, is_single, producer: &producer };
     of_graph(graph, about, interface, rows)
 }
@@ -195,7 +195,7 @@ pub fn of_graph(
         Some(rows) => output_ranges(&surrogate, rows.into_iter()),
         None => output_ranges(&surrogate, points(surrogate.inputs())),
     };
-    let ranges = ranges.map_err(|problem| Error::Import { path: about.path.to_owned(), problems: vec![problem] })?;
+    let ranges = ranges.map_err(ImportError::of_file(about.path))?;
     surrogate::seal(made(with_ranges(surrogate.metadata(), &ranges))?)
 }
 
@@ -381,7 +381,7 @@ fn points(inputs: &[Input]) -> impl Iterator<Item = Vec<f64>> {
 fn output_ranges(
     surrogate: &Surrogate,
     points: impl Iterator<Item = Vec<f64>>,
-) -> std::result::Result<Vec<[f64; 2]>, String> {
+) -> std::result::Result<Vec<[f64; 2]>, ImportError> {
     let mut evaluator = Evaluator::new(surrogate);
     let mut values = vec![0.0; evaluator.results()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; values.len()];
@@ -391,11 +391,10 @@ fn output_ranges(
             if !value.is_finite() {
                 let inputs = surrogate.inputs().iter().zip(&point).take(8);
                 let at: Vec<String> = inputs.map(|(input, value)| format!("{} = {value}", input.name)).collect();
-                return Err(format!(
-                    "output `{}` is {value} at {}: the ranges lead where the model is not defined",
-                    output.name,
-                    at.join(", ")
-                ));
+                let place = ImportPlace::Output(output.name.clone());
+                let at = at.join(", ");
+                let message = format!("{place} is {value} at {at}: the ranges lead where the model is not defined");
+                return Err(ImportError::not_finite(message).naming(place));
             }
             *range = [range[0].min(*value), range[1].max(*value)];
         }

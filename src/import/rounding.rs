@@ -1,6 +1,6 @@
 //! Effect of rounding on a graph: differences that it explains are no evidence that a model was read wrongly.
 
-use super::builder::Builder;
+use super::builder::{Builder, GraphError};
 use metafmu_runtime::{
     Activation,
     graph::{Elementwise, Graph, Step},
@@ -24,7 +24,7 @@ impl RandomRounding {
     ///
     /// # Errors
     /// As [`Builder::add`]: the graph has twice as many values.
-    pub fn of(&self, builder: &Builder, mut outputs: Vec<[u32; 2]>) -> Result<Graph, String> {
+    pub fn of(&self, builder: &Builder, mut outputs: Vec<[u32; 2]>) -> Result<Graph, GraphError> {
         let mut random = ChaCha8Rng::seed_from_u64(self.seed);
         let mut rounded = Builder::new(builder.width(0));
         // of each value of the builder, its number in the rounded graph
@@ -45,7 +45,13 @@ impl RandomRounding {
         Ok(Graph { inputs: rounded.width(0), steps: rounded.steps().to_vec() })
     }
 
-    fn round(&self, builder: &mut Builder, of: usize, absolute: f64, random: &mut ChaCha8Rng) -> Result<usize, String> {
+    fn round(
+        &self,
+        builder: &mut Builder,
+        of: usize,
+        absolute: f64,
+        random: &mut ChaCha8Rng,
+    ) -> Result<usize, GraphError> {
         let width = builder.width(of);
         let mut numbers = |center: f64, size: f64| -> Vec<f64> {
             (0..width).map(|_| center + size * (2.0 * random.random::<f64>() - 1.0)).collect()

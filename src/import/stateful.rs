@@ -44,7 +44,7 @@ pub(super) fn surrogate(
         Evolution::Continuous => continuous(&known, imported, metadata, rows.as_deref())?,
     };
     let ranges = ranges(&known.simulated(&surrogate, rows.as_deref()), surrogate.outputs());
-    let ranges = ranges.map_err(|problem| known.refused(problem))?;
+    let ranges = ranges.map_err(|error| known.refused(error))?;
     let metadata = with_ranges(surrogate.metadata(), &ranges);
     surrogate::seal(made(metadata, surrogate.program().clone())?)
 }
@@ -98,8 +98,9 @@ impl<'a> StatefulModel<'a> {
     }
 
     /// Error for a problem of the model.
-    fn refused(&self, problem: String) -> Error {
-        Error::Import { path: self.path.to_owned(), problems: vec![problem] }
+    fn refused(&self, problem: impl Into<ImportError>) -> Error {
+        let problem: ImportError = problem.into();
+        ImportError::of_file(self.path)(problem)
     }
 
     /// Inputs of the surrogate: parameters, initial states, driven inputs.
@@ -202,7 +203,10 @@ impl<'a> StatefulModel<'a> {
 }
 
 /// The smallest and the largest value of each output.
-fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Result<Vec<[f64; 2]>, String> {
+///
+/// # Errors
+/// [`ImportCause::NotFinite`]: the outputs after the first step, or the end of every run.
+fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Result<Vec<[f64; 2]>, ImportError> {
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; outputs.len()];
     for (run, rows) in runs.iter().enumerate() {
         for (row, values) in rows.iter().enumerate() {
@@ -212,7 +216,8 @@ fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Re
                 }),
                 // later on, and from elsewhere, a model may be unstable
                 None if run == 0 && row <= 1 => {
-                    return Err("the outputs are not finite after the first step from the start values".into());
+                    let message = "the outputs are not finite after the first step from the start values";
+                    return Err(ImportError::not_finite(message));
                 }
                 None => {}
             }
@@ -220,10 +225,10 @@ fn ranges(runs: &[Vec<Option<Vec<f64>>>], outputs: &[Output]) -> std::result::Re
     }
     if runs.iter().all(|rows| rows.last().is_some_and(Option::is_none)) {
         let longest = runs.iter().map(Vec::len).max().unwrap_or(0) - 1;
-        return Err(format!(
+        return Err(ImportError::not_finite(format!(
             "no simulation stays finite, with inputs from their ranges or along the rows of `--data`: the longest one ends after {longest} steps; \
              start values, ranges, the step or `time.stop` do not fit the model"
-        ));
+        )));
     }
     Ok(ranges)
 }
@@ -282,7 +287,7 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
     };
     let width = numbers.len() + driven.len() + parameters.len();
     let graph = into_graph(builder, &sources, width, numbers.iter().map(next).collect());
-    let graph = graph.map_err(|problem| known.refused(problem))?;
+    let graph = graph.map_err(|error| known.refused(error))?;
     let step = interface.time.sample.unwrap_or(metadata.time_step);
     let sampling = Sampling {
         hidden: numbers[outputs..].iter().map(start).collect(),
@@ -313,7 +318,8 @@ fn discrete(known: &StatefulModel, imported: Imported, metadata: Metadata) -> Re
     let constant = vec![0.0; point.len()];
     let drive = Drive { rates: [&constant, &constant], clamp: None };
     if evaluator.advance(&mut point, CommunicationStep::of(step), drive).is_err() {
-        return Err(known.refused("the outputs are not finite after the first sample from the start values".into()));
+        let message = "the outputs are not finite after the first sample from the start values";
+        return Err(known.refused(ImportError::not_finite(message)));
     }
     let mut given = vec![0.0; outputs];
     evaluator.evaluate(&point, &mut given);
@@ -365,7 +371,7 @@ fn continuous(
     results.extend(mapping.states.iter().map(|state| function(state.output)));
     let (columns, count_of_functions) = (p + d + count, functions.len());
     let graph = into_graph(imported.builder, &sources, columns, functions);
-    let graph = graph.map_err(|problem| known.refused(problem))?;
+    let graph = graph.map_err(|error| known.refused(error))?;
     let plain = vec![Factor::Power { middle: 0.0, half: 1.0 }; columns];
     let nothing = Dictionary::new(&plain, count_of_functions, &[]).map_err(|source| Error::Surrogate { source })?;
     let graph = Graph::of_rates(&nothing, Some(graph), count, &results);
@@ -413,9 +419,9 @@ fn continuous(
     let ends = |run: Option<&Vec<Option<Vec<f64>>>>| run.is_some_and(|rows| rows.last().is_some_and(Option::is_none));
     let only_disturbed_ends = ends(runs.last()) && !ends(runs.first());
     if (error > UNSTABLE && ranges(&runs, surrogate.outputs()).is_ok()) || only_disturbed_ends {
-        let problem = "simulations are unstable near the start values, whatever the tolerance of the solver: the equations are \
+        let message = "simulations are unstable near the start values, whatever the tolerance of the solver: the equations are \
                        stiff, or have no solution there; expected others, or other start values";
-        return Err(known.refused(problem.into()));
+        return Err(known.refused(ImportError::not_finite(message)));
     }
     Ok(surrogate)
 }

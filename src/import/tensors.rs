@@ -1,18 +1,18 @@
 //! Models that are only tensors by name, `.npz` of numpy or `.safetensors`: the interface says which are the layers.
 
 use super::interface::{LayerOptions, ModelInterface};
-use super::{Imported, builder::Builder};
+use super::{ImportError, ImportPlace, Imported, builder::Builder};
 use crate::{
     diagnostics::{Problems, names::expected_one_of},
     unpacking::ArchiveSize,
 };
 use metafmu_runtime::{Activation, Numbers, graph::Elementwise};
-use safetensors::{Dtype, SafeTensors};
+use safetensors::{Dtype, SafeTensors, tensor::TensorView};
 use std::{
     collections::BTreeMap,
     io::{Cursor, Read},
 };
-use zip::ZipArchive;
+use zip::{ZipArchive, result::ZipError};
 
 /// Tensors by name.
 pub type Tensors = BTreeMap<String, NumericTensor>;
@@ -56,41 +56,51 @@ pub fn made_already(bytes: &[u8]) -> Option<String> {
 /// The tensors of an archive of numpy.
 ///
 /// # Errors
-/// Sentences about files that are no arrays of numbers.
-pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
-    let broken = |error: zip::result::ZipError| vec![format!("not an archive of numpy (.npz): {error}")];
-    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(broken)?;
+/// An error for each file that is no array of numbers, or one for an archive that is damaged or too large.
+pub fn read_npz(bytes: &[u8]) -> Result<Tensors, Vec<ImportError>> {
+    let mut archive = ZipArchive::new(Cursor::new(bytes)).map_err(not_npz)?;
     let mut size = ArchiveSize { archive: bytes.len() as u64, entries: archive.len(), unpacked: 0 };
     for index in 0..archive.len() {
-        size.unpacked = size.unpacked.saturating_add(archive.by_index_data(index).map_err(broken)?.size());
+        size.unpacked = size.unpacked.saturating_add(archive.by_index_data(index).map_err(not_npz)?.size());
     }
     if let Some(problem) = size.problem() {
-        return Err(vec![problem]);
+        return Err(ImportError::too_large(problem).into());
     }
     let (mut tensors, mut problems) = (Tensors::new(), Vec::new());
     for index in 0..archive.len() {
         // gives no more than the size that is declared
-        let mut entry = archive.by_index(index).map_err(broken)?;
-        let name = entry.name().map_err(broken)?;
+        let mut entry = archive.by_index(index).map_err(not_npz)?;
+        let name = entry.name().map_err(not_npz)?;
         let name = name.strip_suffix(".npy").unwrap_or(name.as_ref()).to_owned();
-        let mut content = Vec::new();
-        match entry.read_to_end(&mut content) {
-            Ok(_) => match read_npy(&content) {
-                Ok(_) if tensors.contains_key(&name) => {
-                    problems.push(format!("`{name}`: two entries of this name, expected one"));
-                }
-                Ok(tensor) => drop(tensors.insert(name, tensor)),
-                Err(problem) => problems.push(format!("`{name}`: {problem}")),
-            },
-            Err(error) => problems.push(format!("`{name}`: {error}")),
+        match read_entry(&mut entry) {
+            Ok(_) if tensors.contains_key(&name) => {
+                let error = ImportError::malformed("two entries of this name, expected one");
+                problems.push(error.at(ImportPlace::Array(name)));
+            }
+            Ok(tensor) => drop(tensors.insert(name, tensor)),
+            Err(error) => problems.push(error.at(ImportPlace::Array(name))),
         }
     }
     if problems.is_empty() { Ok(tensors) } else { Err(problems) }
 }
 
+/// The error of a file that cannot be read as an archive.
+fn not_npz(error: ZipError) -> ImportError {
+    ImportError::malformed(format!("not an archive of numpy (.npz): {error}"))
+}
+
+fn read_entry(entry: &mut impl Read) -> Result<NumericTensor, ImportError> {
+    let mut content = Vec::new();
+    entry.read_to_end(&mut content).map_err(|error| ImportError::malformed(error.to_string()))?;
+    read_npy(&content)
+}
+
+fn no_array() -> ImportError {
+    ImportError::malformed("not an array of numpy")
+}
+
 /// An array of numpy (format 1.0 to 3.0): a header that is a dictionary of Python, then the numbers.
-fn read_npy(bytes: &[u8]) -> Result<NumericTensor, String> {
-    let no_array = || "not an array of numpy".to_owned();
+fn read_npy(bytes: &[u8]) -> Result<NumericTensor, ImportError> {
     let rest = bytes.strip_prefix(b"\x93NUMPY").ok_or_else(no_array)?;
     let (version, rest) = rest.split_at_checked(2).ok_or_else(no_array)?;
     let width = if version[0] == 1 { 2 } else { 4 };
@@ -107,7 +117,10 @@ fn read_npy(bytes: &[u8]) -> Result<NumericTensor, String> {
     let numbers = match kind {
         "<f4" => Numbers::Single(data.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()),
         "<f8" => Numbers::Double(data.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()),
-        other => return Err(format!("elements of type {other:?}, expected \"<f4\" or \"<f8\"")),
+        other => {
+            let message = format!("elements of type {other:?}, expected \"<f4\" or \"<f8\"");
+            return Err(ImportError::unsupported(message));
+        }
     };
     let tensor = checked(shape, numbers)?;
     match (is_fortran, tensor.shape.as_slice()) {
@@ -122,41 +135,43 @@ fn read_npy(bytes: &[u8]) -> Result<NumericTensor, String> {
 /// The tensors of a file of safetensors.
 ///
 /// # Errors
-/// Sentences about tensors of other types.
-pub fn read_safetensors(bytes: &[u8]) -> Result<Tensors, Vec<String>> {
-    let file =
-        SafeTensors::deserialize(bytes).map_err(|error| vec![format!("not safetensors, or cut short: {error}")])?;
+/// An error for each tensor of another type, of the wrong length or with NaN, or one for a file that is damaged.
+pub fn read_safetensors(bytes: &[u8]) -> Result<Tensors, Vec<ImportError>> {
+    let file = SafeTensors::deserialize(bytes)
+        .map_err(|error| ImportError::malformed(format!("not safetensors, or cut short: {error}")))?;
     let (mut tensors, mut problems) = (Tensors::new(), Vec::new());
     for (name, view) in file.tensors() {
-        let data = view.data();
-        let numbers = match view.dtype() {
-            Dtype::F32 => {
-                Numbers::Single(data.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
-            }
-            Dtype::F64 => {
-                Numbers::Double(data.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect())
-            }
-            other => {
-                problems.push(format!("`{name}`: elements of type {other:?}, expected F32 or F64"));
-                continue;
-            }
-        };
-        match checked(view.shape().to_vec(), numbers) {
+        match read_view(&view) {
             Ok(tensor) => drop(tensors.insert(name, tensor)),
-            Err(problem) => problems.push(format!("`{name}`: {problem}")),
+            Err(error) => problems.push(error.at(ImportPlace::Array(name))),
         }
     }
     if problems.is_empty() { Ok(tensors) } else { Err(problems) }
 }
 
-fn checked(shape: Vec<usize>, numbers: Numbers) -> Result<NumericTensor, String> {
+fn read_view(view: &TensorView) -> Result<NumericTensor, ImportError> {
+    let data = view.data();
+    let numbers = match view.dtype() {
+        Dtype::F32 => Numbers::Single(data.as_chunks::<4>().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect()),
+        Dtype::F64 => Numbers::Double(data.as_chunks::<8>().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()),
+        other => {
+            return Err(ImportError::unsupported(format!("elements of type {other:?}, expected F32 or F64")));
+        }
+    };
+    checked(view.shape().to_vec(), numbers)
+}
+
+fn checked(shape: Vec<usize>, numbers: Numbers) -> Result<NumericTensor, ImportError> {
     let count = shape.iter().try_fold(1usize, |count, dim| count.checked_mul(*dim));
     if count != Some(numbers.len()) {
-        return Err(format!("{} numbers of a shape {shape:?}", numbers.len()));
+        return Err(ImportError::malformed(format!("{} numbers of a shape {shape:?}", numbers.len())));
     }
     let wrong = numbers.iter().position(|number| !number.is_finite());
     match wrong {
-        Some(place) => Err(format!("element {place} is {}, expected a finite number", numbers.get(place))),
+        Some(place) => {
+            let message = format!("element {place} is {}, expected a finite number", numbers.get(place));
+            Err(ImportError::not_finite(message))
+        }
         None => Ok(NumericTensor { shape, numbers }),
     }
 }
@@ -192,8 +207,8 @@ pub fn layers(tensors: &Tensors, interface: &ModelInterface) -> crate::Result<Im
         let added = builder.affine(value, weight, bias);
         match added.and_then(|affine| builder.elementwise(affine, function, parameters)) {
             Ok(made) => value = made,
-            Err(problem) => {
-                problems.add(key, problem);
+            Err(error) => {
+                problems.add(key, error.to_string());
                 break;
             }
         }

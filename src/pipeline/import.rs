@@ -10,7 +10,7 @@ use crate::{
     files,
     import::interface::ModelInterface,
     import::{
-        self, Imported,
+        self, ImportError, Imported,
         onnx::{self, Described},
         tensors,
     },
@@ -427,30 +427,37 @@ fn later_names(input: &str) -> Vec<String> {
     of_states.into_iter().flatten().chain(any).filter(|name| name != input).collect()
 }
 
+/// Error of a file with a single problem.
+fn refused(path: &Path, problem: impl Into<String>) -> Error {
+    Error::Import { path: path.to_owned(), problems: vec![problem.into()] }
+}
+
 /// Columns and content of a model's file; a file of tensors needs the layers of an interface.
 fn read(path: &Path, interface: Option<&ModelInterface>) -> Result<(Vec<u8>, Imported)> {
     let bytes = reading::read(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
-    let refused = |problems| Error::Import { path: path.to_owned(), problems };
     if let Some(kind) = kinds::of(path).filter(|kind| !kind.is_trained_model()) {
-        return Err(refused(vec![kind.instead("a trained model: ONNX, .npz or .safetensors")]));
+        return Err(refused(path, kind.instead("a trained model: ONNX, .npz or .safetensors")));
     }
     if let Some(problem) = tensors::made_already(&bytes) {
-        return Err(refused(vec![problem]));
+        return Err(refused(path, problem));
     }
     let tensors = match &bytes {
-        _ if tensors::is_npz(&bytes) => Some(tensors::read_npz(&bytes).map_err(refused)?),
-        _ if tensors::is_safetensors(&bytes) => Some(tensors::read_safetensors(&bytes).map_err(refused)?),
+        _ if tensors::is_npz(&bytes) => Some(tensors::read_npz(&bytes).map_err(ImportError::of_file(path))?),
+        _ if tensors::is_safetensors(&bytes) => {
+            Some(tensors::read_safetensors(&bytes).map_err(ImportError::of_file(path))?)
+        }
         _ => None,
     };
     let imported = match (tensors, interface) {
         (Some(tensors), Some(interface)) => tensors::layers(&tensors, interface)?,
         (Some(tensors), None) => {
             let known: Vec<&str> = tensors.keys().map(String::as_str).collect();
-            return Err(refused(vec![format!(
+            let problem = format!(
                 "only tensors ({}): an interface has to say which are layers, [[layers]] with weight, bias and activation; \
                  docs/import.md has an example",
                 listed(&known)
-            )]));
+            );
+            return Err(refused(path, problem));
         }
         (None, interface) => {
             if let Some(interface) = interface.filter(|interface| !interface.layers.is_empty()) {
@@ -458,7 +465,7 @@ fn read(path: &Path, interface: Option<&ModelInterface>) -> Result<(Vec<u8>, Imp
                 interface.refuse(Problems::one("layers", message))?;
             }
             let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            onnx::read(&bytes, Some(folder)).map_err(refused)?
+            onnx::read(&bytes, Some(folder)).map_err(ImportError::of_file(path))?
         }
     };
     Ok((bytes, imported))

@@ -1,6 +1,7 @@
 //! Attributes of a node.
 
 use super::{
+    ImportError,
     proto::{AttributeProto, NodeProto},
     tensor::ConstantTensor,
 };
@@ -24,13 +25,19 @@ impl<'a> Attributes<'a> {
         self.0.attribute.iter().find(|attribute| attribute.name == name)
     }
 
-    pub fn float(self, name: &str, default: f64) -> Result<f64, String> {
+    pub fn float(self, name: &str, default: f64) -> Result<f64, ImportError> {
         let value = self.number(name).map_or(default, shortest);
         if value.is_finite() {
             Ok(value)
         } else {
-            Err(format!("attribute `{name}` is {value}, expected a finite number"))
+            Err(ImportError::not_finite(format!("attribute `{name}` is {value}, expected a finite number")))
         }
+    }
+
+    /// Value of an attribute that is this constant unless another one is given: the nearest single means the constant itself.
+    pub fn constant(self, name: &str, constant: f64) -> Result<f64, ImportError> {
+        let given = self.float(name, constant)?;
+        Ok(if given as f32 == constant as f32 { constant } else { given })
     }
 
     /// Value of the attribute, be it finite or not.
@@ -59,28 +66,34 @@ impl<'a> Attributes<'a> {
         texts.iter().map(|text| String::from_utf8_lossy(text).into_owned()).collect()
     }
 
-    pub fn tensor(self, name: &str) -> Option<Result<ConstantTensor, String>> {
+    pub fn tensor(self, name: &str) -> Option<Result<ConstantTensor, ImportError>> {
         let tensor = self.find(name)?.t.as_ref()?;
-        Some(ConstantTensor::read(tensor, None).map_err(|problem| format!("attribute `{name}`: {problem}")))
+        Some(ConstantTensor::read(tensor, None).map_err(|error| error.behind(&format_args!("attribute `{name}`"))))
     }
 
     /// Doubles that the numbers stand for; none unless given.
-    pub fn floats(self, name: &str) -> Result<Vec<f64>, String> {
+    pub fn floats(self, name: &str) -> Result<Vec<f64>, ImportError> {
         let floats = self.find(name).map(|attribute| attribute.floats.as_slice()).unwrap_or_default();
         match floats.iter().find(|value| !value.is_finite()) {
-            Some(value) => Err(format!("attribute `{name}` has {value}, expected finite numbers")),
+            Some(value) => {
+                let message = format!("attribute `{name}` has {value}, expected finite numbers");
+                Err(ImportError::not_finite(message))
+            }
             None => Ok(floats.iter().map(|value| shortest(*value)).collect()),
         }
     }
 
     /// Numbers in single precision, or those in double precision of the attribute `NAME_as_tensor`.
-    pub fn numbers(self, name: &str) -> Result<AttributeNumbers, String> {
+    pub fn numbers(self, name: &str) -> Result<AttributeNumbers, ImportError> {
         if let Some(tensor) = self.tensor(&format!("{name}_as_tensor")) {
             return Ok(AttributeNumbers { values: tensor?.data.doubles(), is_single: false });
         }
         let floats = self.find(name).map(|attribute| attribute.floats.as_slice()).unwrap_or_default();
         match floats.iter().position(|value| !value.is_finite()) {
-            Some(place) => Err(format!("attribute `{name}`, element {place}: {} is not finite", floats[place])),
+            Some(place) => {
+                let message = format!("attribute `{name}`, element {place}: {} is not finite", floats[place]);
+                Err(ImportError::not_finite(message))
+            }
             None => {
                 Ok(AttributeNumbers { values: floats.iter().map(|value| f64::from(*value)).collect(), is_single: true })
             }

@@ -3,7 +3,7 @@
 //! as well. No number may depend on both, and the outputs must have twice as many numbers.
 
 use super::{
-    GraphReader,
+    GraphReader, ImportError,
     attributes::Attributes,
     node::Value,
     operators::RECURRENT,
@@ -75,8 +75,8 @@ impl TwoRows {
     /// not fit two rows fits one only, so it cannot mix rows.
     ///
     /// # Errors
-    /// A sentence if it does not compute each row separately.
-    pub fn follow(&mut self, node: &NodeProto, one: &GraphReader) -> Result<bool, String> {
+    /// [`ImportCause::Unsupported`](crate::import::ImportCause): it does not compute each row separately.
+    pub fn follow(&mut self, node: &NodeProto, one: &GraphReader) -> Result<bool, ImportError> {
         self.refuse_along_batch(node, one)?;
         if self.reader.node(node).is_err() {
             return Ok(false);
@@ -95,23 +95,23 @@ impl TwoRows {
             let depends = &self.depends[two.value][..count(&two.shape)];
             let of = |which: u8| depends.iter().filter(|of| **of == which).count();
             if of(BOTH) > 0 {
-                return Err(format!(
+                return Err(ImportError::unsupported(format!(
                     "it mixes rows of the batch, which is the free first dimension of the inputs; {EXPECTED}"
-                ));
+                )));
             }
             if of(FIRST) != of(SECOND) || (of(FIRST) > 0 && count(&two.shape) != 2 * count(&one.shape)) {
-                return Err(format!(
+                return Err(ImportError::unsupported(format!(
                     "it acts along the batch dimension, which is free in the inputs: of one row it makes the shape {:?}, of two rows {:?}; \
                      {EXPECTED}",
                     one.shape, two.shape
-                ));
+                )));
             }
         }
         Ok(true)
     }
 
     /// Refuses operators whose result for a row depends on its position in the batch.
-    fn refuse_along_batch(&self, node: &NodeProto, one: &GraphReader) -> Result<(), String> {
+    fn refuse_along_batch(&self, node: &NodeProto, one: &GraphReader) -> Result<(), ImportError> {
         let known = |reader: &GraphReader, name: &String| reader.values.get(name).cloned();
         let is_batch = |name: &String, from_end: usize| match (known(one, name), known(&self.reader, name)) {
             (Some(Value::Row(one)), Some(Value::Row(two))) if one.shape.len() == two.shape.len() => {
@@ -132,14 +132,12 @@ impl TwoRows {
             let numbers = constant(name)?.integers().ok()?.to_vec();
             Some(numbers.into_iter().map(|number| usize::try_from(number).unwrap_or(0)).collect())
         };
-        let refused =
-            |what: String| Err(format!("{what} along the batch dimension, which is free in the inputs; {EXPECTED}"));
         match node.op_type.as_str() {
             "Concat" => {
                 let rank = rank(first);
                 let Some(at) = attributes.integer("axis").and_then(|at| axis(at, rank).ok()) else { return Ok(()) };
                 if node.input.iter().any(|name| is_batch(name, rank - 1 - at)) {
-                    return refused("it puts rows together".into());
+                    return Err(along_batch("it puts rows together"));
                 }
             }
             "Tile" | "Expand" => {
@@ -152,7 +150,7 @@ impl TwoRows {
                         .is_ok_and(|twice| twice.iter().map(|dim| usize::try_from(*dim).unwrap_or(0)).eq(dims.clone()))
                 });
                 if is_same && along(first, &dims) {
-                    return refused("it repeats rows".into());
+                    return Err(along_batch("it repeats rows"));
                 }
             }
             operator if BROADCASTING.contains(&operator) => {
@@ -165,12 +163,12 @@ impl TwoRows {
                 for name in constants {
                     let Some(tensor) = constant(name) else { continue };
                     if rows.iter().any(|name| along(name, &tensor.shape)) {
-                        return refused(format!("a constant of shape {:?}", tensor.shape));
+                        return Err(along_batch(&format!("a constant of shape {:?}", tensor.shape)));
                     }
                     let is_of_row = rows.iter().any(|name| matches!(known(one, name), Some(Value::Row(_))));
                     let twice = known(&self.reader, name).and_then(|value| value.constant().cloned());
                     if is_of_row && twice.is_some_and(|twice| !is_repeated(&tensor, &twice)) {
-                        return refused("a constant that changes".into());
+                        return Err(along_batch("a constant that changes"));
                     }
                 }
             }
@@ -178,6 +176,11 @@ impl TwoRows {
         }
         Ok(())
     }
+}
+
+/// The error of an operator that treats rows of a batch differently.
+fn along_batch(what: &str) -> ImportError {
+    ImportError::unsupported(format!("{what} along the batch dimension, which is free in the inputs; {EXPECTED}"))
 }
 
 /// Returns true if a constant of two rows repeats that of one row.

@@ -14,12 +14,16 @@ mod shape;
 mod tensor;
 mod trees;
 
-use super::{Imported, RecurrentState, builder::Builder};
+use super::{
+    ImportError, ImportPlace, Imported, NodePlace, RecurrentState,
+    builder::{Builder, GraphError},
+};
 use crate::{Error, Result, reading};
 use batch::TwoRows;
+use metafmu_runtime::graph::{Elementwise, MAX_VALUES};
 use node::{RowTensor, Value};
 use prost::Message;
-use proto::{DOUBLE, FLOAT, GraphProto, ModelProto, ValueInfoProto, type_name};
+use proto::{DOUBLE, FLOAT, GraphProto, ModelProto, NodeProto, ValueInfoProto, type_name};
 use std::{collections::HashMap, path::Path};
 use tensor::ConstantTensor;
 
@@ -33,33 +37,42 @@ const OPSETS: std::ops::RangeInclusive<i64> = 7..=24;
 pub fn load(path: &Path) -> Result<Imported> {
     let bytes = reading::read(path, reading::MAX_WHOLE).map_err(Error::io(path, "read"))?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    read(&bytes, Some(folder)).map_err(|problems| Error::Import { path: path.to_owned(), problems })
+    read(&bytes, Some(folder)).map_err(ImportError::of_file(path))
 }
 
 /// Reads the bytes of an ONNX file; `folder` is where external data may be.
 ///
 /// # Errors
-/// Sentences about the parts that are not supported.
-pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported, Vec<String>> {
-    let one = |problem: String| vec![problem];
-    let model = ModelProto::decode(bytes).map_err(|error| one(format!("not an ONNX model, or cut short: {error}")))?;
-    let graph = model.graph.as_ref().ok_or_else(|| one("no graph: not an ONNX model, or an empty one".into()))?;
-    let opset = opset(&model).map_err(one)?;
+/// An error for each operator that is unknown, else the first part that cannot be read.
+pub fn read(bytes: &[u8], folder: Option<&Path>) -> std::result::Result<Imported, Vec<ImportError>> {
+    let model = ModelProto::decode(bytes)
+        .map_err(|error| ImportError::malformed(format!("not an ONNX model, or cut short: {error}")))?;
+    let graph = model.graph.as_ref();
+    let graph = graph.ok_or_else(|| ImportError::malformed("no graph: not an ONNX model, or an empty one"))?;
+    let opset = opset(&model)?;
     let unknown = unknown_operators(graph);
     if !unknown.is_empty() {
         return Err(unknown);
     }
-    let mut reader = GraphReader::new(graph, opset, folder, 1).map_err(one)?;
+    let mut reader = GraphReader::new(graph, opset, folder, 1)?;
     let mut two_rows = TwoRows::of(graph, opset, folder);
     for (number, node) in graph.node.iter().enumerate() {
-        let about = |problem: String| one(format!("{}: {problem}", node::title(number, node)));
-        reader.node(node).map_err(about)?;
-        let has_memory =
-            two_rows.as_mut().map_or(Ok(false), |two_rows| two_rows.follow(node, &reader)).map_err(about)?;
-        two_rows = two_rows.filter(|_| has_memory);
+        let followed = follow(node, &mut reader, two_rows.as_mut());
+        let fits_two = followed.map_err(|error| error.at(ImportPlace::Nodes(vec![node::place(number, node)])))?;
+        two_rows = two_rows.filter(|_| fits_two);
     }
     let producer = [model.producer_name.as_str(), model.producer_version.as_str()].join(" ").trim().to_owned();
-    reader.finish(graph, producer)
+    Ok(reader.finish(graph, producer)?)
+}
+
+/// Follows a node for one row, and for two if all nodes before fit two. Returns true if this one fits two as well.
+fn follow(
+    node: &NodeProto,
+    reader: &mut GraphReader,
+    two_rows: Option<&mut TwoRows>,
+) -> std::result::Result<bool, ImportError> {
+    reader.node(node)?;
+    two_rows.map_or(Ok(false), |two_rows| two_rows.follow(node, reader))
 }
 
 /// A column of a model with its description.
@@ -101,32 +114,44 @@ pub fn described(bytes: &[u8]) -> [Vec<Described>; 2] {
 }
 
 /// The version of the standard operators.
-fn opset(model: &ModelProto) -> std::result::Result<i64, String> {
+fn opset(model: &ModelProto) -> std::result::Result<i64, ImportError> {
     let standard = model.opset_import.iter().find(|set| node::is_standard(&set.domain));
     let version = standard.map_or(*OPSETS.end(), |set| set.version);
     if OPSETS.contains(&version) {
         return Ok(version);
     }
     let (first, last) = (OPSETS.start(), OPSETS.end());
-    Err(format!("operators of version (opset) {version}, expected {first} to {last}"))
+    Err(ImportError::unsupported(format!("operators of version (opset) {version}, expected {first} to {last}")))
 }
 
-/// A sentence for each operator that is not known here, with the nodes that have it.
-fn unknown_operators(graph: &GraphProto) -> Vec<String> {
-    let mut found: Vec<(String, Vec<String>)> = Vec::new();
+/// An error for each operator that is not known here, with the nodes that have it.
+fn unknown_operators(graph: &GraphProto) -> Vec<ImportError> {
+    let mut unknown: Vec<UnknownOperator> = Vec::new();
     for (number, node) in graph.node.iter().enumerate().filter(|(_, node)| !operators::is_known(node)) {
-        let (operator, title) = (node::operator(node), node::title(number, node));
-        match found.iter_mut().find(|(known, _)| *known == operator) {
-            Some((_, nodes)) => nodes.push(title),
-            None => found.push((operator, vec![title])),
+        let place = node::place(number, node);
+        match unknown.iter_mut().find(|known| known.title == node::operator(node)) {
+            Some(known) => known.nodes.push(place),
+            None => unknown.push(UnknownOperator { title: node::operator(node), nodes: vec![place] }),
         }
     }
-    let sentence = |(operator, nodes): (String, Vec<String>)| {
-        let nodes: Vec<&str> = nodes.iter().map(String::as_str).collect();
-        let nodes = crate::diagnostics::names::listed(&nodes[..nodes.len().min(20)]);
-        format!("operator {operator} ({nodes}) is not supported{}", operators::instead(&operator))
-    };
-    found.into_iter().map(sentence).collect()
+    unknown.into_iter().map(UnknownOperator::error).collect()
+}
+
+/// An operator that is not known here.
+struct UnknownOperator {
+    /// Domain and name for people.
+    title: String,
+    nodes: Vec<NodePlace>,
+}
+
+impl UnknownOperator {
+    fn error(self) -> ImportError {
+        let Self { title, nodes } = self;
+        let instead = operators::instead(&nodes[0].operator);
+        let place = ImportPlace::Nodes(nodes);
+        let message = format!("operator {title} ({place}) is not supported{instead}");
+        ImportError::unsupported(message).naming(place)
+    }
 }
 
 /// A graph that is being followed.
@@ -150,11 +175,16 @@ struct GraphReader {
 
 impl GraphReader {
     /// A reader for `batch` rows, where the first dimension of an input is free.
-    fn new(graph: &GraphProto, opset: i64, folder: Option<&Path>, batch: usize) -> std::result::Result<Self, String> {
+    fn new(
+        graph: &GraphProto,
+        opset: i64,
+        folder: Option<&Path>,
+        batch: usize,
+    ) -> std::result::Result<Self, ImportError> {
         let mut values = HashMap::new();
         for proto in &graph.initializer {
             let tensor = ConstantTensor::read(proto, folder)
-                .map_err(|problem| format!("initializer `{}`: {problem}", proto.name))?;
+                .map_err(|error| error.at(ImportPlace::Initializer(proto.name.clone())))?;
             values.insert(proto.name.clone(), Value::Constant(tensor));
         }
         // older files list their initializers among the inputs
@@ -163,11 +193,11 @@ impl GraphReader {
         let is_recurrent = graph.node.iter().any(|node| operators::RECURRENT.contains(&node.op_type.as_str()));
         let mut rows = Vec::new();
         for input in &given {
-            let about = |problem: String| format!("input `{}`: {problem}", input.name);
-            rows.push((&input.name, input_shape(input, is_recurrent, batch).map_err(about)?));
+            let shape = input_shape(input, is_recurrent, batch);
+            rows.push((&input.name, shape.map_err(|error| error.at(ImportPlace::Input(input.name.clone())))?));
         }
         if rows.is_empty() {
-            return Err("the graph has no inputs".into());
+            return Err(ImportError::unsupported("the graph has no inputs"));
         }
         let names = rows.iter().flat_map(|(name, (shape, _))| element_names(name, shape.iter().product()));
         let inputs: Vec<String> = names.collect();
@@ -182,7 +212,7 @@ impl GraphReader {
         let is_single = rows.iter().all(|(_, (_, is_single))| *is_single);
         let has_trees = graph.node.iter().any(|node| node.op_type.starts_with("TreeEnsemble"));
         let source = match is_single && has_trees {
-            true => builder.elementwise(0, metafmu_runtime::graph::Elementwise::Single, Vec::new())?,
+            true => builder.elementwise(0, Elementwise::Single, Vec::new())?,
             false => 0,
         };
         let mut first = 0;
@@ -191,7 +221,9 @@ impl GraphReader {
             let columns = (first..first + count).map(|column| [source as u32, column as u32]).collect();
             let value = builder.columns(columns)?;
             if values.insert(name.clone(), Value::Row(RowTensor { shape, value, is_single })).is_some() {
-                return Err(format!("input `{name}` is there twice, expected names that are unique"));
+                let place = ImportPlace::Input(name.clone());
+                let message = format!("{place} is there twice, expected names that are unique");
+                return Err(ImportError::malformed(message).naming(place));
             }
             first += count;
         }
@@ -209,18 +241,20 @@ impl GraphReader {
         })
     }
 
-    fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, Vec<String>> {
+    fn finish(self, graph: &GraphProto, producer: String) -> std::result::Result<Imported, ImportError> {
         let Self { mut builder, values, inputs, stacked, is_single, recurrences, beside, .. } = self;
         let (mut columns, mut outputs) = (Vec::new(), Vec::new());
         for output in &graph.output {
             let row = match values.get(&output.name) {
                 Some(Value::Row(row)) => row.clone(),
-                Some(Value::Constant(tensor)) => {
-                    node::constant_row(&mut builder, tensor).map_err(|problem| vec![problem])?
-                }
+                Some(Value::Constant(tensor)) => node::constant_row(&mut builder, tensor)?,
                 None => {
-                    let why = beside.get(&output.name).map_or("made by no node", String::as_str);
-                    return Err(vec![format!("output `{}` is {why}", output.name)]);
+                    let place = ImportPlace::Output(output.name.clone());
+                    let error = match beside.get(&output.name) {
+                        Some(what) => ImportError::unsupported(format!("{place} is {what}")),
+                        None => ImportError::malformed(format!("{place} is made by no node")),
+                    };
+                    return Err(error.naming(place));
                 }
             };
             let count: usize = row.shape.iter().product();
@@ -228,7 +262,7 @@ impl GraphReader {
             columns.extend((0..count).map(|column| [row.value as u32, column as u32]));
         }
         if columns.is_empty() {
-            return Err(vec!["the graph has no outputs".into()]);
+            return Err(ImportError::malformed("the graph has no outputs"));
         }
         Ok(Imported { inputs, stacked, outputs, builder, columns, recurrences, is_single, producer })
     }
@@ -258,32 +292,41 @@ fn input_shape(
     input: &ValueInfoProto,
     is_recurrent: bool,
     batch: usize,
-) -> std::result::Result<(Vec<usize>, bool), String> {
-    let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref()).ok_or("not a tensor")?;
+) -> std::result::Result<(Vec<usize>, bool), ImportError> {
+    let tensor = input.r#type.as_ref().and_then(|of| of.tensor_type.as_ref());
+    let tensor = tensor.ok_or_else(|| ImportError::unsupported("not a tensor"))?;
     let is_single = match tensor.elem_type {
         FLOAT => true,
         DOUBLE => false,
-        other => return Err(format!("elements of type {}, expected float or double", type_name(other))),
+        other => {
+            return Err(ImportError::unsupported(format!(
+                "elements of type {}, expected float or double",
+                type_name(other)
+            )));
+        }
     };
-    let dims = &tensor.shape.as_ref().ok_or("no shape: expected one with the number of columns")?.dim;
+    let given = tensor.shape.as_ref();
+    let given = given.ok_or_else(|| ImportError::unsupported("no shape: expected one with the number of columns"))?;
     let mut shape = Vec::new();
-    for (place, dim) in dims.iter().enumerate() {
+    for (place, dim) in given.dim.iter().enumerate() {
         match (place, known(dim)) {
             (_, Some(value)) => shape.push(value as usize),
             (0, None) => shape.push(batch),
             (_, None) if is_recurrent => shape.push(1),
             (place, None) if dim.dim_value == Some(0) => {
-                return Err(format!("dimension {place} is 0, expected a positive number"));
+                return Err(ImportError::unsupported(format!("dimension {place} is 0, expected a positive number")));
             }
             (place, None) => {
                 let name = dim.dim_param.as_deref().unwrap_or("?");
-                return Err(format!("dimension {place} is free (`{name}`), expected a number"));
+                return Err(ImportError::unsupported(format!(
+                    "dimension {place} is free (`{name}`), expected a number"
+                )));
             }
         }
     }
     let count = tensor::within_limits(&shape)?;
-    if count > metafmu_runtime::graph::MAX_VALUES {
-        return Err(format!("{count} columns, expected at most {}", metafmu_runtime::graph::MAX_VALUES));
+    if count > MAX_VALUES {
+        return Err(ImportError::too_large(format!("{count} columns, expected at most {MAX_VALUES}")));
     }
     Ok((shape, is_single))
 }

@@ -1,7 +1,7 @@
 //! Nodes and the values between them.
 
 use super::{
-    GraphReader,
+    GraphReader, ImportError, NodePlace,
     proto::NodeProto,
     shape::{broadcast_places, places, strides},
     tensor::{ConstantTensor, Data},
@@ -59,19 +59,20 @@ pub fn operator(node: &NodeProto) -> String {
     }
 }
 
-/// A node for people.
-pub fn title(number: usize, node: &NodeProto) -> String {
-    match node.name.as_str() {
-        "" => format!("node {number} ({})", node.op_type),
-        name => format!("node {number} `{name}` ({})", node.op_type),
-    }
+/// A node as the place of an error.
+pub fn place(number: usize, node: &NodeProto) -> NodePlace {
+    NodePlace { number, name: node.name.clone(), operator: node.op_type.clone() }
+}
+
+fn missing_input(place: usize) -> ImportError {
+    ImportError::malformed(format!("input {place} is missing"))
 }
 
 /// A constant as a value of the graph: a network of weights that are zero.
-pub fn constant_row(builder: &mut Builder, tensor: &ConstantTensor) -> Result<RowTensor, String> {
+pub fn constant_row(builder: &mut Builder, tensor: &ConstantTensor) -> Result<RowTensor, ImportError> {
     let values = tensor.data.doubles();
     if values.is_empty() {
-        return Err("a constant without elements".into());
+        return Err(ImportError::unsupported("a constant without elements"));
     }
     let first = builder.columns(vec![[0, 0]])?;
     let value = builder.affine(first, vec![0.0; values.len()].into(), values.into())?;
@@ -80,32 +81,35 @@ pub fn constant_row(builder: &mut Builder, tensor: &ConstantTensor) -> Result<Ro
 
 impl GraphReader {
     /// The value of the node's input, if it has that one.
-    pub fn given(&self, node: &NodeProto, place: usize) -> Result<Option<&Value>, String> {
+    pub fn given(&self, node: &NodeProto, place: usize) -> Result<Option<&Value>, ImportError> {
         match node.input.get(place).map(String::as_str) {
             None | Some("") => Ok(None),
             Some(name) => match self.values.get(name) {
                 Some(value) => Ok(Some(value)),
                 // nodes are in the order in which they can be computed
                 None => Err(match self.beside.get(name) {
-                    Some(what) => format!("input `{name}` is {what}"),
-                    None => {
-                        format!("input `{name}` is made by no earlier node: the graph has a cycle, or is not in order")
-                    }
+                    Some(what) => ImportError::unsupported(format!("input `{name}` is {what}")),
+                    None => ImportError::malformed(format!(
+                        "input `{name}` is made by no earlier node: the graph has a cycle, or is not in order"
+                    )),
                 }),
             },
         }
     }
 
     /// The value of the node's input.
-    pub fn input(&self, node: &NodeProto, place: usize) -> Result<Value, String> {
-        self.given(node, place)?.cloned().ok_or_else(|| format!("input {place} is missing"))
+    pub fn input(&self, node: &NodeProto, place: usize) -> Result<Value, ImportError> {
+        self.given(node, place)?.cloned().ok_or_else(|| missing_input(place))
     }
 
     /// The value of the node's input, which must follow from the inputs of the graph.
-    pub fn row(&self, node: &NodeProto, place: usize) -> Result<RowTensor, String> {
+    pub fn row(&self, node: &NodeProto, place: usize) -> Result<RowTensor, ImportError> {
         match self.input(node, place)? {
             Value::Row(row) => Ok(row),
-            Value::Constant(_) => Err(format!("input {place} is a constant, expected what follows from the inputs")),
+            Value::Constant(_) => {
+                let message = format!("input {place} is a constant, expected what follows from the inputs");
+                Err(ImportError::unsupported(message))
+            }
         }
     }
 
@@ -126,7 +130,7 @@ impl GraphReader {
     }
 
     /// A row in single precision, rounded as it was there unless it is already.
-    pub fn rounded(&mut self, row: RowTensor) -> Result<RowTensor, String> {
+    pub fn rounded(&mut self, row: RowTensor) -> Result<RowTensor, ImportError> {
         let from = self.chosen_from(&row).checked_sub(1).map(|step| &self.builder.steps()[step]);
         if let Some(Step::Elementwise { function: Elementwise::Single, .. }) = from {
             return Ok(row);
@@ -139,13 +143,16 @@ impl GraphReader {
         &mut self,
         node: &NodeProto,
         outputs: usize,
-        mut make: impl FnMut(&mut Self, &RowTensor) -> Result<Value, String>,
-    ) -> Result<Value, String> {
+        mut make: impl FnMut(&mut Self, &RowTensor) -> Result<Value, ImportError>,
+    ) -> Result<Value, ImportError> {
         let row = self.row(node, 0)?;
         let width = row.shape.last().copied().unwrap_or(1);
         let rows = self.builder.width(row.value).checked_div(width).unwrap_or(0);
         if rows == 0 || row.shape.len() > 2 {
-            return Err(format!("an input of shape {:?}, expected rows of features", row.shape));
+            return Err(ImportError::malformed(format!(
+                "an input of shape {:?}, expected rows of features",
+                row.shape
+            )));
         }
         if rows == 1 {
             return make(self, &row);
@@ -154,26 +161,33 @@ impl GraphReader {
         for index in 0..rows {
             let places: Vec<usize> = (index * width..(index + 1) * width).collect();
             let part = self.picked(&row, &places, vec![1, width])?;
-            let Value::Row(made) = make(self, &part)? else { return Err("what it gives is constant".into()) };
+            let Value::Row(made) = make(self, &part)? else {
+                return Err(ImportError::unsupported("what it gives is constant"));
+            };
             columns.extend((0..outputs).map(|column| [made.value as u32, column as u32]));
         }
         Ok(Value::Row(RowTensor { shape: vec![rows, outputs], value: self.builder.columns(columns)?, ..row }))
     }
 
     /// The value of the node's input, which must be a constant.
-    pub fn constant(&self, node: &NodeProto, place: usize) -> Result<Option<ConstantTensor>, String> {
+    pub fn constant(&self, node: &NodeProto, place: usize) -> Result<Option<ConstantTensor>, ImportError> {
         match self.given(node, place)? {
             None => Ok(None),
             Some(Value::Constant(tensor)) => Ok(Some(tensor.clone())),
-            Some(Value::Row(_)) => Err(format!(
+            Some(Value::Row(_)) => Err(ImportError::unsupported(format!(
                 "input {place} `{}` follows from the graph's inputs, expected a constant",
                 node.input[place]
-            )),
+            ))),
         }
     }
 
+    /// The value of the node's input, which must be there and be a constant.
+    pub fn required_constant(&self, node: &NodeProto, place: usize) -> Result<ConstantTensor, ImportError> {
+        self.constant(node, place)?.ok_or_else(|| missing_input(place))
+    }
+
     /// The whole numbers of the node's input, or of an attribute in older versions.
-    pub fn integers(&self, node: &NodeProto, place: usize, attribute: &str) -> Result<Option<Vec<i64>>, String> {
+    pub fn integers(&self, node: &NodeProto, place: usize, attribute: &str) -> Result<Option<Vec<i64>>, ImportError> {
         if let Some(values) = super::attributes::Attributes::of(node).integers(attribute) {
             return Ok(Some(values.to_vec()));
         }
@@ -183,8 +197,14 @@ impl GraphReader {
         }
     }
 
+    /// The whole numbers of the node's input, or of an attribute in older versions, which must be there.
+    pub fn required_integers(&self, node: &NodeProto, place: usize, attribute: &str) -> Result<Vec<i64>, ImportError> {
+        let integers = self.integers(node, place, attribute)?;
+        integers.ok_or_else(|| ImportError::malformed(format!("no {attribute}")))
+    }
+
     /// Elements of a value in another order, or some of them, as a tensor of this shape.
-    pub fn pick(&mut self, value: &Value, places: &[usize], shape: Vec<usize>) -> Result<Value, String> {
+    pub fn pick(&mut self, value: &Value, places: &[usize], shape: Vec<usize>) -> Result<Value, ImportError> {
         match value {
             Value::Constant(tensor) => Ok(Value::Constant(ConstantTensor { shape, data: tensor.data.picked(places) })),
             Value::Row(row) => Ok(Value::Row(self.picked(row, places, shape)?)),
@@ -192,7 +212,7 @@ impl GraphReader {
     }
 
     /// Elements of a row at some places.
-    pub fn picked(&mut self, row: &RowTensor, places: &[usize], shape: Vec<usize>) -> Result<RowTensor, String> {
+    pub fn picked(&mut self, row: &RowTensor, places: &[usize], shape: Vec<usize>) -> Result<RowTensor, ImportError> {
         let is_whole = places.len() == self.builder.width(row.value)
             && places.iter().enumerate().all(|(index, place)| index == *place);
         let value = match is_whole {
@@ -203,10 +223,10 @@ impl GraphReader {
     }
 
     /// Value with its elements in another shape.
-    pub fn reshaped(&self, value: &Value, shape: Vec<usize>) -> Result<Value, String> {
+    pub fn reshaped(&self, value: &Value, shape: Vec<usize>) -> Result<Value, ImportError> {
         let count = |shape: &[usize]| shape.iter().product::<usize>();
         if count(&shape) != count(value.shape()) {
-            return Err(format!("a shape of {:?} is to become {shape:?}", value.shape()));
+            return Err(ImportError::malformed(format!("a shape of {:?} is to become {shape:?}", value.shape())));
         }
         let mut value = value.clone();
         match &mut value {
@@ -217,7 +237,7 @@ impl GraphReader {
     }
 
     /// A value broadcast to a shape.
-    pub fn expanded(&mut self, value: &Value, shape: &[usize]) -> Result<Value, String> {
+    pub fn expanded(&mut self, value: &Value, shape: &[usize]) -> Result<Value, ImportError> {
         if value.shape() == shape {
             return Ok(value.clone());
         }
@@ -226,7 +246,7 @@ impl GraphReader {
     }
 
     /// The axes of a value in another order.
-    pub fn transposed(&mut self, value: &Value, order: &[usize]) -> Result<Value, String> {
+    pub fn transposed(&mut self, value: &Value, order: &[usize]) -> Result<Value, ImportError> {
         let from = value.shape().to_vec();
         let strides = strides(&from);
         let shape: Vec<usize> = order.iter().map(|axis| from[*axis]).collect();
@@ -235,7 +255,7 @@ impl GraphReader {
     }
 
     /// A function of each element.
-    pub fn mapped(&mut self, value: &Value, function: Elementwise, parameters: Vec<f64>) -> Result<Value, String> {
+    pub fn mapped(&mut self, value: &Value, function: Elementwise, parameters: Vec<f64>) -> Result<Value, ImportError> {
         match value {
             Value::Constant(tensor) => {
                 let count = function.parameters();
@@ -249,7 +269,7 @@ impl GraphReader {
                 };
                 let values: Vec<f64> = tensor.data.doubles().into_iter().enumerate().map(of).collect();
                 if values.iter().any(|value| !value.is_finite()) {
-                    return Err("a constant becomes a number that is not finite".into());
+                    return Err(ImportError::not_finite("a constant becomes a number that is not finite"));
                 }
                 Ok(Value::Constant(ConstantTensor::like(&tensor.data, tensor.shape.clone(), values)))
             }
@@ -267,7 +287,7 @@ impl GraphReader {
         weight: Numbers,
         bias: Numbers,
         shape: Vec<usize>,
-    ) -> Result<Value, String> {
+    ) -> Result<Value, ImportError> {
         let value = self.builder.affine(row.value, weight, bias)?;
         Ok(Value::Row(RowTensor { shape, value, is_single: row.is_single }))
     }

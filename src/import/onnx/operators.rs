@@ -10,7 +10,7 @@ mod shapes;
 mod windows;
 
 use super::{
-    Builder, GraphReader,
+    Builder, GraphError, GraphReader, ImportError,
     attributes::Attributes,
     node::{RowTensor, Value, constant_row, is_standard, operator},
     proto::{DOUBLE, FLOAT, INT32, INT64, NodeProto, type_name},
@@ -149,10 +149,9 @@ pub fn is_known(node: &NodeProto) -> bool {
     }
 }
 
-/// Advice on an operator that is not supported.
+/// Advice on an operator, without its domain, that is not supported.
 pub fn instead(operator: &str) -> String {
-    let name = operator.trim_matches('`').rsplit('.').next().unwrap_or_default();
-    match name {
+    match operator {
         "Scan" | "Loop" => {
             ": expected one step of the loop, with the state among the inputs and outputs of the graph".into()
         }
@@ -160,20 +159,20 @@ pub fn instead(operator: &str) -> String {
         "TreeEnsembleClassifier" | "LinearClassifier" | "SVMClassifier" | "ArgMax" | "ZipMap" => {
             ": expected a regression, whose outputs are real numbers".into()
         }
-        name => {
+        operator => {
             let known = STANDARD.iter().chain(&RECURRENT).chain(&MACHINE_LEARNING).copied();
-            crate::diagnostics::names::did_you_mean(name, known) + "; docs/import.md lists those that are"
+            crate::diagnostics::names::did_you_mean(operator, known) + "; docs/import.md lists those that are"
         }
     }
 }
 
 pub use recurrent::RECURRENT;
 
-type Made = Result<Value, String>;
+type Made = Result<Value, ImportError>;
 
 impl GraphReader {
     /// Computes the output of a node.
-    pub fn node(&mut self, node: &NodeProto) -> Result<(), String> {
+    pub fn node(&mut self, node: &NodeProto) -> Result<(), ImportError> {
         let made = match node.domain.as_str() {
             ML => vec![self.machine_learning(node)?],
             _ if node.op_type == "Split" => self.split(node)?,
@@ -182,7 +181,7 @@ impl GraphReader {
         };
         // a dropout's mask and the like are not given here
         if node.output.iter().all(String::is_empty) {
-            return Err("it gives nothing".into());
+            return Err(ImportError::malformed("it gives nothing"));
         }
         for (place, name) in node.output.iter().enumerate().skip(made.len()).filter(|(_, name)| !name.is_empty()) {
             let of = if node.name.is_empty() { String::new() } else { format!(" of node `{}`", node.name) };
@@ -193,13 +192,13 @@ impl GraphReader {
         for (name, value) in node.output.iter().zip(made).filter(|(name, _)| !name.is_empty()) {
             self.constants += value.constant().map_or(0, |tensor| tensor.data.len());
             if self.constants > MAX_ELEMENTS {
-                return Err(format!(
+                return Err(ImportError::too_large(format!(
                     "constants of {} numbers up to here, expected at most {MAX_ELEMENTS}",
                     self.constants
-                ));
+                )));
             }
             if self.values.insert(name.clone(), value).is_some() {
-                return Err(format!("output `{name}` is made twice"));
+                return Err(ImportError::malformed(format!("output `{name}` is made twice")));
             }
         }
         Ok(())
@@ -304,13 +303,8 @@ impl GraphReader {
             "Tan" | "Sinh" | "Cosh" => return self.of_two(node),
             "Asin" | "Acos" => return self.arc(node),
             "Selu" => {
-                // a single is meant to be the constant next to it
-                let meant = |name, constant: f64| -> Result<f64, String> {
-                    let given = attributes.float(name, constant)?;
-                    Ok(if given as f32 == constant as f32 { constant } else { given })
-                };
-                let alpha = meant("alpha", 1.673_263_242_354_377_2)?;
-                let gamma = meant("gamma", 1.050_700_987_355_480_5)?;
+                let alpha = attributes.constant("alpha", 1.673_263_242_354_377_2)?;
+                let gamma = attributes.constant("gamma", 1.050_700_987_355_480_5)?;
                 let value = self.input(node, 0)?;
                 let elu = self.mapped(&value, Elementwise::Elu, vec![alpha])?;
                 return self.mapped(&elu, Elementwise::Linear, vec![gamma, 0.0]);
@@ -318,7 +312,7 @@ impl GraphReader {
             "Celu" => {
                 let alpha = attributes.float("alpha", 1.0)?;
                 if alpha == 0.0 {
-                    return Err("attribute `alpha` is 0, expected another number".into());
+                    return Err(ImportError::not_finite("attribute `alpha` is 0, expected another number"));
                 }
                 let value = self.input(node, 0)?;
                 let inner = self.mapped(&value, Elementwise::Linear, vec![1.0 / alpha, 0.0])?;
@@ -333,7 +327,9 @@ impl GraphReader {
                 None | Some("none") => (Elementwise::GeluExact, Vec::new()),
                 Some("tanh") => activation(Activation::Gelu),
                 Some(other) => {
-                    return Err(format!("attribute `approximate` is {other:?}, expected \"none\" or \"tanh\""));
+                    return Err(ImportError::malformed(format!(
+                        "attribute `approximate` is {other:?}, expected \"none\" or \"tanh\""
+                    )));
                 }
             },
             "Cos" => (Elementwise::Cosine, Vec::new()),
@@ -350,7 +346,7 @@ impl GraphReader {
             "Softsign" => (Elementwise::Softsign, Vec::new()),
             "ThresholdedRelu" => (Elementwise::ThresholdedRelu, vec![attributes.float("alpha", 1.0)?]),
             "Atan" => (Elementwise::Arctangent, Vec::new()),
-            _ => return Err(format!("operator {} is not supported", operator(node))),
+            _ => return Err(ImportError::unsupported(format!("operator {} is not supported", operator(node)))),
         };
         let value = self.input(node, 0)?;
         self.mapped(&value, function, parameters)
@@ -366,21 +362,38 @@ impl GraphReader {
             "FeatureVectorizer" => self.features(node),
             "Imputer" => self.imputer(node),
             "Normalizer" => self.normalizer(node),
-            _ => Err(format!("operator {} is not supported", operator(node))),
+            _ => Err(ImportError::unsupported(format!("operator {} is not supported", operator(node)))),
         }
     }
 }
 
-fn lengths(dims: &[i64]) -> Result<Vec<usize>, String> {
-    dims.iter().map(|dim| usize::try_from(*dim).map_err(|_| format!("a dimension of {dim}"))).collect()
+fn lengths(dims: &[i64]) -> Result<Vec<usize>, ImportError> {
+    dims.iter().map(|dim| length(*dim)).collect()
 }
 
-fn weights_within_limits(rows: usize, columns: usize) -> Result<(), String> {
+fn length(dim: i64) -> Result<usize, ImportError> {
+    usize::try_from(dim).map_err(|_| ImportError::malformed(format!("a dimension of {dim}")))
+}
+
+fn missing_attribute(name: &str) -> ImportError {
+    ImportError::malformed(format!("attribute `{name}` is missing"))
+}
+
+fn empty_input(place: usize) -> ImportError {
+    ImportError::malformed(format!("input {place} is empty"))
+}
+
+/// Position of an element along an axis of a length.
+fn element(index: i64, length: usize) -> Result<usize, ImportError> {
+    axis(index, length).map_err(|_| ImportError::malformed(format!("index {index} of {length}")))
+}
+
+fn weights_within_limits(rows: usize, columns: usize) -> Result<(), ImportError> {
     const LIMIT: usize = 1 << 25;
     match rows.checked_mul(columns) {
         Some(count) if count <= LIMIT => Ok(()),
-        _ => {
-            Err(format!("a product of {columns} numbers with {rows} rows of weights, expected at most {LIMIT} weights"))
-        }
+        _ => Err(ImportError::too_large(format!(
+            "a product of {columns} numbers with {rows} rows of weights, expected at most {LIMIT} weights"
+        ))),
     }
 }

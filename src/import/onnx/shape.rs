@@ -1,12 +1,12 @@
 //! Rows of numbers as tensors: the elements that one tensor takes from another.
 
-use super::tensor::within_limits;
+use super::{ImportError, tensor::within_limits};
 
 /// The shape that two shapes are broadcast to.
 ///
 /// # Errors
-/// A sentence if they do not fit each other.
-pub fn broadcast(a: &[usize], b: &[usize]) -> Result<Vec<usize>, String> {
+/// An error if they do not fit each other, or if the result is too large.
+pub fn broadcast(a: &[usize], b: &[usize]) -> Result<Vec<usize>, ImportError> {
     let rank = a.len().max(b.len());
     let dim = |shape: &[usize], place: usize| (place + shape.len()).checked_sub(rank).map_or(1, |place| shape[place]);
     let shape: Option<Vec<usize>> = (0..rank)
@@ -16,7 +16,8 @@ pub fn broadcast(a: &[usize], b: &[usize]) -> Result<Vec<usize>, String> {
             _ => None,
         })
         .collect();
-    let shape = shape.ok_or_else(|| format!("shapes {a:?} and {b:?} that do not fit each other"))?;
+    let shape =
+        shape.ok_or_else(|| ImportError::malformed(format!("shapes {a:?} and {b:?} that do not fit each other")))?;
     within_limits(&shape)?;
     Ok(shape)
 }
@@ -61,11 +62,11 @@ pub fn strides(shape: &[usize]) -> Vec<usize> {
 /// Position of an axis that may be counted from the end.
 ///
 /// # Errors
-/// A sentence if there is no such axis.
-pub fn axis(axis: i64, rank: usize) -> Result<usize, String> {
+/// An error if the tensor has no such axis.
+pub fn axis(axis: i64, rank: usize) -> Result<usize, ImportError> {
     let place = if axis < 0 { axis + rank as i64 } else { axis };
     usize::try_from(place)
         .ok()
         .filter(|place| *place < rank)
-        .ok_or_else(|| format!("axis {axis} of a tensor of {rank} dimensions"))
+        .ok_or_else(|| ImportError::malformed(format!("axis {axis} of a tensor of {rank} dimensions")))
 }

@@ -1,9 +1,12 @@
 //! Constants of an ONNX file: initializers, attributes, and results computed from them.
 
-use super::proto::{BOOL, DOUBLE, FLOAT, INT32, INT64, TensorProto, type_name};
+use super::{
+    ImportError,
+    proto::{BOOL, DOUBLE, FLOAT, INT32, INT64, TensorProto, type_name},
+};
 use crate::{import::builder::MAX_WEIGHTS, reading};
 use std::{
-    io::{Read, Seek, SeekFrom},
+    io::{self, Read, Seek, SeekFrom},
     path::{Component, Path},
 };
 
@@ -82,19 +85,19 @@ impl ConstantTensor {
     /// The whole numbers.
     ///
     /// # Errors
-    /// A sentence if it has others.
-    pub fn integers(&self) -> Result<&[i64], String> {
+    /// [`ImportCause::Unsupported`](crate::import::ImportCause): it has others.
+    pub fn integers(&self) -> Result<&[i64], ImportError> {
         match &self.data {
             Data::Integer(values) => Ok(values),
-            _ => Err("a constant of real numbers, expected whole ones".into()),
+            _ => Err(ImportError::unsupported("a constant of real numbers, expected whole ones")),
         }
     }
 
     /// Reads a constant; `folder`: that of the model, where its external data are, if they may be read.
     ///
     /// # Errors
-    /// A sentence about its type, its shape or its data.
-    pub fn read(proto: &TensorProto, folder: Option<&Path>) -> Result<Self, String> {
+    /// An error of its type, its shape or its data.
+    pub fn read(proto: &TensorProto, folder: Option<&Path>) -> Result<Self, ImportError> {
         let shape = shape(&proto.dims)?;
         let count = shape.iter().product();
         let external;
@@ -119,10 +122,10 @@ impl ConstantTensor {
                 Data::Integer(values.into_iter().map(i64::from).collect())
             }
             other => {
-                return Err(format!(
+                return Err(ImportError::unsupported(format!(
                     "elements of type {}, expected float, double, int64, int32 or bool",
                     type_name(other)
-                ));
+                )));
             }
         };
         let is_finite = match &data {
@@ -130,29 +133,33 @@ impl ConstantTensor {
             Data::Double(values) => values.iter().all(|value| value.is_finite()),
             Data::Integer(_) => true,
         };
-        if is_finite { Ok(Self { shape, data }) } else { Err("a number is not finite".into()) }
+        if is_finite { Ok(Self { shape, data }) } else { Err(ImportError::not_finite("a number is not finite")) }
     }
 }
 
 /// The dimensions of a tensor, if it is not too large.
-fn shape(dims: &[i64]) -> Result<Vec<usize>, String> {
+fn shape(dims: &[i64]) -> Result<Vec<usize>, ImportError> {
     let listed = || dims.iter().take(MAX_DIMENSIONS).map(i64::to_string).collect::<Vec<_>>().join(", ");
     if dims.len() > MAX_DIMENSIONS {
-        return Err(format!("{} dimensions ({}, ...), expected at most {MAX_DIMENSIONS}", dims.len(), listed()));
+        return Err(ImportError::too_large(format!(
+            "{} dimensions ({}, ...), expected at most {MAX_DIMENSIONS}",
+            dims.len(),
+            listed()
+        )));
     }
     let shape: Option<Vec<usize>> = dims.iter().map(|dim| usize::try_from(*dim).ok()).collect();
-    let shape = shape.ok_or_else(|| format!("a negative dimension among {}", listed()))?;
+    let shape = shape.ok_or_else(|| ImportError::malformed(format!("a negative dimension among {}", listed())))?;
     within_limits(&shape)?;
     Ok(shape)
 }
 
 /// Number of elements of a tensor of this shape; an error if it is too large.
-pub fn within_limits(shape: &[usize]) -> Result<usize, String> {
+pub fn within_limits(shape: &[usize]) -> Result<usize, ImportError> {
     // where one dimension is 0, the others still have indices
     let indices = shape.iter().try_fold(1usize, |product, dim| product.checked_mul((*dim).max(1)));
     match indices {
         Some(indices) if indices <= MAX_ELEMENTS => Ok(if shape.contains(&0) { 0 } else { indices }),
-        _ => Err(format!("a shape of {shape:?}, expected at most {MAX_ELEMENTS} numbers")),
+        _ => Err(ImportError::too_large(format!("a shape of {shape:?}, expected at most {MAX_ELEMENTS} numbers"))),
     }
 }
 
@@ -161,7 +168,7 @@ fn numbers<T: Copy, const N: usize>(
     given: &[T],
     count: usize,
     from: fn([u8; N]) -> T,
-) -> Result<Vec<T>, String> {
+) -> Result<Vec<T>, ImportError> {
     let (values, rest) = match raw {
         [] => (given.to_vec(), 0),
         raw => {
@@ -172,45 +179,57 @@ fn numbers<T: Copy, const N: usize>(
     if values.len() == count && rest == 0 {
         return Ok(values);
     }
-    Err(format!("{} elements of data, its shape has {count}", values.len()))
+    Err(ImportError::malformed(format!("{} elements of data, its shape has {count}", values.len())))
 }
 
 /// The part of another file, which must be in the model's folder.
-fn external_data(proto: &TensorProto, folder: Option<&Path>) -> Result<Vec<u8>, String> {
-    let folder = folder.ok_or("external data of a model that is not a file")?;
-    let entry = |key: &str| proto.external_data.iter().find(|entry| entry.key == key).map(|entry| entry.value.as_str());
-    let location = entry("location").ok_or("external data without a `location`")?;
-    let outside = || format!("external data in `{location}`, expected a file in the folder of the model");
+fn external_data(proto: &TensorProto, folder: Option<&Path>) -> Result<Vec<u8>, ImportError> {
+    let folder = folder.ok_or_else(|| ImportError::unreadable("external data of a model that is not a file"))?;
+    let location = external_entry(proto, "location");
+    let location = location.ok_or_else(|| ImportError::malformed("external data without a `location`"))?;
     let relative = Path::new(location);
     if relative.components().any(|component| !matches!(component, Component::Normal(_) | Component::CurDir)) {
-        return Err(outside());
+        return Err(outside(location));
     }
-    let unreadable = |error: std::io::Error| format!("external data in `{location}`: {error}");
+    let unreadable = |error: io::Error| ImportError::unreadable(format!("external data in `{location}`: {error}"));
     let path = folder.join(relative).canonicalize().map_err(unreadable)?;
     // a link may lead elsewhere
     if !path.starts_with(folder.canonicalize().map_err(unreadable)?) {
-        return Err(outside());
+        return Err(outside(location));
     }
-    let number = |key: &str| match entry(key) {
-        Some(text) => {
-            text.parse::<u64>().map(Some).map_err(|_| format!("external data with `{key}` {text:?}, expected a number"))
-        }
-        None => Ok(None),
-    };
     let mut file = reading::open(&path).map_err(unreadable)?;
     let size = file.metadata().map_err(unreadable)?.len();
-    let offset = number("offset")?.unwrap_or(0);
-    let length = number("length")?.unwrap_or(size.saturating_sub(offset));
+    let offset = external_number(proto, "offset")?.unwrap_or(0);
+    let length = external_number(proto, "length")?.unwrap_or(size.saturating_sub(offset));
     if offset.checked_add(length).is_none_or(|end| end > size) {
-        return Err(format!(
+        return Err(ImportError::malformed(format!(
             "external data in `{location}` from byte {offset}, {length} bytes, but the file has {size}"
-        ));
+        )));
     }
     if length > 8 * MAX_ELEMENTS as u64 {
-        return Err(format!("external data in `{location}`: {length} bytes, expected at most {}", 8 * MAX_ELEMENTS));
+        let message = format!("external data in `{location}`: {length} bytes, expected at most {}", 8 * MAX_ELEMENTS);
+        return Err(ImportError::too_large(message));
     }
     file.seek(SeekFrom::Start(offset)).map_err(unreadable)?;
     let mut bytes = vec![0; length as usize];
     file.read_exact(&mut bytes).map_err(unreadable)?;
     Ok(bytes)
+}
+
+fn outside(location: &str) -> ImportError {
+    let message = format!("external data in `{location}`, expected a file in the folder of the model");
+    ImportError::unreadable(message)
+}
+
+fn external_entry<'a>(proto: &'a TensorProto, key: &str) -> Option<&'a str> {
+    proto.external_data.iter().find(|entry| entry.key == key).map(|entry| entry.value.as_str())
+}
+
+fn external_number(proto: &TensorProto, key: &str) -> Result<Option<u64>, ImportError> {
+    let Some(text) = external_entry(proto, key) else { return Ok(None) };
+    let number = text.parse().map_err(|_| {
+        let message = format!("external data with `{key}` {text:?}, expected a number");
+        ImportError::malformed(message)
+    });
+    number.map(Some)
 }

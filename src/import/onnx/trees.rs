@@ -1,7 +1,7 @@
 //! `ai.onnx.ml.TreeEnsembleRegressor`: decision trees, random forests, gradient boosting.
 
 use super::{
-    GraphReader,
+    GraphReader, ImportError,
     attributes::Attributes,
     node::{RowTensor, Value},
     proto::NodeProto,
@@ -37,7 +37,7 @@ enum BranchMode {
 }
 
 impl GraphReader {
-    pub fn tree_ensemble(&mut self, node: &NodeProto) -> Result<Value, String> {
+    pub fn tree_ensemble(&mut self, node: &NodeProto) -> Result<Value, ImportError> {
         let attributes = Attributes::of(node);
         let shape = self.row(node, 0)?.shape;
         let columns = shape.last().copied().unwrap_or(1);
@@ -45,30 +45,34 @@ impl GraphReader {
             (attributes.text("aggregate_function").unwrap_or("SUM".into()), attributes.numbers("base_values")?.values);
         refuse_transform(attributes)?;
         let outputs = usize::try_from(attributes.integer("n_targets").unwrap_or(1)).unwrap_or(0);
-        if outputs == 0 || outputs > MAX_NODES {
-            return Err(format!("{outputs} targets"));
+        match outputs {
+            0 => return Err(ImportError::malformed("0 targets")),
+            _ if outputs > MAX_NODES => return Err(ImportError::too_large(format!("{outputs} targets"))),
+            _ => {}
         }
         let (nodes, trees) = given_nodes(attributes, columns)?;
         let leaves = leaves(attributes, outputs)?;
         let scale = match share.as_str() {
             "SUM" => 1.0,
             "AVERAGE" => 1.0 / trees.len().max(1) as f64,
-            other => return Err(format!("aggregate function {other}, expected SUM or AVERAGE")),
+            other => {
+                return Err(ImportError::unsupported(format!("aggregate function {other}, expected SUM or AVERAGE")));
+            }
         };
         if base.len() == 1 {
             base = vec![base[0]; outputs];
         }
         if !base.is_empty() && base.len() != outputs {
-            return Err(format!("{} base values, expected {outputs}", base.len()));
+            return Err(ImportError::malformed(format!("{} base values, expected {outputs}", base.len())));
         }
         let forest = Arc::new(forest(&nodes, &trees, &leaves, (outputs, scale))?);
         // each row has the trees once more
         let rows = shape.iter().product::<usize>().checked_div(columns).unwrap_or(0);
         if rows > 1 && rows.saturating_mul(forest.nodes.len()) > MAX_NODES_OF_ROWS {
-            return Err(format!(
+            return Err(ImportError::too_large(format!(
                 "{} nodes of trees for each of {rows} rows, expected at most {MAX_NODES_OF_ROWS} in all",
                 forest.nodes.len()
-            ));
+            )));
         }
         self.each_row(node, outputs, |reader, row| {
             // thresholds lie between two singles, so the compared values must be singles
@@ -85,17 +89,17 @@ impl GraphReader {
 }
 
 /// Only what regressors have.
-pub fn refuse_transform(attributes: Attributes) -> Result<(), String> {
+pub fn refuse_transform(attributes: Attributes) -> Result<(), ImportError> {
     match attributes.text("post_transform").as_deref() {
         None | Some("NONE") => Ok(()),
-        Some(other) => Err(format!("post_transform {other}, expected NONE")),
+        Some(other) => Err(ImportError::unsupported(format!("post_transform {other}, expected NONE"))),
     }
 }
 
 type Key = (i64, i64);
 
 /// The nodes by tree and number, and the trees with their first nodes.
-fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, TreeNode>, Vec<Key>), String> {
+fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, TreeNode>, Vec<Key>), ImportError> {
     let integers = |name: &str| attributes.integers(name).unwrap_or_default();
     let (trees, ids) = (integers("nodes_treeids"), integers("nodes_nodeids"));
     let (first, second) = (integers("nodes_truenodeids"), integers("nodes_falsenodeids"));
@@ -105,9 +109,9 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, T
     let count = ids.len();
     let lengths = [trees.len(), first.len(), second.len(), features.len(), modes.len(), thresholds.values.len()];
     if count == 0 || lengths.iter().any(|length| *length != count) {
-        return Err(format!(
+        return Err(ImportError::malformed(format!(
             "nodes_* attributes of {count} and {lengths:?} elements, expected the same number of each"
-        ));
+        )));
     }
     let (mut nodes, mut roots) = (HashMap::new(), Vec::<Key>::new());
     for place in 0..count {
@@ -119,14 +123,17 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, T
             "BRANCH_GT" => BranchMode::More,
             "BRANCH_GTE" => BranchMode::AtLeast,
             other => {
-                return Err(format!(
+                return Err(ImportError::unsupported(format!(
                     "a node of mode {other}, expected LEAF, BRANCH_LEQ, BRANCH_LT, BRANCH_GT or BRANCH_GTE"
-                ));
+                )));
             }
         };
         let column = usize::try_from(features[place]).unwrap_or(usize::MAX);
         if comparison != BranchMode::Leaf && column >= columns {
-            return Err(format!("node {} of tree {} looks at feature {}, of {columns}", key.1, key.0, features[place]));
+            return Err(ImportError::malformed(format!(
+                "node {} of tree {} looks at feature {}, of {columns}",
+                key.1, key.0, features[place]
+            )));
         }
         // the largest number that is less than the threshold, in the precision of the inputs
         let less = |threshold: f64| match thresholds.is_single {
@@ -139,12 +146,12 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, T
         };
         let given = TreeNode { column, threshold, comparison, below: [first[place], second[place]] };
         if nodes.insert(key, given).is_some() {
-            return Err(format!("two nodes {} of tree {}", key.1, key.0));
+            return Err(ImportError::malformed(format!("two nodes {} of tree {}", key.1, key.0)));
         }
         // the first node of a tree that is listed is its root
         if roots.last().is_none_or(|(tree, _)| *tree != key.0) {
             if roots.iter().any(|(tree, _)| *tree == key.0) {
-                return Err(format!("nodes of tree {} in several places", key.0));
+                return Err(ImportError::malformed(format!("nodes of tree {} in several places", key.0)));
             }
             roots.push(key);
         }
@@ -153,21 +160,21 @@ fn given_nodes(attributes: Attributes, columns: usize) -> Result<(HashMap<Key, T
 }
 
 /// Numbers that each leaf adds to outputs.
-fn leaves(attributes: Attributes, outputs: usize) -> Result<HashMap<Key, Vec<(usize, f64)>>, String> {
+fn leaves(attributes: Attributes, outputs: usize) -> Result<HashMap<Key, Vec<(usize, f64)>>, ImportError> {
     let integers = |name: &str| attributes.integers(name).unwrap_or_default();
     let (trees, ids, targets) = (integers("target_treeids"), integers("target_nodeids"), integers("target_ids"));
     let weights = attributes.numbers("target_weights")?.values;
     let lengths = [ids.len(), targets.len(), weights.len()];
     if lengths.iter().any(|length| *length != trees.len()) {
-        return Err(format!(
+        return Err(ImportError::malformed(format!(
             "target_* attributes of {} and {lengths:?} elements, expected the same number of each",
             trees.len()
-        ));
+        )));
     }
     let mut leaves: HashMap<Key, Vec<(usize, f64)>> = HashMap::new();
     for (((tree, id), target), weight) in trees.iter().zip(ids).zip(targets).zip(weights) {
         let output = usize::try_from(*target).ok().filter(|output| *output < outputs);
-        let output = output.ok_or_else(|| format!("target {target} of {outputs}"))?;
+        let output = output.ok_or_else(|| ImportError::malformed(format!("target {target} of {outputs}")))?;
         leaves.entry((*tree, *id)).or_default().push((output, weight));
     }
     Ok(leaves)
@@ -178,7 +185,7 @@ fn forest(
     roots: &[Key],
     leaves: &HashMap<Key, Vec<(usize, f64)>>,
     (outputs, scale): (usize, f64),
-) -> Result<Forest, String> {
+) -> Result<Forest, ImportError> {
     let mut forest = Forest::default();
     for root in roots {
         for output in 0..outputs {
@@ -187,13 +194,15 @@ fn forest(
             let mut waiting: Vec<(i64, Option<(usize, usize)>)> = vec![(root.1, None)];
             let begin = forest.nodes.len();
             while let Some((id, above)) = waiting.pop() {
-                let given = nodes.get(&(root.0, id)).ok_or_else(|| format!("no node {id} in tree {}", root.0))?;
+                let given = nodes
+                    .get(&(root.0, id))
+                    .ok_or_else(|| ImportError::malformed(format!("no node {id} in tree {}", root.0)))?;
                 let place = forest.nodes.len();
                 if place - begin > nodes.len() {
-                    return Err(format!("tree {} has a cycle", root.0));
+                    return Err(ImportError::malformed(format!("tree {} has a cycle", root.0)));
                 }
                 if place >= MAX_NODES {
-                    return Err(format!("more than {MAX_NODES} nodes"));
+                    return Err(ImportError::too_large(format!("more than {MAX_NODES} nodes")));
                 }
                 if let Some((above, side)) = above {
                     forest.nodes[above].below[side] = place as u32;

@@ -20,7 +20,7 @@ impl GraphReader {
 
     fn cast_to(&mut self, node: &NodeProto, to: i32, name: &str) -> Made {
         let value = self.input(node, 0)?;
-        let refused = || Err(format!("a cast to {name}, expected float or double"));
+        let refused = ImportError::unsupported(format!("a cast to {name}, expected float or double"));
         match value {
             Value::Constant(ConstantTensor { shape, data }) => {
                 let values = data.doubles();
@@ -28,7 +28,7 @@ impl GraphReader {
                     FLOAT => Data::Single(values.iter().map(|value| *value as f32).collect()),
                     DOUBLE => Data::Double(values),
                     INT32 | INT64 => Data::Integer(values.iter().map(|value| *value as i64).collect()),
-                    _ => return refused(),
+                    _ => return Err(refused),
                 };
                 Ok(Value::Constant(ConstantTensor { shape, data }))
             }
@@ -36,7 +36,7 @@ impl GraphReader {
                 let is_single = match to {
                     FLOAT => true,
                     DOUBLE => false,
-                    _ => return refused(),
+                    _ => return Err(refused),
                 };
                 if is_single && !row.is_single && self.has_trees {
                     row.value = self.builder.elementwise(row.value, Elementwise::Single, Vec::new())?;
@@ -47,13 +47,16 @@ impl GraphReader {
     }
 
     pub(super) fn constant_of_shape(&mut self, node: &NodeProto) -> Made {
-        let shape = self.constant(node, 0)?.ok_or("input 0 is missing")?;
+        let shape = self.required_constant(node, 0)?;
         let shape = lengths(shape.integers()?)?;
         let count = within_limits(&shape)?;
         let value = Attributes::of(node).tensor("value").transpose()?;
         let value = value.unwrap_or(ConstantTensor { shape: vec![1], data: Data::Single(vec![0.0]) });
         if value.data.len() != 1 {
-            return Err(format!("attribute `value` has {} elements, expected 1", value.data.len()));
+            return Err(ImportError::malformed(format!(
+                "attribute `value` has {} elements, expected 1",
+                value.data.len()
+            )));
         }
         Ok(Value::Constant(ConstantTensor { shape, data: value.data.picked(&vec![0; count]) }))
     }
@@ -72,13 +75,10 @@ impl GraphReader {
     }
 
     pub(super) fn range(&mut self, node: &NodeProto) -> Made {
-        let number = |place: usize| -> Result<i64, String> {
-            let tensor = self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))?;
-            tensor.integers()?.first().copied().ok_or_else(|| format!("input {place} is empty"))
-        };
-        let (start, limit, step) = (number(0)?, number(1)?, number(2)?);
+        let (start, limit, step) =
+            (self.required_integer(node, 0)?, self.required_integer(node, 1)?, self.required_integer(node, 2)?);
         if step == 0 {
-            return Err("a step of 0".into());
+            return Err(ImportError::malformed("a step of 0"));
         }
         // steps up to the limit, rounded up; both signs are made positive
         let (way, step_size) = (i128::from(limit) - i128::from(start), i128::from(step));
@@ -87,6 +87,11 @@ impl GraphReader {
         within_limits(&[count])?;
         let values = (0..count).map(|index| start.wrapping_add(step.wrapping_mul(index as i64))).collect();
         Ok(Value::Constant(ConstantTensor::of_integers(values)))
+    }
+
+    fn required_integer(&self, node: &NodeProto, place: usize) -> Result<i64, ImportError> {
+        let tensor = self.required_constant(node, place)?;
+        tensor.integers()?.first().copied().ok_or_else(|| empty_input(place))
     }
 }
 
@@ -102,11 +107,16 @@ pub(super) fn constant(attributes: Attributes) -> Made {
     }
     let floats = attributes.numbers("value_floats")?.values;
     let (shape, values) = match floats.is_empty() {
-        true => (Vec::new(), vec![attributes.float("value_float", f64::NAN).map_err(|_| "no value of a known kind")?]),
+        true => (Vec::new(), vec![single_value(attributes)?]),
         false => (vec![floats.len()], floats),
     };
     Ok(Value::Constant(ConstantTensor {
         shape,
         data: Data::Single(values.iter().map(|value| *value as f32).collect()),
     }))
+}
+
+fn single_value(attributes: Attributes) -> Result<f64, ImportError> {
+    let value = attributes.float("value_float", f64::NAN);
+    value.map_err(|_| ImportError::unsupported("no value of a known kind"))
 }

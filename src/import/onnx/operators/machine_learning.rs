@@ -8,10 +8,10 @@ impl GraphReader {
         match Attributes::of(node).number("replaced_value_float") {
             Some(replaced) if replaced.is_nan() => self.input(node, 0),
             // 0 unless given
-            replaced => Err(format!(
+            replaced => Err(ImportError::unsupported(format!(
                 "values of {} are replaced, expected NaN (`replaced_value_float`)",
                 replaced.unwrap_or(0.0)
-            )),
+            ))),
         }
     }
 
@@ -20,9 +20,9 @@ impl GraphReader {
         let values = (0..node.input.len()).map(|place| self.input(node, place)).collect::<Result<Vec<_>, _>>()?;
         let widths: Vec<i64> = values.iter().map(|value| value.shape().last().copied().unwrap_or(1) as i64).collect();
         match Attributes::of(node).integers("inputdimensions") {
-            Some(given) if !given.is_empty() && given != widths => Err(format!(
+            Some(given) if !given.is_empty() && given != widths => Err(ImportError::malformed(format!(
                 "attribute `inputdimensions` is {given:?} for inputs of {widths:?} columns, expected the same"
-            )),
+            ))),
             _ => self.concatenated(&values, 1),
         }
     }
@@ -32,12 +32,15 @@ impl GraphReader {
         let value = self.input(node, 0)?;
         let count = value.shape().iter().product::<usize>();
         let width = value.shape().last().copied().unwrap_or(1);
-        let numbers = |name: &str| -> Result<Vec<f64>, String> {
+        let numbers = |name: &str| -> Result<Vec<f64>, ImportError> {
             match attributes.numbers(name)?.values {
                 one if one.len() == 1 => Ok(vec![one[0]; count]),
                 // of each row the same
                 all if all.len() == width && width > 0 => Ok(all.repeat(count / width)),
-                other => Err(format!("attribute `{name}` has {} elements, expected {width}", other.len())),
+                other => Err(ImportError::malformed(format!(
+                    "attribute `{name}` has {} elements, expected {width}",
+                    other.len()
+                ))),
             }
         };
         let (offset, scale) = (numbers("offset")?, numbers("scale")?);
@@ -54,11 +57,11 @@ impl GraphReader {
             bias = vec![0.0; targets];
         }
         if targets == 0 || weight.len() != targets * width || bias.len() != targets {
-            return Err(format!(
+            return Err(ImportError::malformed(format!(
                 "{} coefficients and {} intercepts, expected {targets} times {width} and {targets}",
                 weight.len(),
                 bias.len()
-            ));
+            )));
         }
         let (weight, bias) = (single(weight), single(bias));
         self.each_row(node, targets, |reader, row| reader.affine(row, weight.clone(), bias.clone(), vec![1, targets]))
@@ -68,7 +71,7 @@ impl GraphReader {
         let attributes = Attributes::of(node);
         refuse_transform(attributes)?;
         if attributes.integer("one_class").unwrap_or(0) != 0 {
-            return Err("a classifier of one class, expected a regression".into());
+            return Err(ImportError::unsupported("a classifier of one class, expected a regression"));
         }
         let width = self.row(node, 0)?.shape.last().copied().unwrap_or(1);
         let supports = usize::try_from(attributes.integer("n_supports").unwrap_or(0)).unwrap_or(0);
@@ -81,7 +84,7 @@ impl GraphReader {
                 coefficients = vec![0.0; width];
             }
             if coefficients.len() != width {
-                return Err(format!("{} coefficients, expected {width}", coefficients.len()));
+                return Err(ImportError::malformed(format!("{} coefficients, expected {width}", coefficients.len())));
             }
             let (coefficients, bias) = (single(coefficients), single(vec![bias]));
             return self
@@ -92,11 +95,11 @@ impl GraphReader {
             || vectors.len().checked_div(supports) != Some(width)
             || vectors.len() != supports * width
         {
-            return Err(format!(
+            return Err(ImportError::malformed(format!(
                 "{} coefficients and {} numbers of support vectors, expected {supports} and {supports} times {width}",
                 coefficients.len(),
                 vectors.len()
-            ));
+            )));
         }
         let parameters = attributes.numbers("kernel_params")?.values;
         let parameter = |place: usize, default: f64| parameters.get(place).copied().unwrap_or(default);
@@ -124,7 +127,11 @@ impl GraphReader {
                     let exponent = builder.elementwise(distances, Elementwise::Linear, vec![-gamma, 0.0])?;
                     builder.elementwise(exponent, Elementwise::Exponential, Vec::new())?
                 }
-                other => return Err(format!("kernel {other}, expected LINEAR, POLY, RBF or SIGMOID")),
+                other => {
+                    return Err(ImportError::malformed(format!(
+                        "kernel {other}, expected LINEAR, POLY, RBF or SIGMOID"
+                    )));
+                }
             };
             let kernels = RowTensor { shape: vec![1, supports], value: kernels, is_single: row.is_single };
             reader.affine(&kernels, coefficients.clone(), bias.clone(), vec![1, 1])
@@ -136,7 +143,7 @@ impl GraphReader {
         let value = self.input(node, 0)?;
         let rank = value.shape().len();
         if norm != "L2" || rank == 0 {
-            return Err(format!("norm {norm}, expected L2"));
+            return Err(ImportError::unsupported(format!("norm {norm}, expected L2")));
         }
         self.in_groups(&value, rank - 1, |reader, of, width| {
             let square =

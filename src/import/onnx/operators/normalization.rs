@@ -2,14 +2,20 @@
 
 use super::*;
 
-const IN_TRAINING: &str = "a network in training, expected one for inference: export it after `eval()`";
+fn in_training() -> ImportError {
+    ImportError::unsupported("a network in training, expected one for inference: export it after `eval()`")
+}
+
+fn other_count(place: usize, found: usize, channels: usize) -> ImportError {
+    ImportError::malformed(format!("input {place} has {found} elements, expected {channels}"))
+}
 
 impl GraphReader {
     pub(super) fn dropout(&mut self, node: &NodeProto) -> Made {
         let is_not_zero = |tensor: ConstantTensor| tensor.data.doubles().iter().any(|number| *number != 0.0);
         let drops = self.constant(node, 1)?.is_none_or(is_not_zero);
         if drops && self.constant(node, 2)?.is_some_and(is_not_zero) {
-            return Err(IN_TRAINING.into());
+            return Err(in_training());
         }
         self.input(node, 0)
     }
@@ -17,29 +23,33 @@ impl GraphReader {
     pub(super) fn batch_normalization(&mut self, node: &NodeProto) -> Made {
         let attributes = Attributes::of(node);
         if attributes.integer("training_mode").unwrap_or(0) != 0 {
-            return Err(IN_TRAINING.into());
+            return Err(in_training());
         }
         let epsilon = attributes.float("epsilon", 1e-5)?;
         let value = self.input(node, 0)?;
         let shape = value.shape().to_vec();
-        let channels = *shape.get(1).ok_or("a tensor without channels")?;
-        let numbers = |place: usize| -> Result<Vec<f64>, String> {
-            let tensor = self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))?;
-            if tensor.data.len() == channels {
-                Ok(tensor.data.doubles())
-            } else {
-                Err(format!("input {place} has {} elements, expected {channels}", tensor.data.len()))
-            }
-        };
-        let (scale, bias, mean, variance) = (numbers(1)?, numbers(2)?, numbers(3)?, numbers(4)?);
+        let channels = *shape.get(1).ok_or_else(|| ImportError::malformed("a tensor without channels"))?;
+        let scale = self.of_channels(node, 1, channels)?;
+        let bias = self.of_channels(node, 2, channels)?;
+        let mean = self.of_channels(node, 3, channels)?;
+        let variance = self.of_channels(node, 4, channels)?;
         let factor = |channel: usize| scale[channel] / (variance[channel] + epsilon).sqrt();
         let factors: Vec<f64> = (0..channels).map(factor).collect();
         if factors.iter().any(|factor| !factor.is_finite()) {
-            return Err("a variance that is not positive".into());
+            return Err(ImportError::not_finite("a variance that is not positive"));
         }
         let channel = places(&shape, |index| index[1]);
         let of = |numbers: &[f64]| channel.iter().map(|channel| numbers[*channel]).collect::<Vec<f64>>();
         self.standardized(&value, &of(&mean), &of(&factors), &of(&bias))
+    }
+
+    /// A number for each channel.
+    fn of_channels(&self, node: &NodeProto, place: usize, channels: usize) -> Result<Vec<f64>, ImportError> {
+        let tensor = self.required_constant(node, place)?;
+        match tensor.data.len() {
+            count if count == channels => Ok(tensor.data.doubles()),
+            count => Err(other_count(place, count, channels)),
+        }
     }
 
     /// `(x - mean) factor + offset`, in this order: with inputs far from zero, a difference of products would have few
@@ -66,14 +76,16 @@ impl GraphReader {
         let value = self.input(node, 0)?;
         let shape = value.shape().to_vec();
         let [rows, channels, rest @ ..] = shape.as_slice() else {
-            return Err(format!("a shape of {shape:?}, expected the batch, channels, and other dimensions"));
+            return Err(ImportError::malformed(format!(
+                "a shape of {shape:?}, expected the batch, channels, and other dimensions"
+            )));
         };
         let groups = match node.op_type.as_str() {
             "InstanceNormalization" => *channels,
             _ => usize::try_from(attributes.integer("num_groups").unwrap_or(0)).unwrap_or(0),
         };
         if groups == 0 || !channels.is_multiple_of(groups) {
-            return Err(format!("{channels} channels in {groups} groups"));
+            return Err(ImportError::malformed(format!("{channels} channels in {groups} groups")));
         }
         let each = channels / groups;
         let grouped = self.reshaped(&value, [&[*rows, groups, each], rest].concat())?;
@@ -81,11 +93,11 @@ impl GraphReader {
             .in_groups(&grouped, 2, |reader, of, width| reader.builder.add(Step::Normalize { of, epsilon }, width))?;
         // before version 21 a group has one of each
         for (place, operation) in [(1, Operation::Multiply), (2, Operation::Add)] {
-            let tensor = self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))?;
+            let tensor = self.required_constant(node, place)?;
             let dims = match tensor.data.len() {
                 count if count == *channels => [groups, each],
                 count if count == groups => [groups, 1],
-                count => return Err(format!("input {place} has {count} elements, expected {channels}")),
+                count => return Err(other_count(place, count, *channels)),
             };
             let tensor =
                 Value::Constant(ConstantTensor { shape: [&dims[..], &vec![1; rest.len()]].concat(), ..tensor });
@@ -126,13 +138,13 @@ impl GraphReader {
         &mut self,
         value: &Value,
         at: usize,
-        mut make: impl FnMut(&mut Self, usize, usize) -> Result<usize, String>,
+        mut make: impl FnMut(&mut Self, usize, usize) -> Result<usize, GraphError>,
     ) -> Made {
-        let Value::Row(row) = value else { return Err("a normalization of a constant".into()) };
+        let Value::Row(row) = value else { return Err(ImportError::unsupported("a normalization of a constant")) };
         let width: usize = row.shape[at..].iter().product();
         let groups: usize = row.shape[..at].iter().product();
         if width == 0 || groups == 0 {
-            return Err("a normalization of nothing".into());
+            return Err(ImportError::unsupported("a normalization of nothing"));
         }
         if groups == 1 {
             let made = make(self, row.value, width)?;
@@ -149,7 +161,7 @@ impl GraphReader {
     }
 
     /// The axis of a softmax, and `true` if those after it belong to it as well.
-    fn normalized_axis(&self, node: &NodeProto, rank: usize) -> Result<(usize, bool), String> {
+    fn normalized_axis(&self, node: &NodeProto, rank: usize) -> Result<(usize, bool), ImportError> {
         // before version 13 all axes from this one on are one
         let (default, whole) = if self.opset < 13 { (1, true) } else { (-1, false) };
         Ok((axis(Attributes::of(node).integer("axis").unwrap_or(default), rank)?, whole))
@@ -208,7 +220,7 @@ impl GraphReader {
             shape.iter().enumerate().map(|(at, dim)| if axes.contains(&at) { 1 } else { *dim }).collect();
         let (count, width) = (kept.iter().product::<usize>(), shape.iter().product::<usize>());
         if count == 0 || width == 0 {
-            return Err("a sum of nothing".into());
+            return Err(ImportError::unsupported("a sum of nothing"));
         }
         let rest: Vec<usize> = match attributes.integer("keepdims").unwrap_or(1) {
             0 => shape.iter().enumerate().filter(|(at, _)| !axes.contains(at)).map(|(_, dim)| *dim).collect(),
@@ -278,7 +290,7 @@ impl GraphReader {
         into.into_iter().enumerate().for_each(|(element, place)| of[place].push(element));
         let mut each = of.first().map_or(0, Vec::len);
         if each == 0 {
-            return Err("a product of nothing".into());
+            return Err(ImportError::unsupported("a product of nothing"));
         }
         let mut value = self.pick(value, &of.concat(), vec![of.len(), each])?;
         let mut odd: Option<Value> = None;

@@ -21,7 +21,7 @@ impl GraphReader {
                 let pairs = a.data.doubles().into_iter().zip(b.data.doubles());
                 let values: Vec<f64> = pairs.map(|(a, b)| of_numbers(operation, a, b, is_whole)).collect();
                 if values.iter().any(|value| !value.is_finite()) {
-                    return Err("a constant becomes a number that is not finite".into());
+                    return Err(ImportError::not_finite("a constant becomes a number that is not finite"));
                 }
                 Ok(Value::Constant(ConstantTensor::like(&a.data, shape, values)))
             }
@@ -46,7 +46,7 @@ impl GraphReader {
             }
         };
         if width == 0 {
-            return Err("nothing is left".into());
+            return Err(ImportError::unsupported("nothing is left"));
         }
         let ones = || vec![1.0; width];
         let zeros = || vec![0.0; width];
@@ -66,7 +66,7 @@ impl GraphReader {
             }
             Operation::Divide => {
                 if numbers.contains(&0.0) {
-                    return Err("a division by a constant that is 0".into());
+                    return Err(ImportError::not_finite("a division by a constant that is 0"));
                 }
                 let factors = numbers.iter().map(|number| 1.0 / number).collect();
                 self.mapped(row, Elementwise::Linear, linear(factors, zeros()))
@@ -95,7 +95,7 @@ impl GraphReader {
             (Value::Constant(base), Value::Row(_)) => {
                 let base = base.data.doubles();
                 if base.iter().any(|base| *base <= 0.0) {
-                    return Err("a power of a constant that is not positive".into());
+                    return Err(ImportError::unsupported("a power of a constant that is not positive"));
                 }
                 let factors = [base.iter().map(|base| base.ln()).collect(), vec![0.0; base.len()]].concat();
                 let exponent = self.mapped(&exponent, Elementwise::Linear, factors)?;
@@ -179,10 +179,7 @@ impl GraphReader {
 
     /// Remainder of known whole numbers.
     pub(super) fn remainder(&mut self, node: &NodeProto) -> Made {
-        let number = |place: usize| -> Result<ConstantTensor, String> {
-            self.constant(node, place)?.ok_or_else(|| format!("input {place} is missing"))
-        };
-        let (a, b) = (number(0)?, number(1)?);
+        let (a, b) = (self.required_constant(node, 0)?, self.required_constant(node, 1)?);
         let shape = broadcast(&a.shape, &b.shape)?;
         let (of_a, of_b) = (broadcast_places(&a.shape, &shape), broadcast_places(&b.shape, &shape));
         let (a, b) = (a.integers()?, b.integers()?);
@@ -192,34 +189,36 @@ impl GraphReader {
         let is_other = |rest: i64, b: i64| !of_first && rest != 0 && (rest < 0) != (b < 0);
         let values = pairs.map(|(a, b)| a.checked_rem(b).map(|rest| if is_other(rest, b) { rest + b } else { rest }));
         let values: Option<Vec<i64>> = values.collect();
-        Ok(Value::Constant(ConstantTensor { shape, data: Data::Integer(values.ok_or("a division by 0")?) }))
+        let values = values.ok_or_else(|| ImportError::not_finite("a division by 0"))?;
+        Ok(Value::Constant(ConstantTensor { shape, data: Data::Integer(values) }))
     }
 
     pub(super) fn prelu(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let slope = Value::Constant(self.constant(node, 1)?.ok_or("input 1 is missing")?);
+        let slope = Value::Constant(self.required_constant(node, 1)?);
         let shape = value.shape().to_vec();
         if broadcast(&shape, slope.shape())? != shape {
-            return Err(format!("a slope of shape {:?} for {shape:?}", slope.shape()));
+            return Err(ImportError::malformed(format!("a slope of shape {:?} for {shape:?}", slope.shape())));
         }
         let Value::Constant(slope) = self.expanded(&slope, &shape)? else { unreachable!("a constant stays one") };
         self.mapped(&value, Elementwise::LeakyRelu, slope.data.doubles())
     }
 
     pub(super) fn clip(&mut self, node: &NodeProto) -> Made {
-        let limit = |place: usize, none: f64| -> Result<f64, String> {
-            let Some(tensor) = self.constant(node, place)? else {
-                // attributes before version 11
-                return Attributes::of(node).float(if place == 1 { "min" } else { "max" }, none);
-            };
-            tensor.data.doubles().first().copied().ok_or_else(|| format!("input {place} is empty"))
-        };
-        let (min, max) = (limit(1, f64::MIN)?, limit(2, f64::MAX)?);
+        let (min, max) = (self.limit(node, 1, "min", f64::MIN)?, self.limit(node, 2, "max", f64::MAX)?);
         if min > max {
-            return Err(format!("limits from {min} to {max}"));
+            return Err(ImportError::malformed(format!("limits from {min} to {max}")));
         }
         let value = self.input(node, 0)?;
         self.mapped(&value, Elementwise::Clip, vec![min, max])
+    }
+
+    /// Number of an input, or of an attribute before version 11.
+    fn limit(&self, node: &NodeProto, place: usize, attribute: &str, default: f64) -> Result<f64, ImportError> {
+        match self.constant(node, place)? {
+            Some(tensor) => tensor.data.doubles().first().copied().ok_or_else(|| empty_input(place)),
+            None => Attributes::of(node).float(attribute, default),
+        }
     }
 
     pub(super) fn hard_sigmoid(&mut self, value: &Value, alpha: f64, beta: f64) -> Made {

@@ -12,7 +12,10 @@ impl GraphReader {
         let mut factor = |place: usize, name: &str| -> Made {
             let value = self.input(node, place)?;
             if value.shape().len() != 2 {
-                return Err(format!("a tensor of shape {:?}, expected two dimensions", value.shape()));
+                return Err(ImportError::malformed(format!(
+                    "a tensor of shape {:?}, expected two dimensions",
+                    value.shape()
+                )));
             }
             match attributes.integer(name).unwrap_or(0) {
                 0 => Ok(value),
@@ -38,7 +41,7 @@ impl GraphReader {
     pub(super) fn product(&mut self, a: &Value, b: &Value) -> Made {
         let (a_rank, b_rank) = (a.shape().len(), b.shape().len());
         if a_rank == 0 || b_rank == 0 {
-            return Err("a product with a single number, expected matrices".into());
+            return Err(ImportError::malformed("a product with a single number, expected matrices"));
         }
         if a_rank == 1 {
             let row = self.reshaped(a, vec![1, a.shape()[0]])?;
@@ -53,7 +56,7 @@ impl GraphReader {
             let shape = product.shape()[..product.shape().len() - 1].to_vec();
             return self.reshaped(&product, shape);
         }
-        let misfit = || format!("a product of shapes {:?} and {:?}", a.shape(), b.shape());
+        let misfit = || ImportError::malformed(format!("a product of shapes {:?} and {:?}", a.shape(), b.shape()));
         let (rows, inner) = (a.shape()[a_rank - 2], a.shape()[a_rank - 1]);
         let columns = b.shape()[b_rank - 1];
         if b.shape()[b_rank - 2] != inner || inner == 0 {

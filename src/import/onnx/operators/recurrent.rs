@@ -31,7 +31,7 @@ struct RecurrentCell {
 
 impl GraphReader {
     /// `Y`, `Y_h` and, of an LSTM, `Y_c`.
-    pub(super) fn recurrent(&mut self, node: &NodeProto) -> Result<Vec<Value>, String> {
+    pub(super) fn recurrent(&mut self, node: &NodeProto) -> Result<Vec<Value>, ImportError> {
         let (gates, defaults): (usize, &[&str]) = match node.op_type.as_str() {
             "LSTM" => (4, &["Sigmoid", "Tanh", "Tanh"]),
             "GRU" => (3, &["Sigmoid", "Tanh"]),
@@ -65,62 +65,63 @@ impl GraphReader {
     }
 
     /// Checks a node and takes its weights.
-    fn cell(&mut self, node: &NodeProto, gates: usize, defaults: &[&str]) -> Result<RecurrentCell, String> {
+    fn cell(&mut self, node: &NodeProto, gates: usize, defaults: &[&str]) -> Result<RecurrentCell, ImportError> {
         let attributes = Attributes::of(node);
         let direction = attributes.text("direction").unwrap_or("forward".into());
         if direction != "forward" {
-            return Err(format!(
+            return Err(ImportError::unsupported(format!(
                 "attribute `direction` is {direction:?}, expected \"forward\": samples come one at a time"
-            ));
+            )));
         }
         if let Some(clip) = attributes.number("clip") {
-            return Err(format!("attribute `clip` is {clip}, expected none"));
+            return Err(ImportError::unsupported(format!("attribute `clip` is {clip}, expected none")));
         }
         let batch_first = attributes.integer("layout").unwrap_or(0) != 0;
         let sample = self.row(node, 0)?;
         let [length, batch, inputs] = match (sample.shape.as_slice(), batch_first) {
             (&[length, batch, inputs], false) | (&[batch, length, inputs], true) => [length, batch, inputs],
-            (other, _) => return Err(format!("a sequence of shape {other:?}, expected three dimensions")),
+            (other, _) => {
+                return Err(ImportError::malformed(format!(
+                    "a sequence of shape {other:?}, expected three dimensions"
+                )));
+            }
         };
         if length != 1 {
-            return Err(format!(
+            return Err(ImportError::unsupported(format!(
                 "a sequence of {length} samples, expected 1 or a dimension that is free: the FMU gets one sample at a time"
-            ));
+            )));
         }
         if batch != 1 {
-            return Err(format!("a batch of {batch}, expected 1 or a dimension that is free"));
+            return Err(ImportError::unsupported(format!(
+                "a batch of {batch}, expected 1 or a dimension that is free"
+            )));
         }
-        let constant = |place: usize, what: &str| match self.constant(node, place)? {
-            Some(tensor) => Ok::<_, String>(Some(tensor)),
-            None if place < 3 => Err(format!("input {place} ({what}) is missing")),
-            None => Ok(None),
-        };
-        let (weights, recurrence) = (constant(1, "W")?, constant(2, "R")?);
-        let (bias, lengths, peepholes) = (constant(3, "B")?, constant(4, "sequence_lens")?, constant(7, "P")?);
+        let (weights, recurrence) = (self.cell_weights(node, 1, "W")?, self.cell_weights(node, 2, "R")?);
+        let (bias, lengths, peepholes) = (self.constant(node, 3)?, self.constant(node, 4)?, self.constant(node, 7)?);
         if let Some(found) = lengths.filter(|lengths| lengths.data.doubles().iter().any(|length| *length != 1.0)) {
-            return Err(format!("input 4 (sequence_lens) is {:?}, expected 1", found.data.doubles()));
+            return Err(ImportError::unsupported(format!(
+                "input 4 (sequence_lens) is {:?}, expected 1",
+                found.data.doubles()
+            )));
         }
-        let hidden = recurrence.as_ref().and_then(|tensor| tensor.shape.last().copied()).unwrap_or(0);
+        let hidden = recurrence.shape.last().copied().unwrap_or(0);
         if let Some(size) = attributes.integer("hidden_size").filter(|size| usize::try_from(*size) != Ok(hidden)) {
-            return Err(format!("attribute `hidden_size` is {size}, but R has {hidden} columns"));
+            return Err(ImportError::malformed(format!(
+                "attribute `hidden_size` is {size}, but R has {hidden} columns"
+            )));
         }
-        let rows = gates.checked_mul(hidden).filter(|rows| *rows > 0).ok_or("no hidden numbers")?;
+        let rows = gates.checked_mul(hidden).filter(|rows| *rows > 0);
+        let rows = rows.ok_or_else(|| ImportError::malformed("no hidden numbers"))?;
         weights_within_limits(rows, inputs + hidden)?;
-        let numbers = |tensor: Option<ConstantTensor>, what: &str, shape: &[usize]| match tensor {
-            Some(tensor) if tensor.shape != shape => {
-                Err(format!("{what} has the shape {:?}, expected {shape:?}", tensor.shape))
-            }
-            Some(tensor) => Ok(Some(tensor.data.doubles())),
-            None => Ok(None),
-        };
-        let bias = numbers(bias, "B", &[1, 2 * rows])?.unwrap_or_else(|| vec![0.0; 2 * rows]);
-        let peepholes = if gates == 4 { numbers(peepholes, "P", &[1, 3 * hidden])? } else { None };
+        let bias = bias.map_or_else(|| Ok(vec![0.0; 2 * rows]), |bias| shaped(&bias, "B", &[1, 2 * rows]))?;
+        let peepholes = peepholes.filter(|_| gates == 4);
+        let peepholes = peepholes.map(|peepholes| shaped(&peepholes, "P", &[1, 3 * hidden])).transpose()?;
         Ok(RecurrentCell {
             hidden,
             sample: sample.value,
             inputs,
-            weights: numbers(weights, "W", &[1, rows, inputs])?.unwrap_or_default(),
-            recurrence: numbers(recurrence, "R", &[1, rows, hidden])?.unwrap_or_default(),
+            weights: shaped(&weights, "W", &[1, rows, inputs])?,
+            recurrence: shaped(&recurrence, "R", &[1, rows, hidden])?,
             bias: [bias[..rows].to_vec(), bias[rows..].to_vec()],
             peepholes,
             activations: activations(attributes, defaults)?,
@@ -129,19 +130,30 @@ impl GraphReader {
         })
     }
 
+    fn cell_weights(&self, node: &NodeProto, place: usize, name: &str) -> Result<ConstantTensor, ImportError> {
+        let weights = self.constant(node, place)?;
+        weights.ok_or_else(|| ImportError::malformed(format!("input {place} ({name}) is missing")))
+    }
+
     /// Previous state of the cell: an input of the graph, or a state of the model.
-    fn before(&mut self, node: &NodeProto, place: usize, what: &str, cell: &RecurrentCell) -> Result<Before, String> {
+    fn before(
+        &mut self,
+        node: &NodeProto,
+        place: usize,
+        what: &str,
+        cell: &RecurrentCell,
+    ) -> Result<Before, ImportError> {
         let given = self.given(node, place)?.cloned();
         if let Some(value) = &given {
             let count: usize = value.shape().iter().product();
             // one layer of one row, whichever of these dimensions comes first
             if count != cell.hidden || value.shape().len() != 3 {
                 let order = if cell.batch_first { "batch, layer" } else { "layer, batch" };
-                return Err(format!(
+                return Err(ImportError::malformed(format!(
                     "input {place} (initial_{what}) has the shape {:?}, expected [1, 1, {}] ({order}, hidden)",
                     value.shape(),
                     cell.hidden
-                ));
+                )));
             }
         }
         let start = match given {
@@ -168,7 +180,7 @@ impl GraphReader {
         cell: &RecurrentCell,
         of: &[usize; 2],
         gates: std::ops::Range<usize>,
-    ) -> Result<usize, String> {
+    ) -> Result<usize, GraphError> {
         let RecurrentCell { hidden, inputs, weights, recurrence, bias: [of_sample, of_hidden], .. } = cell;
         let rows = gates.start * hidden..gates.end * hidden;
         let both = self.joined(of)?;
@@ -181,7 +193,7 @@ impl GraphReader {
         self.builder.affine(both, weight.into(), bias.into())
     }
 
-    fn joined(&mut self, of: &[usize]) -> Result<usize, String> {
+    fn joined(&mut self, of: &[usize]) -> Result<usize, GraphError> {
         let columns = |value: &usize| -> Vec<[u32; 2]> {
             (0..self.builder.width(*value)).map(|column| [*value as u32, column as u32]).collect()
         };
@@ -190,27 +202,27 @@ impl GraphReader {
     }
 
     /// The part of a value that belongs to a gate.
-    fn gate(&mut self, cell: &RecurrentCell, of: usize, gate: usize) -> Result<usize, String> {
+    fn gate(&mut self, cell: &RecurrentCell, of: usize, gate: usize) -> Result<usize, GraphError> {
         let columns = gate * cell.hidden..(gate + 1) * cell.hidden;
         self.builder.columns(columns.map(|column| [of as u32, column as u32]).collect())
     }
 
-    fn activated(&mut self, cell: &RecurrentCell, which: usize, of: usize) -> Result<usize, String> {
+    fn activated(&mut self, cell: &RecurrentCell, which: usize, of: usize) -> Result<usize, GraphError> {
         let mut functions = cell.activations[which].iter();
         functions.try_fold(of, |of, (function, parameters)| self.builder.elementwise(of, *function, parameters.clone()))
     }
 
-    fn both(&mut self, cell: &RecurrentCell, operation: Operation, of: [usize; 2]) -> Result<usize, String> {
+    fn both(&mut self, cell: &RecurrentCell, operation: Operation, of: [usize; 2]) -> Result<usize, GraphError> {
         self.builder.add(Step::Combine { of, operation }, cell.hidden)
     }
 
     /// `1 - x`
-    fn rest(&mut self, of: usize) -> Result<usize, String> {
+    fn rest(&mut self, of: usize) -> Result<usize, GraphError> {
         self.builder.elementwise(of, Elementwise::Linear, vec![-1.0, 1.0])
     }
 
     /// Adds the peephole term of the memory to a gate's sum, if the cell has peepholes.
-    fn peep(&mut self, cell: &RecurrentCell, gate: usize, [sum, memory]: [usize; 2]) -> Result<usize, String> {
+    fn peep(&mut self, cell: &RecurrentCell, gate: usize, [sum, memory]: [usize; 2]) -> Result<usize, GraphError> {
         let Some(peepholes) = &cell.peepholes else { return Ok(sum) };
         let factors = peepholes[gate * cell.hidden..][..cell.hidden].iter().copied();
         let parameters = factors.chain(std::iter::repeat_n(0.0, cell.hidden)).collect();
@@ -224,10 +236,10 @@ impl GraphReader {
         cell: &RecurrentCell,
         [before, memory]: [usize; 2],
         coupled: bool,
-    ) -> Result<[usize; 2], String> {
+    ) -> Result<[usize; 2], GraphError> {
         let sums = self.gate_sums(cell, &[cell.sample, before], 0..4)?;
-        let mut gated = |gate: usize| -> Result<usize, String> { self.gate(cell, sums, gate) };
-        let [input, output, forget, candidate] = [gated(0)?, gated(1)?, gated(2)?, gated(3)?];
+        let (input, output) = (self.gate(cell, sums, 0)?, self.gate(cell, sums, 1)?);
+        let (forget, candidate) = (self.gate(cell, sums, 2)?, self.gate(cell, sums, 3)?);
         let input = self.peep(cell, 0, [input, memory])?;
         let input = self.activated(cell, 0, input)?;
         let forget = match coupled {
@@ -248,7 +260,7 @@ impl GraphReader {
     }
 
     /// The hidden numbers after the sample; gates are update, reset, hidden.
-    fn gru(&mut self, cell: &RecurrentCell, before: usize, linear_first: bool) -> Result<usize, String> {
+    fn gru(&mut self, cell: &RecurrentCell, before: usize, linear_first: bool) -> Result<usize, GraphError> {
         let sums = self.gate_sums(cell, &[cell.sample, before], 0..2)?;
         let gates = self.activated(cell, 0, sums)?;
         let (update, reset) = (self.gate(cell, gates, 0)?, self.gate(cell, gates, 1)?);
@@ -273,6 +285,14 @@ impl GraphReader {
     }
 }
 
+/// Numbers of a tensor of a shape.
+fn shaped(tensor: &ConstantTensor, name: &str, shape: &[usize]) -> Result<Vec<f64>, ImportError> {
+    if tensor.shape == shape {
+        return Ok(tensor.data.doubles());
+    }
+    Err(ImportError::malformed(format!("{name} has the shape {:?}, expected {shape:?}", tensor.shape)))
+}
+
 /// Previous state of a cell.
 struct Before {
     /// The value that has its numbers.
@@ -282,13 +302,17 @@ struct Before {
 }
 
 /// The functions of a cell.
-fn activations(attributes: Attributes, defaults: &[&str]) -> Result<Vec<FunctionChain>, String> {
+fn activations(attributes: Attributes, defaults: &[&str]) -> Result<Vec<FunctionChain>, ImportError> {
     let mut names = attributes.texts("activations");
     if names.is_empty() {
         names = defaults.iter().map(|name| (*name).to_owned()).collect();
     }
     if names.len() != defaults.len() {
-        return Err(format!("attribute `activations` has {} names, expected {}", names.len(), defaults.len()));
+        return Err(ImportError::malformed(format!(
+            "attribute `activations` has {} names, expected {}",
+            names.len(),
+            defaults.len()
+        )));
     }
     let (alphas, betas) = (attributes.floats("activation_alpha")?, attributes.floats("activation_beta")?);
     let (mut alphas, mut betas) = (alphas.into_iter(), betas.into_iter());
@@ -330,10 +354,10 @@ fn activations(attributes: Attributes, defaults: &[&str]) -> Result<Vec<Function
                     "HardSigmoid",
                     "ScaledTanh",
                 ];
-                return Err(format!(
+                return Err(ImportError::malformed(format!(
                     "attribute `activations`: \"{name}\", {}",
                     crate::diagnostics::names::expected_one_of(name, &known)
-                ));
+                )));
             }
         })
     };

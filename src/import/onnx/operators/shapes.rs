@@ -17,7 +17,7 @@ impl GraphReader {
 
     pub(super) fn reshape(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let wanted = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let wanted = self.required_constant(node, 1)?;
         let keeps_zero = Attributes::of(node).integer("allowzero").unwrap_or(0) != 0;
         let mut shape = Vec::new();
         let mut rest = None;
@@ -27,15 +27,22 @@ impl GraphReader {
                     rest = Some(place);
                     1
                 }
-                0 if !keeps_zero => *value.shape().get(place).ok_or("a dimension of 0 that the input does not have")?,
-                dim => usize::try_from(dim).map_err(|_| format!("a dimension of {dim}"))?,
+                0 if !keeps_zero => {
+                    let same = value.shape().get(place).copied();
+                    same.ok_or_else(|| ImportError::malformed("a dimension of 0 that the input does not have"))?
+                }
+                dim => length(dim)?,
             });
         }
         let known = within_limits(&shape)?;
         if let Some(place) = rest {
             let count: usize = value.shape().iter().product();
             if known == 0 || !count.is_multiple_of(known) {
-                return Err(format!("a shape of {:?} is to become {:?}", value.shape(), wanted.integers()?));
+                return Err(ImportError::malformed(format!(
+                    "a shape of {:?} is to become {:?}",
+                    value.shape(),
+                    wanted.integers()?
+                )));
             }
             shape[place] = count / known;
         }
@@ -56,13 +63,13 @@ impl GraphReader {
 
     pub(super) fn unsqueeze(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let axes = self.integers(node, 1, "axes")?.ok_or("no axes")?;
+        let axes = self.required_integers(node, 1, "axes")?;
         let rank = value.shape().len() + axes.len();
         let added: Vec<usize> = axes.iter().map(|at| axis(*at, rank)).collect::<Result<_, _>>()?;
         let mut old = value.shape().iter();
         let shape: Option<Vec<usize>> =
             (0..rank).map(|at| if added.contains(&at) { Some(1) } else { old.next().copied() }).collect();
-        self.reshaped(&value, shape.ok_or("an axis is given twice")?)
+        self.reshaped(&value, shape.ok_or_else(|| ImportError::malformed("an axis is given twice"))?)
     }
 
     pub(super) fn transpose(&mut self, node: &NodeProto) -> Made {
@@ -75,27 +82,27 @@ impl GraphReader {
         let mut sorted = order.clone();
         sorted.sort_unstable();
         if sorted != (0..rank).collect::<Vec<_>>() {
-            return Err(format!("perm {order:?} of {rank} dimensions"));
+            return Err(ImportError::malformed(format!("perm {order:?} of {rank} dimensions")));
         }
         self.transposed(&value, &order)
     }
 
     pub(super) fn expand(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let wanted = lengths(self.constant(node, 1)?.ok_or("input 1 is missing")?.integers()?)?;
+        let wanted = lengths(self.required_constant(node, 1)?.integers()?)?;
         let shape = broadcast(value.shape(), &wanted)?;
         self.expanded(&value, &shape)
     }
 
     pub(super) fn tile(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let times = lengths(self.constant(node, 1)?.ok_or("input 1 is missing")?.integers()?)?;
+        let times = lengths(self.required_constant(node, 1)?.integers()?)?;
         let from = value.shape().to_vec();
         if times.len() != from.len() {
-            return Err(format!("{} repeats of {} dimensions", times.len(), from.len()));
+            return Err(ImportError::malformed(format!("{} repeats of {} dimensions", times.len(), from.len())));
         }
         let shape: Option<Vec<usize>> = from.iter().zip(&times).map(|(dim, times)| dim.checked_mul(*times)).collect();
-        let shape = shape.ok_or("a tensor that is too large")?;
+        let shape = shape.ok_or_else(|| ImportError::too_large("a tensor that is too large"))?;
         within_limits(&shape)?;
         let strides = strides(&from);
         let found = places(&shape, |index| {
@@ -106,12 +113,13 @@ impl GraphReader {
 
     pub(super) fn concat(&mut self, node: &NodeProto) -> Made {
         let values = (0..node.input.len()).map(|place| self.input(node, place)).collect::<Result<Vec<_>, _>>()?;
-        let at = Attributes::of(node).integer("axis").ok_or("attribute `axis` is missing")?;
+        let at = Attributes::of(node).integer("axis").ok_or_else(|| missing_attribute("axis"))?;
         self.concatenated(&values, at)
     }
 
     pub(super) fn concatenated(&mut self, values: &[Value], at: i64) -> Made {
-        let first = values.first().ok_or("nothing to put together")?.shape().to_vec();
+        let first = values.first().ok_or_else(|| ImportError::malformed("nothing to put together"))?;
+        let first = first.shape().to_vec();
         let at = axis(at, first.len())?;
         let mut shape = first.clone();
         shape[at] = 0;
@@ -119,7 +127,10 @@ impl GraphReader {
             let fits = value.shape().len() == first.len()
                 && (0..first.len()).all(|place| place == at || value.shape()[place] == first[place]);
             if !fits {
-                return Err(format!("shapes {first:?} and {:?} put together along axis {at}", value.shape()));
+                return Err(ImportError::malformed(format!(
+                    "shapes {first:?} and {:?} put together along axis {at}",
+                    value.shape()
+                )));
             }
             shape[at] += value.shape()[at];
         }
@@ -159,12 +170,12 @@ impl GraphReader {
     pub(super) fn slice(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         let shape = value.shape().to_vec();
-        let given = |place: usize, attribute: &str| self.integers(node, place, attribute);
-        let (starts, ends) = (given(1, "starts")?.ok_or("no starts")?, given(2, "ends")?.ok_or("no ends")?);
-        let axes = given(3, "axes")?.unwrap_or_else(|| (0..starts.len() as i64).collect());
-        let steps = given(4, "steps")?.unwrap_or_else(|| vec![1; starts.len()]);
+        let starts = self.required_integers(node, 1, "starts")?;
+        let ends = self.required_integers(node, 2, "ends")?;
+        let axes = self.integers(node, 3, "axes")?.unwrap_or_else(|| (0..starts.len() as i64).collect());
+        let steps = self.integers(node, 4, "steps")?.unwrap_or_else(|| vec![1; starts.len()]);
         if [ends.len(), axes.len(), steps.len()] != [starts.len(); 3] {
-            return Err("starts, ends, axes and steps of different lengths".into());
+            return Err(ImportError::malformed("starts, ends, axes and steps of different lengths"));
         }
         let mut chosen: Vec<Vec<usize>> = shape.iter().map(|dim| (0..*dim).collect()).collect();
         for (((start, end), at), step) in starts.iter().zip(&ends).zip(&axes).zip(&steps) {
@@ -179,7 +190,7 @@ impl GraphReader {
         let strides = strides(value.shape());
         let shape: Vec<usize> = chosen.iter().map(Vec::len).collect();
         if shape.contains(&0) && matches!(value, Value::Row(_)) {
-            return Err("nothing is left".into());
+            return Err(ImportError::unsupported("nothing is left"));
         }
         let found = places(&shape, |index| {
             index.iter().zip(chosen).zip(&strides).map(|((index, chosen), stride)| chosen[*index] * stride).sum()
@@ -189,11 +200,10 @@ impl GraphReader {
 
     pub(super) fn gather(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let indices = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let indices = self.required_constant(node, 1)?;
         let at = axis(Attributes::of(node).integer("axis").unwrap_or(0), value.shape().len())?;
         let dim = value.shape()[at];
-        let index = |index: &i64| axis(*index, dim).map_err(|_| format!("index {index} of {dim}"));
-        let found = indices.integers()?.iter().map(index).collect::<Result<Vec<_>, _>>()?;
+        let found = indices.integers()?.iter().map(|index| element(*index, dim)).collect::<Result<Vec<_>, _>>()?;
         let mut chosen: Vec<Vec<usize>> = value.shape().iter().map(|dim| (0..*dim).collect()).collect();
         chosen[at] = found;
         let picked = self.chosen(&value, &chosen)?;
@@ -201,7 +211,7 @@ impl GraphReader {
         self.reshaped(&picked, shape)
     }
 
-    pub(super) fn split(&mut self, node: &NodeProto) -> Result<Vec<Value>, String> {
+    pub(super) fn split(&mut self, node: &NodeProto) -> Result<Vec<Value>, ImportError> {
         let value = self.input(node, 0)?;
         let attributes = Attributes::of(node);
         let at = axis(attributes.integer("axis").unwrap_or(0), value.shape().len())?;
@@ -215,7 +225,7 @@ impl GraphReader {
             }
         };
         if sizes.iter().try_fold(0usize, |sum, size| sum.checked_add(*size)) != Some(dim) {
-            return Err(format!("{dim} elements in parts of {sizes:?}"));
+            return Err(ImportError::malformed(format!("{dim} elements in parts of {sizes:?}")));
         }
         let mut first = 0;
         let mut parts = Vec::new();
@@ -230,22 +240,21 @@ impl GraphReader {
 
     pub(super) fn extract(&mut self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
-        let indices = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let indices = self.required_constant(node, 1)?;
         let (rank, dim) = (value.shape().len(), value.shape().last().copied().unwrap_or(1));
         if rank == 0 {
-            return Err("a tensor without dimensions".into());
+            return Err(ImportError::malformed("a tensor without dimensions"));
         }
-        let index = |index: &i64| axis(*index, dim).map_err(|_| format!("index {index} of {dim}"));
         let mut chosen: Vec<Vec<usize>> = value.shape().iter().map(|dim| (0..*dim).collect()).collect();
-        chosen[rank - 1] = indices.integers()?.iter().map(index).collect::<Result<_, _>>()?;
+        chosen[rank - 1] = indices.integers()?.iter().map(|index| element(*index, dim)).collect::<Result<_, _>>()?;
         self.chosen(&value, &chosen)
     }
 }
 
 /// The positions that a slice takes of `length`.
-fn sliced(length: i64, (start, end, step): (i64, i64, i64)) -> Result<Vec<usize>, String> {
+fn sliced(length: i64, (start, end, step): (i64, i64, i64)) -> Result<Vec<usize>, ImportError> {
     if step == 0 {
-        return Err("a step of 0".into());
+        return Err(ImportError::malformed("a step of 0"));
     }
     let within = |place: i64, lowest: i64, highest: i64| {
         (if place < 0 { place.saturating_add(length) } else { place }).clamp(lowest, highest)

@@ -14,19 +14,22 @@ struct Window {
 }
 
 impl Window {
-    fn new(node: &NodeProto, shape: &[usize], kernel: &[usize]) -> Result<Self, String> {
+    fn new(node: &NodeProto, shape: &[usize], kernel: &[usize]) -> Result<Self, ImportError> {
         let attributes = Attributes::of(node);
         let rank = shape.len();
         if kernel.len() != rank || rank == 0 || kernel.contains(&0) || shape.contains(&0) {
-            return Err(format!("a kernel of shape {kernel:?} for dimensions {shape:?}"));
+            return Err(ImportError::malformed(format!("a kernel of shape {kernel:?} for dimensions {shape:?}")));
         }
         if attributes.integer("ceil_mode").unwrap_or(0) != 0 {
-            return Err("attribute `ceil_mode` is not 0".into());
+            return Err(ImportError::unsupported("attribute `ceil_mode` is not 0"));
         }
-        let given = |name: &str, count: usize, default: usize| -> Result<Vec<usize>, String> {
+        let given = |name: &str, count: usize, default: usize| -> Result<Vec<usize>, ImportError> {
             let lengths = attributes.integers(name).map_or_else(|| Ok(vec![default; count]), lengths)?;
-            let fits = lengths.len() == count && lengths.iter().all(|length| (default..MAX_ELEMENTS).contains(length));
-            if fits { Ok(lengths) } else { Err(format!("attribute `{name}` is {lengths:?} for dimensions {shape:?}")) }
+            if lengths.len() == count && lengths.iter().all(|length| (default..MAX_ELEMENTS).contains(length)) {
+                return Ok(lengths);
+            }
+            let message = format!("attribute `{name}` is {lengths:?} for dimensions {shape:?}");
+            Err(ImportError::malformed(message))
         };
         let steps = strides(shape);
         let (strides, dilations) = (given("strides", rank, 1)?, given("dilations", rank, 1)?);
@@ -41,7 +44,7 @@ impl Window {
             }
             Some("SAME_UPPER") => Some(0),
             Some("SAME_LOWER") => Some(1),
-            Some(other) => return Err(format!("attribute `auto_pad` is {other:?}")),
+            Some(other) => return Err(ImportError::malformed(format!("attribute `auto_pad` is {other:?}"))),
         };
         if let Some(odd) = same {
             for at in 0..rank {
@@ -54,7 +57,10 @@ impl Window {
             Some((shape[at] + pads[at] + pads[rank + at]).checked_sub(reach[at])? / strides[at] + 1)
         };
         let positions: Option<Vec<usize>> = (0..rank).map(position).collect();
-        let positions = positions.ok_or_else(|| format!("a window of {reach:?} elements for dimensions {shape:?}"))?;
+        let positions = positions.ok_or_else(|| {
+            let message = format!("a window of {reach:?} elements for dimensions {shape:?}");
+            ImportError::malformed(message)
+        })?;
         within_limits(&[within_limits(&positions)?, within_limits(kernel)?])?;
         let element = |from: &[usize], within: &[usize]| -> Option<usize> {
             let of = |at: usize| {
@@ -65,7 +71,7 @@ impl Window {
         };
         let elements = places(&positions, |from| places(kernel, |within| element(from, within)));
         if elements.iter().any(|elements| elements.iter().all(Option::is_none)) {
-            return Err("a window that has nothing of the tensor".into());
+            return Err(ImportError::unsupported("a window that has nothing of the tensor"));
         }
         Ok(Self { positions, elements })
     }
@@ -74,25 +80,29 @@ impl Window {
 impl GraphReader {
     pub(super) fn convolution(&mut self, node: &NodeProto) -> Made {
         let value = self.maps(node)?;
-        let weight = self.constant(node, 1)?.ok_or("input 1 is missing")?;
+        let weight = self.required_constant(node, 1)?;
         let groups = Attributes::of(node).integer("group").unwrap_or(1);
         let ([_, channels, shape @ ..], [made, each, kernel @ ..]) = (value.shape(), weight.shape.as_slice()) else {
-            return Err(format!("shapes {:?} and {:?}", value.shape(), weight.shape));
+            return Err(ImportError::malformed(format!("shapes {:?} and {:?}", value.shape(), weight.shape)));
         };
         let groups = usize::try_from(groups).ok().filter(|groups| {
             *groups > 0 && each.checked_mul(*groups) == Some(*channels) && made.is_multiple_of(*groups) && *made > 0
         });
         let groups = groups.ok_or_else(|| {
-            format!("shapes {:?} and {:?} that do not fit each other in these groups", value.shape(), weight.shape)
+            let (of_value, of_weight) = (value.shape(), &weight.shape);
+            let message = format!("shapes {of_value:?} and {of_weight:?} that do not fit each other in these groups");
+            ImportError::malformed(message)
         })?;
         if let Some(given) =
             Attributes::of(node).integers("kernel_shape").filter(|given| lengths(given).as_deref() != Ok(kernel))
         {
-            return Err(format!("attribute `kernel_shape` is {given:?}, but the weight has {kernel:?}"));
+            return Err(ImportError::malformed(format!(
+                "attribute `kernel_shape` is {given:?}, but the weight has {kernel:?}"
+            )));
         }
         let bias = match self.constant(node, 2)? {
             Some(bias) if bias.data.len() != *made => {
-                return Err(format!("a bias of {} numbers, expected {made}", bias.data.len()));
+                return Err(ImportError::malformed(format!("a bias of {} numbers, expected {made}", bias.data.len())));
             }
             Some(bias) => of_data(bias.data),
             None => of_data(ConstantTensor::like(&weight.data, vec![*made], vec![0.0; *made]).data),
@@ -146,15 +156,18 @@ impl GraphReader {
     fn maps(&self, node: &NodeProto) -> Made {
         let value = self.input(node, 0)?;
         if value.shape().len() < 3 || value.shape().contains(&0) {
-            return Err(format!("a shape of {:?}, expected the batch, channels, and other dimensions", value.shape()));
+            return Err(ImportError::malformed(format!(
+                "a shape of {:?}, expected the batch, channels, and other dimensions",
+                value.shape()
+            )));
         }
         Ok(value)
     }
 
     /// Pooled value, and the window.
-    fn pooled(&self, node: &NodeProto) -> Result<(Value, Window), String> {
+    fn pooled(&self, node: &NodeProto) -> Result<(Value, Window), ImportError> {
         let value = self.maps(node)?;
-        let kernel = Attributes::of(node).integers("kernel_shape").ok_or("attribute `kernel_shape` is missing")?;
+        let kernel = Attributes::of(node).integers("kernel_shape").ok_or_else(|| missing_attribute("kernel_shape"))?;
         let window = Window::new(node, &value.shape()[2..], &lengths(kernel)?)?;
         Ok((value, window))
     }
@@ -189,7 +202,9 @@ impl GraphReader {
         weights_within_limits(within_limits(&shape)?, each * window.elements[0].len())?;
         let parts = within_limits(&[rows, groups, count])?;
         if parts > PARTS {
-            return Err(format!("a window of {parts} places, groups and rows in all, expected at most {PARTS}"));
+            return Err(ImportError::too_large(format!(
+                "a window of {parts} places, groups and rows in all, expected at most {PARTS}"
+            )));
         }
         let mut products = Vec::new();
         for part in 0..parts {
@@ -214,7 +229,9 @@ impl GraphReader {
             };
             products.push(match self.pick(value, &places, vec![places.len()])? {
                 Value::Row(taken) => self.affine(&taken, weights, bias, vec![outputs])?,
-                Value::Constant(_) => return Err("a constant, expected what follows from the inputs".into()),
+                Value::Constant(_) => {
+                    return Err(ImportError::unsupported("a constant, expected what follows from the inputs"));
+                }
             });
         }
         let products = self.concatenated(&products, 0)?;
@@ -228,10 +245,10 @@ impl GraphReader {
         let value = self.input(node, 0)?;
         let shape = value.shape().to_vec();
         let attributes = Attributes::of(node);
-        let pads = self.integers(node, 1, "pads")?.ok_or("no pads")?;
+        let pads = self.required_integers(node, 1, "pads")?;
         let axes = self.integers(node, 3, "axes")?.unwrap_or_else(|| (0..shape.len() as i64).collect());
         if pads.len() != 2 * axes.len() {
-            return Err(format!("{} pads for {} axes", pads.len(), axes.len()));
+            return Err(ImportError::malformed(format!("{} pads for {} axes", pads.len(), axes.len())));
         }
         let mut around = vec![(0i64, 0i64); shape.len()];
         for (number, at) in axes.iter().enumerate() {
@@ -242,7 +259,8 @@ impl GraphReader {
             usize::try_from(length).ok()
         };
         let padded: Option<Vec<usize>> = shape.iter().zip(&around).map(grown).collect();
-        let padded = padded.ok_or_else(|| format!("pads of {around:?} for a shape of {shape:?}"))?;
+        let misfit = || ImportError::malformed(format!("pads of {around:?} for a shape of {shape:?}"));
+        let padded = padded.ok_or_else(misfit)?;
         within_limits(&padded)?;
         let mode = attributes.text("mode").unwrap_or_else(|| "constant".into());
         let inside = |index: usize, at: usize| -> Option<usize> {
@@ -277,8 +295,11 @@ impl GraphReader {
                 self.pick(&all, &found, padded)
             }
             "edge" | "reflect" if !found.contains(&count) => self.pick(&value, &found, padded),
-            "edge" | "reflect" => Err(format!("pads of {around:?} for a shape of {shape:?}")),
-            other => Err(format!("attribute `mode` is {other:?}, expected \"constant\", \"edge\" or \"reflect\"")),
+            "edge" | "reflect" => Err(misfit()),
+            other => {
+                let message = format!("attribute `mode` is {other:?}, expected \"constant\", \"edge\" or \"reflect\"");
+                Err(ImportError::unsupported(message))
+            }
         }
     }
 }
