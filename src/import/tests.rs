@@ -1,9 +1,14 @@
 use super::{builder::Builder, *};
+use crate::import::onnx::proto::{
+    DimensionProto, FLOAT, GraphProto, ModelProto, NodeProto, ShapeProto, TensorProto, TensorTypeProto, TypeProto,
+    ValueInfoProto,
+};
 use metafmu_example as example;
 use metafmu_runtime::{
     Activation,
     graph::{Elementwise, Operation},
 };
+use prost::Message;
 
 const LINEAR: Elementwise = Elementwise::Linear;
 const TANH: Elementwise = Elementwise::Activation(Activation::Tanh);
@@ -233,4 +238,56 @@ fn more_inputs_than_an_fmu_may_have_are_refused_before_anything_is_made_of_them(
     assert!(interface(300).is_ok());
     let message = interface(200_001).unwrap_err().to_string();
     assert!(message.ends_with("inputs: 200001 inputs, expected at most 200000"), "{message}");
+}
+
+/// A node with an input and an output.
+fn node(operator: &str, input: &str, output: &str) -> NodeProto {
+    NodeProto {
+        op_type: operator.into(),
+        input: vec![input.into()],
+        output: vec![output.into()],
+        ..NodeProto::default()
+    }
+}
+
+/// An ONNX file from the input `x`, a row of three columns, to the output `y`.
+fn onnx_file(node: &[NodeProto], initializer: &[TensorProto]) -> Vec<u8> {
+    let dim = [1, 3].map(|dim| DimensionProto { dim_value: Some(dim), dim_param: None }).to_vec();
+    let tensor = TensorTypeProto { elem_type: FLOAT, shape: Some(ShapeProto { dim }) };
+    let column =
+        |name: &str, tensor_type| ValueInfoProto { name: name.into(), r#type: Some(TypeProto { tensor_type }) };
+    let graph = GraphProto {
+        node: node.to_vec(),
+        initializer: initializer.to_vec(),
+        input: vec![column("x", Some(tensor))],
+        output: vec![column("y", None)],
+        ..GraphProto::default()
+    };
+    ModelProto { graph: Some(graph), ..ModelProto::default() }.encode_to_vec()
+}
+
+fn problems(file: &[u8]) -> Vec<(ImportCause, Option<ImportPlace>)> {
+    let errors = onnx::read(file, None).unwrap_err();
+    errors.into_iter().map(|error| (error.cause, error.place)).collect()
+}
+
+#[test]
+fn problems_of_models_have_a_cause_and_a_place() {
+    let place = |number: usize, operator: &str| NodePlace { number, name: String::new(), operator: operator.into() };
+    let steps = [node("Tanhh", "x", "a"), node("Loop", "a", "b"), node("Tanhh", "b", "y")];
+    let unknown = [vec![place(0, "Tanhh"), place(2, "Tanhh")], vec![place(1, "Loop")]];
+    let unknown = unknown.map(|nodes| (ImportCause::Unsupported, Some(ImportPlace::Nodes(nodes))));
+    assert_eq!(problems(&onnx_file(&steps, &[])), unknown);
+
+    let steps = [node("Identity", "x", "a"), node("Tanh", "b", "y")];
+    let misplaced = ImportPlace::Nodes(vec![place(1, "Tanh")]);
+    assert_eq!(problems(&onnx_file(&steps, &[])), [(ImportCause::Malformed, Some(misplaced))]);
+
+    let large = TensorProto { name: "c".into(), dims: vec![1 << 40], data_type: FLOAT, ..TensorProto::default() };
+    let initializer = ImportPlace::Initializer("c".into());
+    assert_eq!(problems(&onnx_file(&[node("Tanh", "x", "y")], &[large])), [(ImportCause::TooLarge, Some(initializer))]);
+
+    let output = ImportPlace::Output("y".into());
+    assert_eq!(problems(&onnx_file(&[node("Tanh", "x", "z")], &[])), [(ImportCause::Malformed, Some(output))]);
+    assert_eq!(problems(b"no model"), [(ImportCause::Malformed, None)]);
 }
