@@ -54,7 +54,7 @@ fn machine(
 ) -> Result<KernelMachine, BaselineError> {
     let parameters =
         parameters(model, rows, output).ok_or_else(|| unsuitable_rows("the covariance of the rows is singular"))?;
-    let all = Rows::of(rows, output, rows.len());
+    let all = OutputRows::of(rows, output, rows.len());
     let process = Process::new(&all, &parameters).ok_or_else(|| unsuitable_rows(SINGULAR))?;
     let (noise, lengths) = parameters.split_last().ok_or_else(|| unsuitable_rows("no input"))?;
     Ok(KernelMachine {
@@ -78,12 +78,12 @@ fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -
     let inputs = rows.inputs as f64;
     let mut bounds = vec![LENGTHS; rows.inputs];
     bounds.push([LEAST_NOISE.ln(), 0.0]);
-    let search = |rows: &Rows, start: Vec<f64>| {
+    let search = |rows: &OutputRows, start: Vec<f64>| {
         bfgs::least(start, &bounds, model.steps, |parameters| {
             Process::new(rows, parameters).map(|process| process.unlikelihood(rows, parameters))
         })
     };
-    let few = Rows::of(rows, output, model.kernel_rows.min(FIRST_ROWS));
+    let few = OutputRows::of(rows, output, model.kernel_rows.min(FIRST_ROWS));
     let usual = |length: f64| (length * inputs.powf(0.25)).ln();
     let start = |length: f64, noise: f64| [vec![usual(length); rows.inputs], vec![2.0 * noise.ln()]].concat();
     let starts = FIRST_LENGTHS.map(|length| start(length, model.noise));
@@ -94,12 +94,12 @@ fn parameters(model: &GaussianProcess, rows: &StandardizedRows, output: usize) -
     if model.kernel_rows.min(rows.len()) <= FIRST_ROWS {
         return Some(best.point);
     }
-    let more = Rows::of(rows, output, model.kernel_rows);
+    let more = OutputRows::of(rows, output, model.kernel_rows);
     search(&more, best.point).map(|best| best.point)
 }
 
 /// The likeliest start with short lengths: functions that change many times within the range of an input are noise to long ones.
-fn short_start(model: &GaussianProcess, rows: &Rows) -> Option<Vec<f64>> {
+fn short_start(model: &GaussianProcess, rows: &OutputRows) -> Option<Vec<f64>> {
     let usual = FIRST_LENGTHS[0] * (rows.inputs as f64).powf(0.25);
     let of_column = |column: usize, length: f64| {
         let mut lengths = vec![usual.ln(); rows.inputs];
@@ -117,13 +117,13 @@ fn short_start(model: &GaussianProcess, rows: &Rows) -> Option<Vec<f64>> {
 }
 
 /// Inputs and one output of the first rows.
-struct Rows<'a> {
+struct OutputRows<'a> {
     x: &'a [f64],
     inputs: usize,
     y: DVector<f64>,
 }
 
-impl<'a> Rows<'a> {
+impl<'a> OutputRows<'a> {
     fn of(rows: &'a StandardizedRows, output: usize, count: usize) -> Self {
         let count = count.min(rows.len());
         let mut y = rows.output(output);
@@ -153,7 +153,7 @@ struct Process {
 
 impl Process {
     /// None if the covariance is singular.
-    fn new(rows: &Rows, parameters: &[f64]) -> Option<Self> {
+    fn new(rows: &OutputRows, parameters: &[f64]) -> Option<Self> {
         let (noise, lengths) = parameters.split_last()?;
         let inverse: Vec<f64> = lengths.iter().map(|length| (-length).exp()).collect();
         let scaled: Vec<f64> = rows.x.iter().zip(inverse.iter().cycle()).map(|(x, inverse)| x * inverse).collect();
@@ -187,7 +187,7 @@ impl Process {
     }
 
     /// [`Self::likelihood_cost`] and its derivatives with respect to the parameters.
-    fn unlikelihood(&self, rows: &Rows, parameters: &[f64]) -> (f64, Vec<f64>) {
+    fn unlikelihood(&self, rows: &OutputRows, parameters: &[f64]) -> (f64, Vec<f64>) {
         let Self { kernel, covariance, weights, variance, .. } = self;
         let (count, inputs) = (rows.len(), rows.inputs);
         let value = self.likelihood_cost();
@@ -251,7 +251,7 @@ mod tests {
             *value += 0.1 * sum;
         }
         let parameters = parameters(&model(), &rows, 0).unwrap();
-        let process = Process::new(&Rows::of(&rows, 0, rows.len()), &parameters).unwrap();
+        let process = Process::new(&OutputRows::of(&rows, 0, rows.len()), &parameters).unwrap();
         let noise = (parameters[rows.inputs].exp() * process.variance).sqrt();
         assert!((0.08..0.12).contains(&noise), "{noise}");
         // an error well below the noise, of what is behind it
@@ -284,7 +284,7 @@ mod tests {
             };
             let rows = StandardizedRows::new(x, y, scaling);
             let parameters = parameters(&model(), &rows, 0).unwrap();
-            let process = Process::new(&Rows::of(&rows, 0, count), &parameters).unwrap();
+            let process = Process::new(&OutputRows::of(&rows, 0, count), &parameters).unwrap();
             let found = (parameters[inputs].exp() * process.variance).sqrt();
             assert!((0.5..1.5).contains(&(found / noise)), "{seed}: {found}");
         }
@@ -293,7 +293,7 @@ mod tests {
     #[test]
     fn slopes_of_the_likelihood_are_those_of_differences() {
         let rows = wavy_rows(30);
-        let rows = Rows::of(&rows, 1, 30);
+        let rows = OutputRows::of(&rows, 1, 30);
         let at = |parameters: &[f64]| Process::new(&rows, parameters).unwrap().unlikelihood(&rows, parameters);
         let parameters = [0.3, -0.1, 0.6, -7.0];
         let (_, gradient) = at(&parameters);

@@ -56,7 +56,7 @@ pub fn formula_at(fitted: &Fitted, rows: &StandardizedRows, row: usize) -> Vec<f
     let x: Vec<f64> = (0..rows.inputs)
         .map(|i| scaling.input_mean[i] + scaling.input_scale[i] * rows.x[row * rows.inputs + i])
         .collect();
-    let y = graph.evaluate(&[x]).remove(0);
+    let y = graph.evaluate([x])[0].to_vec();
     y.iter().enumerate().map(|(o, y)| (y - scaling.output_mean[o]) / scaling.output_scale[o]).collect()
 }
 

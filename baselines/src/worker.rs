@@ -141,7 +141,7 @@ impl FitTask {
         match fitted {
             Fitted::Formula(graph) => {
                 graph.check(*inputs, *outputs).map_err(BaselineError::library)?;
-                Ok(graph.evaluate(&self.test.chunks(*inputs).collect::<Vec<_>>()).concat())
+                Ok(graph.evaluate(self.test.chunks(*inputs)).into_values())
             }
             Fitted::Library(model) => {
                 let columns = scaling.input_mean.iter().zip(&scaling.input_scale).cycle();

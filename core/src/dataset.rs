@@ -83,21 +83,20 @@ impl Run {
 
 impl Dataset {
     /// Rows of a static map: a run of a single row for each, whose parameters are the inputs.
-    pub fn of_rows(
+    pub fn of_rows<P: AsRef<[f64]>, L: AsRef<[f64]>>(
         inputs: &[SourceVariable],
         outputs: &[SourceVariable],
-        points: &[Vec<f64>],
-        labels: &[Vec<f64>],
+        points: impl IntoIterator<Item = P>,
+        labels: impl IntoIterator<Item = L>,
     ) -> Self {
         let times: Arc<[f64]> = [0.0].into();
-        let run = |(point, labels): (&Vec<f64>, &Vec<f64>)| Run {
-            parameters: point.clone(),
+        let runs = points.into_iter().zip(labels).map(|(point, labels)| Run {
+            parameters: point.as_ref().to_vec(),
             times: times.clone(),
             inputs: Vec::new(),
-            outputs: labels.clone(),
-        };
-        let runs = points.iter().zip(labels).map(run).collect();
-        Self { parameters: inputs.to_vec(), inputs: Vec::new(), outputs: outputs.to_vec(), runs }
+            outputs: labels.as_ref().to_vec(),
+        });
+        Self { parameters: inputs.to_vec(), inputs: Vec::new(), outputs: outputs.to_vec(), runs: runs.collect() }
     }
 
     /// Number of rows of all runs.

@@ -16,7 +16,7 @@ use crate::{
 };
 pub use coverage::{KindCoverage, SignalKind};
 use indexmap::IndexMap;
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{Evaluator, Rows, Surrogate};
 pub use noise::NoiseEstimate;
 pub use outside::{DomainExit, OutsideRows};
 use rayon::prelude::*;
@@ -175,24 +175,20 @@ impl Accuracy {
 
     /// Measures a surrogate without states on rows of its inputs, `points`, and what its outputs should be, `labels`. The run of an
     /// error is its row, counted from 0, and its share is of the labels' range.
-    pub fn of_rows(surrogate: &Surrogate, rows: TestRows, points: &[Vec<f64>], labels: &[Vec<f64>]) -> Self {
+    pub fn of_rows(surrogate: &Surrogate, rows: TestRows, points: &Rows, labels: &Rows) -> Self {
         Self::of_row_predictions(surrogate, rows, &predict_rows(surrogate, points), labels)
     }
 
     /// Measures a surrogate by its predictions of the rows, each with a number for each output.
-    pub fn of_row_predictions(
-        surrogate: &Surrogate,
-        rows: TestRows,
-        predictions: &[Vec<f64>],
-        labels: &[Vec<f64>],
-    ) -> Self {
+    pub fn of_row_predictions(surrogate: &Surrogate, rows: TestRows, predictions: &Rows, labels: &Rows) -> Self {
         let outputs: Vec<SourceVariable> =
             surrogate.predictions().iter().map(|output| SourceVariable::new(&output.name, &output.unit, "")).collect();
-        let test = Dataset::of_rows(&[], &outputs, &vec![Vec::new(); labels.len()], labels);
-        let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, predictions) };
+        let test = Dataset::of_rows(&[], &outputs, &Rows::zeros(0, labels.len()), labels);
+        let of_runs: Vec<Vec<f64>> = predictions.iter().map(<[f64]>::to_vec).collect();
+        let mut found = Self { rows: Some(rows), ..Self::from_predictions(surrogate, &test, &of_runs) };
         // the surrogate's ranges are those of its own predictions
         for (column, metrics) in found.outputs.values_mut().enumerate() {
-            let ends = labels.iter().map(|row| row[column]);
+            let ends = labels.column(column);
             let range = ends.clone().fold(f64::NEG_INFINITY, f64::max) - ends.fold(f64::INFINITY, f64::min);
             metrics.relative_max_error = (range > 0.0).then(|| share_of(metrics.max_abs_error, range));
         }
@@ -237,14 +233,15 @@ pub fn predict(surrogate: &Surrogate, evaluator: &Evaluator, run: &Run) -> Vec<f
 }
 
 /// Predictions of a surrogate without states for rows of its inputs.
-pub fn predict_rows(surrogate: &Surrogate, points: &[Vec<f64>]) -> Vec<Vec<f64>> {
+pub fn predict_rows(surrogate: &Surrogate, points: &Rows) -> Rows {
     let evaluator = Evaluator::new(surrogate);
-    let predict = |evaluator: &mut Evaluator, point: &Vec<f64>| {
+    let predict = |evaluator: &mut Evaluator, row: usize| {
         let mut outputs = vec![0.0; surrogate.outputs().len()];
-        evaluator.evaluate(point, &mut outputs);
+        evaluator.evaluate(&points[row], &mut outputs);
         outputs
     };
-    points.par_iter().map_init(|| evaluator.clone(), predict).collect()
+    let rows: Vec<Vec<f64>> = (0..points.len()).into_par_iter().map_init(|| evaluator.clone(), predict).collect();
+    rows.into_iter().collect()
 }
 
 /// Predictions of the surrogate for each run, see [`predict`].
@@ -415,8 +412,8 @@ mod tests {
     fn rows_are_measured_as_runs_of_one_row_are() {
         let surrogate = example::surrogate();
         let mut evaluator = Evaluator::new(&surrogate);
-        let points: Vec<Vec<f64>> = (0..9).map(|i| vec![0.1 + 0.01 * f64::from(i), 3.0, 0.2 * f64::from(i)]).collect();
-        let mut labels: Vec<Vec<f64>> = (points.iter())
+        let points: Rows = (0..9).map(|i| [0.1 + 0.01 * f64::from(i), 3.0, 0.2 * f64::from(i)]).collect();
+        let mut labels: Rows = (points.iter())
             .map(|point| {
                 let mut outputs = vec![0.0; 2];
                 evaluator.evaluate(point, &mut outputs);
@@ -430,8 +427,8 @@ mod tests {
         let off = &accuracy.outputs[1];
         assert!((off.mse - 0.25 / 9.0).abs() < 1e-15 && (off.max_abs_error - 0.5).abs() < 1e-15, "{off:?}");
         assert_eq!(off.worst_run, 4);
-        let mean = labels.iter().map(|row| row[1]).sum::<f64>() / 9.0;
-        let total: f64 = labels.iter().map(|row| (row[1] - mean).powi(2)).sum();
+        let mean = labels.column(1).sum::<f64>() / 9.0;
+        let total: f64 = labels.column(1).map(|label| (label - mean).powi(2)).sum();
         assert!((off.r2.unwrap() - (1.0 - 0.25 / total)).abs() < 1e-14, "{off:?}");
     }
 

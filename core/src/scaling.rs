@@ -65,18 +65,20 @@ pub fn fit<'a>(dataset: &Dataset, layout: &RowLayout, runs: impl Iterator<Item =
 }
 
 /// Mean and standard deviation of each column of rows, at least one; a constant column gets scale 1.
-pub fn of_columns(rows: &[Vec<f64>]) -> (Vec<f64>, Vec<f64>) {
-    let mut moments = Moments::new(rows.first().map_or(0, Vec::len));
-    rows.iter().for_each(|row| moments.count(row));
+pub fn of_columns(rows: impl IntoIterator<Item: AsRef<[f64]>, IntoIter: Clone>) -> (Vec<f64>, Vec<f64>) {
+    let rows = rows.into_iter();
+    let mut moments = Moments::new(rows.clone().next().map_or(0, |row| row.as_ref().len()));
+    rows.clone().for_each(|row| moments.count(row.as_ref()));
     moments.center();
-    rows.iter().for_each(|row| moments.spread(row));
+    rows.for_each(|row| moments.spread(row.as_ref()));
     moments.finish()
 }
 
 /// Standardized rows, in single precision, one after the other.
-pub fn standardize_rows(rows: &[Vec<f64>], means: &[f64], scales: &[f64]) -> Vec<f32> {
-    let standardized = |row: &Vec<f64>| standardize_row(row, means, scales).collect::<Vec<_>>();
-    rows.iter().flat_map(standardized).collect()
+pub fn standardize_rows(rows: impl IntoIterator<Item: AsRef<[f64]>>, means: &[f64], scales: &[f64]) -> Vec<f32> {
+    let mut standardized = Vec::new();
+    rows.into_iter().for_each(|row| standardized.extend(standardize_row(row.as_ref(), means, scales)));
+    standardized
 }
 
 fn standardize_row(row: &[f64], means: &[f64], scales: &[f64]) -> impl Iterator<Item = f32> {

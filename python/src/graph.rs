@@ -268,7 +268,7 @@ impl PyGraph {
         let builder = self.of(&[])?.clone();
         let points = rows(Some(x), builder.width(0)).unwrap_or_default();
         let graph = builder.finish(columns).map_err(refused)?;
-        Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).concat())))
+        Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).into_values())))
     }
 
     /// Values of these columns at rows of the inputs, with all values rounded at random: relative and absolute size, and a seed. The graph
@@ -291,7 +291,7 @@ impl PyGraph {
         }
         let (relative, absolute) = sizes;
         let graph = RandomRounding { relative, absolute, seed }.of(&self.builder, columns).map_err(refused)?;
-        Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).concat())))
+        Ok(PyByteArray::new(py, &bytes(&graph.evaluate(&points).into_values())))
     }
 
     /// Finishes the graph with these columns as the outputs of a model, whose columns have names: `named` has those of

@@ -26,7 +26,7 @@ use metafmu::{
     study::FmiChoice,
     surrogate,
 };
-use metafmu_runtime::{Domain, Evaluator};
+use metafmu_runtime::{Domain, Evaluator, Rows};
 use pyo3::{
     create_exception,
     exceptions::PyValueError,
@@ -256,8 +256,8 @@ fn bytes(numbers: &[f64]) -> Vec<u8> {
 }
 
 /// Rows of doubles; none of no bytes.
-fn rows(bytes: Option<&[u8]>, columns: usize) -> Option<Vec<Vec<f64>>> {
-    bytes.map(|bytes| doubles(bytes).chunks_exact(columns.max(1)).map(<[f64]>::to_vec).collect())
+fn rows(bytes: Option<&[u8]>, columns: usize) -> Option<Rows> {
+    bytes.map(|bytes| doubles(bytes).chunks_exact(columns.max(1)).collect())
 }
 
 /// Problems of a model as an error of Python, one per line.
@@ -305,14 +305,14 @@ fn onnx_evaluate<'py>(
     let evaluated = detached(py, || {
         let Imported { inputs, builder, columns, recurrences, .. } =
             onnx::read(model, folder.as_deref()).map_err(unreadable)?;
-        let mut points = rows(Some(x), inputs.len()).unwrap_or_default();
         let starts: Vec<f64> = recurrences.into_iter().flat_map(|state| state.start).collect();
-        points.iter_mut().for_each(|point| point.extend(&starts));
+        let rows = rows(Some(x), inputs.len()).unwrap_or_default();
+        let points: Rows = rows.iter().map(|row| [row, &starts].concat()).collect();
         let graph = match rounding {
             Some((relative, absolute, seed)) => RandomRounding { relative, absolute, seed }.of(&builder, columns),
             None => builder.finish(columns),
         };
-        Ok(graph.map_err(refused)?.evaluate(&points).concat())
+        Ok(graph.map_err(refused)?.evaluate(&points).into_values())
     });
     evaluated.map(|values| PyByteArray::new(py, &bytes(&values)))
 }

@@ -1,6 +1,6 @@
 //! Region of a table's rows within the ranges of its columns.
 
-use metafmu_runtime::{Cover, Domain, Input};
+use metafmu_runtime::{Cover, Domain, Input, Rows};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng, seq::SliceRandom};
 use rayon::prelude::*;
 use std::collections::HashSet;
@@ -23,9 +23,9 @@ const POINTS: usize = 4096;
 /// quantile of the distances of one half of the rows from the nearest row of the other half. Every row is at most a
 /// covering radius from a center; each center is chosen as far as possible from those before (Gonzalez 1985). The half
 /// width of the cubes is the sum of `gap` and the covering radius.
-pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
+pub fn of_rows(rows: &Rows, inputs: &[Input]) -> Option<Cover> {
     let columns: Vec<usize> = (0..inputs.len()).filter(|&column| Cover::counts(&inputs[column])).collect();
-    let relative = |row: &Vec<f64>| -> Vec<f32> {
+    let relative = |row: &[f64]| -> Vec<f32> {
         let of_column = |&column: &usize| {
             let Input { min, max, .. } = inputs[column];
             ((row[column] - min) / (max - min)) as f32
@@ -62,14 +62,14 @@ pub fn of_rows(rows: &[Vec<f64>], inputs: &[Input]) -> Option<Cover> {
 }
 
 /// Puts the start values that may be chosen into the domain: those of the row that is nearest.
-pub fn start_among(rows: &[Vec<f64>], cover: &Cover, inputs: &mut [Input], is_free: impl Fn(&Input) -> bool) {
+pub fn start_among(rows: &Rows, cover: &Cover, inputs: &mut [Input], is_free: impl Fn(&Input) -> bool) {
     let start: Vec<f64> = inputs.iter().map(|input| input.start).collect();
     let domain = Domain::new(inputs, &[]).near(cover, inputs);
     let is_inside = |row: &[f64]| domain.contains_point(row, 0);
     if is_inside(&start) {
         return;
     }
-    let off = |row: &Vec<f64>| {
+    let off = |row: &[f64]| {
         let of_column = |&column: &u32| {
             let Input { min, max, .. } = inputs[column as usize];
             (row[column as usize] - start[column as usize]).abs() / (max - min)
@@ -178,7 +178,7 @@ mod tests {
     }
 
     /// Points on a circle, within so much of it.
-    fn ring(count: usize, width: f64, seed: u64) -> Vec<Vec<f64>> {
+    fn ring(count: usize, width: f64, seed: u64) -> Rows {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut point = || {
             let (angle, radius) =
@@ -213,20 +213,19 @@ mod tests {
     fn rows_that_fill_the_ranges_need_no_cover() {
         let mut random = ChaCha8Rng::seed_from_u64(4);
         for columns in [1, 2, 5] {
-            let mut row = || (0..columns).map(|_| 2.0 * random.random::<f64>() - 1.0).collect();
-            let rows: Vec<Vec<f64>> = (0..2000).map(|_| row()).collect();
+            let mut row = || (0..columns).map(|_| 2.0 * random.random::<f64>() - 1.0).collect::<Vec<_>>();
+            let rows: Rows = (0..2000).map(|_| row()).collect();
             assert_eq!(of_rows(&rows, &inputs(columns)), None, "{columns}");
         }
-        let grid: Vec<Vec<f64>> =
-            (0..25).map(|k| vec![0.5 * f64::from(k / 5) - 1.0, 0.5 * f64::from(k % 5) - 1.0]).collect();
+        let grid: Rows = (0..25).map(|k| vec![0.5 * f64::from(k / 5) - 1.0, 0.5 * f64::from(k % 5) - 1.0]).collect();
         assert_eq!(of_rows(&grid, &inputs(2)), None);
     }
 
     #[test]
     fn few_rows_equal_rows_and_constants_make_none() {
         let mut inputs = inputs(2);
-        assert_eq!(of_rows(&[vec![0.5, 0.5]], &inputs), None);
-        assert_eq!(of_rows(&vec![vec![0.5, 0.5]; 9], &inputs), None);
+        assert_eq!(of_rows(&Rows::from_iter([[0.5, 0.5]]), &inputs), None);
+        assert_eq!(of_rows(&Rows::from_iter([[0.5, 0.5]; 9]), &inputs), None);
         for input in &mut inputs {
             (input.min, input.max) = (0.5, 0.5);
         }
@@ -235,7 +234,7 @@ mod tests {
 
     #[test]
     fn a_gap_between_rows_of_one_column_is_outside() {
-        let rows: Vec<Vec<f64>> =
+        let rows: Rows =
             (0..200).map(|k| vec![if k < 100 { -1.0 } else { 0.8 } + 0.002 * f64::from(k % 100)]).collect();
         let mut inputs = inputs(1);
         let cover = of_rows(&rows, &inputs).unwrap();

@@ -17,7 +17,7 @@ use interface::{
     OutputSource,
 };
 use metafmu_runtime::{
-    Encoding, Evaluator, Graph, Input, Metadata, Output, Precision, Provenance, Role, Surrogate, Tunability,
+    Encoding, Evaluator, Graph, Input, Metadata, Output, Precision, Provenance, Role, Rows, Surrogate, Tunability,
     graph::{Elementwise, Step},
 };
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
@@ -143,7 +143,7 @@ pub fn surrogate(
     (path, bytes): (&Path, &[u8]),
     imported: Imported,
     interface: &ModelInterface,
-    rows: Option<Vec<Vec<f64>>>,
+    rows: Option<Rows>,
 ) -> Result<Surrogate> {
     let mapping = interface.mapping(&imported.inputs, &imported.outputs)?;
     if !(interface.states.is_empty() && imported.recurrences.is_empty()) {
@@ -152,7 +152,7 @@ pub fn surrogate(
     let message = "belongs to states that have a `next` value";
     interface
         .refuse(interface.time.sample.map_or_else(Problems::default, |_| Problems::one("time.sample", message)))?;
-    let inputs = inputs(interface, rows.as_deref())?;
+    let inputs = inputs(interface, rows.as_ref())?;
     let (is_single, producer) = (imported.is_single, imported.producer.clone());
     let graph = imported.into_graph(&mapping, inputs.len()).map_err(ImportError::from);
     let graph = graph.map_err(ImportError::of_file(path))?;
@@ -164,16 +164,11 @@ pub fn surrogate(
 ///
 /// # Errors
 /// As [`surrogate()`].
-pub fn of_graph(
-    graph: Graph,
-    about: About,
-    interface: &ModelInterface,
-    rows: Option<Vec<Vec<f64>>>,
-) -> Result<Surrogate> {
+pub fn of_graph(graph: Graph, about: About, interface: &ModelInterface, rows: Option<Rows>) -> Result<Surrogate> {
     let message = "belongs to models in files: ONNX, .npz, .safetensors";
     let has_states = !interface.states.is_empty();
     interface.refuse(if has_states { Problems::one("states", message) } else { Problems::default() })?;
-    let mut inputs = inputs(interface, rows.as_deref())?;
+    let mut inputs = inputs(interface, rows.as_ref())?;
     let has_time = inputs.iter().any(|input| input.role == Role::Time);
     let known = rows.as_ref().filter(|_| interface.domain == InterfaceDomain::Data);
     let cover = known.and_then(|rows| cover::of_rows(rows, &inputs));
@@ -187,12 +182,12 @@ pub fn of_graph(
         precision: if is_single { Precision::Single } else { Precision::Double },
         stop_time: (!has_time).then_some(interface.time.stop),
         cover,
-        ..metadata(about, interface, inputs, rows.as_ref().map_or(0, Vec::len))
+        ..metadata(about, interface, inputs, rows.as_ref().map_or(0, Rows::len))
     };
     let made = |metadata| Surrogate::new(metadata, graph.clone()).map_err(|source| Error::Surrogate { source });
     let surrogate = made(metadata)?;
-    let ranges = match rows {
-        Some(rows) => output_ranges(&surrogate, rows.into_iter()),
+    let ranges = match &rows {
+        Some(rows) => output_ranges(&surrogate, rows),
         None => output_ranges(&surrogate, points(surrogate.inputs())),
     };
     let ranges = ranges.map_err(ImportError::of_file(about.path))?;
@@ -246,7 +241,7 @@ fn metadata(about: About, interface: &ModelInterface, inputs: Vec<Input>, rows: 
 }
 
 /// The inputs of the FMU; every range that is missing is a problem, and one that most of the rows are outside of.
-pub(crate) fn inputs(interface: &ModelInterface, rows: Option<&[Vec<f64>]>) -> Result<Vec<Input>> {
+pub(crate) fn inputs(interface: &ModelInterface, rows: Option<&Rows>) -> Result<Vec<Input>> {
     let mut problems = Problems::default();
     let mut inputs = Vec::new();
     for (position, (name, options)) in interface.variables().enumerate() {
@@ -356,12 +351,12 @@ pub fn columns<'a>(table: &Table, interface: &'a ModelInterface, outputs: &[(&'a
 ///
 /// # Errors
 /// [`Error::Table`], [`Error::Io`], [`Error::Import`] if there are no rows.
-pub fn rows(path: &Path, interface: &ModelInterface) -> Result<Vec<Vec<f64>>> {
+pub fn rows(path: &Path, interface: &ModelInterface) -> Result<Rows> {
     let mut table = Table::open(path)?;
     let columns = columns(&table, interface, &[])?;
-    let mut rows = Vec::new();
+    let mut rows = Rows::default();
     while table.next_row()? {
-        rows.push(columns.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?);
+        rows.push(&columns.iter().map(|column| table.number(*column)).collect::<Result<Vec<f64>>>()?);
     }
     if rows.is_empty() {
         return Err(Error::Import { path: path.to_owned(), problems: vec!["no rows, expected at least one".into()] });
@@ -380,16 +375,17 @@ fn points(inputs: &[Input]) -> impl Iterator<Item = Vec<f64>> {
 
 fn output_ranges(
     surrogate: &Surrogate,
-    points: impl Iterator<Item = Vec<f64>>,
+    points: impl IntoIterator<Item: AsRef<[f64]>>,
 ) -> std::result::Result<Vec<[f64; 2]>, ImportError> {
     let mut evaluator = Evaluator::new(surrogate);
     let mut values = vec![0.0; evaluator.results()];
     let mut ranges = vec![[f64::INFINITY, f64::NEG_INFINITY]; values.len()];
     for point in points {
-        evaluator.evaluate(&point, &mut values);
+        let point = point.as_ref();
+        evaluator.evaluate(point, &mut values);
         for ((range, value), output) in ranges.iter_mut().zip(&values).zip(surrogate.outputs()) {
             if !value.is_finite() {
-                let inputs = surrogate.inputs().iter().zip(&point).take(8);
+                let inputs = surrogate.inputs().iter().zip(point).take(8);
                 let at: Vec<String> = inputs.map(|(input, value)| format!("{} = {value}", input.name)).collect();
                 let place = ImportPlace::Output(output.name.clone());
                 let at = at.join(", ");

@@ -75,10 +75,10 @@ mod tests {
         let value = builder.elementwise(squashed, Elementwise::Logarithm, Vec::new()).unwrap();
         let columns = vec![[value as u32, 0]];
         let points = [[-0.5], [0.02], [0.1]];
-        let exact = builder.clone().finish(columns.clone()).unwrap().evaluate(&points);
+        let exact = builder.clone().finish(columns.clone()).unwrap().evaluate(points);
         for seed in 0..4 {
             let single = RandomRounding { relative: 1.2e-7, absolute: 1.2e-38, seed };
-            let found = single.of(&builder, columns.clone()).unwrap().evaluate(&points);
+            let found = single.of(&builder, columns.clone()).unwrap().evaluate(points);
             let effects: Vec<f64> =
                 exact.iter().zip(&found).map(|(exact, found)| (exact[0] - found[0]).abs()).collect();
             // NaN of a negative number has no bound

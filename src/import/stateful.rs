@@ -3,7 +3,7 @@
 use super::interface::{Evolution, Followed, NO_SAMPLE_TIME};
 use super::*;
 use metafmu_runtime::{
-    Clock, CommunicationStep, Domain, Drive, Integration, Program, Sampling, State,
+    Clock, CommunicationStep, Domain, Drive, Integration, Program, Rows, Sampling, State,
     dictionary::{Dictionary, Factor},
     graph::Given,
 };
@@ -32,18 +32,18 @@ pub(super) fn surrogate(
     imported: Imported,
     interface: &ModelInterface,
     mapping: &Mapping,
-    rows: Option<Vec<Vec<f64>>>,
+    rows: Option<Rows>,
 ) -> Result<Surrogate> {
     let evolution = evolution(interface, &imported.recurrences)?;
-    let variables = inputs(interface, rows.as_deref())?;
+    let variables = inputs(interface, rows.as_ref())?;
     let about = About { path, content, is_single: imported.is_single, producer: &imported.producer };
     let known = StatefulModel::of(path, interface, mapping, &variables);
-    let metadata = metadata(about, interface, Vec::new(), rows.as_ref().map_or(0, Vec::len));
+    let metadata = metadata(about, interface, Vec::new(), rows.as_ref().map_or(0, Rows::len));
     let surrogate = match evolution {
         Evolution::Discrete => discrete(&known, imported, metadata)?,
-        Evolution::Continuous => continuous(&known, imported, metadata, rows.as_deref())?,
+        Evolution::Continuous => continuous(&known, imported, metadata, rows.as_ref())?,
     };
-    let ranges = ranges(&known.simulated(&surrogate, rows.as_deref()), surrogate.outputs());
+    let ranges = ranges(&known.simulated(&surrogate, rows.as_ref()), surrogate.outputs());
     let ranges = ranges.map_err(|error| known.refused(error))?;
     let metadata = with_ranges(surrogate.metadata(), &ranges);
     surrogate::seal(made(metadata, surrogate.program().clone())?)
@@ -128,22 +128,17 @@ impl<'a> StatefulModel<'a> {
     }
 
     /// Outputs in simulations, row by row: along the rows of a table, or with random inputs, parameters and states.
-    fn simulated(&self, surrogate: &Surrogate, rows: Option<&[Vec<f64>]>) -> Vec<Vec<Option<Vec<f64>>>> {
+    fn simulated(&self, surrogate: &Surrogate, rows: Option<&Rows>) -> Vec<Vec<Option<Vec<f64>>>> {
         self.simulations(surrogate, rows, 0.0)
     }
 
     /// These runs, and one from a perturbed initial state: from an equilibrium all of them would stay there, whatever
     /// the step of the solver.
-    fn disturbed(&self, surrogate: &Surrogate, rows: Option<&[Vec<f64>]>) -> Vec<Vec<Option<Vec<f64>>>> {
+    fn disturbed(&self, surrogate: &Surrogate, rows: Option<&Rows>) -> Vec<Vec<Option<Vec<f64>>>> {
         [self.simulations(surrogate, rows, 0.0), self.simulations(surrogate, rows, DISTURBANCE)].concat()
     }
 
-    fn simulations(
-        &self,
-        surrogate: &Surrogate,
-        rows: Option<&[Vec<f64>]>,
-        disturbance: f64,
-    ) -> Vec<Vec<Option<Vec<f64>>>> {
+    fn simulations(&self, surrogate: &Surrogate, rows: Option<&Rows>, disturbance: f64) -> Vec<Vec<Option<Vec<f64>>>> {
         let metadata = surrogate.metadata();
         let mut evaluator = Evaluator::new(surrogate);
         let domain = Domain::new(surrogate.inputs(), surrogate.states());
@@ -170,7 +165,7 @@ impl<'a> StatefulModel<'a> {
             for (state, known) in surrogate.states().iter().enumerate() {
                 point[surrogate.inputs().len() + state] += disturbance * known.nominal;
             }
-            let count = rows.map_or(steps, <[_]>::len);
+            let count = rows.map_or(steps, Rows::len);
             let mut found = Vec::new();
             for row in 0..=count {
                 let mut results = vec![0.0; evaluator.results()];
@@ -346,12 +341,7 @@ fn start_input(name: &str, description: &str, unit: &str, [min, max, start]: [f6
 }
 
 /// By derivatives: the solver's tolerance is the largest that is exact enough, unless the interface wants fixed steps.
-fn continuous(
-    known: &StatefulModel,
-    imported: Imported,
-    metadata: Metadata,
-    rows: Option<&[Vec<f64>]>,
-) -> Result<Surrogate> {
+fn continuous(known: &StatefulModel, imported: Imported, metadata: Metadata, rows: Option<&Rows>) -> Result<Surrogate> {
     let StatefulModel { interface, mapping, parameters, driven, .. } = known;
     let count = mapping.states.len();
     let (p, d) = (parameters.len(), driven.len());

@@ -205,8 +205,8 @@ fn a_graph_is_appended_to_a_value() {
     let first = first.unsimplified(vec![[value as u32, 0], [value as u32, 1]]);
     let last = last.unsimplified(vec![[value as u32, 0]]);
     let point = [0.15, 0.3, 1.0];
-    let between = inner.evaluate(&first.evaluate(&[point])).remove(0);
-    assert_eq!(whole.evaluate(&[point]).remove(0), [last.evaluate(&[&between[..]])[0][0], between[1]]);
+    let between = inner.evaluate(&first.evaluate([point]))[0].to_vec();
+    assert_eq!(whole.evaluate([point])[0], [last.evaluate([&between])[0][0], between[1]]);
 }
 
 #[test]

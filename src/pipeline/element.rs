@@ -8,7 +8,7 @@ use crate::{
     report::Evaluated,
     study::Study,
 };
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{Rows, Surrogate};
 use std::borrow::Cow;
 
 /// The runs, or of a compliant element a run of a single row for each of their rows, whose parameters are the inputs.
@@ -26,6 +26,6 @@ pub(super) fn evaluated<'a>(project: &Project, surrogate: &'a Surrogate, test: &
     if !project.study.is_compliant() {
         return Evaluated::new(surrogate, test);
     }
-    let points: Vec<Vec<f64>> = test.runs.iter().map(|row| row.parameters.clone()).collect();
-    Evaluated::of_rows(surrogate, test, predict_rows(surrogate, &points), TestRows::OfRuns)
+    let points: Rows = test.runs.iter().map(|row| &row.parameters).collect();
+    Evaluated::of_rows(surrogate, test, &predict_rows(surrogate, &points), TestRows::OfRuns)
 }

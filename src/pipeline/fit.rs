@@ -17,7 +17,7 @@ use crate::{
 };
 use candidates::SelectedModel;
 pub use candidates::{CandidateScore, ModelChoice, UnknownModel};
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{Rows, Surrogate};
 use serde::{Deserialize, Serialize};
 use std::{path::Path, sync::atomic::Ordering};
 
@@ -96,7 +96,7 @@ pub struct UnseenRows {
     /// Their numbers, counted from 0.
     pub rows: Vec<usize>,
     /// The outputs of each that were predicted without it, and their predicted standard deviations if the fit has them.
-    pub predictions: Vec<Vec<f64>>,
+    pub predictions: Rows,
 }
 
 /// Fits a model to rows of inputs and outputs. [`ModelChoice::Auto`] compares a polynomial, a Gaussian process and a
@@ -110,13 +110,13 @@ pub struct UnseenRows {
 /// interface. [`Error::Import`] for rows without values, for options beyond their limits, and if no model can be
 /// fitted.
 pub fn fit(
-    (inputs, outputs): (Vec<Vec<f64>>, &[Vec<f64>]),
+    (inputs, outputs): (Rows, &Rows),
     interface: &ModelInterface,
     options: &FitOptions,
     control: Control,
 ) -> Result<(Surrogate, Fit)> {
     let path = Path::new(&interface.name);
-    let columns = [inputs.first().map_or(0, Vec::len), outputs.first().map_or(0, Vec::len)];
+    let columns = [inputs.width(), outputs.width()];
     let known = [interface.variables().count(), interface.outputs.len()];
     if columns != known || inputs.len() != outputs.len() {
         let problem = format!(
@@ -149,9 +149,10 @@ pub fn fit(
         ModelChoice::Auto => task.best(&order, parts)?,
     };
     let is_measured = options.measure && !task.is_stopped();
-    let content: Vec<u8> = inputs.iter().chain(outputs).flatten().flat_map(|value| value.to_le_bytes()).collect();
+    let content: Vec<u8> =
+        inputs.values().iter().chain(outputs.values()).flat_map(|value| value.to_le_bytes()).collect();
     let about = About { path, content: &content, is_single: false, producer: "" };
-    let points = chosen(&inputs, parts.judging);
+    let points = inputs.pick(parts.judging);
     let surrogate = import::of_graph(model.graph, about, interface, Some(inputs))?;
     let unseen = match unseen {
         _ if !is_measured => None,
@@ -169,7 +170,7 @@ pub fn fit(
         unseen => unseen.as_ref().map_or(0, |unseen| unseen.rows.len()),
     };
     let accuracy = unseen.as_ref().map(|UnseenRows { kind, rows, predictions }| {
-        Accuracy::of_row_predictions(&surrogate, *kind, predictions, &chosen(outputs, rows))
+        Accuracy::of_row_predictions(&surrogate, *kind, predictions, &outputs.pick(rows))
     });
     let history = model.outcome.as_ref().map_or(&[][..], |outcome| &outcome.history);
     let losses = |of: fn(&EpochRecord) -> f64| history.iter().map(of).collect();
@@ -233,15 +234,11 @@ impl<'a> RowSplit<'a> {
     }
 }
 
-fn chosen(rows: &[Vec<f64>], which: &[usize]) -> Vec<Vec<f64>> {
-    which.iter().map(|row| rows[*row].clone()).collect()
-}
-
 /// Rows, and the models fitted to them.
 struct FitContext<'a> {
     path: &'a Path,
-    inputs: &'a [Vec<f64>],
-    outputs: &'a [Vec<f64>],
+    inputs: &'a Rows,
+    outputs: &'a Rows,
     options: &'a FitOptions,
     control: Control<'a>,
 }

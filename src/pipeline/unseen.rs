@@ -14,22 +14,22 @@ use crate::{
     variable::SourceVariable,
 };
 use indexmap::IndexMap;
-use metafmu_runtime::{Output, Surrogate};
+use metafmu_runtime::{Output, Rows, Surrogate};
 use std::fmt::Write;
 
 /// Unseen rows of a static map.
 pub(super) struct Unseen {
     /// A run of a single row for each, whose parameters are the inputs.
     pub(super) test: Dataset,
-    predictions: Vec<Vec<f64>>,
+    predictions: Rows,
     kind: TestRows,
 }
 
 /// The rows as CSV: where each is in the table, inputs, outputs and predictions, with their standard deviations if there are any.
-pub(super) fn csv(places: &[u64], test: &Dataset, predictions: &[Vec<f64>]) -> String {
+pub(super) fn csv(places: &[u64], test: &Dataset, predictions: &Rows) -> String {
     let names = |variables: &[SourceVariable]| variables.iter().map(|of| of.name.clone()).collect::<Vec<_>>();
     let mut columns = vec!["row".to_owned()];
-    let has_std = predictions.first().is_some_and(|predicted| predicted.len() > test.outputs.len());
+    let has_std = predictions.width() > test.outputs.len();
     let stds = names(&test.outputs).into_iter().filter(|_| has_std).map(|name| Output::std_name(&name));
     let predicted = names(&test.outputs).into_iter().chain(stds).map(|name| format!("predicted {name}"));
     for mut name in names(&test.parameters).into_iter().chain(names(&test.outputs)).chain(predicted) {
@@ -69,7 +69,7 @@ pub(super) fn load(project: &Project, training: &TrainingRecord) -> Result<Unsee
     let (inputs, outputs) = (project.source.inputs(), project.source.outputs());
     let predicted = if project.study.static_map.std { 2 * outputs.len() } else { outputs.len() };
     let mut table = Table::open(&path)?;
-    let (mut points, mut labels, mut predictions) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut points, mut labels, mut predictions) = (Rows::default(), Rows::default(), Rows::default());
     while table.next_row()? {
         let mut column = 1;
         let mut next = |count: usize| -> Result<Vec<f64>> {
@@ -77,9 +77,9 @@ pub(super) fn load(project: &Project, training: &TrainingRecord) -> Result<Unsee
             column += count;
             values
         };
-        points.push(next(inputs.len())?);
-        labels.push(next(outputs.len())?);
-        predictions.push(next(predicted)?);
+        points.push(&next(inputs.len())?);
+        labels.push(&next(outputs.len())?);
+        predictions.push(&next(predicted)?);
     }
     Ok(Unseen { test: Dataset::of_rows(inputs, outputs, &points, &labels), predictions, kind: record.unseen })
 }
@@ -87,7 +87,7 @@ pub(super) fn load(project: &Project, training: &TrainingRecord) -> Result<Unsee
 impl Unseen {
     /// A surrogate on them.
     pub(super) fn evaluated<'a>(&'a self, surrogate: &'a Surrogate) -> Evaluated<'a> {
-        Evaluated::of_rows(surrogate, &self.test, self.predictions.clone(), self.kind)
+        Evaluated::of_rows(surrogate, &self.test, &self.predictions, self.kind)
     }
 }
 

@@ -8,7 +8,7 @@ use crate::{
     evaluation::{Accuracy, TestRows, first_predicted, predict_all},
     layout::InputPoint,
 };
-use metafmu_runtime::{Evaluator, Surrogate};
+use metafmu_runtime::{Evaluator, Rows, Surrogate};
 use rayon::prelude::*;
 
 /// A surrogate and its predictions of the test runs.
@@ -108,11 +108,12 @@ impl<'a> Evaluated<'a> {
     }
 
     /// A static map and predictions of unseen rows, which are runs of a single row.
-    pub fn of_rows(surrogate: &'a Surrogate, test: &'a Dataset, predictions: Vec<Vec<f64>>, kind: TestRows) -> Self {
-        let labels: Vec<Vec<f64>> = test.runs.iter().map(|run| run.outputs.clone()).collect();
-        let mut accuracy = Accuracy::of_row_predictions(surrogate, kind, &predictions, &labels);
+    pub fn of_rows(surrogate: &'a Surrogate, test: &'a Dataset, predictions: &Rows, kind: TestRows) -> Self {
+        let labels: Rows = test.runs.iter().map(|run| &run.outputs).collect();
+        let mut accuracy = Accuracy::of_row_predictions(surrogate, kind, predictions, &labels);
         // bounds were measured on these rows
         accuracy.outputs.values_mut().for_each(|metrics| metrics.within_bound = None);
+        let predictions = predictions.iter().map(<[f64]>::to_vec).collect();
         Self::of(surrogate, test, predictions, accuracy)
     }
 

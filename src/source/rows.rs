@@ -13,6 +13,7 @@ use crate::{
     table::{Table, TableColumn},
     variable::SourceVariable,
 };
+use metafmu_runtime::Rows;
 use std::{
     collections::{HashMap, HashSet},
     path::{Path, PathBuf},
@@ -30,12 +31,12 @@ pub struct StaticRows {
 }
 
 /// Rows that were read.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct ReadRows {
     /// Inputs of each row.
-    pub inputs: Vec<Vec<f64>>,
+    pub inputs: Rows,
     /// Outputs of each row.
-    pub outputs: Vec<Vec<f64>>,
+    pub outputs: Rows,
     /// Line of each row, or in Parquet its number.
     pub places: Vec<u64>,
     /// Notes on dropped rows and on odd ones.
@@ -124,7 +125,7 @@ impl StaticRows {
     /// when `stop` turns true.
     pub fn read(&self, study: &Study, stop: &AtomicBool) -> Result<ReadRows> {
         let mut table = Table::open(&self.path)?;
-        let mut read = ReadRows { inputs: Vec::new(), outputs: Vec::new(), places: Vec::new(), notes: Vec::new() };
+        let mut read = ReadRows::default();
         let mut wrong = WrongCells::default();
         let (mut known, mut points) = (HashMap::new(), HashSet::new());
         let (mut repeated, mut again) = (0, 0);
@@ -151,8 +152,8 @@ impl StaticRows {
             }
             let outputs = values.split_off(self.inputs.len());
             again += usize::from(!points.insert(bits(&values)));
-            read.inputs.push(values);
-            read.outputs.push(outputs);
+            read.inputs.push(&values);
+            read.outputs.push(&outputs);
             read.places.push(match place {
                 Place::Line(number) | Place::Row(number) => number,
                 Place::Whole => 0,
@@ -224,7 +225,7 @@ impl StaticRows {
             }
         }
         let of = |variables: &[SourceVariable], labels| {
-            scaling::problems(&Dataset::of_rows(&[], variables, &vec![Vec::new(); read.inputs.len()], labels))
+            scaling::problems(&Dataset::of_rows(&[], variables, &Rows::zeros(0, read.inputs.len()), labels))
         };
         problems.extend(of(&self.outputs, &read.outputs));
         let of_inputs = of(&self.inputs, &read.inputs);
@@ -274,8 +275,8 @@ mod tests {
     #[test]
     fn rows_that_repeat_others_are_dropped_and_those_with_other_outputs_are_not() {
         let ReadRows { inputs, outputs, places, notes } = read("1,2,3\n0,2.5,4\n1,2,3\n-0.0,2.5,4\n1,2,5\n").unwrap();
-        assert_eq!(inputs, [[1.0, 2.0], [0.0, 2.5], [1.0, 2.0]]);
-        assert_eq!((outputs, places), (vec![vec![3.0], vec![4.0], vec![5.0]], vec![2, 3, 6]));
+        assert_eq!(inputs, Rows::from_iter([[1.0, 2.0], [0.0, 2.5], [1.0, 2.0]]));
+        assert_eq!((outputs, places), (Rows::from_iter([[3.0], [4.0], [5.0]]), vec![2, 3, 6]));
         assert!(notes[0].starts_with("2 of 5 rows repeat other rows"), "{notes:?}");
         assert!(notes[1].starts_with("1 of 3 rows have the inputs of other rows"), "{notes:?}");
     }

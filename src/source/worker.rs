@@ -17,6 +17,7 @@ use super::{
 };
 use crate::{Error, Result, fmi::Workers, study::Study, unpacking::Patience, variable::SourceVariable};
 use campaign::Campaign;
+use metafmu_runtime::Rows;
 use std::{borrow::Cow, path::Path, sync::Arc, time::Duration};
 
 /// Default `source.time_limit` of a run.
@@ -130,34 +131,25 @@ impl WorkerModel {
     /// # Errors
     /// Those of [`WorkerModel::run_all`]; [`Error::Worker`] if a derivative does not exist at a point, or an FMU has events or depends on the
     /// time.
-    pub fn derivatives(
-        &self,
-        points: &[Vec<f64>],
-        workers: Workers<'_>,
-        done: impl Fn() + Sync,
-    ) -> Result<Vec<Vec<f64>>> {
-        let (Some(driven), Some(last)) = (&self.driven, points.last()) else { return Ok(Vec::new()) };
+    pub fn derivatives(&self, points: &Rows, workers: Workers<'_>, done: impl Fn() + Sync) -> Result<Rows> {
+        let (Some(driven), Some(last)) = (&self.driven, points.iter().last()) else { return Ok(Rows::default()) };
         let (width, size) = (driven.states().len() + self.outputs + self.masses, self.batch());
         let states = self.study.states.keys().map(|name| format!("the derivative of `{name}`"));
         let masses = (0..self.masses).map(|_| "an element of the mass matrix".to_owned());
         let columns = states.chain(self.columns.iter().cloned()).chain(masses).collect();
         let model = Self { values: size * width, columns, ..self.of_equations() };
+        let mut batches: Vec<Vec<f64>> = points.values().chunks(size * last.len()).map(<[f64]>::to_vec).collect();
         // the last batch is filled up
-        let batch = |points: &[Vec<f64>]| {
-            let more = std::iter::repeat_n(last, size - points.len());
-            points.iter().chain(more).flatten().copied().collect::<Vec<f64>>()
-        };
-        let batches: Vec<Vec<f64>> = points.chunks(size).map(batch).collect();
+        let numbers = size * last.len();
+        if let Some(batch) = batches.last_mut() {
+            batch.extend(last.iter().copied().cycle().take(numbers - batch.len()));
+        }
         let refuse = |_: &[f64], failure: &RunFailure| {
             let message = format!("{}: {failure}", self.name());
             Err(Error::Worker { message })
         };
         let replies = model.run_all(&batches, None, workers, &refuse, done)?;
-        let rows = replies
-            .into_iter()
-            .flatten()
-            .flat_map(|reply| reply.chunks_exact(width).map(<[f64]>::to_vec).collect::<Vec<_>>());
-        Ok(rows.take(points.len()).collect())
+        Ok(replies.iter().flatten().flat_map(|reply| reply.chunks_exact(width)).take(points.len()).collect())
     }
 
     /// Copy whose processes evaluate the equations.

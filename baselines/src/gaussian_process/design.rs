@@ -7,7 +7,7 @@
 //! is the decrease of the predicted variances at all places by a row at the place `c`, whatever its outputs are (active learning by Cohn (1996); Seo and
 //! others (2000)). Points are chosen one after the other, each with the covariances that the ones before it leave.
 
-use super::{Process, Rows, parameters};
+use super::{OutputRows, Process, parameters};
 use crate::{StandardizedRows, for_each_output};
 use metafmu_core::study::baselines::GaussianProcess;
 use nalgebra::{DMatrix, DVector};
@@ -32,7 +32,7 @@ impl PlaceCovariances {
     /// None if the output is constant or the covariance of the rows is singular.
     fn of(model: &GaussianProcess, rows: &StandardizedRows, output: usize, x: &[f64]) -> Option<Self> {
         let parameters = parameters(model, rows, output)?;
-        let all = Rows::of(rows, output, rows.len());
+        let all = OutputRows::of(rows, output, rows.len());
         let process = Process::new(&all, &parameters)?;
         let (noise, lengths) = parameters.split_last()?;
         let inputs = rows.inputs;

@@ -66,7 +66,7 @@ fn largest_rounding(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Baseline, GaussianProcess, Rows, parameters};
+    use super::super::{Baseline, GaussianProcess, OutputRows, parameters};
     use super::*;
     use crate::{StandardizedRows, testing::wavy_rows};
     use metafmu_runtime::Scaling;
@@ -117,7 +117,7 @@ mod tests {
             let graph = GaussianProcess::default().fit_with_std(&rows, 1).unwrap();
             for output in 0..2 {
                 let found = parameters(&GaussianProcess::default(), &rows, output).unwrap();
-                let all = Rows::of(&rows, output, noise_of);
+                let all = OutputRows::of(&rows, output, noise_of);
                 let process = Process::new(&all, &found).unwrap();
                 let (noise, lengths) = found.split_last().unwrap();
                 let mut covariance = process.kernel.clone();
@@ -134,7 +134,7 @@ mod tests {
                     let relative = 1.0 + noise.exp() - kernel.dot(&by_kernel) + trend;
                     let expected = (process.variance * relative).sqrt() * rows.scaling.output_scale[output];
                     let x: Vec<f64> = z.iter().map(|z| 0.5 + 0.29 * z).collect();
-                    let values = graph.evaluate(&[x]).remove(0);
+                    let values = graph.evaluate([x])[0].to_vec();
                     assert_eq!(values.len(), 4);
                     let error = (values[2 + output] / expected - 1.0).abs();
                     assert!(error < 1e-7, "{output} {z:?}: {} {expected}", values[2 + output]);
@@ -149,7 +149,7 @@ mod tests {
         let graph = GaussianProcess::default().fit_with_std(&rows.choose(&(0..200).collect::<Vec<_>>()), 1).unwrap();
         for output in 0..2 {
             let is_within = |row: &usize| {
-                let values = graph.evaluate(&[point(&rows, *row)]).remove(0);
+                let values = graph.evaluate([point(&rows, *row)])[0].to_vec();
                 (values[output] - label(&rows, *row, output)).abs() <= 2.0 * values[2 + output]
             };
             let share = (200..1200).filter(is_within).count() as f64 / 1000.0;
@@ -164,16 +164,16 @@ mod tests {
         let graph = GaussianProcess::default().fit_with_std(&seen, 1).unwrap();
         for output in 0..rows.outputs {
             let found = parameters(&GaussianProcess::default(), &seen, output).unwrap();
-            let process = Process::new(&Rows::of(&seen, output, 100), &found).unwrap();
+            let process = Process::new(&OutputRows::of(&seen, output, 100), &found).unwrap();
             let deviation = of(&process, found.last().unwrap().exp()).unwrap();
             let least = deviation.least.sqrt() * deviation.scale * rows.scaling.output_scale[output];
             for row in 0..100 {
-                let std = graph.evaluate(&[point(&rows, row)]).remove(0)[rows.outputs + output];
+                let std = graph.evaluate([point(&rows, row)])[0][rows.outputs + output];
                 assert!(std >= least * (1.0 - 1e-12), "{row}: {std} {least}");
                 assert!(std < 1e-4 * rows.scaling.output_scale[output], "{row}: {std}");
             }
             for row in 100..150 {
-                let values = graph.evaluate(&[point(&rows, row)]).remove(0);
+                let values = graph.evaluate([point(&rows, row)])[0].to_vec();
                 let error = (values[output] - label(&rows, row, output)).abs();
                 assert!(
                     error <= 10.0 * values[rows.outputs + output],

@@ -22,6 +22,7 @@ use crate::{
 };
 use basis::ProductBasis;
 pub use fit::{ElementFit, FittedDegrees, fit};
+use metafmu_runtime::Rows;
 use std::collections::HashMap;
 
 /// Rows of a compliant element: forces, and the columns that they follow from.
@@ -34,9 +35,9 @@ pub struct ElementRows {
     /// `true` if the columns include velocities.
     pub has_velocities: bool,
     /// Parameters, positions and, if there are any, velocities of each row.
-    pub points: Vec<Vec<f64>>,
+    pub points: Rows,
     /// Forces of each row.
-    pub forces: Vec<Vec<f64>>,
+    pub forces: Rows,
 }
 
 /// Variables of the columns of the points, and of the forces.
@@ -85,8 +86,9 @@ impl ElementRows {
         for run in runs {
             for (_, outputs) in run.rows() {
                 let of_run = parameters.iter().map(|place| run.parameters[*place]);
-                rows.points.push(of_run.chain(motion.iter().map(|place| outputs[*place])).collect());
-                rows.forces.push(forces.iter().map(|place| outputs[*place]).collect());
+                let point: Vec<f64> = of_run.chain(motion.iter().map(|place| outputs[*place])).collect();
+                rows.points.push(&point);
+                rows.forces.push(&forces.iter().map(|place| outputs[*place]).collect::<Vec<_>>());
             }
         }
         rows

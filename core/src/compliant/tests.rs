@@ -34,9 +34,9 @@ fn rows(count: usize, seed: u64, law: fn(&[f64]) -> Vec<f64>, velocities: bool) 
         let mut at = |low: f64, high: f64| random.random_range(low..high);
         vec![at(1.0, 2.0), at(-0.5, 0.5), at(-0.3, 0.3), at(-2.0, 2.0), at(-2.0, 2.0)]
     };
-    let mut points: Vec<Vec<f64>> = (0..count).map(|_| point()).collect();
-    let forces = points.iter().map(|point| law(point)).collect();
-    points.iter_mut().filter(|_| !velocities).for_each(|point| point.truncate(3));
+    let points: Rows = (0..count).map(|_| point()).collect();
+    let forces = points.iter().map(law).collect();
+    let points = if velocities { points } else { points.select(&[0, 1, 2]) };
     ElementRows { parameters: 1, coordinates: 2, has_velocities: velocities, points, forces }
 }
 
@@ -89,10 +89,9 @@ fn forces_that_create_energy_are_approximated_by_some_that_do_not() {
     let ElementFit { element, candidates, best } = fitted(VELOCITIES, active, true);
     assert!(candidates[best].error > 0.3, "{candidates:?}");
     let moving = rows(500, 4, active, true).points;
-    let still: Vec<Vec<f64>> = moving.iter().map(|point| [&point[..3], &[0.0, 0.0]].concat()).collect();
-    let graph = element.graph();
-    let forces = graph.evaluate(&moving).into_iter().zip(graph.evaluate(&still));
-    for (point, (moving, still)) in moving.iter().zip(forces) {
+    let still: Rows = moving.iter().map(|point| [&point[..3], &[0.0, 0.0]].concat()).collect();
+    let (forces, forces_at_rest) = (element.graph().evaluate(&moving), element.graph().evaluate(&still));
+    for (point, (moving, still)) in moving.iter().zip(forces.iter().zip(&forces_at_rest)) {
         let power: f64 = (0..2).map(|i| (moving[i] - still[i]) * point[3 + i]).sum();
         assert!(power > -1e-13, "{point:?}: {power}");
     }

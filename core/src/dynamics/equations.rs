@@ -7,7 +7,10 @@ use super::{
     terms,
 };
 use crate::multibody::{Mechanism, MotionCause, MotionError};
-use metafmu_runtime::dictionary::{Dictionary, Factor};
+use metafmu_runtime::{
+    Rows,
+    dictionary::{Dictionary, Factor},
+};
 use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -98,9 +101,10 @@ impl<'a> Equations<'a> {
         let (factors, scales, [of_equations, _]) = (self.factors(), self.scales(samples), self.counts());
         let ranges = [0..of_equations, of_equations..scales.len()];
         let of = |range: &Range<usize>, depends: &[bool]| {
+            let functions: Vec<usize> = range.clone().collect();
             let part = |samples: &EquationSamples| EquationSamples {
                 points: samples.points.clone(),
-                labels: samples.labels.iter().map(|label| label[range.clone()].to_vec()).collect(),
+                labels: samples.labels.select(&functions),
             };
             let is_used = |exponents: &Vec<i16>| exponents.iter().zip(depends).all(|(e, depends)| *e == 0 || *depends);
             let exponents: Vec<Vec<i16>> =
@@ -143,8 +147,8 @@ impl<'a> Equations<'a> {
         samples: &EquationSamples,
         function: &StateFunction,
     ) -> Result<Vec<bool>, MotionError> {
-        let magnitudes = |label: &Vec<f64>| label.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
-        let largest = samples.labels.iter().map(magnitudes).fold(f64::MIN_POSITIVE, f64::max);
+        let magnitudes = samples.labels.values().iter().map(|value| value.abs());
+        let largest = magnitudes.fold(f64::MIN_POSITIVE, f64::max);
         let scales = vec![largest; self.labels.coordinates()];
         let changes = dependencies(samples, function, &scales)?;
         Ok(changes.iter().map(|changed| changed.contains(&true)).collect())
@@ -169,8 +173,9 @@ impl<'a> Equations<'a> {
 
     fn ask(&self, count: usize, seed: u64, function: &StateFunction) -> Result<EquationSamples, MotionError> {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let points: Vec<Vec<f64>> = (0..count).map(|number| self.state(number % 2 == 0, &mut random)).collect();
-        let labels = points.par_iter().map(|point| function(point)).collect::<Result<_, _>>()?;
+        let points: Rows = (0..count).map(|number| self.state(number % 2 == 0, &mut random)).collect();
+        let labels = (0..count).into_par_iter().map(|number| function(&points[number]));
+        let labels = labels.collect::<Result<Vec<_>, _>>()?.into_iter().collect();
         Ok(EquationSamples { points, labels })
     }
 
@@ -194,13 +199,13 @@ fn dependencies(
     function: &StateFunction,
     scales: &[f64],
 ) -> Result<Vec<Vec<bool>>, MotionError> {
-    let columns = samples.points.first().map_or(0, Vec::len);
+    let columns = samples.points.width();
     let points = samples.points.iter().zip(&samples.labels).zip(samples.points.iter().skip(1)).take(COMPARED);
     let points: Vec<_> = points.collect();
     let changes = |column: usize| {
         let mut changed = vec![false; scales.len()];
         for ((point, label), other) in &points {
-            let mut moved = (*point).clone();
+            let mut moved = point.to_vec();
             moved[column] = other[column];
             let functions = function(&moved)?;
             for (changed, ((before, after), scale)) in changed.iter_mut().zip(label.iter().zip(&functions).zip(scales))

@@ -431,7 +431,7 @@ impl<'a> MechanismRegion<'a> {
     }
 
     /// Largest magnitude of each function over some labels; functions of one kind share the largest of theirs.
-    pub(super) fn scales<'l>(&self, labels: impl Iterator<Item = &'l Vec<f64>>) -> Vec<f64> {
+    pub(super) fn scales<'l>(&self, labels: impl Iterator<Item = &'l [f64]>) -> Vec<f64> {
         let mut largest = vec![0.0f64; self.functions()];
         for label in labels {
             largest.iter_mut().zip(label).for_each(|(largest, value)| *largest = largest.max(value.abs()));

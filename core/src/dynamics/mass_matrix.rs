@@ -91,7 +91,7 @@ impl MassMatrixProblem<'_> {
     }
 
     /// Largest magnitude of each function. The mass matrix shares one; forces are measured by the largest one of their coordinate.
-    fn scales<'l>(&self, labels: impl Iterator<Item = &'l Vec<f64>>) -> Vec<f64> {
+    fn scales<'l>(&self, labels: impl Iterator<Item = &'l [f64]>) -> Vec<f64> {
         let mut largest = vec![0.0f64; self.functions()];
         for label in labels {
             largest.iter_mut().zip(label).for_each(|(largest, value)| *largest = largest.max(value.abs()));
@@ -141,6 +141,7 @@ pub fn acceleration_error(dynamics: &Dynamics, exact: &EquationSamples) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metafmu_runtime::Rows;
     use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
     /// A cart with a pendulum of length `l`: `M = [3, l cos; l cos, l²]`, gravity, a damper at the cart, a force on it.
@@ -169,11 +170,8 @@ mod tests {
                 let mut within = |min: f64, max: f64| min + (max - min) * random.random::<f64>();
                 vec![within(-1.0, 1.0), within(-3.0, 3.0), within(0.5, 1.0)]
             };
-            let points: Vec<Vec<f64>> = (0..count).map(|_| point()).collect();
-            Ok::<_, DictionaryError>(EquationSamples {
-                labels: points.iter().map(|point| label(point)).collect(),
-                points,
-            })
+            let points: Rows = (0..count).map(|_| point()).collect();
+            Ok::<_, DictionaryError>(EquationSamples { labels: points.iter().map(label).collect(), points })
         });
         let fitted = fitted.unwrap();
         assert!(fitted.error < 1e-12, "{fitted:?}");

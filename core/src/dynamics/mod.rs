@@ -34,7 +34,7 @@ use labels::{Label, MechanismRegion, RegionPoint};
 pub use least_squares::DictionaryError;
 pub use mass_matrix::{ENOUGH, FittedMassMatrix, MassMatrixProblem, acceleration_error};
 use metafmu_runtime::{
-    Dynamics, Reactions, Shown,
+    Dynamics, Reactions, Rows, Shown,
     dictionary::{Dictionary, Factor},
 };
 use nalgebra::DMatrix;
@@ -42,7 +42,10 @@ use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 use rayon::prelude::*;
 use reactions::Forces;
 pub use state_space::{FittedFunctions, fit_functions};
-use std::f64::consts::{PI, TAU};
+use std::{
+    f64::consts::{PI, TAU},
+    ops::Range,
+};
 use terms::FactorSet;
 
 /// Where the equations are learned.
@@ -232,7 +235,7 @@ struct Solution {
 
 impl Solution {
     /// Sets coefficients of some functions to zero, in some of the products.
-    fn clear(&mut self, functions: std::ops::Range<usize>, is_cleared: impl Fn(&[i16]) -> bool) {
+    fn clear(&mut self, functions: Range<usize>, is_cleared: impl Fn(&[i16]) -> bool) {
         let products = self.exponents.iter().enumerate().filter(|(_, exponents)| is_cleared(exponents));
         for (product, _) in products {
             self.coefficients.row_mut(product).columns_range_mut(functions.clone()).fill(0.0);
@@ -247,7 +250,7 @@ impl Solution {
     }
 
     /// Some of the functions.
-    fn dictionary(&self, set: FactorSet, columns: std::ops::Range<usize>) -> Result<Dictionary, DictionaryError> {
+    fn dictionary(&self, set: FactorSet, columns: Range<usize>) -> Result<Dictionary, DictionaryError> {
         least_squares::dictionary(set, &self.exponents, &self.coefficients, columns)
     }
 }
@@ -362,7 +365,7 @@ pub fn check(mechanism: &Mechanism, region: &Region, seed: u64) -> Result<Checke
 /// Functions of a region at values of one column, elsewhere at some of its configurations.
 struct ColumnComparison<'a> {
     labels: &'a MechanismRegion<'a>,
-    points: &'a [RegionPoint],
+    points: Rows,
     /// Largest magnitudes of the functions, with those of joints and springs.
     scales: Vec<f64>,
 }
@@ -372,12 +375,11 @@ impl<'a> ColumnComparison<'a> {
         let mut scales = labels.scales(samples.samples.labels.iter());
         let counts = [labels.coordinates(), labels.efforts()];
         scales.extend(reactions::scales(counts, &samples.sizes, samples.reactions.iter()));
-        let points = &samples.samples.points;
-        Self { labels, points: &points[..points.len().min(COMPARED)], scales }
+        Self { labels, points: samples.samples.first(COMPARED).points, scales }
     }
 
-    fn at(&self, point: &RegionPoint, column: usize, value: f64) -> Result<Vec<f64>, MotionError> {
-        let mut point = point.clone();
+    fn at(&self, point: &[f64], column: usize, value: f64) -> Result<Vec<f64>, MotionError> {
+        let mut point = point.to_vec();
         point[column] = value;
         self.labels.at(&point).map(|label| [label.functions, label.reactions.functions].concat())
     }
@@ -385,7 +387,7 @@ impl<'a> ColumnComparison<'a> {
     /// For each function, true if it differs between two values of a column by more than a part of its largest value.
     fn changes(&self, column: usize, [low, high]: [f64; 2], part: f64) -> Result<Vec<bool>, MotionError> {
         let mut changes = vec![false; self.scales.len()];
-        for point in self.points {
+        for point in &self.points {
             let ends = self.at(point, column, low)?.into_iter().zip(self.at(point, column, high)?);
             for ((changes, (low, high)), scale) in changes.iter_mut().zip(ends).zip(&self.scales) {
                 *changes |= (high - low).abs() > part * scale;
@@ -398,7 +400,7 @@ impl<'a> ColumnComparison<'a> {
     fn bends(&self, column: usize, QuantityRange { min, max, .. }: &QuantityRange) -> Vec<bool> {
         let mut bends = vec![false; self.scales.len()];
         let between = min + ELSEWHERE * (max - min);
-        for point in self.points {
+        for point in &self.points {
             let [Ok(low), Ok(middle), Ok(high)] = [*min, between, *max].map(|value| self.at(point, column, value))
             else {
                 return vec![true; self.scales.len()];
@@ -473,9 +475,9 @@ fn rows(exponents: &[Vec<i16>]) -> usize {
 #[derive(Clone, Debug, Default)]
 pub struct EquationSamples {
     /// A value for each column.
-    pub points: Vec<Vec<f64>>,
+    pub points: Rows,
     /// A value for each function.
-    pub labels: Vec<Vec<f64>>,
+    pub labels: Rows,
 }
 
 /// Samples of the equations of motion: configurations and the functions there.
@@ -484,9 +486,9 @@ pub struct OfEquations {
     /// Configurations `(q, p)`, and the functions of [`Dynamics`], then the positions.
     pub samples: EquationSamples,
     /// Derivatives of the functions with respect to the coordinates, where they are known: shape `[functions, coordinates]` each.
-    pub gradients: Vec<Vec<f64>>,
+    pub gradients: Rows,
     /// Functions of the forces of joints and springs.
-    reactions: Vec<Vec<f64>>,
+    reactions: Rows,
     /// Largest force anywhere in the mechanism, part by part.
     sizes: [f64; reactions::PARTS],
 }
@@ -494,19 +496,24 @@ pub struct OfEquations {
 impl EquationSamples {
     /// The first ones.
     pub fn first(&self, count: usize) -> Self {
-        let count = count.min(self.points.len());
-        Self { points: self.points[..count].to_vec(), labels: self.labels[..count].to_vec() }
+        self.part(0..count.min(self.points.len()))
+    }
+
+    /// Some of the samples.
+    #[must_use]
+    pub fn part(&self, range: Range<usize>) -> Self {
+        Self { points: self.points.part(range.clone()), labels: self.labels.part(range) }
     }
 
     /// Standard deviation of each function over the points, above zero.
     pub fn standard_deviations(&self) -> Vec<f64> {
-        (0..self.labels.first().map_or(0, Vec::len)).map(|function| self.standard_deviation(function)).collect()
+        (0..self.labels.width()).map(|function| self.standard_deviation(function)).collect()
     }
 
     fn standard_deviation(&self, function: usize) -> f64 {
         let count = self.labels.len().max(1) as f64;
-        let mean = self.labels.iter().map(|label| label[function]).sum::<f64>() / count;
-        let variance = self.labels.iter().map(|label| (label[function] - mean).powi(2)).sum::<f64>() / count;
+        let mean = self.labels.column(function).sum::<f64>() / count;
+        let variance = self.labels.column(function).map(|value| (value - mean).powi(2)).sum::<f64>() / count;
         variance.sqrt().max(f64::MIN_POSITIVE)
     }
 }
@@ -536,22 +543,20 @@ impl SampleDensity {
 
 impl OfEquations {
     /// Some of the samples.
-    pub fn part(&self, range: std::ops::Range<usize>) -> Self {
-        let Self { samples: EquationSamples { points, labels }, gradients, reactions, sizes } = self;
-        let of = |rows: &[Vec<f64>]| rows[range.clone()].to_vec();
+    #[must_use]
+    pub fn part(&self, range: Range<usize>) -> Self {
         Self {
-            samples: EquationSamples { points: of(points), labels: of(labels) },
-            gradients: of(gradients),
-            reactions: of(reactions),
-            sizes: *sizes,
+            samples: self.samples.part(range.clone()),
+            gradients: self.gradients.part(range.clone()),
+            reactions: self.reactions.part(range),
+            sizes: self.sizes,
         }
     }
 
     /// The first samples of the forces of joints and springs.
     fn reactions(&self, count: usize) -> EquationSamples {
-        let points = &self.samples.points;
-        let count = count.min(points.len());
-        EquationSamples { points: points[..count].to_vec(), labels: self.reactions[..count].to_vec() }
+        let range = 0..count.min(self.samples.points.len());
+        EquationSamples { points: self.samples.points.part(range.clone()), labels: self.reactions.part(range) }
     }
 
     /// Adds points until there are `count`, the same ones for the same seed.
@@ -572,10 +577,10 @@ impl OfEquations {
         let points: Vec<RegionPoint> = points.skip(self.samples.points.len()).collect();
         let found: Vec<Label> = points.par_iter().map(|point| labels.at(point)).collect::<Result<_, _>>()?;
         for label in found {
-            self.samples.labels.push(label.functions);
-            self.gradients.push(label.gradients);
+            self.samples.labels.push(&label.functions);
+            self.gradients.push(&label.gradients);
             let Forces { functions, sizes } = label.reactions;
-            self.reactions.push(functions);
+            self.reactions.push(&functions);
             self.sizes.iter_mut().zip(sizes).for_each(|(largest, size)| *largest = size.max(*largest));
         }
         self.samples.points.extend(points);

@@ -97,7 +97,7 @@ fn parts(n: usize, m: usize) -> [std::ops::Range<usize>; PARTS] {
 pub(super) fn scales<'l>(
     [n, m]: [usize; 2],
     sizes: &[f64; PARTS],
-    labels: impl Iterator<Item = &'l Vec<f64>>,
+    labels: impl Iterator<Item = &'l [f64]>,
 ) -> Vec<f64> {
     let mut largest: Vec<f64> = Vec::new();
     for label in labels {

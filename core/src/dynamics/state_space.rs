@@ -33,9 +33,9 @@ pub fn fit_functions(
     unseen: &EquationSamples,
     lowest: bool,
 ) -> Result<FittedFunctions, DictionaryError> {
-    let functions = samples.labels.first().map_or(0, Vec::len);
+    let functions = samples.labels.width();
     let largest = |function: usize| {
-        let values = samples.labels.iter().chain(&unseen.labels).map(|label| label[function].abs());
+        let values = samples.labels.column(function).chain(unseen.labels.column(function)).map(f64::abs);
         let largest = values.fold(0.0, f64::max);
         if largest > 0.0 { largest } else { 1.0 }
     };
@@ -80,13 +80,14 @@ pub fn fit_functions(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use metafmu_runtime::Rows;
     use rand::{RngExt, SeedableRng, rngs::ChaCha8Rng};
 
     fn samples(count: usize, seed: u64, of: impl Fn(&[f64]) -> Vec<f64>) -> EquationSamples {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
-        let point = |_| (0..3).map(|_| 4.0 * generator.random::<f64>() - 2.0).collect();
-        let points: Vec<Vec<f64>> = (0..count).map(point).collect();
-        let labels = points.iter().map(|point| of(point)).collect();
+        let point = |_| [(); 3].map(|()| 4.0 * generator.random::<f64>() - 2.0);
+        let points: Rows = (0..count).map(point).collect();
+        let labels = points.iter().map(of).collect();
         EquationSamples { points, labels }
     }
 

@@ -1,7 +1,7 @@
 //! Which products a dictionary has.
 
 use metafmu_runtime::{
-    FormatError,
+    FormatError, Rows,
     dictionary::{Dictionary, Factor, SPLINE_POWERS, SplineFactor, Term},
 };
 use nalgebra::DMatrix;
@@ -75,7 +75,7 @@ pub(super) fn exponents(factors: &[Factor], [harmonics, powers]: [usize; 2]) -> 
 ///
 /// # Errors
 /// What [`Dictionary::new`] says.
-pub(super) fn values(set: FactorSet, exponents: &[Vec<i16>], points: &[Vec<f64>]) -> Result<DMatrix<f64>, FormatError> {
+pub(super) fn values(set: FactorSet, exponents: &[Vec<i16>], points: &Rows) -> Result<DMatrix<f64>, FormatError> {
     let count = exponents.len();
     let unit = |term: usize| (0..count).map(|output| f64::from(u8::from(output == term))).collect();
     let terms = exponents.iter().enumerate();

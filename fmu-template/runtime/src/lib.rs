@@ -43,6 +43,7 @@ mod metadata;
 mod network;
 mod numbers;
 mod program;
+mod rows;
 mod simd;
 mod surrogate;
 mod task;
@@ -69,5 +70,6 @@ pub use program::{
     Clock, CommunicationStep, Drive, Evaluator, Integration, MAX_OUTPUT_DERIVATIVE_ORDER, MAX_SOLVER_STEPS, Ports,
     Program, Sampling, Scale, StepError, Support,
 };
+pub use rows::{Rows, RowsIter};
 pub use surrogate::Surrogate;
 pub use variables::{BuiltIn, Known, Quantity, Variable, Variables};

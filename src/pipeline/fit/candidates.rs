@@ -1,6 +1,6 @@
 //! Kinds of model of a fit, and the choice among them by their errors on unseen rows.
 
-use super::{FEW_ROWS, FOLDS, FitContext, RowSplit, chosen};
+use super::{FEW_ROWS, FOLDS, FitContext, RowSplit};
 use crate::{
     Error, Result,
     baselines::{self, BaselineKind, Baselines, Fitted, StandardizedRows, choose_rows, worker},
@@ -14,7 +14,7 @@ use crate::{
     training::Outcome,
     variable::SourceVariable,
 };
-use metafmu_runtime::{Graph, Scaling, graph::Step};
+use metafmu_runtime::{Graph, Rows, Scaling, graph::Step};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -143,7 +143,7 @@ pub(super) struct SelectedModel {
     pub(super) model: FittedModel,
     pub(super) candidates: Vec<CandidateScore>,
     /// Prediction of each row by a model that was neither fitted to it nor chosen by it; None without cross-validation.
-    pub(super) unseen: Option<Vec<Vec<f64>>>,
+    pub(super) unseen: Option<Rows>,
 }
 
 /// Threads of a fit.
@@ -155,13 +155,23 @@ enum Threads {
     One,
 }
 
-/// Candidate with its predictions of unseen rows, by row number, empty where there is none.
+/// Candidate with its predictions of unseen rows, by row number, zero where there is none.
 struct EvaluatedCandidate {
     kind: ModelKind,
     row: CandidateScore,
-    predictions: Option<Vec<Vec<f64>>>,
+    predictions: Option<Rows>,
     /// The model, if no further rows are left to fit it to.
     model: Option<FittedModel>,
+}
+
+/// Predictions of the rows of a fold by a model of the others.
+#[derive(Default)]
+struct FoldPredictions {
+    /// Their numbers.
+    rows: Vec<usize>,
+    predictions: Rows,
+    /// Processor seconds of the fit.
+    seconds: f64,
 }
 
 impl FitContext<'_> {
@@ -208,7 +218,7 @@ impl FitContext<'_> {
             self.note(format_args!("{}", trial.row.summary()));
             trials.push(trial);
         }
-        let measured: Vec<&[Vec<f64>]> = trials.iter().filter_map(|trial| trial.predictions.as_deref()).collect();
+        let measured: Vec<&Rows> = trials.iter().filter_map(|trial| trial.predictions.as_ref()).collect();
         let unseen = (is_few && !measured.is_empty()).then(|| judged(self.outputs, &measured, order));
         let errors: Vec<f64> = trials.iter().map(|trial| trial.row.one_minus_r2.unwrap_or(f64::INFINITY)).collect();
         let usable = |place: &usize| trials[*place].predictions.is_some();
@@ -238,12 +248,12 @@ impl FitContext<'_> {
     }
 
     /// Accuracy of each output of predictions in some rows.
-    fn compared(&self, predictions: &[Vec<f64>], rows: &[usize]) -> Vec<OutputMetrics> {
-        let names = (0..self.outputs.first().map_or(0, Vec::len))
-            .map(|output| SourceVariable::new(&output.to_string(), "", ""));
-        let labels = chosen(self.outputs, rows);
-        let test = Dataset::of_rows(&[], &names.collect::<Vec<_>>(), &vec![Vec::new(); rows.len()], &labels);
-        evaluation::compare(&test, &chosen(predictions, rows), None)
+    fn compared(&self, predictions: &Rows, rows: &[usize]) -> Vec<OutputMetrics> {
+        let names = (0..self.outputs.width()).map(|output| SourceVariable::new(&output.to_string(), "", ""));
+        let labels = self.outputs.pick(rows);
+        let test = Dataset::of_rows(&[], &names.collect::<Vec<_>>(), &Rows::zeros(0, rows.len()), &labels);
+        let predictions: Vec<Vec<f64>> = rows.iter().map(|row| predictions[*row].to_vec()).collect();
+        evaluation::compare(&test, &predictions, None)
     }
 
     fn trial(&self, kind: ModelKind, order: &[usize], parts: RowSplit) -> Result<EvaluatedCandidate> {
@@ -260,12 +270,12 @@ impl FitContext<'_> {
             let has_epochs = kind == ModelKind::Network && !self.has_small_network();
             let model =
                 self.fitted(kind, if has_epochs { parts } else { RowSplit { choosing: &[], ..parts } }, Threads::All)?;
-            let found = model.graph.evaluate(&chosen(self.inputs, parts.choosing));
-            let mut predictions = vec![Vec::new(); rows];
-            parts.choosing.iter().zip(found).for_each(|(row, values)| predictions[*row] = values);
+            let of_choosing = model.graph.evaluate(&self.inputs.pick(parts.choosing));
+            let mut predictions = Rows::zeros(self.outputs_and_stds(), rows);
+            parts.choosing.iter().zip(&of_choosing).for_each(|(row, values)| predictions[*row].copy_from_slice(values));
             (predictions, model.seconds, has_epochs.then_some(model))
         };
-        if !predictions.iter().flatten().all(|value| value.is_finite()) {
+        if !predictions.values().iter().all(|value| value.is_finite()) {
             return Ok(EvaluatedCandidate::failed(kind, "its predictions are not finite".into()));
         }
         let row = CandidateScore { fit_seconds: Some(seconds), ..CandidateScore::new(kind, note) };
@@ -299,42 +309,47 @@ impl FitContext<'_> {
 
     /// Predictions of all rows, each by a model that neither learned it nor chose its best epoch by it, and processor
     /// seconds of fitting. None if the work was stopped. The folds are fitted side by side, each by one thread.
-    fn cross_validated(&self, kind: ModelKind, order: &[usize]) -> Result<Option<(Vec<Vec<f64>>, f64)>> {
-        type Fold = (Vec<(usize, Vec<f64>)>, f64);
+    fn cross_validated(&self, kind: ModelKind, order: &[usize]) -> Result<Option<(Rows, f64)>> {
         let folds = FOLDS.min(order.len());
-        let of_fold = |fold: usize| -> Result<Fold> {
+        let of_fold = |fold: usize| -> Result<FoldPredictions> {
             if self.is_stopped() {
-                return Ok((Vec::new(), 0.0));
+                return Ok(FoldPredictions::default());
             }
-            let (judging, rest) = fold_rows(order, fold, folds);
+            let (rows, rest) = fold_rows(order, fold, folds);
             let model = self.fitted(kind, RowSplit::of(&rest, &self.options.training, false), Threads::One)?;
-            let predictions = model.graph.evaluate(&chosen(self.inputs, &judging));
-            Ok((judging.into_iter().zip(predictions).collect(), model.seconds))
+            let predictions = model.graph.evaluate(&self.inputs.pick(&rows));
+            Ok(FoldPredictions { rows, predictions, seconds: model.seconds })
         };
         // of few rows a step is too short for several threads
         let alone = |fold| match rayon::ThreadPoolBuilder::new().num_threads(1).build() {
             Ok(pool) => pool.install(|| of_fold(fold)),
             Err(_) => of_fold(fold),
         };
-        let found: Result<Vec<Fold>> = (0..folds).into_par_iter().map(alone).collect();
+        let all: Result<Vec<FoldPredictions>> = (0..folds).into_par_iter().map(alone).collect();
         if self.is_stopped() {
             return Ok(None);
         }
-        let (mut predictions, mut seconds) = (vec![Vec::new(); order.len()], 0.0);
-        for (found, of_fold) in found? {
-            found.into_iter().for_each(|(row, values)| predictions[row] = values);
-            seconds += of_fold;
+        let mut predictions = Rows::zeros(self.outputs_and_stds(), order.len());
+        let mut seconds = 0.0;
+        for fold in all? {
+            fold.rows.iter().zip(&fold.predictions).for_each(|(row, values)| predictions[*row].copy_from_slice(values));
+            seconds += fold.seconds;
         }
         Ok(Some((predictions, seconds)))
     }
 
+    /// Numbers of a prediction: the outputs, then their predicted standard deviations if the fit has them.
+    fn outputs_and_stds(&self) -> usize {
+        self.outputs.width() * if self.options.std { 2 } else { 1 }
+    }
+
     /// A baseline of some rows, and the number of rows that it was fitted to. An output that is constant in them stays that constant.
     fn baseline(&self, kind: BaselineKind, which: &[usize]) -> Result<(Graph, usize)> {
-        let (x, y) = (chosen(self.inputs, which), chosen(self.outputs, which));
-        let (Some(first), Some(constants)) = (x.first(), y.first()) else {
+        let (x, y) = (self.inputs.pick(which), self.outputs.pick(which));
+        let Some(constants) = y.iter().next() else {
             return Err(self.refusal(vec!["no rows".into()]));
         };
-        let inputs = first.len();
+        let inputs = x.width();
         let varying: Vec<usize> =
             (0..constants.len()).filter(|output| y.iter().any(|row| row[*output] != constants[*output])).collect();
         let has_std = self.options.std;
@@ -343,18 +358,17 @@ impl FitContext<'_> {
             true => {
                 let stds = varying.iter().map(|output| constants.len() + output);
                 let columns: Vec<usize> = varying.iter().copied().chain(stds).collect();
-                with_constants(graph, &columns, &[&constants[..], &vec![0.0; constants.len()]].concat())
+                with_constants(graph, &columns, &[constants, &vec![0.0; constants.len()]].concat())
             }
             false => with_constants(graph, &varying, constants),
         };
         if varying.is_empty() {
             return Ok((with_constants(Graph { inputs, steps: Vec::new() }), which.len()));
         }
-        let varying_outputs = |row: &Vec<f64>| varying.iter().map(|output| row[*output]).collect::<Vec<_>>();
-        let of_varying: Vec<Vec<f64>> = y.iter().map(varying_outputs).collect();
+        let of_varying = y.select(&varying);
         let ((input_mean, input_scale), (output_mean, output_scale)) = (of_columns(&x), of_columns(&of_varying));
         let scaling = Scaling { input_mean, input_scale, output_mean, output_scale };
-        let rows = StandardizedRows::new(x.concat(), of_varying.concat(), scaling);
+        let rows = StandardizedRows::new(x.into_values(), of_varying.into_values(), scaling);
         let (options, seed) = (Baselines::default(), self.options.seed);
         let model = baselines::model(&options, kind);
         let rows = choose_rows(&rows, model.most_rows(), seed);
@@ -418,17 +432,16 @@ fn ranking(errors: &[f64], rows: usize) -> Vec<usize> {
 }
 
 /// Predictions of all rows, those of each fold by the candidate that the other folds choose.
-pub(super) fn judged(outputs: &[Vec<f64>], candidates: &[&[Vec<f64>]], order: &[usize]) -> Vec<Vec<f64>> {
+pub(super) fn judged(outputs: &Rows, candidates: &[&Rows], order: &[usize]) -> Rows {
     let folds = FOLDS.min(order.len());
-    let mut predictions = vec![Vec::new(); order.len()];
+    let mut predictions = Rows::zeros(candidates.first().map_or(0, |candidate| candidate.width()), order.len());
     for fold in 0..folds {
         let (judging, others) = fold_rows(order, fold, folds);
         let errors = RelativeErrors::of(outputs, &others);
-        let error = |candidate: &[Vec<f64>]| errors.mean(candidate, &others);
-        let errors: Vec<f64> = candidates.iter().map(|candidate| error(candidate)).collect();
+        let errors: Vec<f64> = candidates.iter().map(|candidate| errors.mean(candidate, &others)).collect();
         let best = ranking(&errors, others.len()).first().map(|best| candidates[*best]);
         for (row, best) in judging.into_iter().zip(best.into_iter().cycle()) {
-            predictions[row].clone_from(&best[row]);
+            predictions[row].copy_from_slice(&best[row]);
         }
     }
     predictions
@@ -452,15 +465,15 @@ fn with_constants(mut graph: Graph, varying: &[usize], constants: &[f64]) -> Gra
 
 /// Errors of predictions relative to the variance of each output.
 struct RelativeErrors<'a> {
-    outputs: &'a [Vec<f64>],
+    outputs: &'a Rows,
     /// Outputs that vary, and their variances.
     variances: Vec<(usize, f64)>,
 }
 
 impl<'a> RelativeErrors<'a> {
     /// Errors relative to the variances in some rows.
-    fn of(outputs: &'a [Vec<f64>], rows: &[usize]) -> Self {
-        let values = chosen(outputs, rows);
+    fn of(outputs: &'a Rows, rows: &[usize]) -> Self {
+        let values = outputs.pick(rows);
         let varies = |output: &usize| values.iter().any(|row| row[*output] != values[0][*output]);
         let (_, deviations) = of_columns(&values);
         let variances = deviations.iter().map(|deviation| deviation * deviation).enumerate();
@@ -468,7 +481,7 @@ impl<'a> RelativeErrors<'a> {
     }
 
     /// Mean over the outputs that vary of `1 - R²` in some rows.
-    fn mean(&self, predictions: &[Vec<f64>], rows: &[usize]) -> f64 {
+    fn mean(&self, predictions: &Rows, rows: &[usize]) -> f64 {
         let of_output = |(output, variance): &(usize, f64)| {
             let squares = rows.iter().map(|row| (predictions[*row][*output] - self.outputs[*row][*output]).powi(2));
             squares.sum::<f64>() / (rows.len() as f64 * variance)

@@ -1,6 +1,6 @@
 //! Training of the network of a fit.
 
-use super::{FitContext, FitOptions, RowSplit, chosen};
+use super::{FitContext, FitOptions, RowSplit};
 use crate::{
     Error, Result,
     baselines::StandardizedRows,
@@ -13,14 +13,14 @@ use crate::{
         train_small, without_constants,
     },
 };
-use metafmu_runtime::{Activation, ScaledNetwork, Scaling};
+use metafmu_runtime::{Activation, Rows, ScaledNetwork, Scaling};
 use std::{ops::ControlFlow, sync::atomic::Ordering};
 
 impl FitContext<'_> {
     /// Returns true if networks are trained by Levenberg-Marquardt steps: those of parts of the rows are as that of all.
     pub(super) fn has_small_network(&self) -> bool {
         let rows = self.inputs.len();
-        let columns = [self.inputs, self.outputs].map(|rows| rows.first().map_or(0, Vec::len));
+        let columns = [self.inputs.width(), self.outputs.width()];
         rows > 1 && self.small().is_some_and(|small| small.is_quick(columns, rows))
     }
 
@@ -37,10 +37,10 @@ impl FitContext<'_> {
     /// The network of some of the rows by Levenberg-Marquardt steps; `is_shown`: whether its progress is reported.
     pub(super) fn small_network(&self, rows: &[usize], is_shown: bool) -> Result<ScaledNetwork> {
         let Self { inputs, outputs, control, .. } = self;
-        let (x, y) = (chosen(inputs, rows), chosen(outputs, rows));
+        let (x, y) = (inputs.pick(rows), outputs.pick(rows));
         let scaling = scaling_of(&x, &y);
-        let columns = [x[0].len(), y[0].len()];
-        let standardized = StandardizedRows::new(x.concat(), y.concat(), scaling);
+        let columns = [x.width(), y.width()];
+        let standardized = StandardizedRows::new(x.into_values(), y.into_values(), scaling);
         let StandardizedRows { x, y, scaling, .. } = &standardized;
         let rows_of = FewRows { x, y, inputs: columns[0], outputs: columns[1] };
         let small = self.small().unwrap_or(SmallNetwork { hidden: None, activation: Activation::Tanh, seed: 0 });
@@ -73,16 +73,16 @@ impl FitContext<'_> {
         is_shown: bool,
     ) -> Result<(ScaledNetwork, Outcome)> {
         let Self { inputs, outputs, options, control, .. } = self;
-        let columns = [inputs, outputs].map(|rows| rows.first().map_or(0, Vec::len));
-        let (x, y) = (chosen(inputs, seen), chosen(outputs, seen));
+        let columns = [inputs, outputs].map(|rows| rows.width());
+        let (x, y) = (inputs.pick(seen), outputs.pick(seen));
         let scaling = scaling_of(&x, &y);
-        let rows = |x: &[Vec<f64>], y: &[Vec<f64>]| {
+        let rows = |x: &Rows, y: &Rows| {
             let x = standardize_rows(x, &scaling.input_mean, &scaling.input_scale);
             let y = standardize_rows(y, &scaling.output_mean, &scaling.output_scale);
             TrainingRows::new(columns[0], columns[1], x, y)
         };
         let training_rows = rows(&x, &y)?;
-        let validation_rows = rows(&chosen(inputs, choosing), &chosen(outputs, choosing))?;
+        let validation_rows = rows(&inputs.pick(choosing), &outputs.pick(choosing))?;
         let network = Network::new(columns[0], columns[1], &options.network, options.seed)?;
         let epochs = options.training.epochs;
         let mut follower = FitFollower { control: *control, epochs, is_shown };
@@ -98,7 +98,7 @@ impl FitContext<'_> {
 }
 
 /// Means and standard deviations of inputs and outputs.
-fn scaling_of(x: &[Vec<f64>], y: &[Vec<f64>]) -> Scaling {
+fn scaling_of(x: &Rows, y: &Rows) -> Scaling {
     let ((input_mean, input_scale), (output_mean, output_scale)) = (of_columns(x), of_columns(y));
     Scaling { input_mean, input_scale, output_mean, output_scale }
 }

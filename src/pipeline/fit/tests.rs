@@ -7,12 +7,10 @@ use crate::{
 use rand::RngExt as _;
 use std::sync::atomic::AtomicBool;
 
-type Rows = Vec<Vec<f64>>;
-
 /// Random points of a square.
 fn points(rows: usize, seed: u64) -> Rows {
     let mut random = sampling::random(seed, Stream::Test);
-    (0..rows).map(|_| vec![random.random_range(-1.0..1.0), random.random_range(-1.0..1.0)]).collect()
+    (0..rows).map(|_| [random.random_range(-1.0..1.0), random.random_range(-1.0..1.0)]).collect()
 }
 
 fn smooth(point: &[f64]) -> Vec<f64> {
@@ -42,7 +40,7 @@ fn model_choice(name: &str) -> std::result::Result<ModelChoice, UnknownModel> {
 #[test]
 fn a_smooth_function_of_few_rows_is_a_gaussian_process_of_the_same_bytes_each_time() {
     let x = points(60, 1);
-    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let y: Rows = x.iter().map(smooth).collect();
     let training = TrainingOptions { epochs: 300, ..TrainingOptions::default() };
     let options = FitOptions { training, ..quick(ModelChoice::Auto) };
     let (surrogate, fit) = fitted(&x, &y, &options).unwrap();
@@ -53,7 +51,7 @@ fn a_smooth_function_of_few_rows_is_a_gaussian_process_of_the_same_bytes_each_ti
     let errors: Vec<f64> = fit.candidates.iter().map(|row| row.one_minus_r2.unwrap()).collect();
     assert!(errors[1] < 1e-2 * errors[2] && errors[1] < errors[0], "{errors:?}");
     let unseen = points(500, 2);
-    let labels: Rows = unseen.iter().map(|point| smooth(point)).collect();
+    let labels: Rows = unseen.iter().map(smooth).collect();
     let rmse =
         |surrogate: &Surrogate| Accuracy::of_rows(surrogate, TestRows::Given, &unseen, &labels).outputs["y"].mse.sqrt();
     let (network, of_network) =
@@ -78,18 +76,18 @@ fn predicted_standard_deviations_follow_the_outputs_of_a_gaussian_process() {
     let mut random = sampling::random(9, Stream::Test);
     // a uniform error with a standard deviation of 0.05
     let error = 0.05 * 3f64.sqrt();
-    let y: Rows = x.iter().map(|point| vec![smooth(point)[0] + random.random_range(-error..error), 7.0]).collect();
+    let y: Rows = x.iter().map(|point| [smooth(point)[0] + random.random_range(-error..error), 7.0]).collect();
     let options = FitOptions { std: true, ..quick(ModelChoice::Auto) };
     let (surrogate, fit) = fitted(&x, &y, &options).unwrap();
     assert_eq!((fit.model, fit.candidates.len()), ("gaussian-process", 1));
     let names: Vec<(&str, Option<u32>)> = surrogate.outputs().iter().map(|of| (of.name.as_str(), of.std_of)).collect();
     assert_eq!(names, [("y", None), ("constant", None), ("y_std", Some(0)), ("constant_std", Some(1))]);
-    let found = evaluation::predict_rows(&surrogate, &[vec![0.1, 0.2], vec![30.0, 0.0]]);
+    let found = evaluation::predict_rows(&surrogate, &Rows::from_iter([[0.1, 0.2], [30.0, 0.0]]));
     assert!((0.04..0.07).contains(&found[0][2]) && found[1][2] > 0.5, "{found:?}");
     assert!(found.iter().all(|row| (row[1], row[3]) == (7.0, 0.0)), "{found:?}");
     // the predictions are those of the same model without them
     let (alone, of_alone) = fitted(&x, &y, &quick(model_choice("gaussian-process").unwrap())).unwrap();
-    assert_eq!(evaluation::predict_rows(&alone, &[vec![0.1, 0.2]])[0], found[0][..2]);
+    assert_eq!(evaluation::predict_rows(&alone, &Rows::from_iter([[0.1, 0.2]]))[0], found[0][..2]);
     let accuracy = fit.accuracy.unwrap();
     let within = accuracy.outputs["y"].within_two_std.unwrap();
     assert!(
@@ -105,7 +103,7 @@ fn predicted_standard_deviations_follow_the_outputs_of_a_gaussian_process() {
     assert!(fit.unseen.unwrap().predictions.iter().all(|row| row.len() == 4 && row[2] > 0.0));
     let refused = |options: FitOptions, rows: usize| {
         let x = points(rows, 1);
-        let y: Rows = x.iter().map(|point| smooth(point)).collect();
+        let y: Rows = x.iter().map(smooth).collect();
         fitted(&x, &y, &options).unwrap_err().to_string()
     };
     let message = refused(FitOptions { std: true, ..quick(model_choice("polynomial").unwrap()) }, 50);
@@ -120,7 +118,7 @@ fn predicted_standard_deviations_follow_the_outputs_of_a_gaussian_process() {
 #[test]
 fn a_small_network_of_few_rows_is_better_than_one_of_epochs_and_uses_all_rows() {
     let x = points(60, 1);
-    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let y: Rows = x.iter().map(smooth).collect();
     let of_epochs = TrainingOptions { epochs: 300, ..TrainingOptions::default() };
     let options = FitOptions { training: of_epochs, ..quick(model_choice("network").unwrap()) };
     let small = FitOptions { small_networks: SmallNetworks::OfChosenSize, ..options.clone() };
@@ -148,9 +146,9 @@ fn each_fold_is_judged_with_the_candidate_that_the_other_folds_choose() {
         order.iter().map(|row| vec![if row % 5 == fold { *row as f64 } else { -1000.0 }]).collect()
     };
     let candidates: Vec<Rows> = (0..5).map(perfect_in).collect();
-    let candidates: Vec<&[Vec<f64>]> = candidates.iter().map(Vec::as_slice).collect();
+    let candidates: Vec<&Rows> = candidates.iter().collect();
     let found = judged(&outputs, &candidates, &order);
-    assert!(found.iter().all(|values| values == &[-1000.0]), "{found:?}");
+    assert!(found.iter().all(|values| values == [-1000.0]), "{found:?}");
     // one that is better everywhere is chosen for all
     let good: Rows = order.iter().map(|row| vec![*row as f64 + 0.1]).collect();
     assert_eq!(judged(&outputs, &[candidates[0], &good], &order), good);
@@ -159,11 +157,11 @@ fn each_fold_is_judged_with_the_candidate_that_the_other_folds_choose() {
 #[test]
 fn rows_that_judge_take_no_part_in_the_choice_and_the_fit() {
     let x = points(FEW_ROWS, 3);
-    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let y: Rows = x.iter().map(smooth).collect();
     let order = sampling::permutation(x.len(), sampling::random(0, Stream::Validation));
     let judging = RowSplit::of(&order, &TrainingOptions::default(), true).judging;
     let mut others = y.clone();
-    judging.iter().for_each(|row| others[*row] = vec![1e3, 7.0]);
+    judging.iter().for_each(|row| others[*row].copy_from_slice(&[1e3, 7.0]));
     for model in [ModelChoice::Auto, model_choice("polynomial").unwrap()] {
         let [(surrogate, fit), (same, of_others)] = [&y, &others].map(|y| fitted(&x, y, &quick(model)).unwrap());
         assert_eq!(fit.train_rows, if fit.model == "network" { 900 } else { 950 }, "{}", fit.model);
@@ -178,7 +176,7 @@ fn rows_that_judge_take_no_part_in_the_choice_and_the_fit() {
 fn a_table_of_any_length_is_fitted_and_candidates_that_cannot_be_say_why() {
     for rows in [1, 2, 3, 5, FEW_ROWS + 1] {
         let x = points(rows, 4);
-        let y: Rows = x.iter().map(|point| smooth(point)).collect();
+        let y: Rows = x.iter().map(smooth).collect();
         let (surrogate, fit) = fitted(&x, &y, &quick(ModelChoice::Auto)).unwrap();
         assert_eq!(fit.candidates.len(), if rows == 1 { 1 } else { 3 });
         assert!(fit.candidates.iter().any(|row| row.model == fit.model && row.note.is_empty()), "{:?}", fit.candidates);
@@ -191,7 +189,7 @@ fn a_table_of_any_length_is_fitted_and_candidates_that_cannot_be_say_why() {
     }
     // that kind was asked for
     let x = points(FEW_ROWS + 1, 4);
-    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let y: Rows = x.iter().map(smooth).collect();
     let options = FitOptions { measure: false, ..quick(model_choice("svr").unwrap()) };
     let (_, fit) = fitted(&x, &y, &options).unwrap();
     assert_eq!((fit.train_rows, fit.candidates[0].note.as_str()), (1000, "fitted to 1000 of 1001 rows"));
@@ -216,7 +214,7 @@ fn what_cannot_be_fitted_is_refused_with_the_reason_of_each_candidate() {
 fn a_comparison_that_is_stopped_is_interrupted() {
     for rows in [20, FEW_ROWS] {
         let x = points(rows, 6);
-        let y: Rows = x.iter().map(|point| smooth(point)).collect();
+        let y: Rows = x.iter().map(smooth).collect();
         for model in [ModelChoice::Auto, model_choice("network").unwrap()] {
             let stopped = fitted_unless(&x, &y, &quick(model), &AtomicBool::new(true));
             assert!(matches!(stopped, Err(Error::Interrupted)), "{rows} {model:?}");
@@ -227,7 +225,7 @@ fn a_comparison_that_is_stopped_is_interrupted() {
 #[test]
 fn folds_that_are_fitted_side_by_side_count_their_processor_time_once() {
     let x = points(200, 5);
-    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let y: Rows = x.iter().map(smooth).collect();
     let all = ProcessorTimer::start(ProcessorClock::Process);
     let (_, fit) = fitted(&x, &y, &quick(ModelChoice::Auto)).unwrap();
     let of_candidates: f64 = fit.candidates.iter().filter_map(|row| row.fit_seconds).sum();
@@ -237,7 +235,7 @@ fn folds_that_are_fitted_side_by_side_count_their_processor_time_once() {
 #[test]
 fn every_kind_is_fitted_by_its_name_and_others_are_refused() {
     let x = points(40, 5);
-    let y: Rows = x.iter().map(|point| smooth(point)).collect();
+    let y: Rows = x.iter().map(smooth).collect();
     for kind in BaselineKind::ALL.into_iter().filter(|kind| *kind != BaselineKind::Knn) {
         let (_, fit) = fitted(&x, &y, &quick(model_choice(kind.name()).unwrap())).unwrap();
         assert_eq!((fit.model, fit.train_rows), (kind.name(), 40));

@@ -33,8 +33,9 @@ impl LearningMethod for ElementOfRuns {
         let ElementFit { element, candidates, best } = compliant::fit(study, &rows, &held_out, project.control().stop)?;
         let columns = ElementColumns::of(study, dataset);
         let interface = interface(study, &columns);
-        let points = [rows.points.as_slice(), &held_out.points].concat();
-        let numbers = points.iter().chain(&rows.forces).flatten();
+        let mut points = rows.points.clone();
+        points.extend(&held_out.points);
+        let numbers = points.values().iter().chain(rows.forces.values());
         let content: Vec<u8> = numbers.flat_map(|value| value.to_le_bytes()).collect();
         let about = About { path: Path::new(&study.name), content: &content, is_single: false, producer: "" };
         let surrogate = import::of_graph(element.graph(), about, &interface, Some(points))?;

@@ -17,7 +17,7 @@ use crate::{
     worst::worst,
 };
 use metafmu_runtime::{
-    FormatError, Graph, ScaledNetwork, Scaling,
+    FormatError, Graph, Rows, ScaledNetwork, Scaling,
     dictionary::Factor,
     function_set::{ColumnKind, NetworkColumn},
 };
@@ -42,7 +42,7 @@ pub(super) fn held_out(states: usize) -> usize {
 }
 
 /// Derivatives and outputs of a source at points of parameters, inputs and states; then its mass matrix, if it gives one.
-pub(super) fn ask(project: &Project, model: &WorkerModel, points: &[Vec<f64>]) -> Result<Vec<Vec<f64>>> {
+pub(super) fn ask(project: &Project, model: &WorkerModel, points: &Rows) -> Result<Rows> {
     project.begin(CountedWork::Equations, model.batches(points.len()));
     let labels = model.derivatives(points, project.workers(), || project.event(Event::Advance));
     project.event(Event::End);
@@ -50,10 +50,14 @@ pub(super) fn ask(project: &Project, model: &WorkerModel, points: &[Vec<f64>]) -
 }
 
 /// Random points in ranges, the same ones for the same seed; more of them begin with the same ones.
-pub(super) fn random_points(ranges: &[[f64; 2]], count: usize, seed: u64) -> Vec<Vec<f64>> {
+pub(super) fn random_points(ranges: &[[f64; 2]], count: usize, seed: u64) -> Rows {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
-    let mut point = || ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
-    (0..count).map(|_| point()).collect()
+    let mut points = Rows::with_capacity(ranges.len(), count);
+    for _ in 0..count {
+        let point: Vec<f64> = ranges.iter().map(|[min, max]| min + random.random::<f64>() * (max - min)).collect();
+        points.push(&point);
+    }
+    points
 }
 
 /// Two values that differ by less of the largest one are the same.
@@ -70,18 +74,20 @@ pub(super) fn used(project: &Project, model: &WorkerModel, ranges: &[[f64; 2]], 
         random.iter().enumerate().flat_map(move |(index, point)| {
             let share = (index + 1) as f64 / COMPARED as f64;
             [*min, min + share * (max - min)].map(|value| {
-                let mut point = point.clone();
+                let mut point = point.to_vec();
                 point[column] = value;
                 point
             })
         })
     });
-    let found = ask(project, model, &pairs.collect::<Vec<_>>())?;
-    let largest = |label: usize| found.iter().fold(0.0f64, |largest, found| largest.max(found[label].abs()));
+    let found = ask(project, model, &pairs.collect())?;
+    let largest = |label: usize| found.column(label).fold(0.0f64, |largest, value| largest.max(value.abs()));
     let limits: Vec<(usize, f64)> = labels.iter().map(|label| (*label, SAME * largest(*label))).collect();
-    let is_same =
-        |pair: &[Vec<f64>]| limits.iter().all(|(label, limit)| (pair[0][*label] - pair[1][*label]).abs() <= *limit);
-    Ok(found.chunks(2 * COMPARED).map(|of_column| !of_column.chunks(2).all(is_same)).collect())
+    let differs = |pair: usize| {
+        let (low, high) = (&found[2 * pair], &found[2 * pair + 1]);
+        limits.iter().any(|(label, limit)| (low[*label] - high[*label]).abs() > *limit)
+    };
+    Ok((0..ranges.len()).map(|column| (column * COMPARED..(column + 1) * COMPARED).any(differs)).collect())
 }
 
 /// Columns of a network of these columns of `factors` and beyond: angles enter as sine and cosine.
@@ -94,8 +100,8 @@ pub(super) fn network_columns(factors: &[Factor], of: impl Iterator<Item = usize
 }
 
 /// The columns of a network at some points.
-pub(super) fn encoded(columns: &[NetworkColumn], points: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    points.iter().map(|point| columns.iter().map(|column| column.of(point)).collect()).collect()
+pub(super) fn encoded(columns: &[NetworkColumn], points: &Rows) -> Rows {
+    points.iter().map(|point| columns.iter().map(|column| column.of(point)).collect::<Vec<_>>()).collect()
 }
 
 /// The error about a surrogate whose parts do not fit together.
@@ -115,9 +121,9 @@ pub(super) fn chosen(candidates: &[Candidate], options: &DynamicsOptions) -> usi
 #[derive(Default)]
 pub(super) struct Examples {
     /// Its columns, row by row.
-    pub inputs: Vec<Vec<f64>>,
+    pub inputs: Rows,
     /// Its expected outputs, row by row.
-    pub outputs: Vec<Vec<f64>>,
+    pub outputs: Rows,
     /// Derivatives of both along some directions, if they are known; a training ignores those of held-out examples.
     pub tangents: Option<Directions>,
 }
@@ -125,9 +131,9 @@ pub(super) struct Examples {
 /// Derivatives along some directions, row by row and, in a row, direction by direction.
 pub(super) struct Directions {
     /// Derivatives of the columns.
-    pub inputs: Vec<Vec<f64>>,
+    pub inputs: Rows,
     /// Derivatives of the expected outputs.
-    pub outputs: Vec<Vec<f64>>,
+    pub outputs: Rows,
     /// `true` for each output whose derivatives are known.
     pub known: Vec<bool>,
 }
@@ -164,8 +170,7 @@ pub(super) fn draw(
             // derivatives have no mean
             if let Some(tangents) = &examples.tangents {
                 let rows = row * directions..(row + 1) * directions;
-                let rows = tangents.inputs[rows.clone()].iter().zip(&tangents.outputs[rows]);
-                rows.for_each(|(input, output)| add(input, output, 0.0));
+                rows.for_each(|row| add(&tangents.inputs[row], &tangents.outputs[row], 0.0));
             }
         }
         samples

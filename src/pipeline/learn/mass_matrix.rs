@@ -20,7 +20,7 @@ use crate::{
     training::{EpochRecord, StopReason},
 };
 use metafmu_runtime::{
-    Dynamics, Integration, Motion, Program, Shown, StatePoint,
+    Dynamics, Integration, Motion, Program, Rows, Shown, StatePoint,
     dictionary::{Dictionary, Factor},
     function_set::{NetworkColumn, NetworkTerm},
 };
@@ -117,7 +117,7 @@ struct AskedProgram<'a> {
 struct RandomStates {
     /// At `(q, p, v, u)`.
     accelerations: EquationSamples,
-    masses: Vec<Vec<f64>>,
+    masses: Rows,
 }
 
 /// Ways to learn the equations.
@@ -181,11 +181,11 @@ impl<'a> AskedProgram<'a> {
     }
 
     /// Derivatives, outputs and mass matrix at points of parameters, inputs and states.
-    fn ask(&self, points: &[Vec<f64>]) -> Result<Vec<Vec<f64>>> {
+    fn ask(&self, points: &Rows) -> Result<Rows> {
         learned::ask(self.project, self.model, points)
     }
 
-    fn random_points(&self, count: usize, seed: u64) -> Vec<Vec<f64>> {
+    fn random_points(&self, count: usize, seed: u64) -> Rows {
         let ranges = [&self.parameters[..], &self.inputs, &self.states].concat();
         learned::random_points(&ranges, count, self.project.study.seed ^ seed)
     }
@@ -195,8 +195,9 @@ impl<'a> AskedProgram<'a> {
         let (study, n) = (&self.project.study, self.coordinates());
         let (p, e) = (self.parameters.len(), self.inputs.len());
         let mut points = self.random_points(2 * COMPARED, 0x4f55_5450);
-        for pair in points.chunks_exact_mut(2) {
-            let [first, second] = pair else { continue };
+        for pair in 0..COMPARED {
+            let first = points[2 * pair].to_vec();
+            let second = &mut points[2 * pair + 1];
             second[..p].copy_from_slice(&first[..p]);
             second[p + e..p + e + n].copy_from_slice(&first[p + e..p + e + n]);
         }
@@ -217,12 +218,12 @@ impl<'a> AskedProgram<'a> {
             let is = |state: usize| {
                 labels.iter().zip(&points).all(|(label, point)| same(label[column], point[p + e + state]))
             };
-            let pairs = labels.as_chunks::<2>().0;
-            let largest = labels.iter().fold(0.0f64, |largest, label| largest.max(label[column].abs()));
+            let values: Vec<f64> = labels.column(column).collect();
+            let largest = values.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
             if let Some(state) = (0..2 * n).find(|state| is(*state)) {
                 let position = shown.position(ShownPosition::Coordinate(state % n));
                 shown.outputs.push(if state < n { Shown::Position(position) } else { Shown::Velocity(position) });
-            } else if pairs.iter().all(|[a, b]| (a[column] - b[column]).abs() <= SAME * largest) {
+            } else if values.as_chunks::<2>().0.iter().all(|[a, b]| (a - b).abs() <= SAME * largest) {
                 let position = shown.position(ShownPosition::Output(output));
                 shown.outputs.push(Shown::Position(position));
             } else {
@@ -258,40 +259,41 @@ impl<'a> AskedProgram<'a> {
     fn configurations(&self, range: Range<usize>, is_unseen: bool) -> Result<EquationSamples> {
         let (p, e, n) = (self.parameters.len(), self.inputs.len(), self.coordinates());
         let speeds = self.speeds();
-        let mut points = Vec::new();
+        let (mut points, mut configurations) = (Rows::default(), Rows::default());
         let seed = if is_unseen { 0x554e_5345 } else { 0x434f_4e46 };
-        for mut point in self.random_points(range.end, seed).split_off(range.start) {
+        for point in &self.random_points(range.end, seed).part(range) {
+            let mut point = point.to_vec();
             self.inputs.iter().enumerate().for_each(|(input, [min, _])| point[p + input] = *min);
             point[p + e + n..].fill(0.0);
-            points.push(point.clone());
-            for (input, [_, max]) in self.inputs.iter().enumerate() {
-                points.push(point.clone());
-                points.last_mut().into_iter().for_each(|point| point[p + input] = *max);
+            configurations.push(&[&point[p + e..p + e + n], &point[..p]].concat());
+            points.push(&point);
+            for (input, [min, max]) in self.inputs.iter().enumerate() {
+                point[p + input] = *max;
+                points.push(&point);
+                point[p + input] = *min;
             }
             for (k, speed) in speeds.iter().enumerate() {
                 for speed in [*speed, -speed] {
-                    points.push(point.clone());
-                    points.last_mut().into_iter().for_each(|point| point[p + e + n + k] = speed);
+                    point[p + e + n + k] = speed;
+                    points.push(&point);
                 }
+                point[p + e + n + k] = 0.0;
             }
         }
         let labels = self.ask(&points)?;
         let width = 1 + e + 2 * n;
-        let configurations = points.chunks_exact(width).map(|points| {
-            let (parameters, rest) = points[0].split_at(p);
-            [&rest[e..e + n], parameters].concat()
-        });
-        let functions = labels.chunks_exact(width).map(|labels| self.functions(labels, &speeds));
-        Ok(EquationSamples { points: configurations.collect(), labels: functions.collect() })
+        let functions = (0..configurations.len())
+            .map(|number| self.functions(&labels.part(number * width..(number + 1) * width), &speeds))
+            .collect();
+        Ok(EquationSamples { points: configurations, labels: functions })
     }
 
     /// The functions of one configuration.
-    fn functions(&self, labels: &[Vec<f64>], speeds: &[f64]) -> Vec<f64> {
+    fn functions(&self, labels: &Rows, speeds: &[f64]) -> Vec<f64> {
         let (e, n) = (self.inputs.len(), self.coordinates());
-        let outputs = 2 * n..labels[0].len() - n * (n + 1) / 2;
+        let outputs = 2 * n..labels.width() - n * (n + 1) / 2;
         let masses = &labels[0][outputs.end..];
-        let forces: Vec<Vec<f64>> =
-            labels.iter().map(|label| product(&label[outputs.end..], &label[n..2 * n])).collect();
+        let forces: Rows = labels.iter().map(|label| product(&label[outputs.end..], &label[n..2 * n])).collect();
         let by_input = |row: usize, input: usize| {
             let [min, max] = self.inputs[input];
             (forces[1 + input][row] - forces[0][row]) / (max - min)
@@ -327,13 +329,13 @@ impl<'a> AskedProgram<'a> {
         let labels = self.ask(&points)?;
         let masses = n * (n + 1) / 2;
         let order =
-            |point: &Vec<f64>| [&point[p + e..p + e + n], &point[..p], &point[p + e + n..], &point[p..p + e]].concat();
+            |point: &[f64]| [&point[p + e..p + e + n], &point[..p], &point[p + e + n..], &point[p..p + e]].concat();
         Ok(RandomStates {
             accelerations: EquationSamples {
                 points: points.iter().map(order).collect(),
-                labels: labels.iter().map(|label| label[n..2 * n].to_vec()).collect(),
+                labels: labels.iter().map(|label| &label[n..2 * n]).collect(),
             },
-            masses: labels.into_iter().map(|label| label[label.len() - masses..].to_vec()).collect(),
+            masses: labels.iter().map(|label| &label[label.len() - masses..]).collect(),
         })
     }
 
@@ -388,8 +390,8 @@ impl<'a> AskedProgram<'a> {
             let known = &mut asked[usize::from(is_unseen)];
             if known.points.len() < count {
                 let EquationSamples { points, labels } = self.configurations(known.points.len()..count, is_unseen)?;
-                known.points.extend(points);
-                known.labels.extend(labels);
+                known.points.extend(&points);
+                known.labels.extend(&labels);
             }
             Ok::<_, Error>(known.first(count))
         };
@@ -490,14 +492,7 @@ impl ShownOutputs {
 
 impl RandomStates {
     fn part(&self, range: Range<usize>) -> Self {
-        let EquationSamples { points, labels } = &self.accelerations;
-        Self {
-            accelerations: EquationSamples {
-                points: points[range.clone()].to_vec(),
-                labels: labels[range.clone()].to_vec(),
-            },
-            masses: self.masses[range].to_vec(),
-        }
+        Self { accelerations: self.accelerations.part(range.clone()), masses: self.masses.part(range) }
     }
 
     /// Forces that the equations lack: of these columns.
@@ -505,7 +500,7 @@ impl RandomStates {
         let EquationSamples { points, labels } = &self.accelerations;
         let (n, mut scratch) = (dynamics.coordinates(), dynamics.scratch());
         let configuration = n + dynamics.parameters();
-        let rest = |((point, label), mass): ((&Vec<f64>, &Vec<f64>), &Vec<f64>)| {
+        let rest = |((point, label), mass): ((&[f64], &[f64]), &[f64])| {
             let ((q, p), (v, u)) = (point[..configuration].split_at(n), point[configuration..].split_at(n));
             let mut found = vec![0.0; n];
             dynamics.accelerations(StatePoint { q, v, u, p }, &mut found, &mut scratch);

@@ -17,7 +17,7 @@ use crate::{
     worst::worst,
 };
 use metafmu_runtime::{
-    Dynamics,
+    Dynamics, Rows,
     dictionary::{Dictionary, Factor, Term},
     function_set::{FunctionSet, NetworkColumn, NetworkTerm},
 };
@@ -280,7 +280,7 @@ impl<'a> Asked<'a> {
         let (known, units) = (self.equations.known(), self.equations.units());
         let examples = |asked: &OfEquations, rest: &Rest| Examples {
             inputs: encoded(&columns, &asked.samples.points),
-            outputs: of_outputs(&rest.values, &outputs),
+            outputs: rest.values.select(&outputs),
             tangents: Some(Directions {
                 inputs: tangents(&columns, &asked.samples.points, &units),
                 outputs: rest.tangents(&outputs, &units),
@@ -328,7 +328,7 @@ impl<'a> Asked<'a> {
         let refuse = |error: MotionError| study.refusal("states", error);
         let count = learned::states(study);
         let all = self.equations.accelerations(count, study.seed ^ 0x4143_4345).map_err(refuse)?;
-        let (unseen, seen) = (part(&all, 0..held_out(count)), part(&all, held_out(count)..count));
+        let (unseen, seen) = (all.part(0..held_out(count)), all.part(held_out(count)..count));
         let depends = self.equations.dependencies_of_accelerations(&seen).map_err(refuse)?;
         let of: Vec<usize> = (0..depends.len()).filter(|column| depends[*column]).collect();
         let largest = |row: usize| seen.labels.iter().fold(0.0f64, |largest, label| largest.max(label[row].abs()));
@@ -338,7 +338,7 @@ impl<'a> Asked<'a> {
         let columns = network_columns(&self.factors, of.iter().copied());
         let examples = |samples: &EquationSamples| Examples {
             inputs: encoded(&columns, &samples.points),
-            outputs: of_outputs(&samples.labels, &outputs),
+            outputs: samples.labels.select(&outputs),
             tangents: None,
         };
         let examples = [examples(&seen), examples(&unseen)];
@@ -411,56 +411,52 @@ fn identity(dynamics: &Dynamics) -> Result<Dictionary> {
 }
 
 /// Residuals of a dictionary in some functions.
+#[derive(Default)]
 struct Rest {
     /// Row by row.
-    values: Vec<Vec<f64>>,
+    values: Rows,
     /// Derivatives with respect to the coordinates: shape `[functions, coordinates]` each.
-    gradients: Vec<Vec<f64>>,
+    gradients: Rows,
 }
 
 fn rest(dictionary: &Dictionary, asked: &OfEquations, range: Range<usize>) -> Rest {
     let OfEquations { samples: EquationSamples { points, labels }, gradients, .. } = asked;
-    let functions = labels.first().map_or(1, Vec::len);
-    let n = gradients.first().map_or(0, Vec::len) / functions;
-    let less = |labels: &[f64], found: Vec<f64>| labels.iter().zip(found).map(|(label, found)| label - found).collect();
-    let rows = points.iter().zip(labels).zip(gradients).map(|((point, label), gradient)| {
+    let n = gradients.width() / labels.width().max(1);
+    let mut rest = Rest::default();
+    for ((point, label), gradient) in points.iter().zip(labels).zip(gradients) {
         let (values, slopes) = dictionary.with_gradient(point, n);
-        (less(&label[range.clone()], values), less(&gradient[range.start * n..range.end * n], slopes))
-    });
-    let (values, gradients) = rows.unzip();
-    Rest { values, gradients }
+        rest.values.push(&difference(&label[range.clone()], &values));
+        rest.gradients.push(&difference(&gradient[range.start * n..range.end * n], &slopes));
+    }
+    rest
+}
+
+fn difference(labels: &[f64], values: &[f64]) -> Vec<f64> {
+    labels.iter().zip(values).map(|(label, value)| label - value).collect()
 }
 
 impl Rest {
     /// Derivatives of some functions along each coordinate, in these units: row by row and, in a row, coordinate by coordinate.
-    fn tangents(&self, outputs: &[usize], units: &[f64]) -> Vec<Vec<f64>> {
-        let n = units.len();
-        let of_row = |gradient: &Vec<f64>| -> Vec<Vec<f64>> {
-            let along =
-                |(k, unit): (usize, &f64)| outputs.iter().map(|output| unit * gradient[output * n + k]).collect();
-            units.iter().enumerate().map(along).collect()
-        };
-        self.gradients.iter().flat_map(of_row).collect()
+    fn tangents(&self, outputs: &[usize], units: &[f64]) -> Rows {
+        let mut tangents = Rows::with_capacity(outputs.len(), self.gradients.len() * units.len());
+        for gradient in &self.gradients {
+            for (k, unit) in units.iter().enumerate() {
+                let along = outputs.iter().map(|output| unit * gradient[output * units.len() + k]);
+                tangents.push(&along.collect::<Vec<_>>());
+            }
+        }
+        tangents
     }
 }
 
 /// Derivatives of columns along each coordinate, in these units: row by row and, in a row, coordinate by coordinate.
-fn tangents(columns: &[NetworkColumn], points: &[Vec<f64>], units: &[f64]) -> Vec<Vec<f64>> {
-    let of_row = |point: &Vec<f64>| -> Vec<Vec<f64>> {
-        let along = |(k, unit): (usize, &f64)| {
+fn tangents(columns: &[NetworkColumn], points: &Rows, units: &[f64]) -> Rows {
+    let mut tangents = Rows::with_capacity(columns.len(), points.len() * units.len());
+    for point in points {
+        for (k, unit) in units.iter().enumerate() {
             let slope = |column: &NetworkColumn| if column.of == k { unit * column.slope(point) } else { 0.0 };
-            columns.iter().map(slope).collect()
-        };
-        units.iter().enumerate().map(along).collect()
-    };
-    points.iter().flat_map(of_row).collect()
-}
-
-/// Some columns of labels.
-fn of_outputs(labels: &[Vec<f64>], outputs: &[usize]) -> Vec<Vec<f64>> {
-    labels.iter().map(|label| outputs.iter().map(|output| label[*output]).collect()).collect()
-}
-
-fn part(samples: &EquationSamples, range: Range<usize>) -> EquationSamples {
-    EquationSamples { points: samples.points[range.clone()].to_vec(), labels: samples.labels[range].to_vec() }
+            tangents.push(&columns.iter().map(slope).collect::<Vec<_>>());
+        }
+    }
+    tangents
 }

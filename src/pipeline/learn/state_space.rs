@@ -23,7 +23,7 @@ use crate::{
     worst::worst,
 };
 use metafmu_runtime::{
-    Clock, Encoder, Encoding, Graph, Integration, Program, ScaledNetwork,
+    Clock, Encoder, Encoding, Graph, Integration, Program, Rows, ScaledNetwork,
     dictionary::{Dictionary, Factor},
     graph::Given,
 };
@@ -169,11 +169,7 @@ impl StateSpaceColumns {
     ) -> Result<LearnedStateSpace> {
         let study = &project.study;
         let held_out = held_out(samples.points.len());
-        let part = |range: Range<usize>| EquationSamples {
-            points: samples.points[range.clone()].to_vec(),
-            labels: samples.labels[range].to_vec(),
-        };
-        let (unseen, seen) = (part(0..held_out), part(held_out..samples.points.len()));
+        let (unseen, seen) = (samples.part(0..held_out), samples.part(held_out..samples.points.len()));
         let began = Instant::now();
         let fit = |lowest: bool| {
             let fitted = fit_functions((&self.factors, &self.used), &seen, &unseen, lowest);
@@ -257,9 +253,9 @@ impl StateSpaceColumns {
     }
 
     /// Columns of a network, in which columns that change nothing are constant.
-    fn columns(&self, samples: &EquationSamples) -> Vec<Vec<f64>> {
+    fn columns(&self, samples: &EquationSamples) -> Rows {
         let encoder = self.encoder();
-        let encoded = |point: &Vec<f64>| {
+        let encoded = |point: &[f64]| {
             let used = point.iter().zip(&self.used).zip(&self.ranges);
             let point: Vec<f64> = used.map(|((value, used), [min, _])| if *used { *value } else { *min }).collect();
             let mut columns = vec![0.0; encoder.width()];
@@ -271,16 +267,14 @@ impl StateSpaceColumns {
 
     /// Root mean square error relative to the standard deviation, of the worst function.
     fn error(&self, dictionary: &Dictionary, network: Option<&ScaledNetwork>, unseen: &EquationSamples) -> f64 {
-        let mut rest = residuals(dictionary, unseen);
-        if let Some(network) = network {
-            for (rest, found) in rest.iter_mut().zip(Graph::from(network).evaluate(&self.columns(unseen))) {
-                rest.iter_mut().zip(found).for_each(|(rest, found)| *rest -= found);
-            }
-        }
+        let residuals = residuals(dictionary, unseen);
+        let learned = network.map(|network| Graph::from(network).evaluate(&self.columns(unseen)));
         let (_, scales) = scaling::of_columns(&unseen.labels);
         let of = |function: usize| {
-            let squares: f64 = rest.iter().map(|rest| rest[function] * rest[function]).sum();
-            (squares / rest.len().max(1) as f64).sqrt() / scales[function]
+            let residual =
+                |row: usize| residuals[row][function] - learned.as_ref().map_or(0.0, |learned| learned[row][function]);
+            let squares: f64 = (0..residuals.len()).map(|row| residual(row).powi(2)).sum();
+            (squares / residuals.len().max(1) as f64).sqrt() / scales[function]
         };
         worst((0..dictionary.outputs()).map(of))
     }
@@ -288,17 +282,17 @@ impl StateSpaceColumns {
 
 /// Recognizes outputs and derivatives that are states or equal functions. Results are outputs, then derivatives.
 fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> Recognized {
-    let width = samples.labels.first().map_or(0, Vec::len);
+    let width = samples.labels.width();
     let EquationSamples { points, labels } = samples;
     let same = |label: usize, of: &dyn Fn(usize) -> f64| {
-        let largest = labels.iter().map(|labels| labels[label].abs()).fold(0.0, f64::max);
+        let largest = labels.column(label).map(f64::abs).fold(0.0, f64::max);
         (0..points.len()).all(|row| (labels[row][label] - of(row)).abs() <= SAME * largest)
     };
     let mut functions: Vec<usize> = Vec::new();
     // labels are derivatives, then outputs
     let mut results: Vec<Given> = Vec::new();
     for label in 0..width {
-        let state = (0..states).find(|state| same(label, &|row| points[row][points[row].len() - states + state]));
+        let state = (0..states).find(|state| same(label, &|row| points[row][points.width() - states + state]));
         let known = || functions.iter().position(|function| same(label, &|row| labels[row][*function]));
         results.push(match state {
             Some(state) => Given::State(state),
@@ -309,16 +303,18 @@ fn recognize(samples: EquationSamples, &[_, _, states]: &[usize; 3]) -> Recogniz
         });
     }
     results.rotate_left(states);
-    let labels = labels.iter().map(|labels| functions.iter().map(|label| labels[*label]).collect()).collect();
+    let labels = labels.select(&functions);
     Recognized { results, functions, samples: EquationSamples { points, labels } }
 }
 
 /// Residuals of a dictionary.
-fn residuals(dictionary: &Dictionary, samples: &EquationSamples) -> Vec<Vec<f64>> {
-    let mut found = vec![0.0; dictionary.outputs()];
-    let rest = |(point, labels): (&Vec<f64>, &Vec<f64>)| {
-        dictionary.evaluate(point, &mut found);
-        labels.iter().zip(&found).map(|(label, found)| label - found).collect()
-    };
-    samples.points.iter().zip(&samples.labels).map(rest).collect()
+fn residuals(dictionary: &Dictionary, samples: &EquationSamples) -> Rows {
+    let mut residuals = Rows::with_capacity(dictionary.outputs(), samples.points.len());
+    let mut values = vec![0.0; dictionary.outputs()];
+    for (point, labels) in samples.points.iter().zip(&samples.labels) {
+        dictionary.evaluate(point, &mut values);
+        values.iter_mut().zip(labels).for_each(|(value, label)| *value = label - *value);
+        residuals.push(&values);
+    }
+    residuals
 }

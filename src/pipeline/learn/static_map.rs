@@ -19,7 +19,7 @@ use crate::{
     surrogate,
     training::StopReason,
 };
-use metafmu_runtime::Surrogate;
+use metafmu_runtime::{Rows, Surrogate};
 use sha2::{Digest, Sha256};
 use std::time::Instant;
 
@@ -49,7 +49,7 @@ impl LearningMethod for StaticMap {
             return Err(study.refusal("static.std", problem));
         }
         expect_bounds(study, fit::unseen_rows(rows, &options.training))?;
-        project.say(format_args!("fitting to {rows} rows: inputs {}, outputs {}", inputs[0].len(), outputs[0].len()));
+        project.say(format_args!("fitting to {rows} rows: inputs {}, outputs {}", inputs.width(), outputs.width()));
         let began = Instant::now();
         let interface = ModelInterface::of_study(study, source.inputs(), source.outputs());
         let (surrogate, fit) = fit::fit((inputs.clone(), &outputs), &interface, &options, project.control())?;
@@ -57,8 +57,7 @@ impl LearningMethod for StaticMap {
         let unseen = fit.unseen.as_ref().filter(|_| !project.is_stopped()).ok_or(Error::Interrupted)?;
         let surrogate = surrogate::of_rows(study, &with_bounds(study, surrogate, unseen, &outputs)?)?;
         let comparison = comparison(study, &surrogate, &fit);
-        let of_unseen = |of: &[Vec<f64>]| -> Vec<Vec<f64>> { unseen.rows.iter().map(|row| of[*row].clone()).collect() };
-        let (points, labels) = (of_unseen(&inputs), of_unseen(&outputs));
+        let (points, labels) = (inputs.pick(&unseen.rows), outputs.pick(&unseen.rows));
         let test = Dataset::of_rows(source.inputs(), source.outputs(), &points, &labels);
         let lines: Vec<u64> = unseen.rows.iter().map(|row| places[*row]).collect();
         let table = unseen::csv(&lines, &test, &unseen.predictions);
@@ -104,9 +103,9 @@ fn expect_bounds(study: &Study, unseen: usize) -> Result<()> {
     Err(study.refusal("bounds.coverage", message))
 }
 
-fn with_bounds(study: &Study, map: Surrogate, unseen: &UnseenRows, outputs: &[Vec<f64>]) -> Result<Surrogate> {
+fn with_bounds(study: &Study, map: Surrogate, unseen: &UnseenRows, outputs: &Rows) -> Result<Surrogate> {
     let Some(BoundsOptions { coverage, .. }) = study.bounds else { return Ok(map) };
-    let error = |(row, found): (&usize, &Vec<f64>)| -> Vec<f64> {
+    let error = |(row, found): (&usize, &[f64])| -> Vec<f64> {
         outputs[*row].iter().zip(found).map(|(label, found)| (label - found).abs()).collect()
     };
     let errors: Vec<Vec<f64>> = unseen.rows.iter().zip(&unseen.predictions).map(error).collect();

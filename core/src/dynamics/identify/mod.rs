@@ -438,15 +438,15 @@ pub fn fit_accelerations(factors: &[Factor], trajectories: &[Trajectory]) -> Res
             for row in of(rows).filter(|row| (3..rows - 3).contains(row)) {
                 let (u, q, v) =
                     (&trajectory.u[row * m..][..m], &trajectory.q[row * n..][..n], &trajectory.v[row * n..][..n]);
-                samples.points.push([&trajectory.parameters, u, q, v].concat());
-                samples.labels.push(labels[row * n..][..n].to_vec());
+                samples.points.push(&[&trajectory.parameters, u, q, v].concat());
+                samples.labels.push(&labels[row * n..][..n]);
             }
         }
         samples
     };
     let (seen, unseen, all) =
         (samples(&|rows| 0..split(rows)), samples(&|rows| split(rows)..rows), samples(&|rows| 0..rows));
-    let largest = |k: usize| all.labels.iter().map(|label| label[k].abs()).fold(f64::MIN_POSITIVE, f64::max);
+    let largest = |k: usize| all.labels.column(k).map(f64::abs).fold(f64::MIN_POSITIVE, f64::max);
     let scales: Vec<f64> = (0..trajectories[0].coordinates).map(largest).collect();
     let solve = |order: [usize; 2], samples: &EquationSamples| -> Option<Dictionary> {
         let exponents = terms::exponents(factors, order);

@@ -85,7 +85,7 @@ impl Basis {
     fn products(&self, trajectory: &Trajectory, rows: &[usize]) -> Result<DMatrix<f64>, FormatError> {
         let n = self.coordinates;
         let point = |row: &usize| [&trajectory.q[row * n..][..n], &trajectory.parameters].concat();
-        terms::values(self.factors[..].into(), &self.exponents, &rows.iter().map(point).collect::<Vec<_>>())
+        terms::values(self.factors[..].into(), &self.exponents, &rows.iter().map(point).collect())
     }
 
     /// The derivative of each product with respect to a coordinate: a factor and another product.

@@ -527,7 +527,7 @@ mod tests {
         let [l, _, _, _, _, force, x, theta, v, omega] = POINT;
         let term = Graph::from(with.function_set().network().unwrap().network());
         // M and dV/dq, D, B by differences of what the network gives
-        let of_law = |x: f64, theta: f64| term.evaluate(&[vec![theta.sin(), theta.cos(), x, l]]).remove(0);
+        let of_law = |x: f64, theta: f64| term.evaluate([[theta.sin(), theta.cos(), x, l]])[0].to_vec();
         let exact = |theta: f64| [3.0, l * theta.cos(), l * l, -9.81 * l * theta.cos()];
         let functions = |x: f64, theta: f64| -> [f64; 4] {
             let more = of_law(x, theta);
@@ -539,9 +539,8 @@ mod tests {
         let by_theta = by([-h, h].map(|h| functions(x, theta + h)));
         let [mxx, mxt, mtt, _] = functions(x, theta);
         let more = of_law(x, theta);
-        let forces = Graph::from(with.forces().unwrap().network())
-            .evaluate(&[vec![x, theta.cos(), l, v, omega, force]])
-            .remove(0);
+        let forces =
+            Graph::from(with.forces().unwrap().network()).evaluate([[x, theta.cos(), l, v, omega, force]])[0].to_vec();
         // h_i = sum over j, k of (dM_ij/dq_k - dM_jk/dq_i / 2) v_j v_k
         let rate = |k: usize| by_x[k] * v + by_theta[k] * omega;
         let half = |by: [f64; 4]| 0.5 * (by[0] * v * v + 2.0 * by[1] * v * omega + by[2] * omega * omega);

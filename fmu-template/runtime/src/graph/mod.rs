@@ -15,7 +15,7 @@ mod tensors;
 mod tests;
 
 use crate::{
-    FormatError, Motion, Numbers, Precision,
+    FormatError, Motion, Numbers, Precision, Rows,
     check::{expect_below, expect_finite, expect_positive, expect_shape},
     dictionary::Dictionary,
     network::{USUAL_SIZE, fits_single},
@@ -202,16 +202,16 @@ impl Graph {
     ///
     /// # Panics
     /// If lengths do not fit.
-    pub fn evaluate(&self, rows: &[impl AsRef<[f64]>]) -> Vec<Vec<f64>> {
+    pub fn evaluate(&self, rows: impl IntoIterator<Item: AsRef<[f64]>>) -> Rows {
         let (program, simd) = (PreparedGraph::new(self, Precision::Double), Simd::detect());
         let mut scratch = program.scratch();
         let width = self.widths().ok().and_then(|widths| widths.last().copied()).unwrap_or_default();
-        let at = |row: &[f64]| {
-            let mut outputs = vec![0.0; width];
-            program.perform(simd, row, Task::Outputs(&mut outputs), &mut scratch);
-            outputs
-        };
-        rows.iter().map(AsRef::as_ref).map(at).collect()
+        let (mut outputs, mut all) = (vec![0.0; width], Rows::default());
+        for row in rows {
+            program.perform(simd, row.as_ref(), Task::Outputs(&mut outputs), &mut scratch);
+            all.push(&outputs);
+        }
+        all
     }
 
     /// Lengths of all values: the inputs, and one of each step.

@@ -405,7 +405,7 @@ fn steps_that_scale_compute_the_same_anywhere() {
         (vec![standardize(0), same(0), rescale(1)], x),
     ] {
         let graph = Graph { inputs: 3, steps };
-        let found = graph.evaluate(&[x]).remove(0);
+        let found = graph.evaluate([x])[0].to_vec();
         let close = found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-13);
         assert!(close, "{found:?} {expected:?}: {:?}", graph.steps);
         let program = PreparedGraph::new(&graph, Precision::Double);
@@ -415,7 +415,7 @@ fn steps_that_scale_compute_the_same_anywhere() {
         program.perform(simd, &x, Task::Adjoint { weights: &weights, gradient: &mut gradient }, &mut scratch);
         let task = Task::Series { rates: [&rates, &[]], first: &mut along, second: None };
         program.perform(simd, &x, task, &mut scratch);
-        let moved = graph.evaluate(&[[0, 1, 2].map(|i| x[i] + 1e-4 * rates[i])]).remove(0);
+        let moved = graph.evaluate([[0, 1, 2].map(|i| x[i] + 1e-4 * rates[i])])[0].to_vec();
         for i in 0..3 {
             let slope = (moved[i] - found[i]) / 1e-4;
             assert!((along[i] - slope).abs() < 1e-9, "{} {slope}: {:?}", along[i], graph.steps);
@@ -530,20 +530,21 @@ fn an_observer_corrects_states_where_outputs_are_not_what_it_predicted() {
     let found = graph.evaluate(&rows);
     let state = |y: f64, h: f64| [0.5 * y + h + 10.0, 0.9 * h];
     let next = |y: f64, h: f64| [&state(y, h)[..1], &state(y, h), &[1.0]].concat();
-    assert_eq!(found, [next(2.0, 4.0), next(2.25, 4.5), next(3.0, 4.375)]);
+    assert_eq!(found, Rows::from_iter([next(2.0, 4.0), next(2.25, 4.5), next(3.0, 4.375)]));
     // a sensor measures up to 2.5, the hidden state stops at 3.5
     let (stops, measured) = (Some(vec![[f64::NEG_INFINITY, f64::INFINITY], [0.0, 3.5]]), Some(vec![[0.0, 2.5]]));
     let graph = Graph::of_observer([2, 1, 3], StateObserver { stops, measured, ..observer }, linear(), None);
     let rows = vec![vec![2.5, 9.0, 4.0, 1.0, -3.0], vec![2.0, 9.0, 4.0, 1.0, -3.0]];
     let [beyond, before] = [state(9.0, 4.0)[0] - 13.0, state(9.0 - 0.125, 3.75)[0] - 13.0];
-    assert_eq!(graph.evaluate(&rows), [vec![2.5, beyond, 3.5, 1.0], vec![2.5, before, 3.375, 1.0]]);
+    let expected = Rows::from_iter([[2.5, beyond, 3.5, 1.0], [2.5, before, 3.375, 1.0]]);
+    assert_eq!(graph.evaluate(&rows), expected);
 }
 
 #[test]
 fn a_function_of_some_columns_is_that_of_the_others_without_them() {
     let whole = graph();
-    let row = vec![0.3, -0.2, 0.7];
+    let row = [0.3, -0.2, 0.7];
     let more = whole.clone().of_columns(5, [4, 0, 2]);
     more.check(5, 2).unwrap();
-    assert_eq!(more.evaluate(&[vec![-0.2, 9.0, 0.7, 9.0, 0.3]]), whole.evaluate(&[row]));
+    assert_eq!(more.evaluate([[-0.2, 9.0, 0.7, 9.0, 0.3]]), whole.evaluate([row]));
 }

@@ -67,7 +67,7 @@ fn surrogate(graph: Graph) -> Result<Surrogate, FormatError> {
 }
 
 fn outputs(graph: &Graph, inputs: &[f64]) -> Vec<f64> {
-    graph.evaluate(&[inputs]).remove(0)
+    graph.evaluate([inputs])[0].to_vec()
 }
 
 const POINT: [f64; 3] = [0.16, 1.1, 1.3];
