@@ -10,8 +10,9 @@ Types inside functions, and associated types, may have any name.
 C files of the FMU's sources call each other in one direction too. Files that define the same functions are alternatives, each for one kind of model.
 
 Outside of tests nothing looks for words in the message of an error, in Rust and in the Python package: an error has fields for what the program needs.
+So no function of Rust returns text as its error.
 
-Ends with exit code 1 if an arrow goes up, a circle is found, a name is shared or a message is searched.
+Ends with exit code 1 if an arrow goes up, a circle is found, a name is shared, or an error is only text.
 
 Usage: python3 scripts/check-imports.py [--table] [SRC...]     (--table: how many modules each folder has, and its arrows)
 """
@@ -58,6 +59,7 @@ TRANSLATED = ROOT / "core" / "src" / "diagnostics" / "origin" / "words.rs"
 MESSAGE = r"\b\w*(?:message|error|reason|failure|problem)\w*"
 WORDS_IN_RUST = re.compile(rf"{MESSAGE}(?:\.(?:to_string\(\)|message|as_str\(\)))*\s*\.(?:contains|starts_with|split_once)\(")
 WORDS_IN_PYTHON = re.compile(rf"str\({MESSAGE}\)\.(?:startswith|find|split)|\bin str\({MESSAGE}\)")
+SENTENCE_AS_ERROR = re.compile(r"\bResult<[^;{}]*,\s*(?:Vec<String>|String)>")
 INNER = re.compile(r"^(?:macro_rules!|(?:pub(?:\([^)]*\))? )?mod) \w+ \{\n.*?^\}", re.MULTILINE | re.DOTALL)
 
 
@@ -95,8 +97,8 @@ def shared_names(folders):
             yield "\n".join([f"type {name}: {len(files)} definitions, expected different names", *files.values()])
 
 
-def searched_messages():
-    """The lines of code that search the message of an error for words."""
+def errors_as_text():
+    """The lines of code that search the message of an error for words, or return an error that is only text."""
     rust = [path for src in FOLDERS for path in sorted(src.rglob("*.rs")) if not is_for_tests(path) and path != TRANSLATED]
     python = sorted((ROOT / "python" / "python").rglob("*.py"))
     for path in [*rust, *python]:
@@ -105,6 +107,8 @@ def searched_messages():
         pattern, text = (WORDS_IN_RUST, without_tests(text)) if of_rust else (WORDS_IN_PYTHON, text)
         for match in pattern.finditer(text):
             yield f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}: searches a message: {match[0]}"
+        for match in SENTENCE_AS_ERROR.finditer(text) if of_rust else ():
+            yield f"{path.relative_to(ROOT)}:{text.count(chr(10), 0, match.start()) + 1}: an error without a type: {match[0]}"
 
 
 def matching(text, start):
@@ -252,7 +256,7 @@ def main():
             mistakes += circle_problems(name, pairs)
     of_c = arrows_of_c()
     mistakes += circle_problems(str(C.relative_to(ROOT)), of_c)
-    mistakes.extend(searched_messages())
+    mistakes.extend(errors_as_text())
     for mistake in mistakes:
         print(mistake)
     if mistakes:
