@@ -109,7 +109,7 @@ impl Inputs {
     /// `defaults` must ask for, and lines about them. Inputs for which `is_optional` is true may keep their start values.
     ///
     /// # Errors
-    /// [`UnmatchedInputs`] with all inputs that lack a column, and all columns that are no inputs.
+    /// `UnmatchedInputs` with all inputs that lack a column, and all columns that are no inputs.
     pub fn complete<'a>(
         &'a self,
         description: &'a ModelDescription,
