@@ -1,6 +1,10 @@
 //! Failures of runs.
 
-use crate::multibody::{MotionCause, MotionError};
+use crate::{
+    integrate::{BudgetError, IntegrationError, StopCause},
+    multibody::{MotionCause, MotionError},
+    systems::SystemError,
+};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -21,8 +25,10 @@ pub enum FailureCause {
     Model,
     /// The process of an FMU or program ended, could not be started, or sent a reply that makes no sense.
     Process,
-    /// The run took too long, or was stopped.
+    /// The run needs too many evaluations, or was stopped.
     GivenUp,
+    /// The run took longer than `source.time_limit`.
+    TimeLimit,
 }
 
 impl RunFailure {
@@ -41,6 +47,7 @@ impl From<MotionError> for RunFailure {
     fn from(error: MotionError) -> Self {
         let cause = match error.cause {
             MotionCause::GivenUp => FailureCause::GivenUp,
+            MotionCause::TimeLimit => FailureCause::TimeLimit,
             MotionCause::Singular
             | MotionCause::Inconsistent
             | MotionCause::Undefined
@@ -48,6 +55,22 @@ impl From<MotionError> for RunFailure {
             | MotionCause::Unsolved => FailureCause::Model,
         };
         Self { cause, message: error.message }
+    }
+}
+
+impl From<SystemError> for RunFailure {
+    fn from(error: SystemError) -> Self {
+        let cause = match &error {
+            SystemError::Integration(IntegrationError::GivenUp(BudgetError {
+                cause: StopCause::TimeLimit, ..
+            })) => FailureCause::TimeLimit,
+            SystemError::Integration(IntegrationError::GivenUp(_)) => FailureCause::GivenUp,
+            SystemError::Integration(_)
+            | SystemError::Count { .. }
+            | SystemError::ShortRod { .. }
+            | SystemError::NotFinite => FailureCause::Model,
+        };
+        Self::new(cause, error.to_string())
     }
 }
 

@@ -230,8 +230,8 @@ impl Simulation {
         }
     }
 
-    /// Tries a run of a system or mechanism. Returns its failure if it fails within `limit`; none for an FMU or a
-    /// program.
+    /// Tries a run of a system or mechanism. Returns its failure, unless it only takes longer than `limit`; none for an
+    /// FMU or a program.
     pub fn attempt(
         &self,
         point: &[f64],
@@ -240,9 +240,10 @@ impl Simulation {
     ) -> Option<std::result::Result<(), RunFailure>> {
         let SimulationModel::Equations(equations) = &self.model else { return None };
         let limited = SimulatedEquations { time_limit: Some(limit), ..(**equations).clone() };
-        let begin = Instant::now();
-        let outcome = limited.run(point, &self.times, &[stop]).map(|_| ());
-        Some(if begin.elapsed() < limit { outcome } else { Ok(()) })
+        Some(match limited.run(point, &self.times, &[stop]) {
+            Ok(_) | Err(RunFailure { cause: FailureCause::TimeLimit, .. }) => Ok(()),
+            Err(failure) => Err(failure),
+        })
     }
 
     fn error_of(&self, system: &str, parameters: &[f64], failure: RunFailure) -> Error {
@@ -471,10 +472,7 @@ impl EquationSolver {
 
     fn simulate(&self, quantities: &[f64], times: &[f64], tolerance: f64, budget: &Budget) -> RunOutputs {
         match self {
-            Self::System(system) => {
-                let outputs = (system.simulate)(quantities, times, tolerance, budget);
-                outputs.map_err(|reason| RunFailure::new(FailureCause::Model, reason.to_string()))
-            }
+            Self::System(system) => Ok((system.simulate)(quantities, times, tolerance, budget)?),
             Self::Mechanism(mechanism) => Ok(mechanism.simulate(quantities, times, tolerance, budget)?),
         }
     }

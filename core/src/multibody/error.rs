@@ -1,6 +1,6 @@
 //! Why a motion, or the equations of one, cannot be computed.
 
-use crate::integrate::BudgetError;
+use crate::integrate::{BudgetError, StopCause};
 use metafmu_runtime::FormatError;
 use std::fmt;
 
@@ -28,8 +28,10 @@ pub enum MotionCause {
     Unsuitable,
     /// The solver failed, or has no solution to find.
     Unsolved,
-    /// The run took too long, or was stopped.
+    /// The run needs too many evaluations, or was stopped.
     GivenUp,
+    /// The run took longer than the study's `source.time_limit`.
+    TimeLimit,
 }
 
 impl MotionError {
@@ -72,7 +74,11 @@ impl From<FormatError> for MotionError {
 
 impl From<BudgetError> for MotionError {
     fn from(error: BudgetError) -> Self {
-        Self::new(MotionCause::GivenUp, error.message)
+        let cause = match error.cause {
+            StopCause::TimeLimit => MotionCause::TimeLimit,
+            StopCause::Stopped | StopCause::Evaluations => MotionCause::GivenUp,
+        };
+        Self::new(cause, error.message)
     }
 }
 

@@ -142,7 +142,7 @@ impl Campaign<'_> {
                 WorkerReply::Failed(failure) => failure,
                 WorkerReply::TimedOut => {
                     let message = format!("took longer than {limit:?} (source.time_limit)");
-                    RunFailure::new(FailureCause::GivenUp, message)
+                    RunFailure::new(FailureCause::TimeLimit, message)
                 }
                 WorkerReply::Stopped => return Ok(None),
             };
