@@ -198,11 +198,7 @@ impl Dataset {
 const CSV_NUMBERS: usize = 5_000_000;
 
 fn format_of(path: &Path) -> Result<Format> {
-    Format::of(path).map_err(|error| Error::Table {
-        path: path.to_owned(),
-        place: Place::Whole,
-        message: error.to_string(),
-    })
+    Format::of(path).map_err(Error::table(path, Place::Whole))
 }
 
 /// Writes to a file and hashes what it writes.

@@ -114,12 +114,8 @@ fn read_inputs(
     };
     let starts = args.start.iter().filter(is_input).filter(|(name, _)| !is_optional(name)).map(start);
     let defaults: Vec<DefaultValue> = args.default.iter().cloned().chain(starts).collect();
-    let completed = inputs.complete(description, is_optional, &defaults);
-    let (constants, MatchedVariables { notes, doubts, .. }) = completed.map_err(|unmatched| Error::Table {
-        path: path.to_owned(),
-        place: Place::Line(1),
-        message: unmatched.to_string(),
-    })?;
+    let (constants, MatchedVariables { notes, doubts, .. }) =
+        inputs.complete(description, is_optional, &defaults).map_err(Error::table(path, Place::Line(1)))?;
     notes.iter().for_each(say);
     doubts.iter().for_each(warn);
     Ok(InputSignals { inputs, first, constants })
@@ -231,8 +227,7 @@ fn plot(path: &Path, title: &str, table: &SimulationTable) -> Result<()> {
     let changes = |curve: &Curve| curve.values.iter().any(|value| *value != curve.values[0]);
     let (changing, constant): (Vec<Curve>, Vec<Curve>) = curves.into_iter().partition(changes);
     let curves = if changing.is_empty() { &constant } else { &changing };
-    let svg = time_series_svg(title, &table.times, curves)
-        .map_err(|error| Error::Plot { path: path.to_owned(), message: error.to_string() })?;
+    let svg = time_series_svg(title, &table.times, curves).map_err(Error::plot(path))?;
     files::write_output(path, |file| file.write_all(svg.as_bytes()))?;
     if !changing.is_empty() && !constant.is_empty() {
         let values: Vec<String> =

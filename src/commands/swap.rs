@@ -61,7 +61,6 @@ fn plot(path: &Path, comparison: &SwapComparison) -> Result<()> {
     let (source, surrogate) = (curves(with_source), curves(with_surrogate));
     let title = format!("{system}: {component} and its surrogate");
     let runs = [(&*with_source.times, &*source), (&*with_surrogate.times, &*surrogate)];
-    let svg = two_runs_svg(&title, ["with the source", "with the surrogate"], runs)
-        .map_err(|error| Error::Plot { path: path.to_owned(), message: error.to_string() })?;
+    let svg = two_runs_svg(&title, ["with the source", "with the surrogate"], runs).map_err(Error::plot(path))?;
     files::write_output(path, |file| file.write_all(svg.as_bytes()))
 }

@@ -108,9 +108,7 @@ impl Figure {
     /// [`Error::Plot`].
     pub fn draw(&self) -> Result<Drawn> {
         let Self { id, caption, chart } = self;
-        let svg = chart
-            .svg(caption)
-            .map_err(|error| Error::Plot { path: format!("{id}.svg").into(), message: error.to_string() })?;
+        let svg = chart.svg(caption).map_err(Error::plot(format!("{id}.svg")))?;
         let thinned = if chart.is_thinned() { " Lines are thinned; their peaks are kept." } else { "" };
         Ok(Drawn { id: id.clone(), caption: format!("{caption}{thinned}"), svg })
     }

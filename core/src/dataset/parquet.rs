@@ -6,7 +6,7 @@ use crate::{
     diagnostics::Place,
     reading,
     table::{
-        ParquetReadError, contained,
+        contained,
         writer::{Block, Format, Values, Writer},
     },
 };
@@ -68,15 +68,14 @@ fn block(index: usize, run: &Run) -> Block {
 pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<Dataset> {
     let wrong = |place, message| Error::Table { path: path.to_owned(), place, message };
     let file = reading::open(path).map_err(Error::io(path, "read"))?;
-    let damaged = |error: ParquetReadError| wrong(Place::Whole, error.to_string());
-    let file = contained(|| SerializedFileReader::new(file)).map_err(damaged)?;
+    let file = contained(|| SerializedFileReader::new(file)).map_err(Error::table(path, Place::Whole))?;
     let mut dataset = variables.without_runs();
     let columns = dataset.columns();
-    check_columns(&file, &columns).map_err(|error| wrong(Place::Whole, error.to_string()))?;
+    check_columns(&file, &columns).map_err(Error::table(path, Place::Whole))?;
     let mut reader = RunReader::new([variables.parameters.len(), variables.inputs.len()]);
     let (mut number, mut row) = (0, Vec::with_capacity(columns.len()));
     for group in 0..file.num_row_groups() {
-        let values = contained(|| group_values(&file, group)).map_err(damaged)?;
+        let values = contained(|| group_values(&file, group)).map_err(Error::table(path, Place::Whole))?;
         for index in 0..values[0].len() {
             number += 1;
             row.clear();
@@ -85,7 +84,7 @@ pub(super) fn read(path: &Path, variables: DatasetColumns) -> Result<Dataset> {
                 let message = format!("column `{}`: `{}` is not a finite number", columns[column], row[column]);
                 return Err(wrong(Place::Row(number), message));
             }
-            dataset.runs.extend(reader.push(&row).map_err(|error| wrong(Place::Row(number), error.to_string()))?);
+            dataset.runs.extend(reader.push(&row).map_err(Error::table(path, Place::Row(number)))?);
         }
     }
     dataset.runs.extend(reader.finish());

@@ -7,7 +7,10 @@ use super::{
     numbers::exact,
     problem::Problem,
 };
-use std::path::{Path, PathBuf};
+use std::{
+    fmt::Display,
+    path::{Path, PathBuf},
+};
 
 /// Every error of the tool.
 #[derive(Debug, thiserror::Error)]
@@ -442,5 +445,17 @@ impl Error {
     pub fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { path, action, source }
+    }
+
+    /// For `map_err`: what is wrong at a place of a table.
+    pub fn table<E: Display>(path: &Path, place: Place) -> impl FnOnce(E) -> Self {
+        let path = path.to_owned();
+        move |error| Self::Table { path, place, message: error.to_string() }
+    }
+
+    /// For `map_err`: why a plot cannot be made.
+    pub fn plot<E: Display>(path: impl Into<PathBuf>) -> impl FnOnce(E) -> Self {
+        let path = path.into();
+        move |error| Self::Plot { path, message: error.to_string() }
     }
 }

@@ -92,12 +92,11 @@ impl fmt::Debug for Parquet {
 impl Parquet {
     /// Reads the names and types of the columns.
     pub(super) fn new(path: &Path, file: File) -> Result<(Self, Vec<TableColumn>)> {
-        let damaged = |error: ParquetReadError| wrong(path, Place::Whole, error.to_string());
-        let file = contained(|| SerializedFileReader::new(file)).map_err(damaged)?;
+        let file = contained(|| SerializedFileReader::new(file)).map_err(Error::table(path, Place::Whole))?;
         let schema = file.metadata().file_metadata().schema_descr_ptr();
-        let leaves: Vec<Leaf> = contained(|| Ok(leaves(&schema))).map_err(damaged)?;
+        let leaves: Vec<Leaf> = contained(|| Ok(leaves(&schema))).map_err(Error::table(path, Place::Whole))?;
         let columns: Vec<TableColumn> = leaves.iter().map(|leaf| TableColumn::parse(&leaf.name)).collect();
-        check_names(&columns).map_err(|error| wrong(path, Place::Whole, error.to_string()))?;
+        check_names(&columns).map_err(Error::table(path, Place::Whole))?;
         let mut rows = Self { path: path.to_owned(), file, columns: leaves, group: 0, rows: 0, rows_before: 0, row: 0 };
         rows.rows = rows.rows_of(0);
         Ok((rows, columns))
